@@ -11,10 +11,12 @@ if importlib.util.find_spec("dolfinx") is None:
         name="dolfinx",
     )
 
+from .analyses.branches import Branch
 from .analyses.convergence import Converged, converge
 from .analyses.critical_points import CriticalPoint
 from .analyses.dynamics import simulate
 from .analyses.harmonic import FrequencyResponse, frequency_response
+from .analyses.imperfection import imperfect
 from .analyses.linear_system import LinearSystem, linearise
 from .analyses.modal import Modes, modes
 from .analyses.motion import Motion
@@ -76,6 +78,7 @@ __all__ = [
     "Beam",
     "BeamResultants",
     "Body",
+    "Branch",
     "Circle",
     "Contact",
     "Coordinate",
@@ -141,6 +144,7 @@ __all__ = [
     "arc",
     "converge",
     "frequency_response",
+    "imperfect",
     "linearise",
     "load",
     "modes",

@@ -15,6 +15,7 @@ from fx_beam.stepping.load_steps import LoadStepper
 from fx_beam.stepping.newton import StepFailed
 from fx_beam.stepping.path_equations import Tangent
 
+from .branches import Branch
 from .modal import Modes
 from .small_motions import SmallMotions, diverges, flutters
 
@@ -22,6 +23,8 @@ from .small_motions import SmallMotions, diverges, flutters
 # before it, of this part each, are then extrapolated: no state is computed so near to the point
 # that the tangent is singular.
 _PLACE, _APART, _STATES = 1e-3, 0.01, 5
+# How far before a step one is sought, relative to the step.
+_BEFORE = 0.05
 # Points so near to each other, relative to the step, are one with several modes.
 _SAME = 1e-6
 # Work of the loads on a mode that is none, relative to the loads' largest.
@@ -69,6 +72,28 @@ class CriticalPoint:
     modes: Modes
     solution: Solution
 
+    def branch(self, direction: float = 1.0, mode: int = 0) -> Branch:
+        """Where a branch starts, for ``static(scene, start=..., continuation="arc-length")``.
+
+        Parameters
+        ----------
+        direction : float
+            1 along the mode, -1 against it.
+        mode : int
+            Number of the mode among those of the point.
+
+        Returns
+        -------
+        Branch
+            The start.
+
+        Raises
+        ------
+        SceneError
+            If the point is no bifurcation.
+        """
+        return Branch(self, direction, mode)
+
     def __repr__(self):
         several = f", {len(self.modes)} modes" if len(self.modes) > 1 else ""
         return f"<CriticalPoint: {self.kind} at load factor {self.load_factor:.9g}{several}>"
@@ -100,10 +125,17 @@ class CriticalPoints:
         """Those in the step that starts at a row."""
         piece = _Piece(self._arc, self._stepper, *self._states[row : row + 2])
         measures = self._measures(piece, counts)
-        found = sorted(((*_root(piece, of), kind, of) for kind, of in measures), key=lambda x: x[0])
+        try:
+            roots = [(kind, _root(piece, measure)) for kind, measure in measures]
+        except StepFailed as failure:
+            raise RuntimeError(
+                f"critical_points: the one between the rows {row} and {row + 1} was not found: "
+                f"{failure}. Compute the path with more steps"
+            ) from failure
+        found = sorted(((*root, kind) for kind, root in roots if root), key=lambda x: x[0])
         points: list[CriticalPoint] = []
         last = -np.inf
-        for place, state, kind, _ in found:
+        for place, state, kind in found:
             if points and place - last <= _SAME * piece.length:
                 continue  # one more mode of the same point
             same = sum(abs(other - place) <= _SAME * piece.length for other, *_ in found)
@@ -211,15 +243,20 @@ class _Piece:
         return self._known[distance]
 
 
-def _root(piece: _Piece, measure: Callable[[State], float]) -> tuple[float, State]:
-    """Distance and state where a function of the states vanishes."""
+def _root(piece: _Piece, measure: Callable[[State], float]) -> tuple[float, State] | None:
+    """Distance and state where a function of the states vanishes; None if it only touches zero."""
     # Imported here: most paths have no critical point, and the import takes time.
     from scipy.optimize import brentq
 
     def value(distance: float) -> float:
         return measure(piece.at(distance))
 
-    near = brentq(value, 0.0, piece.length, xtol=_PLACE * piece.length)
+    first = 0.0
+    if value(first) * value(piece.length) > 0:
+        first = -_BEFORE * piece.length  # the step starts at a limit point
+        if value(first) * value(piece.length) > 0:
+            return None
+    near = brentq(value, first, piece.length, xtol=_PLACE * piece.length)
     # On the side of the start sorted eigenvalues are smooth, also if several vanish at once.
     distances = near - _APART * piece.length * np.arange(1, _STATES + 1)
     values = np.array([value(distance) for distance in distances])

@@ -16,11 +16,20 @@ from .small_motions import SmallMotions
 
 
 class PathStability:
-    """Stability of the states of a path; `solved` makes a solution of a single state."""
+    """Stability of the states of a path; `solved` makes a solution of a single state.
+
+    The first state may be a bifurcation at which the path `branches_off`.
+    """
 
     def __init__(
-        self, stepper: LoadStepper, states: list[State], solved: Callable[[State], Solution]
+        self,
+        stepper: LoadStepper,
+        states: list[State],
+        solved: Callable[[State], Solution],
+        branches_off: bool = False,
     ):
+        # There an eigenvalue is zero: it counts as the first state behind it.
+        self._first = int(branches_off and len(states) > 1)
         self._motions, self._states = SmallMotions(stepper), states
         self._points = CriticalPoints(stepper, states, solved)
 
@@ -40,5 +49,11 @@ class PathStability:
                 "unstable_modes: where friction slips or material flows, the tangent is not "
                 "symmetric, and small motions have no modes"
             )
-        pairs = zip(known, self._states, strict=True)
-        return np.array([self._motions.growing(s) if k is None else k for k, s in pairs], dtype=int)
+        counts: list[int] = []
+        limits = self._motions.stepper.stats.limit_points
+        for count, state in list(zip(known, self._states, strict=True))[self._first :]:
+            if counts and state.t in limits:
+                counts.append(counts[-1])  # an eigenvalue is zero
+            else:
+                counts.append(self._motions.growing(state) if count is None else count)
+        return np.array(counts[:1] * self._first + counts, dtype=int)

@@ -20,10 +20,11 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.arc_length import ArcLength
+from fx_beam.stepping.branch_step import first_step, is_equilibrium
 from fx_beam.stepping.forcing import LoadForcing
 from fx_beam.stepping.inverted_sections import InversionCheck
 from fx_beam.stepping.load_steps import LoadStepper
-from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.newton import NewtonOptions, StepFailed
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.substeps import MOST_HALVINGS
 from fx_beam.validation import (
@@ -37,6 +38,7 @@ from fx_beam.validation import (
     vector,
 )
 
+from .branches import Branch, grown
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
 from .path_stability import PathStability
@@ -64,7 +66,8 @@ def static(
     inputs: Mapping[str, Any] | None = None,
     spin: float = 0.0,
     pivot: Sequence[float] = (0.0, 0.0),
-    start: Solution | None = None,
+    start: Solution | Branch | None = None,
+    branches: int = 0,
 ) -> Solution:
     """Compute equilibria of a scene while its loads rise from zero.
 
@@ -117,6 +120,15 @@ def static(
         motors continue from their present position; a new support holds its node where it is.
         Velocities have no effect. Internal variables, work and dissipated energy continue.
 
+        Or a branch, ``point.branch(+1)`` of a bifurcation among the `critical_points` of a path of
+        the same scene that had no `start`, with the same `t` and `inputs`; with
+        ``continuation="arc-length"``. The first row is the bifurcation. The path ends at load
+        factor 1, or where it returns to the bifurcation.
+    branches : int
+        Levels of branches that are followed, by arc length, from all bifurcations in both
+        directions of each mode; those of the second level start at bifurcations of the first. They
+        are in ``solution.branches``.
+
     Returns
     -------
     Solution
@@ -148,6 +160,7 @@ def static(
     """
     _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress)
     _check_turn(scene, spin, pivot, start)
+    _check_branches(branches, start, continuation, spin)
     warn_of_equal_work()
     given = scene
     scene, values = (
@@ -173,29 +186,87 @@ def static(
     stats.setup_seconds = time.perf_counter() - clock
     clock = time.perf_counter()
     states = _Path(progress_bar(1.0, progress, bar_format=_BAR))
+    branches_off = isinstance(start, Branch)
     try:
         with states.bar:
-            if start is None:
-                states.append(stepper.first_state(steps, max_cuts))
-            else:
-                states.append(stepper.start_from(_at_rest(model, start)))
-            if continuation is None:
-                stepper.raise_load(states, steps, max_cuts)
-            else:
-                ArcLength(stepper).follow(states, steps, max_cuts, max_steps)
-        if states[-1].t < 1:
+            _follow(stepper, states, start, continuation, steps, max_cuts, max_steps)
+        if states[-1].t < 1 and stats.steps >= max_steps:
             factor = states[-1].t
             reason = f"static: load factor {factor:g}, below 1, after max_steps = {max_steps} steps"
             stats.failure = Failure("too many steps", reason, factor)
             _log.warning(reason)
-        solution = _solution(stepper, inversion, states, clock, values)
+        solution = _solution(stepper, inversion, states, clock, values, branches_off)
         keep_path(StaticPath(solution, model, forcing, states, given, inputs, start is not None))
-        return solution
     except BaseException as error:
         stats.failure = failure_of(error, states[-1].t if states else 0.0)
         if states:
-            attach(error, lambda: _solution(stepper, inversion, states, clock))
+            parts = inversion, states, clock, values, branches_off
+            attach(error, lambda: _solution(stepper, *parts))
         raise
+    if branches:
+
+        def follow(origin: Branch) -> Solution:
+            return static(
+                given,
+                steps,
+                t=t,
+                continuation="arc-length",
+                newton=newton,
+                max_cuts=max_cuts,
+                max_steps=max_steps,
+                progress=progress,
+                inputs=inputs,
+                start=origin,
+            )
+
+        grown(solution, branches, follow)
+    return solution
+
+
+def _follow(
+    stepper: LoadStepper,
+    states: list[State],
+    start: Solution | Branch | None,
+    continuation: str | None,
+    steps: int,
+    max_cuts: int,
+    max_steps: int,
+) -> None:
+    """Append the states of a path."""
+    model = stepper.model
+    if isinstance(start, Branch):
+        arc = ArcLength(stepper)
+        states.append(_bifurcation(arc, start))
+        shape = model.from_nodes(start.shape)
+        try:
+            new, ahead, distance = first_step(arc, states[0], shape, max_cuts)
+        except StepFailed as failure:
+            raise arc.error(states[0], failure, max_cuts) from failure
+        stepper.stats.steps += 1
+        states.append(new)
+        arc.follow(states, steps, max_cuts, max_steps, (ahead, distance))
+        return
+    if start is None:
+        states.append(stepper.first_state(steps, max_cuts))
+    else:
+        states.append(stepper.start_from(_at_rest(model, start)))
+    if continuation is None:
+        stepper.raise_load(states, steps, max_cuts)
+    else:
+        ArcLength(stepper).follow(states, steps, max_cuts, max_steps)
+
+
+def _bifurcation(arc: ArcLength, start: Branch) -> State:
+    """The state in which a branch starts."""
+    point = start.point
+    state = replace(_at_rest(arc.model, point.solution), t=point.load_factor)
+    if not is_equilibrium(arc, state):
+        raise SceneError(
+            "static: start is a branch of another path: the bifurcation is no equilibrium of "
+            f"this scene at load factor {point.load_factor:g}. Give the scene, t and inputs of "
+            "its path, which must not have a start of its own"
+        )
+    return state
 
 
 def _at_rest(model: Model, start: Solution) -> State:
@@ -216,7 +287,12 @@ class _Path(list[State]):
 
 
 def _solution(
-    stepper: LoadStepper, inversion: InversionCheck, states: list[State], clock: float, inputs=None
+    stepper: LoadStepper,
+    inversion: InversionCheck,
+    states: list[State],
+    clock: float,
+    inputs=None,
+    branches_off: bool = False,
 ) -> Solution:
     model, stats = stepper.model, stepper.stats
     stats.seconds, stats.substeps = time.perf_counter() - clock, stats.steps
@@ -232,7 +308,7 @@ def _solution(
     def solved(state: State) -> Solution:
         return _solution(stepper, inversion, [state], clock, inputs)
 
-    stability = PathStability(stepper, path, solved).found_when_read()
+    stability = PathStability(stepper, path, solved, branches_off).found_when_read()
     return solution_of(model, recorder, stats, lambda: end, stability=stability)
 
 
@@ -254,6 +330,14 @@ def _check_turn(scene: Scene, spin, pivot, start) -> None:
                 "static: start with a spin: the loads of a turn rise from zero. Give all loads at "
                 "once, without start"
             )
+
+
+def _check_branches(branches, start, continuation, spin) -> None:
+    require(is_whole(branches, 0, 10), "static: branches", branches, "a whole number from 0 to 10")
+    if isinstance(start, Branch) and continuation is None:
+        raise SceneError('static: start is a branch. Follow it by continuation="arc-length"')
+    if branches and (start is not None or spin):
+        raise SceneError("static: branches are followed of paths without start and spin")
 
 
 def _check(scene, steps, t, continuation, newton, max_cuts, max_steps, progress) -> None:

@@ -13,6 +13,7 @@ from .browser_page import Page, interactive
 from .deformed_shapes import shapes
 from .drawing import axis
 from .force_diagrams import diagrams
+from .load_paths import equilibrium_paths
 from .mode_shapes import modes
 from .response_curves import frequency_response
 from .scene_drawing import scene
@@ -24,6 +25,7 @@ __all__ = [
     "axis",
     "curves",
     "diagrams",
+    "equilibrium_paths",
     "figure",
     "frequency_response",
     "interactive",

@@ -84,6 +84,10 @@ class Solution:
 
     Attributes
     ----------
+    branches : list of Solution
+        The branches of a path by ``static(..., branches=...)``, each with its own.
+    origin : Branch or None
+        Of a branch, where it starts.
     HISTORIES
 
     Examples
@@ -134,6 +138,8 @@ class Solution:
         self.variables_of_contact = variables_of_contact or {}
         self.names_of_parameters = list(names_of_parameters)
         self._stability = stability or Stability()
+        self.branches: list[Solution] = []
+        self.origin: Any = None
 
     def __getattr__(self, name: str) -> Any:
         """What is not set yet; a former attribute."""

@@ -44,6 +44,9 @@ _LOWEST = -10.0
 # Tolerance for the position of a limit point, relative to the step. Its load factor is far more
 # accurate, since it is an extremum.
 _PLACE = 1e-5
+# Smallest number of states of a closed path; distance from its first state, relative to a step, of
+# a step that closes it.
+_ROUND, _BESIDE = 6, 0.1
 
 
 @dataclass
@@ -78,25 +81,39 @@ class ArcLength:
         #: 1 where the load factor rises along the path, else -1.
         self._rising = 1.0
 
-    def follow(self, states: list[State], steps: int, max_cuts: int, max_steps: int) -> None:
+    def follow(
+        self,
+        states: list[State],
+        steps: int,
+        max_cuts: int,
+        max_steps: int,
+        start: tuple[Tangent, float] | None = None,
+    ) -> None:
         """Append the states on the path from the last one to load factor 1.
 
         `steps` limits the length and the turn of a step; a step is halved at most `max_cuts` times.
+        The first step goes along rising loads; or along a tangent, with a length. Such a path also
+        ends where it returns to its first state.
         """
         stats = self.stepper.stats
         # The error of the work is then of second order in the steps.
         target = min(_TARGET, 1 / steps)
-        self._path.begin(states[-1])
-        tangent = self._path.with_the_load(np.zeros(self.model.reduction.free), 0.0)
-        ds, cuts, behind = 1 / (steps * tangent.load), 0, 0.0
-        while states[-1].t < 1 and stats.steps < max_steps:
+        if start is None:
+            self._path.begin(states[-1])
+            tangent = self._path.with_the_load(np.zeros(self.model.reduction.free), 0.0)
+            ds = 1 / (steps * tangent.load)
+        else:
+            tangent, ds = start
+            self._rising = 1.0 if tangent.load >= 0 else -1.0
+        cuts, behind = 0, 0.0
+        while states[-1].t < 1 and stats.steps < max_steps and not (start and self._back(states)):
             try:
                 step = self._advance(states[-1], tangent, ds, target)
             except StepFailed as failure:
                 corner = self._corner(states[-1], tangent, ds, target)
                 if corner is None or corner.step is None:
                     if cuts == max_cuts:
-                        raise self._error(states[-1], failure, cuts) from failure
+                        raise self.error(states[-1], failure, cuts) from failure
                     cuts, stats.halvings = cuts + 1, stats.halvings + 1
                     if corner and not behind:
                         # From the corner on a step may be as long as the one that has failed.
@@ -118,6 +135,19 @@ class ArcLength:
             # The load factor changes at most as much as in a load step.
             ds, behind = min(ds, 1 / (steps * max(abs(tangent.load), 1e-6))), 0.0
 
+    def _back(self, states: list[State]) -> bool:
+        """Whether the last of several steps has passed the first state."""
+        if len(states) < _ROUND:
+            return False
+        home, old, new = states[0], states[-2], states[-1]
+        step, way = new.q - old.q, home.q - old.q
+        weight, load = self._path.weight, new.t - old.t
+        length = self._path.length(step, load)
+        along = float((weight * step) @ way + load * (home.t - old.t)) / length
+        rest = way - along / length * step
+        beside = self._path.length(rest, home.t - old.t - along / length * load)
+        return 0 <= along <= length and beside <= _BESIDE * length
+
     def state_at(self, state: State, tangent: Tangent, distance: float) -> State:
         """State in the plane normal to a tangent at a distance along it; StepFailed if none."""
         step, load = self._correct(state, tangent, distance, tangent, distance)
@@ -127,7 +157,7 @@ class ArcLength:
 
     def _advance(self, state: State, tangent: Tangent, ds: float, target: float) -> Advance:
         """An arc-length step ds that ends at a limit point or at load factor 1 if it meets them."""
-        new, ahead = self._step(state, tangent, ds)
+        new, ahead = self.step(state, tangent, ds)
         if ahead.sense != tangent.sense:
             # At a bifurcation it is so on the way back, too; where flow begins it is not.
             if self._at_start(new, tangent, -_NEAR * ds).sense == tangent.sense:
@@ -149,7 +179,7 @@ class ArcLength:
             new, limit = self._last_step(state, tangent), None
         return Advance(new, ahead, turn, corrections, limit)
 
-    def _step(self, state: State, tangent: Tangent, ds: float) -> tuple[State, Tangent]:
+    def step(self, state: State, tangent: Tangent, ds: float) -> tuple[State, Tangent]:
         """State after an arc-length step ds along a tangent, and the tangent there."""
         step, load = self._correct(state, tangent, ds, tangent, ds)
         # The tangent of this step: at the start of the next one flow would not have begun.
@@ -178,7 +208,7 @@ class ArcLength:
 
         def slope(length: float) -> float:
             if length not in slopes:
-                reached[length] = self._step(state, tangent, length)
+                reached[length] = self.step(state, tangent, length)
                 slopes[length] = reached[length][1].load
             return slopes[length]
 
@@ -186,7 +216,7 @@ class ArcLength:
         from scipy.optimize import brentq
 
         root = brentq(slope, 0.0, ds, xtol=_PLACE * ds)
-        return reached.get(root) or self._step(state, tangent, root)
+        return reached.get(root) or self.step(state, tangent, root)
 
     def _last_step(self, state: State, tangent: Tangent) -> State:
         """State at load factor 1, from the last state before it."""
@@ -296,7 +326,8 @@ class ArcLength:
         limit = state.t if ahead.load * self._rising < -_FLAT else None
         return Corner(0.0, Advance(new, ahead, target, step.iterations, limit))
 
-    def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
+    def error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
+        """What to report of a step that failed after some cuts."""
         return self.stepper.single.error(
             f"the step along the arc length from load factor {state.t:.6g} failed",
             cuts,

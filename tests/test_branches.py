@@ -1,0 +1,205 @@
+"""Branches of paths: pitchforks, loops, trees, imperfections and snaps."""
+
+import numpy as np
+import pytest
+import scipy.optimize
+import scipy.special
+
+import fx_beam as fb
+from fx_beam import plot
+
+EI = 1.0
+SLENDER = fb.Section(EA=1e7, GA=1e7, EI=EI, rhoA=1.0, rhoI=1e-6)
+
+
+def column(load, elements=8, degree=3):
+    """A slender pinned column of length 1, and its middle."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (0, 1)], SLENDER, elements, degree)
+    scene.pin(beam.start)
+    scene.fix(beam.end, "x")
+    scene.add_force(beam.end, (0, -load))
+    return scene, beam.node(0.5), beam.end
+
+
+def elastica(load):
+    """Deflection of the middle and way of the load of a pinned column of length 1."""
+    half = np.sqrt(load / EI) / 2
+    m = scipy.optimize.brentq(lambda m: scipy.special.ellipk(m) - half, 0, 0.99)
+    return np.sqrt(m) / half, 2 * (1 - scipy.special.ellipe(m) / half)
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """Both branches of a column, up to twice its buckling load."""
+    scene, middle, top = column(20.0)
+    (point,) = fb.static(scene, steps=4).critical_points
+    how = {"steps": 10, "continuation": "arc-length"}
+    ways = [fb.static(scene, start=point.branch(sign), **how) for sign in (1, -1)]
+    return point, ways, middle, top
+
+
+def test_post_buckling_follows_the_elastica(bent):
+    _, ways, middle, top = bent
+    for way in ways:
+        for row in (3, len(way.t) // 2, -1):
+            across, down = elastica(20 * way.load_factor[row])
+            assert abs(way.displacement(middle)[row, 0]) == pytest.approx(across, rel=2e-4)
+            assert -way.displacement(top)[row, 1] == pytest.approx(down, rel=4e-4)
+
+
+def test_both_directions_of_a_pitchfork_are_mirror_images_and_stable(bent):
+    point, (right, left), middle, _ = bent
+    assert right.load_factor == pytest.approx(left.load_factor, rel=1e-9)
+    moved = right.displacement(middle)[:, 0], left.displacement(middle)[:, 0]
+    assert moved[0][1:] == pytest.approx(-moved[1][1:], rel=1e-6)
+    assert abs(moved[0][-1]) > 0.3
+    assert right.stable.all() and left.stable.all()
+    assert right.load_factor[0] == point.load_factor
+
+
+def test_near_the_bifurcation_the_load_rises_with_the_square_of_the_deflection(bent):
+    point, (right, _), middle, _ = bent
+    rises = right.load_factor[1] / point.load_factor - 1
+    assert rises == pytest.approx(np.pi**2 / 8 * right.displacement(middle)[1, 0] ** 2, rel=0.01)
+
+
+def shallow_arch(rise, load, elements=8, radius=1e-3):
+    """A pinned arch H sin(pi x), H = 2 r e, under q sin(pi x), in units of EI pi^4 2 r."""
+    section = fb.Section(EA=1 / radius**2, GA=1 / radius**2, EI=1.0)
+    scene = fb.Scene()
+    height = 2 * radius * rise
+    beam = scene.add_beam(lambda f: (f, height * np.sin(np.pi * f)), section, elements, degree=3)
+    scene.pin(beam.start)
+    scene.pin(beam.end)
+    unit = load * np.pi**4 * 2 * radius
+    total = beam.length
+    scene.add_line_load(beam, lambda s: (0.0, -unit * np.sin(np.pi * s / total)), of="arc length")
+    return scene, beam
+
+
+@pytest.mark.parametrize("rise", [2.2, 3.0])
+def test_shallow_arches_snap_and_sway_at_their_loads(rise):
+    """Fung and Kaplan (1952); on the way down the same loads, mirrored: 2 e - q.
+
+    Their theory is the limit of small heights: the difference falls with their square. Sway comes
+    first for e > sqrt(5.5).
+    """
+    limit = rise + np.sqrt(4 * (rise**2 - 1) ** 3 / 27)
+    sway = rise + 3 * np.sqrt(rise**2 - 4)
+    exact = np.array([sway, limit, 2 * rise - limit, 2 * rise - sway])
+    found = []
+    for radius in (2e-3, 1e-3):
+        scene, _ = shallow_arch(rise, 1.2 * limit, radius=radius)
+        path = fb.static(scene, steps=6, continuation="arc-length", max_steps=100)
+        points = path.critical_points
+        assert (points[0].kind == "bifurcation") == (rise > np.sqrt(5.5))
+        bifurcations, limits = (
+            sorted((1.2 * limit * p.load_factor for p in points if p.kind == kind), reverse=True)
+            for kind in ("bifurcation", "limit point")
+        )
+        found.append([bifurcations[0], *limits, bifurcations[1]])
+    errors = np.array(found) - exact
+    assert abs(errors[1]).max() < 1e-3 * limit
+    assert abs(errors[0] - 4 * errors[1]).max() < 0.02 * abs(errors[0]).max()
+
+
+def low_arch():
+    """Two members, joined rigidly."""
+    scene = fb.Scene()
+    left = scene.add_beam([(0, 0), (1, 0.2)], fb.Section(EA=1e4, GA=4e3, EI=EI, rhoA=1), 3, 2)
+    right = scene.add_beam([left.end, (2, 0)], left.section, 3, 2)
+    scene.pin(left.start)
+    scene.pin(right.end)
+    scene.add_force(left.end, (0, -60.0))
+    return scene, left.end
+
+
+@pytest.fixture(scope="module")
+def tree():
+    scene, top = low_arch()
+    how = {"steps": 8, "continuation": "arc-length", "max_steps": 60}
+    return fb.static(scene, branches=2, **how), top
+
+
+def test_a_sway_branch_leads_from_one_bifurcation_to_the_other_and_returns(tree):
+    path, top = tree
+    points = [point for point in path.critical_points if point.kind == "bifurcation"]
+    assert len(points) == 2 and len(path.branches) == 4
+    assert path.stats.failure is None
+    for branch in path.branches:
+        assert branch.stats.failure is None and branch.stats.steps < 60
+        assert not branch.stable.any()
+        sideways = branch.displacement(top)[:, 0]
+        assert sideways.max() > 0.01 and sideways.min() < -0.01  # through the other one
+        factors = branch.load_factor
+        ends = sorted(point.load_factor for point in points)
+        assert factors.min() == pytest.approx(ends[0], abs=1e-6)
+        assert factors.max() == pytest.approx(ends[1], abs=1e-6)
+    assert all(not branch.branches for branch in path.branches)  # they meet nothing new
+    assert [b.origin.direction for b in path.branches] == [1, -1, 1, -1]
+
+
+def test_an_imperfect_column_deflects_as_southwell_says():
+    scene, middle, _ = column(12.0)
+    (point,) = fb.static(scene, steps=4).critical_points
+    size = 1e-6
+    crooked = fb.imperfect(scene, point.modes, size)
+    node = crooked.beams[0].node(0.5)
+    assert node.x == pytest.approx(size, rel=1e-9)
+    crooked.change(crooked.loads[0], (0.0, -5.0))
+    moved = abs(fb.static(crooked, steps=1).displacement(node)[-1, 0])
+    assert moved == pytest.approx(size * 5 / (12 * point.load_factor - 5), rel=1e-5)
+    assert scene.beams[0].node(0.5).x == 0
+
+
+def test_an_imperfect_path_nears_the_branch():
+    scene, middle, _ = column(20.0)
+    (point,) = fb.static(scene, steps=4).critical_points
+    crooked = fb.imperfect(scene, point.modes, 1e-3)
+    path = fb.static(crooked, steps=20)
+    across, _ = elastica(20.0)
+    assert abs(path.displacement(crooked.beams[0].node(0.5))[-1, 0]) == pytest.approx(across, 0.01)
+    assert path.stable.all()
+
+
+def test_a_motion_snaps_from_a_limit_point():
+    """Under a little more than the limit load the arch falls through; under less it stays."""
+    scene, top = low_arch()
+    path = fb.static(scene, steps=8, continuation="arc-length")
+    limit = next(point for point in path.critical_points if point.kind == "limit point")
+    lowest = []
+    for factor in (1.1, 0.9):
+        scene.change(scene.loads[0], (0.0, -60.0 * factor * limit.load_factor))
+        motion = fb.simulate(scene, dt=0.02, t_end=3.0, start=limit.solution)
+        lowest.append(motion.displacement(top)[:, 1].min())
+        assert abs(motion.energy.balance_error).max() < 1e-9
+    assert lowest[0] < -0.3
+
+
+def test_branches_are_refused_where_there_is_none(tree):
+    path, _ = tree
+    scene, _ = low_arch()
+    points = {point.kind: point for point in path.critical_points}
+    with pytest.raises(fb.SceneError, match="no path branches off at a limit point"):
+        points["limit point"].branch()
+    with pytest.raises(fb.SceneError, match="a number of the 1 modes"):
+        points["bifurcation"].branch(mode=1)
+    branch = points["bifurcation"].branch()
+    with pytest.raises(fb.SceneError, match="Follow it by continuation"):
+        fb.static(scene, start=branch)
+    scene.change(scene.loads[0], (0.0, -70.0))
+    with pytest.raises(fb.SceneError, match="no equilibrium of this scene"):
+        fb.static(scene, start=branch, continuation="arc-length")
+
+
+def test_the_diagram_shows_stable_and_unstable_lines_and_points(tree, tmp_path):
+    path, top = tree
+    figure = plot.equilibrium_paths(
+        path, lambda s: -s.displacement(top)[:, 1], tmp_path / "paths.png", "deflection [m]"
+    )
+    drawn = {line.get_label(): line for line in figure.axes[0].lines}
+    assert {"stable", "unstable", "limit point", "bifurcation"} <= set(drawn)
+    limits = [p.load_factor for p in path.critical_points if p.kind == "limit point"]
+    assert drawn["limit point"].get_ydata().tolist() == limits
+    assert (tmp_path / "paths.png").stat().st_size > 0
