@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+import scipy.signal
 
 import fx_beam as fb
 
@@ -150,6 +151,52 @@ def test_the_gain_of_a_linear_system_by_a_natural_curvature_is_that_of_statics()
     system = fb.linearise(scene, outputs={"tip": fb.Output("displacement", beam.end, "y")})
     gain = system.D - system.C @ np.linalg.solve(system.A, system.B)
     assert gain.item() == pytest.approx(0.5 / 2, rel=1e-6)
+
+
+@pytest.mark.parametrize("tension", [50.0, -1.0])
+def test_the_frequency_response_of_a_prestressed_beam_is_that_of_the_continuum(tension):
+    """Under a force in the middle: a sum of sines, each with deflection and rotation."""
+    scene, beam, s = prestressed(tension)
+    state = fb.static(scene, steps=1)
+    f = [0.0, 1.3, 4.0]
+    found = fb.frequency_response(scene, (beam.node(0.5), (0.0, 1.0)), beam.node(0.5), f, state)
+    k2 = (np.arange(1, 200_000, 2) * np.pi / 2) ** 2
+    for frequency, value in zip(f, found.component("y"), strict=True):
+        w2 = (2 * np.pi * frequency) ** 2
+        deflects, turns = s.GA * k2 - s.rhoA * w2, s.EI * k2 + s.GA - tension - s.rhoI * w2
+        own = deflects - (s.GA - tension) ** 2 * k2 / turns
+        assert value == pytest.approx((1 / own).sum(), rel=2e-4)
+
+
+def test_a_linear_system_of_a_muscle_is_the_limit_of_small_motions():
+    scene, beam = bar(elements=3, degree=2, curvature=fb.Input("muscle", factor=0.5))
+    scene.add_drag(beam, linear=2.0, rotation=0.02)
+    load = scene.add_force(beam.end, (0.0, 0.2))
+    start = fb.static(scene, steps=4)
+    system = fb.linearise(scene, start, outputs={"tip": fb.Output("displacement", beam.end, "y")})
+    t = 2e-3 * np.arange(201)
+    push = np.sin(np.pi * t / 0.4) ** 4
+    exact = scipy.signal.lsim(system.state_space(), push, t)[1]
+    seen = []
+    for size in (1e-3, -1e-3):
+        given = {"muscle": lambda t, size=size: size * np.sin(np.pi * t / 0.4) ** 4}
+        motion = fb.simulate(scene, dt=2e-3, t_end=0.4, start=start, inputs=given)
+        seen.append(motion.displacement(beam.end)[:, 1])
+    assert load in scene.loads
+    assert (seen[0] - seen[1]) / 2e-3 == pytest.approx(exact, abs=3e-3 * abs(exact).max())
+
+
+def test_a_linear_system_refuses_a_natural_strain_that_changes_where_the_material_damps():
+    damped = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3, retardation=1e-2)
+    scene, _ = bar(damped, curvature=fb.Input("muscle"))
+    with pytest.raises(fb.SceneError, match="retardation, and a natural strain by the input 'mus"):
+        fb.linearise(scene)
+    assert fb.linearise(scene, inputs=[]).B.shape[1] == 0
+    scene, _ = bar(damped, curvature=lambda t: min(t, 0.02))
+    fb.linearise(scene, fb.static(scene, t=0.01))
+    with pytest.raises(fb.SceneError, match="a natural strain by a function of time"):
+        fb.linearise(scene, fb.simulate(scene, dt=0.005, t_end=0.015))
+    fb.linearise(scene, fb.simulate(scene, dt=0.005, t_end=0.03))
 
 
 # -- Motions -----------------------------------------------------------------------------------

@@ -83,7 +83,7 @@ class JointMotion:
 
     @property
     def motor_force(self) -> np.ndarray:
-        """Force (n,) [N] of the motor or lock along the slide, or its moment [N m], at `t_level`."""
+        """Force (n,) [N] of the motor or lock, or its moment [N m] on b, at `t_level`."""
         driven = [part for part in (self.joint.slide, self.joint.rotation) if part and part.motor]
         forces = self.solution.recorded("motor_forces")[:, self.joint.number]
         self._check(bool(driven) or bool(forces.any()), "motor")  # a latch may have locked it
