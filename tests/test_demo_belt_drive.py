@@ -22,7 +22,7 @@ def test_belt_carries_pull_and_moment_and_creeps():
     assert found["difference of tensions / (moment / radius)"] == pytest.approx(1, abs=0.01)
     assert found["creep"] == pytest.approx(found["creep by the tensions"], rel=0.05)
     theory = found["angle of slip by the tensions"]
-    assert all(0.7 * theory < angle < theory + 7.5 for angle in found["angles of slip"])
+    assert all(0.9 * theory < angle < theory + 7.5 for angle in found["angles of slip"])
 
 
 def test_belt_keeps_its_balance_while_nodes_come_and_go():
