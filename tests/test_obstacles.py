@@ -454,3 +454,18 @@ def test_pictures_show_the_obstacles_that_are_near(tmp_path):
     assert max(of.sum() for of in on_ring) >= len(ring)
     fb.plot.shapes(fb.simulate(scene, dt=0.01, t_end=0.1), [0, 10], tmp_path / "shapes.png")
     assert (tmp_path / "shapes.png").stat().st_size > 10_000
+
+
+def test_a_shape_on_the_ground_or_on_a_body_is_refused_and_an_own_energy_is_shown():
+    scene = fb.Scene()
+    body = scene.add_body((1, 0), 1.0, 0.1)
+    for carrier, words in ((fb.GROUND, "the ground"), (body, "Body")):
+        with pytest.raises(
+            fb.SceneError, match=f"Circle: centre = .*{words}.* a node that carries"
+        ):
+            fb.Circle(carrier, 0.1)
+        with pytest.raises(fb.SceneError, match=f"Line: point = .*{words}.* a node that carries"):
+            fb.Line(carrier, (0, 1))
+    floor = fb.Line((0, -1), normal=(0, 1))
+    own = scene.add_obstacle(body.centre, floor, energy=lambda d: 100 * d**2)
+    assert repr(own) == f"<{own}, energy of its own>"

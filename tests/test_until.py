@@ -158,3 +158,16 @@ def test_wrong_conditions_are_refused():
     with pytest.raises(fb.SceneError, match="another scene"):
         of_other = {"x": fb.Output("spin", other.centre)}
         fb.simulate(scene, until=lambda t, y: 1.0, outputs=of_other, **options)
+
+
+@pytest.mark.parametrize(
+    ("until", "words"),
+    [
+        (lambda: 1.0, r"takes 0 positional arguments.*called as until\(t, y\)"),
+        (lambda t, y: y["z"], r"KeyError\('z'\) at t = 0.*the outputs \['x', 'spin', 'force'\]"),
+    ],
+)
+def test_a_condition_with_other_arguments_or_outputs_is_refused(until, words):
+    scene, _, _, outputs = pendulum()
+    with pytest.raises(fb.SceneError, match=words):
+        fb.simulate(scene, dt=0.1, t_end=1.0, until=until, outputs=outputs)

@@ -22,6 +22,7 @@ from fx_beam.validation import (
 
 from .beam import Beam, Node, inner_positions, lagrange, position_of
 from .coulomb import Coulomb
+from .joints import GROUND
 from .law import Energy, check_energy
 from .loads import label
 from .stop import checked_impact, loss_of
@@ -35,6 +36,18 @@ _SHARES = {
 }
 # Most integration points in an element.
 _MOST_POINTS = 50
+
+
+def _place(given: Any, what: str) -> Any:
+    """A node that carries a shape, or the point (x, y) of one that is fixed."""
+    if isinstance(given, Node) and given is not GROUND:
+        return given
+    if not isinstance(given, list | tuple | np.ndarray):
+        wanted = "(x, y), or a node that carries it: beam.end, body.centre, body[name]"
+        given = "the ground" if given is GROUND else shown(given)
+        raise SceneError(f"{what} = {given} must be {wanted}")
+    x, y = vector(given, 2, what).tolist()
+    return x, y
 
 
 @dataclass(frozen=True)
@@ -73,9 +86,7 @@ class Line:
         if abs(length - 1) > 4e-16:  # a unit vector stays as it is, to the last digit
             normal = normal / length
         object.__setattr__(self, "normal", tuple(normal.tolist()))
-        if not isinstance(self.point, Node):
-            point = vector(self.point, 2, "Line: point")
-            object.__setattr__(self, "point", tuple(point.tolist()))
+        object.__setattr__(self, "point", _place(self.point, "Line: point"))
 
     @property
     def carrier(self) -> Node | None:
@@ -138,9 +149,7 @@ class Circle:
         require(fits, "Circle: radius", self.radius, "finite and positive")
         require(is_flag(self.inside), "Circle: inside", self.inside, "True or False")
         object.__setattr__(self, "radius", as_float(self.radius))
-        if not isinstance(self.centre, Node):
-            centre = vector(self.centre, 2, "Circle: centre")
-            object.__setattr__(self, "centre", tuple(centre.tolist()))
+        object.__setattr__(self, "centre", _place(self.centre, "Circle: centre"))
 
     @property
     def carrier(self) -> Node | None:
@@ -242,7 +251,8 @@ class Obstacle:
     friction: Coulomb | None = None
 
     def __repr__(self):
-        return f"<{self}, stiffness {self.stiffness:g} N/m>"
+        law = f"stiffness {self.stiffness:g} N/m" if self.energy is None else "energy of its own"
+        return f"<{self}, {law}>"
 
     def __str__(self):
         number = "" if self.number < 0 else f"obstacle {self.number}, "
@@ -324,7 +334,8 @@ def checked_obstacle(
     """An obstacle with valid numbers. SceneError for others; where it starts is not checked."""
     if not isinstance(shape, Line | Circle | Beam):
         raise SceneError(
-            f"a contact needs an fx_beam.Line, an fx_beam.Circle or a beam, not {shown(shape)}"
+            f"a contact needs an fx_beam.Line, an fx_beam.Circle or a beam, not {shown(shape)}. A "
+            "body has none of its own: give it one, such as fx_beam.Circle(body.centre, radius)"
         )
     what, (stiffness, restitution, speed, energy) = f"obstacle for {label(target)}", impact
     if (stiffness is None) == (energy is None):

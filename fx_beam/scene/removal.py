@@ -36,8 +36,10 @@ def locked(joint: Joint, coordinate: str | None) -> Joint:
     names = [name for name, part in parts.items() if part is not None]
     fits = coordinate is None or coordinate in names
     require(fits, f"lock {joint}: coordinate", coordinate, f"one of {names}")
-    if not names or (coordinate is None and len(names) > 1):
-        raise SceneError(f"lock {joint}: it has {names or 'no'} coordinates. Name one of them")
+    if not names:
+        raise SceneError(f"lock {joint}: it has no slide and no relative rotation to lock")
+    if coordinate is None and len(names) > 1:
+        raise SceneError(f"lock {joint}: it has {names} coordinates. Name one of them")
     name = coordinate or names[0]
     part = parts[name]
     assert part is not None
