@@ -60,6 +60,8 @@ PICTURES = {
         "moments.png",
         "motion.gif",
     ),
+    "shallow_arch": ("scene.png", "diagram.png", "mode.png"),
+    "snapping_chain": ("scene.png", "force_and_displacement.png", "heights.png", "motion.gif"),
     "parallelogram": ("scene.png", "path_and_force.png", "motion.gif"),
     "relaxation": ("tests.png",),
     "plasticity": ("scene.png", "loops.png", "ring.png", "motion.gif"),

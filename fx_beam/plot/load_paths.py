@@ -13,9 +13,14 @@ from fx_beam.validation import require
 
 from .time_curves import Figure, figure, save
 
-_LINE = {"color": "#0072B2", "linewidth": 1.6}
-_STABLE: dict[str, Any] = {"linestyle": "-", "label": "stable"}
-_UNSTABLE: dict[str, Any] = {"linestyle": (0, (3, 1.5)), "label": "unstable"}
+# Dashes of branches that lie on each other in the diagram fill their gaps: colours differ as well.
+_STABLE: dict[str, Any] = {"color": "#0072B2", "linewidth": 2.0, "label": "stable"}
+_UNSTABLE: dict[str, Any] = {
+    "color": "#CC79A7",
+    "linewidth": 1.2,
+    "linestyle": (0, (3, 1.5)),
+    "label": "unstable",
+}
 _MARKS = {"limit point": "D", "bifurcation": "o", "flutter": "^"}
 
 
@@ -61,7 +66,7 @@ def equilibrium_paths(
     for each in _all_of(solution):
         x, y, stable = _with_points(each, value, marks)
         for first, last, is_stable in _pieces(stable):
-            look = _LINE | (_STABLE if is_stable else _UNSTABLE)
+            look = _STABLE if is_stable else _UNSTABLE
             ax.plot(x[first : last + 1], load * y[first : last + 1], **look)
     for kind, places in marks.items():
         if places:

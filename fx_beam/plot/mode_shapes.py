@@ -132,6 +132,8 @@ def _kind(modes: Modes, mode: int) -> str:
     """Frequency of a mode in words."""
     if modes.unstable[mode]:
         return f"unstable, grows with {three_digits(modes.eigenvalues[mode].real)} 1/s"
+    if not modes.eigenvalues[mode] and not modes.rigid[mode]:
+        return "of a critical point"
     ratio, frequency = modes.damping_ratios[mode], abs(modes.frequencies[mode])
     kind = "rigid" if modes.rigid[mode] else f"{three_digits(frequency)} Hz"
     return kind + (f", ratio {three_digits(ratio)}" if ratio else "")
