@@ -203,3 +203,34 @@ def test_the_diagram_shows_stable_and_unstable_lines_and_points(tree, tmp_path):
     limits = [p.load_factor for p in path.critical_points if p.kind == "limit point"]
     assert drawn["limit point"].get_ydata().tolist() == limits
     assert (tmp_path / "paths.png").stat().st_size > 0
+
+
+@pytest.fixture(scope="module")
+def asymmetric():
+    """A rigid column on a hinge with the moment c psi + b psi^2 / 2: P sin(psi) is equal to it."""
+    c, b = 10.0, 6.0
+    stiff = fb.Section(EA=1e6, GA=1e6, EI=1e6)
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (0, 1)], stiff)
+    spring = fb.Spring(stiffness=c, strain_energy=lambda x: b * x**3 / 6)
+    scene.add_joint(fb.Revolute(fb.GROUND, bar.start, spring=spring))
+    scene.add_force(bar.end, (0, -15.0))
+    return scene, bar, lambda psi: (c * psi + b * psi**2 / 2) / np.sin(psi)
+
+
+def test_an_asymmetric_bifurcation_is_found_and_followed_to_both_sides(asymmetric):
+    scene, bar, load = asymmetric
+    found = [fb.static(scene, steps).critical_points for steps in (3, 7)]
+    assert [points[0].kind for points in found] == ["bifurcation"] * 2
+    factors = [points[0].load_factor for points in found]
+    assert 15 * np.array(factors) == pytest.approx(10.0, rel=3e-5)
+    assert factors[0] == pytest.approx(factors[1], rel=1e-8)
+    rises, stable = [], []
+    for sign in (1, -1):
+        how = {"steps": 10, "continuation": "arc-length", "max_steps": 12}
+        branch = fb.static(scene, start=found[0][0].branch(sign), **how)
+        psi = branch.rotation(bar.end)[1:]
+        assert 15 * branch.load_factor[1:] == pytest.approx(load(psi), rel=3e-5)
+        rises.append(branch.load_factor[1] > branch.load_factor[0])
+        stable.append(bool(branch.stable[1]))
+    assert sorted(rises) == [False, True] and rises == stable

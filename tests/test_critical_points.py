@@ -181,3 +181,21 @@ def test_points_are_kept_in_copies_once_they_were_read():
     (copy,) = pickle.loads(pickle.dumps(path)).critical_points
     assert copy.load_factor == point.load_factor
     assert np.array_equal(copy.modes.shapes, point.modes.shapes)
+
+
+def test_ring_under_dead_pressure_buckles_at_four():
+    """A quarter of a ring of radius 1 with the load of the ring's undeformed normal: 4 EI/R^3."""
+    section = fb.Section(EA=1e6, GA=1e6, EI=EI)
+    scene = fb.Scene()
+    beam = scene.add_beam(
+        lambda f: (np.cos(np.pi * f / 2), np.sin(np.pi * f / 2)), section, 4, degree=3
+    )
+    scene.fix(beam.start, "y", "rotation")
+    scene.fix(beam.end, "x", "rotation")
+    turn = np.pi / 2 / beam.length
+    scene.add_line_load(
+        beam, lambda s: (-5 * np.cos(turn * s), -5 * np.sin(turn * s)), of="arc length"
+    )
+    (point,) = fb.static(scene, steps=4).critical_points
+    assert point.kind == "bifurcation"
+    assert 5 * point.load_factor == pytest.approx(4, rel=1e-5)

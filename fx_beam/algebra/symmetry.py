@@ -18,22 +18,20 @@ class Symmetry:
         indptr, indices = pattern
         n = len(indptr) - 1
         numbered = csr_matrix((np.arange(1, len(indices) + 1), indices, indptr), (n, n))
+        numbered.sort_indices()
         other = numbered.T.tocsr()
-        other.sort_indices()
-        self._other = other.data[np.argsort(np.argsort(_keys(indptr, indices)))] - 1
         rows = np.repeat(np.arange(n), np.diff(indptr))
-        self._starts, self._rows, self._columns = indptr[:-1], rows, indices
-        self._unit = unit[rows] * unit[indices]
+        above = rows < numbered.indices
+        #: Entries above the diagonal, and those across from them.
+        self._above, self._below = numbered.data[above] - 1, other.data[above] - 1
+        self._starts, self._rows, self._columns = indptr[:-1], rows[above], numbered.indices[above]
+        self._units, self._unit = unit[rows] * unit[indices], unit
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether the matrix with these values is symmetric up to rounding errors."""
-        work = values * self._unit
-        largest = np.sqrt(np.maximum.reduceat(abs(work), self._starts))
-        gaps = abs(work - work[self._other])
+        gaps = abs(values[self._above] - values[self._below])
+        if not gaps.any():
+            return True
+        largest = np.sqrt(np.maximum.reduceat(abs(values * self._units), self._starts))
+        largest /= self._unit
         return bool((gaps <= _ROUNDING * largest[self._rows] * largest[self._columns]).all())
-
-
-def _keys(indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    """Numbers of entries that rise by row and column."""
-    n = len(indptr) - 1
-    return np.repeat(np.arange(n, dtype=np.int64), np.diff(indptr)) * n + indices

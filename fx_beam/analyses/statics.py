@@ -132,8 +132,9 @@ def static(
     Returns
     -------
     Solution
-        The equilibria, with their load factors in `Solution.load_factor` in place of times. The
-        load factors of limit points, which are also rows, are in ``stats.limit_points``.
+        The equilibria, with their load factors in `Solution.load_factor` in place of times, their
+        stability in `unstable_modes`, and `critical_points`. The load factors of limit points that
+        arc-length steps have passed, which are also rows, are in ``stats.limit_points``.
 
     Raises
     ------

@@ -39,7 +39,8 @@ class Inertia:
     def _symmetry(self) -> Symmetry | None:
         """None where all forces have a potential."""
         model = self._model
-        if not (model.forms.has_added or model.points.any or model.flows):
+        own = any(force.force for force in model.scene.forces_between)
+        if not (model.forms.has_added or model.flows or own):
             return None
         return Symmetry(model.reduction.pattern, model.unit_of_unknowns)
 
