@@ -185,6 +185,33 @@ def test_a_plank_slides_over_segments_as_far_as_coulomb_says():
     assert abs(rest.mean()) < 1e-3
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_slip_stretch_and_force_of_friction_are_recorded(turned, tmp_path):
+    scene = fb.Scene()
+    ends = [(0, 0), (1, 0)]
+    bed = scene.add_beam(ends[::-1] if turned else ends, SECTION, elements=7)
+    for node in bed.nodes:
+        scene.clamp(node)
+    ball = scene.add_body((0.3, 0.0501), mass=1.0, inertia=0.1).centre
+    scene.fix(ball, "rotation")
+    scene.prescribe(ball, y=lambda t: -1.1e-3 * min(t / 0.01, 1.0))
+    scene.set_velocity(ball, (1.0, 0.0))
+    options = {"stiffness": 1e4, "friction": fb.Coulomb(0.3, 1e4)}
+    touch = scene.add_contact(ball, bed, radius=(0.03, 0.02), **options)
+    fb.simulate(scene, dt=2e-3, t_end=0.5).save(tmp_path / "run.npz")
+    solution = fb.load(tmp_path / "run.npz")
+    contact, x = solution.contact(touch), solution.position(ball)[:, 0]
+    assert contact.normal[10:] == pytest.approx(10.0, rel=1e-7)
+    # Who looks along the normal, upwards, has -x to the left: there the friction is positive.
+    assert contact.tangential == pytest.approx(-1e4 * contact.stretch, abs=1e-6)
+    assert (abs(contact.tangential) <= 0.3 * contact.normal * (1 + 1e-7)).all()
+    assert contact.tangential[20:100] == pytest.approx(3.0, rel=1e-7)
+    way = -(contact.slip + contact.stretch)[:, 0]
+    assert way[10:] - way[10] == pytest.approx(x[10:] - x[10], abs=1e-12)
+    # While the force rises from 0 to 10 N, in 10 ms, the ball loses 0.015 m/s.
+    assert x[-1] - 0.3 == pytest.approx(0.01 - 5e-5 + 0.985**2 / 6, rel=1e-3)
+
+
 def test_friction_goes_on_after_a_restart():
     whole = fb.simulate(plank(0.3, 1.0), dt=2e-3, t_end=0.3)
     half = fb.simulate(plank(0.3, 1.0), dt=2e-3, t_end=0.2)

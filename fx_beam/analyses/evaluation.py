@@ -140,4 +140,6 @@ def _variables_of_contact(model: Model, rows: np.ndarray | None) -> dict[int, np
             of_points = rows[:, first : first + obstacle.variables]
             by_contact[obstacle.number] = of_points.reshape(len(rows), -1, 2)
         first += obstacle.variables
+    if rows is not None:
+        by_contact |= model.points.friction_of_members(rows)
     return by_contact

@@ -44,6 +44,8 @@ class Touching(NamedTuple):
     #: Of a member and itself: places of its nodes, and how far apart they must be to touch.
     arc: np.ndarray
     apart: float = 0.0
+    #: Number of the contact; -1 for the points of its second member.
+    number: int = -1
 
 
 def members_touching(scene: Scene, mesh: Mesh, at_rest: bool) -> list[Touching]:
@@ -88,14 +90,17 @@ def _both_ways(
     lengths = contact.points.lengths
     if not isinstance(a, Beam):
         of_a = numbers(lengths, 1.0)
-        return [Touching(law, nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b))]
+        parts = law, nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
+        return [Touching(*parts, number=contact.number)]
     if a is b:
         parts = law, nodes_a, slots_a, nodes_a, slots_a, numbers(lengths, 0.5), arc(nodes_a)
-        return [Touching(*parts, apart=contact.apart)]
+        return [Touching(*parts, apart=contact.apart, number=contact.number)]
     of_a = numbers(lengths, 0.5)
     of_b = numbers(points_of(b).lengths, 0.5)
     return [
-        Touching(law, nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)),
+        Touching(
+            law, nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b), number=contact.number
+        ),
         Touching(law, nodes_b, slots_b, nodes_a, slots_a, of_b, arc(nodes_a)),
     ]
 
@@ -203,6 +208,23 @@ class MemberContacts:
     def forget(self) -> None:
         """Search anew in the next step, as in the first one of a run."""
         self._all.margin, self._all.step, self._all.wide = -1.0, 0.0, 0
+
+    def friction(self, memory: np.ndarray) -> dict[int, np.ndarray]:
+        """Stretch and slip (n, points, 2) of the first members, by the contact's number.
+
+        From internal variables (n, width). Of a node that touches two places: where its spring is
+        stretched further.
+        """
+        found = {}
+        for one, first in zip(self._touching, self._first_slots[:-1], strict=True):
+            if one.number < 0 or not one.law.internal:
+                continue
+            own = slice(_IN_SLOT * first, _IN_SLOT * (first + _SLOTS * len(one.points)))
+            places = memory[:, own].reshape(len(memory), len(one.points), _SLOTS, _IN_SLOT)
+            most = abs(places[..., 1]).argmax(axis=-1)
+            known = np.take_along_axis(places, most[..., None, None], axis=2)
+            found[one.number] = known[:, :, 0, 1:]
+        return found
 
     # -- A step ---------------------------------------------------------------------------------
 

@@ -471,6 +471,11 @@ class PointForces:
         count = sum(force.law.internal for force in self._forces[:contacts])
         return slice(first, first + count)
 
+    def friction_of_members(self, internal: np.ndarray) -> dict[int, np.ndarray]:
+        """`MemberContacts.friction` from all internal variables (n, width)."""
+        members = self.members
+        return {} if members is None else members.friction(internal[:, self._of_forces :])
+
     def switches(self, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Values that change their sign where a contact opens or closes, or a law switches."""
         values = np.zeros(self.conditions)

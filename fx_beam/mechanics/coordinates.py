@@ -16,6 +16,8 @@ class Slip(NamedTuple):
     path: Any
     #: Directions (size,) of the friction, whose product with the increments of work is the path.
     along: Sequence[Any]
+    #: Length of the direction of the normal force on the point, relative to that of the friction.
+    normal: Any = 1.0
 
 
 class Kind(NamedTuple):

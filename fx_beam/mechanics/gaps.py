@@ -88,8 +88,11 @@ def circle_gap(
         (*place, _, side, half), weights = numbers[:5], numbers[5:]
         r0 = _sum(place, pair.relative(motion.start, weights))
         r = _at_level(motion, r0, pair.relative(D, weights))
-        length = ufl.sqrt(dot(r, r))
-        return _slip(motion, D, pair, weights, [x / length for x in r], length, side * half)
+        length, level = ufl.sqrt(dot(r, r)), motion.rule.level
+        r1 = _sum(r0, pair.relative(D, weights))
+        mean = (1 - level) * ufl.sqrt(dot(r0, r0)) + level * ufl.sqrt(dot(r1, r1))
+        slip = _slip(motion, D, pair, weights, [x / length for x in r], length, side * half)
+        return slip._replace(normal=length / mean)
 
     name = f"the gap of a circle{pair}"
     return Kind(name, pair.size, 4 + slips + pair.weights, of, slip=slip if slips else None)
@@ -139,9 +142,10 @@ def line_gap(
 
     def slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
         *_, r, n, weights = ends(motion, D, numbers)
-        if carried:
-            n = [x / ufl.sqrt(dot(n, n)) for x in n]
-        return _slip(motion, D, pair, weights, n, dot(n, r), numbers[4])
+        length = ufl.sqrt(dot(n, n)) if carried else 1.0
+        n = [x / length for x in n]
+        slip = _slip(motion, D, pair, weights, n, dot(n, r), numbers[4])
+        return slip._replace(normal=length)
 
     name = f"the gap of a line{pair}"
     return Kind(name, pair.size, 4 + more + pair.weights, of, slip=slip if slips else None)

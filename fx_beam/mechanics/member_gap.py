@@ -35,16 +35,10 @@ def _gap(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate
     products of arms, whose forces have no moment.
     """
     radius = numbers[-1]
-    place, ((arm0, t0), (arm1, t1)) = _ends(motion, D, numbers[0])
-    first, last = _add(arm0, -0.5, t0), _add(arm1, 0.5, t1)
-    distance0, distance1 = (ufl.sqrt(_dot(r, r) + TINY) for r in (first, last))
-    if motion.rule.level == 0.5:
-        on_arm, on_t = _mean_directions((arm0, arm1), (t0, t1), distance0 + distance1)
-    else:
-        share = motion.rule.level
-        unit = _add([(1 - share) * x for x in first], share, last)
-        unit = [x / ufl.sqrt(_dot(unit, unit) + TINY) for x in unit]
-        on_arm, on_t = unit, [(share - 0.5) * x for x in unit]
+    place, ends = _ends(motion, D, numbers[0])
+    first, last = _arms(ends)
+    distance0, distance1 = _length(first), _length(last)
+    on_arm, on_t = _directions(motion, ends)
     # By the change of the weights with the place.
     on_u = [place * (x / 2 + y) for x, y in zip(on_arm, on_t, strict=True)]
     along = [*on_arm, *on_t, *on_u, *[0.0] * (len(D) - 6)]
@@ -60,8 +54,10 @@ def _slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
     weights, changes by about minus the way of the place, and vanishes only with it.
     """
     per_rate, slipped, length, _ = numbers
-    place, ((arm0, _), (arm1, t1)) = _ends(motion, D, per_rate)
+    place, ends = _ends(motion, D, per_rate)
+    (arm0, _), (arm1, t1) = ends
     path = slipped + length * place
+    on_normal, _ = _directions(motion, ends)
     zero = [0.0, 0.0]
     if motion.rule.level != 0.5:
         u = _vectors([x + d for x, d in zip(motion.start, D, strict=True)])[2]
@@ -70,7 +66,8 @@ def _slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
             -length * per_rate * x + place * y
             for x, y in zip(_add(arm1, 0.5, t1), on_arm, strict=True)
         ]
-        return Slip(path, [*on_arm, *(x / 2 for x in on_arm), *on_u, *zero])
+        along = [*on_arm, *(x / 2 for x in on_arm), *on_u, *zero]
+        return Slip(path, along, _relative(on_normal, on_arm))
     w0, w1 = (
         _vectors(motion.start)[3],
         _vectors([x + d for x, d in zip(motion.start, D, strict=True)])[3],
@@ -83,7 +80,7 @@ def _slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
         for ends in ((w0, w1), (arm0, arm1))
     )
     on_u = [place / 2 * x for x in on_arm]
-    return Slip(path, [*on_arm, *zero, *on_u, *on_w])
+    return Slip(path, [*on_arm, *zero, *on_u, *on_w], _relative(on_normal, on_arm))
 
 
 def _ends(
@@ -95,6 +92,26 @@ def _ends(
     # The place at the end is a zero of this residual.
     place = -per_rate * _dot(_add(arm1, 0.5, t1), u1)
     return place, (_shifted(_vectors(start), place), _shifted(_vectors(end), place))
+
+
+def _arms(ends: tuple[tuple[Vector, Vector], tuple[Vector, Vector]]) -> tuple[Vector, Vector]:
+    """The arms to the nearest points at both ends."""
+    (arm0, t0), (arm1, t1) = ends
+    return _add(arm0, -0.5, t0), _add(arm1, 0.5, t1)
+
+
+def _directions(
+    motion: Motion, ends: tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
+) -> tuple[Vector, Vector]:
+    """Directions of the normal force on a and t; that on the point is opposite to the first."""
+    first, last = _arms(ends)
+    if motion.rule.level == 0.5:
+        (arm0, t0), (arm1, t1) = ends
+        return _mean_directions((arm0, arm1), (t0, t1), _length(first) + _length(last))
+    share = motion.rule.level
+    unit = _add([(1 - share) * x for x in first], share, last)
+    unit = [x / _length(unit) for x in unit]
+    return unit, [(share - 0.5) * x for x in unit]
 
 
 def _mean_directions(
@@ -127,6 +144,16 @@ def _add(a: Vector, factor: Any, b: Vector) -> Vector:
 
 def _dot(a: Vector, b: Vector) -> Any:
     return a[0] * b[0] + a[1] * b[1]
+
+
+def _length(a: Vector) -> Any:
+    return ufl.sqrt(_dot(a, a) + TINY)
+
+
+def _relative(a: Vector, b: Vector) -> Any:
+    """Length of a vector relative to another one; 1 if this is zero: round the ends of members."""
+    some = ufl.gt(_dot(b, b), TINY)
+    return ufl.conditional(some, _length(a) / ufl.conditional(some, _length(b), 1.0), 1.0)
 
 
 MEMBER = Kind("the gap of a member", 6, 2, _gap)

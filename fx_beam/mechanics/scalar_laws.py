@@ -437,7 +437,10 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     def ratio(path: Any, limit: Any) -> Any:
         return stiffness * (start + part * path) / ufl.conditional(ufl.gt(limit, _OPEN), limit, 1.0)
 
-    limit, still_limit = mu * normal, mu * still_normal
+    limit, still_limit = (
+        mu * force * slip.normal
+        for force, slip in ((normal, step.slip), (still_normal, step.still_slip))
+    )
     x, still = ratio(step.slip.path, limit), ratio(step.still_slip.path, still_limit)
     bounded, remembered = clipped(x, still, step.motion.remembered[-REMEMBERED:], edge)
     friction = ufl.conditional(ufl.gt(limit, _OPEN), limit * bounded, 0.0)

@@ -102,10 +102,10 @@ class Contact:
         known = self.solution.variables_of_contact.get(self.obstacle.number)
         if known is None:
             why = "has no friction" if self.obstacle.friction is None else "has no motion recorded"
-            if isinstance(self.obstacle.shape, Beam):
-                why = "is between members, whose slips are not recorded. See `tangential`"
             raise ValueError(f"{self.obstacle} {why}")
         shape = self.obstacle.shape
+        if isinstance(shape, Beam):
+            return self._sides(shape) * known[..., variable]
         side = -1.0 if isinstance(shape, Circle) and shape.inside else 1.0
         return side * known[..., variable]
 
@@ -152,6 +152,24 @@ class Contact:
             arms = row[touching] - found.point
             directions[i] = arms / np.maximum(found.distance, 1e-300)[:, None]
         return gaps, directions
+
+    def _sides(self, member: Beam) -> np.ndarray:
+        """1 for the nodes (n, m) to the right of a member, for who looks along it, else -1."""
+        q = self.solution.recorded("q")
+        _, directions = self._from_member(q, member)
+        places = self.solution.X + q[:, :, :2]
+        nodes, sides = self.solution.nodes_of_beam[member.name], np.empty(directions.shape[:2])
+        last = len(nodes) - 1
+        for i, row in enumerate(places):
+            square = ((row[self.nodes][:, None] - row[nodes]) ** 2).sum(axis=-1)
+            if member is self.obstacle.target:
+                arc = arc_of(self.solution.X[nodes])
+                square[abs(arc[:, None] - arc) < self.obstacle.apart] = np.inf
+            near = np.argmin(square, axis=1)
+            before, after = np.maximum(near - 1, 0), np.minimum(near + 1, last)
+            x, y = (row[nodes[after]] - row[nodes[before]]).T
+            sides[i] = np.where(x * directions[i, :, 1] > y * directions[i, :, 0], -1.0, 1.0)
+        return sides
 
     def _nodes_of(self, obstacle: Obstacle) -> np.ndarray:
         target = obstacle.target
