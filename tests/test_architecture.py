@@ -247,6 +247,7 @@ HOUSE = {
         "branches",
         "critical_points",
         "path_stability",
+        "contact_check",
         "statics",
         "static_response",
         "moving_state",

@@ -1,6 +1,7 @@
 """Contact with circles and lines that move: invariants, closed solutions, files, bad input."""
 
 import copy
+import re
 
 import numpy as np
 import pytest
@@ -378,3 +379,28 @@ def test_derivatives_of_equilibria_with_friction_are_those_of_differences():
     gradient = run.vjp({"place": weights})
     ends = [[run(x + s * h * e)[1]["place"][-1] @ (1, 2) for e in np.eye(2)] for s in (1, -1)]
     assert gradient == pytest.approx((np.array(ends[0]) - ends[1]) / (2 * h), rel=1e-6)
+
+
+def wheel_above_a_beam(spring, stiffness=1e5):
+    """A wheel that a spring holds is loaded towards the tip of a cantilever."""
+    scene, section = fb.Scene(), fb.Section(EA=1e4, GA=4e3, EI=10.0, rhoA=1.0, rhoI=1e-3)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    scene.clamp(beam.start)
+    wheel = scene.add_body((1.0, 0.11), mass=1.0, inertia=0.1).centre
+    scene.add_joint(fb.Prismatic(fb.GROUND, wheel, axis=(0, 1), spring=fb.Spring(spring)))
+    scene.add_force(wheel, (0.0, -8.0))
+    scene.add_contact(beam, fb.Circle(wheel, 0.1), stiffness=stiffness)
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("spring", "stiffness", "says"),
+    [
+        (1.0, 1e5, "has gone through the circle in one step.*hold what moves away more firmly"),
+        (100.0, 20.0, "lies 0.0.* deep in the circle, which has the radius 0.1"),
+        (100.0, 1e5, ""),
+    ],
+)
+def test_a_wheel_that_goes_through_a_beam_in_load_steps_is_told(spring, stiffness, says, caplog):
+    fb.static(wheel_above_a_beam(spring, stiffness), steps=1)
+    assert bool(re.search(says, caplog.text)) and bool(caplog.text) == bool(says)

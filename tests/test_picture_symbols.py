@@ -324,6 +324,21 @@ def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, facto
     assert np.hypot(*middles.T) == pytest.approx(2 * ends, rel=1e-3)
 
 
+def test_members_in_contact_are_as_thick_as_they_touch():
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
+    one = scene.add_beam([(0, 0), (1, 0)], section, 4)
+    two = scene.add_beam([(0, 0.1), (1, 0.1)], section, 4)
+    scene.add_contact(one, two, stiffness=1e4, radius=(0.03, 0.07))
+    solution = fb.simulate(scene, dt=0.1, t_end=0.1)
+    corners = bands(plot.shapes(solution, [0], colour="N", thickness=1.0))
+    below, above = np.split(corners, 2)
+    assert np.ptp(below[..., 1], axis=1) == pytest.approx(0.06)
+    assert np.ptp(above[..., 1], axis=1) == pytest.approx(0.14)
+    # The surfaces touch: neither a gap nor an overlap is seen.
+    assert below[..., 1].max() == pytest.approx(above[..., 1].min())
+
+
 def test_thickness_that_is_not_known_is_refused(tmp_path):
     scene = fb.Scene()
     energy = fb.Section(

@@ -39,6 +39,7 @@ from fx_beam.validation import (
 )
 
 from .branches import Branch, grown
+from .contact_check import warn_of_depth
 from .evaluation import solution_of
 from .mpi_ranks import warn_of_equal_work
 from .path_stability import PathStability
@@ -197,6 +198,7 @@ def static(
             stats.failure = Failure("too many steps", reason, factor)
             _log.warning(reason)
         solution = _solution(stepper, inversion, states, clock, values, branches_off)
+        warn_of_depth(solution)
         keep_path(StaticPath(solution, model, forcing, states, given, inputs, start is not None))
     except BaseException as error:
         stats.failure = failure_of(error, states[-1].t if states else 0.0)

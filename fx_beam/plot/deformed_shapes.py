@@ -74,8 +74,9 @@ def shapes(
         their signs, with a linear part up to the smallest size.
     thickness : float, optional
         Factor on the depth of the members, which are then drawn as thick as they are: 1 is true.
-        The depth is that of a rectangle, sqrt(12 EI / EA), or sqrt(12 rhoI / rhoA) without EA; a
-        circle's diameter is 1.155 times that. By default members are lines.
+        The depth is that with which a member touches others, twice the radius of its contact; else
+        that of a rectangle, sqrt(12 EI / EA), or sqrt(12 rhoI / rhoA) without EA; a circle's
+        diameter is 1.155 times that. By default members are lines.
 
     Returns
     -------

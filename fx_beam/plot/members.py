@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 
 from fx_beam.scene.beam import Beam, arc_lengths
+from fx_beam.scene.obstacles import Obstacle
 from fx_beam.validation import as_float, is_number, require
 
 from .drawing import Drawing
@@ -35,7 +37,13 @@ class Members:
             fits = is_number(thickness) and as_float(thickness) > 0
             require(fits, "thickness", thickness, "a positive factor on the depth, or None")
             fractions = np.arange(self.pieces + 1) / self.pieces
-            depths = [_depths(beam, fractions) for beam in beams]
+            touching = _contact_depths(drawing.solution.obstacles)
+            depths = [
+                np.full((beam.elements, len(fractions)), touching[beam.name])
+                if beam.name in touching
+                else _depths(beam, fractions)
+                for beam in beams
+            ]
             self._depths = as_float(thickness) * np.concatenate(depths or [_NONE])[..., None]
 
     def collection(
@@ -66,6 +74,17 @@ class Members:
         """One value for each member, repeated for its pieces."""
         counts = [beam.elements * self.pieces for beam in self._drawing.solution.beams.values()]
         return np.repeat(np.asarray(values), counts, axis=0)
+
+
+def _contact_depths(contacts: Iterable[Obstacle]) -> dict[str, float]:
+    """Thickness with which members touch, by their names; where they have several the largest."""
+    found: dict[str, float] = {}
+    for contact in contacts:
+        radii = np.broadcast_to(contact.radius, 2)
+        for member, radius in zip((contact.target, contact.shape), radii.tolist(), strict=True):
+            if isinstance(member, Beam) and radius > 0:
+                found[member.name] = max(found.get(member.name, 0.0), 2 * radius)
+    return found
 
 
 def _depths(beam: Beam, fractions: np.ndarray) -> np.ndarray:
