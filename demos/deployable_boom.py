@@ -116,6 +116,7 @@ def compute():
                 abs(whole.angular_momentum).max() / (mass * speed * LENGTH)
             ),
             "speed at the end": float(abs(whole.v[-1]).max()),
+            "largest speed": float(abs(whole.v).max()),
             "turn of the satellite": float(whole.rotation(scene.bodies[0].centre)[-1]),
         }
     return numbers, (motions,)

@@ -25,7 +25,7 @@ def test_the_latches_of_the_boom_keep_momenta_and_the_balance(panels):
 def test_rigid_panels_rest_after_the_last_latch():
     run = numbers("deployable_boom")["rigid"]
     assert run["impacts / energy of the springs"] == pytest.approx(1, abs=1e-11)
-    assert run["speed at the end"] < 1e-11
+    assert run["speed at the end"] < 1e-11 * run["largest speed"]  # as exact as the momenta
 
 
 def test_flexible_panels_lose_little_in_the_latches():
