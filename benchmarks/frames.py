@@ -3,6 +3,7 @@
     .venv/bin/python benchmarks/frames.py [cells ...]   (200: 80 400 struts, 2 minutes)
     .venv/bin/python benchmarks/frames.py turning       steps with kept factors and with new ones
     .venv/bin/python benchmarks/frames.py storage       steps with a band and with sparse rows
+    mpirun -n 2 .venv/bin/python -m fx_beam benchmarks/frames.py processes [cells [steps]]
 
 Each strut is one element; the struts are rigidly joined. The lattice is clamped at one side and
 loaded at the other, or free and turning. Times are those of the processor in seconds, of a step the
@@ -15,10 +16,12 @@ import tempfile
 from pathlib import Path
 from statistics import median
 from time import process_time
+from unittest import mock
 
 import fx_beam as fb
 from fx_beam.algebra.lu_layout import COSTS
 from fx_beam.compiled import handover
+from fx_beam.parallel import whole
 from fx_beam.stepping import stepper
 
 
@@ -163,8 +166,40 @@ def compare_storage(runs=5, steps=20, dt=0.01):
     print(f"worst choice: {worst:.2f} of the better")
 
 
+def on_processes(cells=200, steps=10, dt=0.01):
+    """Steps on the processes of mpirun, and on the first one alone by the compiled loop.
+
+    The time of a process that waits for others in PETSc counts.
+    """
+    made: list[whole.WholeEquations] = []
+    begin = whole.WholeEquations.__init__
+
+    def noted(equations, *arguments):
+        begin(equations, *arguments)
+        made.append(equations)
+
+    whole.WholeEquations.__init__ = noted
+    scene, record = lattice(cells), fb.Record(every=steps)
+    for solver in ("auto", "compiled"):
+        seconds: list[float] = []
+        with mock.patch.object(stepper.Stepper, "march", timed(stepper.Stepper.march, seconds)):
+            motion = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record, solver=solver)
+        stats = motion.stats
+        error = abs(motion.energy.balance_error).max() / motion.energy.kinetic.max()
+        print(f"{len(scene.beams)} struts, {stats.unknowns} unknowns: {stats.solver}")
+        print(f"  a step {sum(seconds) / steps:.3f}, {stats.newton_iterations} Newton iterations")
+        print(f"  relative error of the energy balance {error:.1e}", flush=True)
+        if solver == "auto" and made:
+            kind, solutions, iterations = made[-1].effort()
+            memory = ", ".join(f"{gigabytes:.2f}" for gigabytes in made[-1].memory())
+            print(f"  {kind}: {iterations / solutions:.1f} iterations of a linear system")
+            print(f"  memory of each process so far {memory} GB", flush=True)
+
+
 if __name__ == "__main__":
-    if sys.argv[1:] == ["turning"]:
+    if sys.argv[1:2] == ["processes"]:
+        on_processes(*map(int, sys.argv[2:]))
+    elif sys.argv[1:] == ["turning"]:
         compare_turning()
     elif sys.argv[1:] == ["storage"]:
         compare_storage()

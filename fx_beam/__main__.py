@@ -1,11 +1,13 @@
-"""`python -m fx_beam info`: what a bug report should say of an installation."""
+"""`python -m fx_beam`: `info` for bug reports, or a script for the processes of mpirun."""
 
 from __future__ import annotations
 
 import argparse
 import platform
+import runpy
 import subprocess
 import sys
+from contextlib import nullcontext
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -13,6 +15,8 @@ from pathlib import Path
 from fx_beam import c_library, library_cache
 from fx_beam.compiled import build
 from fx_beam.errors import SceneError
+from fx_beam.fem.mpi import rank_and_size
+from fx_beam.parallel import team
 
 #: What is imported, by the distribution that has its version.
 _PACKAGES = {
@@ -84,12 +88,32 @@ def _folder(path: Path) -> str:
     return f"{path}, {len(files)} files, {size / 1e6:.0f} MB"
 
 
+def run(script: str, arguments: list[str]) -> None:
+    """Run a script on the first process of mpirun; the others compute parts of its scenes."""
+    sys.argv[:] = [script, *arguments]
+    sys.path[0] = str(Path(script).resolve().parent)
+    rank, size = rank_and_size()
+    if rank:
+        team.follow()
+        return
+    with team.led() if size > 1 else nullcontext():
+        runpy.run_path(script, run_name="__main__")
+
+
 def main() -> None:
-    """The one command there is."""
+    """What the first argument says."""
     parser = argparse.ArgumentParser(prog="python -m fx_beam")
-    commands = parser.add_subparsers(required=True, metavar="command")
-    commands.add_parser("info", help="versions, solvers, compiler and cache, for bug reports")
-    parser.parse_args()
+    parser.add_argument(
+        "what",
+        help="info: versions, solvers, compiler and cache, for bug reports; or a script.py, which "
+        "mpirun -n 4 python -m fx_beam script.py computes on 4 processes",
+    )
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, help="arguments of the script")
+    given = parser.parse_args()
+    if given.what != "info":
+        if not Path(given.what).is_file():
+            parser.error(f"{given.what} is neither info nor a script")
+        return run(given.what, given.arguments)
     lines = info()
     width = max(map(len, lines)) + 2
     sys.stdout.writelines(f"{name + ':':{width}}{value}\n" for name, value in lines.items())

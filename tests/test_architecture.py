@@ -193,6 +193,7 @@ HOUSE = {
         "branch_step",
         "full_turns",
     ],
+    "parallel": ["own_functions", "team", "share", "partition", "linear_system", "part", "whole"],
     "compiled": [
         "build",
         "kernels",

@@ -7,6 +7,7 @@ import logging
 import sys
 
 from fx_beam.fem.mpi import rank_and_size
+from fx_beam.parallel.team import Team, present
 
 from .progress import in_sweep
 
@@ -16,8 +17,13 @@ _log = logging.getLogger("fx_beam")
 def warn_of_equal_work() -> None:
     """Warn once, on rank 0, that every rank computes the scene; not where a sweep calls."""
     # `python -m mpi4py.futures` runs the script on one rank; the others wait for cases.
-    if not in_sweep() and "mpi4py.futures" not in sys.modules:
+    if not in_sweep() and "mpi4py.futures" not in sys.modules and present() is None:
         _warn()
+
+
+def waiting_team() -> Team | None:
+    """Processes that wait for parts of a scene; None without any, and in a sweep."""
+    return None if in_sweep() else present()
 
 
 @functools.cache
@@ -26,7 +32,9 @@ def _warn() -> None:
     if rank == 0 and number > 1:
         _log.warning(
             "mpirun started %d processes: each of them computes the whole scene and writes the "
-            "same files. Start the script without mpirun; for many scenes on many processes use "
-            "fx_beam.sweep with an executor, see its documentation",
+            "same files. Start the script without mpirun, or by mpirun -n %d python -m fx_beam, "
+            "where each computes a part; for many scenes on many processes use fx_beam.sweep with "
+            "an executor, see its documentation",
+            number,
             number,
         )

@@ -31,6 +31,7 @@ from fx_beam.validation import as_float, is_number, numbers, require, shown
 from .dynamics import simulate
 from .gradient import Gradient, along
 from .kept_setup import KeptSetup, keeping_setup
+from .mpi_ranks import waiting_team
 from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at
@@ -162,7 +163,8 @@ class Response:
             "breaks": breaks,
             "newton": newton,
             "max_halvings": max_halvings,
-            "solver": solver,
+            # Several processes have no derivatives.
+            "solver": "compiled" if solver == "auto" and waiting_team() else solver,
             "inputs": inputs,
         }
         self._begin()

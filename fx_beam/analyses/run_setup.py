@@ -14,6 +14,7 @@ from fx_beam.fem.mpi import petsc
 from fx_beam.fem.parameter_values import before
 from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.model.model import Model
+from fx_beam.parallel.whole import share
 from fx_beam.results.audit import Stats
 from fx_beam.results.histories import HISTORIES
 from fx_beam.results.solution import Solution
@@ -31,6 +32,7 @@ from fx_beam.stepping.substeps import MOST_HALVINGS, Halving
 from fx_beam.validation import is_one_of, is_whole, require, shown
 
 from .carried_state import carried_state, end_of, has_changed
+from .mpi_ranks import waiting_team
 
 #: Largest number of steps; their times alone take 8 GB.
 MOST_STEPS = 1e9
@@ -217,6 +219,10 @@ def _integrator_of(
     solver: str, python: PythonLoop, options: NewtonOptions
 ) -> PythonLoop | CompiledLoop:
     """The compiled loop if it can run the model and is not excluded, otherwise that in Python."""
+    if solver == "auto" and (team := waiting_team()) is not None:
+        share(team, python.single)
+        python.stats.solver = f"PETSc on {team.size} processes"
+        return python
     if solver == "petsc":
         petsc()
         python.single.newton.lu = PetscLU

@@ -14,6 +14,7 @@ from fx_beam.errors import Failure, SceneError
 from fx_beam.mechanics.schemes import Equilibrium
 from fx_beam.model.model import Model
 from fx_beam.model.turning_frame import TurningFrame, check_turns
+from fx_beam.parallel.whole import shared
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -41,7 +42,7 @@ from fx_beam.validation import (
 from .branches import Branch, grown
 from .contact_check import warn_of_depth
 from .evaluation import solution_of
-from .mpi_ranks import warn_of_equal_work
+from .mpi_ranks import waiting_team, warn_of_equal_work
 from .path_stability import PathStability
 from .progress import attach, failure_of, keeping_steps, progress_bar
 from .run_setup import state_of
@@ -184,13 +185,16 @@ def static(
     turning = TurningFrame(model, as_float(spin), pivot) if spin else None
     forcing = LoadForcing(model, as_float(t), turning)
     stepper = LoadStepper(model, forcing, newton or NewtonOptions(), stats)
+    team = waiting_team() if continuation is None else None
+    if team is not None:
+        stats.solver = f"PETSc on {team.size} processes"
     inversion = InversionCheck(model, stats)
     stats.setup_seconds = time.perf_counter() - clock
     clock = time.perf_counter()
     states = _Path(progress_bar(1.0, progress, bar_format=_BAR))
     branches_off = isinstance(start, Branch)
     try:
-        with states.bar:
+        with states.bar, shared(team, stepper.single):
             _follow(stepper, states, start, continuation, steps, max_cuts, max_steps)
         if states[-1].t < 1 and stats.steps >= max_steps:
             factor = states[-1].t

@@ -48,12 +48,17 @@ def rank_and_size() -> tuple[int, int]:
     return MPI.COMM_WORLD.rank, MPI.COMM_WORLD.size
 
 
-def petsc() -> Any:
+def world() -> Any:
+    """All processes that mpirun started."""
+    return MPI.COMM_WORLD
+
+
+def petsc(what: str = 'solver = "petsc"') -> Any:
     """The module PETSc of petsc4py; RuntimeError if it is missing."""
     if find_spec("petsc4py") is None:
         raise RuntimeError(
-            'solver = "petsc" needs PETSc, which is not installed. Install petsc4py (Debian\'s '
-            "python3-petsc4py), or leave the choice of the solver to fx_beam"
+            f"{what} needs PETSc, which is not installed. Install petsc4py (Debian's "
+            "python3-petsc4py), or leave the choice of the solver to fx_beam, on one process"
         )
     from petsc4py import PETSc
 

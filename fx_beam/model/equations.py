@@ -114,6 +114,14 @@ class Equations:
         free, driven = self._reduction.free, self._reduction.driven
         return self.at(np.zeros(free), np.zeros(driven), force)
 
+    def change(self, D: np.ndarray) -> np.ndarray:
+        """Change (size,) of the forces with a small change of all degrees of freedom."""
+        return self.model.forms.tangent @ D
+
+    def change_of_sizes(self, D: np.ndarray) -> np.ndarray:
+        """The same with the sizes of all entries of the tangent."""
+        return abs(self.model.forms.tangent) @ D
+
     def fill_tangent(self, r: np.ndarray, values: np.ndarray) -> None:
         """Write the values of the reduced tangent, for the full residual r."""
         self._reduction.fill(self.model.forms.stiffness.data, r, values)

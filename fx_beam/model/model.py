@@ -55,10 +55,17 @@ class Model:
 
     Vectors contain all degrees of freedom; `mesh.dofs` gives those of a node. With `mobile`, parts
     with mass need no supports, even if the scheme is static. With `instant`, its steps only serve
-    to find derivatives of forces.
+    to find derivatives of forces. A `part` of a scene is checked with the whole.
     """
 
-    def __init__(self, scene: Scene, scheme: Scheme, mobile: bool = False, instant: bool = False):
+    def __init__(
+        self,
+        scene: Scene,
+        scheme: Scheme,
+        mobile: bool = False,
+        instant: bool = False,
+        part: bool = False,
+    ):
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
@@ -76,7 +83,8 @@ class Model:
         self._build_reduction()
         self._structure, self._joints = Structure(scene), scene.joints[:]
         self._weightless = scheme.rates.at_rest and not mobile
-        self._check_mechanism()
+        if not part:
+            self._check_mechanism()
 
     def _check_mechanism(self) -> None:
         heavy = not self._weightless and not self.massless.any()

@@ -48,5 +48,7 @@ class Inertia:
         """The number of negative eigenvalues; None if the factors do not tell."""
         if not self._known:
             return None
-        symmetric = self._symmetry is None or self._symmetry.holds(factors.values)
-        return factors.negative_eigenvalues() if symmetric else None
+        count = factors.negative_eigenvalues()
+        if count is None or self._symmetry is None or self._symmetry.holds(factors.values):
+            return count
+        return None

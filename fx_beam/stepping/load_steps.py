@@ -160,7 +160,8 @@ class LoadStepper:
         snapped = softer and work > gained
         short = self._may_be_cut or (snapped and not kinked())
         moved = abs(old.q) + abs(D)
-        rounding = 1e-14 * abs(D) @ (abs(self.model.forms.tangent) @ moved) + 1e-12 * abs(energy)
+        rounding = 1e-14 * abs(D) @ self.single.equations.change_of_sizes(moved)
+        rounding += 1e-12 * abs(energy)
         allowed = (_SHORT if short else _ON_PATH) * abs(at_end - at_start) / 2
         allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)
         if abs(gained - work) > allowed + rounding:

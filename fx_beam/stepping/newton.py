@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -124,6 +125,13 @@ class Newton:
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold: np.ndarray = np.zeros(self.model.reduction.free)
 
+    def use(self, equations: Equations, linear: Any) -> None:
+        """Solve other equations, whose linear systems a solver of their own may solve."""
+        self.equations = equations
+        self.__dict__.pop("linear", None)
+        if linear is not None:
+            self.linear = linear
+
     @functools.cached_property
     def linear(self) -> LinearSolver:
         """The linear systems of the corrections."""
@@ -208,7 +216,7 @@ class Newton:
                 # Driven motion is part of the first correction: the neighbours of a moved support
                 # follow by the linearised equations.
                 step[free : free + reduction.driven], driven_now = -driven, driven
-                moved = model.forms.tangent @ reduction.spread(step)
+                moved = self.equations.change(reduction.spread(step))
                 residual = reduction.project(r - moved)[:free] - self.hold
             step[:free] = self.linear.solve(self.equations, r, residual)
             correction = reduction.spread(step)
@@ -238,7 +246,7 @@ class Newton:
             elif stalled and not small and work <= ENERGY_FLOOR * energy:
                 ended_by = "round-off"
             if ended_by:  # forces at the corrected state, to first order
-                r = r - model.forms.tangent @ correction
+                r = r - self.equations.change(correction)
             D = reduction.expand(y, driven)
             self.check_turn(D, residuals)
             if ended_by:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,11 @@ class SingleStep:
         self.equations = Equations(model, forcing.time, forcing.turning, forcing.natural)
         self.newton = Newton(self.equations, options)
         self.joint_forces = JointForces(model) if model.scene.joints else None
+
+    def use(self, equations: Equations, linear: Any = None) -> None:
+        """Evaluate other equations, whose linear systems a solver of their own may solve."""
+        self.equations = equations
+        self.newton.use(equations, linear)
 
     def take(
         self, state: State, interval: Interval, sub_step: int = 0

@@ -1,0 +1,147 @@
+"""The linear system of all processes, solved by PETSc."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fx_beam.fem.mpi import petsc, world
+
+# Prefix of PETSc's options: PETSC_OPTIONS="-fx_beam_pc_asm_overlap 4".
+_PREFIX = "fx_beam_"
+# Iterations beyond which a new preconditioner of a kind is given up for factors of all.
+_MOST = 80
+# A kept preconditioner is made anew when it needs so many times the iterations of a new one, and
+# some more.
+_WORN, _MORE = 2, 6
+#: Options of the two kinds: overlapping parts with factors of each, or factors of the whole. With
+#: an overlap of 8 nodes, about as far as a wave runs in a step, half as many iterations as with 2.
+#: "ksp_rtol" is the largest error of a solution, relative to it, in the preconditioner's norm.
+KINDS = {
+    "Schwarz": {
+        "ksp_rtol": "1e-9",
+        "pc_type": "asm",
+        "pc_asm_overlap": "8",
+        "sub_ksp_type": "preonly",
+        "sub_pc_type": "lu",
+        "sub_pc_factor_mat_ordering_type": "nd",
+    },
+    "MUMPS": {
+        "ksp_rtol": "1e-12",
+        "pc_type": "lu",
+        "pc_factor_mat_solver_type": "mumps",
+        "mat_mumps_icntl_14": "60",
+    },
+}
+
+
+class LinearSystem:
+    """GMRES on the exact tangent, preconditioned by that of an earlier one.
+
+    The tangent is the sum of those of the parts, which stay where they are. `counts` are the
+    numbers of unknowns of all processes.
+    """
+
+    def __init__(self, counts: np.ndarray, kind: str):
+        PETSc = petsc()
+        own = int(counts[world().rank])
+        #: How it is solved, and how often with how many iterations.
+        self.kind, self.solutions, self.iterations = kind, 0, 0
+        self._sizes = own, int(counts.sum())
+        self._comm = PETSc.COMM_WORLD
+        self._b = PETSc.Vec().createMPI(self._sizes, comm=self._comm)
+        self._x = self._b.duplicate()
+        self._matrix: Any = None
+        self._assembled: Any = None
+        self._ksp: Any = None
+        #: Iterations with the preconditioner when it was new, 0 without one; and in the last call.
+        self._new = self._last = 0
+
+    def set_pattern(
+        self, numbers: np.ndarray, rows: np.ndarray, columns: np.ndarray, more: np.ndarray
+    ) -> None:
+        """Set the unknowns of this part, its entries between them, and (m, 2) more of the whole.
+
+        All processes at once.
+        """
+        PETSc = petsc()
+        numbers = np.concatenate([numbers, np.setdiff1d(more, numbers)])
+        order, n = np.argsort(numbers), len(numbers)
+        more = order[np.searchsorted(numbers, more, sorter=order)].reshape(-1, 2)
+        keys = np.concatenate([rows * n + columns, more[:, 0] * n + more[:, 1]])
+        keys, self._at = np.unique(keys, return_inverse=True)
+        starts = np.searchsorted(keys, n * np.arange(n + 1))
+        self._entries = np.zeros(len(keys))
+        self._rows = tuple(part.astype(PETSc.IntType) for part in (starts, keys % n))
+        map_ = PETSc.LGMap().create(numbers.astype(PETSc.IntType), comm=self._comm)
+        # PETSc uses these arrays directly, without copies.
+        self._own = PETSc.Mat().createAIJWithArrays(
+            (n, n), (*self._rows, self._entries), comm=PETSc.COMM_SELF
+        )
+        if self._matrix is not None:
+            self._matrix.destroy()
+        self._matrix = PETSc.Mat().createIS((self._sizes, self._sizes), map_, map_, self._comm)
+        self._matrix.setISLocalMat(self._own)
+        if self._ksp is not None:
+            self._ksp.setOperators(self._matrix, self._assembled)
+
+    def solve(self, values: np.ndarray, more: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Own unknowns, for values of the part and of the other entries; all processes at once.
+
+        Not finite if the system cannot be solved.
+        """
+        self._entries[:] = np.bincount(self._at, np.concatenate([values, more]), len(self._entries))
+        self._own.stateIncrease()
+        self._matrix.assemble()
+        self._b.setArray(b)
+        if self._new and self._last <= _WORN * self._new + _MORE and self._run():
+            return self._x.getArray().copy()
+        for kind in dict.fromkeys([self.kind, "MUMPS"]):
+            self.kind = kind
+            self._precondition()
+            if self._run() and (self._last <= _MOST or kind == "MUMPS"):
+                self._new = self._last
+                return self._x.getArray().copy()
+        self._new = 0
+        return np.full(self._sizes[0], np.nan)
+
+    def _run(self) -> bool:
+        """Whether GMRES finds the solution."""
+        self._ksp.solve(self._b, self._x)
+        self._last = max(self._ksp.getIterationNumber(), 1)
+        self.iterations += self._last
+        self.solutions += 1
+        return self._ksp.getConvergedReason() > 0
+
+    def _precondition(self) -> None:
+        """Make the preconditioner of the present tangent."""
+        PETSc = petsc()
+        if self._ksp is not None:
+            self._ksp.destroy()
+            self._assembled.destroy()
+        self._assembled = PETSc.Mat()
+        self._matrix.convert("aij", self._assembled)
+        self._ksp = ksp = PETSc.KSP().create(self._comm)
+        options = PETSc.Options(_PREFIX)
+        ours = {n: value for n, value in KINDS[self.kind].items() if not options.hasName(n)}
+        for name, value in ours.items():
+            options.setValue(name, value)
+        ksp.setOptionsPrefix(_PREFIX)
+        ksp.setType("gmres")
+        ksp.setGMRESRestart(_MOST)
+        ksp.setTolerances(atol=0.0, divtol=1e30, max_it=2 * _MOST)
+        ksp.setOperators(self._matrix, self._assembled)
+        ksp.setFromOptions()
+        ksp.setUp()
+        if self.kind == "Schwarz":
+            ksp.setUpOnBlocks()
+        ksp.getPC().setReusePreconditioner(True)
+        for name in ours:
+            options.delValue(name)
+
+    def destroy(self) -> None:
+        """Free PETSc's objects; all processes at once."""
+        for thing in (self._ksp, self._assembled, self._matrix, self._b, self._x):
+            if thing is not None:
+                thing.destroy()

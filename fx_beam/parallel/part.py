@@ -1,0 +1,109 @@
+"""The part of one process: its forces, its tangent, and its rows of the linear system."""
+
+from __future__ import annotations
+
+import resource
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.model.equations import Equations
+from fx_beam.model.model import Model
+from fx_beam.results.state import State
+
+from .linear_system import LinearSystem
+from .share import Share
+
+
+class Frame(NamedTuple):
+    """How vectors of a part are numbered, for the process that has the whole."""
+
+    #: Degrees of freedom (n, 3) of the rows of its share.
+    dofs: np.ndarray
+    #: Number in the linear system of each of its unknowns.
+    unknowns: np.ndarray
+
+
+class Part:
+    """A share of the scene as a model, with its equations."""
+
+    def __init__(self, share: Share, scheme: Scheme, time: float):
+        self._model = model = Model(share.scene(), scheme, part=True)
+        self._equations = Equations(model, time)
+        self._unknowns = _numbers_of_unknowns(share, model)
+        self._system: LinearSystem | None = None
+        self._r = np.zeros(model.size)
+        self._values = np.zeros(len(model.reduction.pattern[1]))
+
+    def frame(self) -> Frame:
+        """How its vectors are numbered."""
+        return Frame(self._model.mesh.dofs, self._unknowns)
+
+    def connect(self, counts: np.ndarray, kind: str) -> None:
+        """Begin the linear system, of so many unknowns of each process; all processes at once."""
+        self._system = LinearSystem(counts, kind)
+
+    def begin(self, interval: Interval, start: dict[str, Any]) -> None:
+        """Begin a step from a part of the state, whose `internal` is in the order of elements."""
+        state = State(interval.start, np.empty(0), **start)
+        if state.internal is not None:
+            state.internal = self._model.mesh.from_elements(state.internal)
+        self._equations.begin(interval, state)
+
+    def at(
+        self, y: np.ndarray, driven: np.ndarray, force: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Its share (size,) of the internal forces and of the full residual, for its own loads."""
+        _, f, self._r, _ = self._equations.at(y, driven, force)
+        return f, self._r
+
+    def change(self, D: np.ndarray, sizes: bool) -> np.ndarray:
+        """Its share of the change of forces with small changes; of their sizes if asked."""
+        return self._equations.change_of_sizes(D) if sizes else self._equations.change(D)
+
+    def fill(self) -> None:
+        """Compute the values of its reduced tangent."""
+        self._equations.fill_tangent(self._r, self._values)
+
+    def set_pattern(self, more: np.ndarray) -> None:
+        """Set the pattern of the linear system, with (m, 2) more entries; all processes at once."""
+        indptr, indices = self._model.reduction.pattern
+        rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+        assert self._system is not None
+        self._system.set_pattern(self._unknowns, rows, indices, more)
+
+    def solve(self, more: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Its own unknowns from its own right-hand side; all processes at once.
+
+        `more` are the values of the entries that were added.
+        """
+        assert self._system is not None
+        return self._system.solve(self._values, more, b)
+
+    def effort(self) -> tuple[str, int, int]:
+        """How the system is solved, and the numbers of solutions and of iterations so far."""
+        assert self._system is not None
+        return self._system.kind, self._system.solutions, self._system.iterations
+
+    def memory(self) -> float:
+        """The largest memory of its process so far [GB]."""
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+
+    def destroy(self) -> None:
+        """Free what PETSc has; all processes at once."""
+        if self._system is not None:
+            self._system.destroy()
+
+
+def _numbers_of_unknowns(share: Share, model: Model) -> np.ndarray:
+    """Number in the whole linear system of each unknown of the part."""
+    column, dof, of_slide, joint = model.couplings.free_columns
+    of_dof = np.empty(model.size, dtype=int)
+    of_dof[model.mesh.dofs] = share.unknowns
+    numbers = np.full(model.reduction.free, -1)
+    numbers[column] = of_dof[dof]
+    numbers[of_slide] = share.slides[joint]
+    assert (numbers >= 0).all(), "a part has other unknowns than the whole"
+    return numbers

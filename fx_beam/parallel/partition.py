@@ -1,0 +1,229 @@
+"""Cuts a scene by coordinates into shares of about equal numbers of elements."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+from scipy.sparse.csgraph import connected_components
+
+from fx_beam.errors import SceneError
+from fx_beam.model.model import Model
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.joints import GROUND
+from fx_beam.scene.loads import Mass
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.section import Section
+
+from .share import Share, bare
+
+_DATA = "EA", "GA", "EI", "rhoA", "rhoI"
+
+
+class Division(NamedTuple):
+    """A scene in shares."""
+
+    shares: list[Share]
+    #: Number (free,) of each unknown in the linear system, and how many each process has.
+    numbers: np.ndarray
+    counts: np.ndarray
+
+
+def divided(model: Model, number: int) -> Division:
+    """The scene of a model, for a number of processes."""
+    return _Cut(model, number).division()
+
+
+class _Cut:
+    """Who has which element and which node of a scene."""
+
+    def __init__(self, model: Model, number: int):
+        self._model, self._scene, self._number = model, model.scene, number
+        scene = self._scene
+        beams = scene.beams
+        #: Nodes (elements, 2) of all elements, and the beam of each.
+        numbers = [np.array([node.number for node in beam.nodes]) for beam in beams]
+        pairs = [np.column_stack([nodes[:-1], nodes[1:]]) for nodes in numbers]
+        self._ends = np.concatenate(pairs) if pairs else np.empty((0, 2), int)
+        self._first = np.cumsum([0, *(beam.elements for beam in beams)])
+        self._numbers = numbers
+        self._tree = _trees(scene)
+        self._assign()
+
+    def _assign(self) -> None:
+        """Give each element and each node to a process; a tree of joints has one owner."""
+        X, ends, count = self._model.mesh.X, self._ends, len(self._scene.nodes)
+        alone = np.ones(count, dtype=bool)
+        alone[ends] = False
+        alone = np.flatnonzero(alone)
+        whole = [(a, b) for a, b, beam in self._beams() if not _may_be_cut(beam)]
+        middles = X[ends].mean(axis=1)
+        for a, b in whole:
+            middles[a:b] = middles[a:b].mean(axis=0)
+        own = bisected(np.vstack([middles, X[alone]]), self._number)
+        for a, b in whole:
+            own[a:b] = own[a]
+        #: Process of each element, and of each node of the scene.
+        self.of_element = own[: len(ends)]
+        of_node = np.empty(count, dtype=int)
+        of_node[alone] = own[len(ends) :]
+        of_node[ends[::-1]] = self.of_element[::-1, None]
+        lowest = np.full(self._tree.max(initial=-1) + 1, count)
+        np.minimum.at(lowest, self._tree, np.arange(count))
+        self.of_node = of_node[lowest[self._tree]]
+        if len(np.unique(self.of_node)) < self._number:
+            raise SceneError(
+                f"the scene has too few members for {self._number} processes. Start fewer of them, "
+                'or compute it on one: without mpirun, or with solver="compiled"'
+            )
+
+    def _beams(self):
+        return zip(self._first[:-1], self._first[1:], self._scene.beams, strict=True)
+
+    def division(self) -> Division:
+        """A share for each process."""
+        numbers, counts = self._numbered_unknowns()
+        shares = [self._share(process, numbers) for process in range(self._number)]
+        return Division(shares, numbers, counts)
+
+    def _numbered_unknowns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers (free,) of the unknowns, and counts: those of a process follow each other."""
+        couplings = self._model.couplings
+        owner = np.zeros(couplings.free, dtype=int)
+        column, dof, of_slide, joint = couplings.free_columns
+        node = np.empty(self._model.size, dtype=int)
+        node[self._model.mesh.dofs] = np.arange(len(self._model.mesh.X))[:, None]
+        of_row = np.concatenate([self.of_node, np.repeat(self.of_element, self._inner)])
+        owner[column] = of_row[node[dof]]
+        by_number = {joint.number: joint for joint in self._scene.joints}
+        owner[of_slide] = [self.of_node[by_number[number].b.number] for number in joint]
+        numbers = np.empty(couplings.free, dtype=int)
+        numbers[np.argsort(owner, kind="stable")] = np.arange(couplings.free)
+        return numbers, np.bincount(owner, minlength=self._number)
+
+    @property
+    def _inner(self) -> int:
+        """Number of nodes inside an element."""
+        return self._scene.beams[0].degree - 1 if self._scene.beams else 0
+
+    def _share(self, process: int, numbers: np.ndarray) -> Share:
+        scene, count = self._scene, len(self._scene.nodes)
+        elements = np.flatnonzero(self.of_element == process)
+        touched = np.zeros(count, dtype=bool)
+        touched[self._ends[elements]] = True
+        touched |= self.of_node == process
+        in_tree = np.zeros(self._tree.max(initial=-1) + 1, dtype=bool)
+        in_tree[self._tree[touched]] = True
+        nodes = np.flatnonzero(in_tree[self._tree])
+        local = np.full(count + 1, -1)  # the last one is the ground
+        local[nodes] = np.arange(len(nodes))
+        inside = elements[:, None] * self._inner + np.arange(self._inner)
+        rows = np.concatenate([nodes, count + inside.ravel()])
+        owned = np.ones(len(rows), dtype=bool)
+        owned[: len(nodes)] = self.of_node[nodes] == process
+        share = Share(self._model.mesh.X[nodes], nodes, rows, elements, owned)
+        self._add_members(share, process, local)
+        self._add_couplings(share, local)
+        share.masses += [
+            Mass(int(local[node]), mass, inertia)
+            for node, mass, inertia in scene.masses
+            if self.of_node[node] == process
+        ]
+        self._number_unknowns(share, numbers)
+        return share
+
+    def _add_members(self, share: Share, process: int, local: np.ndarray) -> None:
+        """Add the runs of elements, and the drag on them."""
+        if self._scene.beams:
+            share.degree = self._scene.beams[0].degree
+        known: dict[int, int] = {}
+        drags: dict[str, list] = {}
+        for drag in self._scene.drags:
+            if isinstance(drag.target, Beam):
+                drags.setdefault(drag.target.name, []).append(drag)
+        own = self.of_element == process
+        beam_of = np.repeat(np.arange(len(self._numbers)), np.diff(self._first))
+        for i in np.unique(beam_of[own]).tolist():
+            beam, first = self._scene.beams[i], self._first[i]
+            section = known.setdefault(id(beam.section), len(known))
+            if section == len(share.sections):
+                share.sections.append(beam.section)
+            for a, b in _runs(own[first : self._first[i + 1]]):
+                inner = None if beam.inner is None else beam.inner[a:b]
+                nodes = local[self._numbers[i][a : b + 1]]
+                share.runs.append((beam.name, nodes, beam.s[a : b + 1], inner, section))
+                share.drags += [(len(share.runs) - 1, d) for d in drags.get(beam.name, [])]
+
+    def _add_couplings(self, share: Share, local: np.ndarray) -> None:
+        """Add supports, driven motion and joints."""
+        scene = self._scene
+        for joint in scene.joints:
+            a, b = (int(local[node.number]) for node in (joint.a, joint.b))
+            if max(a, b) >= 0:
+                share.joints.append((bare(joint), a, b))
+        share.fixed += [(int(local[n]), i) for n, i in scene.fixed if local[n] >= 0]
+        for at, (node, i) in enumerate(scene.prescribed):
+            if local[node] >= 0:
+                share.prescribed.append((int(local[node]), i))
+                share.driven.append(at)
+        own = {joint.number for joint, *_ in share.joints}
+        for at, (joint, _) in enumerate(self._model.motors, start=len(scene.prescribed)):
+            if joint.number in own:
+                share.driven.append(at)
+
+    def _number_unknowns(self, share: Share, numbers: np.ndarray) -> None:
+        couplings, dofs = self._model.couplings, self._model.mesh.dofs[share.rows]
+        columns = couplings.column[dofs]
+        free = (columns >= 0) & (columns < couplings.free)
+        share.unknowns = np.where(free, numbers[np.where(free, columns, 0)], -1)
+        slides = [couplings.slides.get(joint.number, -1) for joint, *_ in share.joints]
+        share.slides = np.array(
+            [numbers[column] if 0 <= column < couplings.free else -1 for column in slides], int
+        )
+
+
+def bisected(X: np.ndarray, number: int) -> np.ndarray:
+    """Process of each point (n, 2): cut in two across the longer side, again and again."""
+    own = np.zeros(len(X), dtype=int)
+
+    def cut(points: np.ndarray, first: int, count: int) -> None:
+        if count == 1:
+            own[points] = first
+            return
+        longer = int(np.argmax(np.ptp(X[points], axis=0))) if len(points) else 0
+        order = points[np.lexsort((X[points, 1 - longer], X[points, longer]))]
+        half = count // 2
+        at = round(len(points) * half / count)
+        cut(order[:at], first, half)
+        cut(order[at:], first + half, count - half)
+
+    cut(np.arange(len(X)), 0, number)
+    return own
+
+
+def _trees(scene: Scene) -> np.ndarray:
+    """Number (nodes,) of the tree of joints to which a node belongs; the ground connects none."""
+    pairs = [
+        (joint.a.number, joint.b.number)
+        for joint in scene.joints
+        if GROUND not in (joint.a, joint.b)
+    ]
+    a, b = np.array(pairs, dtype=int).reshape(-1, 2).T
+    count = len(scene.nodes)
+    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), (count, count))
+    return connected_components(graph, directed=False)[1]
+
+
+def _may_be_cut(beam: Beam) -> bool:
+    """Whether a part of the beam has the same section: data are no functions along it."""
+    section: Section = beam.section
+    return all(not callable(getattr(section, name)) for name in _DATA) and (
+        section.constants(("retardation",)) is not None
+    )
+
+
+def _runs(own: np.ndarray) -> list[tuple[int, int]]:
+    """First and last but one of all runs of True."""
+    change = np.flatnonzero(np.diff(np.concatenate([[0], own.astype(int), [0]])))
+    return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]

@@ -1,0 +1,191 @@
+"""The processes of mpirun: the first one asks, and all do the same with their parts."""
+
+from __future__ import annotations
+
+import pickle
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.mpi import world
+
+from .own_functions import packed
+
+# Longest time between two looks for a message [s]; the first ones follow each other at once.
+_PAUSE, _AT_ONCE = 1e-3, 200
+_REFUSED = (
+    "on several processes functions of your own in sections are sent to all, but one of these "
+    "cannot be: {}. Let it use numbers, functions and modules only, or compute on one process, "
+    "without mpirun"
+)
+
+
+class Team:
+    """What the first process knows of all: it sends calls and waits for what they give."""
+
+    def __init__(self) -> None:
+        self._comm = world()
+        self.size: int = self._comm.size
+        self._objects: dict[int, Any] = {}
+        self._made = 0
+        self._left: list[int] = []
+        self._busy, self._waiting = False, False
+
+    def make(self, make: Callable, arguments: Sequence[tuple]) -> Crew:
+        """Make an object on each process, by a function of a module."""
+        self._made += 1
+        number = self._made
+        self._all((("make", number, make), of) for of in arguments)
+        return Crew(self, number)
+
+    def call(self, number: int, method: str, arguments: Sequence[tuple]) -> list:
+        """What a method of each object gives."""
+        return self._all((("call", number, method), of) for of in arguments)
+
+    def leave(self, number: int) -> None:
+        """Destroy the objects before the next call."""
+        self._left.append(number)
+
+    def _all(self, messages) -> list:
+        left, self._left = self._left, []
+        packed = [_packed((left, *what)) for what in messages]
+        with self._in_step():
+            for rank in range(1, self.size):
+                self._comm.send(packed[rank], rank)
+            own = answer(self._objects, packed[0])
+            found = [own, *(_received(self._comm, rank) for rank in range(1, self.size))]
+        for rank, (error, _) in enumerate(found):
+            if error is not None:
+                if rank:
+                    error.add_note(f"fx_beam: on process {rank} of {self.size}")
+                raise error
+        return [value for _, value in found]
+
+    @contextmanager
+    def _in_step(self) -> Iterator[None]:
+        """Let an interrupt wait until all processes have answered."""
+        self._busy = True
+        try:
+            yield
+        finally:
+            self._busy = False
+        if self._waiting:
+            self._waiting = False
+            raise KeyboardInterrupt
+
+    def interrupt(self, *_: Any) -> None:
+        """Take Ctrl-C, between two calls."""
+        if self._busy:
+            self._waiting = True
+        else:
+            raise KeyboardInterrupt
+
+    def close(self) -> None:
+        """Let the others end."""
+        for rank in range(1, self.size):
+            self._comm.send(None, rank)
+
+
+class Crew:
+    """Objects of one kind, one on each process."""
+
+    def __init__(self, team: Team, number: int):
+        self._team, self._number = team, number
+        self.size = team.size
+
+    def __call__(self, method: str, arguments: Sequence[tuple] | None = None) -> list:
+        """What a method of each gives."""
+        return self._team.call(self._number, method, arguments or [()] * self.size)
+
+    def __del__(self) -> None:
+        self._team.leave(self._number)
+
+
+_TEAM: list[Team] = []
+
+
+def present() -> Team | None:
+    """The processes that wait for parts of a scene; None without any."""
+    return _TEAM[-1] if _TEAM else None
+
+
+@contextmanager
+def led() -> Iterator[None]:
+    """On the first process: lead the others while the script runs."""
+    team = Team()
+    signal.signal(signal.SIGINT, team.interrupt)
+    signal.signal(signal.SIGTERM, _as_ctrl_c)  # mpirun sends it after Ctrl-C
+    _TEAM.append(team)
+    try:
+        yield
+    finally:
+        _TEAM.pop()
+        team.close()
+
+
+def _as_ctrl_c(*arguments: Any) -> None:
+    handler = signal.getsignal(signal.SIGINT)
+    if callable(handler):
+        handler(*arguments)
+
+
+def follow() -> None:
+    """On the others: do what the first one asks, until it ends."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    comm, objects = world(), dict[int, Any]()
+    try:
+        while (message := _received(comm, 0)) is not None:
+            comm.send(_sendable(answer(objects, message)), 0)
+    except BaseException:
+        traceback.print_exc()
+        sys.stderr.flush()
+        comm.Abort(1)
+
+
+def answer(objects: dict[int, Any], message: bytes) -> tuple[Exception | None, Any]:
+    """The error, or what a call gives."""
+    try:
+        left, (kind, number, name), arguments = pickle.loads(message)
+        for old in left:
+            if old in objects:
+                objects.pop(old).destroy()
+        if kind == "make":
+            objects[number] = name(*arguments)
+            return None, None
+        return None, getattr(objects[number], name)(*arguments)
+    except Exception as error:
+        return error, None
+
+
+def _received(comm: Any, rank: int) -> Any:
+    """The next message of a process. Those that wait leave the processor to others."""
+    tries, pause = 0, 2e-5
+    while not comm.iprobe(rank):
+        tries += 1
+        if tries > _AT_ONCE:
+            time.sleep(pause)
+            pause = min(1.1 * pause, _PAUSE)
+    return comm.recv(source=rank)
+
+
+def _sendable(answered: tuple[Exception | None, Any]) -> tuple[Exception | None, Any]:
+    """An answer whose error can be sent."""
+    error, value = answered
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        error = RuntimeError(repr(error))
+    return error, value
+
+
+def _packed(message: Any) -> bytes:
+    try:
+        return packed(message)
+    except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
+        raise SceneError(_REFUSED.format(error)) from None

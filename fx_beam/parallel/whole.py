@@ -1,0 +1,232 @@
+"""The whole scene on the first process: its equations, summed over the parts of all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.mpi import petsc
+from fx_beam.mechanics.interval import Interval
+from fx_beam.model.equations import Balance, Equations
+from fx_beam.model.model import Model
+from fx_beam.results.state import State
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.sliders import sliding_joints
+from fx_beam.stepping.forcing import Forcing
+from fx_beam.stepping.single_step import SingleStep
+
+from .part import Frame, Part
+from .partition import divided
+from .team import Team
+
+_ADVICE = (
+    "it runs on one process: start the script without mpirun, or simulate on the first process "
+    'by solver="compiled"'
+)
+
+
+def _check(model: Model) -> None:
+    """Refuse what cannot be computed on several processes."""
+    scene, couplings = model.scene, model.couplings
+    for what, there in (
+        ("a node that slides on a beam", sliding_joints(scene.joints)),
+        ("contact between members", any(isinstance(o.shape, Beam) for o in scene.obstacles)),
+        ("virtual works of your own", scene.virtual_works),
+        ("parameters in functions of your own", list(scene.parameters)),
+        ("natural strains", scene.natural_strains),
+        ("a closed loop of joints", couplings.closures),
+        ("a long tree of joints", couplings.ties),
+        ("a scheme of your own", not model.scheme.built_in),
+        ("a scene without unknowns", not model.reduction.free),
+    ):
+        if there:
+            raise SceneError(f"on several processes: {what} is not possible yet; {_ADVICE}")
+
+
+def share(team: Team, single: SingleStep) -> None:
+    """Let all processes evaluate and solve the equations of steps."""
+    single.use(WholeEquations(team, single.model, single.forcing), PartedSolver())
+
+
+@contextmanager
+def shared(team: Team | None, single: SingleStep) -> Iterator[None]:
+    """The same for a while, if there are any."""
+    alone = single.equations
+    if team is not None:
+        share(team, single)
+    try:
+        yield
+    finally:
+        if team is not None:
+            single.use(alone)
+
+
+class WholeEquations(Equations):
+    """The equations of a step, of which the parts evaluate all but the forces at points."""
+
+    def __init__(self, team: Team, model: Model, forcing: Forcing):
+        super().__init__(model, forcing.time, forcing.turning, forcing.natural)
+        _check(model)
+        if forcing.turning is not None:
+            raise SceneError(f"static: spin on several processes is not possible yet; {_ADVICE}")
+        petsc("a scene on several processes")
+        division = divided(model, team.size)
+        self._shares, self._numbers = division.shares, division.numbers
+        self._ends = np.cumsum(division.counts)[:-1]
+        own = model.scheme, forcing.time
+        self._crew = team.make(Part, [(share, *own) for share in self._shares])
+        self._place(self._crew("frame"))
+        kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
+        self._crew("connect", [(division.counts, kind)] * team.size)
+        self._locate_points()
+
+    def _place(self, frames: list[Frame]) -> None:
+        """Find what of the whole the entries of the parts' vectors are."""
+        self._order = np.argsort(self._numbers)
+        #: Degrees of freedom and unknowns of each part.
+        self._dofs: list[np.ndarray] = []
+        self._columns = [self._order[frame.unknowns] for frame in frames]
+        #: Whether forces at a degree of freedom are its own.
+        self._owned: list[np.ndarray] = []
+        for share, frame in zip(self._shares, frames, strict=True):
+            self._dofs.append(_in_order(frame, self.model.mesh.dofs[share.rows]))
+            self._owned.append(_in_order(frame, np.repeat(share.owned[:, None], 3, axis=1)))
+
+    # -- A step -----------------------------------------------------------------------------------
+
+    def begin(self, interval: Interval, start: State) -> None:
+        """Set the interval of a step and the state at its start, everywhere."""
+        super().begin(interval, start)
+        self._crew("begin", [(interval, self._start_of(i, start)) for i in range(self._crew.size)])
+
+    def _start_of(self, part: int, start: State) -> dict[str, Any]:
+        """What a part needs of the state."""
+        dofs, share = self._dofs[part], self._shares[part]
+        numbers = [joint.number for joint, *_ in share.joints]
+        of = {"q": start.q[dofs], "v": start.v[dofs], "a": start.a[dofs]}
+        of |= {"slides": start.slides[numbers], "length": start.length}
+        if start.before is not None:
+            of["before"] = start.before[dofs]
+        if start.internal is not None:
+            of["internal"] = self.model.mesh.to_elements(start.internal)[share.elements]
+        return of
+
+    def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
+        """Evaluate at increments of the unknowns and of driven motion; also the tangents."""
+        model = self.model
+        D = self._reduction.expand(y, driven)
+        f, r = np.zeros(model.size), np.zeros(model.size)
+        model.points.add_force(D, f)
+        if len(self._at_points):
+            model.forms.stiffness.data[self._at_points] = 0.0
+            model.points.add_tangent(model.forms.stiffness.data)
+        loads = force - f
+        given = [
+            (y[columns], driven[share.driven], np.where(owned, loads[dofs], 0.0))
+            for columns, share, owned, dofs in zip(
+                self._columns, self._shares, self._owned, self._dofs, strict=True
+            )
+        ]
+        for dofs, (own, residual) in zip(self._dofs, self._crew("at", given), strict=True):
+            f[dofs] += own
+            r[dofs] += residual
+        return Balance(D, f, r, self._reduction.project(r))
+
+    def change(self, D: np.ndarray) -> np.ndarray:
+        """Change (size,) of the forces with a small change of all degrees of freedom."""
+        return self._changes(D, self._tangent_of_points() @ D, sizes=False)
+
+    def change_of_sizes(self, D: np.ndarray) -> np.ndarray:
+        """The same with the sizes of all entries of the tangent."""
+        return self._changes(D, abs(self._tangent_of_points()) @ D, sizes=True)
+
+    def _changes(self, D: np.ndarray, out: np.ndarray, sizes: bool) -> np.ndarray:
+        changes = self._crew("change", [(D[dofs], sizes) for dofs in self._dofs])
+        for dofs, change in zip(self._dofs, changes, strict=True):
+            out[dofs] += change
+        return out
+
+    def fill_tangent(self, r: np.ndarray, values: np.ndarray) -> None:
+        """No process has the whole tangent."""
+        raise NotImplementedError("the tangent is that of the parts")
+
+    # -- Forces at points -------------------------------------------------------------------------
+
+    def _locate_points(self) -> None:
+        """Find the entries of the tangent of forces at points."""
+        K, points = self.model.forms.stiffness, self.model.points
+        self._at_points = np.unique(points.value_at[points.value_at >= 0])
+        rows = np.searchsorted(K.indptr, self._at_points, side="right") - 1
+        self._entries = rows, K.indices[self._at_points]
+        #: Pairs of unknowns between which they have entries, as numbers.
+        self._pairs = np.empty(0, dtype=int)
+        self._set_pattern()
+
+    def _tangent_of_points(self) -> scipy.sparse.csr_matrix:
+        values, size = self.model.forms.stiffness.data[self._at_points], self.model.size
+        return scipy.sparse.csr_matrix((values, self._entries), (size, size))
+
+    def _set_pattern(self) -> None:
+        free = self.model.reduction.free
+        pairs = self._numbers[np.column_stack(np.divmod(self._pairs, free))]
+        others = [(np.empty((0, 2), dtype=int),)] * (self._crew.size - 1)
+        self._crew("set_pattern", [(pairs,), *others])
+
+    def _of_points(self) -> np.ndarray:
+        """Values of the reduced tangent of forces at points, for `_pairs`."""
+        points, free = self.model.points, self.model.reduction.free
+        if not len(points):
+            return np.empty(0)
+        reduced = self._reduction.reduced(self._tangent_of_points()).tocoo()
+        columns, slopes = points.columns, points.on_slides(1)
+        known = columns < free
+        rows = np.concatenate([reduced.row, columns[known]]).astype(int)
+        values = np.concatenate([reduced.data, slopes[known]])
+        keys = rows * free + np.concatenate([reduced.col, columns[known]])
+        if len(np.setdiff1d(keys, self._pairs)):
+            self._pairs = np.union1d(self._pairs, keys)
+            self._set_pattern()
+        at = np.searchsorted(self._pairs, keys)
+        return np.bincount(at, values, len(self._pairs))
+
+    # -- The linear system ------------------------------------------------------------------------
+
+    def solve(self, b: np.ndarray) -> np.ndarray:
+        """Solution (free,) for the reduced tangent; not finite if it is singular."""
+        more = self._of_points()
+        self._crew("fill")
+        own = np.split(b[self._order], self._ends)
+        none = np.empty(0)
+        found = self._crew("solve", [(more if not i else none, of) for i, of in enumerate(own)])
+        return np.concatenate(found)[self._numbers]
+
+    def effort(self) -> tuple[str, int, int]:
+        """How the system is solved, and the numbers of solutions and of iterations so far."""
+        return self._crew("effort")[0]
+
+    def memory(self) -> list[float]:
+        """The largest memory of each process so far [GB]."""
+        return self._crew("memory")
+
+
+class PartedSolver:
+    """In the place of `LinearSolver`: the parts solve together."""
+
+    def solve(self, equations: WholeEquations, r: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """Solution (free,) for the reduced tangent; not finite if it is singular."""
+        return equations.solve(b)
+
+    def negative_eigenvalues(self) -> None:
+        """Unknown: factors are those of parts, or of earlier tangents."""
+
+
+def _in_order(frame: Frame, values: np.ndarray) -> np.ndarray:
+    """Vector of a part from values (n, 3) at its rows."""
+    vector = np.empty(values.size, dtype=values.dtype)
+    vector[frame.dofs] = values
+    return vector

@@ -1,0 +1,368 @@
+"""One scene on several processes: what it gives is what one process gives, and all end."""
+
+import json
+import os
+import pickle
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import process_cases
+import pytest
+from process_cases import CASES
+
+import fx_beam as fb
+from fx_beam.mechanics.interval import Interval
+from fx_beam.model.equations import Equations
+from fx_beam.model.model import Model
+from fx_beam.parallel.own_functions import packed
+from fx_beam.parallel.partition import bisected, divided
+from fx_beam.parallel.whole import WholeEquations
+from fx_beam.results.histories import HISTORIES
+from fx_beam.stepping.forcing import Forcing
+from fx_beam.stepping.initial_state import reference_state
+
+HERE = Path(__file__).parent
+# A deadlock is an error, a slow machine is none [s].
+LIMIT = 240
+
+
+def started(folder, number, text):
+    """A script on several processes, in a group of its own as by a terminal."""
+    if not shutil.which("mpirun"):
+        pytest.skip("no mpirun")
+    (folder / "script.py").write_text(text)
+    # ./run lets a single process have less of Open MPI than several need.
+    known = {name: value for name, value in os.environ.items() if not name.startswith("OMPI_")}
+    known["PYTHONPATH"] = os.pathsep.join([str(HERE.parent), str(HERE)])
+    own = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+    own |= {"OMPI_MCA_mpi_yield_when_idle": "1", "OMP_NUM_THREADS": "1"}
+    command = ["mpirun", "-n", str(number), "--oversubscribe", sys.executable]
+    return subprocess.Popen(
+        [*command, "-m", "fx_beam", "script.py"],
+        cwd=folder,
+        env=known | own,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def said(process):
+    """What it writes to its end, within the time limit."""
+    try:
+        return process.communicate(timeout=LIMIT)[0]
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+# -- What three processes give ---------------------------------------------------------------
+
+THREE = """
+import json
+import fx_beam as fb
+import process_cases as cases
+
+for name, case in cases.CASES.items():
+    case().save(name + ".npz")
+said = {}
+for what, scene in cases.refused().items():
+    try:
+        fb.simulate(scene, dt=0.01, t_end=0.1)
+    except fb.SceneError as error:
+        said[what] = str(error)
+    fb.simulate(scene, dt=0.01, t_end=0.01, solver="compiled")
+with open("refused", "a") as file:
+    print(json.dumps(said), file=file)
+"""
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory):
+    """The folder in which three processes have run."""
+    folder = tmp_path_factory.mktemp("three")
+    process = started(folder, 3, THREE)
+    text = said(process)
+    assert process.returncode == 0, text
+    return folder
+
+
+def scale(values):
+    return abs(values).max() or 1.0
+
+
+def differences(shared, alone):
+    """Largest differences of all that two solutions have, relative to the second one."""
+    pairs = {name: (getattr(shared, name), getattr(alone, name)) for name in HISTORIES}
+    energies = shared.energy, alone.energy
+    pairs |= {name: (getattr(energies[0], name), of) for name, of in vars(energies[1]).items()}
+    for name in alone.beams:
+        for part in "NQM":
+            of = (getattr(solution.resultants(name), part) for solution in (shared, alone))
+            pairs[f"{part} of {name}"] = tuple(of)
+    pairs = {name: pair for name, pair in pairs.items() if np.size(pair[1])}
+    return {name: abs(x - y).max() / scale(y) for name, (x, y) in pairs.items()}
+
+
+@pytest.mark.parametrize("name", set(CASES) - {"flung with a tolerance"})
+def test_three_processes_give_what_one_gives(three, name):
+    shared, alone = fb.load(three / f"{name}.npz"), CASES[name]()
+    assert shared.stats.solver == "PETSc on 3 processes"
+    if name not in ("bent", "yielding"):  # where round-off decides what yields in an iteration
+        assert shared.stats.newton_iterations == alone.stats.newton_iterations
+    found = differences(shared, alone)
+    assert found.pop("q") < 1e-10
+    assert max(found.values()) < 1e-7, found
+    gain = shared.energy.balance_error - alone.energy.balance_error
+    assert abs(gain).max() < 1e-10 * scale(alone.energy.total)
+
+
+def test_steps_that_a_tolerance_chooses_are_the_same(three):
+    name = "flung with a tolerance"
+    shared, alone = fb.load(three / f"{name}.npz"), CASES[name]()
+    assert abs(shared.q[-1] - alone.q[-1]).max() < 1e-4
+    assert abs(len(shared.t) - len(alone.t)) < 3
+
+
+def test_what_several_processes_cannot_do_is_refused_and_one_can(three):
+    (line,) = (three / "refused").read_text().splitlines()
+    refused = json.loads(line)
+    assert [*refused] == [*process_cases.refused()]
+    for what, sentence in refused.items():
+        assert what in sentence and "without mpirun" in sentence
+
+
+def test_a_motion_goes_on_from_several_processes_to_one(three):
+    first = fb.load(three / "jointed.npz")
+    scene = process_cases.jointed()
+    again = fb.simulate(scene, dt=0.01, t_end=first.t[-1] + 0.05, start=first)
+    whole = fb.simulate(scene, dt=0.01, t_end=first.t[-1] + 0.05)
+    assert abs(again.q[-1] - whole.q[-1]).max() < 1e-10
+    assert again.stats.newton_iterations + first.stats.newton_iterations == (
+        whole.stats.newton_iterations
+    )
+
+
+# -- How two processes end -------------------------------------------------------------------
+
+TWO = """
+import os, signal, sys
+import fx_beam as fb
+import process_cases as cases
+from mpi4py import MPI
+
+def stiffness(fraction):
+    return 1e5 if MPI.COMM_WORLD.rank == 0 else 1 / 0
+
+def fail():
+    raise ValueError("no such load")
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+
+def told(scene, **options):
+    try:
+        fb.simulate(scene, dt=0.01, t_end=0.1, **options)
+    except fb.StepError as error:
+        print("failed after", round(error.solution.t[-1], 9), error.failure.kind, flush=True)
+    except fb.SceneError as error:
+        print("refused:", error, *error.__notes__, flush=True)
+
+told(cases.loaded(cases.Stops(0.055, fail)))
+told(cases.frame(section=fb.Section(EA=stiffness, GA=1e5, EI=50.0, rhoA=1.0, rhoI=1e-3))[0])
+told(cases.flung(spin=300.0), max_halvings=0)
+scene = cases.loaded(cases.Stops(0.055, interrupt))
+try:
+    fb.simulate(scene, dt=0.01, t_end=0.1)
+except KeyboardInterrupt as stop:
+    first = stop.solution
+    print("interrupted after", round(first.t[-1], 9), flush=True)
+fb.simulate(scene, dt=0.01, t_end=0.1, start=first).save("continued.npz")
+fb.simulate(scene, dt=0.01, t_end=0.1, start=fb.load("half.npz")).save("second.npz")
+sys.exit("the end")
+"""
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    """The folder in which two processes have run, and what they said."""
+    folder = tmp_path_factory.mktemp("two")
+    scene = process_cases.loaded(lambda t: (0.0, 1.0))
+    fb.simulate(scene, dt=0.01, t_end=0.05).save(folder / "half.npz")
+    process = started(folder, 2, TWO)
+    text = said(process)
+    assert process.returncode == 1, text
+    return folder, text
+
+
+def test_a_load_that_fails_on_one_ends_all_and_keeps_the_steps(two):
+    assert "failed after 0.05 function" in two[1]
+
+
+def test_what_fails_on_another_process_is_said_on_the_first(two):
+    assert "EA at the fraction" in two[1]
+    assert "division by zero') fx_beam: on process 1 of 2" in two[1]
+
+
+def test_a_step_that_fails_ends_all(two):
+    assert "failed after 0.0 large rotation" in two[1]
+
+
+def test_ctrl_c_keeps_the_steps_and_another_run_goes_on(two):
+    folder, text = two
+    assert "interrupted after 0.05" in text
+    whole = fb.simulate(process_cases.loaded(lambda t: (0.0, 1.0)), dt=0.01, t_end=0.1)
+    for name in ("continued", "second"):
+        solution = fb.load(folder / f"{name}.npz")
+        assert abs(solution.q[-1] - whole.q[-1]).max() < 1e-10
+
+
+def test_the_script_runs_once_and_its_exit_ends_all(two):
+    assert two[1].count("the end") == 1
+
+
+# -- The end from outside --------------------------------------------------------------------
+
+LONG = """
+import fx_beam as fb
+import process_cases as cases
+
+load = cases.Stops(0.02, lambda: print("running", flush=True))
+try:
+    fb.simulate(cases.loaded(load), dt=1e-3, t_end=1e3)
+except KeyboardInterrupt as stop:
+    stop.solution.save("kept.npz")
+"""
+
+
+def running(folder):
+    """Two processes that take steps."""
+    process = started(folder, 2, LONG)
+    for line in process.stdout:
+        if "running" in line:
+            return process
+    raise AssertionError("no step was taken")
+
+
+def test_ctrl_c_at_mpirun_ends_all_and_keeps_the_steps(tmp_path):
+    process = running(tmp_path)
+    process.send_signal(signal.SIGINT)
+    said(process)
+    assert fb.load(tmp_path / "kept.npz").t[-1] > 0.019
+
+
+def test_a_process_that_is_killed_ends_all(tmp_path):
+    process = running(tmp_path)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
+    os.kill(int(children.split()[-1]), signal.SIGKILL)
+    assert "exited on signal 9" in said(process)
+    assert process.returncode != 0
+
+
+# -- Parts -----------------------------------------------------------------------------------
+
+
+class Here:
+    """Parts that this process evaluates one after the other, without a linear system."""
+
+    def __init__(self, number):
+        self.size = number
+
+    def make(self, make, arguments):
+        self._parts = [make(*given) for given in arguments]
+        return self
+
+    def __call__(self, method, arguments=None):
+        if method in ("connect", "set_pattern"):
+            return None
+        given = arguments or [()] * self.size
+        pairs = zip(self._parts, given, strict=True)
+        return [getattr(part, method)(*own) for part, own in pairs]
+
+
+@pytest.mark.parametrize("number", [2, 3, 4])
+@pytest.mark.parametrize("make", [process_cases.shaken, process_cases.jointed])
+def test_forces_of_parts_add_up_to_those_of_the_whole(make, number):
+    model = Model(make(), fb.EnergyMomentum())
+    forcing, step = Forcing(model), Interval(0.0, 0.01)
+    state, force = reference_state(model), forcing.forces(step)[1]
+    random = np.random.default_rng(number)
+    state.v = random.normal(size=model.size)
+    y = 1e-3 * random.normal(size=model.reduction.free)
+    whole, parts = Equations(model), WholeEquations(Here(number), model, forcing)
+    driven, found = 1e-3 * random.normal(size=model.reduction.driven), []
+    for equations in (whole, parts):
+        equations.begin(step, state)
+        balance = equations.at(y, driven, force)
+        found.append([np.array(part) for part in (*balance, equations.change(state.v))])
+    for one, other in zip(*found, strict=True):
+        assert abs(one - other).max() < 1e-12 * scale(one)
+
+
+def test_a_tree_of_joints_is_whole_in_each_part_that_it_touches():
+    scene = fb.Scene()
+    left, right = (
+        scene.add_beam(ends, process_cases.SECTION, elements=4)
+        for ends in ([(0, 0), (4, 0)], [(4, 0), (8, 0)])
+    )
+    body = scene.add_body((4, 1), 1.0, 0.1, points={"left": (4, 0), "right": (4, 0)})
+    scene.add_joint(fb.Revolute(left.end, body["left"]))
+    scene.add_joint(fb.Revolute(body["right"], right.start))
+    scene.clamp(left.start)
+    shares = divided(Model(scene, fb.EnergyMomentum()), 2).shares
+    assert [len(share.joints) for share in shares] == [4, 4]
+    owned = np.concatenate([share.nodes[share.owned] for share in shares])
+    assert sorted(owned) == [node.number for node in scene.nodes]
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 7, 16])
+def test_points_are_divided_evenly(number):
+    X = np.random.default_rng(1).random((1000, 2)) * (3, 1)
+    counts = np.bincount(bisected(X, number), minlength=number)
+    assert len(counts) == number and np.ptp(counts) <= 2
+
+
+def test_functions_of_a_script_arrive_with_what_they_refer_to(tmp_path):
+    text = """
+import math, pickle, sys
+import numpy as np
+from fx_beam.parallel.own_functions import packed
+
+size = 3.0
+
+def factor(x):
+    return size * math.sqrt(x)
+
+def made(power):
+    def function(x, more=1.0):
+        return [factor(x) ** power + more + np.sum([i for i in range(int(size))])]
+    return function
+
+def falling(n):
+    return falling(n - 1) if n else "done"
+
+open("bytes", "wb").write(packed({"a": made(2), "b": falling}))
+"""
+    (tmp_path / "script.py").write_text(text)
+    env = os.environ | {"PYTHONPATH": str(HERE.parent)}
+    subprocess.run([sys.executable, "script.py"], cwd=tmp_path, env=env, check=True)
+    found = pickle.loads((tmp_path / "bytes").read_bytes())
+    assert found["a"](4.0) == [36.0 + 1.0 + 3.0]
+    assert found["b"](5) == "done"
+    assert pickle.loads(packed(np.sum)) is np.sum
+
+
+def test_nothing_of_a_scene_is_left_out():
+    of_shares = {"beams", "nodes", "fixed", "prescribed", "joints", "masses", "drags"}
+    on_the_first = {"gravity", "loads", "velocities", "projects_velocities", "obstacles"}
+    on_the_first |= {"forces_between", "bodies", "gone"}
+    refused = {"virtual_works", "natural_strains", "parameters"}
+    numbers = {"joint_count", "contact_count", "force_count", "changes"}
+    known = of_shares | on_the_first | refused | numbers
+    assert {name for name in vars(fb.Scene()) if name[0] != "_"} == known
