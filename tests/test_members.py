@@ -349,6 +349,18 @@ def test_a_motion_goes_on_from_a_state_and_from_a_copy(tmp_path):
     assert (loaded.gap == whole.contact(contact).gap).all()
 
 
+def test_joined_motions_have_the_forces_of_each_contact():
+    scene, contact = tip_on_beam()  # before the wall: its forces are recorded behind those there
+    wall = scene.add_obstacle(scene.beams[0], fb.Line((0, -0.01), (0, 1)), stiffness=1e4)
+    first = fb.simulate(scene, dt=2e-3, t_end=0.14)
+    second = fb.simulate(scene, dt=2e-3, t_end=0.2, start=first)
+    whole = first.then(second)
+    for one in (contact, wall):
+        parts = first.contact(one).force, second.contact(one).force[1:]
+        assert (whole.contact(one).force == np.concatenate(parts)).all()
+        assert abs(parts[0]).max() > 1
+
+
 def test_steps_by_a_tolerance_reach_the_motion_of_short_steps():
     scene, _ = tip_on_beam()
     fine = fb.simulate(scene, dt=1e-4, t_end=0.2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,11 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.member_contact import arc_of
 from fx_beam.scene.member_curve import nearest
 from fx_beam.scene.obstacles import Circle, Obstacle
+
+
+def as_recorded(contacts: Iterable[Obstacle]) -> list[Obstacle]:
+    """Contacts in the order in which forces are recorded: those of members are behind others."""
+    return sorted(contacts, key=lambda contact: isinstance(contact.shape, Beam))
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,8 +72,7 @@ class Contact:
     def force(self) -> np.ndarray:
         """Forces (n, m, 2) on the points at `Solution.t_level` [N]."""
         first = 0
-        # Those of members are behind the others.
-        for other in sorted(self.solution.obstacles, key=lambda o: isinstance(o.shape, Beam)):
+        for other in as_recorded(self.solution.obstacles):
             if other is self.obstacle:
                 break
             first += len(other.points.lengths)

@@ -12,6 +12,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.obstacles import Circle, Obstacle
 
 from .audit import BeamResultants, Energy, Stats
+from .contact import as_recorded
 from .histories import HISTORIES
 
 # Statistics that add up.
@@ -272,11 +273,11 @@ def _of_contacts(own: list[Obstacle], rows: np.ndarray, obstacles: list[Obstacle
     """Forces at the contacts of both motions, from those of one."""
     found = np.zeros((len(rows), sum(len(one.points.lengths) for one in obstacles), 2))
     places, first = dict[int, slice](), 0
-    for one in obstacles:
+    for one in as_recorded(obstacles):
         places[one.number] = slice(first, first + len(one.points.lengths))
         first = places[one.number].stop
     first = 0
-    for one in own:
+    for one in as_recorded(own):
         count = len(one.points.lengths)
         found[:, places[one.number]] = rows[:, first : first + count]
         first += count
