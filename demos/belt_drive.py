@@ -17,8 +17,9 @@ pull F, the moment M of the load, the radius R, and slip over the angle phi of a
 
 The arcs of slip depend on what the theory leaves out. A friction that sticks needs a slip of
 mu N / k before it is at its limit, so that the arc lacks about sqrt(2 EA / (k R^2)): 3.6 degrees
-with a stiffness k of 1e8 N/m^2, 11.5 with 1e7. The axial retardation tau of the belt carries a part
-of the tension where it changes. Arcs [degrees] of driver and driven pulley, 110 by the tensions:
+with a stiffness k of 1e8 N/m^2, 11.5 with 1e7. More axial retardation tau of the belt and more mass
+shorten the arc of the driver only; the reason was not found. Arcs [degrees] of driver and driven
+pulley, 110 by the tensions:
 
     k = 1e7, tau = 2e-3 s     84, 103     with half of the time step 80, 103
     k = 1e7, tau = 5e-4 s     90, 103
@@ -27,9 +28,10 @@ of the tension where it changes. Arcs [degrees] of driver and driven pulley, 110
     k = 1e8, tau = 2e-4 s    105, 107     with half of the time step 104, 107; as computed here
     k = 1e9, tau = 2e-4 s    106, 108
 
-Twice as many elements change them by 3 degrees, a tenth of the bending stiffness by 3, a tenth of
-the retardation in shear and bending by 1, twice the time by 1: they are counted in nodes, which are
-7.5 degrees apart.
+Arcs are counted in nodes, which are 7.5 degrees apart. In the last row but one, twice as many
+elements or a tenth of the bending stiffness change them by 3 degrees. In the first row, a tenth of
+the mass gives 97 and 103 degrees, and a tenth of the retardation in shear or bending, or twice the
+time, changes them by 1.
 
 Reference: the laws of Euler (capstan) and Grashof (creep), as in textbooks on machine elements.
 Objective: these laws by a belt of two-node elements; the energy balance with stick, slip, and nodes
