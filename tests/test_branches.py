@@ -234,3 +234,67 @@ def test_an_asymmetric_bifurcation_is_found_and_followed_to_both_sides(asymmetri
         rises.append(branch.load_factor[1] > branch.load_factor[0])
         stable.append(bool(branch.stable[1]))
     assert sorted(rises) == [False, True] and rises == stable
+
+
+def hinged_columns(stiffness, load):
+    """Rigid columns on hinges with springs c, all under one load: P sin(psi) = c psi."""
+    stiff = fb.Section(EA=1e6, GA=1e6, EI=1e6)
+    scene, tops = fb.Scene(), []
+    for x, c in enumerate(stiffness):
+        bar = scene.add_beam([(x, 0), (x, 1)], stiff)
+        hinge = fb.Revolute(fb.GROUND, bar.start, spring=fb.Spring(stiffness=c))
+        scene.add_joint(hinge)
+        scene.add_force(bar.end, (0, -load))
+        tops.append(bar.end)
+    return scene, tops
+
+
+def test_a_tree_has_the_branches_of_its_branches():
+    """The second column buckles on the straight path, and on both branches of the first one."""
+    scene, tops = hinged_columns((10.0, 12.0), 15.0)
+    path = fb.static(scene, steps=5, branches=2)
+    assert path.unstable_modes[-1] == 2
+    factors = [point.load_factor for point in path.critical_points]
+    assert 15 * np.array(factors) == pytest.approx([10.0, 12.0], rel=3e-5)
+    assert len(path.branches) == 4
+    of_first, of_second = path.branches[:2], path.branches[2:]
+    for branch in of_first:
+        (point,) = branch.critical_points
+        assert point.load_factor == pytest.approx(factors[1], rel=1e-7)
+        assert branch.stable[1] and not branch.stable[-1]
+        assert len(branch.branches) == 2
+        for last in branch.branches:
+            turned = np.array([last.rotation(top)[-1] for top in tops])
+            assert 15 * np.sin(abs(turned)) == pytest.approx(
+                np.array([10.0, 12.0]) * abs(turned), rel=3e-5
+            )
+            assert last.stable.all() and not last.branches
+    for branch in of_second:
+        assert (branch.unstable_modes == 1).all() and not branch.branches
+
+
+def test_a_point_with_two_modes_has_branches_along_both():
+    scene, tops = hinged_columns((10.0, 10.0), 15.0)
+    (point,) = fb.static(scene, steps=5).critical_points
+    assert len(point.modes) == 2
+    how = {"steps": 10, "continuation": "arc-length"}
+    for mode in (0, 1):
+        branch = fb.static(scene, start=point.branch(+1, mode), **how)
+        turned = np.array([branch.rotation(top)[-1] for top in tops])
+        assert abs(turned).max() > 1
+        assert 15 * np.sin(turned) == pytest.approx(10 * turned, rel=3e-5, abs=1e-6)
+
+
+def test_points_of_a_path_that_starts_from_a_loaded_state():
+    """The first load fades while the second one rises; such a path has no branches yet."""
+    scene, _ = hinged_columns((10.0,), 0.0)
+    scene.change(scene.loads[0], (0.0, 5.0))
+    pulled = fb.static(scene, steps=2)
+    scene.change(scene.loads[0], (0.0, -15.0))
+    path = fb.static(scene, steps=4, start=pulled)
+    (point,) = path.critical_points
+    assert 15 * point.load_factor - 5 * (1 - point.load_factor) == pytest.approx(10, rel=3e-5)
+    with pytest.raises(fb.SceneError, match="must not have a start of its own"):
+        fb.static(scene, start=point.branch(), continuation="arc-length")
+    with pytest.raises(fb.SceneError, match="without start and spin"):
+        fb.static(scene, start=pulled, branches=1)
