@@ -183,8 +183,12 @@ def test_points_are_kept_in_copies_once_they_were_read():
     assert np.array_equal(copy.modes.shapes, point.modes.shapes)
 
 
-def test_ring_under_dead_pressure_buckles_at_four():
-    """A quarter of a ring of radius 1 with the load of the ring's undeformed normal: 4 EI/R^3."""
+@pytest.mark.parametrize(("follows", "exact"), [(False, 4), (True, 3)])
+def test_rings_buckle_under_dead_and_under_following_pressure(follows, exact):
+    """A quarter of a ring of radius 1: 4 EI/R^3 with dead loads, 3 EI/R^3 if they stay normal.
+
+    The second pressure has a potential, although it follows: the tangent is symmetric.
+    """
     section = fb.Section(EA=1e6, GA=1e6, EI=EI)
     scene = fb.Scene()
     beam = scene.add_beam(
@@ -193,9 +197,18 @@ def test_ring_under_dead_pressure_buckles_at_four():
     scene.fix(beam.start, "y", "rotation")
     scene.fix(beam.end, "x", "rotation")
     turn = np.pi / 2 / beam.length
-    scene.add_line_load(
-        beam, lambda s: (-5 * np.cos(turn * s), -5 * np.sin(turn * s)), of="arc length"
-    )
+
+    def pressure(step):
+        along = step.prime(step.X + step.u)
+        inwards = step.virtual_u[1] * along[0] - step.virtual_u[0] * along[1]
+        return 5 * step.load_factor * inwards
+
+    if follows:
+        scene.add_virtual_work(pressure)
+    else:
+        scene.add_line_load(
+            beam, lambda s: (-5 * np.cos(turn * s), -5 * np.sin(turn * s)), of="arc length"
+        )
     (point,) = fb.static(scene, steps=4).critical_points
     assert point.kind == "bifurcation"
-    assert 5 * point.load_factor == pytest.approx(4, rel=1e-5)
+    assert 5 * point.load_factor == pytest.approx(exact, rel=1e-5)
