@@ -13,12 +13,12 @@ from fx_beam.validation import require
 
 from .time_curves import Figure, figure, save
 
-# Dashes of branches that lie on each other in the diagram fill their gaps: colours differ as well.
 _STABLE: dict[str, Any] = {"color": "#0072B2", "linewidth": 2.0, "label": "stable"}
 _UNSTABLE: dict[str, Any] = {
     "color": "#CC79A7",
     "linewidth": 1.2,
     "linestyle": (0, (3, 1.5)),
+    "zorder": 1.5,
     "label": "unstable",
 }
 _MARKS = {"limit point": "D", "bifurcation": "o", "flutter": "^"}
@@ -66,8 +66,12 @@ def equilibrium_paths(
     for each in _all_of(solution):
         x, y, stable = _with_points(each, value, marks)
         for first, last, is_stable in _pieces(stable):
-            look = _STABLE if is_stable else _UNSTABLE
-            ax.plot(x[first : last + 1], load * y[first : last + 1], **look)
+            line = x[first : last + 1], load * y[first : last + 1]
+            if is_stable:
+                ax.plot(*line, **_STABLE)
+            else:  # on white: branches that coincide would fill the gaps of the dashes
+                ax.plot(*line, color="white", lw=2, zorder=1.5)
+                ax.plot(*line, **_UNSTABLE)
     for kind, places in marks.items():
         if places:
             xs, ys = np.array(places).T
