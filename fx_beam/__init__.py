@@ -11,15 +11,20 @@ if importlib.util.find_spec("dolfinx") is None:
         name="dolfinx",
     )
 
+from .analyses.backbone import backbone
 from .analyses.branches import Branch
 from .analyses.convergence import Converged, converge
 from .analyses.critical_points import CriticalPoint
 from .analyses.dynamics import simulate
+from .analyses.forced_response import forced_response
 from .analyses.harmonic import FrequencyResponse, frequency_response
 from .analyses.imperfection import imperfect
 from .analyses.linear_system import LinearSystem, linearise
 from .analyses.modal import Modes, modes
 from .analyses.motion import Motion
+from .analyses.periodic_family import PeriodicFamily
+from .analyses.periodic_motion import PeriodicMotion
+from .analyses.periodic_search import periodic
 from .analyses.rayleigh import rayleigh
 from .analyses.response import Response
 from .analyses.snapshot import Snapshot
@@ -118,6 +123,8 @@ __all__ = [
     "Obstacle",
     "Output",
     "Parameter",
+    "PeriodicFamily",
+    "PeriodicMotion",
     "PinInSlot",
     "Prismatic",
     "Record",
@@ -142,12 +149,15 @@ __all__ = [
     "UpdateRule",
     "WeightedResultants",
     "arc",
+    "backbone",
     "converge",
+    "forced_response",
     "frequency_response",
     "imperfect",
     "linearise",
     "load",
     "modes",
+    "periodic",
     "rayleigh",
     "simulate",
     "spline",

@@ -15,7 +15,7 @@ from .drawing import axis
 from .force_diagrams import diagrams
 from .load_paths import equilibrium_paths
 from .mode_shapes import modes
-from .response_curves import frequency_response
+from .response_curves import frequency_response, response
 from .scene_drawing import scene
 from .time_curves import curves, figure, quantities, save, style
 
@@ -31,6 +31,7 @@ __all__ = [
     "interactive",
     "modes",
     "quantities",
+    "response",
     "save",
     "scene",
     "shapes",

@@ -1,14 +1,16 @@
-"""Amplitude and phase of steady vibrations over the frequency of the load."""
+"""Vibrations over their frequency: amplitude and phase, and families of periodic motions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from fx_beam.analyses.harmonic import FrequencyResponse
+from fx_beam.analyses.periodic_family import PeriodicFamily
 from fx_beam.deprecation import formerly
+from fx_beam.scene.beam import Node
 from fx_beam.validation import require
 
 from .time_curves import Figure, figure, quantities, save
@@ -68,6 +70,54 @@ def frequency_response(
     if 0 < 100 * low < high:
         for ax in axes[:, 0]:
             ax.set_xscale("log")
+    if path is not None:
+        save(fig, path)
+    return fig
+
+
+def response(
+    families: PeriodicFamily | Mapping[str, PeriodicFamily],
+    node: Node,
+    component: str = "y",
+    path: Path | str | None = None,
+) -> Figure:
+    """Picture of the amplitude of a node over the frequency of periodic motions.
+
+    Stable motions have a line, unstable ones dots on a thin line.
+
+    Parameters
+    ----------
+    families : PeriodicFamily or dict
+        What `fx_beam.backbone` or `fx_beam.forced_response` returned, or several by their labels.
+    node : Node
+        A node of the scene.
+    component : {"x", "y", "rotation"}
+        Component of its motion.
+    path : str or path, optional
+        Picture to write; its ending gives the format.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The picture.
+    """
+    named = families if isinstance(families, Mapping) else {"": families}
+    for family in named.values():
+        wanted = "what fx_beam.backbone or fx_beam.forced_response returned"
+        require(isinstance(family, PeriodicFamily), "response: families", family, wanted)
+    fig, axes = figure(1, 1, height=3.5)
+    ax = axes[0, 0]
+    for label, family in named.items():
+        f, a, stable = family.frequencies, family.amplitudes(node, component), family.stable
+        style = {"linestyle": "--", "color": "0.4"} if family.free else {"linewidth": 1.5}
+        (line,) = ax.plot(f, a, label=label or None, **style)
+        if not stable.all():
+            of = "unstable" if not label else f"{label}, unstable"
+            ax.plot(
+                f[~stable], a[~stable], "o", ms=4, mfc="white", color=line.get_color(), label=of
+            )
+    unit = "rad" if component == "rotation" else "m"
+    ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude of {component} [{unit}]")
     if path is not None:
         save(fig, path)
     return fig

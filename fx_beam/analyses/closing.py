@@ -1,0 +1,141 @@
+"""Periodic motions by Newton's method, with a damping that fades (Levenberg and Marquardt)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from fx_beam.errors import SceneError, StepError
+from fx_beam.results.state import State
+
+from .shooting import Directions, Period, Shooting
+
+# The damping at the begin, and its factors after a success and a failure.
+_DAMPED, _LESS, _MORE = 0.1, 0.1, 10.0
+# Singular values of the equations that are round-off, relative to the largest.
+_ROUNDING = 1e-13
+# Growth of changes in a period above which they say nothing about the next state.
+_USEFUL = 1e9
+# Motions that are smaller, in units of the scene, are none.
+_AT_REST = 1e-10
+
+
+class Condition(NamedTuple):
+    """An equation besides that of the period: which motion of a family is wanted."""
+
+    #: How far a state and a parameter are from it.
+    error: Callable[[State, float], float]
+    #: Its derivatives (n + 1,) by the directions at a state, and by the parameter's logarithm.
+    slopes: Callable[[State, Directions], np.ndarray]
+
+
+class Closed(NamedTuple):
+    """A periodic motion, with the equations that found it."""
+
+    period: Period
+    by: Directions
+    #: Derivatives (rows, n) of the states after a period and after one step.
+    monodromy: np.ndarray
+    first_step: np.ndarray
+    #: Derivatives (rows, n + 1) of the gap, and of the phase of a free motion.
+    equations: np.ndarray
+    iterations: int
+
+
+class NotClosed(RuntimeError):
+    """No periodic motion was found."""
+
+
+class _Equations(NamedTuple):
+    matrix: np.ndarray
+    by: Directions
+    slopes: tuple[np.ndarray, np.ndarray]
+
+
+def _phase(period: Period, by: Directions) -> np.ndarray:
+    """A change of the state along the motion, which only shifts a free motion in time."""
+    along = np.append(period.way @ by.matrix, 0.0)
+    return along / np.linalg.norm(along)
+
+
+def _equations(shooting: Shooting, period: Period, free: bool, varies: bool) -> _Equations:
+    by = shooting.directions(period.start, period.length)
+    slopes = shooting.slopes(by, period)
+    growth = abs(slopes[0]).max()
+    if growth > _USEFUL:
+        raise SceneError(
+            f"{shooting.what}: changes of the state grow {growth:.1e} times in a period: the "
+            "motion is chaotic, or strikes. Give the scene damping, or take another start"
+        )
+    rows = [slopes[0] - by.matrix]
+    of_parameter = shooting.by_parameter(period) if varies else np.zeros(len(period.gap))
+    matrix = np.column_stack([*rows, of_parameter])
+    return _Equations(np.vstack([matrix, *[_phase(period, by)] * free]), by, slopes)
+
+
+def close(
+    shooting: Shooting,
+    start: State,
+    parameter: float,
+    tolerance: float,
+    free: bool,
+    conditions: tuple[Condition, ...] = (),
+    varies: bool = True,
+    most: int = 40,
+    damping: float = _DAMPED,
+) -> Closed:
+    """The periodic motion near a state; `free` motions have a phase that is kept.
+
+    The parameter `varies`, or is held. Near the motion no `damping` is needed. NotClosed if there
+    is none, or StepError.
+    """
+    period, found = shooting.run(start, parameter), None
+
+    def errors(of: Period) -> np.ndarray:
+        return np.array([c.error(of.start, of.parameter) for c in conditions])
+
+    def cost(of: Period) -> float:
+        return float(np.linalg.norm(np.append(of.gap, errors(of)))) / of.size
+
+    now = _moving(shooting, period, cost(period))
+    for iteration in range(most):
+        if found is None:
+            found = _equations(shooting, period, free, varies)
+            rows = [c.slopes(period.start, found.by) for c in conditions]
+            matrix = np.vstack([found.matrix, *rows])
+            gap = np.concatenate([period.gap, np.zeros(int(free)), errors(period)])
+            if now <= tolerance:
+                return Closed(period, found.by, *found.slopes, found.matrix, iteration)
+        step = _damped_step(matrix, gap, damping)
+        try:
+            moved = shooting.moved(period.start, found.by, step[:-1])
+            after = shooting.run(moved, period.parameter * np.exp(step[-1]))
+            then = _moving(shooting, after, cost(after))
+        except (StepError, NotClosed):
+            then = np.inf
+        if then < now:
+            period, now, found, damping = after, then, None, _LESS * damping
+        else:
+            damping = _MORE * max(damping, 1e-8)
+        if damping > 1e6:
+            break
+    raise NotClosed(
+        f"{shooting.what}: no periodic motion was found in {iteration + 1} iterations: the state "
+        f"after a period is still {now:.1e} of the motion away from that before"
+    )
+
+
+def _moving(shooting: Shooting, period: Period, cost: float) -> float:
+    if not period.size > _AT_REST or not np.isfinite(cost):
+        raise NotClosed(f"{shooting.what}: the scene came to rest")
+    return cost
+
+
+def _damped_step(matrix: np.ndarray, gap: np.ndarray, damping: float) -> np.ndarray:
+    n = matrix.shape[1]
+    damped = np.vstack([matrix, damping * np.eye(n)])
+    right = -np.append(gap, np.zeros(n))
+    return scipy.linalg.lstsq(damped, right, cond=_ROUNDING, lapack_driver="gelsy")[0]

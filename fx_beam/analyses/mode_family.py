@@ -1,0 +1,114 @@
+"""Free motions that begin with a mode: that of an amplitude or energy, and those on the way."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from fx_beam.errors import SceneError, StepError
+from fx_beam.results.state import State
+
+from .closing import Closed, Condition, NotClosed, close
+from .mode_start import ModeStart
+from .periodic_family import Path
+from .shooting import Directions, Shooting
+
+# Longest motion, in periods of a mode, in which its period with an amplitude is looked for.
+_LONGEST = 1.6
+# Iterations before the family is followed, and the part of the amplitude with which it begins;
+# the largest number of motions on the way.
+_PATIENCE, _SMALL, _FAR = 25, 0.05, 60
+#: Longest step along a family, relative to the size of its motions.
+STEP = 0.25
+
+
+class ModeFamily:
+    """Free motions of a mode, up to that of an amplitude [m or rad] or an energy [J]."""
+
+    def __init__(
+        self, begin: ModeStart, amplitude: float | None, energy: float | None, tolerance: float
+    ):
+        self._begin, self._shooting, self._tolerance = begin, begin.shooting, tolerance
+        if energy is not None:
+            self._amplitude, self._wanted = self._of_energy(energy)
+        elif amplitude is not None:
+            self._amplitude, self._wanted = amplitude, begin.holds(amplitude)
+        else:
+            raise SceneError(
+                f"{self._shooting.what}: a mode has a family of motions. Give the amplitude or "
+                "the energy of the one that is wanted"
+            )
+
+    def _of_energy(self, energy: float) -> tuple[float, Condition]:
+        """Amplitude of a small vibration with an energy, and the condition that holds it."""
+        shooting, begin = self._shooting, self._begin
+        more = energy - shooting.energy(begin.rest)
+        if more <= 0:
+            raise SceneError(
+                f"{shooting.what}: energy = {energy:g} J must be above that at rest, "
+                f"{energy - more:g} J"
+            )
+        little = 1e-4 * shooting.model.unit[begin.most]
+        of_little = shooting.energy(begin.state(little)) - shooting.energy(begin.rest)
+        amplitude = little * float(np.sqrt(more / of_little))
+        return amplitude, holds_energy(shooting, energy, more)
+
+    def _at(self, amplitude: float, wanted: Condition) -> Closed:
+        """The motion that meets a condition, from the mode with an amplitude."""
+        begin, shooting = self._begin, self._shooting
+        state = begin.state(amplitude)
+        length = shooting.first_return(state, _LONGEST * begin.period) or begin.period
+        return close(shooting, state, length, self._tolerance, True, (wanted,), most=_PATIENCE)
+
+    def last(self) -> Closed:
+        """The motion of the amplitude or energy."""
+        try:
+            return self._at(self._amplitude, self._wanted)
+        except (NotClosed, StepError):
+            *_, last = itertools.islice(self.followed(STEP), _FAR)
+            if abs(self._error(last)) > self._tolerance:
+                raise
+            return last
+
+    def followed(self, step: float) -> Iterator[Closed]:
+        """Motions from a small amplitude on, up to the last one, by steps along the curve."""
+        begin, shooting, little = self._begin, self._shooting, _SMALL * self._amplitude
+        first = self._at(little, begin.holds(little))
+        yield first
+        rows = shooting.rows_of(first.period.start) - shooting.rows_of(begin.rest)
+        towards = np.append(rows / first.by.scale / first.period.size, 0.0)
+        before = first
+        for closed in Path(shooting, self._tolerance, True, step).follow(first, towards):
+            if self._error(closed) >= 0:
+                yield self._between(before, closed)
+                return
+            yield closed
+            before = closed
+
+    def _error(self, closed: Closed) -> float:
+        return self._wanted.error(closed.period.start, closed.period.parameter)
+
+    def _between(self, before: Closed, after: Closed) -> Closed:
+        """The last motion, from a start between those of two others."""
+        shooting, by = self._shooting, after.by
+        errors = self._error(before), self._error(after)
+        part = errors[1] / (errors[1] - errors[0])
+        back = shooting.rows_of(before.period.start) - shooting.rows_of(after.period.start)
+        amounts = np.linalg.solve(by.matrix[by.own], (back / by.scale)[by.own])
+        start = shooting.moved(after.period.start, by, part * amounts)
+        length = after.period.length * (before.period.length / after.period.length) ** part
+        return close(shooting, start, length, self._tolerance, True, (self._wanted,))
+
+
+def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:
+    """That a motion has an energy."""
+
+    def error(state: State, parameter: float) -> float:
+        return (shooting.energy(state) - energy) / unit
+
+    def slopes(state: State, by: Directions) -> np.ndarray:
+        return np.append(shooting.slope_of_energy(state, by), 0.0) / unit
+
+    return Condition(error, slopes)

@@ -1,0 +1,178 @@
+"""Families of periodic motions, followed by the pseudo-arc length."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import scipy.linalg
+
+from fx_beam.errors import StepError
+from fx_beam.results.state import State
+from fx_beam.scene.beam import Node
+
+from .closing import Closed, Condition, NotClosed, close
+from .periodic_motion import PeriodicMotion
+from .shooting import Directions, Shooting
+
+# Iterations up to which steps become longer, and allowed ones; the factors, and the shortest step.
+_FEW, _MOST, _DAMPED = 5, 12, 1e-6
+_LONGER, _SHORTER, _SHORTEST = 1.5, 0.4, 1e-4
+# How far a motion may lie beside the end of a step, relative to it, and how little the directions
+# at both ends may agree (cosine).
+_BENT, _STRAIGHT = 0.5, 0.7
+
+
+class Path:
+    """Periodic motions one after the other, by steps along the curve of states and parameters.
+
+    A length of 1 is a change of the state by the size of the motion, or of the parameter by e.
+    """
+
+    def __init__(self, shooting: Shooting, tolerance: float, free: bool, longest: float):
+        self._shooting, self._tolerance, self._free = shooting, tolerance, free
+        self._longest = longest
+
+    def follow(self, first: Closed, towards: np.ndarray) -> Iterator[Closed]:
+        """Motions after the first one, towards a change (rows + 1,) of rows and the parameter."""
+        now, step, tangent = first, self._longest / 2, _tangent(first, towards)
+        while True:
+            try:
+                new, onwards = self._next(now, tangent, step)
+            except (NotClosed, StepError) as reason:
+                step *= _SHORTER
+                if step < _SHORTEST:
+                    raise NotClosed(
+                        f"{self._shooting.what}: the family could not be followed beyond the "
+                        f"period of {now.period.length:.6g} s: {reason}"
+                    ) from reason
+                continue
+            now, tangent = new, onwards
+            step = min(self._longest, step * (_LONGER if new.iterations <= _FEW else 1.0))
+            yield now
+
+    def _next(self, now: Closed, tangent: np.ndarray, step: float) -> tuple[Closed, np.ndarray]:
+        """The motion after a step, and the direction there; NotClosed if the curve bends away."""
+        period, by, shooting = now.period, now.by, self._shooting
+        along = _in_rows(now, tangent)
+        away = step * tangent * np.append(np.full(len(tangent) - 1, period.size), 1.0)
+        state = shooting.moved(period.start, by, away[:-1])
+        parameter = period.parameter * np.exp(away[-1])
+        arc = self._arc(now, along, state, parameter)
+        options = self._tolerance, self._free, (arc,)
+        new = close(shooting, state, parameter, *options, most=_MOST, damping=_DAMPED)
+        onwards = _tangent(new, along)
+        beside = (shooting.rows_of(new.period.start) - shooting.rows_of(state)) / by.scale
+        beside = np.append(beside / period.size, np.log(new.period.parameter / parameter))
+        bend = np.linalg.norm(beside) / step
+        turn = _in_rows(new, onwards) @ along / np.linalg.norm(_in_rows(new, onwards))
+        if bend > _BENT or turn < _STRAIGHT:
+            raise NotClosed("the curve bends more than steps can follow")
+        return new, onwards
+
+    def _arc(self, now: Closed, along: np.ndarray, state: State, parameter: float) -> Condition:
+        """The plane across a tangent (rows + 1,) through a state and a parameter."""
+        shooting, scale, size = self._shooting, now.by.scale, now.period.size
+        at = shooting.rows_of(state)
+        along = along / np.append(np.full(len(scale), size), 1.0)
+
+        def error(of: State, value: float) -> float:
+            rows = (shooting.rows_of(of) - at) / scale
+            return float(along @ np.append(rows, np.log(value / parameter))) * size
+
+        def slopes(of: State, by: Directions) -> np.ndarray:
+            rows = by.matrix * (by.scale / scale)[:, None]
+            return np.append(along[:-1] @ rows, along[-1]) * size
+
+        return Condition(error, slopes)
+
+
+def _in_rows(closed: Closed, tangent: np.ndarray) -> np.ndarray:
+    """A change of variables as one of rows, over the size of the motion."""
+    return np.append(closed.by.matrix @ tangent[:-1], tangent[-1])
+
+
+def _tangent(closed: Closed, before: np.ndarray) -> np.ndarray:
+    """Direction (n + 1,) of the family, over the size of the motion, on from one of rows."""
+    size, n = closed.period.size, closed.equations.shape[1]
+    matrix = closed.equations * np.append(np.full(n - 1, size), 1.0) / size
+    onwards = np.append(before[:-1] @ closed.by.matrix, before[-1])
+    right = np.append(np.zeros(len(matrix)), 1.0)
+    found = scipy.linalg.lstsq(np.vstack([matrix, onwards]), right, lapack_driver="gelsy")[0]
+    return found / np.linalg.norm(_in_rows(closed, found))
+
+
+class PeriodicFamily:
+    """Periodic motions of a family; `backbone` and `forced_response` return it.
+
+    It is a sequence of `PeriodicMotion`.
+
+    Parameters
+    ----------
+    motions : list of PeriodicMotion
+        The motions, along the curve.
+    free : bool
+        Whether they are free motions, a backbone curve.
+
+    Examples
+    --------
+    A body on a spring that softens.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    >>> spring = fb.Spring(stiffness=1.0, strain_energy=lambda x: -(x**4) / 8)
+    >>> joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+    >>> family = fb.backbone(scene, amplitude=1.0)
+    >>> bool(family.stable.all()), (family.frequencies * 6.2832).round(2)[[0, -1]]
+    (True, array([1.  , 0.78]))
+    """
+
+    def __init__(self, motions: list[PeriodicMotion], free: bool):
+        self.motions, self.free = motions, free
+
+    def __len__(self):
+        return len(self.motions)
+
+    def __getitem__(self, number: int) -> PeriodicMotion:
+        return self.motions[number]
+
+    def __iter__(self) -> Iterator[PeriodicMotion]:
+        return iter(self.motions)
+
+    def __repr__(self):
+        low, high = self.frequencies.min(), self.frequencies.max()
+        kind = "free" if self.free else "forced"
+        return f"<PeriodicFamily: {len(self)} {kind} motions from {low:.4g} to {high:.4g} Hz>"
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Frequencies (n,) [Hz]."""
+        return np.array([motion.frequency for motion in self.motions])
+
+    @property
+    def energies(self) -> np.ndarray:
+        """Energies (n,) at the starts [J]."""
+        return np.array([motion.energy for motion in self.motions])
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether the motions are stable, (n,)."""
+        return np.array([motion.stable for motion in self.motions])
+
+    def amplitudes(self, node: Node, component: str = "y") -> np.ndarray:
+        """Amplitudes of a node.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+        component : {"x", "y", "rotation"}
+            Component of its motion.
+
+        Returns
+        -------
+        (n,) float
+            `PeriodicMotion.amplitude` of all motions [m or rad].
+        """
+        return np.array([motion.amplitude(node, component) for motion in self.motions])

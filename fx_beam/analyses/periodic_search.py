@@ -1,0 +1,203 @@
+"""Periodic motions from a mode, a state or a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.scene import Scene
+from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.validation import as_float, is_number, require
+
+from .closing import Closed, Condition, NotClosed, close
+from .mode_family import ModeFamily, holds_energy
+from .mode_start import mode_start
+from .periodic_motion import PeriodicMotion, motion_of
+from .run_setup import end_of
+from .shooting import Shooting, nearest_return
+
+# Periods after which the search for a forced motion begins again.
+_SETTLING = 3, 10, 30
+
+
+def periodic(
+    scene: Scene,
+    start: Solution | None = None,
+    *,
+    mode: int | None = None,
+    amplitude: float | None = None,
+    energy: float | None = None,
+    period: float | None = None,
+    state: Solution | None = None,
+    steps: int = 201,
+    scheme: Scheme | None = None,
+    tolerance: float = 1e-9,
+    newton: NewtonOptions | None = None,
+) -> PeriodicMotion:
+    """Find a motion that repeats itself, by shooting.
+
+    Newton's method finds the state that is the same after one period; its derivatives are those of
+    the steps as they are computed. Forced motions, of a scene whose loads or motors are functions
+    of time, have the period of these functions. Free motions have a period of their own.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    start : Solution, optional
+        Solution at whose end the search begins; by default the initial state of the scene. For a
+        free motion without a `period` it is a motion that comes back near to its end.
+    mode : int, optional
+        Number of the mode, as of `modes`, from which the search for a free motion begins.
+    amplitude : float, optional
+        With a mode: its amplitude at the start [m], of the component of a node that moves most in
+        the mode (a rotation [rad] if no node moves).
+    energy : float, optional
+        Energy of a free motion [J], with that of constant loads; zero in the reference
+        configuration.
+    period : float, optional
+        Period [s]: for a forced motion that of its loads, or a multiple of it; for a free motion
+        the one that is wanted.
+    state : Solution, optional
+        Equilibrium about which the mode vibrates, such as ``static(scene)``; by default the
+        reference configuration without loads.
+    steps : int
+        Number of steps of equal length in a period, which is odd: what joints leave in the rates
+        alternates from step to step, and has no part in the motion then.
+    scheme : Scheme, optional
+        Time scheme; `EnergyMomentum()` by default.
+    tolerance : float
+        Largest distance of the states before and after the period, relative to the motion.
+    newton : NewtonOptions, optional
+        Convergence criteria of the steps.
+
+    Returns
+    -------
+    PeriodicMotion
+        The motion over a period, its multipliers and stability.
+
+    Raises
+    ------
+    SceneError
+        For a scene without derivatives (see `Response`), loads that do not repeat after the period,
+        options that contradict each other, or derivatives that grow without bound.
+    StepError
+        If a step of the first motion fails.
+    RuntimeError
+        If no periodic motion is found.
+
+    Examples
+    --------
+    A pendulum of a stiff massless bar that swings to 90 degrees on either side, from a motion over
+    somewhat more than a period: this is 1.18034 times that of small swings.
+
+    >>> import math, fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -9.81))
+    >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e6))
+    >>> scene.pin(bar.start)
+    >>> mass = scene.add_mass(bar.end, 1.0)
+    >>> motion = fb.simulate(scene, dt=0.01, t_end=3.0)
+    >>> swing = fb.periodic(scene, start=motion, energy=0.0)
+    >>> swing.stable, round(swing.period / (2 * math.pi / math.sqrt(9.81)), 2)
+    (True, 1.18)
+    """
+    what = "periodic"
+    check_target(what, amplitude, energy)
+    fits = period is None or (is_number(period) and as_float(period) > 0)
+    require(fits, f"{what}: period", period, "a positive number of seconds")
+    check_tolerance(what, tolerance)
+    shooting = Shooting(scene, scheme, steps, newton, what)
+    if mode is None:
+        for name, unused in (("amplitude", amplitude), ("state", state)):
+            if unused is not None:
+                raise SceneError(f"{what}: {name} is that of a mode. Give mode=0, for example")
+        return _from_state(shooting, start, energy, period, tolerance)
+    for name, unused in (("start", start), ("period", period)):
+        if unused is not None:
+            raise SceneError(
+                f"{what}: a motion is found from a mode, with amplitude or energy, or from {name}, "
+                "but not from both"
+            )
+    family = ModeFamily(mode_start(shooting, scene, state, mode), amplitude, energy, tolerance)
+    return motion_of(shooting, family.last(), True)
+
+
+def check_target(what: str, amplitude: float | None, energy: float | None) -> None:
+    """Refuse an amplitude or an energy that is none, and both of them."""
+    fits = amplitude is None or (is_number(amplitude) and as_float(amplitude) > 0)
+    require(fits, f"{what}: amplitude", amplitude, "a positive number")
+    require(energy is None or is_number(energy), f"{what}: energy", energy, "a number of joules")
+    if amplitude is not None and energy is not None:
+        raise SceneError(f"{what}: give the amplitude or the energy: each sets the other")
+
+
+def check_tolerance(what: str, tolerance: float) -> None:
+    """Refuse a tolerance that is none."""
+    fits = is_number(tolerance) and 0 < as_float(tolerance) < 1
+    require(fits, f"{what}: tolerance", tolerance, "a number between 0 and 1")
+
+
+def _from_state(
+    shooting: Shooting,
+    start: Solution | None,
+    energy: float | None,
+    period: float | None,
+    tolerance: float,
+) -> PeriodicMotion:
+    what, dt = shooting.what, None if period is None else period / shooting.steps
+    first = shooting.first_state(start, 1e-3 if dt is None else dt)
+    free = not shooting.depends_on_time(first, _span(start) if period is None else period)
+    if not free and period is None:
+        raise SceneError(
+            f"{what}: loads, motors or parameters depend on time. Give their period, or a "
+            "multiple of it"
+        )
+    if period is not None:
+        if energy is not None:
+            raise SceneError(f"{what}: give the energy or the period: each sets the other")
+        shooting.check_repeats(first, period)
+        return motion_of(shooting, of_period(shooting, first, period, tolerance, free), free)
+    length = _period_in(start, what)
+    conditions = tuple[Condition, ...]()
+    if energy is not None:
+        size = abs(energy - shooting.energy(shooting.first_state(None, dt or 1e-3)))
+        conditions = (holds_energy(shooting, energy, size or 1.0),)
+    closed = close(shooting, first, length, tolerance, True, conditions)
+    return motion_of(shooting, closed, True)
+
+
+def of_period(
+    shooting: Shooting, first: State, parameter: float, tolerance: float, free: bool
+) -> Closed:
+    """The motion of a period, or of a frequency of loads.
+
+    The search begins again after a motion has settled for some time.
+    """
+    for more in () if free else _SETTLING:
+        try:
+            return close(shooting, first, parameter, tolerance, free, varies=False)
+        except NotClosed:
+            first = shooting.settled(first, parameter, more)
+    return close(shooting, first, parameter, tolerance, free, varies=False)
+
+
+def _span(start: Solution | None) -> float:
+    return 1.0 if start is None or len(start.t) < 2 else float(np.ptp(start.t)) or 1.0
+
+
+def _period_in(start: Solution | None, what: str) -> float:
+    """Time since a motion was last near to its end [s]."""
+    advice = "Give start a motion over more than one period, or mode, or period"
+    if start is None or not start.has_motion or not start.has_rates or start.stats.static:
+        raise SceneError(f"{what}: nothing says how long a period is. {advice}")
+    end_of(start)
+    parts = [part[::-1].reshape(len(start.t), -1) for part in (start.q, start.v)]
+    rows = np.hstack([part / (np.linalg.norm(np.ptp(part, axis=0)) or 1.0) for part in parts])
+    found = nearest_return(rows)
+    if found is None:
+        raise SceneError(f"{what}: the motion of start does not come back to its end. {advice}")
+    times = start.t[-1] - start.t[::-1]
+    return float(np.interp(found, np.arange(len(times)), times))

@@ -1,0 +1,366 @@
+"""The state after a period as a function of that before, and its derivatives (monodromy matrix)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from fx_beam.compiled.adjoint import Adjoint
+from fx_beam.compiled.forward import Forward
+from fx_beam.compiled.loop import CompiledLoop
+from fx_beam.compiled.tape import Tape
+from fx_beam.errors import SceneError
+from fx_beam.mechanics.interval import Interval
+from fx_beam.mechanics.schemes import Scheme
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.scene import Scene
+from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.recorder import Record, Recorder
+from fx_beam.stepping.substeps import Halving
+from fx_beam.validation import is_whole, require
+
+from .evaluation import solution_of
+from .linearisation import check_unknowns
+from .numbers import numbers_of
+from .run_setup import RunSetup, check_options, checked_scheme
+
+# Relative change of a period for differences of states by it.
+_CHANGE = 1e-6
+# Functions of time that differ by less, relative to their size, repeat themselves.
+_REPEATS = 1e-8
+# Directions that are followed at once: their numbers stay in the cache.
+_AT_ONCE = 64
+# Largest number of variables of a state, for which the monodromy matrix has all columns.
+_MOST = 2000
+_NOTHING = Record(every=10**9, motion=False, rates=False, forces=False)
+# Change of variables in differences of the energy.
+_STEP = 1e-6
+# Distance of a motion from its start at which it comes back, relative to the largest.
+_CLOSE = 0.2
+# Least number of steps in which it is looked for.
+_FINE = 200
+_OF_TIME = "loads", "driven", "thrust", "parameters", "naturals"
+
+
+class Directions(NamedTuple):
+    """Changes of a state, one for each of its variables, in units of their scales."""
+
+    #: Changes (n, ...) of what steps read, by name.
+    changes: dict[str, np.ndarray]
+    #: The same (rows, n) in the order of `Shooting.rows_of`, over the scales.
+    matrix: np.ndarray
+    #: Which rows are variables; others follow to close loops.
+    own: np.ndarray
+    scale: np.ndarray
+
+
+class Period(NamedTuple):
+    """A motion over a period, from a state on."""
+
+    start: State
+    #: The number on which it depends: its length [s], or the frequency of the loads.
+    parameter: float
+    length: float
+    #: The state at its end, as the start of the next period: without full turns.
+    end: State
+    #: How far its rows are from those of the start, the largest distance from there in between, and
+    #: the changes in the first and in the last step; over the scales.
+    gap: np.ndarray
+    size: float
+    way: np.ndarray
+    #: Energy that dampers and friction took [J].
+    lost: float
+
+
+class Shooting:
+    """Motions of a scene over a period of an odd number of steps; the parameter is its length.
+
+    In an odd number what alternates from step to step, such as rates that joints do not allow, has
+    the multiplier -1: periodic motions have the part of it that does not alternate.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        scheme: Scheme | None,
+        steps: int,
+        newton: NewtonOptions | None,
+        what: str,
+    ):
+        scheme = checked_scheme(scene, scheme, what)
+        fits = is_whole(steps, 9) and steps % 2 == 1
+        wanted = "an odd whole number from 9 on: what alternates from step to step then fades"
+        require(fits, f"{what}: steps", steps, wanted)
+        check_options(what, newton, 0, None, "auto")
+        self.steps, self.what = int(steps), what
+        self.setup = RunSetup(scene, scheme, newton, Halving(0), "compiled")
+        self.model = model = self.setup.model
+        self._check()
+        loop = self.setup.stepper.integrator
+        assert isinstance(loop, CompiledLoop)
+        self._forward = Forward(Adjoint(loop.problem))
+        loop.tape = self._tape = Tape(loop.problem)
+        fixed = np.zeros(model.size, dtype=bool)
+        fixed[[model.mesh.dofs[key] for key in model.scene.fixed]] = True
+        #: Rates that steps keep: of what has mass and moves.
+        self._rates = np.flatnonzero(~model.massless & ~fixed)
+        if (n := model.reduction.free + len(self._rates)) > _MOST:
+            raise SceneError(
+                f"{what}: a state has {n} variables, and the time for derivatives by all of them "
+                f"grows with their square. Use fewer elements, for at most {_MOST}"
+            )
+
+    def _check(self) -> None:
+        """Refuse what has no derivatives, or more than a state."""
+        model, what = self.model, self.what
+        check_unknowns(model, what)
+        if model.keeps_before:
+            raise SceneError(
+                f"{what}: steps of {model.scheme.name} depend on the one before, so that a state "
+                "alone does not repeat. Use EnergyMomentum"
+            )
+        if model.points.follow_joints:
+            raise SceneError(
+                f"{what}: friction that follows the force of a joint, fx_beam.Coulomb, has no "
+                "derivatives. Use fx_beam.Friction, or let contact have the friction"
+            )
+
+    # -- States ---------------------------------------------------------------------------------
+
+    def first_state(self, start: Solution | None, dt: float) -> State:
+        """The state from which a scene starts, or that at the end of a solution."""
+        return self._at_start(self.setup.first_state(dt, start))
+
+    def _at_start(self, state: State) -> State:
+        """The state at the begin of a period, before any work."""
+        zero = dict.fromkeys(("work", "dissipated", "numerical", "algorithmic", "impact"), 0.0)
+        state = state.changed(past=None, parts=None, fitted=None, **zero)
+        if self.model.couplings.driven:
+            positions = self.setup.forcing.positions(state.t)
+            state = state.changed(motors=positions[len(self.model.prescribed) :])
+        return state
+
+    def rows_of(self, state: State) -> np.ndarray:
+        """Positions, rates and internal variables of a state in one row."""
+        parts = [self.model.couplings.unknowns(state.q, state.slides), state.v[self._rates]]
+        parts += [np.ravel(x) for x in (state.internal, state.spring_internal) if x is not None]
+        return np.concatenate(parts)
+
+    def scales(self, state: State, period: float) -> np.ndarray:
+        """Units of the rows: of the scene, and of rates in a period."""
+        model = self.model
+        rates = 2 * np.pi / period * model.unit[self._rates]
+        inside = [x.size for x in (state.internal, state.spring_internal) if x is not None]
+        return np.concatenate([model.unit_of_unknowns, rates, np.ones(sum(inside))])
+
+    def directions(self, state: State, length: float) -> Directions:
+        """Changes of all variables at a state, which keep joints and loops closed."""
+        model, reduction = self.model, self.model.reduction
+        reduction.begin(state.q, state.slides)
+        if reduction.singularity:
+            raise SceneError(f"{self.what}: {reduction.singularity}. Start from another state")
+        reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
+        free, scale = reduction.free, self.scales(state, length)
+        own = np.concatenate([reduction.independent, np.arange(free, len(scale))])
+        y, n = len(reduction.independent), len(own)
+        matrix = np.zeros((len(scale), n))
+        columns = reduction.completion().toarray()[:free, own[:y]] * scale[own[:y]]
+        matrix[:free, :y], matrix[own[y:], np.arange(y, n)] = columns, scale[free:]
+        changes = self._split(matrix.T)
+        spread = reduction.coupling()[:, own[:y]].toarray() * scale[own[:y]]
+        changes["q"] = np.vstack([spread.T, np.zeros((n - y, model.size))])
+        return Directions(changes, matrix / scale[:, None], own, scale)
+
+    def _split(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """Slides, rates and internal variables of changes (n, rows), by name."""
+        model, first = self.model, self.model.reduction.free
+        found = {"slides": model.couplings.free_slides(rows[:, :first], model.scene.joint_count)}
+        found["v"] = np.zeros((len(rows), model.size))
+        found["v"][:, self._rates] = rows[:, first : first + len(self._rates)]
+        first += len(self._rates)
+        for name, size in self._inside.items():
+            found[name], first = rows[:, first : first + size], first + size
+        return found
+
+    @property
+    def _inside(self) -> dict[str, int]:
+        """Numbers of internal variables, of members and of springs, by their names in `Forward`."""
+        members, springs = int(np.prod(self.model.forms.internal_shape)), self.model.points.width
+        sizes = {"internal": members, "spring internal": springs}
+        return {name: size for name, size in sizes.items() if size}
+
+    def moved(self, state: State, by: Directions, amounts: np.ndarray) -> State:
+        """The state after a change of its variables (n,), in the units of the directions."""
+        model, reduction = self.model, self.model.reduction
+        rows = by.matrix @ amounts * by.scale
+        y = rows[: reduction.free].copy()
+        reduction.begin(state.q, state.slides)
+        q = state.q + reduction.expand(y, np.zeros(reduction.driven))
+        slides = state.slides + model.couplings.free_slides(y, model.scene.joint_count)
+        changed = {"q": q, "slides": slides, "v": state.v + amounts @ by.changes["v"]}
+        for name in self._inside:
+            own = name.replace(" ", "_")
+            values = getattr(state, own)
+            changed[own] = values + (amounts @ by.changes[name]).reshape(values.shape)
+        return state.changed(**changed)
+
+    # -- Motions --------------------------------------------------------------------------------
+
+    def length_of(self, parameter: float) -> float:
+        """Length of a period [s], by the parameter."""
+        return parameter
+
+    def run(self, state: State, parameter: float) -> Period:
+        """The motion over a period; StepError if a step fails."""
+        length = self.length_of(parameter)
+        last = self._march(state, self._times(state, length, self.steps))
+        turns = self._turns(state, last)
+        end = self._at_start(last.changed(q=last.q - turns, t=state.t))
+        scale, first = self.scales(state, length), self.rows_of(state)
+        movable, parts = self._movable, len(self.model.scheme.fractions)
+        apart = (self._taped_rows() - first[:movable]) / scale[:movable]
+        way = np.zeros(len(scale))
+        way[:movable] = apart[parts] + (self.rows_of(last) - first)[:movable] / scale[:movable]
+        way[:movable] -= apart[-parts]
+        size = float(np.linalg.norm(apart, axis=1).max())
+        gap = (self.rows_of(end) - first) / scale
+        return Period(state, parameter, length, end, gap, size, way, last.dissipated)
+
+    @property
+    def _movable(self) -> int:
+        """Number of rows of positions and rates."""
+        return self.model.reduction.free + len(self._rates)
+
+    def _taped_rows(self) -> np.ndarray:
+        """Positions and rates at the starts of all sub-steps of the last run."""
+        found = self._tape.states(np.arange(len(self._tape)))
+        y = self.model.couplings.unknowns(found["q"], found["slides"])
+        return np.hstack([y, found["v"][:, self._rates]])
+
+    def _march(self, state: State, times: np.ndarray) -> State:
+        """The state after steps, which are on the tape."""
+        self._tape.clear()
+        self.setup.stepper.load(state)
+        recorder = Recorder(self.model, times, _NOTHING)
+        return self.setup.stepper.march(state, times[1:], 1, recorder)
+
+    @staticmethod
+    def _times(state: State, length: float, steps: int) -> np.ndarray:
+        return state.t + length / steps * np.arange(steps + 1)
+
+    def settled(self, state: State, parameter: float, periods: int) -> State:
+        """The state after some periods."""
+        for _ in range(periods):
+            state = self.run(state, parameter).end
+        return state
+
+    def _turns(self, start: State, end: State) -> np.ndarray:
+        """Full turns (size,) that rotations have made."""
+        turns, of = np.zeros(self.model.size), self.model.turns
+        turns[of] = 2 * np.pi * np.round((end.q - start.q)[of] / (2 * np.pi))
+        return turns
+
+    def slopes(self, by: Directions, period: Period) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives (rows, n) of the states after the last run, and after its first step.
+
+        Over the scales.
+        """
+        at = np.array([len(self.model.scheme.fractions), len(self._tape)])
+        found = list[np.ndarray]()
+        for first in range(0, by.matrix.shape[1], _AT_ONCE):
+            some = {name: own[first : first + _AT_ONCE] for name, own in by.changes.items()}
+            ends = self._forward.push(self._tape, some, at)
+            parts = [self.model.couplings.unknowns(ends["q"], ends["slides"])]
+            parts += [ends["v"][..., self._rates], *(ends[name] for name in self._inside)]
+            found.append(np.concatenate(parts, axis=-1))
+        first_step, last = np.concatenate(found, axis=1) / self.scales(period.start, period.length)
+        return last.T, first_step.T
+
+    def by_parameter(self, period: Period) -> np.ndarray:
+        """Derivative (rows,) of the gap by the logarithm of the parameter."""
+        ends = [
+            self.run(period.start, period.parameter * (1 + change)).gap
+            for change in (-_CHANGE, _CHANGE)
+        ]
+        return (ends[1] - ends[0]) / (2 * _CHANGE)
+
+    def first_return(self, state: State, longest: float) -> float | None:
+        """Time after which a motion comes back near to its start; None if it does not."""
+        steps = max(self.steps, _FINE)
+        self._march(state, self._times(state, longest, steps))
+        free = self.model.reduction.free  # rates have vibrations of stiff directions
+        rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
+        found = nearest_return(rows / self.model.unit_of_unknowns)
+        return None if found is None else longest / steps * found
+
+    def solution(self, period: Period) -> Solution:
+        """The motion over a period with all that is recorded."""
+        setup, times = self.setup, self._times(period.start, period.length, self.steps)
+        recorder = Recorder(self.model, times, Record())
+        self._tape.clear()
+        setup.stepper.load(period.start)
+        recorder.record(0, period.start)
+        setup.stepper.march(period.start, times[1:], 1, recorder)
+        return solution_of(self.model, recorder, setup.stats, lambda: recorder.end)
+
+    # -- What does not change -------------------------------------------------------------------
+
+    def energy(self, state: State) -> float:
+        """Energy with that of constant loads, zero in the reference configuration [J]."""
+        return self.model.energy(state) - float(self._constant_loads @ state.q)
+
+    @cached_property
+    def _constant_loads(self) -> np.ndarray:
+        if not self.model.loads.constant:
+            return np.zeros(self.model.size)
+        force = self.setup.forcing.forces(Interval(0.0, 0.0))[0]
+        return force if self.model.weight is None else force - self.model.weight
+
+    def slope_of_energy(self, state: State, by: Directions) -> np.ndarray:
+        """Derivatives (n,) of the energy, by differences."""
+        slopes = np.empty(by.matrix.shape[1])
+        for i, unit in enumerate(np.eye(len(slopes))):
+            below, above = (self.energy(self.moved(state, by, h * unit)) for h in (-_STEP, _STEP))
+            slopes[i] = (above - below) / (2 * _STEP)
+        return slopes
+
+    def _of_time(self, state: State, t0: float, length: float) -> np.ndarray:
+        """Functions of time (steps, n) in a period."""
+        times = t0 + length / self.steps * np.arange(self.steps + 1)
+        values = numbers_of(self.setup, state, times[:-1], times[1:])
+        parts = [values[name].reshape(self.steps, -1) for name in _OF_TIME if name in values]
+        return np.hstack(parts)
+
+    def depends_on_time(self, state: State, length: float) -> bool:
+        """Whether loads, driven motions, parameters or natural strains change in a period."""
+        values = self._of_time(state, state.t, length)
+        return bool((np.ptp(values, axis=0) > _REPEATS * abs(values).max(axis=0)).any())
+
+    def check_repeats(self, state: State, length: float) -> None:
+        """Refuse functions of time that do not repeat after a period, but for full turns."""
+        now, later = (self._of_time(state, t, length) for t in (state.t, state.t + length))
+        apart, allowed = later - now, _REPEATS * np.maximum(abs(now), abs(later)).max(axis=0)
+        turned = apart - 2 * np.pi * np.round(apart[:1] / (2 * np.pi))
+        if ((abs(apart) > allowed) & (abs(turned) > allowed)).any():
+            raise SceneError(
+                f"{self.what}: loads, driven motions or parameters do not repeat after the period "
+                f"of {length:.6g} s. Give the period of these functions of time, or a multiple"
+            )
+
+
+def nearest_return(rows: np.ndarray) -> float | None:
+    """Number of rows, with a fraction, after which they come back near to the first one."""
+    apart = np.linalg.norm(rows - rows[0], axis=1)
+    left = int(np.argmax(2 * apart > apart.max()))
+    k = np.arange(max(left, 1), len(apart) - 1)
+    lower = (apart[k] <= apart[k - 1]) & (apart[k] < apart[k + 1]) & (2 * apart[k] < apart.max())
+    if not lower.any():
+        return None
+    least = k[lower]
+    close = apart[least] <= max(_CLOSE * apart.max(), apart[least].min())
+    k = least[close][0]
+    below, at, above = apart[k - 1 : k + 2] ** 2
+    return float(k + (below - above) / (2 * (below - 2 * at + above)))

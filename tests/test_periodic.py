@@ -1,0 +1,388 @@
+"""Motions that repeat themselves: against closed solutions, other integrators and long motions."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
+from scipy.special import ellipk
+
+import fx_beam as fb
+from fx_beam.analyses.shooting import Shooting
+
+HARD = fb.Spring(stiffness=1.0, strain_energy=lambda x: x**4 / 4)
+
+
+def duffing(damping=0.0, force=None, stop=None):
+    """A body of 1 kg with the spring force x + x^3."""
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    damper = fb.Damper(damping) if damping else None
+    spring = HARD if stop is None else fb.Spring(stiffness=1.0)
+    scene.add_joint(
+        fb.Prismatic(fb.GROUND, body.centre, (1, 0), spring=spring, damper=damper, stop=stop)
+    )
+    if force is not None:
+        scene.add_force(body.centre, lambda t: (force(t), 0.0))
+    return scene, body
+
+
+def frequency_of_duffing(amplitude):
+    e = amplitude**2
+    return math.pi * math.sqrt(1 + e) / (2 * ellipk(e / (2 * (1 + e))))
+
+
+def pinned(slenderness, elements=6):
+    scene = fb.Scene()
+    section = fb.Section(EA=slenderness**2, GA=10 * slenderness**2, EI=1.0, rhoA=1.0)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=2)
+    scene.pin(beam.start)
+    scene.pin(beam.end)
+    return scene, beam
+
+
+def pendulum():
+    """A mass on a bar that is nearly rigid, released at 90 degrees."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e7, GA=1e7, EI=1e7))
+    scene.pin(bar.start)
+    scene.add_mass(bar.end, 1.0)
+    return scene, bar
+
+
+def two_bodies():
+    scene = fb.Scene(gravity=(0, -9.81))
+    one = scene.add_body((0.5, 0), mass=1.0, inertia=0.1, points={"a": (0, 0), "b": (1, 0)})
+    two = scene.add_body((1.5, 0), mass=1.0, inertia=0.1, points={"b": (1, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, one["a"], spring=fb.Spring(stiffness=100.0)))
+    scene.add_joint(fb.Revolute(one["b"], two["b"], spring=fb.Spring(stiffness=30.0)))
+    return scene, two
+
+
+SPEED = 20.0  # [rad/s]
+
+
+def four_bar(damping=0.05):
+    """A crank turns steadily; coupler and rocker are beams that damp their vibrations."""
+    scene = fb.Scene()
+    section = fb.Section(EA=2e5, GA=8e4, EI=20.0, rhoA=0.3, rhoI=1e-5, retardation=1e-3)
+    stiff = fb.Section(EA=2e6, GA=8e5, EI=2e3, rhoA=1.0, rhoI=1e-3, retardation=1e-3)
+    crank = scene.add_beam([(0, 0), (0.2, 0.0)], stiff)
+    coupler = scene.add_beam([(0.2, 0.0), (0.9, 0.35)], section, elements=2)
+    rocker = scene.add_beam([(0.9, 0.35), (0.8, 0)], section, elements=2)
+    motor = fb.Revolute(fb.GROUND, crank.start, motor=lambda t: SPEED * t)
+    scene.add_joint(motor)
+    scene.add_joint(fb.Revolute(crank.end, coupler.start))
+    scene.add_joint(fb.Revolute(coupler.end, rocker.start, damper=fb.Damper(damping)))
+    scene.pin(rocker.end)
+    scene.make_velocities_compatible()
+    return scene, coupler
+
+
+def repeats(scene, motion, scheme=None, periods=2):
+    """Largest distance of all nodes from where they were, after periods of a simulation."""
+    first = motion.solution
+    dt = motion.period / (len(first.t) - 1)
+    t_end = float(first.t[-1]) + periods * motion.period
+    later = fb.simulate(scene, scheme, dt=dt, t_end=t_end, start=first)
+    at = periods * (len(first.t) - 1)
+    x = first.q[..., :2] + first.X
+    return abs(later.q[at, :, :2] + later.X - x[-1]).max() / np.ptp(x, axis=0).max()
+
+
+# -- Free motions ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_the_period_of_a_hardening_spring_has_the_order_of_the_scheme(order):
+    scene, body = duffing()
+    errors = []
+    for steps in (31, 61):
+        scheme = fb.EnergyMomentum(order=order)
+        swing = fb.periodic(scene, mode=0, amplitude=1.5, steps=steps, scheme=scheme)
+        assert swing.error < 1e-9
+        errors.append(2 * np.pi * swing.frequency / frequency_of_duffing(1.5) - 1)
+    assert np.log(errors[0] / errors[1]) / np.log(61 / 31) == pytest.approx(order, abs=0.3)
+
+
+def test_the_period_of_a_pendulum_at_90_degrees():
+    scene, bar = pendulum()
+    motion = fb.simulate(scene, dt=0.02, t_end=3.0)
+    scheme = fb.EnergyMomentum(order=4)
+    swing = fb.periodic(scene, start=motion, energy=0.0, steps=61, scheme=scheme)
+    small = 2 * np.pi / np.sqrt(9.81)
+    assert swing.period / small == pytest.approx(1.18034, abs=2e-5)
+    assert swing.amplitude(bar.end, "x") == pytest.approx(1.0, abs=1e-4)
+    assert swing.stable
+
+
+@pytest.mark.parametrize("ratio, known", [(0.5, 1.0231), (1, 1.0892), (2, 1.3178), (3, 1.6257)])
+def test_a_beam_between_fixed_hinges_has_the_frequencies_of_woinowsky_krieger(ratio, known):
+    # His single mode is that of slender beams; here L / r = 200, where they differ by 1e-3.
+    scene, beam = pinned(200.0, elements=4)
+    linear = float(fb.modes(scene, n=1).frequencies[0])
+    scheme = fb.EnergyMomentum(order=4)
+    motion = fb.periodic(scene, mode=0, amplitude=ratio / 200, steps=41, scheme=scheme)
+    assert motion.frequency / linear == pytest.approx(known, rel=1.2e-3)
+    assert motion.error < 1e-9
+    energy = motion.solution.energy
+    assert np.ptp(energy.total) < 1e-9 * energy.total[0]
+
+
+def test_bodies_on_hinges_swing_and_repeat_themselves():
+    scene, two = two_bodies()
+    state = fb.static(scene)
+    motion = fb.periodic(scene, mode=0, amplitude=0.5, state=state, steps=101)
+    assert motion.error < 1e-9
+    assert repeats(scene, motion) < 1e-8
+    # Free motions without losses have the multiplier 1 twice, and the others on the unit circle.
+    assert len(motion.multipliers) == 4
+    assert np.sort(abs(motion.multipliers - 1))[:2] == pytest.approx([0, 0], abs=1e-4)
+    assert abs(motion.multipliers) == pytest.approx(1.0, abs=1e-4)
+    assert motion.stable
+
+
+def test_a_motion_has_the_energy_that_is_wanted():
+    scene, body = duffing()
+    swing = fb.periodic(scene, mode=0, energy=0.75, steps=41)  # amplitude 1
+    assert swing.energy == pytest.approx(0.75, rel=1e-9)
+    assert swing.solution.energy.total == pytest.approx(0.75, rel=1e-9)
+    assert swing.amplitude(body.centre, "x") == pytest.approx(1.0, abs=3e-3)
+
+
+def test_a_backbone_ends_at_its_amplitude_and_is_that_of_single_motions():
+    scene, body = duffing()
+    family = fb.backbone(scene, amplitude=1.0, steps=41)
+    single = fb.periodic(scene, mode=0, amplitude=1.0, steps=41)
+    assert family[-1].frequency == pytest.approx(single.frequency, rel=1e-8)
+    amplitudes = family.amplitudes(body.centre, "x")
+    assert (np.diff(amplitudes) > 0).all() and (np.diff(family.energies) > 0).all()
+    exact = [frequency_of_duffing(a) for a in amplitudes]
+    assert 2 * np.pi * family.frequencies == pytest.approx(exact, rel=4e-3)
+    assert family.stable.all() and family.free and len(family) == len(list(family))
+
+
+# -- Forced motions ----------------------------------------------------------------------------
+
+
+def exact_orbit(rates, period, start):
+    """State of a motion of order two that repeats itself, and its multipliers, by solve_ivp."""
+
+    def after(x):
+        options = {"rtol": 1e-11, "atol": 1e-13, "max_step": period / 100}
+        return solve_ivp(rates, (0, period), x, **options).y[:, -1]
+
+    x = fsolve(lambda x: after(x) - x, start, xtol=1e-12)
+    h = 1e-5
+    columns = [(after(x + h * e) - after(x - h * e)) / (2 * h) for e in np.eye(2)]
+    return x, np.linalg.eigvals(np.column_stack(columns))
+
+
+def by_size(values):
+    return sorted(values, key=abs)
+
+
+def test_a_forced_motion_and_its_multipliers_are_those_of_another_integrator():
+    w, c = 1.3, 0.2
+
+    def force(t):
+        return 0.3 * math.cos(w * t)
+
+    def rates(t, x):
+        return [x[1], force(t) - c * x[1] - x[0] - x[0] ** 3]
+
+    errors, exact = [], None
+    for steps in (101, 51):
+        scene, body = duffing(c, force)
+        motion = fb.periodic(scene, period=2 * np.pi / w, steps=steps)
+        start = motion.solution.displacement(body.centre)[0, 0]
+        spin = motion.solution.velocity(body.centre)[0, 0]
+        if not errors:
+            exact, multipliers = exact_orbit(rates, motion.period, [start, spin])
+            damped = np.prod(motion.multipliers).real
+            assert by_size(motion.multipliers) == pytest.approx(by_size(multipliers), abs=3e-3)
+            assert damped == pytest.approx(np.exp(-c * motion.period), rel=2e-3)
+        errors.append([start - exact[0], spin - exact[1]])
+    assert np.log2(abs(np.divide(*errors[::-1]))) == pytest.approx(2.0, abs=0.1)
+    assert abs(errors[0][0]) < 2e-3
+
+
+def test_an_impact_oscillator_repeats_its_impacts():
+    w, c, k, gap = 1.4, 0.1, 50.0, 0.3
+
+    def force(t):
+        return 0.4 * math.cos(w * t)
+
+    def rates(t, x):
+        push = k * max(x[0] - gap, 0.0)
+        return [x[1], force(t) - c * x[1] - x[0] - push]
+
+    scene, body = duffing(c, force, fb.Stop(None, gap, stiffness=k))
+    motion = fb.periodic(scene, period=2 * np.pi / w, steps=401)
+    start = motion.solution.displacement(body.centre)[0, 0]
+    spin = motion.solution.velocity(body.centre)[0, 0]
+    exact, multipliers = exact_orbit(rates, motion.period, [start, spin])
+    assert motion.solution.displacement(body.centre)[:, 0].max() > gap + 0.02
+    assert [start, spin] == pytest.approx(exact, abs=2e-3)
+    assert by_size(motion.multipliers) == pytest.approx(by_size(multipliers), abs=2e-2)
+
+
+def test_a_mechanism_is_found_in_its_driven_cycle():
+    scene, coupler = four_bar()
+    period = 2 * np.pi / SPEED
+    cycle = fb.periodic(scene, period=period, steps=201)
+    assert cycle.stable and cycle.error < 1e-9 and cycle.iterations < 10
+    assert repeats(scene, cycle) < 1e-8
+    # The work of the motor in a cycle is what dampers take.
+    energy = cycle.solution.energy
+    supplied = energy.work[-1] - energy.work[0]
+    assert supplied == pytest.approx(energy.dissipated[-1], rel=1e-6)
+    assert energy.dissipated[-1] > 1e-3
+    # A long motion tends to it, by the largest multiplier in a cycle.
+    settled = fb.simulate(scene, dt=period / 201, t_end=8 * period)
+    x = settled.position(coupler.end)[::201]
+    apart = np.linalg.norm(x - cycle.solution.position(coupler.end)[0], axis=1)
+    assert apart[-1] < 1e-9 and apart[0] > 100 * apart[-1]
+
+
+def test_a_pendulum_on_a_shaking_hinge_has_the_multipliers_of_mathieus_equation():
+    # theta'' + (g + a'') / L theta = 0 for small angles, with a = A cos(w t) and L = 1 m.
+    g, w = 9.81, 2 * math.sqrt(9.81)
+    for A, unstable in ((0.02, "period doubling"), (0.002, "")):
+        scene = fb.Scene(gravity=(0, -g))
+        bob = scene.add_body((0, -1), mass=1.0, points={"top": (0, 0)})
+        damper = fb.Damper(0.05)
+        support = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        scene.fix(support.centre, "x", "rotation")
+        scene.prescribe(support.centre, y=lambda t, A=A: A * (math.cos(w * t) - 1))
+        scene.add_joint(fb.Revolute(support.centre, bob["top"], damper=damper))
+        upright = fb.periodic(scene, period=2 * np.pi / w, steps=201)
+
+        def rates(t, x, A=A):
+            return [x[1], -(g - A * w**2 * math.cos(w * t)) * x[0] - 0.05 * x[1]]
+
+        _, exact = exact_orbit(rates, upright.period, [0.0, 0.0])
+        assert by_size(upright.multipliers) == pytest.approx(by_size(exact), abs=2e-3)
+        assert upright.instability == unstable
+
+
+def test_the_response_to_small_loads_is_that_of_the_frequency_response():
+    def build(f):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, retardation=5e-3)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, lambda t: (0.0, 1e-4 * math.cos(2 * math.pi * f * t)))
+        build.scene, build.end = scene, beam.end
+        return scene
+
+    curve = fb.forced_response(build, (0.3, 0.5), steps=41, step=0.4)
+    linear = fb.frequency_response(
+        build.scene, (build.end, (0.0, 1e-4)), build.end, curve.frequencies
+    )
+    # Steps of a 41st of the period shift the resonance, at 0.56 Hz, by 2e-3.
+    assert curve.amplitudes(build.end) == pytest.approx(linear.amplitude[:, 1], rel=0.02)
+    assert curve.stable.all() and curve.frequencies[[0, -1]] == pytest.approx([0.3, 0.5])
+
+
+def test_a_forced_response_passes_folds_between_which_it_is_unstable():
+    def build(f):
+        scene, build.body = duffing(0.1, lambda t: 0.3 * math.cos(2 * math.pi * f * t))
+        return scene
+
+    curve = fb.forced_response(build, (0.15, 0.4), steps=51)
+    w, stable = 2 * np.pi * curve.frequencies, curve.stable
+    back = np.diff(w) < 0
+    assert back.any() and not stable[1:][back].all()
+    kinds = {motion.instability for motion in curve}
+    assert kinds == {"", "fold"}
+    # The equation of the first harmonic: ((1 - w^2) a + 3/4 a^3)^2 + (c w a)^2 = F^2.
+    a = curve.amplitudes(build.body.centre, "x")
+    force = np.hypot((1 - w**2) * a + 0.75 * a**3, 0.1 * w * a)
+    assert force[(w > 1.2) & (a < 0.7)] == pytest.approx(0.3, rel=0.05)
+    # The amplitude at the peak is that of the backbone, where damping balances the force.
+    peak = np.argmax(a)
+    assert a[peak] * 0.1 * w[peak] == pytest.approx(0.3, rel=0.05)
+    assert w[peak] == pytest.approx(frequency_of_duffing(a[peak]), rel=0.02)
+
+
+# -- The map of a period -----------------------------------------------------------------------
+
+
+def test_the_monodromy_matrix_is_that_of_differences_in_a_loop():
+    scene, _ = four_bar()
+    period = 2 * np.pi / SPEED
+    shooting = Shooting(scene, None, 21, None, "test")
+    state = shooting.first_state(None, period / 21)
+    by = shooting.directions(state, period)
+    matrix, _ = shooting.slopes(by, shooting.run(state, period))
+    h, largest = 1e-6, abs(matrix).max()
+    for i in range(0, matrix.shape[1], 5):
+        ends = []
+        for sign in (-1, 1):
+            change = np.zeros(matrix.shape[1])
+            change[i] = sign * h
+            run = shooting.run(shooting.moved(state, by, change), period)
+            ends.append(shooting.rows_of(run.end) / by.scale)
+        apart = (ends[1] - ends[0]) / (2 * h) - matrix[:, i]
+        assert abs(apart).max() < 1e-6 * largest
+
+
+# -- What is refused ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"mode": 0}, "amplitude or the energy"),
+        ({"mode": 0, "amplitude": -1.0}, "positive"),
+        ({"mode": 0, "amplitude": 1.0, "energy": 1.0}, "each sets the other"),
+        ({"mode": 0, "amplitude": 1.0, "period": 1.0}, "not from both"),
+        ({"mode": 7, "amplitude": 1.0}, "does not vibrate"),
+        ({"amplitude": 1.0}, "that of a mode"),
+        ({"mode": 0, "amplitude": 1.0, "steps": 40}, "odd"),
+        ({"mode": 0, "energy": -1.0}, "above that at rest"),
+        ({"mode": 0, "amplitude": 1.0, "scheme": fb.HHT()}, "no derivatives"),
+        ({}, "how long a period is"),
+        ({"period": 0.0}, "positive"),
+        ({"period": 1.0, "tolerance": 2.0}, "between 0 and 1"),
+    ],
+)
+def test_what_is_unclear_or_unsuitable_is_refused(options, message):
+    scene, _ = duffing()
+    with pytest.raises(fb.SceneError, match=message):
+        fb.periodic(scene, **options)
+
+
+def test_a_scheme_that_remembers_the_last_step_is_refused():
+    scene, _ = pinned(10.0, elements=1)
+    with pytest.raises(fb.SceneError, match="depend on the one before"):
+        fb.periodic(scene, mode=0, amplitude=0.1, scheme=fb.EnergyDecaying())
+
+
+def test_the_period_must_be_that_of_the_loads():
+    scene, _ = duffing(0.1, lambda t: math.cos(2 * t))
+    with pytest.raises(fb.SceneError, match="do not repeat"):
+        fb.periodic(scene, period=3.0)
+    with pytest.raises(fb.SceneError, match="depend on time"):
+        fb.periodic(scene)
+    with pytest.raises(fb.SceneError, match="depend on time"):
+        fb.periodic(scene, mode=0, amplitude=1.0)
+
+
+def test_a_free_motion_that_loses_energy_does_not_repeat_itself():
+    scene, _ = duffing(0.1)
+    with pytest.raises(RuntimeError, match="no periodic motion"):
+        fb.periodic(scene, mode=0, amplitude=1.0, steps=21)
+
+
+def test_a_scene_that_build_changes_in_more_than_numbers_is_refused():
+    def build(f):
+        scene, body = duffing(0.1, lambda t: 0.1 * math.cos(2 * math.pi * f * t))
+        if f > 0.1:
+            scene.add_mass(body.centre, 1.0)
+        return scene
+
+    with pytest.raises(fb.SceneError, match="another structure"):
+        fb.forced_response(build, (0.1, 0.3), steps=21)
