@@ -19,6 +19,7 @@ import fx_beam as fb
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
+from fx_beam.parallel import linear_system
 from fx_beam.parallel.own_functions import packed
 from fx_beam.parallel.partition import bisected, divided
 from fx_beam.parallel.whole import WholeEquations
@@ -332,6 +333,7 @@ def test_functions_of_a_script_arrive_with_what_they_refer_to(tmp_path):
     text = """
 import math, pickle, sys
 import numpy as np
+from fx_beam.parallel import linear_system
 from fx_beam.parallel.own_functions import packed
 
 size = 3.0
@@ -366,3 +368,49 @@ def test_nothing_of_a_scene_is_left_out():
     numbers = {"joint_count", "contact_count", "force_count", "changes"}
     known = of_shares | on_the_first | refused | numbers
     assert {name for name in vars(fb.Scene()) if name[0] != "_"} == known
+
+
+# -- The linear system, on one process -------------------------------------------------------
+
+
+def laplacian(n=400, shift=0.0):
+    """Rows, columns and values of a matrix for which GMRES needs many iterations."""
+    i = np.arange(n)
+    rows, columns = np.concatenate([i, i[1:], i[:-1]]), np.concatenate([i, i[:-1], i[1:]])
+    return rows, columns, np.concatenate([np.full(n, 2 + shift), np.full(2 * n - 2, -1.0)])
+
+
+def solved(system, b, shift=0.0):
+    """Largest residual of a solution."""
+    rows, columns, values = laplacian(len(b), shift)
+    x = system.solve(values, np.empty(0), b)
+    return abs(np.bincount(rows, values * x[columns]) - b).max()
+
+
+def system_of(n=400):
+    system = linear_system.LinearSystem(np.array([n]), "Schwarz")
+    rows, columns, _ = laplacian(n)
+    system.set_pattern(np.arange(n), rows, columns, np.empty((0, 2), dtype=int))
+    return system, np.random.default_rng(0).random(n)
+
+
+def test_a_preconditioner_is_kept_for_other_tangents():
+    system, b = system_of()
+    for shift in (0.1, 0.11, 0.12):
+        assert solved(system, b, shift) < 1e-8
+    assert system.kind == "Schwarz" and system.solutions == 3
+    assert 3 < system.iterations < 30
+
+
+def test_factors_of_all_take_over_where_those_of_parts_do_not_help(monkeypatch):
+    poor = linear_system.KINDS["Schwarz"] | {"sub_pc_type": "none"}
+    monkeypatch.setitem(linear_system.KINDS, "Schwarz", poor)
+    system, b = system_of()
+    assert solved(system, b) < 1e-8
+    assert system.kind == "MUMPS"
+
+
+def test_a_singular_tangent_has_no_finite_solution():
+    system, b = system_of()
+    assert not np.isfinite(system.solve(0 * laplacian()[2], np.empty(0), b)).any()
+    assert solved(system, b) < 1e-8
