@@ -56,6 +56,8 @@ def numbers(run, starts, lengths):
     found |= {"driven": forcing.series(ends)}
     if len(parameters := model.forms.parameters):
         found["parameters"] = parameters.over_steps(starts, ends, model.scheme.rates.level)
+    if (members := model.points.members) is not None:
+        found |= {"members": members.numbers, "arcs": members.arcs}
     if model.weight is not None:
         found["weight"] = model.weight
     if len(model.points.followers):

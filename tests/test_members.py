@@ -390,14 +390,3 @@ def test_bad_contact_of_members_is_an_error_that_says_what_to_do(options, messag
     with pytest.raises(fb.SceneError, match=message):
         scene.add_contact(scene.beams[1], scene.beams[0], stiffness=1e5, **options)
     assert not scene.obstacles
-
-
-def test_derivatives_of_such_motions_are_refused():
-    def build(x):
-        scene, _ = tip_on_beam(x[0])
-        return scene, {"tip": fb.Output("position", scene.beams[1].end)}
-
-    run = fb.Response(build, dt=2e-3, t_end=0.01)
-    run(np.array([1e5]))
-    with pytest.raises(fb.SceneError, match="contact between members has no derivatives"):
-        run.jacobian()

@@ -51,12 +51,13 @@ def _potential(model: Model, row: Row) -> Derivatives:
 
 
 def _springs(model: Model, row: Row) -> Derivatives:
-    if not len(model.points):
+    if not model.points.any:
         return {}, {}
     model.forms.parameters.use(row.get("parameters"))
     found = model.points.energy_by(row["q"], row["slides"], row["spring internal"])
     by_state = {"q": found["q"], "slides": found["slides"], "spring internal": found["internal"]}
-    return by_state, {"points": found["numbers"], "parameters": found["parameters"]}
+    by_numbers = {"points": found["numbers"], "parameters": found["parameters"]}
+    return by_state, by_numbers | {name: found[name] for name in ("members", "X") if name in found}
 
 
 _PARTS: dict[str, Callable[[Model, Row], Derivatives]] = {

@@ -112,6 +112,8 @@ def _of_model(model: Model) -> dict[str, Any]:
         "columns": model.loads.columns.data,
         "points": model.points.numbers,
     }
+    if (members := model.points.members) is not None:
+        numbers |= {"members": members.numbers, "arcs": members.arcs}
     if model.natural:
         numbers["natural columns"] = model.natural.columns.data
     if model.weight is not None:

@@ -43,7 +43,10 @@ class Adjoint:
         self._hand_over_elements()
         self._hand_over_points()
         self._results = self._room()
-        if not problem.factors.band:
+        members = self._model.points.members
+        if members is not None:
+            self._structs.set(self.c, followed=members.followed())
+        elif not problem.factors.band:
             self._structs.set(self.c, transposed_at=problem.transposed())
         scratch = aligned(np.zeros(self._library.fx_backward_scratch(self._p)))
         self._structs.set(self.c, scratch=scratch)
@@ -94,6 +97,12 @@ class Adjoint:
             "axis": np.zeros((joints, 2)),
             "rest": np.zeros(joints),
         }
+        if (members := model.points.members) is not None:
+            arrays |= {
+                "member_number": np.zeros(len(members.numbers)),
+                "member_place": np.zeros(p.dofs),
+                "member_arc": np.zeros(len(members.arcs)),
+            }
         #: Slides of the joints of `Couplings.moving` in the reference configuration.
         self.slide_at_rest = np.array([*rest, 0.0])
         self._structs.set(self.c, **arrays, slide_at_rest=self.slide_at_rest)
@@ -218,7 +227,11 @@ class Adjoint:
             named["natural columns"] = found["natural_value"][:-1].copy()
         if p.spring_width:
             named["spring internal"] = found["spring_internal"].copy()
-        return named | self._of_elements()
+        named |= self._of_elements()
+        if model.points.members is not None:
+            named |= {"members": found["member_number"].copy(), "arcs": found["member_arc"].copy()}
+            named["X"] = named["X"] + found["member_place"][model.mesh.dofs[:, :2]]
+        return named
 
     @property
     def growth(self) -> float:
@@ -307,11 +320,6 @@ def singular(tape: Tape, sub_step: int) -> SceneError:
 def check(model: Model) -> None:
     """Refuse what has no derivatives, by its name."""
     scheme = model.scheme
-    if model.points.members is not None:
-        raise SceneError(
-            "contact between members has no derivatives yet: which parts touch changes from step "
-            "to step. Let nodes touch circles or lines instead, which may move with the members"
-        )
     if type(scheme.rates) not in (MidPointRates, AtRest):
         raise SceneError(
             f"{scheme.name}: motions of this scheme have no derivatives. Use EnergyMomentum, "

@@ -27,6 +27,8 @@ _PLAIN = {
     "natural": "natural",
     "natural columns": "natural_value",
     "v": "v",
+    "members": "member_number",
+    "arcs": "member_arc",
 }
 # Numbers of each sub-step.
 _OF_STEPS = "loads", "driven", "thrust", "parameters", "naturals"
@@ -89,6 +91,8 @@ class Forward:
             point_numbers=given["points"].shape[1],
             element_numbers=given["of_elements"].shape[1],
             drag_numbers=given["of_drag"].shape[1],
+            member_numbers=given["member_number"].shape[1],
+            member_arcs=given["member_arc"].shape[1],
             at_rest=self._adjoint.slide_at_rest,
             scratch=aligned(np.zeros(room)),
             **{name: _never_empty(array) for name, array in given.items()},
@@ -135,7 +139,7 @@ class Forward:
     ) -> dict[str, np.ndarray]:
         """Arrays of `Directions` in problem.h by name."""
         model, p, rows = self._model, self._p, len(tape)
-        internal = p.cells * p.cell_internal
+        internal, members = p.cells * p.cell_internal, model.points.members
         sizes = {
             "weight": p.dofs,
             "load_force": p.load_start[p.loads],
@@ -148,6 +152,8 @@ class Forward:
             "natural": model.natural.size,
             "natural_value": model.natural.columns.nnz,
             "v": p.dofs,
+            "member_number": 0 if members is None else len(members.numbers),
+            "member_arc": 0 if members is None else len(members.arcs),
         }
         given: dict[str, np.ndarray] = {
             to: _rows(changes.get(name), count, sizes[to]) for name, to in _PLAIN.items()
@@ -160,6 +166,9 @@ class Forward:
         given["before"], given["q"] = (np.zeros((count, p.dofs)) for _ in range(2))
         given["grown"] = np.zeros((count, internal))
         given["columns"] = self._columns(changes, count)
+        given["member_place"] = np.zeros((count, p.dofs))
+        if "X" in changes:
+            given["member_place"][:, model.mesh.dofs[:, :2]] = changes["X"]
         given["of_elements"], given["of_drag"] = self._adjoint.of_elements(changes, count)
         return given
 

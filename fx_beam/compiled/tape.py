@@ -197,6 +197,9 @@ class Tape:
         if checkpoint.scratch is not None:
             problem.scratch[:] = checkpoint.scratch
         p.controlled = p.watches = 0
+        if (members := problem.model.points.members) is not None:
+            members.forget()
+            p.kept.present = 0
         to = ffi.new("Record *")
         to.every, to.first, to.last, to.parts, to.part = 2**30, 1, -1, steps.parts, steps.part
         to.tape = self._with_room(steps.number * self._sub_steps)

@@ -154,6 +154,25 @@ def _derivative(force: Any, D: Any) -> Any:
     return apply_derivatives(apply_algebra_lowering(ufl.diff(force, D)))
 
 
+def slopes_of(law: PointLaw, rule: StepRule) -> PointFunction:
+    """Derivatives of the forces and internal variables of a law, one after the other.
+
+    They are by the values at the start, the increments, the internal variables and the numbers.
+    """
+    n, count = law.size, arguments(law)
+    internal, numbers = 3 * n + 2, count - law.numbers
+    columns = [*range(2 * n), *range(internal, internal + law.internal), *range(numbers, count)]
+
+    def values(symbols: Any) -> Any:
+        given = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
+        with not_numbers():
+            found = law.forces(Motion(given, law, rule))
+            rows = [ufl.diff(of, given) for of in (*found.forces, *found.internal)]
+        return ufl.as_vector([row[k] for row in rows for k in columns])
+
+    return PointFunction(values, count, f"slopes of {law.name}")
+
+
 @functools.cache
 def _cached(law: PointLaw, rule: StepRule) -> CompiledLaw:
     return CompiledLaw(law, rule)

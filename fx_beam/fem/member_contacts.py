@@ -11,7 +11,13 @@ import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.mechanics import scalar_laws as laws
-from fx_beam.mechanics.member_gap import MEMBER, MEMBER_WITH_FRICTION
+from fx_beam.mechanics.coordinates import Kind
+from fx_beam.mechanics.member_gap import (
+    FOLLOWED,
+    FOLLOWED_WITH_FRICTION,
+    MEMBER,
+    MEMBER_WITH_FRICTION,
+)
 from fx_beam.mechanics.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.member_contact import arc_of
@@ -20,7 +26,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.structs import Structs
 
-from .compiled_laws import CompiledLaw, compiled_law
+from .compiled_laws import CompiledLaw, compiled_law, slopes_of
 from .mesh import Mesh
 
 # Entries of a touch, slots of memory of a point's friction, and numbers in each (member_contact.h).
@@ -33,6 +39,8 @@ class Touching(NamedTuple):
     """Points, which are nodes, against a member; compare ``MemberContact`` of member_contact.h."""
 
     law: PointLaw
+    #: The same law for derivatives.
+    followed: PointLaw
     #: Nodes that touch, and where the forces on them are recorded (-1: nowhere).
     points: np.ndarray
     point_slots: np.ndarray
@@ -69,10 +77,8 @@ def _both_ways(
     slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
     loses = bool(contact.loss) and not at_rest
     friction = contact.friction
-    kind = MEMBER if friction is None else MEMBER_WITH_FRICTION
-    law = laws.contact(kind, loses)
-    if contact.energy is not None:
-        law = laws.contact_law(kind, contact.energy, loses)
+    kinds = (MEMBER, FOLLOWED) if friction is None else (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)
+    law, followed = (_law(contact, kind, loses) for kind in kinds)
     of_loss = (contact.loss, contact.speed) if loses else ()
 
     def numbers(lengths: np.ndarray, share: float) -> np.ndarray:
@@ -90,26 +96,31 @@ def _both_ways(
     lengths = contact.points.lengths
     if not isinstance(a, Beam):
         of_a = numbers(lengths, 1.0)
-        parts = law, nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
-        return [Touching(*parts, number=contact.number)]
+        parts = nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
+        return [Touching(law, followed, *parts, number=contact.number)]
     if a is b:
-        parts = law, nodes_a, slots_a, nodes_a, slots_a, numbers(lengths, 0.5), arc(nodes_a)
-        return [Touching(*parts, apart=contact.apart, number=contact.number)]
+        parts = nodes_a, slots_a, nodes_a, slots_a, numbers(lengths, 0.5), arc(nodes_a)
+        return [Touching(law, followed, *parts, apart=contact.apart, number=contact.number)]
     of_a = numbers(lengths, 0.5)
     of_b = numbers(points_of(b).lengths, 0.5)
+    parts = nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
     return [
-        Touching(
-            law, nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b), number=contact.number
-        ),
-        Touching(law, nodes_b, slots_b, nodes_a, slots_a, of_b, arc(nodes_a)),
+        Touching(law, followed, *parts, number=contact.number),
+        Touching(law, followed, nodes_b, slots_b, nodes_a, slots_a, of_b, arc(nodes_a)),
     ]
+
+
+def _law(contact: Obstacle, kind: Kind, loses: bool) -> PointLaw:
+    if contact.energy is not None:
+        return laws.contact_law(kind, contact.energy, loses)
+    return laws.contact(kind, loses)
 
 
 class MemberContacts:
     """All contact with members of a scene. Its data lie in C, for both kinds of steps."""
 
     def __init__(self, touching: Sequence[Touching], rule: StepRule, mesh: Mesh, slots: int):
-        self._touching, self._mesh = touching, mesh
+        self._touching, self._mesh, self._rule = touching, mesh, rule
         of_laws = {id(one.law): one.law for one in touching}
         compiled = {key: compiled_law(law, rule) for key, law in of_laws.items()}
         self.laws: list[CompiledLaw] = [compiled[id(one.law)] for one in touching]
@@ -225,6 +236,55 @@ class MemberContacts:
             known = np.take_along_axis(places, most[..., None, None], axis=2)
             found[one.number] = known[:, :, 0, 1:]
         return found
+
+    # -- Derivatives ------------------------------------------------------------------------------
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Numbers of all points, one contact after the other."""
+        return np.concatenate([np.ravel(one.numbers) for one in self._touching])
+
+    @property
+    def arcs(self) -> np.ndarray:
+        """Places of the nodes along all members."""
+        return np.concatenate([one.arc for one in self._touching])
+
+    def add_energy_by(
+        self, q: np.ndarray, internal: np.ndarray, to: dict[str, np.ndarray]
+    ) -> np.ndarray:
+        """Add the derivatives of the stored energy by "q", "internal" and "members".
+
+        `internal` has all variables at points. Returns those by the places of nodes, (nodes, 2).
+        """
+        of_q = np.zeros(len(q))
+        by = [0 if law.law.energy is None else law.energy_by.address for law in self.laws]
+        functions = self._ffi.new("Law *[]", [self._ffi.cast("Law *", at) for at in by])
+        arrays = (self._of(x) for x in (of_q, to["internal"], to["members"]))
+        self._c.fx_energy_by_members(self._all, self._of(q), self._of(internal), functions, *arrays)
+        to["q"] += of_q
+        return of_q[self._mesh.dofs[:, :2]]
+
+    def followed(self) -> list[dict[str, Any]]:
+        """The contacts as ``FollowedContact`` of c/problem.h; their laws are compiled once."""
+        followed = {id(one.followed): one.followed for one in self._touching}
+        slopes = {key: slopes_of(law, self._rule) for key, law in followed.items()}
+        #: Keeps the compiled functions.
+        self._slopes = slopes
+        first_numbers = np.cumsum([0, *(one.numbers.size for one in self._touching)])
+        first_arcs = np.cumsum([0, *(one.arc.size for one in self._touching)])
+        return [
+            {
+                "slopes": slopes[id(one.followed)].address,
+                "sums": one.followed.size // 2,
+                "internal": one.followed.internal,
+                "numbers": one.followed.numbers,
+                "first_number": int(first_number),
+                "first_arc": int(first_arc),
+            }
+            for one, first_number, first_arc in zip(
+                self._touching, first_numbers, first_arcs, strict=False
+            )
+        ]
 
     # -- A step ---------------------------------------------------------------------------------
 

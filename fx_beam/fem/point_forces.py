@@ -406,7 +406,10 @@ class PointForces:
     def energy_by(
         self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None
     ) -> dict[str, np.ndarray]:
-        """Derivatives of `energy` by "q", "slides", "internal", "numbers" and "parameters"."""
+        """Derivatives of `energy` by "q", "slides", "internal", "numbers" and "parameters".
+
+        With contact of members also by "members", their numbers, and the places "X" of nodes.
+        """
         sizes = {"q": len(q), "slides": len(slides), "internal": self.width}
         sizes |= {"numbers": len(self.numbers), "parameters": len(self._names)}
         found = {name: np.zeros(size) for name, size in sizes.items()}
@@ -429,6 +432,10 @@ class PointForces:
                 for i, name in enumerate(law.parameters):
                     found["parameters"][self._names.index(name)] += by[last + i]
             first += numbers
+        if self.members is not None:
+            found["members"] = np.zeros(len(self.members.numbers))
+            variables = np.zeros(self.width) if internal is None else internal
+            found["X"] = self.members.add_energy_by(q, variables, found)
         return found
 
     def evolve(self) -> np.ndarray | None:

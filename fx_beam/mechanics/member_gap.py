@@ -4,7 +4,8 @@ A member is a smooth curve through the middles of its elements, with points c = 
 nodes. Let N0 and N1 be the weights of the nearest points at the start and at the end of a step,
 n = (N0 + N1) / 2, d = N1 - N0, and s the slopes of N1 by the place on the member. The coordinates
 are the sums a, t, u of the arms from the node to the nodes of the member, with n, d, and s; with
-friction also w, with the slopes of N0.
+friction also w, with the slopes of N0. Derivatives by the start follow the nearest point there as
+well: they have w in any case, and with friction the slopes of w and of u.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ _SMALL = 1e-12
 _STILL = 1e-9
 
 Vector = list[Any]
+# a and t at both ends of a step.
+_Ends = tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
 
 
 def _gap(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
@@ -34,14 +37,19 @@ def _gap(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate
     forces that do work on the change of a . t, which vanishes only with d. All of these are
     products of arms, whose forces have no moment.
     """
-    radius = numbers[-1]
-    place, ends = _ends(motion, D, numbers[0])
-    first, last = _arms(ends)
+    return _gap_of(motion, D, numbers[-1], _Nearest(motion, D, numbers[0]))
+
+
+def _followed_gap(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    """The same, with the place at the start; numbers: the first of both ends, the radii."""
+    at_end, at_start, *_, radius = numbers
+    return _gap_of(motion, D, radius, _Nearest(motion, D, at_end, at_start))
+
+
+def _gap_of(motion: Motion, D: Sequence[Any], radius: Any, near: _Nearest) -> Coordinate:
+    first, last = _arms(near.ends)
     distance0, distance1 = _length(first), _length(last)
-    on_arm, on_t = _directions(motion, ends)
-    # By the change of the weights with the place.
-    on_u = [place * (x / 2 + y) for x, y in zip(on_arm, on_t, strict=True)]
-    along = [*on_arm, *on_t, *on_u, *[0.0] * (len(D) - 6)]
+    along = near.with_places(*_directions(motion, near.ends), len(D))
     (a, t, *_), path = _vectors(motion.rates), distance1 - distance0
     rate = _dot(first, _add(a, -0.5, t)) / distance0
     return Coordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
@@ -54,54 +62,116 @@ def _slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
     weights, changes by about minus the way of the place, and vanishes only with it.
     """
     per_rate, slipped, length, _ = numbers
-    place, ends = _ends(motion, D, per_rate)
-    (arm0, _), (arm1, t1) = ends
-    path = slipped + length * place
-    on_normal, _ = _directions(motion, ends)
-    zero = [0.0, 0.0]
+    near = _Nearest(motion, D, per_rate)
+    return _slip_of(motion, D, near, slipped + length * near.place, -length * per_rate)
+
+
+def _followed_slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
+    """The same, with the place at the start; numbers: those of the gap, slip, slopes at both ends.
+
+    The number of the gap has derivatives as well here: it is the slope where nothing slips.
+    """
+    at_end, at_start, slipped, length, length_at_start, _ = numbers
+    near = _Nearest(motion, D, at_end, at_start)
+    path = slipped + length * near.place - length_at_start * near.place_at_start
+    inside = ufl.gt(at_end, 0)
+    rate = ufl.conditional(inside, near.rate_at_end(), 1.0)
+    return _slip_of(motion, D, near, path, ufl.conditional(inside, -length / rate, 0.0))
+
+
+def _slip_of(motion: Motion, D: Sequence[Any], near: _Nearest, path: Any, still: Any) -> Slip:
+    """`still` is the quotient of the slip and the change of a . w where there is none."""
+    (arm0, _), (arm1, t1) = near.ends
+    on_normal, _ = _directions(motion, near.ends)
+    size = len(D)
     if motion.rule.level != 0.5:
-        u = _vectors([x + d for x, d in zip(motion.start, D, strict=True)])[2]
-        on_arm = [-length * per_rate * x for x in u]
-        on_u = [
-            -length * per_rate * x + place * y
-            for x, y in zip(_add(arm1, 0.5, t1), on_arm, strict=True)
-        ]
-        along = [*on_arm, *(x / 2 for x in on_arm), *on_u, *zero]
+        on_arm = [still * x for x in near.u]
+        half = [x / 2 for x in on_arm]
+        on_u = [still * x for x in _add(arm1, 0.5, t1)]
+        along = near.with_places(on_arm, half, size, on_u=on_u)
         return Slip(path, along, _relative(on_normal, on_arm))
-    w0, w1 = (
-        _vectors(motion.start)[3],
-        _vectors([x + d for x, d in zip(motion.start, D, strict=True)])[3],
-    )
+    w0, w1 = near.w
     change = _dot(arm1, w1) - _dot(arm0, w0)
     moves = ufl.gt(abs(change), _STILL * _dot(w0, w0))
-    factor = ufl.conditional(moves, path / ufl.conditional(moves, change, 1.0), -length * per_rate)
+    factor = ufl.conditional(moves, path / ufl.conditional(moves, change, 1.0), still)
     on_arm, on_w = (
         [factor / 2 * (x + y) for x, y in zip(*ends, strict=True)]
         for ends in ((w0, w1), (arm0, arm1))
     )
-    on_u = [place / 2 * x for x in on_arm]
-    return Slip(path, [*on_arm, *zero, *on_u, *on_w], _relative(on_normal, on_arm))
+    along = near.with_places(on_arm, [0.0, 0.0], size, on_w=on_w)
+    return Slip(path, along, _relative(on_normal, on_arm))
+
+class _Nearest:
+    """The nearest points of a step, and what their places change.
+
+    The changes of the places with the motion are zero in value: they have only derivatives. That at
+    the start is followed where there is a number for it.
+    """
+
+    def __init__(self, motion: Motion, D: Sequence[Any], at_end: Any, at_start: Any = None):
+        start, end = list(motion.start), [x + d for x, d in zip(motion.start, D, strict=True)]
+        of_ends = _vectors(start), _vectors(end)
+        (arm0, t0, *_), (arm1, t1, u, *_) = of_ends
+        # A place is a zero of such a residual.
+        self.place = -at_end * _dot(_add(arm1, 0.5, t1), u)
+        self.place_at_start: Any = ufl.as_ufl(0.0)
+        if at_start is not None:
+            self.place_at_start = -at_start * _dot(_add(arm0, -0.5, t0), of_ends[0][3])
+        #: a and t at both ends.
+        self.ends: _Ends = self._shifted(of_ends[0]), self._shifted(of_ends[1])
+        self._of_ends = of_ends
+
+    def _shifted(self, sums: list[Vector]) -> tuple[Vector, Vector]:
+        """Sums of arms for weights of other places."""
+        a, t, u, *_ = sums
+        a, t = _add(a, 0.5 * self.place, u), _add(t, self.place, u)
+        if len(sums) < 4:
+            return a, t
+        w, at_start = sums[3], self.place_at_start
+        return _add(a, 0.5 * at_start, w), _add(t, -at_start, w)
+
+    @property
+    def u(self) -> Vector:
+        """u at the end."""
+        sums = self._of_ends[1]
+        return _add(sums[2], self.place, sums[5]) if len(sums) > 5 else sums[2]
+
+    @property
+    def w(self) -> tuple[Vector, Vector]:
+        """w at both ends."""
+        first, last = (
+            _add(sums[3], self.place_at_start, sums[4]) if len(sums) > 4 else sums[3]
+            for sums in self._of_ends
+        )
+        return first, last
+
+    def rate_at_end(self) -> Any:
+        """The second derivative of |arm|^2 / 2 by the place at the end."""
+        arm, t = self.ends[1]
+        return _dot(self.u, self.u) + _dot(_add(arm, 0.5, t), self._of_ends[1][5])
+
+    def with_places(
+        self, on_arm: Vector, on_t: Vector, size: int, on_u: Any = (0, 0), on_w: Any = (0, 0)
+    ) -> list[Any]:
+        """Forces (size,) on all sums, with those that weights of other places add."""
+        place, at_start = self.place, self.place_at_start
+        half = [x / 2 for x in on_arm]
+        vectors = (
+            *(on_arm, on_t, _add(on_u, place, _add(half, 1.0, on_t))),
+            _add(on_w, at_start, _add(half, -1.0, on_t)),
+            *([at_start * x for x in on_w], [place * x for x in on_u]),
+        )
+        return [x for vector in vectors for x in vector][:size]
 
 
-def _ends(
-    motion: Motion, D: Sequence[Any], per_rate: Any
-) -> tuple[Any, tuple[tuple[Vector, Vector], tuple[Vector, Vector]]]:
-    """The change of the place with the motion, zero in value, and a and t at both ends."""
-    start, end = list(motion.start), [x + d for x, d in zip(motion.start, D, strict=True)]
-    arm1, t1, u1, *_ = _vectors(end)
-    # The place at the end is a zero of this residual.
-    place = -per_rate * _dot(_add(arm1, 0.5, t1), u1)
-    return place, (_shifted(_vectors(start), place), _shifted(_vectors(end), place))
-
-
-def _arms(ends: tuple[tuple[Vector, Vector], tuple[Vector, Vector]]) -> tuple[Vector, Vector]:
+def _arms(ends: _Ends) -> tuple[Vector, Vector]:
     """The arms to the nearest points at both ends."""
     (arm0, t0), (arm1, t1) = ends
     return _add(arm0, -0.5, t0), _add(arm1, 0.5, t1)
 
 
 def _directions(
-    motion: Motion, ends: tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
+    motion: Motion, ends: _Ends
 ) -> tuple[Vector, Vector]:
     """Directions of the normal force on a and t; that on the point is opposite to the first."""
     first, last = _arms(ends)
@@ -128,17 +198,11 @@ def _mean_directions(
     return on_arm, [0.5 * share * x for x in arm]
 
 
-def _shifted(sums: list[Vector], place: Any) -> tuple[Vector, Vector]:
-    """Sums of arms for weights of another place at the end."""
-    a, t, u, *_ = sums
-    return _add(a, 0.5 * place, u), _add(t, place, u)
-
-
 def _vectors(components: Sequence[Any]) -> list[Vector]:
     return [list(components[i : i + 2]) for i in range(0, len(components), 2)]
 
 
-def _add(a: Vector, factor: Any, b: Vector) -> Vector:
+def _add(a: Sequence[Any], factor: Any, b: Sequence[Any]) -> Vector:
     return [x + factor * y for x, y in zip(a, b, strict=True)]
 
 
@@ -158,3 +222,8 @@ def _relative(a: Vector, b: Vector) -> Any:
 
 MEMBER = Kind("the gap of a member", 6, 2, _gap)
 MEMBER_WITH_FRICTION = Kind("the gap and slip of a member", 8, 4, _gap, slip=_slip)
+#: The same for derivatives by the start.
+FOLLOWED = Kind("the gap of a member by its start", 8, 3, _followed_gap)
+FOLLOWED_WITH_FRICTION = Kind(
+    "the gap and slip of a member by its start", 12, 6, _followed_gap, slip=_followed_slip
+)

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "kept_factors.h"
+#include "member_derivatives.h"
 #include "recorder.h"
 #include "tape.h"
 
@@ -77,10 +78,14 @@ static int solve_transposed(Problem *p, const Work *w, const Adjoint *a) {
     transpose_tangent(p, w);
     return solve_reduced(p, w, 0, rest);
   }
-  memset(w->factors, 0, p->factor_size * sizeof(double));
-  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[a->transposed_at[k]] = w->tangent[k];
   p->kept.present = 0;
-  if (!factorise_sparse(&p->rows, w->factors, w->row)) return 0;
+  if (p->changing) {
+    if (!factorise_changing_transposed(p, w)) return 0;
+  } else {
+    memset(w->factors, 0, p->factor_size * sizeof(double));
+    for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[a->transposed_at[k]] = w->tangent[k];
+    if (!factorise_sparse(&p->rows, w->factors, w->row)) return 0;
+  }
   by_factors(p, w, w->reduced, w->step);
   return 1;
 }
@@ -184,6 +189,7 @@ static void pull_forces(const Problem *p, const Work *w, const Adjoint *a, const
   pull_elements(p, &a->internal_forces, fields, b, t, w->dt, parameters, last);
   pull_elements(p, &a->drag, fields, b, t, w->dt, parameters, last);
   if (p->points->all) pull_points(p, a, b, thrust, parameters, last);
+  if (p->points->members) pull_members(p, a, b->omega, b->of_springs, b->by_start, b->by_increment, b->lost_springs, last);
 }
 
 /* The derivatives of mu Tv^T r by the values of Tv, also in the gaps of loops and in ties; less those that weights
@@ -345,7 +351,9 @@ static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row,
   begin_form(p, &p->drag, w->fields, level, dt);
   if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
   if (!expand(p, w)) return 0;
+  if (p->points->members) settle_members(p, w);
   balance(p, w);
+  if (p->points->members) find_member_slopes(p, w, a);
   reduce_tangent(p, w, w->r);
   return 1;
 }
@@ -451,7 +459,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   if (!solve_transposed(p, w, a)) return 0;
   memcpy(b->mu, b->forced, p->columns * sizeof(double));
   for (int i = 0; i < p->free; ++i) b->mu[i] += w->step[i];
-  for (int i = 0; i < p->closures; ++i) b->of_gaps[i] = w->y[p->order[p->unknowns - p->closures + i]];
+  for (int i = 0; i < p->closures; ++i) b->of_gaps[i] = w->y[order_now(p)[p->unknowns - p->closures + i]];
   spread_virtual(p, w, b->mu, b->omega);
   for (int i = 0; i < n; ++i) b->omega[i] -= b->of_forces[i];
 

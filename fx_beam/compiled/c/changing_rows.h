@@ -14,6 +14,7 @@ void fx_free_rows(ChangingRows *c) {
   free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
   free(r->run_start), free(r->run_column), free(r->run_length);
   free(c->near_to), free(c->order), free(c->at), free(c->factors), free(c->work), free(c->entry), free(c->entry_at), free(c->entry_start);
+  free(c->position), free(c->transposed_at), free(c->transposed_entry_at);
 }
 
 static void add_to(IntList *list, int value) {
@@ -220,7 +221,8 @@ static void change_rows(Problem *p) {
   ROOM(c->entry_at, pairs), ROOM(c->at, p->tangent_start[p->unknowns]);
   int *position = c->work + m->touches + 1, *starts = malloc((m->touches + 1) * sizeof(int));
   memcpy(starts, c->work, (m->touches + 1) * sizeof(int));
-  int *positions = malloc(n * sizeof(int));
+  ROOM(c->position, n);
+  int *positions = c->position;
   c->rows.unknowns = p->unknowns;
   eliminate_groups(c, position, position + n);
   memcpy(positions, position, n * sizeof(int));
@@ -241,16 +243,15 @@ static void change_rows(Problem *p) {
       }
   c->entry_start = realloc(c->entry_start, (m->touches + 1) * sizeof(int));
   memcpy(c->entry_start, starts, (m->touches + 1) * sizeof(int));
-  free(starts), free(positions);
+  free(starts);
   p->kept.present = 0;
   if (c->keep) p->kept.worth = worth_of(p, c);
 }
 
-/* Adds the tangents of all touches to the factors. */
-static void add_touches(const Problem *p, const Work *w) {
+/* Adds the tangents of all touches to the factors, with the places of their entries. */
+static void add_touches(const Problem *p, const Work *w, const int *to) {
   const ChangingRows *c = p->changing;
   const MemberContacts *m = p->points->members;
-  const int *to = c->entry_at;
   for (int t = 0; t < m->touches; ++t) {
     const Touch *e = m->touch + t;
     int first = c->entry_start[t], end = c->entry_start[t + 1];
@@ -294,6 +295,6 @@ static int factorise_changing(const Problem *p, const Work *w) {
   ChangingRows *c = p->changing;
   memset(c->factors, 0, c->rows.start[p->unknowns] * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) c->factors[c->at[k]] = w->tangent[k];
-  add_touches(p, w);
+  add_touches(p, w, c->entry_at);
   return factorise_sparse(&c->rows, c->factors, w->row);
 }

@@ -276,6 +276,7 @@ static int solve_block(Problem *p, const Work *w, const Change *c, int count) {
   all.block = 1 + count, own.block = c->block, own.reached = c->reached;
   for (int i = 0; i < p->positions; ++i) c->reached[i] = 1;
   memset(w->reduced, 0, p->free * sizeof(double)), memset(w->y, 0, n * sizeof(double));
+  if (p->changing) all.rows = p->changing->rows, own.factors = p->changing->factors;
   if (p->chain) {
     if (!eliminate_chain(p, w, middle / 3, 1)) return 0;
     solve_chain_block(&all, &own, middle / 3);
@@ -335,9 +336,10 @@ static Change in_direction(const Problem *p, const Change *c, int j) {
 static void change_ends(const Problem *p, const Work *w, const Directions *d, const Change *c, long row, long rows,
                         int solved) {
   long all = p->columns + p->ties;
+  const int *order = order_now(p);
   memset(c->columns, 0, d->count * all * sizeof(double));
   for (int i = 0; solved && i < p->free; ++i) {
-    const double *found = c->block + p->order[i] * (1L + d->count) + 1;
+    const double *found = c->block + order[i] * (1L + d->count) + 1;
     for (int j = 0; j < d->count; ++j) c->columns[j * all + i] = -found[j];
   }
   for (int j = 0; j < d->count; ++j) {
@@ -362,6 +364,7 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
   const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
   change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, force, c->reduced,
                 c->moments, 0);
+  if (p->points->members) change_members(p, a, d, j, increment, q0, force, 0);
   for (int i = 0; i < n; ++i) w->scratch[i] = per_dt * (per_dt / 2 * w->slope[i] * increment[i] - v0[i]);
   for (int i = 0; i < n; ++i) {
     double sum = -acting(p) * d->weight[j * n + i];
@@ -385,16 +388,17 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
 /* The right sides of the block. */
 static void set_right_sides(const Problem *p, const Work *w, const Change *c, const Directions *d) {
   long all = p->columns + p->ties;
+  const int *order = order_now(p);
   memset(c->block, 0, (1L + d->count) * p->positions * sizeof(double));
   for (int i = 0; i < p->free; ++i) {
-    double *to = c->block + p->order[i] * (1L + d->count) + 1;
+    double *to = c->block + order[i] * (1L + d->count) + 1;
     for (int j = 0; j < d->count; ++j) to[j] = c->reduced[j * all + i];
   }
   for (int j = 0; j < d->count; ++j) {
     Change own = in_direction(p, c, j);
     const double *end = c->end + j * (long)(p->dofs + LANES);
     for (int i = 0; i < p->closures; ++i)
-      c->block[p->order[p->unknowns - p->closures + i] * (1L + d->count) + 1 + j] = change_of_gap(p, w, &own, end, i);
+      c->block[order[p->unknowns - p->closures + i] * (1L + d->count) + 1 + j] = change_of_gap(p, w, &own, end, i);
   }
 }
 
@@ -434,7 +438,9 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
   if (p->spring_width) {
     const double *thrust = d->thrust + (j * rows + row) * 2 * p->thrusts;
     const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
+    memset(b->lost_springs, 0, p->spring_width * sizeof(double));
     change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, 0, 0, 0, b->lost_springs);
+    if (p->points->members) change_members(p, a, d, j, increment, q0, 0, b->lost_springs);
     memcpy(d->spring_internal + (long)j * p->spring_width, b->lost_springs, p->spring_width * sizeof(double));
   }
   for (int i = 0; i < n; ++i) v0[i] = per_dt * w->slope[i] * increment[i] - v0[i];

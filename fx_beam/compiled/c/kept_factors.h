@@ -41,8 +41,11 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
   return largest(p->dofs, w->scratch, p->per_unit);
 }
 
+/* Positions of the unknowns in the elimination. */
+static const int *order_now(const Problem *p) { return p->changing ? p->changing->order : p->order; }
+
 static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
-  const int *order = p->changing ? p->changing->order : p->order;
+  const int *order = order_now(p);
   for (int i = 0; i < p->free; ++i) w->y[order[i]] = b[i];
   for (int i = p->free; i < p->unknowns; ++i) w->y[order[i]] = 0;
   if (p->changing) substitute_sparse(&p->changing->rows, p->changing->factors, w->y);

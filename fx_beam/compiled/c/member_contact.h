@@ -58,6 +58,8 @@ typedef struct {
                                                              slots at the start of the step */
   struct { Touch *touch; }; /* [room] */
   int touches, room;
+  struct { double *slopes; }; /* derivatives of all touches, where they are needed (member_derivatives.h) */
+  long slope_room;
   /* The cells of a search: where the nodes in each begin, and the nodes. */
   struct { int *cell_start, *cell_node, *cell_of; };
   long cells_room, nodes_room;
@@ -77,6 +79,10 @@ void fx_times_members(const MemberContacts *m, const double *x, double *out);
 int fx_check_members(MemberContacts *m, const double *D);
 double fx_lost_at_members(MemberContacts *m, const double *D);
 double fx_stored_at_members(MemberContacts *m, const double *q, const double *internal);
+/* Adds the derivatives of the stored energy by degrees of freedom, internal variables and all numbers; of each contact
+   a function has those of its energy by all that its law is given. */
+void fx_energy_by_members(MemberContacts *m, const double *q, const double *internal, Law **by, double *of_q,
+                          double *of_internal, double *of_numbers);
 /* Internal variables at the end of a step. */
 void fx_evolve_members(MemberContacts *m, const double *D, double *internal);
 /* Of each point the least gap, at most 1. */

@@ -14,7 +14,7 @@ static void *grown(void *old, long count, long size) { return realloc(old, count
 
 void fx_free_members(MemberContacts *m) {
   free(m->searched_at), free(m->v), free(m->product), free(m->touch), free(m->taken), free(m->memory);
-  free(m->cell_start), free(m->cell_node), free(m->cell_of);
+  free(m->cell_start), free(m->cell_node), free(m->cell_of), free(m->slopes);
 }
 
 static inline void position(const double *reference, const int *dof, const double *q, double *out) {
@@ -407,12 +407,22 @@ int fx_check_members(MemberContacts *m, const double *D) {
   return MEMBERS_FINE;
 }
 
-/* Energy of the law of a point at a distance, with its internal variables. */
+/* Where the numbers of a point are among what its law is given. */
+static inline int numbers_at(const MemberContact *c) {
+  return 3 * c->sums + 2 + c->internal + c->remembered + (c->internal ? 3 : 1);
+}
+
+/* What the law of a point is given at a distance, with its internal variables. */
+static void give_distance(const MemberContact *c, int point, double distance, const double *internal, double *given) {
+  memset(given, 0, TOUCH_GIVEN * sizeof(double));
+  given[0] = distance, given[3 * c->sums + 1] = 1;
+  if (internal) memcpy(given + 3 * c->sums + 2, internal, c->internal * sizeof(double));
+  memcpy(given + numbers_at(c), number_of(c, point), c->numbers * sizeof(double));
+}
+
 static double energy_at(const MemberContact *c, int point, double distance, const double *internal) {
-  double given[TOUCH_GIVEN] = {0}, energy, *to = given + 3 * c->sums;
-  given[0] = distance, to[1] = 1;
-  if (internal) memcpy(to + 2, internal, c->internal * sizeof(double));
-  memcpy(to + 2 + c->internal + c->remembered + (c->internal ? 3 : 1), number_of(c, point), c->numbers * sizeof(double));
+  double given[TOUCH_GIVEN], energy;
+  give_distance(c, point, distance, internal, given);
   call_law(c->energy, given, &energy, 1);
   return energy;
 }
@@ -474,6 +484,59 @@ double fx_stored_at_members(MemberContacts *m, const double *q, const double *in
   double sum = m->slots ? energy_in_slots(m, internal + m->first_internal, 0) : 0;
   visit_all(m, q, add_energy, &sum);
   return sum;
+}
+
+/* Derivatives of the stored energy, and the functions of its contacts (fx_energy_by_members). */
+typedef struct {
+  Law **by;
+  const double *q;
+  double *of_q, *of_numbers;
+} EnergyBy;
+
+/* Calls the function of a contact, and adds what is by the numbers of a point. */
+static void add_by_numbers(const MemberContacts *m, const EnergyBy *to, int contact, int point, const double *given,
+                           double *found) {
+  const MemberContact *c = m->of + contact;
+  double *numbers = to->of_numbers + point * c->numbers;
+  for (const MemberContact *before = m->of; before < c; ++before) numbers += before->points * before->numbers;
+  call_law(to->by[contact], given, found, TOUCH_GIVEN);
+  for (int i = 0; i < c->numbers; ++i) numbers[i] += found[numbers_at(c) + i];
+}
+
+static void add_energy_by(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
+  const EnergyBy *to = with;
+  const MemberContact *c = m->of + contact;
+  if (distance >= *number_of(c, point)) return;
+  double given[TOUCH_GIVEN], found[TOUCH_GIVEN], at[2], r[4][2], n[4] = {0}, slope[3], arm[2] = {0, 0};
+  int second = x > 0.5;
+  point_at(c, point, to->q, at);
+  arms_at(c, piece, at, to->q, r);
+  piece_weights(x - second, n + second, slope);
+  for (int k = 0; k < 4; ++k) arm[0] += n[k] * r[k][0], arm[1] += n[k] * r[k][1];
+  give_distance(c, point, distance, 0, given);
+  add_by_numbers(m, to, contact, point, given, found);
+  fold(n, piece == 0, piece + 2 >= c->nodes);
+  for (int i = 0; i < 2; ++i) {
+    double along = found[0] * arm[i] / distance;
+    to->of_q[c->point_dof[2 * point + i]] -= along;
+    for (int k = 0; k < 4; ++k) to->of_q[c->node_dof[2 * node_of(c, piece, k) + i]] += along * n[k];
+  }
+}
+
+void fx_energy_by_members(MemberContacts *m, const double *q, const double *internal, Law **by, double *of_q,
+                          double *of_internal, double *of_numbers) {
+  EnergyBy to = {by, q, of_q, of_numbers};
+  double given[TOUCH_GIVEN], found[TOUCH_GIVEN];
+  visit_all(m, q, add_energy_by, &to);
+  for (int k = 0; k < m->contacts; ++k) {
+    const MemberContact *c = m->of + k;
+    for (int i = 0; c->internal && i < SLOTS * c->points; ++i) {
+      int first = m->first_internal + IN_SLOT * (c->first_slot + i) + 1, point = i / SLOTS;
+      give_distance(c, point, 2 * *number_of(c, point) + 1, internal + first, given);
+      add_by_numbers(m, &to, k, point, given, found);
+      for (int l = 0; l < c->internal; ++l) of_internal[first + l] += found[3 * c->sums + 2 + l];
+    }
+  }
 }
 
 static void note_gap(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {

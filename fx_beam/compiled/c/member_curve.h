@@ -80,7 +80,7 @@ static NearPoint nearest_point(double r[4][2], int begins, int ends) {
   double low = !k && begins ? 0 : -0.5, high = k && ends ? 0 : 0.5;
   Piece c = piece_of(r[k], r[k + 1], r[k + 2]);
   double x = nearest_place(&c, low, high), n[3], slope[3];
-  int inside = x > low && x < high;
+  int inside = k ? x < high : x > low; /* also at the joint of the pieces */
   piece_weights(x, n, slope);
   for (int j = 0; j < 3; ++j) found.weights[k + j] = n[j], found.slopes[k + j] = slope[j];
   double arm[2] = {0, 0};

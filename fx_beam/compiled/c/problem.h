@@ -95,8 +95,10 @@ typedef struct {
   SparseRows rows;
   struct { IntList *near_to; };
   struct { TouchEntry *entry; };
-  struct { int *order, *at, *work, *entry_start, *entry_at; };
+  struct { int *order, *at, *work, *entry_start, *entry_at, *position; };
   struct { double *factors; };
+  long transposed_for;  /* the searches for which it is known where the transposed tangent is */
+  struct { int *transposed_at, *transposed_entry_at; };
 } ChangingRows;
 
 typedef struct {
@@ -350,6 +352,14 @@ typedef struct {
   struct { int pieces, slope_numbers; int *of_internal, *piece_at, *piece_size; };
 } Pulled;
 
+/* The law of a contact with a member for derivatives, its sums, internal variables and numbers, and the first of its
+   numbers and arcs among those of all contacts (member_derivatives.h). */
+typedef struct {
+  Law *slopes;
+  int sums, internal, numbers;
+  int first_number, first_arc;
+} FollowedContact;
+
 /* A run followed backwards (adjoint.h): derivatives of a function of the states at its boundaries, the ends of
    sub-steps. */
 typedef struct {
@@ -374,6 +384,11 @@ typedef struct {
   int *arguments;
   double *given, *found;
   struct { int *transposed_at; }; /* position among sparse factors of each entry of the transposed tangent */
+  /* Of contact with members: the laws; derivatives by numbers, places in the reference by degrees of freedom, arcs. */
+  struct {
+    FollowedContact *followed;
+    double *member_number, *member_place, *member_arc;
+  };
   double *scratch;
 } Adjoint;
 
@@ -387,6 +402,8 @@ typedef struct {
   /* Of the state: columns, configuration, rates, the configuration before, internal variables. */
   double *columns, *q, *v, *before, *internal, *spring_internal, *natural, *grown;
   double *natural_value, *naturals;
+  long member_numbers, member_arcs;
+  double *member_number, *member_place, *member_arc;
   /* Of each boundary the number of a row of results; -1 for none. Rows: [row][direction][...]. */
   int *row_at;
   double *q_rows, *v_rows, *slide_rows;
