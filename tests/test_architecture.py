@@ -227,6 +227,7 @@ HOUSE = {
         "static_path",
         "static_derivatives",
         "gradient",
+        "natural_gradients",
         "linear_outputs",
         "energy_gradients",
         "resultant_outputs",

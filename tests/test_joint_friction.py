@@ -150,17 +150,6 @@ def test_what_does_not_fit_is_named():
         scene.add_contact(balls[0], floor, stiffness=1.0, friction=fb.Coulomb(0.3, 1e4, 0.1))
 
 
-def test_derivatives_are_refused():
-    def build(x):
-        scene, centre, _ = pendulum(x[0])
-        return scene, {"place": fb.Output("position", centre)}
-
-    run = fb.Response(build, dt=0.01, t_end=0.1)
-    _, y = run(np.array([0.3]))
-    with pytest.raises(fb.SceneError, match="follows the force of a joint"):
-        run.vjp({"place": np.ones_like(y["place"])})
-
-
 def test_single_steps_and_steps_of_a_tolerance_follow_the_force_as_well():
     scene, centre, _ = pendulum(0.3)
     solution = fb.simulate(scene, dt=0.01, t_end=0.3)

@@ -116,7 +116,9 @@ def test_derivatives_of_the_energy_are_constant():
     assert energy == pytest.approx(np.tile(energy[0], (len(t), 1)), abs=1e-9 * abs(energy).max())
     assert abs(changes["spring"]).max() > 0.1 * abs(energy).max()
     weights = {name: np.cos(np.arange(rows.size)).reshape(rows.shape) for name, rows in y.items()}
-    expected = sum(np.tensordot(weights[name], changes[name], rows.ndim) for name, rows in y.items())
+    expected = sum(
+        np.tensordot(weights[name], changes[name], rows.ndim) for name, rows in y.items()
+    )
     assert run.vjp(weights) == pytest.approx(expected, rel=1e-9)
     # Within a memory of some steps.
     few = fb.Response(of_numbers, dt=2e-3, t_end=0.08, memory=2e4)
@@ -125,7 +127,7 @@ def test_derivatives_of_the_energy_are_constant():
 
 
 def resting(x):
-    """A cantilever on another one, in equilibrium with friction; numbers: load, stiffness, height."""
+    """A cantilever on another one, at rest with friction; numbers: load, stiffness, height."""
     scene = fb.Scene()
     for y, length, elements in ((0.0, 1.0, 7), (0.1 + x[2], 0.9, 5)):
         section = fb.Section(**DATA | {"EI": x[1]})

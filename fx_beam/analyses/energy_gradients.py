@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fx_beam.errors import SceneError
 from fx_beam.model.model import Model
 
 from .gradient import Gradient, along
+from .natural_gradients import NaturalRows
 
 #: States of one row by name, and the values of the parameters there.
 Row = Mapping[str, np.ndarray]
@@ -34,15 +34,10 @@ def _kinetic(model: Model, row: Row) -> Derivatives:
 def _strain(model: Model, row: Row) -> Derivatives:
     if model.forms.beams is None:
         return {}, {}
-    if model.natural:
-        raise SceneError(
-            "Response: the strain energy of a scene with natural strains has no derivatives; take "
-            "energies that do not contain it"
-        )
     model.forms.parameters.use(row.get("parameters"))
     given = row["internal"]
     internal = given.reshape(model.forms.internal_shape) if given.size else None
-    found = model.forms.beams.stored_energy_by(row["q"], internal)
+    found = model.forms.beams.stored_energy_by(row["q"], internal, row.get("natural"))
     return {name: found.pop(name) for name in ("q", "internal") if name in found}, found
 
 
@@ -72,7 +67,8 @@ class EnergyOutput:
     """An energy of the scene at the rows (n,) of a run.
 
     `states` has what `State` has, and "rates" that fit, at the rows; `at_parameters` (n,) the
-    places of the parameters of the rows among the numbers "parameters", with their values.
+    places of the parameters of the rows among the numbers "parameters", with their values;
+    `natural` the natural strains, with the numbers (n,) of the sub-steps before which they are.
     """
 
     def __init__(
@@ -82,8 +78,10 @@ class EnergyOutput:
         states: Mapping[str, np.ndarray],
         ends: np.ndarray,
         parameters: tuple[np.ndarray, np.ndarray] | None,
+        natural: tuple[NaturalRows, np.ndarray] | None,
     ):
         self._model, self._states, self._ends, self._parameters = model, states, ends, parameters
+        self._natural = natural
         self._parts = [*_PARTS.values()] if quantity == "total_energy" else [_PARTS[quantity]]
 
     def _derivatives(self, k: int) -> tuple[int, Derivatives]:
@@ -92,6 +90,9 @@ class EnergyOutput:
         row = {name: values[at] for name, values in self._states.items()}
         if self._parameters is not None:
             row["parameters"] = self._parameters[1][k]
+        if self._natural is not None:
+            strains, boundaries = self._natural
+            row["natural"] = strains.at(int(boundaries[k]))
         by_state: dict[str, np.ndarray] = {}
         by_numbers: dict[str, np.ndarray] = {}
         for part in self._parts:
@@ -109,6 +110,10 @@ class EnergyOutput:
                     to.at(name)[at] += weights[k] * values.ravel()
             for i, value in enumerate(by_numbers.pop("parameters", ())):
                 to.add_number(*self._parameter(k, i), weights[k] * value)
+            by_natural = by_numbers.pop("natural", None)
+            if by_natural is not None and self._natural is not None:
+                strains, boundaries = self._natural
+                strains.pull(int(boundaries[k]), weights[k] * by_natural, to)
             for name, values in by_numbers.items():
                 to.add_numbers(name, weights[k] * values)
 
@@ -125,6 +130,12 @@ class EnergyOutput:
             for i, value in enumerate(by_numbers.pop("parameters", ())):
                 name, index = self._parameter(k, i)
                 found[k] += value * changes[name].reshape(len(found[k]), -1)[:, index]
+            by_natural = by_numbers.pop("natural", None)
+            if by_natural is not None and self._natural is not None:
+                strains, boundaries = self._natural
+                for j in range(len(found[k])):
+                    change = strains.push(int(boundaries[k]), changes, j)
+                    found[k, j] += (by_natural * change).sum()
             for name, values in by_numbers.items():
                 found[k] += along(changes[name], values)
         return found

@@ -18,6 +18,7 @@ from fx_beam.stepping.forcing import Forcing
 from .energy_gradients import EnergyOutput
 from .gradient import Gradient
 from .linear_outputs import LinearOutput, Places, check_linear, linear_output, needs_rates
+from .natural_gradients import NaturalRows
 from .resultant_outputs import ResultantOutput, SubSteps
 
 #: States (n, ...) before some sub-steps, by the names of the derivatives by them.
@@ -76,10 +77,12 @@ class Observation:
     def _observed(self, output: Output) -> LinearOutput | EnergyOutput | ResultantOutput:
         model, places, states = self._model, self._places, self._states
         if isinstance(output.of, Scene):
-            return EnergyOutput(model, output.quantity, states, places.ends, self._parameters())
+            given = self._parameters(), self._naturals()
+            return EnergyOutput(model, output.quantity, states, places.ends, *given)
         if isinstance(output.of, Beam):
             values = None if self._values is None else self._values[1:, 0]
-            of = SubSteps(model, self._tape, self.boundaries, states, values)
+            natural = NaturalRows(model, self._tape) if model.natural else None
+            of = SubSteps(model, self._tape, self.boundaries, states, values, natural)
             return ResultantOutput(of, output.of, output.quantity, places)
         return linear_output(model, output, places, states)
 
@@ -100,6 +103,12 @@ class Observation:
         ends = self.boundaries[self._places.ends]
         first = (2 * ends - 1) * self._values.shape[-1]
         return np.where(ends > 0, first, -1), self._values[ends, 1]
+
+    def _naturals(self) -> tuple[NaturalRows, np.ndarray] | None:
+        """Natural strains, and the sub-steps before which the rows are."""
+        if not self._model.natural:
+            return None
+        return NaturalRows(self._model, self._tape), self.boundaries[self._places.ends]
 
     @property
     def _sizes(self) -> dict[str, tuple[int, int]]:

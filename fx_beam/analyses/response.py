@@ -466,11 +466,6 @@ class Response:
                 f"Response.{what}: the steps of this motion were not compiled "
                 f"({self.stats.solver}), and have no derivatives"
             )
-        if setup.model.points.follow_joints:
-            raise SceneError(
-                f"Response.{what}: friction that follows the force of a joint, fx_beam.Coulomb, "
-                "has no derivatives. Use fx_beam.Friction, or let contact have the friction"
-            )
         return setup, tape
 
     def _check_has_run(self, what: str) -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from fx_beam.compiled.tape import Tape
-from fx_beam.errors import SceneError
 from fx_beam.fem.beam_forms import Part
 from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval, instant
@@ -17,9 +16,12 @@ from fx_beam.scene.beam import Beam
 
 from .gradient import Gradient
 from .linear_outputs import Places
+from .natural_gradients import NaturalRows
 
 # Length of the short step for the resultants at the start, relative to the first step.
 _SHORT = 1e-9
+# Of natural strains of a sub-step, that before which they are; -1 stands for the start of the run.
+_NATURAL = {"natural": lambda k: max(k, 0), "natural_end": lambda k: k + 1}
 _OF_NUMBERS = {"stiffness": "stiffness", "times": "retardation"}
 
 
@@ -36,7 +38,9 @@ class SubSteps:
         boundaries: np.ndarray,
         states: Mapping[str, np.ndarray],
         parameters: np.ndarray | None,
+        natural: NaturalRows | None,
     ):
+        self.natural = natural
         self.model, self._tape, self._states = model, tape, states
         self._boundaries = boundaries
         #: Values of the parameters (sub-steps, n) at the level of the scheme.
@@ -56,6 +60,9 @@ class SubSteps:
         start = StepStart(q, internal=internal.reshape(shape) if internal.size else None)
         if self._parameters is not None:
             start = start._replace(parameters=self._parameters[first])
+        if self.natural is not None:
+            strains = self.natural.at(first), self.natural.at(k + 1)
+            start = start._replace(natural=strains)
         t, dt = float(tape.starts[first]), float(tape.lengths[first])
         if k < 0:
             dt = _SHORT * tape.first_length
@@ -85,11 +92,6 @@ class ResultantOutput:
     def __init__(self, of: SubSteps, beam: Beam, quantity: str, places: Places):
         self._of, model = of, of.model
         assert model.forms.beams is not None  # there is this one
-        if model.natural:
-            raise SceneError(
-                "Response: resultants in a scene with natural strains have no derivatives; take "
-                "positions, rotations or forces of supports"
-            )
         self._derivatives = model.forms.beams.derive_resultants()
         names = [own.name for own in model.scene.beams]
         self._cells = model.mesh.cells[names.index(beam.name)]
@@ -125,6 +127,9 @@ class ResultantOutput:
                     q[place, :n] += by.pop(name)
             if "internal" in by:
                 to.at("internal")[before] += by.pop("internal").ravel()
+            for name, boundary in _NATURAL.items():
+                if of.natural is not None and name in by:
+                    of.natural.pull(boundary(k), by.pop(name), to)
             for i, value in zip(self._parameters, by.pop("parameters", ()), strict=False):
                 to.add_number(*self._parameter(k, int(i)), float(value))
             for name, values in by.items():
@@ -149,6 +154,9 @@ class ResultantOutput:
                 own["internal"] = of_state["internal"][before, j]
                 own |= {n: changes[to][j] for n, to in _OF_NUMBERS.items() if to in changes}
                 own["X"] = changes["X"][j]
+                if of.natural is not None:
+                    natural = of.natural
+                    own |= {n: natural.push(at(k), changes, j) for n, at in _NATURAL.items()}
                 at = [self._parameter(k, int(i)) for i in self._parameters]
                 values = [changes[name][j].ravel()[i] for name, i in at]
                 own["parameters"] = np.array(values)

@@ -40,6 +40,8 @@ def why_not(path: StaticPath) -> str:
         return (
             "members or springs with internal variables that start from another solution have none"
         )
+    if model.points.follow_joints:
+        return "friction that follows the force of a joint, fx_beam.Coulomb, has none"
     variables = [own for own in (first.internal, first.spring_internal) if own is not None]
     if any(abs(own).max(initial=0.0) > _ROUNDING for own in variables):
         return "springs are under tension, and change internal variables before the loads act"

@@ -283,16 +283,18 @@ class BeamForms:
         return {**spaces, **nodal, **self.natural.spaces, "coordinates": positions}
 
     def stored_energy_by(
-        self, q: np.ndarray, internal: np.ndarray | None = None
+        self, q: np.ndarray, internal: Given = None, natural: Given = None
     ) -> dict[str, np.ndarray]:
         """Derivatives of `strain_energy` by "q", "X", and "stiffness" (cells, points, 3).
 
-        And by "internal" variables (cells, degree, width) and "parameters" (n,) of the scene.
+        And by "internal" variables (cells, degree, width), "natural" strains (cells, degree, 3) and
+        "parameters" (n,) of the scene.
         """
         if self._stored is None:
             self._stored = self._bind_stored()
         self._set(self._start, q)
         self._set_internal(internal)
+        self.natural.set(natural)
         found = {"q": np.zeros(len(q)), "X": np.zeros_like(self._mesh.X)}
         for name, (form, space) in self._stored.items():
             values, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
@@ -316,7 +318,7 @@ class BeamForms:
         """Derivatives of the stored energy on the mesh by name, with the space of each."""
         weak, data, spaces = self._varied(StoredForm, without=["times"])
         forms = self._pulled_forms(weak.forms, self._space, spaces, data)
-        spaces |= {"start": self._mesh.space}
+        spaces |= {"start": self._mesh.space, **self.natural.spaces}
         spaces["coordinates"] = interval_mesh.positions_space(self._mesh.mesh)
         return {name: (forms[name][0], spaces[name]) for name in forms if name in spaces}
 
@@ -325,7 +327,7 @@ class BeamForms:
         if self._derived is None:
             weak, data, spaces = self._varied(ResultantForm)
             nodal = {"increment": self._space, "start": self._mesh.space}
-            spaces |= nodal | {"before": self._mesh.space}
+            spaces |= nodal | {"before": self._mesh.space} | self.natural.spaces
             mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
             weight = dolfinx_api.function(interval_mesh.gauss_space(mesh, self.fields.degree, 3))
             data[weak.weight] = weight

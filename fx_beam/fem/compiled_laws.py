@@ -159,6 +159,10 @@ def slopes_of(law: PointLaw, rule: StepRule) -> PointFunction:
 
     They are by the values at the start, the increments, the internal variables and the numbers.
     """
+    return _slopes(law, rule) if law.own else _cached_slopes(law, rule)
+
+
+def _slopes(law: PointLaw, rule: StepRule) -> PointFunction:
     n, count = law.size, arguments(law)
     internal, numbers = 3 * n + 2, count - law.numbers
     columns = [*range(2 * n), *range(internal, internal + law.internal), *range(numbers, count)]
@@ -171,6 +175,9 @@ def slopes_of(law: PointLaw, rule: StepRule) -> PointFunction:
         return ufl.as_vector([row[k] for row in rows for k in columns])
 
     return PointFunction(values, count, f"slopes of {law.name}")
+
+
+_cached_slopes = functools.cache(_slopes)
 
 
 @functools.cache

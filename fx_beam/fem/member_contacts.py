@@ -77,7 +77,9 @@ def _both_ways(
     slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
     loses = bool(contact.loss) and not at_rest
     friction = contact.friction
-    kinds = (MEMBER, FOLLOWED) if friction is None else (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)
+    kinds = (
+        (MEMBER, FOLLOWED) if friction is None else (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)
+    )
     law, followed = (_law(contact, kind, loses) for kind in kinds)
     of_loss = (contact.loss, contact.speed) if loses else ()
 

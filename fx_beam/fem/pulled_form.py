@@ -145,6 +145,8 @@ class StoredForm(WeakForm):
         by = {} if self.stiffness is None else {"stiffness": self.stiffness}
         if self.width:
             by["internal"] = self.internal
+        if self.has_natural:
+            by["natural"] = self.fields.natural[0]
         #: Zero, added to the parameters of each element.
         self.more = None
         if self.parameters is not None:

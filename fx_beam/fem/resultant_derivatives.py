@@ -38,6 +38,8 @@ class ResultantForm(WeakForm):
             by["before"] = fields.before
         if self.width:
             by["internal"] = self.internal
+        if self.has_natural:
+            by |= dict(zip(("natural", "natural_end"), fields.natural, strict=True))
         #: As `PulledForm.forms`.
         self.forms = work_and_derivatives("resultants", sums, fields, by)
         X, of_X = fields.coordinates
@@ -91,7 +93,7 @@ class ResultantDerivatives:
         """Derivatives of the sum of weights (cells, points, 3) times N, Q and M, by name.
 
         By "increment", "start" and "before" (size of beams,), "internal" variables, the data of
-        sections, "parameters" of the forms, and "X".
+        sections, strains "natural" at the start and "natural_end", "parameters", and "X".
         """
         self._begin(part)
         bound, found = self._bound, {}

@@ -101,6 +101,7 @@ def _slip_of(motion: Motion, D: Sequence[Any], near: _Nearest, path: Any, still:
     along = near.with_places(on_arm, [0.0, 0.0], size, on_w=on_w)
     return Slip(path, along, _relative(on_normal, on_arm))
 
+
 class _Nearest:
     """The nearest points of a step, and what their places change.
 
@@ -170,9 +171,7 @@ def _arms(ends: _Ends) -> tuple[Vector, Vector]:
     return _add(arm0, -0.5, t0), _add(arm1, 0.5, t1)
 
 
-def _directions(
-    motion: Motion, ends: _Ends
-) -> tuple[Vector, Vector]:
+def _directions(motion: Motion, ends: _Ends) -> tuple[Vector, Vector]:
     """Directions of the normal force on a and t; that on the point is opposite to the first."""
     first, last = _arms(ends)
     if motion.rule.level == 0.5:

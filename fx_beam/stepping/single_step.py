@@ -23,7 +23,7 @@ from .forcing import Forcing
 from .newton import Newton, NewtonOptions, StepFailed, StepSolution
 
 # How often the first step is repeated with the forces of joints that it gives.
-_FIRST_FORCES = 4
+_FIRST_FORCES = 40
 
 
 class SingleStep:

@@ -18,6 +18,8 @@ typedef struct {
   double *of_internal, *lost_internal, *of_springs, *lost_springs, *loads, *thrust, *of_gaps;
   double *forced, *of_forces, *of_levers, *of_joints, *kept; /* what weights of forces give */
   double *by_natural, *by_natural_end, *natural; /* the last are those of a sub-step */
+  /* Of friction that follows joints: by its first force, and by the rotation of its axis. */
+  double *of_first, *of_turn;
 } Backward;
 
 static long lay_out_backward(const Problem *p, Backward *b, double *at) {
@@ -39,6 +41,7 @@ static long lay_out_backward(const Problem *p, Backward *b, double *at) {
   long natural = (long)p->cells * p->cell_natural;
   b->by_natural = allocate(&at, natural), b->by_natural_end = allocate(&at, natural);
   b->natural = allocate(&at, p->naturals);
+  b->of_first = allocate(&at, p->points->all), b->of_turn = allocate(&at, p->points->all);
   return at - begin;
 }
 
@@ -173,6 +176,14 @@ static void pull_points(const Problem *p, const Adjoint *a, const Backward *b, d
   }
 }
 
+/* By the rotations of the axes across which forces of joints count for friction. */
+static void pull_turns(const Problem *p, const Backward *b) {
+  for (int k = 0; k < p->points->all; ++k) {
+    int dof = p->points->of[k].load < 0 ? -1 : p->points->of[k].load_turn;
+    if (dof >= 0) b->by_start[dof] -= b->of_turn[k], b->by_increment[dof] -= p->level * b->of_turn[k];
+  }
+}
+
 /* All that has a work on omega. The vectors of a Backward begin at zero. */
 static void pull_forces(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, double *thrust,
                         double *parameters, int last) {
@@ -189,6 +200,7 @@ static void pull_forces(const Problem *p, const Work *w, const Adjoint *a, const
   pull_elements(p, &a->internal_forces, fields, b, t, w->dt, parameters, last);
   pull_elements(p, &a->drag, fields, b, t, w->dt, parameters, last);
   if (p->points->all) pull_points(p, a, b, thrust, parameters, last);
+  if (p->friction_follows) pull_turns(p, b);
   if (p->points->members) pull_members(p, a, b->omega, b->of_springs, b->by_start, b->by_increment, b->lost_springs, last);
 }
 
@@ -379,7 +391,6 @@ static void return_forces(const Problem *p, int first, int end, double *on_nodes
    (find_joint_forces). */
 static void pull_joint_forces(const Problem *p, const Work *w, const Backward *b, double *closing) {
   double *nodes = b->of_forces, *joints = b->of_joints;
-  find_joint_forces(p, w);
   return_forces(p, p->passes_of_forces, p->passes, nodes, joints);
   for (int j = 0; j < p->joints; ++j) {
     const double *lever = w->virtual_map + 1 + 4 * j, *F = w->joint_forces + 3 * p->slide_of[j];
@@ -396,6 +407,41 @@ static void pull_joint_forces(const Problem *p, const Work *w, const Backward *b
   }
 }
 
+/* Whether the force that friction follows is that of this sub-step itself, the first one. */
+static int follows_first(const Problem *p, const PointForce *e) {
+  return e->load >= 0 && p->spring_internal[e->first_internal + 5] == 0;
+}
+
+/* Friction has as internal variables the forces of its joint in the last two sub-steps: derivatives by these at the
+   end are by the force of this sub-step, and by the last force at its start (fx_follow_joints). */
+static void pull_followed(const Problem *p, const Work *w, const Backward *b) {
+  for (int k = 0; k < p->points->all; ++k) {
+    const PointForce *e = p->points->of + k;
+    if (e->load < 0) continue;
+    double *of = b->of_springs + e->first_internal, slope[3];
+    double weight = (follows_first(p, e) ? b->of_first[k] : 0) - of[2];
+    of[2] = of[3], of[3] = 0;
+    followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
+    for (int i = 0; i < 2; ++i) b->of_joints[3 * e->load + i] += weight * slope[i];
+    b->of_turn[k] = weight * slope[2];
+  }
+}
+
+/* Sets the derivatives by the first forces that friction follows from those by internal variables at the start;
+   returns whether they changed. */
+static int change_of_first(const Problem *p, const Backward *b) {
+  int changed = 0;
+  for (int k = 0; k < p->points->all; ++k) {
+    const PointForce *e = p->points->of + k;
+    if (!follows_first(p, e)) continue;
+    const double *lost = b->lost_springs + e->first_internal;
+    double found = -lost[2] - lost[3];
+    changed |= fabs(found - b->of_first[k]) > SETTLED * fabs(found);
+    b->of_first[k] = found;
+  }
+  return changed;
+}
+
 /* What weights of the forces of a sub-step add to mu and omega: a force of a column is a row of Tv^T r, as those of
    the unknowns are, and closing forces follow from the rows of the unknowns that follow. Returns 0 without weights. */
 static int begin_forces(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, long k) {
@@ -403,11 +449,14 @@ static int begin_forces(const Problem *p, const Work *w, const Adjoint *a, const
   memset(b->omega, 0, p->dofs * sizeof(double)), memset(b->mu, 0, (p->columns + p->ties) * sizeof(double));
   memset(b->forced, 0, p->columns * sizeof(double)), memset(b->of_forces, 0, p->dofs * sizeof(double));
   memset(b->of_levers, 0, (1 + 4 * p->joints) * sizeof(double)), memset(b->of_joints, 0, joints * sizeof(double));
-  if (row < 0) return 0;
-  for (int i = 0; i < constrained; ++i) b->forced[p->free + i] = -a->constraint_weight[row * constrained + i];
+  if (row < 0 && !p->friction_follows) return 0;
+  for (int i = 0; row >= 0 && i < constrained; ++i)
+    b->forced[p->free + i] = -a->constraint_weight[row * constrained + i];
   memset(b->of_gaps, 0, p->closures * sizeof(double));
   if (joints) {
-    memcpy(b->of_joints, a->joint_weight + row * joints, joints * sizeof(double));
+    find_joint_forces(p, w);
+    if (row >= 0) memcpy(b->of_joints, a->joint_weight + row * joints, joints * sizeof(double));
+    if (p->friction_follows) pull_followed(p, w, b);
     pull_joint_forces(p, w, b, b->of_gaps);
   }
   for (int i = 0; i < p->closures; ++i) {
@@ -431,6 +480,30 @@ static void pull_end(const Problem *p, const Work *w, const Backward *b) {
   if (p->joints) pull_map(p, w, b), pull_arms(p, w, b);
 }
 
+/* Finds mu and omega of a sub-step; returns 0 if its tangent is singular. */
+static int find_weights(Problem *p, Work *w, const Adjoint *a, const Backward *b, long k) {
+  int n = p->dofs;
+  long internal = (long)p->cells * p->cell_internal;
+  memcpy(b->end, b->kept, n * sizeof(double));
+  memcpy(b->end_columns, a->columns, p->columns * sizeof(double));
+  memset(b->start_columns, 0, (p->columns + p->ties) * sizeof(double));
+  for (int i = 0; i < p->spring_width; ++i) b->of_springs[i] = -a->spring_internal[i];
+  for (long i = 0; i < internal; ++i) b->of_internal[i] = -a->internal[i] * p->per_weight[i % p->cell_internal];
+  int forced = begin_forces(p, w, a, b, k);
+  if (forced || internal || p->spring_width) pull_forces(p, w, a, b, 0, 0, 0), pull_end(p, w, b);
+  memcpy(w->columns, b->end_columns, p->columns * sizeof(double));
+  gather(p, w->values, b->end, w->columns);
+  memcpy(w->reduced, w->columns, p->free * sizeof(double));
+  memcpy(b->end, b->kept, n * sizeof(double));
+  if (!solve_transposed(p, w, a)) return 0;
+  memcpy(b->mu, b->forced, p->columns * sizeof(double));
+  for (int i = 0; i < p->free; ++i) b->mu[i] += w->step[i];
+  for (int i = 0; i < p->closures; ++i) b->of_gaps[i] = w->y[order_now(p)[p->unknowns - p->closures + i]];
+  spread_virtual(p, w, b->mu, b->omega);
+  for (int i = 0; i < n; ++i) b->omega[i] -= b->of_forces[i];
+  return 1;
+}
+
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
 static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, const Tape *tape, long row) {
   int n = p->dofs, all = p->columns + p->ties;
@@ -443,26 +516,14 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   add_given(p, a, k + 1, b->end);
   for (int i = 0; i < n; ++i) path_bar[i] = per_dt * w->slope[i] * a->v[i];
   for (int i = 0; i < p->massless_count; ++i) path_bar[p->massless[i]] /= 2;
-  memcpy(b->end_columns, a->columns, p->columns * sizeof(double));
-  memset(b->start_columns, 0, all * sizeof(double));
-  int forced = begin_forces(p, w, a, b, k);
-  for (int i = 0; i < p->spring_width; ++i) b->of_springs[i] = -a->spring_internal[i];
-  long internal = (long)p->cells * p->cell_internal;
-  for (long i = 0; i < internal; ++i) b->of_internal[i] = -a->internal[i] * p->per_weight[i % p->cell_internal];
-  for (int i = 0; i < n; ++i) b->end[i] += path_bar[i];
-  memcpy(b->kept, b->end, n * sizeof(double));
-  if (forced || internal || p->spring_width) pull_forces(p, w, a, b, 0, 0, 0), pull_end(p, w, b);
-  memcpy(w->columns, b->end_columns, p->columns * sizeof(double));
-  gather(p, w->values, b->end, w->columns);
-  memcpy(w->reduced, w->columns, p->free * sizeof(double));
-  memcpy(b->end, b->kept, n * sizeof(double));
-  if (!solve_transposed(p, w, a)) return 0;
-  memcpy(b->mu, b->forced, p->columns * sizeof(double));
-  for (int i = 0; i < p->free; ++i) b->mu[i] += w->step[i];
-  for (int i = 0; i < p->closures; ++i) b->of_gaps[i] = w->y[order_now(p)[p->unknowns - p->closures + i]];
-  spread_virtual(p, w, b->mu, b->omega);
-  for (int i = 0; i < n; ++i) b->omega[i] -= b->of_forces[i];
-
+  for (int i = 0; i < n; ++i) b->kept[i] = b->end[i] + path_bar[i];
+  memset(b->of_first, 0, p->points->all * sizeof(double));
+  if (!find_weights(p, w, a, b, k)) return 0;
+  for (int i = 0; p->friction_follows && i < FIRST_FORCES; ++i) {
+    pull_forces(p, w, a, b, 0, 0, 0);
+    if (!change_of_first(p, b)) break;
+    if (!begin_taped(p, w, a, tape->row + row * tape->size, b) || !find_weights(p, w, a, b, k)) return 0;
+  }
   memcpy(b->end_columns, a->columns, p->columns * sizeof(double));
   memset(b->start_columns, 0, all * sizeof(double));
   pull_forces(p, w, a, b, a->thrust + 2L * k * p->thrusts, a->parameters + 2L * k * p->parameter_count, 1);
@@ -477,8 +538,10 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   }
   for (int i = 0; i < p->massless_count; ++i) a->v[p->massless[i]] = 0;
   a->sizes[k] = sqrt(dot(n, a->v, a->v));
-  for (long i = 0; i < internal; ++i) a->internal[i] -= b->lost_internal[i];
+  for (long i = 0, internal = (long)p->cells * p->cell_internal; i < internal; ++i) a->internal[i] -= b->lost_internal[i];
   for (int i = 0; i < p->spring_width; ++i) a->spring_internal[i] = -b->lost_springs[i];
+  for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e)
+    if (follows_first(p, e)) memset(a->spring_internal + e->first_internal + 2, 0, 2 * sizeof(double));
 
   if (p->closures) pull_gaps(p, w, b);
   gather(p, w->values, b->end, b->end_columns);

@@ -11,6 +11,7 @@
    The block has right sides and solutions of all directions (work.h), behind a column that is zero. */
 typedef struct {
   double *end, *increment, *force, *columns, *reduced, *arms, *map, *block, *natural_end;
+  double *followed; /* of each direction the forces of joints that friction follows */
   double *on_joints, *moments, *closing; /* of one direction: forces of joints, moments of springs, closing forces */
   int *reached;
 } Change;
@@ -47,6 +48,7 @@ static long lay_out_forward(const Problem *p, const Adjoint *a, int count, Chang
     points += (p->points->of[k].size + p->points->of[k].internal) * (long)a->arguments[k];
   s->of_points = allocate(&at, points);
   c->natural_end = allocate(&at, (long)count * p->cells * p->cell_natural);
+  c->followed = allocate(&at, (long)count * p->points->all);
   return at - begin;
 }
 
@@ -402,6 +404,11 @@ static void set_right_sides(const Problem *p, const Work *w, const Change *c, co
   }
 }
 
+/* The change of a rotation at the scheme's level. */
+static double at_level(const Problem *p, const double *q, const double *increment, int dof) {
+  return at(q, dof) + p->level * at(increment, dof);
+}
+
 /* The changes of the forces of driven and fixed columns, and of joints, from those of the solution. */
 static void change_forces(const Problem *p, const Work *w, const Change *c, const Directions *d, long at, int j) {
   long constrained = p->columns - p->free, joints = 3 * p->scene_joints;
@@ -414,7 +421,7 @@ static void change_forces(const Problem *p, const Work *w, const Change *c, cons
     if (p->gap_b[i] >= 0) on_nodes[p->gap_b[i]] -= closing[i];
     if (p->gap_a[i] >= 0) on_nodes[p->gap_a[i]] += closing[i];
   }
-  memcpy(d->constraint_rows + (at * d->count + j) * constrained, c->reduced + p->free, constrained * sizeof(double));
+  if (at >= 0) memcpy(d->constraint_rows + (at * d->count + j) * constrained, c->reduced + p->free, constrained * sizeof(double));
   if (!joints) return;
   memset(on_joints, 0, joints * sizeof(double));
   pass_forces(p, 0, p->passes_of_forces, on_nodes, on_joints);
@@ -426,7 +433,30 @@ static void change_forces(const Problem *p, const Work *w, const Change *c, cons
   }
   for (int i = 0; i < p->scene_joints; ++i) on_joints[3 * i + 2] -= c->moments[i];
   pass_forces(p, p->passes_of_forces, p->passes, on_nodes, on_joints);
-  memcpy(d->joint_rows + (at * d->count + j) * joints, on_joints, joints * sizeof(double));
+  if (at >= 0) memcpy(d->joint_rows + (at * d->count + j) * joints, on_joints, joints * sizeof(double));
+  const double *increment = c->increment + j * (long)(p->dofs + LANES), *q0 = d->q + (long)j * p->dofs;
+  for (int k = 0; p->friction_follows && k < p->points->all; ++k) {
+    const PointForce *e = p->points->of + k;
+    if (e->load < 0) continue;
+    double slope[3], turn = at_level(p, q0, increment, e->load_turn), *change = on_joints + 3 * e->load;
+    followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
+    c->followed[(long)j * p->points->all + k] = slope[0] * change[0] + slope[1] * change[1] + slope[2] * turn;
+  }
+}
+
+/* Sets the changes of the first forces that friction follows, if they changed. */
+static int change_first_forces(const Problem *p, const Change *c, const Directions *d) {
+  int changed = 0;
+  for (int k = 0; k < p->points->all; ++k) {
+    const PointForce *e = p->points->of + k;
+    for (int j = 0; follows_first(p, e) && j < d->count; ++j) {
+      double *last = d->spring_internal + (long)j * p->spring_width + e->first_internal + 2;
+      double found = c->followed[(long)j * p->points->all + k];
+      changed |= fabs(found - last[0]) > SETTLED * fabs(found);
+      last[0] = last[1] = found;
+    }
+  }
+  return changed;
 }
 
 /* The changes of the state at the end, from the solution. */
@@ -441,6 +471,13 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
     memset(b->lost_springs, 0, p->spring_width * sizeof(double));
     change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, 0, 0, 0, b->lost_springs);
     if (p->points->members) change_members(p, a, d, j, increment, q0, 0, b->lost_springs);
+    for (int k = 0; p->friction_follows && k < p->points->all; ++k) {
+      const PointForce *e = p->points->of + k;
+      if (e->load < 0) continue;
+      double *last = b->lost_springs + e->first_internal + 2;
+      last[0] = c->followed[(long)j * p->points->all + k];
+      last[1] = d->spring_internal[(long)j * p->spring_width + e->first_internal + 2];
+    }
     memcpy(d->spring_internal + (long)j * p->spring_width, b->lost_springs, p->spring_width * sizeof(double));
   }
   for (int i = 0; i < n; ++i) v0[i] = per_dt * w->slope[i] * increment[i] - v0[i];
@@ -477,18 +514,23 @@ static void change_balance(const Problem *p, const Work *w, const Adjoint *a, co
   }
 }
 
-/* All directions through a sub-step; returns 0 if its tangent is singular. */
+/* All directions through a sub-step; returns 0 if its tangent is singular, and AGAIN if it must be repeated, since
+   the changes of the first forces that friction follows are others. */
+enum { AGAIN = 2 };
+
 static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
-                     const Directions *d, const Backward *b, long row, long rows) {
+                     const Directions *d, const Backward *b, long row, long rows, int may_repeat) {
   long n = p->dofs, internal = (long)p->cells * p->cell_internal;
-  if (d->force_at[row] >= 0 && p->scene_joints) find_joint_forces(p, w);
+  int forces = d->force_at[row] >= 0 || p->friction_follows;
+  if (forces && p->scene_joints) find_joint_forces(p, w);
   if (p->naturals) change_natural(p, d, c, b, row, rows);
   change_ends(p, w, d, c, row, rows, 0);
   change_balance(p, w, a, s, c, d, b, row, rows, 0);
   set_right_sides(p, w, c, d);
   if (!solve_block(p, w, c, d->count)) return 0;
   change_ends(p, w, d, c, row, rows, 1);
-  if (d->force_at[row] >= 0) change_balance(p, w, a, s, c, d, b, row, rows, 1);
+  if (forces) change_balance(p, w, a, s, c, d, b, row, rows, 1);
+  if (p->friction_follows && change_first_forces(p, c, d) && may_repeat) return AGAIN;
   for (int j = 0; j < d->count; ++j) {
     Change own = in_direction(p, c, j);
     change_state(p, w, a, s, &own, d, b, row, rows, j);
@@ -505,6 +547,38 @@ static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *
   return 1;
 }
 
+/* A sub-step of a tape with its tangent and the derivatives of its forces; returns 0 in a singular position. */
+static int begin_push(Problem *p, Work *w, const Adjoint *a, const Slopes *s, const Backward *b, const double *row) {
+  if (!begin_taped(p, w, a, row, b)) return 0;
+  memset(b->mu, 0, (p->columns + p->ties) * sizeof(double));
+  if (p->joints) pull_map(p, w, b); /* for the forces on ties */
+  const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal,
+                                         p->natural, w->natural_end, b->omega, b->of_internal};
+  double t = p->t + p->level * w->dt;
+  memset(b->omega, 0, p->dofs * sizeof(double));
+  memset(b->of_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));
+  find_slopes(p, &a->internal_forces, fields, t, w->dt, s->of_elements[0]);
+  find_slopes(p, &a->drag, fields, t, w->dt, s->of_elements[1]);
+  find_point_slopes(p, a, s->of_points);
+  return 1;
+}
+
+/* The changes of the configuration at the start of the first sub-step, and of equilibria that depend on none before. */
+static void begin_changes(const Problem *p, const Work *w, const Directions *d, const Change *c, const Backward *b,
+                          int apart, int first) {
+  long all = p->columns + p->ties;
+  if (apart) {
+    memset(d->columns, 0, d->count * all * sizeof(double));
+    memset(d->q, 0, d->count * (long)p->dofs * sizeof(double));
+  }
+  if (!first) return;
+  values_at_start(p, w, b);
+  double slide[p->joints + 1];
+  for (int i = 0; i < p->joints; ++i) slide[i] = at(p->slides, p->slide_of[i]);
+  for (int j = 0; j < d->count; ++j)
+    change_nodes(p, d, j, b->values, w->psi0, slide, c->arms, d->columns + j * all, d->q + (long)j * p->dofs);
+}
+
 /* Follows a tape with changes in several directions; returns the number of sub-steps that are left where a
    tangent is singular. */
 long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d) {
@@ -512,36 +586,18 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   Backward b;
   Change c;
   Slopes s;
-  long all = p->columns + p->ties;
   lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch), lay_out_forward(p, a, d->count, &c, &s, d->scratch);
   w->dt = NAN;
   c.map[0] = 0;
   for (long row = 0; row < tape->rows; ++row) {
     long k = tape->first + row;
-    if (!begin_taped(p, w, a, tape->row + row * tape->size, &b)) return tape->rows - row;
-    if (tape->apart) {
-      memset(d->columns, 0, d->count * all * sizeof(double));
-      memset(d->q, 0, d->count * (long)p->dofs * sizeof(double));
+    for (int i = 0, state = AGAIN; state == AGAIN; ++i) {
+      if (!begin_push(p, w, a, &s, &b, tape->row + row * tape->size)) return tape->rows - row;
+      if (i == 0) begin_changes(p, w, d, &c, &b, tape->apart, k == 0);
+      for (int j = 0; i == 0 && row == 0 && j < d->count; ++j) store_change(p, d, k, j);
+      state = push_step(p, w, a, &s, &c, d, &b, k, tape->all, i < FIRST_FORCES);
+      if (!state) return tape->rows - row;
     }
-    if (k == 0) {
-      values_at_start(p, w, &b);
-      double slide[p->joints + 1];
-      for (int i = 0; i < p->joints; ++i) slide[i] = at(p->slides, p->slide_of[i]);
-      for (int j = 0; j < d->count; ++j)
-        change_nodes(p, d, j, b.values, w->psi0, slide, c.arms, d->columns + j * all, d->q + (long)j * p->dofs);
-    }
-    for (int j = 0; row == 0 && j < d->count; ++j) store_change(p, d, k, j);
-    memset(b.mu, 0, all * sizeof(double));
-    if (p->joints) pull_map(p, w, &b); /* for the forces on ties */
-    const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal,
-                                           p->natural, w->natural_end, b.omega, b.of_internal};
-    double t = p->t + p->level * w->dt;
-    memset(b.omega, 0, p->dofs * sizeof(double));
-    memset(b.of_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));
-    find_slopes(p, &a->internal_forces, fields, t, w->dt, s.of_elements[0]);
-    find_slopes(p, &a->drag, fields, t, w->dt, s.of_elements[1]);
-    find_point_slopes(p, a, s.of_points);
-    if (!push_step(p, w, a, &s, &c, d, &b, k, tape->all)) return tape->rows - row;
     for (int j = 0; j < d->count; ++j) store_change(p, d, k + 1, j);
   }
   p->kept.present = 0;

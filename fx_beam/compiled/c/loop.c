@@ -6,8 +6,8 @@
 #include "recorder.h"
 #include "tape.h"
 
-/* How often the first step is repeated with the forces of joints that it gives. */
-enum { FIRST_FORCES = 4 };
+/* How often at most the first step is repeated with the forces of joints that it gives. */
+enum { FIRST_FORCES = 40 };
 
 static double mid(const Problem *p, double force, double previous) {
   if (p->level == 0.5 || p->steps_done == 0 || p->sub_steps > 1) return force;

@@ -54,7 +54,7 @@ double fx_lost_at_points(const PointForces *p, const double *D, const double *z)
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal);
 void fx_evolve_points(const PointForces *p, const double *D, const double *z, double *internal);
 /* The forces of joints in the step D from q, for friction that follows them in the next one; if it is the
-   `first`, for the friction that has none. Returns for how many. */
+   `first`, for the friction that has none. Returns for how many they changed. */
 int fx_follow_joints(const PointForces *p, const double *joints, const double *q, const double *D, double level,
                      int first, double *internal);
 void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out);

@@ -17,6 +17,9 @@ static inline void call(Law *law, const double *given, double *results, int valu
   law(results, 0, given, 0, 0, 0, 0);
 }
 
+/* Relative change of the first forces that friction follows below which they are found. */
+static const double SETTLED = 1e-13;
+
 static int values_of(const PointForce *e) { return e->size + e->entries + e->internal + e->remembered; }
 
 static void place_at(const PointForce *e, const double *q, const double *slide) {
@@ -102,19 +105,30 @@ void fx_evolve_points(const PointForces *p, const double *D, const double *z, do
   if (p->members) fx_evolve_members(p->members, D, internal);
 }
 
+/* The size of the force of a joint that friction follows, its derivatives by x and y, and by the rotation of the
+   axis. */
+static double followed_size(const PointForce *e, const double *joints, const double *q, const double *D, double level,
+                            double slope[3]) {
+  const double *F = joints + 3 * e->load, *a = e->load_axis;
+  double size = hypot(F[0], F[1]), turn = e->load_turn < 0 ? 0 : q[e->load_turn] + level * D[e->load_turn];
+  slope[2] = 0;
+  for (int i = 0; i < 2; ++i) slope[i] = size > 0 ? F[i] / size : 0;
+  if (a[0] == 0 && a[1] == 0) return size;
+  double c = cos(turn), s = sin(turn), x = c * a[0] - s * a[1], y = s * a[0] + c * a[1];
+  double across = x * F[1] - y * F[0], sign = across < 0 ? -1 : 1;
+  slope[0] = -sign * y, slope[1] = sign * x, slope[2] = -sign * (y * F[1] + x * F[0]);
+  return fabs(across);
+}
+
 int fx_follow_joints(const PointForces *p, const double *joints, const double *q, const double *D, double level,
                      int first, double *internal) {
   int count = 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (e->load < 0) continue;
-    const double *F = joints + 3 * e->load, *a = e->load_axis;
-    double *last = internal + e->first_internal + 2, size = hypot(F[0], F[1]);
-    if (first && last[3] != 0) continue;
+    double slope[3], size = followed_size(e, joints, q, D, level, slope);
+    double *last = internal + e->first_internal + 2;
+    if (first && (last[3] != 0 || fabs(size - last[0]) <= SETTLED * size)) continue;
     ++count;
-    if (a[0] != 0 || a[1] != 0) {
-      double turn = e->load_turn < 0 ? 0 : q[e->load_turn] + level * D[e->load_turn], c = cos(turn), s = sin(turn);
-      size = fabs((c * a[0] - s * a[1]) * F[1] - (s * a[0] + c * a[1]) * F[0]);
-    }
     last[1] = first ? size : last[0], last[0] = size;
   }
   return count;
