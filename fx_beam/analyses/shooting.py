@@ -124,8 +124,8 @@ class Shooting:
             )
         if model.points.follow_joints:
             raise SceneError(
-                f"{what}: friction that follows the force of a joint, fx_beam.Coulomb, has no "
-                "derivatives. Use fx_beam.Friction, or let contact have the friction"
+                f"{what}: friction that follows the force of a joint, fx_beam.Coulomb, begins anew "
+                "in each period. Use fx_beam.Friction, or let contact have the friction"
             )
 
     # -- States ---------------------------------------------------------------------------------
