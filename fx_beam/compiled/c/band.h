@@ -6,7 +6,7 @@
 #include "sparse_lu.h"
 
 /* Eliminates a column from the next `reach` rows, downwards (way 1) or upwards (way -1). */
-INLINED void eliminate(int band, int reach, int way, double *restrict pivot, double *restrict b) {
+INLINED void eliminate_rows(int band, int reach, int way, double *restrict pivot, double *restrict b) {
   double inverse = pivot[0] = 1 / pivot[0], above = b[0];
 #pragma GCC unroll 12
   for (int i = 1; i <= reach; ++i) {
@@ -19,11 +19,30 @@ INLINED void eliminate(int band, int reach, int way, double *restrict pivot, dou
 }
 
 /* Unknown of a row from the next `reach` unknowns; the nearest last, since it is the latest result. */
-INLINED void substitute(int reach, int way, const double *restrict row, double *restrict b) {
+INLINED void substitute_row(int reach, int way, const double *restrict row, double *restrict b) {
   double sum = b[0];
 #pragma GCC unroll 12
   for (int j = reach; j > 0; --j) sum -= row[way * j] * b[way * j];
   b[0] = sum * row[0];
+}
+
+/* The same for a reach that the compiler does not know: each once, as unrolled loops take long to compile. */
+COMPILED_ONCE void eliminate_any(int band, int reach, int way, double *restrict pivot, double *restrict b) {
+  eliminate_rows(band, reach, way, pivot, b);
+}
+
+COMPILED_ONCE void substitute_any(int reach, int way, const double *restrict row, double *restrict b) {
+  substitute_row(reach, way, row, b);
+}
+
+INLINED void eliminate(int band, int reach, int way, double *restrict pivot, double *restrict b) {
+  if (__builtin_constant_p(reach)) eliminate_rows(band, reach, way, pivot, b);
+  else eliminate_any(band, reach, way, pivot, b);
+}
+
+INLINED void substitute(int reach, int way, const double *restrict row, double *restrict b) {
+  if (__builtin_constant_p(reach)) substitute_row(reach, way, row, b);
+  else substitute_any(reach, way, row, b);
 }
 
 /* Rows of a band matrix that are eliminated downwards from its start, and those that are eliminated upwards
@@ -84,14 +103,6 @@ INLINED void substitute_band(int n, int band, Ends of, const double *A, double *
   }
 }
 
-INLINED int solve(int n, int band, double *A, double *b) {
-  int half = n > 4 * band ? n / 2 - band : 0;
-  Ends of = {half, half};
-  if (!eliminate_band(n, band, of, A, b)) return 0;
-  substitute_band(n, band, of, A, b, 0);
-  return 1;
-}
-
 /* Subtracts a multiple of a row of the block (work.h) from another one, without the first `from`. */
 INLINED void subtract_in_block(const Problem *p, const Work *w, int from, int row, double factor, int of) {
   double *restrict to = w->block + (long)row * p->block, *restrict by = w->block + (long)of * p->block;
@@ -129,7 +140,7 @@ static void solve_band_block(const Problem *p, const Work *w, Ends of) {
     }
 }
 
-/* Functions of a band matrix with constant bandwidths of beams, for which the compiler can unroll the
+/* A function of a band matrix with constant bandwidths of beams, for which the compiler can unroll the
    loops. */
 #define OF_BAND(p, function, n, ...)                       \
   ((p)->band == 5    ? function(n, 5, __VA_ARGS__)  /* degree 1 with joints */ \
@@ -138,6 +149,19 @@ static void solve_band_block(const Problem *p, const Work *w, Ends of) {
    : (p)->band == 11 ? function(n, 11, __VA_ARGS__) /* degree 3 */ \
                      : function(n, (p)->band, __VA_ARGS__))
 
+/* Both of the tangent and the right side y, whose solution takes its place. */
+COMPILED_ONCE int eliminate_tangent(const Problem *p, const Work *w, int n, Ends of) {
+  return OF_BAND(p, eliminate_band, n, of, w->tangent, w->y);
+}
+
+COMPILED_ONCE void substitute_tangent(const Problem *p, const Work *w, int n, Ends of, const int *reached) {
+  OF_BAND(p, substitute_band, n, of, w->tangent, w->y, reached);
+}
+
 static int solve_band(const Problem *p, const Work *w) {
-  return OF_BAND(p, solve, p->free, w->tangent, w->y);
+  int n = p->free, half = n > 4 * p->band ? n / 2 - p->band : 0;
+  Ends of = {half, half};
+  if (!eliminate_tangent(p, w, n, of)) return 0;
+  substitute_tangent(p, w, n, of, 0);
+  return 1;
 }

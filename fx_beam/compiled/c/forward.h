@@ -283,7 +283,7 @@ static int solve_block(Problem *p, const Work *w, const Change *c, int count) {
     if (!eliminate_chain(p, w, middle / 3, 1)) return 0;
     solve_chain_block(&all, &own, middle / 3);
   } else if (p->band) {
-    if (!OF_BAND(p, eliminate_band, n, of, w->tangent, w->y)) return 0;
+    if (!eliminate_tangent(p, w, n, of)) return 0;
     solve_band_block(&all, &own, of);
   } else {
     if (!factorise(p, w)) return 0;

@@ -139,7 +139,7 @@ static int solve_bordered(Problem *p, const Work *w) {
     if (!eliminate_chain(p, w, middle / 3, 1)) return 0;
     solve_chain_block(p, w, middle / 3);
   } else if (p->band) {
-    if (!OF_BAND(p, eliminate_band, n, of, w->tangent, w->y)) return 0;
+    if (!eliminate_tangent(p, w, n, of)) return 0;
     solve_band_block(p, w, of);
   } else {
     if (!factorise(p, w)) return 0;
@@ -152,7 +152,7 @@ static int solve_bordered(Problem *p, const Work *w) {
   } else {
     for (int i = 0; i < n; ++i)
       if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
-    if (p->band) OF_BAND(p, substitute_band, n, of, w->tangent, w->y, w->reached);
+    if (p->band) substitute_tangent(p, w, n, of, w->reached);
     else substitute_backward(&p->rows, w->factors, w->y, w->reached);
     for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
   }

@@ -6,6 +6,8 @@
 #include <stdint.h>
 
 #define INLINED static inline __attribute__((always_inline))
+/* For large functions with several callers, each copy of which would take its time to compile. */
+#define COMPILED_ONCE static __attribute__((noinline))
 
 #if defined __x86_64__ && defined __GLIBC__ && defined __GNUC__ && !defined __clang__
 /* glibc has vector versions of these, but declares them only with -ffast-math. */
