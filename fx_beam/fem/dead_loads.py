@@ -25,9 +25,11 @@ class Loads:
     def __init__(self, scene: Scene, mesh: Mesh):
         self._mesh = mesh
         #: Nodal forces of unit components of each load, as a matrix (size, n).
-        self.columns = self._read(scene)
+        parts = self._read(scene)
+        self.columns = scipy.sparse.csc_matrix(parts, (mesh.dofs.size, len(parts[2]) - 1))
 
-    def _read(self, scene: Scene) -> scipy.sparse.csc_matrix:
+    def _read(self, scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values, rows and starts of the columns."""
         self._loads = [load for load in scene.loads if not load.follower]
         #: Functions of time of the columns, each with what it is of.
         self._functions: list[tuple[TimeFunction, str]] = []
@@ -44,19 +46,18 @@ class Loads:
             self._functions.append((function, str(load)))
             for of_all, part in zip((forces, dofs, counts), parts, strict=True):
                 of_all.append(part)
-        rows = np.concatenate(forces), np.concatenate(dofs), np.cumsum(np.concatenate(counts))
-        return scipy.sparse.csc_matrix(rows, (self._mesh.dofs.size, len(rows[2]) - 1))
+        return np.concatenate(forces), np.concatenate(dofs), np.cumsum(np.concatenate(counts))
 
     def refill(self, scene: Scene) -> None:
         """Set the loads to those of a scene of the same structure, whose mesh is set.
 
         OtherStructureError if they act on other degrees of freedom.
         """
-        columns = self._read(scene)
-        for name in ("indptr", "indices"):
-            if not np.array_equal(getattr(columns, name), getattr(self.columns, name)):
-                raise OtherStructureError("loads act on other degrees of freedom")
-        self.columns = columns
+        forces, dofs, starts = self._read(scene)
+        own = self.columns
+        if not (np.array_equal(dofs, own.indices) and np.array_equal(starts, own.indptr)):
+            raise OtherStructureError("loads act on other degrees of freedom")
+        own.data = forces
 
     def _line_load(
         self, scene: Scene, load: Load, beam: Beam

@@ -25,9 +25,11 @@ class NaturalStrains:
         #: Shape (cells, degree, 3) of the strains at the Gauss points.
         self.shape = len(mesh.beam_of_cell), degree, 3
         #: Strains of unit components, as a matrix (size, n).
-        self.columns = self._read(scene)
+        parts = self._read(scene)
+        self.columns = scipy.sparse.csc_matrix(parts, (self.size, len(parts[2]) - 1))
 
-    def _read(self, scene: Scene) -> scipy.sparse.csc_matrix:
+    def _read(self, scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values, rows and starts of the columns."""
         self._strains = [*scene.natural_strains]
         #: Functions of time of the columns, each with what it is of.
         self._functions: list[tuple[TimeFunction, str]] = []
@@ -40,9 +42,7 @@ class NaturalStrains:
                 counts.append(count)
         columns = np.cumsum([len(count) for count in counts]) - 1
         self._first: list[int] = columns[:-1].tolist()
-        starts = np.cumsum(np.concatenate(counts))
-        parts = np.concatenate(values), np.concatenate(rows), starts
-        return scipy.sparse.csc_matrix(parts, (self.size, len(starts) - 1))
+        return np.concatenate(values), np.concatenate(rows), np.cumsum(np.concatenate(counts))
 
     def _columns(
         self, scene: Scene, strain: NaturalStrain, name: str, part: StrainPart
@@ -65,11 +65,11 @@ class NaturalStrains:
 
     def refill(self, scene: Scene) -> None:
         """Set the strains to those of a scene of the same structure."""
-        columns = self._read(scene)
-        for name in ("indptr", "indices"):
-            if not np.array_equal(getattr(columns, name), getattr(self.columns, name)):
-                raise OtherStructureError("natural strains are of another kind")
-        self.columns = columns
+        values, rows, starts = self._read(scene)
+        own = self.columns
+        if not (np.array_equal(rows, own.indices) and np.array_equal(starts, own.indptr)):
+            raise OtherStructureError("natural strains are of another kind")
+        own.data = values
 
     def __bool__(self):
         return bool(self._strains)
