@@ -355,11 +355,11 @@ def test_rows_are_those_of_the_steps_that_are_recorded():
 
 def test_springs_of_a_kind_are_compiled_once_and_linear_ones_never(monkeypatch):
     made = []
-    compile_form = dolfinx_api.compile_form
+    compile_together = dolfinx_api.compile_together
     monkeypatch.setattr(
         dolfinx_api,
-        "compile_form",
-        lambda form, name: (made.append(name), compile_form(form, name))[1],
+        "compile_together",
+        lambda forms, *flags: (made.extend(forms), compile_together(forms, *flags))[1],
     )
     for spring, count in ((fb.Spring(20.0), 0), (PLASTIC, 1)):
         made.clear()

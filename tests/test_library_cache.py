@@ -20,7 +20,7 @@ import pytest
 from fx_beam import c_library, library_cache
 from fx_beam.compiled import build
 from fx_beam.fem import ffcx_api
-from fx_beam.fem.point_functions import PointFunction
+from fx_beam.fem.point_functions import point_functions
 
 
 @pytest.fixture(autouse=True)
@@ -42,7 +42,7 @@ def forget(monkeypatch):
 
 def form():
     """3, by a form that FFCx compiles."""
-    twice = PointFunction(lambda x: ufl.as_vector([2 * x[0]]), 1, "twice")
+    (twice,) = point_functions({"twice": lambda x: ufl.as_vector([2 * x[0]])}, 1)
     return twice(np.array([1.5]))[0]
 
 

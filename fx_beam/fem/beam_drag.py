@@ -59,7 +59,8 @@ class PulledDrag:
         self.weight = dolfinx_api.Coefficient(fields.test.ufl_function_space())
         work = drag_work(fields.step(rates, "rates of the drag"), self.symbols)
         work = ufl.replace(work * fields.measure(fields.full_rule), {fields.test: self.weight})
-        self.forms = work_and_derivatives("work of drag", work, fields, self.symbols)
+        flags = dolfinx_api.ONLY_IN_BATCHES
+        self.forms = work_and_derivatives("work of drag", work, fields, self.symbols, flags)
 
 
 class BeamDrag:
@@ -118,4 +119,4 @@ def _compiled(
     force, loss = drag_work(step, at) * dx, drag_loss(step, at) * dx
     tangent = ufl.derivative(force, fields.increment, fields.trial)
     forms = {"drag": force, "tangent of drag": tangent, "loss to drag": loss}
-    return dolfinx_api.compile_forms(forms), at
+    return dolfinx_api.compile_together(forms), at

@@ -19,7 +19,7 @@ from fx_beam.scene.parameters import names_of, parameters_in, replaced
 from fx_beam.scene.symbols import not_numbers
 
 from . import dolfinx_api
-from .point_functions import PointFunction
+from .point_functions import PointFunction, point_functions
 
 Values = Callable[[Motion], list]
 
@@ -41,9 +41,10 @@ class CompiledLaw:
             others.pop("switches", None)
         #: Names of the parameters in its functions, whose values are given behind all else.
         self.parameters = self._names(motion, others) if law.own else []
-        self._functions = {"law": self._function(law.name, self._forces)}
-        for name, of in others.items():
-            self._functions[name] = self._function(f"{name} of {law.name}", of)
+        named = {law.name: self._function(self._forces)}
+        named |= {f"{name} of {law.name}": self._function(of) for name, of in others.items()}
+        made = point_functions(named, self.given)
+        self._functions = dict(zip(["law", *others], made, strict=True))
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
         self.values = law.size + len(self.entries) + law.internal + law.remembered
         if law.at_zero:
@@ -80,7 +81,7 @@ class CompiledLaw:
                 return ufl.diff(replaced(work, by_name), given)
 
         size = count + law.size + law.internal
-        return PointFunction(values, size, f"derivatives of {law.name}")
+        return point_functions({f"derivatives of {law.name}": values}, size)[0]
 
     @functools.cached_property
     def energy_by(self) -> PointFunction:
@@ -94,7 +95,8 @@ class CompiledLaw:
             with not_numbers():
                 return ufl.diff(replaced(energy(self._motion(given)), by_name), given)
 
-        return PointFunction(values, self.given, f"derivatives of the energy of {self.law.name}")
+        name = f"derivatives of the energy of {self.law.name}"
+        return point_functions({name: values}, self.given)[0]
 
     def _names(self, motion: Motion, others: dict[str, Values]) -> list[str]:
         with not_numbers():
@@ -105,7 +107,8 @@ class CompiledLaw:
     def _motion(self, given: Any) -> Motion:
         return Motion(given, self.law, self._rule)
 
-    def _function(self, name: str, values: Values) -> PointFunction:
+    def _function(self, values: Values) -> Callable[[Any], Any]:
+        """The values as a vector of what the law is given."""
         first = arguments(self.law)
 
         def of(given: Any) -> Any:
@@ -113,7 +116,7 @@ class CompiledLaw:
             with not_numbers():
                 return replaced(ufl.as_vector(values(self._motion(given))), by_name)
 
-        return PointFunction(of, self.given, name)
+        return of
 
     def _forces(self, motion: Motion) -> list:
         """Forces, entries of their tangent, internal variables and what is remembered."""

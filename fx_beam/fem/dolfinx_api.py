@@ -9,11 +9,11 @@ import functools
 import inspect
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 # Before dolfinx, which would start MPI itself, and slowly.
-from .mpi import MPI
+from . import mpi  # noqa: F401
 
 # isort: split
 import dolfinx
@@ -36,11 +36,12 @@ def _takes(function: Callable, name: str) -> bool:
     return name in inspect.signature(function).parameters
 
 
-_OPTIONS_OF_FORMS = OPTIONS_OF_JIT.replace("jit", "form_compiler")
 # Whether a form of Python is one of the C++ library, and may have one for each type of cell.
 _FORM_IS_OF_CPP = not hasattr(fem, "form_cpp_class")
 _FORM_HAS_SEVERAL = _takes(fem.form, "jit_comm")
 _EXPRESSION_TAKES_MESH = _takes(fem.Expression.eval, "mesh")
+#: Flags for forms of which only functions of several elements are called, which are compiled again.
+ONLY_IN_BATCHES = ("-O0",)
 #: Errors of UFL and FFCx for an invalid form; ArityMismatch is not always an Exception.
 REFUSALS: tuple[type[BaseException], ...] = (Exception, ArityMismatch)
 
@@ -145,16 +146,19 @@ class CompiledForm(NamedTuple):
     together: tuple[Any, ...]
 
 
-def compile_forms(forms: Mapping[str, Any]) -> list[CompiledForm]:
-    """Compile UFL forms by name through FFCx, as one module: for those always used together.
+def compile_together(forms: Mapping[str, Any], flags: Sequence[str] = ()) -> list[CompiledForm]:
+    """Compile UFL forms, or expressions with their points, by name through FFCx, as one module.
 
-    Forms that were not in the cache are logged.
+    For those always used together, with further flags of the C compiler. Those that were not in
+    the cache are logged.
     """
     together = tuple(forms.values())
     settings = dolfinx.jit.get_options if _HAS_OPTIONS else dolfinx.jit.get_parameters
 
     def jit(**options):
-        return ffcx_api.compile_forms(together, _SCALAR, settings(options[OPTIONS_OF_JIT]))
+        given = settings(options[OPTIONS_OF_JIT])
+        given["cffi_extra_compile_args"] = [*given["cffi_extra_compile_args"], *flags]
+        return ffcx_api.compile_together(together, _SCALAR, given)
 
     objects, module, code = compiled(jit)
     for name in forms if any(code) else ():
@@ -166,12 +170,8 @@ def compile_forms(forms: Mapping[str, Any]) -> list[CompiledForm]:
 
 
 def compile_form(form, name: str) -> CompiledForm:
-    """The same for a single form, or for an expression with its points."""
-    options = {_OPTIONS_OF_FORMS: _SCALAR}
-    ufcx, module, code = compiled(dolfinx.jit.ffcx_jit, MPI.COMM_SELF, form, **options)
-    if any(code):
-        _log.info("compiled the form %r, once", name)
-    return CompiledForm(name, form, ufcx, module, code, (form,))
+    """The same for a single form."""
+    return compile_together({name: form})[0]
 
 
 def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, tags=None):

@@ -9,7 +9,7 @@ import scipy.sparse
 
 from fx_beam.mechanics.nodal_rates import NodalRates
 
-from .point_functions import PointFunction
+from .point_functions import PointFunction, point_functions
 
 #: Arguments of a rule, four vectors and dt, and its values: an acceleration, its derivatives by the
 #: increment, rates and accelerations.
@@ -68,4 +68,4 @@ def _compiled(rates: NodalRates, rule) -> PointFunction:
             [*(a[i] for i in range(3)), *slope, *(x[i] for x in (v1, a1) for i in range(3))]
         )
 
-    return PointFunction(values, ARGUMENTS, "rule for the rates")
+    return point_functions({"rule for the rates": values}, ARGUMENTS)[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import ufl
@@ -19,6 +19,9 @@ from . import dolfinx_api, ffcx_api
 # FFCx have one more, which C ignores where there is none.
 _FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)
 
+# A UFL vector of UFL numbers.
+Values = Callable[[Any], Any]
+
 
 class _Stripped(MultiFunction):
     """An expression without the variables of its derivatives; parts that it shares stay shared."""
@@ -31,17 +34,13 @@ class _Stripped(MultiFunction):
 
 
 class PointFunction:
-    """A UFL vector of `arguments` numbers as a C function."""
+    """A UFL vector of some numbers as a C function."""
 
-    def __init__(self, values: Callable[[Any], Any], arguments: int, name: str):
-        numbers = ufl.Constant(dolfinx_api.domain(1), shape=(arguments,))
-        # Without the variables of derivatives: later versions of UFL tell them apart by numbers of
-        # the process, and would compile the same function again.
-        expression = map_expr_dag(_Stripped(), expand_derivatives(values(numbers)))
-        self._compiled = dolfinx_api.compile_form((expression, np.array([[0.5]])), name)
-        self._size = expression.ufl_shape[0]
+    def __init__(self, compiled: dolfinx_api.CompiledForm):
+        self._compiled = compiled
+        self._size = compiled.form[0].ufl_shape[0]
         #: Address of the function.
-        self.address = ffcx_api.expression_function(self._compiled)
+        self.address = ffcx_api.expression_function(compiled)
         self._function = _FUNCTION(self.address)
 
     def __call__(self, numbers: np.ndarray) -> np.ndarray:
@@ -49,3 +48,18 @@ class PointFunction:
         out = np.zeros(self._size)
         self._function(out.ctypes.data, None, numbers.ctypes.data, None, None, None, None)
         return out
+
+
+def point_functions(values: Mapping[str, Values], arguments: int) -> list[PointFunction]:
+    """UFL vectors of `arguments` numbers by name, which are used together, as C functions."""
+    numbers = ufl.Constant(dolfinx_api.domain(1), shape=(arguments,))
+    # Without the variables of derivatives: later versions of UFL tell them apart by numbers of
+    # the process, and would compile the same function again.
+    expressions = {
+        name: map_expr_dag(_Stripped(), expand_derivatives(of(numbers)))
+        for name, of in values.items()
+    }
+    compiled = dolfinx_api.compile_together(
+        {name: (expression, np.array([[0.5]])) for name, expression in expressions.items()}
+    )
+    return [PointFunction(function) for function in compiled]

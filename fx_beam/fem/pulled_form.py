@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import ufl
@@ -36,7 +36,7 @@ class BoundPull(NamedTuple):
         titles = {
             f"{self.forms['work'][1].name}, slope {name} {k}": found[name, k] for name, k in found
         }
-        compiled = dolfinx_api.compile_forms(titles)
+        compiled = dolfinx_api.compile_together(titles, dolfinx_api.ONLY_IN_BATCHES)
         return {
             key: (self.bind(key[0], self.weights[key[1]], form), form)
             for key, form in zip(found, compiled, strict=True)
@@ -78,11 +78,11 @@ def bound_pull(
 
 
 def work_and_derivatives(
-    name: str, work: Any, fields: Fields, by: Mapping[str, Any]
+    name: str, work: Any, fields: Fields, by: Mapping[str, Any], flags: Sequence[str] = ()
 ) -> dict[str, CompiledForm]:
     """A work and its derivatives by increment and start, by coefficients, and by coordinates.
 
-    Without those that are zero.
+    Without those that are zero; compiled with further flags.
     """
     by = {"increment": fields.increment, "start": fields.start, **by}
     forms = {what: ufl.derivative(work, field) for what, field in by.items()}
@@ -90,7 +90,8 @@ def work_and_derivatives(
     forms["coordinates"] = ufl.derivative(work, X, ufl.TestFunction(of_X))
     forms = {what: form for what, form in forms.items() if not expand_derivatives(form).empty()}
     forms = {"work": work, **forms}
-    compiled = dolfinx_api.compile_forms({f"{name} by {what}": f for what, f in forms.items()})
+    named = {f"{name} by {what}": form for what, form in forms.items()}
+    compiled = dolfinx_api.compile_together(named, flags)
     return dict(zip(forms, compiled, strict=True))
 
 
@@ -130,7 +131,8 @@ class PulledForm(WeakForm):
         data = {"stiffness": self.stiffness, "times": self.times, "parameters": self.more}
         by |= {name: symbol for name, symbol in data.items() if symbol is not None}
         #: The work, and its derivatives in the order of `Pulled` in problem.h.
-        self.forms = work_and_derivatives("work", work, fields, by)
+        flags = dolfinx_api.ONLY_IN_BATCHES
+        self.forms = work_and_derivatives("work", work, fields, by, flags)
 
 
 class StoredForm(WeakForm):

@@ -210,7 +210,7 @@ class WeakForm:
         fields, residual = self.fields, self._residual
         tangent = ufl.derivative(residual, fields.increment, fields.trial)
         forms = {"internal forces": residual, "tangent": tangent}
-        self.force, self.tangent = dolfinx_api.compile_forms(forms)
+        self.force, self.tangent = dolfinx_api.compile_together(forms)
         self.energy = dolfinx_api.compile_form(self._stored, "strain energy")
         #: Energies that the material and the scheme take in a step, and that the scheme holds for
         #: the next one; None where there is none.
