@@ -177,7 +177,7 @@ def _slopes(law: PointLaw, rule: StepRule) -> PointFunction:
             rows = [ufl.diff(of, given) for of in (*found.forces, *found.internal)]
         return ufl.as_vector([row[k] for row in rows for k in columns])
 
-    return PointFunction(values, count, f"slopes of {law.name}")
+    return point_functions({f"slopes of {law.name}": values}, count)[0]
 
 
 _cached_slopes = functools.cache(_slopes)
