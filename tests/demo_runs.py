@@ -49,6 +49,7 @@ PICTURES = {
     "roll_up": ("scene.png", "shapes.png", "convergence_and_energy.png", "motion.gif"),
     "bars": ("force_and_velocities.png",),
     "gripper": ("scene.png", "shapes.png", "rise_and_force.png", "motion.gif"),
+    "driven_cycle": ("scene.png", "cycle.png"),
     "capstan": ("scene.png", "pull_and_tension.png"),
     "column_between_walls": ("scene.png", "shapes_and_wall.png"),
     "bow": ("scene.png", "shapes.png", "draw_and_energy.png", "motion.gif"),
