@@ -65,6 +65,8 @@ def numbers(run, starts, lengths):
     if isinstance(model.reduction, JointReduction):
         found |= {"offset": joints["offset"], "axis": joints["axis"]}
         found["rest"] = np.array([joint.start()[0] for joint in model.couplings.moving])
+    if sliding := model.couplings.sliding:
+        found["places"] = np.array([joint.place_at_rest for joint in sliding])
     if (beams := model.forms.beams) is not None:
         fields = {name.replace("times", "retardation"): f for name, f in beams.of_sections.items()}
         if beams.drag is not None:
@@ -101,6 +103,9 @@ def _weights(run):
     for name, rows in run.rows.items():
         largest = abs(rows).max(initial=1.0) if name in ("constraints", "joints") else 1.0
         weights[name] = rng.standard_normal(rows.shape) / largest
+    if "constraints" in weights:  # forces of nodes on beams are among those of the joints
+        couplings = run.model.couplings
+        weights["constraints"][:, couplings.independent - couplings.free :] = 0.0
     return weights
 
 

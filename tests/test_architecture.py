@@ -148,6 +148,7 @@ HOUSE = {
         "gap_rows",
         "loop_reduction",
         "rate_equations",
+        "beam_rates",
         "rate_derivatives",
         "rigid_points",
         "rate_masses",

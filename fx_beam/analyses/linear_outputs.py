@@ -8,11 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.compiled.tape import Steps
-from fx_beam.errors import SceneError
+from fx_beam.coupling.beam_rates import PlaceOnBeam
+from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.model.model import Model
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.outputs import Output
+from fx_beam.scene.sliders import SlidingJoint
 
 from .gradient import Gradient
 
@@ -210,6 +212,9 @@ class _OfJoint(_Terms):
     def rate(self) -> Iterator[Term]:
         """Along a slide: t . (v_b - v_a) + omega_a offset x axis, with t = R(psi_a) axis."""
         joint = self._joint
+        if isinstance(joint, SlidingJoint):
+            yield from self._rate_on_beam()
+            return
         if joint.axis is None:
             yield from self.spin()
             return
@@ -239,6 +244,30 @@ class _OfJoint(_Terms):
             yield Term("axes of slides", 2 * number + i, every, of_axis[i])
             yield Term("offsets of slides", 2 * number + i, every, of_offset[i])
 
+    def _rate_on_beam(self) -> Iterator[Term]:
+        """t . (v_b - sum N v_a) / t . t with the slope t of the beam where the node is."""
+        ends, n, reduction = self.places.ends, self._joint.number, self.model.reduction
+        assert isinstance(reduction, JointReduction) and reduction.sliders is not None
+        own = next(slide for slide in reduction.sliders.all if slide.joint.number == n)
+        q, v = self.states["q"][ends], self.states[self.rates][ends]
+        place = PlaceOnBeam(own.path, own.dofs, q, self.states["slides"][ends, n])
+        of_beam = v[:, place.dofs[:, :2]]
+        beneath, by_place = np.einsum("kna,nai->kni", place.weights[:2], of_beam)
+        apart = v[:, own.node_dofs[:2]] - beneath
+        t, square = place.slope, (place.slope**2).sum(axis=1)[:, None]
+        along = t / square
+        rate = (along * apart).sum(axis=1)[:, None]
+        by_slope = (apart - 2 * rate * t) / square
+        by_q = np.zeros_like(q)
+        by_s = place.pull(by_slope, np.zeros(len(q)), by_q) - (along * by_place).sum(axis=1)
+        yield self._at_ends("slides", n, factor=by_s)
+        for i in range(2):
+            yield self._at_ends(self.rates, int(own.node_dofs[i]), factor=along[:, i])
+            for k, dof in enumerate(place.dofs[:, i].tolist()):
+                factor = -along[:, i] * place.weights[0][:, k]
+                yield self._at_ends(self.rates, dof, factor=factor)
+                yield self._at_ends("q", dof, factor=by_q[:, dof])
+
     def force(self) -> Iterator[Term]:
         names = "joints", "forces of joints", "impulses of joints"
         for i in range(3):
@@ -258,16 +287,3 @@ _OF_RATES = {"velocity", "spin", "rate", "acceleration"}
 def needs_rates(output: Output) -> bool:
     """Whether rates that fit the joints, or their impulses, are in an output."""
     return output.quantity in _OF_RATES | _OF_FORCES
-
-
-def check_linear(model: Model, output: Output, name: str) -> None:
-    """Refuse outputs of nodes that slide on beams."""
-    sliding = model.couplings.sliding
-    if not sliding:
-        return
-    of_joint = isinstance(output.of, Joint) and output.of in sliding
-    if (of_joint and output.quantity != "slide") or needs_rates(output):
-        raise SceneError(
-            f"the output {name!r}, {output}, has no derivatives where a node slides on a beam "
-            f"({sliding[0]}); positions, displacements, rotations and slides have"
-        )

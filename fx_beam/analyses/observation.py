@@ -9,15 +9,14 @@ import numpy as np
 from fx_beam.compiled.tape import Tape
 from fx_beam.errors import SceneError
 from fx_beam.model.model import Model
-from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.joints import Joint
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Forcing
 
 from .energy_gradients import EnergyOutput
 from .gradient import Gradient
-from .linear_outputs import LinearOutput, Places, check_linear, linear_output, needs_rates
+from .linear_outputs import LinearOutput, Places, linear_output, needs_rates
 from .natural_gradients import NaturalRows
 from .resultant_outputs import ResultantOutput, SubSteps
 
@@ -25,11 +24,9 @@ from .resultant_outputs import ResultantOutput, SubSteps
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 
 
-def check_outputs(model: Model, tape: Tape, outputs: Mapping[str, Output]) -> None:
+def check_outputs(tape: Tape, outputs: Mapping[str, Output]) -> None:
     """SceneError for outputs without derivatives."""
     for name, output in outputs.items():
-        if isinstance(output.of, Node | Joint):
-            check_linear(model, output, name)
         if isinstance(output.of, Beam) and not tape.is_whole:
             raise SceneError(
                 f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
@@ -68,8 +65,8 @@ class Observation:
         if fits and needed:
             assert model.fitted_rates is not None
             driven = Forcing(model).end_rates(*rates_at(tape, self.boundaries))
-            q, v = self._states["q"], self._states["v"]
-            self._fit = model.fitted_rates.derivatives(q, v, driven)
+            q, v, slides = (self._states[name] for name in ("q", "v", "slides"))
+            self._fit = model.fitted_rates.derivatives(q, v, slides, driven)
             self._states["rates"] = self._fit.rates
         self._values = self._parameter_values()
         self._outputs = {name: self._observed(output) for name, output in outputs.items()}
@@ -153,7 +150,8 @@ class Observation:
             driven = np.zeros((len(self.boundaries), count, 0))
             if "driven rates" in changes:
                 driven = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
-            given = {"q": of_state["q"], "v": of_state["v"], "driven rates": driven}
+            given = {name: of_state[name] for name in ("q", "v", "slides")}
+            given["driven rates"] = driven
             names = "rates", "impulses of joints", "impulses of columns"
             of_state |= dict(zip(names, self._fit.push(given, changes), strict=True))
         return {

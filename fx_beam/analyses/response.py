@@ -270,7 +270,7 @@ class Response:
         model, tape, adjoint = self._followed("vjp")
         outputs = self._checked_weights(weights)
         boundaries, direct = self._boundaries(tape), list[Gradient]()
-        check_outputs(model, tape, outputs)
+        check_outputs(tape, outputs)
         given = {name: np.asarray(rows, float) for name, rows in weights.items()}
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
@@ -319,11 +319,11 @@ class Response:
         SceneError
             As of `vjp`.
         """
-        model, tape, _ = self._followed("jacobian")
+        _, tape, _ = self._followed("jacobian")
         outputs = self._differentiable(names or self._names, "Response.jacobian: names")
-        check_outputs(model, tape, outputs)
+        check_outputs(tape, outputs)
         changes = self._changes(tape)
-        _, _, adjoint = self._followed("jacobian")  # at x again, after differences
+        model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
         forward = Forward(adjoint)
         self._refuse_others(changes, forward.names)
         boundaries, found = self._boundaries(tape), list[dict[str, np.ndarray]]()

@@ -96,6 +96,7 @@ class Adjoint:
             "offset": np.zeros((joints, 2)),
             "axis": np.zeros((joints, 2)),
             "rest": np.zeros(joints),
+            "places": np.zeros(3 * p.sliders + 1),
         }
         if (members := model.points.members) is not None:
             arrays |= {
@@ -220,6 +221,8 @@ class Adjoint:
         }
         if isinstance(model.reduction, JointReduction):
             named |= {name: found[name][: p.joints].copy() for name in ("offset", "axis", "rest")}
+        if p.sliders:
+            named["places"] = found["places"][:-1].reshape(-1, 3).copy()
         if model.forms.internal_shape[-1]:
             named["internal"] = found["internal"].reshape(model.forms.internal_shape).copy()
         if model.natural:
@@ -324,9 +327,4 @@ def check(model: Model) -> None:
         raise SceneError(
             f"{scheme.name}: motions of this scheme have no derivatives. Use EnergyMomentum, "
             "MidPoint, ModifiedMidPoint or EnergyDecaying"
-        )
-    if model.couplings.sliding:
-        raise SceneError(
-            f"{model.couplings.sliding[0]}: motions with a node that slides on a beam have no "
-            "derivatives. Use a slide along a straight axis"
         )

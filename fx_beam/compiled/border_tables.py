@@ -39,7 +39,8 @@ def ones_of(reduction: Reduction, at: np.ndarray) -> np.ndarray:
 class BorderTables:
     """The borders of a scene: columns of what slides, and what belongs to them.
 
-    `at` are the storage indices of `storage_of`; `massless` (size,) are degrees of freedom.
+    `at` are the storage indices of `storage_of`, `diagonal_at` (size,) those of the diagonal of the
+    full tangent; `massless` (size,) are degrees of freedom.
     """
 
     def __init__(
@@ -47,10 +48,12 @@ class BorderTables:
         reduction: JointReduction,
         factors: Factors,
         at: np.ndarray,
+        diagonal_at: np.ndarray,
         massless: np.ndarray,
         first: int,
     ):
         self._reduction, self._factors, self._at = reduction, factors, at
+        self._diagonal_at = diagonal_at
         self._massless, self._first = massless, first
 
     def all(self) -> dict[str, Any]:
@@ -99,14 +102,14 @@ class BorderTables:
 
     def _parts_of(self, slide: Slide, sliders: Sliders) -> dict[str, Any]:
         start, column, value, sign = sliders.parts(slide)
-        turns, width = sliders.diagonals(slide)[1][:, 2], 3 * slide.path.width
+        width = 3 * slide.path.width
         firsts = np.arange(0, len(start) - width, 3)
         return {
             "part_start": start,
             "part_column": column,
             "part_value": value,
             "part_sign": sign,
-            "turn_stored_at": np.where(turns < 0, -1, self._at[turns]),
+            "turn_stored_at": self._diagonal_at[slide.dofs[:, 2]],
             "longest": int((start[firsts + width] - start[firsts]).max()),
         }
 

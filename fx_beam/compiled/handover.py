@@ -41,7 +41,7 @@ from .border_tables import BorderTables, ones_of, storage_of
 from .build import LoopUnavailable, load_library
 from .element_data import aligned, element_data
 from .form_tables import FormTables
-from .tangent_storage import alone_in_column, storage_of_entries
+from .tangent_storage import alone_in_column, diagonal_of, storage_of_entries
 
 
 class Problem:
@@ -291,7 +291,8 @@ class Problem:
         )
         if isinstance(reduction, JointReduction):
             first = self.library.ON_BORDER
-            borders = BorderTables(reduction, factors, at, self.model.massless, first)
+            diagonal_at = stored_at[diagonal_of(self.model.forms.stiffness)]
+            borders = BorderTables(reduction, factors, at, diagonal_at, self.model.massless, first)
             self._set(**borders.all())
         self._set(
             band=factors.band,

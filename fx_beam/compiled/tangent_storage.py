@@ -30,3 +30,12 @@ def storage_of_entries(
     others = np.flatnonzero(~direct)
     stored_at[others] = behind + np.arange(len(others))
     return stored_at, behind + len(others)
+
+
+def diagonal_of(tangent) -> np.ndarray:
+    """Position of each entry of the diagonal of a matrix in compressed rows; -1 without one."""
+    rows = np.repeat(np.arange(tangent.shape[0]), np.diff(tangent.indptr))
+    found = np.full(tangent.shape[0], -1)
+    (own,) = np.nonzero(rows == tangent.indices)
+    found[rows[own]] = own
+    return found

@@ -112,9 +112,11 @@ class FittedRates:
         tables = self._of_scene[0].tables()
         return {"arms of joints": tables["apart"], "axes of joints": tables["slide_axis"]}
 
-    def derivatives(self, q: np.ndarray, v: np.ndarray, driven: np.ndarray) -> RateDerivatives:
+    def derivatives(
+        self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, driven: np.ndarray
+    ) -> RateDerivatives:
         """What `fit` found for n configurations, and its derivatives; all as there."""
-        return RateDerivatives(*self._of_scene, self._little, q, v, driven)
+        return RateDerivatives(*self._of_scene, self._little, q, v, slides, driven)
 
     def _forces(self, n: int) -> tuple[np.ndarray, np.ndarray]:
         return np.empty((n, self._c.joints, 3)), np.empty((n, self._c.columns))

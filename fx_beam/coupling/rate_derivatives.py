@@ -18,6 +18,7 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
+from .beam_rates import BeamRates
 from .rate_equations import RateEquations
 
 # Added to the equations, relative to their diagonal, where joints are redundant. Repetitions that
@@ -39,7 +40,6 @@ class RateDerivatives:
     """The linear system of a scene's rates at n configurations.
 
     `mass` (size, size) is that of the scene, `little` (size,) the small masses of what has none.
-    Nodes that slide on beams are not among the joints.
     """
 
     def __init__(
@@ -49,13 +49,16 @@ class RateDerivatives:
         little: np.ndarray,
         q: np.ndarray,
         v: np.ndarray,
+        slides: np.ndarray,
         driven: np.ndarray,
     ):
         self._mass, self._little, self._tables = mass, little, equations.tables()
         tables, size = self._tables, len(little)
         self._pins, self._slots, self._turns = (tables[name] for name in ("pins", "slots", "turns"))
         self._count, self._driven = equations.count, driven.shape[1]
-        self._row, self._dof, self._moving = equations.row, equations.dof, equations.moving
+        first = 2 * self._pins + self._slots + self._turns
+        self._beams = BeamRates(equations.on_beams, first, q, slides)
+        self._set_entries(equations)
         entries, ones = np.arange(len(self._row)), np.ones(len(self._row))
         self._to_rows = scipy.sparse.csr_matrix((ones, (self._row, entries)))
         self._to_rows.resize(self._count, len(entries))
@@ -65,13 +68,27 @@ class RateDerivatives:
         self._psi = self._ends(q)[0][..., 2]
         self._arm = self._arms(q, tables["apart"])
         self._along = _turned(self._psi, np.broadcast_to(tables["slide_axis"], self._arm.shape))
-        self._entries = self._of_arms(self._arm, self._along, constant=True)
+        of_arms = self._of_arms(self._arm, self._along, constant=True)
+        of_beams = self._beams.set(of_arms.given, of_arms.push)
+        self._entries = of_arms._replace(g=np.concatenate([of_arms.g, of_beams], axis=-1))
         self._factorise()
         lacking = self._times_driven(self._entries.given, driven) - self._G(self._entries.g, v)
         x = self._solve(np.concatenate([np.zeros_like(v), lacking], axis=-1))
         #: Corrections (n, size), multipliers (n, count), rates that fit, and driven rates.
         self.c, self._mu = x[..., :size], -x[..., size:]
         self.rates, self._rates_of_driven = v + self.c, driven
+
+    def _set_entries(self, equations: RateEquations) -> None:
+        """Set rows and degrees of freedom of all entries; those of nodes on beams are the last."""
+        on_beams = sum(3 * one.rows * (1 + len(one.beam)) for one in equations.on_beams)
+        begin = 6 * self._pins + 5 * self._slots + 2 * self._turns
+        others = (equations.moving < begin) | (equations.moving >= begin + on_beams)
+        self._moving = equations.moving[others]
+        self._moving[self._moving >= begin] -= on_beams
+        self._others = self._tables["all_entries"] - on_beams
+        self._supports = self._others - begin
+        self._row = np.concatenate([equations.row[others], self._beams.row])
+        self._dof = np.concatenate([equations.dof[others], self._beams.dof])
 
     # -- The equations, and their changes ---------------------------------------------------------
 
@@ -97,7 +114,7 @@ class RateDerivatives:
         """Entries from arms and directions; with `constant` also those that do not change."""
         shape, k = arm.shape[:-2], self._pins
         one = np.full(shape, float(constant))
-        g = np.zeros((*shape, self._tables["all_entries"]))
+        g = np.zeros((*shape, self._others))
         given, push = np.zeros((*shape, self._count)), np.zeros((*shape, self._count, 2))
         pins, slots = g[..., : 6 * k], g[..., 6 * k : 6 * k + 5 * self._slots]
         parts = np.moveaxis(pins.reshape(*shape, 6, k), -2, 0)
@@ -120,14 +137,14 @@ class RateDerivatives:
             g[..., at + 2 * turns :] = 1.0
             row = 2 * k + self._slots
             given[..., row : row + turns] = self._tables["turned"]
-            given[..., row + turns :] = 1.0
+            given[..., self._count - self._supports :] = 1.0
         return _Entries(g[..., self._moving], given, push)
 
     def _pull_entries(self, by: _Entries) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives (n, joints, 2) by arms and directions from those by entries."""
         k, n = self._pins, len(self._psi)
-        g = np.zeros((n, self._tables["all_entries"]))
-        g[:, self._moving] = by.g
+        g = np.zeros((n, self._others))
+        g[:, self._moving] = by.g[:, : len(self._moving)]
         arm, along = np.zeros_like(self._arm), np.zeros_like(self._along)
         pins = g[:, : 6 * k].reshape(n, 6, k)
         arm[:, :k, 1], arm[:, :k, 0] = pins[:, 2], -pins[:, 5]
@@ -223,7 +240,7 @@ class RateDerivatives:
     def pull(
         self, rates: np.ndarray, joints: np.ndarray, columns: np.ndarray
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Derivatives by "q", "v" (n, size) and "driven rates" (n, driven), and by numbers.
+        """Derivatives by "q", "v", "slides" and "driven rates" (n, ...), and by numbers.
 
         From those by rates that fit (n, size), and by impulses (n, joints, 3) and (n, columns).
         """
@@ -247,7 +264,8 @@ class RateDerivatives:
         by_driven = np.zeros_like(self._rates_of_driven)
         for r in np.flatnonzero((column >= 0) & (column < self._driven)):
             by_driven[:, column[r]] += given[:, r] * of_rows[:, r]
-        arm, along = self._pull_entries(_Entries(by_g, by_given, by_push))
+        by_entries = _Entries(by_g, by_given, by_push)
+        arm, along = self._pull_entries(by_entries)
         arm *= self._tables["has_arm"].reshape(-1, 1)
         turns = (along * _across(self._along)).sum(axis=-1)
         by_q = np.zeros((rates.shape[1] + 1, len(mu)))  # the ground is the last
@@ -263,19 +281,25 @@ class RateDerivatives:
             "axes of joints": _turned(-self._psi, along).sum(axis=0),
         }
         by_v = rates - self._G_transposed(g, of_rows)
-        return {"q": by_q[:-1].T, "v": by_v, "driven rates": by_driven}, numbers
+        of_state = {"q": by_q[:-1].T, "slides": np.zeros((len(mu), self._tables["joints"]))}
+        of_beams = by_entries._replace(g=by_g[:, len(self._moving) :])
+        self._beams.pull(*of_beams, of_state["q"], of_state["slides"])
+        return of_state | {"v": by_v, "driven rates": by_driven}, numbers
 
     def push(
         self, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Changes of rates (n, m, size), and of impulses (n, m, joints, 3) and (n, m, columns).
 
-        From those of the state, "q", "v" and "driven rates" (n, m, ...), and of numbers (m, ...).
+        From those of the state, "q", "v", "slides" and "driven rates" (n, m, ...), and of numbers
+        (m, ...).
         """
         (g, given, push), mu = self._entries, self._mu
         q, v, driven = (of_state[name] for name in ("q", "v", "driven rates"))
         arms = self._arms(q, changes["arms of joints"])
         more = self._of_arms(arms, self._change_of_directions(q, changes["axes of joints"]))
+        of_beams = self._beams.set_changes(q, of_state["slides"], more.given, more.push)
+        more = more._replace(g=np.concatenate([more.g, of_beams], axis=-1))
         top = self._G_transposed(more.g, mu[:, None])
         for j, mass in enumerate(changes["mass"]):
             if mass.any():

@@ -49,7 +49,7 @@ class RateEquations:
             _Pins(mesh, pinned),
             _Slots(mesh, slotted),
             _Turns(mesh, turning),
-            *(_OnBeam(scene, mesh, joint) for joint in sliding),
+            *(OnBeam(scene, mesh, joint) for joint in sliding),
             _Supports(supports[:, 0]),
         ]
         starts = np.cumsum([0, *(len(part.joint) for part in self._parts)])
@@ -82,7 +82,7 @@ class RateEquations:
             "turns": len(turns.joint),
             "turned": turns.given,
             "beams": len(on_beams),
-            "beam": [part.tables() for part in on_beams if isinstance(part, _OnBeam)],
+            "beam": [part.tables() for part in self.on_beams],
             "joint": self._joint,
             "column": self._column,
             "turning": self._turns,
@@ -93,6 +93,11 @@ class RateEquations:
             "all_entries": self._all_entries,
             **{name: np.concatenate([part[name] for part in arms]) for name in arms[0]},
         }
+
+    @property
+    def on_beams(self) -> list[OnBeam]:
+        """Nodes that slide on beams."""
+        return [part for part in self._parts if isinstance(part, OnBeam)]
 
     def rows_of(self, joint: Joint) -> np.ndarray:
         """Rows of a joint: of forces, then of the moment."""
@@ -170,37 +175,38 @@ class _Turns(_Part):
         self.given = np.array(motor, dtype=float)
 
 
-class _OnBeam(_Part):
+class OnBeam(_Part):
     """A node that slides on a beam, at sum N x with the rotation sum N psi.
 
     A sleeve turns by the curvature of the beam where it slides.
     """
 
     def __init__(self, scene: Scene, mesh: Mesh, joint: SlidingJoint):
-        self._path, self._number = joint.path, joint.number
-        self._beam = mesh.dofs[mesh.nodes_of(scene, joint.beam)]
-        node = mesh.dofs[joint.b.number]
+        self.path, self.number = joint.path, joint.number
+        #: Degrees of freedom (nodes, 3) of the beam, and (3,) of the node.
+        self.beam = mesh.dofs[mesh.nodes_of(scene, joint.beam)]
+        self.node = node = mesh.dofs[joint.b.number]
         driven = joint.slide is not None and joint.slide.motor is not None
-        self._free, self._sleeve = not driven, joint.turns_together
+        self.free, self.sleeve = not driven, joint.turns_together
         # A row and column of the beam's nodes for each component of the node.
-        own = np.concatenate([[node[i], *self._beam[:, i]] for i in range(3)])
-        rows = 1 + driven + self._sleeve
+        own = np.concatenate([[node[i], *self.beam[:, i]] for i in range(3)])
+        self.rows = rows = 1 + driven + self.sleeve
         self.row, self.dof = np.repeat(np.arange(rows), len(own)), np.tile(own, rows)
         self.joint = np.full(rows, joint.number)
         self.turns = np.zeros(rows)
-        self.turns[rows - self._sleeve :] = 1.0
+        self.turns[rows - self.sleeve :] = 1.0
 
     def tables(self) -> dict[str, Any]:
         """As BeamRate in C."""
-        path = self._path
+        path = self.path
         return {
-            "joint": self._number,
-            "free": self._free,
-            "sleeve": self._sleeve,
+            "joint": self.number,
+            "free": self.free,
+            "sleeve": self.sleeve,
             "degree": path.degree,
             "elements": len(path.h),
             "nodes": len(path),
-            "dofs": self._beam,
+            "dofs": self.beam,
             "ends": path.s,
             "coefficients": path.coefficients,
             "position": path.X,

@@ -98,6 +98,11 @@ class Path:
         slopes = [self._derivative(min(i // p, len(self.h) - 1), i) for i in at]
         return np.unwrap(np.angle(_complex(np.array(slopes))))
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """All numbers on which it depends."""
+        return np.concatenate([self.s, self.X.ravel(), self.coefficients.ravel(), self.angles()])
+
     def _derivative(self, element: int, node: int) -> np.ndarray:
         x = (node - self.degree * element) / self.degree
         return self._of_element(element, x, 1) @ self._nodes(element)
@@ -146,6 +151,21 @@ class Path:
         nodes = np.clip(nodes, 0, len(self) - 1)  # others have the weight 0
         near = np.take_along_axis(values, nodes.reshape(*nodes.shape, *[1] * (values.ndim - 2)), 1)
         return np.einsum("na,na...->n...", weights, near)
+
+    def weights_near(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes (near,) with weights at places s (n,), and these, N, N' and N'' (3, n, near)."""
+        e = np.clip(np.searchsorted(self.s, s, "right") - 1, 0, len(self.h) - 1)
+        x, h = (s - self.s[e]) / self.h[e], self.h[e][:, None]
+        one, c = np.ones_like(x), self.coefficients[e]
+        powers = (one, x, x**2, x**3), (0 * x, one, 2 * x, 3 * x**2), (0 * x, 0 * x, 2 * one, 6 * x)
+        nodes = self.degree * (e[:, None] - 1) + np.arange(c.shape[1])
+        known = (nodes >= 0) & (nodes < len(self))
+        near, at = np.unique(nodes[known], return_inverse=True)
+        rows, weights = np.nonzero(known)[0], np.zeros((3, len(s), len(near)))
+        for order, own in enumerate(powers):
+            of_nodes = np.einsum("nak,nk->na", c, np.column_stack(own)) / h**order
+            weights[order, rows, at] = of_nodes[known]
+        return near, weights
 
     def nearest_over(self, positions: np.ndarray, points: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Arc lengths (n,) nearest to points (n, 2), from ones near by, for nodes (n, nodes, 2)."""

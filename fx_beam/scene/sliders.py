@@ -96,8 +96,13 @@ class SlidingJoint(Joint):
     def turn(self, psi: np.ndarray, s: np.ndarray | float) -> np.ndarray:
         """Rotation (n,) [rad] of a sleeve at places s (n,), for those (n, nodes) of the beam."""
         path = self.path
-        start = path.over(path.angles()[None], np.array([self.start()[0]]))
-        return path.over(psi + path.angles(), np.atleast_1d(s)) - start
+        return path.over(psi + path.angles(), np.atleast_1d(s)) - self.place_at_rest[2]
+
+    @property
+    def place_at_rest(self) -> np.ndarray:
+        """Reference position of the node [m], and angle of the beam there (3,)."""
+        angle = self.path.over(self.path.angles()[None], np.array([self.start()[0]]))
+        return np.array([self.b.x, self.b.y, angle[0]])
 
     def _off_the_beam(self) -> str:
         """What is wrong with a node that is not on the beam."""

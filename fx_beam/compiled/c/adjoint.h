@@ -7,6 +7,7 @@
 #include "kept_factors.h"
 #include "member_derivatives.h"
 #include "recorder.h"
+#include "slide_derivatives.h"
 #include "tape.h"
 
 /* Work space of a sub-step. `end` and `start` are by the configurations at both ends, columns with those of
@@ -17,9 +18,11 @@ typedef struct {
   double *values, *of_map, *at_start, *at_end;                                  /* of joints */
   double *of_internal, *lost_internal, *of_springs, *lost_springs, *loads, *thrust, *of_gaps;
   double *forced, *of_forces, *of_levers, *of_joints, *kept; /* what weights of forces give */
+  double *carried; /* [node that slides][3] derivatives by its columns */
   double *by_natural, *by_natural_end, *natural; /* the last are those of a sub-step */
   /* Of friction that follows joints: by its first force, and by the rotation of its axis. */
   double *of_first, *of_turn;
+  SlideEnds *slides;
 } Backward;
 
 static long lay_out_backward(const Problem *p, Backward *b, double *at) {
@@ -42,6 +45,8 @@ static long lay_out_backward(const Problem *p, Backward *b, double *at) {
   b->by_natural = allocate(&at, natural), b->by_natural_end = allocate(&at, natural);
   b->natural = allocate(&at, p->naturals);
   b->of_first = allocate(&at, p->points->all), b->of_turn = allocate(&at, p->points->all);
+  b->carried = allocate(&at, 3 * p->sliders);
+  b->slides = (SlideEnds *)allocate(&at, p->sliders * (sizeof(SlideEnds) / sizeof(double)));
   return at - begin;
 }
 
@@ -50,7 +55,8 @@ long fx_backward_scratch(const Problem *p) {
   return lay_out_backward(p, &b, 0);
 }
 
-/* The transpose of the reduced tangent in its place; sparse factors are made of the transpose. */
+/* The transpose of the reduced tangent in its place; sparse factors are made of the transpose, and borders are
+   transposed already. */
 static void swap(double *x, double *y) {
   double kept = *x;
   *x = *y, *y = kept;
@@ -77,40 +83,48 @@ static void transpose_tangent(const Problem *p, const Work *w) {
 /* Solves with the transposed tangent: `step` from `reduced`; returns 0 if it is singular. */
 static int solve_transposed(Problem *p, const Work *w, const Adjoint *a) {
   double rest[2];
-  if (p->band) {
-    transpose_tangent(p, w);
-    return solve_reduced(p, w, 0, rest);
-  }
+  Problem turned = *p;
   p->kept.present = 0;
   if (p->changing) {
     if (!factorise_changing_transposed(p, w)) return 0;
-  } else {
-    memset(w->factors, 0, p->factor_size * sizeof(double));
-    for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[a->transposed_at[k]] = w->tangent[k];
-    if (!factorise_sparse(&p->rows, w->factors, w->row)) return 0;
+    by_factors(p, w, w->reduced, w->step);
+    return 1;
   }
-  by_factors(p, w, w->reduced, w->step);
-  return 1;
+  turned.factor_at = a->transposed_at, turned.kept.present = 0;
+  if (p->band) transpose_tangent(p, w);
+  return solve_reduced(&turned, w, 0, rest);
 }
 
-/* Adds values^T x to columns, and what ties collect; they keep what they have. */
-static void gather(const Problem *p, const double *values, const double *x, double *columns) {
+/* Adds T^T x at the start (0) or at the end (1) to columns, for its values, and what ties collect; they keep what
+   they have. Sliding nodes pass theirs on to x and to slides. */
+static void gather(const Problem *p, const Backward *b, int end, const double *values, double *x, double *columns) {
   memset(columns + p->columns, 0, p->ties * sizeof(double));
+  for (int i = p->sliders - 1; i >= 0; --i) {
+    const Slider *a = p->slider + i;
+    find_held_force(a, values, x, columns, b->carried + 3 * i);
+    push_beam(a, b->slides[i].T[end], b->carried + 3 * i, x, columns);
+  }
   for (int k = 0; k < p->equal; ++k) columns[p->entry_column[k]] += x[p->entry_row[k]];
   for (int k = p->equal; k < p->entries; ++k)
     columns[p->entry_column[k]] += p->entry_sign[k] * values[p->entry_value[k]] * x[p->entry_row[k]];
   if (p->ties) collect_ties(p, values, columns);
+  for (int i = 0; i < p->sliders; ++i)
+    for (int c = 0; c < p->slider[i].components; ++c) columns[p->slider[i].carried[c]] = 0;
 }
 
-/* omega = Tv mu, with the columns of ties in mu. */
+/* Derivatives by the places of sliding nodes in the reference configuration, after `gather`. */
+static void pull_places(const Problem *p, const Adjoint *a, const Backward *b) {
+  for (int i = 0; i < p->sliders; ++i)
+    for (int c = 0; c < p->slider[i].components; ++c) a->places[3 * i + c] -= b->carried[3 * i + c];
+}
+
+/* omega = Tv mu, with the columns of ties and of sliding nodes in mu. */
 static void spread_virtual(const Problem *p, const Work *w, double *mu, double *omega) {
-  memset(mu + p->columns, 0, p->ties * sizeof(double));
-  for (int k = 0; k < p->tie_entries; ++k)
-    mu[p->columns + p->tie_of[k]] += p->tie_sign[k] * w->virtual_map[p->tie_value[k]] * mu[p->tie_column[k]];
-  memset(omega, 0, p->dofs * sizeof(double));
-  for (int k = 0; k < p->equal; ++k) omega[p->entry_row[k]] += mu[p->entry_column[k]];
-  for (int k = p->equal; k < p->entries; ++k)
-    omega[p->entry_row[k]] += p->entry_sign[k] * w->virtual_map[p->entry_value[k]] * mu[p->entry_column[k]];
+  spread_columns(p, w->virtual_map, mu, omega);
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
+    spread_slider(a, a->virtual_map, omega, mu);
+    spread_columns(p, w->virtual_map, mu, omega);
+  }
 }
 
 /* Adds the derivatives of the work of elements on omega: nodal ones to vectors, with `last` the others to the
@@ -208,15 +222,16 @@ static void pull_forces(const Problem *p, const Work *w, const Adjoint *a, const
    of joint forces give. */
 static void pull_map(const Problem *p, const Work *w, const Backward *b) {
   double *on_ties = b->on_ties, *to = b->of_map;
+  const double *r = with_carried(p, w);
   for (int i = 0; i < 1 + 4 * p->joints; ++i) to[i] = -b->of_levers[i];
   for (int k = p->equal; k < p->entries; ++k)
-    to[p->entry_value[k]] += p->entry_sign[k] * b->mu[p->entry_column[k]] * w->r[p->entry_row[k]];
+    to[p->entry_value[k]] += p->entry_sign[k] * b->mu[p->entry_column[k]] * r[p->entry_row[k]];
   for (int i = 0; i < p->closures; ++i)
     for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
       to[p->gap_value[k]] -= p->gap_sign[k] * b->mu[p->gap_column[k]] * w->closing[i];
   if (!p->ties) return;
   memset(on_ties, 0, (p->columns + p->ties) * sizeof(double));
-  add_rows(p, w, w->r, on_ties);
+  add_rows(p, w, r, on_ties);
   for (int i = 0; i < p->closures; ++i)
     for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
       on_ties[p->gap_column[k]] -= p->gap_sign[k] * w->virtual_map[p->gap_value[k]] * w->closing[i];
@@ -331,6 +346,8 @@ static void add_given(const Problem *p, const Adjoint *a, long boundary, double 
   for (int j = 0; j < p->joints; ++j)
     if (p->slide_column[j] >= 0)
       a->columns[p->slide_column[j]] += a->slide_weight[k * p->scene_joints + p->slide_of[j]];
+  for (const Slider *s = p->slider; s < p->slider + p->sliders; ++s)
+    a->columns[s->column] += a->slide_weight[k * p->scene_joints + s->joint];
   long m = (long)p->cells * p->cell_internal;
   for (long i = 0; a->internal_weight && i < m; ++i) a->internal[i] += a->internal_weight[k * m + i];
   m = p->spring_width;
@@ -367,6 +384,7 @@ static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row,
   balance(p, w);
   if (p->points->members) find_member_slopes(p, w, a);
   reduce_tangent(p, w, w->r);
+  find_slide_ends(p, w, b->slides);
   return 1;
 }
 
@@ -387,6 +405,21 @@ static void return_forces(const Problem *p, int first, int end, double *on_nodes
   }
 }
 
+/* From derivatives of J by nodal forces with those that sliding nodes exert, to those by nodal forces and levers. */
+static void pull_carried(const Problem *p, const Work *w, const Backward *b) {
+  double *nodes = b->of_forces;
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    for (int c = 0; c < a->components; ++c) {
+      double by_force = 0;
+      for (int k = 0; k < a->components * a->width; ++k) by_force += a->virtual_map[c][k] * nodes[local_dof(a, k)];
+      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k) {
+        int row = a->entry_row[k], value = a->entry_value[k];
+        b->of_levers[value] += a->entry_sign[k] * by_force * w->loaded[row];
+        nodes[row] += a->entry_sign[k] * by_force * w->virtual_map[value];
+      }
+    }
+}
+
 /* From derivatives of J by the forces of joints, in `of_joints`, to those by nodal forces, levers and closing forces
    (find_joint_forces). */
 static void pull_joint_forces(const Problem *p, const Work *w, const Backward *b, double *closing) {
@@ -405,6 +438,7 @@ static void pull_joint_forces(const Problem *p, const Work *w, const Backward *b
     if (p->gap_b[k] >= 0) closing[k] -= nodes[p->gap_b[k]];
     if (p->gap_a[k] >= 0) closing[k] += nodes[p->gap_a[k]];
   }
+  pull_carried(p, w, b);
 }
 
 /* Whether the force that friction follows is that of this sub-step itself, the first one. */
@@ -478,6 +512,8 @@ static void pull_end(const Problem *p, const Work *w, const Backward *b) {
   times_mass(p, b->omega, w->scratch);
   for (int i = 0; i < p->dofs; ++i) b->end[i] -= b->by_increment[i] + stiff * w->slope[i] * w->scratch[i];
   if (p->joints) pull_map(p, w, b), pull_arms(p, w, b);
+  pull_slides(p, b->slides, b->omega, b->mu, (double *[]){b->start, b->end},
+              (double *[]){b->start_columns, b->end_columns});
 }
 
 /* Finds mu and omega of a sub-step; returns 0 if its tangent is singular. */
@@ -492,7 +528,7 @@ static int find_weights(Problem *p, Work *w, const Adjoint *a, const Backward *b
   int forced = begin_forces(p, w, a, b, k);
   if (forced || internal || p->spring_width) pull_forces(p, w, a, b, 0, 0, 0), pull_end(p, w, b);
   memcpy(w->columns, b->end_columns, p->columns * sizeof(double));
-  gather(p, w->values, b->end, w->columns);
+  gather(p, b, 1, w->values, b->end, w->columns);
   memcpy(w->reduced, w->columns, p->free * sizeof(double));
   memcpy(b->end, b->kept, n * sizeof(double));
   if (!solve_transposed(p, w, a)) return 0;
@@ -544,7 +580,8 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
     if (follows_first(p, e)) memset(a->spring_internal + e->first_internal + 2, 0, 2 * sizeof(double));
 
   if (p->closures) pull_gaps(p, w, b);
-  gather(p, w->values, b->end, b->end_columns);
+  gather(p, b, 1, w->values, b->end, b->end_columns);
+  pull_places(p, a, b);
   if (p->joints) add_followers(p, b->end, b->end_columns, b->at_end);
   for (int i = 0; i < p->closures; ++i)
     if (p->gap_arm[i] >= 0) b->at_end[p->gap_arm[i]] += b->of_gaps[i];
@@ -555,7 +592,8 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
     for (int i = 0; i < p->columns; ++i) b->start_columns[i] += a->columns[i];
   }
   values_at_start(p, w, b);
-  gather(p, b->values, b->start, b->start_columns);
+  gather(p, b, 0, b->values, b->start, b->start_columns);
+  pull_places(p, a, b);
   if (p->joints) {
     add_followers(p, b->start, b->start_columns, b->at_start);
     pull_offsets(p, w, a, b);
@@ -569,7 +607,7 @@ long fx_pull(Problem *p, const Tape *tape, const Adjoint *a) {
   Work work, *w = &work;
   Backward b;
   lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch);
-  w->dt = NAN;
+  w->dt = NAN, w->transposed = 1;
   for (long k = tape->rows - 1; k >= 0; --k) {
     if (tape->apart) memset(a->columns, 0, (p->columns + p->ties) * sizeof(double));
     if (!pull_step(p, w, a, &b, tape, k)) return k + 1;

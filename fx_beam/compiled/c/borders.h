@@ -20,9 +20,10 @@ static void begin_borders(const Problem *p, const Work *w) {
   *w->border_entries = 0;
 }
 
-/* Adds a number in a row and a column of the system: positions in the elimination, or ON_BORDER less the
-   number of a border. Nothing for -1, and nothing is added to A. */
-INLINED void add_at(const Problem *p, const Work *w, int row, int column, double x) {
+/* Adds a number in a row and a column of the system, or of its transpose: positions in the elimination, or
+   ON_BORDER less the number of a border. Nothing for -1, and nothing is added to A. */
+INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
+  int row = w->transposed ? j : i, column = w->transposed ? i : j;
   if (x == 0 || row == -1 || column == -1) return;
   if (row >= 0) {
     reach(p, w, row);
@@ -35,16 +36,25 @@ INLINED void add_at(const Problem *p, const Work *w, int row, int column, double
   }
 }
 
+/* The derivatives of the forces F of sliding nodes, and their part on the diagonal of the full tangent. */
+static void turn_beams(const Problem *p, const Work *w) {
+  for (int i = 0; i < p->sliders; ++i) {
+    Slider *a = p->slider + i;
+    int turns = 2 * a->width, node = a->first;
+    slide_on(a, p->q, w->D, &a->of_force);
+    for (; a->components == 3 && turns < 3 * a->width; ++turns, ++node)
+      w->tangent[a->turn_stored_at[node]] += a->of_force.turn[turns];
+  }
+}
+
 /* A node that slides: its columns c, the forces f that hold it on the beam, and the products of which the
    derivatives of Tv consist. */
 static void border_slider(const Problem *p, const Work *w, Slider *a) {
   int n = a->width, m = a->components, force = ON_BORDER - a->border, product = force - m;
   int row_s = p->row_at[a->column], column_s = p->unknown_at[a->column];
-  Second h;
-  slide_on(a, p->q, w->D, &h);
+  const Second *h = &a->of_force;
   for (int l = 0; l < m * n; ++l) {
     int dof = 3 * (a->first + l % n) + l / n;
-    if (h.turn[l] != 0) w->tangent[a->turn_stored_at[dof / 3]] += h.turn[l];
     for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e) {
       int column = a->part_column[e];
       double of_T = a->part_sign[e] * w->values[a->part_value[e]];
@@ -53,11 +63,11 @@ static void border_slider(const Problem *p, const Work *w, Slider *a) {
         add_at(p, w, force - c, p->unknown_at[column], -of_T * a->T[c][l]);
         add_at(p, w, p->row_at[column], force - c, -of_virtual * a->virtual_map[c][l]);
       }
-      add_at(p, w, p->row_at[column], column_s, of_virtual * h.by_s[l]);
-      add_at(p, w, row_s, p->unknown_at[column], of_T * h.of_s[l]);
+      add_at(p, w, p->row_at[column], column_s, of_virtual * h->by_s[l]);
+      add_at(p, w, row_s, p->unknown_at[column], of_T * h->of_s[l]);
       for (int r = 0; r < a->products; ++r) {
-        add_at(p, w, p->row_at[column], product - r, of_virtual * h.left[r][l]);
-        add_at(p, w, product - r, p->unknown_at[column], of_T * h.right[r][l]);
+        add_at(p, w, p->row_at[column], product - r, of_virtual * h->left[r][l]);
+        add_at(p, w, product - r, p->unknown_at[column], of_T * h->right[r][l]);
       }
     }
   }
@@ -67,7 +77,7 @@ static void border_slider(const Problem *p, const Work *w, Slider *a) {
     add_at(p, w, force - c, p->unknown_at[a->carried[c]], 1);
     add_at(p, w, p->row_at[a->carried[c]], force - c, 1);
   }
-  add_at(p, w, row_s, column_s, h.square);
+  add_at(p, w, row_s, column_s, h->square);
   for (int r = 0; r < a->products; ++r) add_at(p, w, product - r, product - r, -1);
 }
 
@@ -83,7 +93,7 @@ static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
   }
 }
 
-/* The borders, and what they change of A, for the tangent of a step. */
+/* The borders for the tangent of a step. */
 static void fill_borders(const Problem *p, const Work *w) {
   begin_borders(p, w);
   for (int i = 0; i < p->sliders; ++i)
@@ -138,7 +148,7 @@ static void solve_borders(const Problem *p, const Work *w) {
     g[c->border] -= c->value * row[0];
     for (int j = 0; j < m; ++j) D[c->border * m + j] -= c->value * row[1 + j];
   }
-  solve_dense(m, D, g);
+  solve_dense(m, 1, D, g);
   for (int i = 0; i < p->positions; ++i) {
     double *row = w->block + (long)i * n;
     for (int j = 0; w->reached[i] && j < m; ++j) row[0] -= row[1 + j] * g[j];

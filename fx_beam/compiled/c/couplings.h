@@ -110,21 +110,21 @@ static int expand(const Problem *p, const Work *w) {
   return left > 0;
 }
 
-static void spread_columns(const Problem *p, const Work *w, double *z, double *out) {
-  if (p->ties) change_ties(p, w, z);
+static void spread_columns(const Problem *p, const double *values, double *z, double *out) {
+  if (p->ties) change_ties(p, values, z);
   memset(out, 0, p->dofs * sizeof *out);
   for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
   for (int k = p->equal; k < p->entries; ++k)
-    out[p->entry_row[k]] += p->entry_sign[k] * w->values[p->entry_value[k]] * z[p->entry_column[k]];
+    out[p->entry_row[k]] += p->entry_sign[k] * values[p->entry_value[k]] * z[p->entry_column[k]];
 }
 
 /* The columns of sliding nodes in z are set. */
 static void spread(const Problem *p, const Work *w, double *z, double *out) {
   complete(p, w, z);
-  spread_columns(p, w, z, out);
-  for (int i = 0; i < p->sliders; ++i) {
-    spread_slider(p->slider + i, out, z);
-    spread_columns(p, w, z, out);
+  spread_columns(p, w->values, z, out);
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
+    spread_slider(a, a->T, out, z);
+    spread_columns(p, w->values, z, out);
   }
 }
 
@@ -154,6 +154,9 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
   if (p->closures) close_residual(p, w, out);
 }
 
+/* Nodal forces of the last residual, with those of sliding nodes on their beams. */
+static const double *with_carried(const Problem *p, const Work *w) { return p->sliders ? w->loaded : w->r; }
+
 /* Forces of the joints on b, for the forces that the last residual `reduced` was from. */
 static void transmitted(const Problem *p, const Work *w, const double *r) {
   const double *forces = w->reduced;
@@ -175,6 +178,7 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
 /* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
 static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent;
+  turn_beams(p, w);
   for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
   for (int k = 0; k < p->coupled; ++k)
     K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->virtual_map[p->coupled_virtual[k]] *

@@ -13,6 +13,7 @@ typedef struct {
   double *end, *increment, *force, *columns, *reduced, *arms, *map, *block, *natural_end;
   double *followed; /* of each direction the forces of joints that friction follows */
   double *on_joints, *moments, *closing; /* of one direction: forces of joints, moments of springs, closing forces */
+  double *on_borders; /* right sides of borders, and their solutions [border][direction] */
   int *reached;
 } Change;
 
@@ -20,6 +21,9 @@ typedef struct {
 typedef struct {
   double *of_elements[2], *of_points;
 } Slopes;
+
+/* Columns of the block: a column that is zero, then those of all directions, then those of borders. */
+static long width_of_block(const Problem *p, int count) { return 1L + count + p->borders; }
 
 static int numbers_of_element(const Problem *p, const Pulled *of) {
   return (of->increment + of->start + of->before) * p->cell_dofs + of->internal * p->cell_internal +
@@ -41,7 +45,8 @@ static long lay_out_forward(const Problem *p, const Adjoint *a, int count, Chang
   c->arms = allocate(&at, 2L * p->joints * count), c->map = allocate(&at, 1 + 4 * p->joints);
   c->on_joints = allocate(&at, 3 * p->scene_joints), c->moments = allocate(&at, p->scene_joints);
   c->closing = allocate(&at, p->closures);
-  c->block = allocate(&at, (1L + count) * p->positions), c->reached = (int *)allocate(&at, p->positions);
+  c->on_borders = allocate(&at, (long)p->borders * count);
+  c->block = allocate(&at, width_of_block(p, count) * p->positions), c->reached = (int *)allocate(&at, p->positions);
   for (int i = 0; i < 2; ++i)
     s->of_elements[i] = allocate(&at, blocks_of(&works[i]->slopes) * works[i]->slope_numbers * LANES);
   for (int k = 0; k < p->points->all; ++k)
@@ -198,9 +203,20 @@ static void change_points(const Problem *p, const Adjoint *a, const double *slop
   }
 }
 
-/* The change of the configuration from that of columns, whose ties it sets, at one end of the sub-step. */
-static void change_nodes(const Problem *p, const Directions *d, int j, const double *values, const double *psi,
-                         const double *slide, double *arms, double *columns, double *q) {
+/* Sums of columns and arms. */
+static void sum_changes(const Problem *p, const double *values, const double *arms, const double *columns, double *q) {
+  memset(q, 0, p->dofs * sizeof(double));
+  for (int k = 0; k < p->equal; ++k) q[p->entry_row[k]] += columns[p->entry_column[k]];
+  for (int k = p->equal; k < p->entries; ++k)
+    q[p->entry_row[k]] += p->entry_sign[k] * values[p->entry_value[k]] * columns[p->entry_column[k]];
+  for (int k = 0; k < p->followers; ++k) q[p->follower[k]] += p->joint_sign[p->through[k]] * arms[p->through[k]];
+}
+
+/* The change of the configuration from that of columns, of which it sets those of ties and sliding nodes, at the
+   start (0) or the end (1) of the sub-step. */
+static void change_nodes(const Problem *p, const Directions *d, int j, int end, const SlideEnds *slides,
+                         const double *values, const double *psi, const double *slide, double *arms,
+                         double *columns, double *q) {
   for (int i = 0; i < p->joints; ++i) {
     const double *o = d->offset + 2 * ((long)j * p->joints + i), *e = d->axis + 2 * ((long)j * p->joints + i);
     double rest = d->at_rest[i], now[2], turned[2];
@@ -210,14 +226,17 @@ static void change_nodes(const Problem *p, const Directions *d, int j, const dou
                         d->rest[(long)j * p->joints + i] * p->axis[2 * i + c];
   }
   double *tie = columns + p->columns;
-  memset(tie, 0, p->ties * sizeof(double)), memset(q, 0, p->dofs * sizeof(double));
+  memset(tie, 0, p->ties * sizeof(double));
   for (int k = 0; k < p->tie_arms; ++k) tie[p->tie_arm_of[k]] += p->joint_sign[p->tie_arm[k]] * arms[p->tie_arm[k]];
   for (int k = 0; k < p->tie_entries; ++k)
     tie[p->tie_of[k]] += p->tie_sign[k] * values[p->tie_value[k]] * columns[p->tie_column[k]];
-  for (int k = 0; k < p->equal; ++k) q[p->entry_row[k]] += columns[p->entry_column[k]];
-  for (int k = p->equal; k < p->entries; ++k)
-    q[p->entry_row[k]] += p->entry_sign[k] * values[p->entry_value[k]] * columns[p->entry_column[k]];
-  for (int k = 0; k < p->followers; ++k) q[p->follower[k]] += p->joint_sign[p->through[k]] * arms[p->through[k]];
+  sum_changes(p, values, arms, columns, q);
+  for (int i = 0; i < p->sliders; ++i) {
+    const Slider *a = p->slider + i;
+    spread_slider(a, slides[i].T[end], q, columns);
+    for (int k = 0; k < a->components; ++k) columns[a->carried[k]] -= d->places[3 * ((long)j * p->sliders + i) + k];
+    sum_changes(p, values, arms, columns, q);
+  }
 }
 
 /* The change of the values of Tv. */
@@ -250,8 +269,9 @@ static void change_map(const Problem *p, const Work *w, const Directions *d, int
 
 /* Adds the change of Tv^T r that Tv has; forces on ties are those of `pull_map`. */
 static void add_change_of_map(const Problem *p, const Work *w, const Change *c, const double *on_ties, double *out) {
+  const double *r = with_carried(p, w);
   for (int k = p->equal; k < p->entries; ++k)
-    out[p->entry_column[k]] += p->entry_sign[k] * c->map[p->entry_value[k]] * w->r[p->entry_row[k]];
+    out[p->entry_column[k]] += p->entry_sign[k] * c->map[p->entry_value[k]] * r[p->entry_row[k]];
   for (int i = 0; i < p->closures; ++i)
     for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
       out[p->gap_column[k]] -= p->gap_sign[k] * c->map[p->gap_value[k]] * w->closing[i];
@@ -269,13 +289,49 @@ static double change_of_gap(const Problem *p, const Work *w, const Change *c, co
   return p->slide_column[j] < 0 ? gap : gap - w->t1[i] * c->columns[p->slide_column[j]];
 }
 
+/* Copies the columns of the borders behind the right sides. */
+static void copy_borders(const Problem *p, const Work *w, const Change *c, int count) {
+  long width = width_of_block(p, count);
+  for (int i = 0; i < p->positions; ++i)
+    if (w->reached[i])
+      memcpy(c->block + i * width + 1 + count, w->block + (long)i * p->block + 1, p->borders * sizeof(double));
+}
+
+/* Unknowns of the borders in all directions, and the others with them (solve_borders). */
+static void change_borders(const Problem *p, const Work *w, const Change *c, int count) {
+  int m = p->borders;
+  long width = width_of_block(p, count);
+  double *g = c->on_borders, *D = w->corner;
+  memset(g, 0, (long)m * count * sizeof(double));
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    if (a->column < p->free) /* the slide is an unknown of the other equations that is its right side there */
+      memcpy(g + (long)(ON_BORDER - p->row_at[a->column]) * count, c->block + p->order[a->column] * width + 1,
+             count * sizeof(double));
+  for (const BorderEntry *e = w->border_entry; e < w->border_entry + *w->border_entries; ++e) {
+    const double *row = c->block + e->column * width + 1;
+    for (int j = 0; j < count; ++j) g[e->border * count + j] -= e->value * row[j];
+    for (int k = 0; k < m; ++k) D[e->border * m + k] -= e->value * row[count + k];
+  }
+  solve_dense(m, count, D, g);
+  for (int i = 0; i < p->positions; ++i) {
+    double *row = c->block + i * width + 1;
+    for (int k = 0; k < m; ++k)
+      for (int j = 0; row[count + k] != 0 && j < count; ++j) row[j] -= row[count + k] * g[k * count + j];
+  }
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    if (a->column < p->free)
+      memcpy(c->block + p->order[a->column] * width + 1, g + (long)(ON_BORDER - p->row_at[a->column]) * count,
+             count * sizeof(double));
+}
+
 /* Solves for all right sides of the block, by the tangent's factors. */
 static int solve_block(Problem *p, const Work *w, const Change *c, int count) {
   Problem all = *p;
   Work own = *w;
   int middle = p->positions / 2, n = p->unknowns;
   Ends of = ends_around(n, p->band, middle);
-  all.block = 1 + count, own.block = c->block, own.reached = c->reached;
+  all.block = width_of_block(p, count), own.block = c->block, own.reached = c->reached;
+  if (p->borders) copy_borders(p, w, c, count);
   for (int i = 0; i < p->positions; ++i) c->reached[i] = 1;
   memset(w->reduced, 0, p->free * sizeof(double)), memset(w->y, 0, n * sizeof(double));
   if (p->changing) all.rows = p->changing->rows, own.factors = p->changing->factors;
@@ -289,6 +345,7 @@ static int solve_block(Problem *p, const Work *w, const Change *c, int count) {
     if (!factorise(p, w)) return 0;
     solve_sparse_block(&all, &own);
   }
+  if (p->borders) change_borders(p, w, c, count);
   return 1;
 }
 
@@ -301,6 +358,9 @@ static void store_change(const Problem *p, const Directions *d, long boundary, i
     if (p->slide_column[i] >= 0)
       d->slide_rows[(k * d->count + j) * p->scene_joints + p->slide_of[i]] =
           d->columns[j * (long)(p->columns + p->ties) + p->slide_column[i]];
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    d->slide_rows[(k * d->count + j) * p->scene_joints + a->joint] =
+        d->columns[j * (long)(p->columns + p->ties) + a->column];
   if (!d->internal_rows) return;
   long m = (long)p->cells * p->cell_internal, s = p->spring_width, row = k * d->count + j;
   memcpy(d->internal_rows + row * m, d->internal + j * m, m * sizeof(double));
@@ -316,12 +376,13 @@ static void arms_at_end(const Problem *p, const Work *w, double *psi, double *sl
 }
 
 /* The change of the configuration at the end, and of the increment, from that of the columns. */
-static void change_end(const Problem *p, const Work *w, const Directions *d, const Change *c, int j) {
+static void change_end(const Problem *p, const Work *w, const Directions *d, const Change *c, const SlideEnds *slides,
+                       int j) {
   double psi[p->joints + 1], slide[p->joints + 1], *end = c->end + j * (long)(p->dofs + LANES);
   double *increment = c->increment + j * (long)(p->dofs + LANES);
   const double *q0 = d->q + (long)j * p->dofs;
   arms_at_end(p, w, psi, slide);
-  change_nodes(p, d, j, w->values, psi, slide, c->arms, c->columns, end);
+  change_nodes(p, d, j, 1, slides, w->values, psi, slide, c->arms, c->columns, end);
   for (int i = 0; i < p->dofs; ++i) increment[i] = end[i] - q0[i];
 }
 
@@ -335,19 +396,19 @@ static Change in_direction(const Problem *p, const Change *c, int j) {
 
 /* The changes of the columns at the end: those of driven motions, and with `solved` of the unknowns. And of the
    configuration. */
-static void change_ends(const Problem *p, const Work *w, const Directions *d, const Change *c, long row, long rows,
-                        int solved) {
-  long all = p->columns + p->ties;
+static void change_ends(const Problem *p, const Work *w, const Directions *d, const Change *c, const SlideEnds *slides,
+                        long row, long rows, int solved) {
+  long all = p->columns + p->ties, width = width_of_block(p, d->count);
   const int *order = order_now(p);
   memset(c->columns, 0, d->count * all * sizeof(double));
   for (int i = 0; solved && i < p->free; ++i) {
-    const double *found = c->block + order[i] * (1L + d->count) + 1;
+    const double *found = c->block + order[i] * width + 1;
     for (int j = 0; j < d->count; ++j) c->columns[j * all + i] = -found[j];
   }
   for (int j = 0; j < d->count; ++j) {
     Change own = in_direction(p, c, j);
     memcpy(own.columns + p->free, d->driven + (j * rows + row) * p->driven, p->driven * sizeof(double));
-    change_end(p, w, d, &own, j);
+    change_end(p, w, d, &own, slides, j);
   }
 }
 
@@ -382,25 +443,28 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
     for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i)
       force[p->load_dof[i]] -= p->load_force[i] * more + load_force[i] * now;
   }
-  add_rows(p, w, force, c->reduced);
   const double *end = c->end + j * (n + LANES);
-  if (p->joints) change_map(p, w, d, j, c, y0, q0, end), add_change_of_map(p, w, c, b->on_ties, c->reduced);
+  if (p->joints) change_map(p, w, d, j, c, y0, q0, end);
+  carry_changes(p, w, b->slides, c->map, (const double *[]){q0, end}, (const double *[]){y0, c->columns}, force,
+                c->reduced);
+  add_rows(p, w, force, c->reduced);
+  if (p->joints) add_change_of_map(p, w, c, b->on_ties, c->reduced);
 }
 
 /* The right sides of the block. */
 static void set_right_sides(const Problem *p, const Work *w, const Change *c, const Directions *d) {
-  long all = p->columns + p->ties;
+  long all = p->columns + p->ties, width = width_of_block(p, d->count);
   const int *order = order_now(p);
-  memset(c->block, 0, (1L + d->count) * p->positions * sizeof(double));
+  memset(c->block, 0, width * p->positions * sizeof(double));
   for (int i = 0; i < p->free; ++i) {
-    double *to = c->block + order[i] * (1L + d->count) + 1;
+    double *to = c->block + order[i] * width + 1;
     for (int j = 0; j < d->count; ++j) to[j] = c->reduced[j * all + i];
   }
   for (int j = 0; j < d->count; ++j) {
     Change own = in_direction(p, c, j);
     const double *end = c->end + j * (long)(p->dofs + LANES);
     for (int i = 0; i < p->closures; ++i)
-      c->block[order[p->unknowns - p->closures + i] * (1L + d->count) + 1 + j] = change_of_gap(p, w, &own, end, i);
+      c->block[order[p->unknowns - p->closures + i] * width + 1 + j] = change_of_gap(p, w, &own, end, i);
   }
 }
 
@@ -524,11 +588,11 @@ static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *
   int forces = d->force_at[row] >= 0 || p->friction_follows;
   if (forces && p->scene_joints) find_joint_forces(p, w);
   if (p->naturals) change_natural(p, d, c, b, row, rows);
-  change_ends(p, w, d, c, row, rows, 0);
+  change_ends(p, w, d, c, b->slides, row, rows, 0);
   change_balance(p, w, a, s, c, d, b, row, rows, 0);
   set_right_sides(p, w, c, d);
   if (!solve_block(p, w, c, d->count)) return 0;
-  change_ends(p, w, d, c, row, rows, 1);
+  change_ends(p, w, d, c, b->slides, row, rows, 1);
   if (forces) change_balance(p, w, a, s, c, d, b, row, rows, 1);
   if (p->friction_follows && change_first_forces(p, c, d) && may_repeat) return AGAIN;
   for (int j = 0; j < d->count; ++j) {
@@ -576,7 +640,7 @@ static void begin_changes(const Problem *p, const Work *w, const Directions *d, 
   double slide[p->joints + 1];
   for (int i = 0; i < p->joints; ++i) slide[i] = at(p->slides, p->slide_of[i]);
   for (int j = 0; j < d->count; ++j)
-    change_nodes(p, d, j, b->values, w->psi0, slide, c->arms, d->columns + j * all, d->q + (long)j * p->dofs);
+    change_nodes(p, d, j, 0, b->slides, b->values, w->psi0, slide, c->arms, d->columns + j * all, d->q + (long)j * p->dofs);
 }
 
 /* Follows a tape with changes in several directions; returns the number of sub-steps that are left where a

@@ -30,8 +30,8 @@ static void derive_gaps(const Problem *p, const Work *w, const double *values, d
   }
 }
 
-/* Solves A x = b for n rows, in place of b, by elimination with row exchange. */
-static void solve_dense(int n, double *A, double *b) {
+/* Solves A x = b for n rows and m right sides [n][m], in place of b, by elimination with row exchange. */
+static void solve_dense(int n, int m, double *A, double *b) {
   for (int k = 0; k < n; ++k) {
     int best = k;
     for (int i = k + 1; i < n; ++i)
@@ -40,16 +40,19 @@ static void solve_dense(int n, double *A, double *b) {
       double x = A[k * n + j];
       A[k * n + j] = A[best * n + j], A[best * n + j] = x;
     }
-    double right = b[best], pivot = 1 / A[k * n + k];
-    b[best] = b[k];
+    for (int j = 0; j < m; ++j) {
+      double x = b[k * m + j];
+      b[k * m + j] = b[best * m + j], b[best * m + j] = x;
+    }
+    double pivot = 1 / A[k * n + k];
     for (int i = 0; i < n; ++i) {
       if (i == k) continue;
       double factor = A[i * n + k] * pivot;
       for (int j = k; j < n; ++j) A[i * n + j] -= factor * A[k * n + j];
-      b[i] -= factor * right;
+      for (int j = 0; j < m; ++j) b[i * m + j] -= factor * b[k * m + j];
     }
     for (int j = k; j < n; ++j) A[k * n + j] *= pivot;
-    b[k] = right * pivot;
+    for (int j = 0; j < m; ++j) b[k * m + j] *= pivot;
   }
 }
 

@@ -16,7 +16,7 @@ static void pass_forces(const Problem *p, int first, int end, double *on_nodes, 
 
 /* The joint forces of a sub-step; forces at nodes are evaluated. */
 static void find_joint_forces(const Problem *p, const Work *w) {
-  const double *given = p->sliders ? w->loaded : w->r, *r = closed(p, w, given);
+  const double *r = closed(p, w, with_carried(p, w));
   double *on_nodes = w->passed, *on_joints = w->joint_forces;
   memcpy(on_nodes, r, p->dofs * sizeof(double));
   memset(on_joints, 0, 3 * p->scene_joints * sizeof(double));

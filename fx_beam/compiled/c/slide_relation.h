@@ -155,8 +155,9 @@ static void slide_rotation(Slider *a, const Weights *w, const double *q, const d
 }
 
 /* Increment of the node for that of its beam and of the arc length, the derivatives T and the virtual
-   increment. With h: the derivatives of virtual_map^T F for the force F of the node. */
-static void slide_on(Slider *a, const double *q, const double *D, Second *h) {
+   increment, with the chord of an element. With h: the derivatives of virtual_map^T F for the force F of the
+   node. */
+static void slide_by_chord(Slider *a, int chord, const double *q, const double *D, Second *h) {
   int n = a->width, s = a->components * n, e0 = element_of(a, a->s0), e1 = element_of(a, a->s1);
   int low, limit = a->elements - a->window;
   e1 = e1 > e0 + a->most ? e0 + a->most : e1 < e0 - a->most ? e0 - a->most : e1;
@@ -191,7 +192,7 @@ static void slide_on(Slider *a, const double *q, const double *D, Second *h) {
       h->square += l * a->force[i] * weigh(n, w->bend1, p1, i);
     }
   } else {
-    int from = a->degree * e0 - a->first, to = from + a->degree, end[2] = {from, to};
+    int from = a->degree * chord - a->first, to = from + a->degree, end[2] = {from, to};
     double r[2], Dr[2], omega[2], turn[2][2], zeta[2], square, Dalpha;
     for (int i = 0; i < 2; ++i) r[i] = pbar[to][i] - pbar[from][i], Dr[i] = Dp[to][i] - Dp[from][i];
     square = r[0] * r[0] + r[1] * r[1];
@@ -233,4 +234,9 @@ static void slide_on(Slider *a, const double *q, const double *D, Second *h) {
     }
   }
   if (a->components == 3) slide_rotation(a, w, q, D, a->force[2], h);
+}
+
+/* The same with the chord of the element in which the step begins. */
+static void slide_on(Slider *a, const double *q, const double *D, Second *h) {
+  slide_by_chord(a, element_of(a, a->s0), q, D, h);
 }

@@ -6,6 +6,13 @@
    of its forces. */
 enum { WINDOW_NODES = 16, LOCAL = 49, PRODUCTS = 4 };
 
+/* Derivatives of virtual_map^T F by the local degrees of freedom, for the force F of the node: those by the arc
+   length and of the force along it; of the others the products of left and right parts, and entries of
+   the diagonal. */
+typedef struct {
+  double by_s[LOCAL], of_s[LOCAL], square, left[PRODUCTS][LOCAL], right[PRODUCTS][LOCAL], turn[LOCAL];
+} Second;
+
 /* Its columns border the reduced tangent (borders.h). */
 typedef struct {
   int joint, column;    /* number of the joint, and column of the arc length */
@@ -22,7 +29,7 @@ typedef struct {
   int *entry_start, *entry_row, *entry_value;
   double *entry_sign;
   /* Entries of the beam's degrees of freedom [node][3]: columns, values and signs, from part_start on;
-     storage indices of the diagonal of its rotations. */
+     storage indices of the diagonal of its rotations in the full tangent. */
   int *part_start, *part_column, *part_value, *turn_stored_at;
   double *part_sign;
   int border, products; /* first border that is no column; number of products */
@@ -33,11 +40,5 @@ typedef struct {
   double s0, s1;
   int first;
   double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
+  Second of_force; /* derivatives of virtual_map^T F */
 } Slider;
-
-/* Derivatives of virtual_map^T F by the local degrees of freedom, for the force F of the node: those by the arc
-   length and of the force along it; of the others the products of left and right parts, and entries of
-   the diagonal. */
-typedef struct {
-  double by_s[LOCAL], of_s[LOCAL], square, left[PRODUCTS][LOCAL], right[PRODUCTS][LOCAL], turn[LOCAL];
-} Second;

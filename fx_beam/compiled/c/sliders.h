@@ -11,31 +11,40 @@ static int local_dof(const Slider *a, int local) {
   return local == a->components * n ? -1 : a->dofs[3 * (a->first + local % n) + local / n];
 }
 
-/* Change of the node's columns in z for small changes of all degrees of freedom. */
-static void spread_slider(const Slider *a, const double *change, double *z) {
+/* Change of the node's columns in z for small changes of all degrees of freedom, by T or Tv. */
+static void spread_slider(const Slider *a, const double (*T)[LOCAL], const double *change, double *z) {
   int s = a->components * a->width;
   for (int c = 0; c < a->components; ++c) {
-    double total = a->T[c][s] * z[a->column];
-    for (int k = 0; k < s; ++k) total += a->T[c][k] * change[local_dof(a, k)];
+    double total = T[c][s] * z[a->column];
+    for (int k = 0; k < s; ++k) total += T[c][k] * change[local_dof(a, k)];
     z[a->carried[c]] = total;
   }
 }
 
-/* Adds the forces of the sliding nodes on their beams to forces r, and those on the slides to `out`. */
+/* The forces on the columns of a node, for values of T or Tv. */
+static void find_held_force(const Slider *a, const double *values, const double *r, const double *out, double *force) {
+  for (int c = 0; c < a->components; ++c) {
+    force[c] = out[a->carried[c]];
+    for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
+      force[c] += a->entry_sign[k] * values[a->entry_value[k]] * r[a->entry_row[k]];
+  }
+}
+
+/* Adds a force of a node on its beam to forces r, and on its slide to `out`, by T or Tv. */
+static void push_beam(const Slider *a, const double (*T)[LOCAL], const double *force, double *r, double *out) {
+  int s = a->components * a->width;
+  for (int c = 0; c < a->components; ++c) {
+    for (int k = 0; k < s; ++k) r[local_dof(a, k)] += force[c] * T[c][k];
+    out[a->column] += force[c] * T[c][s];
+  }
+}
+
+/* Adds the forces of all sliding nodes. */
 static void carry(const Problem *p, const Work *w, double *r, double *out) {
   for (int i = p->sliders - 1; i >= 0; --i) {
     Slider *a = p->slider + i;
-    int s = a->components * a->width;
-    for (int c = 0; c < a->components; ++c) {
-      double force = out[a->carried[c]];
-      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
-        force += a->entry_sign[k] * w->virtual_map[a->entry_value[k]] * r[a->entry_row[k]];
-      a->force[c] = force;
-    }
-    for (int c = 0; c < a->components; ++c) {
-      for (int k = 0; k < s; ++k) r[local_dof(a, k)] += a->force[c] * a->virtual_map[c][k];
-      out[a->column] += a->force[c] * a->virtual_map[c][s];
-    }
+    find_held_force(a, w->virtual_map, r, out, a->force);
+    push_beam(a, a->virtual_map, a->force, r, out);
   }
 }
 

@@ -16,12 +16,12 @@ static void increase_ties(const Problem *p, const Work *w) {
     if (p->tie_value[k] == 0) tie[p->tie_of[k]] += p->tie_sign[k] * w->z[p->tie_column[k]];
 }
 
-/* Columns of the ties in small changes z. */
-static void change_ties(const Problem *p, const Work *w, double *z) {
+/* Columns of the ties in small changes z, for values of T or Tv. */
+static void change_ties(const Problem *p, const double *values, double *z) {
   double *tie = z + p->columns;
   memset(tie, 0, p->ties * sizeof *tie);
   for (int k = 0; k < p->tie_entries; ++k)
-    tie[p->tie_of[k]] += p->tie_sign[k] * w->values[p->tie_value[k]] * z[p->tie_column[k]];
+    tie[p->tie_of[k]] += p->tie_sign[k] * values[p->tie_value[k]] * z[p->tie_column[k]];
 }
 
 /* Adds the forces on the ties to those on the columns before, for values of T or Tv. */

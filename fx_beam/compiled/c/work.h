@@ -27,6 +27,7 @@ typedef struct {
   const double *fields[WEIGHT]; /* by the kinds of Form */
   double dt;
   const double *thrust;
+  int transposed; /* whether borders are those of the transposed tangent */
 } Work;
 
 static double *allocate(double **at, long n) {
@@ -75,6 +76,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->natural_end = allocate(&at, (long)p->cells * p->cell_natural);
   const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internal, p->natural, w->natural_end};
   memcpy(w->fields, fields, sizeof fields);
+  w->transposed = 0;
   return at - begin;
 }
 

@@ -1,0 +1,89 @@
+/* What the relation of a node that slides on a beam (slide_relation.h) depends on at both ends of a sub-step, for
+   derivatives of a run. It is the same backwards in time, with the same chord: so the derivatives by the start are
+   those by the end of this step. */
+
+#pragma once
+
+#include "couplings.h"
+
+/* At the start (0) and at the end (1): T, and the derivatives of Tv^T F by the local degrees of freedom there. */
+typedef struct {
+  double T[2][3][LOCAL];
+  Second of_force[2];
+} SlideEnds;
+
+/* The derivatives of all nodes, for the forces F of the last `project`. */
+static void find_slide_ends(const Problem *p, const Work *w, SlideEnds *ends) {
+  double *end = w->scratch, *back = w->correction;
+  for (int i = 0; i < p->dofs && p->sliders; ++i) end[i] = p->q[i] + w->D[i], back[i] = -w->D[i];
+  for (int i = 0; i < p->sliders; ++i) {
+    Slider *a = p->slider + i, reversed = *a;
+    int chord = element_of(a, a->s0);
+    ends[i].of_force[1] = a->of_force;
+    memcpy(ends[i].T[1], a->T, sizeof a->T);
+    reversed.s0 = a->s1, reversed.s1 = a->s0;
+    slide_by_chord(&reversed, chord, end, back, 0);
+    memcpy(ends[i].T[0], reversed.T, sizeof a->T);
+    /* At other levels Tv depends on the end alone. */
+    if (p->level == 0.5) slide_by_chord(&reversed, chord, end, back, &ends[i].of_force[0]);
+    else memset(&ends[i].of_force[0], 0, sizeof(Second));
+  }
+}
+
+/* Sets y = H x for these derivatives H, or y = H^T x. */
+static void times_second(const Slider *a, const Second *h, int transposed, const double *x, double *y) {
+  int s = a->components * a->width;
+  const double *of_s = transposed ? h->by_s : h->of_s, *by_s = transposed ? h->of_s : h->by_s;
+  y[s] = h->square * x[s];
+  for (int k = 0; k < s; ++k) y[s] += of_s[k] * x[k], y[k] = by_s[k] * x[s] + h->turn[k] * x[k];
+  for (int r = 0; r < a->products; ++r) {
+    const double *left = transposed ? h->right[r] : h->left[r], *right = transposed ? h->left[r] : h->right[r];
+    double sum = dot(s, right, x);
+    for (int k = 0; k < s; ++k) y[k] += left[k] * sum;
+  }
+}
+
+/* Local ones of all degrees of freedom and columns. */
+static void localise(const Slider *a, const double *nodal, const double *columns, double *x) {
+  int s = a->components * a->width;
+  for (int k = 0; k < s; ++k) x[k] = nodal[local_dof(a, k)];
+  x[s] = columns[a->column];
+}
+
+/* Adds the derivatives by both ends of the work of the forces F on virtual displacements. */
+static void pull_slides(const Problem *p, const SlideEnds *ends, const double *omega, const double *mu,
+                        double *const nodal[2], double *const columns[2]) {
+  double x[LOCAL], y[LOCAL];
+  for (int i = 0; i < p->sliders; ++i) {
+    const Slider *a = p->slider + i;
+    int s = a->components * a->width;
+    localise(a, omega, mu, x);
+    for (int end = 0; end < 2; ++end) {
+      times_second(a, &ends[i].of_force[end], 1, x, y);
+      for (int k = 0; k < s; ++k) nodal[end][local_dof(a, k)] -= y[k];
+      columns[end][a->column] -= y[s];
+    }
+  }
+}
+
+/* Adds to the changes of forces r and of those on columns what the nodes exert on their beams: their forces change,
+   and Tv by the changes of the configuration and the columns at both ends. `map` are changes of the values of Tv. */
+static void carry_changes(const Problem *p, const Work *w, const SlideEnds *ends, const double *map,
+                          const double *const nodal[2], const double *const columns[2], double *r, double *out) {
+  double x[LOCAL], y[LOCAL], force[3];
+  for (int i = p->sliders - 1; i >= 0; --i) {
+    const Slider *a = p->slider + i;
+    int s = a->components * a->width;
+    find_held_force(a, w->virtual_map, r, out, force);
+    for (int c = 0; c < a->components; ++c)
+      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
+        force[c] += a->entry_sign[k] * map[a->entry_value[k]] * w->loaded[a->entry_row[k]];
+    push_beam(a, a->virtual_map, force, r, out);
+    for (int end = 0; end < 2; ++end) {
+      localise(a, nodal[end], columns[end], x);
+      times_second(a, &ends[i].of_force[end], 0, x, y);
+      for (int k = 0; k < s; ++k) r[local_dof(a, k)] += y[k];
+      out[a->column] += y[s];
+    }
+  }
+}
