@@ -122,6 +122,11 @@ class Shooting:
                 f"{what}: steps of {model.scheme.name} depend on the one before, so that a state "
                 "alone does not repeat. Use EnergyMomentum"
             )
+        if model.couplings.sliding:
+            raise SceneError(
+                f"{what}: {model.couplings.sliding[0]}: periodic motions with a node that slides on "
+                "a beam cannot be found yet. Use a slide along a straight axis"
+            )
         if model.points.follow_joints:
             raise SceneError(
                 f"{what}: friction that follows the force of a joint, fx_beam.Coulomb, begins anew "
