@@ -287,5 +287,5 @@ def test_another_shape_of_the_beam_is_refused():
 
 def test_periodic_motions_are_refused():
     scene, _ = weighed(X)
-    with pytest.raises(SceneError, match="slides on a beam cannot be found yet"):
+    with pytest.raises(SceneError, match="on a beam cannot be found yet"):
         fb.periodic(scene, mode=0, amplitude=0.1)

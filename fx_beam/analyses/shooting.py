@@ -124,8 +124,8 @@ class Shooting:
             )
         if model.couplings.sliding:
             raise SceneError(
-                f"{what}: {model.couplings.sliding[0]}: periodic motions with a node that slides on "
-                "a beam cannot be found yet. Use a slide along a straight axis"
+                f"{what}: {model.couplings.sliding[0]}: periodic motions with a node that slides "
+                "on a beam cannot be found yet. Use a slide along a straight axis"
             )
         if model.points.follow_joints:
             raise SceneError(
