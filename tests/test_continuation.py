@@ -52,6 +52,29 @@ def test_both_limit_points_of_a_truss_are_found_to_rounding():
     assert (np.diff(height) < 0).all()
 
 
+def test_a_body_with_one_unknown_snaps_through():
+    # Its stiffness is a single number, which is negative between the limit points.
+    k, rise = 100.0, 0.5
+    rest = np.hypot(1, rise)
+
+    def force(y):
+        return k * (rest - np.hypot(1, y)) * y / np.hypot(1, y)
+
+    top = np.sqrt(rest ** (2 / 3) - 1)
+    scene = fb.Scene()
+    body = scene.add_body((1, rise), mass=1.0, inertia=1.0)
+    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (0, 1)))
+    scene.add_force_between(body.centre, (0, 0), spring=fb.Spring(k, rest=rest))
+    scene.add_force(body.centre, (0, -2 * force(top)))
+    path = fb.static(scene, steps=8, continuation="arc-length")
+    assert path.stats.limit_points == pytest.approx([0.5, -0.5], rel=1e-9)
+    assert [p.kind for p in path.critical_points] == ["limit point"] * 2
+    height = path.position(body.centre)[:, 1]
+    assert 2 * force(top) * path.load_factor == pytest.approx(force(height), abs=1e-9)
+    away = abs(abs(height) - top) > 1e-3
+    assert path.unstable_modes[away].tolist() == (abs(height[away]) < top).tolist()
+
+
 @pytest.mark.parametrize("steps", [1, 3, 40])
 def test_the_first_step_does_not_decide_what_is_found(steps):
     scene, bar, exact, _ = truss(1.5)

@@ -162,6 +162,37 @@ def test_becks_column_flutters_at_its_load():
     assert point.modes.angular_frequencies[0] == pytest.approx(11.0157, rel=1e-4)
 
 
+@pytest.mark.parametrize("how", [None, "arc-length"])
+def test_a_rigid_column_on_a_hinge_tips_over_at_c_over_its_length(how):
+    # One unknown, on which the load does no work: P L = c, and P L sin(psi) = c psi behind it.
+    # At 9 steps the method of secants meets the point itself, where the tangent is zero.
+    c, load = 7.0, 15.0
+    scene = fb.Scene()
+    bar = scene.add_body((0, 1), mass=1.0, inertia=1.0, points={"foot": (0, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=fb.Spring(c)))
+    scene.add_force(bar.centre, (0, -load))
+    path = fb.static(scene, 9, continuation=how)
+    (point,) = path.critical_points
+    assert (point.kind, load * point.load_factor) == ("bifurcation", pytest.approx(c, rel=1e-9))
+    tipped = fb.static(scene, start=point.branch(1), continuation="arc-length")
+    x, y = tipped.position(bar.centre).T
+    psi = np.arctan2(abs(x), y)
+    assert tipped.load_factor[-1] == 1 and psi[-1] > 1
+    assert load * tipped.load_factor * np.sin(psi) == pytest.approx(c * psi, abs=1e-9)
+
+
+def test_zieglers_column_flutters_at_its_load():
+    # Two rods without mass, 2 kg and 1 kg at their ends: (7/2 - sqrt(2)) c / L (Ziegler 1952).
+    scene = fb.Scene()
+    one = scene.add_body((1, 0), 2.0, 1e-12, points={"O": (0, 0), "A": (1, 0)})
+    two = scene.add_body((2, 0), 1.0, 1e-12, points={"A": (1, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, one["O"], spring=fb.Spring(1.0)))
+    scene.add_joint(fb.Revolute(one["A"], two["A"], spring=fb.Spring(1.0)))
+    scene.add_force(two.centre, (-3.0, 0), follower=True)
+    (point,) = fb.static(scene, steps=10).critical_points
+    assert (point.kind, 3 * point.load_factor) == ("flutter", pytest.approx(3.5 - np.sqrt(2)))
+
+
 def test_paths_with_contact_are_refused():
     scene, _ = column(14.0, 4, 2, np.pi)
     scene.add_obstacle(scene.beams[0], fb.Line((0.1, 0), (-1, 0)), stiffness=1e3)

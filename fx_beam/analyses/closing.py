@@ -21,6 +21,8 @@ _ROUNDING = 1e-13
 _USEFUL = 1e9
 # Motions that are smaller, in units of the scene, are none.
 _AT_REST = 1e-10
+# Largest change of the parameter's logarithm in an iteration.
+_FAR = 3.0
 
 
 class Condition(NamedTuple):
@@ -98,9 +100,15 @@ def close(
         return np.array([c.error(of.start, of.parameter) for c in conditions])
 
     def cost(of: Period) -> float:
-        return float(np.linalg.norm(np.append(of.gap, errors(of)))) / of.size
+        missing = float(np.linalg.norm(np.append(of.gap, errors(of))))
+        if not of.size > _AT_REST or not np.isfinite(missing):
+            raise NotClosed(
+                f"{shooting.what}: the scene is at rest, or comes to rest. Start from a motion "
+                "that goes on"
+            )
+        return missing / of.size
 
-    now = _moving(shooting, period, cost(period))
+    now = cost(period)
     for iteration in range(most):
         if found is None:
             found = _equations(shooting, period, free, varies)
@@ -111,9 +119,11 @@ def close(
                 return Closed(period, found.by, *found.slopes, found.matrix, iteration)
         step = _damped_step(matrix, gap, damping)
         try:
+            if abs(step[-1]) > _FAR:
+                raise NotClosed("the period changes too much")
             moved = shooting.moved(period.start, found.by, step[:-1])
             after = shooting.run(moved, period.parameter * np.exp(step[-1]))
-            then = _moving(shooting, after, cost(after))
+            then = cost(after)
         except (StepError, NotClosed):
             then = np.inf
         if then < now:
@@ -126,12 +136,6 @@ def close(
         f"{shooting.what}: no periodic motion was found in {iteration + 1} iterations: the state "
         f"after a period is still {now:.1e} of the motion away from that before"
     )
-
-
-def _moving(shooting: Shooting, period: Period, cost: float) -> float:
-    if not period.size > _AT_REST or not np.isfinite(cost):
-        raise NotClosed(f"{shooting.what}: the scene came to rest")
-    return cost
 
 
 def _damped_step(matrix: np.ndarray, gap: np.ndarray, damping: float) -> np.ndarray:

@@ -256,7 +256,16 @@ def _root(piece: _Piece, measure: Callable[[State], float]) -> tuple[float, Stat
         first = -_BEFORE * piece.length  # the step starts at a limit point
         if value(first) * value(piece.length) > 0:
             return None
-    near = brentq(value, first, piece.length, xtol=_PLACE * piece.length)
+
+    def value_or_zero(distance: float) -> float:
+        try:
+            return value(distance)
+        except StepFailed as failure:
+            if failure.kind != "singular":
+                raise
+            return 0.0  # the point itself
+
+    near = brentq(value_or_zero, first, piece.length, xtol=_PLACE * piece.length)
     # On the side of the start sorted eigenvalues are smooth, also if several vanish at once.
     distances = near - _APART * piece.length * np.arange(1, _STATES + 1)
     values = np.array([value(distance) for distance in distances])

@@ -54,7 +54,8 @@ class BorderedLU:
         diagonal, n = values[self._diagonal], self._matrix.shape[0]
         self._most = most = int(np.argmax(abs(row * self._unit)))
         largest = abs(diagonal * self._unit**2).max() / self._unit[most] ** 2
-        added = abs(diagonal[most]) or largest or 1.0
+        # A negative one changes its sign: with its size alone it would vanish.
+        added = max(diagonal[most], -2 * diagonal[most]) or largest or 1.0
         changed = values.copy()
         changed[self._diagonal[most]] += added
         self._regular = self._lu.factorise(changed)
