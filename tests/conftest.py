@@ -119,6 +119,10 @@ _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py
 _SLOWEST = (
     "test_stability_report",
     "test_adjoint",
+    "test_processes",
+    "test_sliding_derivatives",
+    "test_member_derivatives",
+    "test_periodic",
     "test_sweep",
     "test_sliders",
     "test_loop",
