@@ -15,6 +15,9 @@ _MOST = 80
 # A kept preconditioner is made anew when it needs so many times the iterations of a new one, and
 # some more.
 _WORN, _MORE = 2, 6
+# Change of an entry of the diagonal, as by steps of another length, after which residuals in the
+# norm of a kept preconditioner say little about the solution.
+_CHANGED = 1e4
 #: Options of the two kinds: overlapping parts with factors of each, or factors of the whole. With
 #: an overlap of 8 nodes, about as far as a wave runs in a step, half as many iterations as with 2.
 #: "ksp_rtol" is the largest error of a solution, relative to it, in the preconditioner's norm.
@@ -51,7 +54,7 @@ class LinearSystem:
         self._sizes = own, int(counts.sum())
         self._comm = PETSc.COMM_WORLD
         self._b = PETSc.Vec().createMPI(self._sizes, comm=self._comm)
-        self._x = self._b.duplicate()
+        self._x, self._diagonal, self._was, self._ratio = (self._b.duplicate() for _ in range(4))
         self._matrix: Any = None
         self._assembled: Any = None
         self._ksp: Any = None
@@ -95,7 +98,8 @@ class LinearSystem:
         self._own.stateIncrease()
         self._matrix.assemble()
         self._b.setArray(b)
-        if self._new and self._last <= _WORN * self._new + _MORE and self._run():
+        self._matrix.getDiagonal(self._diagonal)
+        if self._is_kept() and self._run():
             return self._x.getArray().copy()
         for kind in dict.fromkeys([self.kind, "MUMPS"]):
             self.kind = kind
@@ -105,6 +109,16 @@ class LinearSystem:
                 return self._x.getArray().copy()
         self._new = 0
         return np.full(self._sizes[0], np.nan)
+
+    def _is_kept(self) -> bool:
+        """Whether the last preconditioner still serves."""
+        if not self._new or self._last > _WORN * self._new + _MORE:
+            return False
+        changes = []
+        for above, below in ((self._diagonal, self._was), (self._was, self._diagonal)):
+            self._ratio.pointwiseDivide(above, below)  # zero where it divides by zero
+            changes.append(self._ratio.norm(petsc().NormType.INFINITY))
+        return max(changes) <= _CHANGED
 
     def _run(self) -> bool:
         """Whether GMRES finds the solution."""
@@ -122,6 +136,7 @@ class LinearSystem:
             self._assembled.destroy()
         self._assembled = PETSc.Mat()
         self._matrix.convert("aij", self._assembled)
+        self._diagonal.copy(self._was)
         self._ksp = ksp = PETSc.KSP().create(self._comm)
         options = PETSc.Options(_PREFIX)
         ours = {n: value for n, value in KINDS[self.kind].items() if not options.hasName(n)}
@@ -142,6 +157,7 @@ class LinearSystem:
 
     def destroy(self) -> None:
         """Free PETSc's objects; all processes at once."""
-        for thing in (self._ksp, self._assembled, self._matrix, self._b, self._x):
+        vectors = self._b, self._x, self._diagonal, self._was, self._ratio
+        for thing in (self._ksp, self._assembled, self._matrix, *vectors):
             if thing is not None:
                 thing.destroy()
