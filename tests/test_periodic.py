@@ -106,6 +106,16 @@ def test_the_period_of_a_hardening_spring_has_the_order_of_the_scheme(order):
     assert np.log(errors[0] / errors[1]) / np.log(61 / 31) == pytest.approx(order, abs=0.3)
 
 
+@pytest.mark.parametrize("amplitude", [20.0, 50.0])
+def test_a_period_far_from_that_of_the_mode_is_not_taken_for_several(amplitude):
+    scene, body = duffing()
+    motion = fb.periodic(scene, mode=0, amplitude=amplitude, steps=101)
+    exact = frequency_of_duffing(amplitude) / (2 * math.pi)
+    assert motion.frequency == pytest.approx(exact, rel=1e-3)
+    x = motion.solution.position(body.centre)[:, 0]
+    assert abs(x).max() == pytest.approx(amplitude, rel=1e-4)
+
+
 def test_the_period_of_a_pendulum_at_90_degrees():
     scene, bar = pendulum()
     motion = fb.simulate(scene, dt=0.02, t_end=3.0)

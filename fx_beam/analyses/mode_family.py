@@ -20,6 +20,8 @@ _LONGEST = 1.6
 # Iterations before the family is followed, and the part of the amplitude with which it begins;
 # the largest number of motions on the way.
 _PATIENCE, _SMALL, _FAR = 25, 0.05, 60
+# Largest speed at the start, relative to that of a vibration with the amplitude.
+_AT_REST = 0.01
 #: Longest step along a family, relative to the size of its motions.
 STEP = 0.25
 
@@ -60,7 +62,20 @@ class ModeFamily:
         begin, shooting = self._begin, self._shooting
         state = begin.state(amplitude)
         length = shooting.first_return(state, _LONGEST * begin.period) or begin.period
-        return close(shooting, state, length, self._tolerance, True, (wanted,), most=_PATIENCE)
+        closed = close(shooting, state, length, self._tolerance, True, (wanted,), most=_PATIENCE)
+        self._check(closed)
+        return closed
+
+    def _check(self, closed: Closed) -> None:
+        """Refuse several periods as one, and motions that pass the amplitude at some speed."""
+        start, length, most = closed.period.start, closed.period.length, self._begin.most
+        amplitude = abs(start.q[most] - self._begin.rest.q[most])
+        moves = abs(start.v[most]) * length / (2 * np.pi) > _AT_REST * amplitude
+        if moves or self._shooting.repeats_within(start, length):
+            raise NotClosed(
+                f"{self._shooting.what}: no motion of one period was found that begins at rest. "
+                "Use more steps, or a smaller amplitude"
+            )
 
     def last(self) -> Closed:
         """The motion of the amplitude or energy."""

@@ -42,6 +42,9 @@ _STEP = 1e-6
 _CLOSE = 0.2
 # Least number of steps in which it is looked for.
 _FINE = 200
+# Times as many steps show whether a motion repeats itself within a period, where it comes back to
+# such a part of its size.
+_FINER, _SAME = 4, 0.03
 _OF_TIME = "loads", "driven", "thrust", "parameters", "naturals"
 
 
@@ -300,6 +303,18 @@ class Shooting:
         rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
         found = nearest_return(rows / self.model.unit_of_unknowns)
         return None if found is None else longest / steps * found
+
+    def repeats_within(self, state: State, length: float) -> bool:
+        """Whether a motion comes back to its start well before the end of a period."""
+        steps = _FINER * self.steps
+        self._march(state, self._times(state, length, steps))
+        free = self.model.reduction.free
+        rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
+        rows = rows / self.model.unit_of_unknowns
+        apart = np.linalg.norm(rows - rows[0], axis=1)
+        k = np.arange(int(np.argmax(2 * apart > apart.max())) + 1, int(0.9 * steps))
+        lower = (apart[k] <= apart[k - 1]) & (apart[k] < apart[k + 1])
+        return bool((lower & (apart[k] < _SAME * apart.max())).any())
 
     def solution(self, period: Period) -> Solution:
         """The motion over a period with all that is recorded."""
