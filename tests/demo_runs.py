@@ -50,6 +50,7 @@ PICTURES = {
     "bars": ("force_and_velocities.png",),
     "gripper": ("scene.png", "shapes.png", "rise_and_force.png", "motion.gif"),
     "driven_cycle": ("scene.png", "cycle.png"),
+    "parametric_resonance": ("scene.png", "chart.png", "growth.png"),
     "capstan": ("scene.png", "pull_and_tension.png"),
     "column_between_walls": ("scene.png", "shapes_and_wall.png"),
     "bow": ("scene.png", "shapes.png", "draw_and_energy.png", "motion.gif"),
@@ -81,6 +82,7 @@ SMALL = {
     "lattice_impact": {"cells": 30},
     "design_map": {"points": (4, 3), "executor": ThreadPoolExecutor(1)},
     "fast_arm": {"within": 0.1},
+    "parametric_resonance": {"pulses": (0.1, 0.4)},
 }
 _SAVE = Figure.savefig
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process
