@@ -231,6 +231,7 @@ HOUSE = {
         "natural_gradients",
         "linear_outputs",
         "energy_gradients",
+        "work_outputs",
         "resultant_outputs",
         "objectives",
         "output_values",

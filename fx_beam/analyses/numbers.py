@@ -28,6 +28,8 @@ OF_OUTPUTS = {
     "axes of joints",
     "driven rates",
     "parameters at the start",
+    "work at the start",
+    "dissipated_energy at the start",
 }
 # What steps with mean rates read of the state at the start.
 _OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal", "natural"
@@ -44,6 +46,8 @@ def numbers_of(
     followers = model.points.followers
     driven = forcing.series(t1) + _before_motors(model)
     of_steps = {"loads": forcing.loads(t0, t1), "driven": driven}
+    of_steps["work at the start"] = state.work
+    of_steps["dissipated_energy at the start"] = state.dissipated
     if len(parameters := model.forms.parameters):
         of_steps["parameters"] = parameters.over_steps(t0, t1, model.scheme.rates.level)
         of_steps["parameters at the start"] = parameters.at(float(t0[0]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -19,14 +20,19 @@ from .gradient import Gradient
 from .linear_outputs import LinearOutput, Places, linear_output, needs_rates
 from .natural_gradients import NaturalRows
 from .resultant_outputs import ResultantOutput, SubSteps
+from .work_outputs import SINCE_START, LoadWork, WorkOutput, check_work, sums_steps
 
 #: States (n, ...) before some sub-steps, by the names of the derivatives by them.
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 
 
-def check_outputs(tape: Tape, outputs: Mapping[str, Output]) -> None:
-    """SceneError for outputs without derivatives."""
+def check_outputs(
+    model: Model, tape: Tape, outputs: Mapping[str, Output], rests: bool = False
+) -> None:
+    """SceneError for outputs without derivatives, for motions that begin at rest if it `rests`."""
     for name, output in outputs.items():
+        if output.quantity in SINCE_START:
+            check_work(model, tape, output, name, rests)
         if isinstance(output.of, Beam) and not tape.is_whole:
             raise SceneError(
                 f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
@@ -47,13 +53,16 @@ class Observation:
     ):
         self._model, self._tape, self._rows = model, tape, len(boundaries)
         fits = model.fitted_rates is not None
-        needed = any(map(observes_rates, outputs.values()))
+        needed = any(observes_rates(model, output) for output in outputs.values())
         steps = tape.steps_to(boundaries)
         moving = needed and not model.scheme.rates.at_rest
         every = [boundaries, *[steps.starts] * moving]
         if any(isinstance(output.of, Beam) for output in outputs.values()):
             within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
             every += [within, within + 1, np.maximum(within - 1, 0)]
+        if any(output.quantity in SINCE_START for output in outputs.values()):
+            summed = any(sums_steps(model, output) for output in outputs.values())
+            every.append(np.arange(boundaries.max() + 1 if summed else 1))
         #: Sub-steps before the states that outputs need, and those whose forces they need.
         self.boundaries = np.unique(np.concatenate(every))
         self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
@@ -71,17 +80,33 @@ class Observation:
         self._values = self._parameter_values()
         self._outputs = {name: self._observed(output) for name, output in outputs.items()}
 
-    def _observed(self, output: Output) -> LinearOutput | EnergyOutput | ResultantOutput:
+    def _observed(
+        self, output: Output
+    ) -> LinearOutput | EnergyOutput | ResultantOutput | WorkOutput:
         model, places, states = self._model, self._places, self._states
+        if output.quantity in SINCE_START:
+            ends = self.boundaries[places.ends]
+            loads = functools.partial(LoadWork, model, self._tape, states["q"], ends)
+            return WorkOutput(model, output.quantity, self._total_energy, loads)
         if isinstance(output.of, Scene):
-            given = self._parameters(), self._naturals()
-            return EnergyOutput(model, output.quantity, states, places.ends, *given)
+            return self._energy(output.quantity, states, places.ends)
         if isinstance(output.of, Beam):
             values = None if self._values is None else self._values[1:, 0]
             natural = NaturalRows(model, self._tape) if model.natural else None
             of = SubSteps(model, self._tape, self.boundaries, states, values, natural)
             return ResultantOutput(of, output.of, output.quantity, places)
         return linear_output(model, output, places, states)
+
+    def _energy(self, quantity: str, states: dict[str, np.ndarray], ends: np.ndarray):
+        given = self._parameters(ends), self._naturals(ends)
+        return EnergyOutput(self._model, quantity, states, ends, *given)
+
+    def _total_energy(self, at_start: bool) -> EnergyOutput:
+        """At the rows; or at the start of the run, with the rates of the scheme."""
+        if not at_start:
+            return self._energy("total_energy", self._states, self._places.ends)
+        states = {name: rows for name, rows in self._states.items() if name != "rates"}
+        return self._energy("total_energy", states, np.zeros(1, dtype=int))
 
     def _parameter_values(self) -> np.ndarray | None:
         """Values (1 + sub-steps, 2, n) of the parameters at the start, and in all sub-steps."""
@@ -93,19 +118,19 @@ class Observation:
         first = np.broadcast_to(of_scene.at(float(t0[0])), (1, 2, len(of_scene)))
         return np.concatenate([first, over])
 
-    def _parameters(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Places of the parameters of the rows among the numbers, -1 at the start, and values."""
+    def _parameters(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Places of the parameters of rows among the numbers, -1 at the start, and values."""
         if self._values is None:
             return None
-        ends = self.boundaries[self._places.ends]
+        ends = self.boundaries[ends]
         first = (2 * ends - 1) * self._values.shape[-1]
         return np.where(ends > 0, first, -1), self._values[ends, 1]
 
-    def _naturals(self) -> tuple[NaturalRows, np.ndarray] | None:
-        """Natural strains, and the sub-steps before which the rows are."""
+    def _naturals(self, ends: np.ndarray) -> tuple[NaturalRows, np.ndarray] | None:
+        """Natural strains, and the sub-steps before which rows are."""
         if not self._model.natural:
             return None
-        return NaturalRows(self._model, self._tape), self.boundaries[self._places.ends]
+        return NaturalRows(self._model, self._tape), self.boundaries[ends]
 
     @property
     def _sizes(self) -> dict[str, tuple[int, int]]:
@@ -160,10 +185,11 @@ class Observation:
         }
 
 
-def observes_rates(output: Output) -> bool:
+def observes_rates(model: Model, output: Output) -> bool:
     """Whether rates that fit the joints, or forces, are in an output."""
     if isinstance(output.of, Scene):
-        return output.quantity in ("kinetic_energy", "total_energy")
+        by_driven = ["work"] * bool(model.couplings.driven)
+        return output.quantity in ("kinetic_energy", "total_energy", *by_driven)
     return needs_rates(output)
 
 

@@ -270,7 +270,7 @@ class Response:
         model, tape, adjoint = self._followed("vjp")
         outputs = self._checked_weights(weights)
         boundaries, direct = self._boundaries(tape), list[Gradient]()
-        check_outputs(tape, outputs)
+        check_outputs(model, tape, outputs, self._path is not None)
         given = {name: np.asarray(rows, float) for name, rows in weights.items()}
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
@@ -319,9 +319,9 @@ class Response:
         SceneError
             As of `vjp`.
         """
-        _, tape, _ = self._followed("jacobian")
+        model, tape, _ = self._followed("jacobian")
         outputs = self._differentiable(names or self._names, "Response.jacobian: names")
-        check_outputs(tape, outputs)
+        check_outputs(model, tape, outputs, self._path is not None)
         changes = self._changes(tape)
         model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
         forward = Forward(adjoint)
@@ -518,11 +518,13 @@ class Response:
     def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) of all numbers of the steps of a tape by x."""
         if self._known_changes is None:
+            assert self._kept.last is not None  # `_followed` comes first
+            model = self._kept.last.model
             t0 = tape.starts.copy()
             t1, start = t0 + tape.lengths, self._change_of_start()
             of = [output for output in self._outputs.values() if isinstance(output, Output)]
             rates = None
-            if any(map(observes_rates, of)):
+            if any(observes_rates(model, output) for output in of):
                 rates = rates_at(tape, np.arange(len(tape) + 1))
 
             def numbers_of(scene: Scene, i: int, change: float) -> dict[str, np.ndarray]:

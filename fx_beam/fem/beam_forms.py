@@ -81,7 +81,8 @@ class BeamForms:
             self._added = self._bind(weak.added)
         self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
         self._energy = self._bind(weak.energy)
-        self._losses = [form and self._bind(form) for form in weak.losses]
+        #: Forms of `WeakForm.losses`; None where there is none.
+        self.of_loss = [form and self._bind(form) for form in weak.losses]
         self._held_before = weak.held_before and self._bind(weak.held_before)
         self._actuation = weak.actuation and self._bind(weak.actuation)
         if weak.evolution is not None:
@@ -472,7 +473,7 @@ class BeamForms:
         """Energies [J] that material and drag take; that the scheme takes, and holds."""
         self._set(self.increment, D)
         lost, *of_scheme = (
-            dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self._losses
+            dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self.of_loss
         )
         return [lost if self.drag is None else lost + self.drag.loss(D), *of_scheme]
 

@@ -133,6 +133,13 @@ class Forms:
         """Whether forces may depend on rates."""
         return any(part.depend_on_rates for part in self._parts)
 
+    @property
+    def dissipate(self) -> bool:
+        """Whether they may dissipate energy."""
+        if (beams := self.beams) is not None and (beams.drag is not None or any(beams.of_loss)):
+            return True
+        return self.points.any_have("loss")
+
     # -- A step ---------------------------------------------------------------------------------
 
     def set_load(self, factor: float, increment: float) -> None:

@@ -104,6 +104,11 @@ class Scheme:
         return [damping] if isinstance(damping, Parameter) else []
 
     @property
+    def balances_energy(self) -> bool:
+        """Whether the balance of energy is exact in each step, with nothing held for the next."""
+        return self.resultants is _exact and type(self.rates) is MidPointRates
+
+    @property
     def built_in(self) -> bool:
         """Whether resultants and rates are those of this package, whose UFL never changes."""
         of_package = self.resultants in (at_mid_step, averaged, _exact)

@@ -38,6 +38,8 @@ OF_SCENES: dict[str, tuple[str, ...]] = {
     "potential_energy": (),
     "spring_energy": (),
     "total_energy": (),
+    "dissipated_energy": (),
+    "work": (),
 }
 OF_BEAMS: dict[str, tuple[str, ...]] = {"N": (), "Q": (), "M": ()}
 
@@ -52,8 +54,9 @@ class Output:
     "velocity", "spin", "acceleration" and "reaction" of a node; of a joint those of `JointMotion`:
     "angle", "slide", "spin", "rate", "force" and "motor_force". Of a scene, those of `Energy`:
     "kinetic_energy", "strain_energy", "potential_energy", "spring_energy" (also of
-    stops and obstacles) and their sum, "total_energy" [J]. Of a beam, the resultants
-    "N", "Q" [N] and "M" [N m] at all its Gauss points.
+    stops and obstacles) and their sum, "total_energy"; since the start "work" and
+    "dissipated_energy" [J]. Of a beam, the resultants "N", "Q" [N] and "M" [N m] at all its Gauss
+    points.
 
     Parameters
     ----------

@@ -1,0 +1,182 @@
+"""Work and dissipated energy as outputs of a `Response`, and their derivatives."""
+
+import numpy as np
+import pytest
+from test_observed_outputs import pushed, stored, yielding
+from test_response import arm, bent, four_bar, free
+
+import fx_beam as fb
+
+
+def damped(x):
+    """A viscous beam with a damped hinge and drag, under loads and a moment that vary."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    damping = {"retardation": 1e-3 * x[1]}
+    section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2, **damping)
+    beam = scene.add_beam([(0, 0), (x[2], 0.2)], section, elements=3)
+    scene.pin(beam.start)
+    place = {"pin": (x[2], 0.2)}
+    body = scene.add_body((x[2] + 0.2, 0.0), mass=x[1], inertia=0.02, points=place)
+    damper = fb.Damper(0.3 * x[0])
+    scene.add_joint(fb.Revolute(beam.end, body["pin"], damper=damper))
+    scene.add_drag(body.centre, linear=0.2 * x[2], quadratic=0.1)
+    scene.add_force(beam.end, lambda t: (20 * t, 5 * x[1]))
+    scene.add_moment(body.centre, lambda t: 4 * x[2] * np.cos(9 * t))
+    scene.add_line_load(beam, (0.3 * x[0], 0.1))
+    return scene, {}
+
+
+def with_work(build):
+    """The same scene with its work, dissipated and total energy as outputs."""
+
+    def observed(x):
+        scene = build(x)[0]
+        quantities = {"work": "work", "dissipated": "dissipated_energy", "total": "total_energy"}
+        return scene, {name: fb.Output(of, scene) for name, of in quantities.items()}
+
+    return observed
+
+
+X = np.array([1.1, 0.9, 1.05])
+SCENES = {
+    "loads": (free, {}),
+    "losses": (damped, {}),
+    "losses, order 4": (damped, {"scheme": fb.EnergyMomentum(order=4), "t_end": 0.05}),
+    "mid-point": (four_bar, {"scheme": fb.MidPoint()}),
+    "motor": (arm, {}),
+    "prescribed": (pushed, {}),
+    "parameter": (stored, {}),
+    "rows": (damped, {"record": fb.Record(every=4)}),
+    "tolerance": (free, {"dt": None, "tolerance": 1e-3}),
+}
+
+
+def response(name):
+    build, options = SCENES[name]
+    return fb.Response(with_work(build), **({"dt": 0.01, "t_end": 0.1} | options))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_derivatives_of_work_and_losses_are_those_of_the_motion(name):
+    """By extrapolated differences of motions, adjoint and forwards."""
+    run, rng, h = response(name), np.random.default_rng(0), 1e-4
+    _, y = run(X)
+    assert abs(y["work"]).max() > 1e-6
+    assert ("losses" in name or name == "rows") == bool(y["dissipated"].any())
+    weights = {key: rng.standard_normal(len(y[key])) for key in ("work", "dissipated")}
+    gradients = {key: run.vjp({key: own}) for key, own in weights.items()}
+    J = run.jacobian("work", "dissipated")
+    for key, gradient in gradients.items():
+        size = abs(weights[key] @ abs(J[key])).max() + abs(gradient).max()
+        assert abs(weights[key] @ J[key] - gradient).max() <= 1e-9 * size
+    for i in range(3):
+        ends = [run(X + side * h * np.eye(3)[i])[1] for side in (-2, -1, 1, 2)]
+        for key, gradient in gradients.items():
+            low2, low, high, high2 = (weights[key] @ end[key] for end in ends)
+            expected = (8 * (high - low) - (high2 - low2)) / (12 * h)
+            assert gradient[i] == pytest.approx(expected, abs=2e-7 * (1 + abs(gradient).max()))
+
+
+@pytest.mark.parametrize("name", ["loads", "losses", "motor", "parameter"])
+def test_values_are_those_of_the_solution_and_derivatives_balance(name):
+    """Total energy and losses less the work change with x as the energy at the start does.
+
+    With loads alone work is summed over the steps, and the balance is a test of both.
+    """
+    build, options = SCENES[name]
+    run = response(name)
+    _, y = run(X)
+    motion = fb.simulate(build(X)[0], dt=0.01, t_end=0.1, progress=False, **options)
+    assert abs(y["work"] - motion.energy.work).max() <= 1e-12
+    assert abs(y["dissipated"] - motion.energy.dissipated).max() <= 1e-12
+    J = run.jacobian()
+    balance = J["total"] + J["dissipated"] - J["work"]
+    # With a motor, rates at the start that fit the joints have done work there already.
+    assert abs(balance - balance[0]).max() < 1e-8 * max(1.0, abs(J["total"]).max())
+
+
+def test_work_of_loads_on_a_closed_loop_balances_its_energy():
+    run = fb.Response(with_work(four_bar), dt=0.01, t_end=0.1)
+    run(X)
+    J = run.jacobian()
+    assert abs(J["work"][-1]).min() > 0.1
+    balance = J["total"] - J["work"]
+    assert abs(balance - balance[0]).max() < 1e-9 * abs(J["total"]).max()
+
+
+# -- Against what is known otherwise -----------------------------------------------------------
+
+
+def test_work_on_a_free_body_and_what_its_drag_takes():
+    """W = F^2 t^2 / 2m; and of steps with drag the factor of the speed, (1 - a)/(1 + a)."""
+
+    def build(x):
+        scene = fb.Scene()
+        pushed = scene.add_body((0, 0), mass=x[0], inertia=1.0)
+        scene.add_force(pushed.centre, (x[1], 0.0))
+        slowed = scene.add_body((0, 1), mass=x[0], inertia=1.0)
+        scene.set_velocity(slowed.centre, (0.0, 2.0))
+        scene.add_drag(slowed.centre, linear=x[2])
+        return scene, {}
+
+    m, F, c = x = np.array([2.0, 3.0, 0.5])
+    run = fb.Response(with_work(build), dt=0.1, t_end=2.0)
+    t, y = run(x)
+    J, n = run.jacobian(), np.arange(len(t))
+    work = F**2 * t**2 / (2 * m)
+    assert y["work"] == pytest.approx(work, abs=1e-9)
+    expected = np.column_stack([-work / m, 2 * work / F, 0 * t])
+    assert J["work"] == pytest.approx(expected, abs=1e-9)
+    a = c * 0.1 / (2 * m)
+    kept = ((1 - a) / (1 + a)) ** (2 * n)
+    assert y["dissipated"] == pytest.approx(2 * m * (1 - kept), abs=1e-9)
+    by_a = 8 * n * m * kept / (1 - a**2)
+    expected = np.column_stack([2 * (1 - kept) - by_a * a / m, 0 * t, by_a * a / c])
+    assert J["dissipated"] == pytest.approx(expected, abs=1e-8)
+
+
+def test_work_goes_on_from_a_solution_that_does_not_depend_on_x():
+    def build(x):
+        return damped([*x, X[2]])
+
+    first = fb.simulate(build(X[:2])[0], dt=0.01, t_end=0.05, progress=False)
+    whole = fb.Response(with_work(build), dt=0.01, t_end=0.1)
+    rest = fb.Response(with_work(build), dt=0.01, t_end=0.1, start=first)
+    y, y_rest = whole(X[:2])[1], rest(X[:2])[1]
+    for key in ("work", "dissipated"):
+        assert y_rest[key] == pytest.approx(y[key][5:], abs=1e-12)
+        J, h = rest.jacobian(key)[key], 1e-4
+        assert (J[0] == 0).all()
+        low, high = (rest([X[0] + side * h, X[1]])[1][key] for side in (-1, 1))
+        assert J[:, 0] == pytest.approx((high - low) / (2 * h), abs=1e-6 * abs(J).max())
+        rest(X[:2])
+
+
+# -- What is refused ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("build", "options", "key", "message"),
+    [
+        (yielding, {}, "work", "dissipated and parameters of stored energies that vary do work"),
+        (arm, {"scheme": fb.EnergyDecaying()}, "dissipated", "of all steps, which is not exact"),
+        (arm, {"scheme": fb.EnergyDecaying()}, "work", "motors do work, which is not exact"),
+        (damped, {"memory": 1e3}, "work", "Give Response more memory"),
+        (bent, {"start": fb.static}, "dissipated", "an equilibrium of its own"),
+    ],
+)
+def test_what_has_no_derivatives_is_refused_by_its_name(build, options, key, message):
+    run = fb.Response(with_work(build), **({"dt": 0.01, "t_end": 0.1} | options))
+    _, y = run(X)
+    with pytest.raises(fb.SceneError, match=message):
+        run.vjp({key: np.ones_like(y[key])})
+    with pytest.raises(fb.SceneError, match=message):
+        run.jacobian(key)
+    assert run.jacobian("total")["total"].shape == (len(y["total"]), 3)
+
+
+def test_work_in_statics_is_refused():
+    run = fb.StaticResponse(with_work(bent), steps=2)
+    _, y = run(X)
+    with pytest.raises(fb.SceneError, match="in motions only"):
+        run.vjp({"work": np.ones_like(y["work"])})
