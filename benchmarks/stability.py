@@ -453,11 +453,12 @@ BARS = (
 HALF = 0.1
 
 
-def colliding(stiffness=BOX_STIFFNESS):
+def colliding(stiffness=BOX_STIFFNESS, mu=0.0, bristle=BOX_STIFFNESS):
     """Three flexible bars fly in a circle, and hit it and each other."""
     scene, elements, made = fb.Scene(), 8, []
     section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
-    touch = {"stiffness": stiffness * elements, "radius": HALF}
+    friction = fb.Coulomb(mu, bristle * elements) if mu else None
+    touch = {"stiffness": stiffness * elements, "radius": HALF, "friction": friction}
     for middle, angle, velocity in BARS:
         arm = 0.4 * np.array([np.cos(angle), np.sin(angle)])
         bar = scene.add_beam([tuple(middle - arm), tuple(middle + arm)], section, elements)
@@ -469,18 +470,47 @@ def colliding(stiffness=BOX_STIFFNESS):
     return scene
 
 
+def rubbing(mu, bristle=BOX_STIFFNESS):
+    """A crank and a flexible rod push a body along a rail, with friction in all four joints."""
+    scene, pin = fb.Scene(gravity=(0, -9.81)), fb.Coulomb(mu, bristle, radius=0.02)
+    section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
+    crank = scene.add_body((0, 0.15), 1.0, 0.01, points={"pin": (0, 0), "end": (0, 0.3)})
+    rod = scene.add_beam([(0, 0.3), (0.8, 0)], section, elements=8)
+    block = scene.add_body((0.8, 0), mass=1.0, inertia=0.01).centre
+    for a, b in ((fb.GROUND, crank["pin"]), (crank["end"], rod.start), (rod.end, block)):
+        scene.add_joint(fb.Revolute(a, b, friction=pin))
+    slide = fb.Coulomb(mu, bristle)
+    scene.add_joint(fb.Prismatic(fb.GROUND, block, axis=(1, 0), friction=slide))
+    scene.set_velocity(crank, lambda x, y: (-10 * y, 10 * x), spin=10.0)
+    scene.make_velocities_compatible()
+    return scene
+
+
+def sticking(name, scene, mus, exponents):
+    """Friction that sticks over its coefficient, and over the stiffness of its springs."""
+    for mu in mus:
+        yield in_box(name + "friction mu", f"{mu:g}", scene=scene, mu=mu)
+    for label, bristle in powers(*exponents):
+        group = name + "stiffness of friction, mu = 0.5"
+        yield in_box(group, label, scene=scene, mu=0.5, bristle=bristle)
+
+
 def contacts(quick):
     """Contact between bodies and members: stiffness, friction that sticks, restitution, steps."""
     name = f"Bar and disc in a box, dt = {BOX_DT:g} s: "
     for label, stiffness in powers(*(6,) if quick else (3, 6, 9, 12)):
         yield in_box(name + "stiffness of contact [N/m]", label, stiffness=stiffness)
-    group = f"Three bars that collide, dt = {BOX_DT:g} s: stiffness of contact [N/m]"
+    three = f"Three bars that collide, dt = {BOX_DT:g} s: "
     for label, stiffness in powers(*(9,) if quick else (3, 6, 9, 12)):
+        group = three + "stiffness of contact [N/m]"
         yield in_box(group, label, scene=colliding, stiffness=stiffness)
-    for mu in (0.3,) if quick else (0.1, 0.3, 0.5, 1.0, 2.0):
+    mus, exponents = ((0.3,), ()) if quick else ((0.1, 0.3, 0.5, 1.0, 2.0), (3, 5, 7, 9))
+    for mu in mus:
         yield in_box(name + "friction mu", f"{mu:g}", mu=mu)
+    yield from sticking(f"Crank with friction, dt = {BOX_DT:g} s: ", rubbing, mus, exponents)
     if quick:
         return
+    yield from sticking(three, colliding, mus, exponents)
     for label, stiffness in powers(3, 9, 12):
         group = name + "stiffness of contact [N/m], mu = 1"
         yield in_box(group, label, stiffness=stiffness, mu=1.0)

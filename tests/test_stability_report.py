@@ -82,6 +82,7 @@ def test_the_cases_cover_what_is_stiff_and_extreme(report):
         "Many steps",
         "stiffness of the peg",
         "rigid bars",
+        "Crank with friction",
     ):
         assert any(kind in group for group in groups), kind
 

@@ -310,7 +310,8 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
     if isinstance(slide.friction, Coulomb):
         raise SceneError(
             f"{kind}: friction that follows the joint's force is that of Prismatic, PinInSlot and "
-            "Revolute. Use fx_beam.Friction on a beam"
+            "Revolute. Use fx_beam.Friction on a beam; if the beam is a straight, rigid rail, use "
+            "Prismatic (or PinInSlot, if the node turns freely) on a body or the ground instead"
         )
     return SlidingJoint(
         kind, beam.start, node, np.zeros(2), None, slide, rotation, beam=beam, fraction=fraction
