@@ -51,6 +51,7 @@ PICTURES = {
     "gripper": ("scene.png", "shapes.png", "rise_and_force.png", "motion.gif"),
     "driven_cycle": ("scene.png", "cycle.png"),
     "parametric_resonance": ("scene.png", "chart.png", "growth.png"),
+    "clamped_beam": ("scene.png", "backbone.png"),
     "capstan": ("scene.png", "pull_and_tension.png"),
     "column_between_walls": ("scene.png", "shapes_and_wall.png"),
     "bow": ("scene.png", "shapes.png", "draw_and_energy.png", "motion.gif"),
