@@ -84,7 +84,9 @@ class LinearSystem:
         )
         if self._matrix is not None:
             self._matrix.destroy()
-        self._matrix = PETSc.Mat().createIS((self._sizes, self._sizes), map_, map_, self._comm)
+        self._matrix = PETSc.Mat().createIS(
+            (self._sizes, self._sizes), lgmapr=map_, lgmapc=map_, comm=self._comm
+        )
         self._matrix.setISLocalMat(self._own)
         if self._ksp is not None:
             self._ksp.setOperators(self._matrix, self._assembled)
