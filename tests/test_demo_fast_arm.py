@@ -29,7 +29,8 @@ def test_40_numbers_take_less_time_than_polynomials_and_more_than_a_rigid_arm():
     polynomial = arm.Turn(T, arm.POLYNOMIAL)
     start = np.linalg.lstsq(arm.POLYNOMIAL, arm.quintic(T), rcond=None)[0]
     c = polynomial.best(start)
-    assert abs(arm.POLYNOMIAL @ c).max() == approx(1)  # at its limit
+    # At its limit, which the optimiser keeps to some 1e-6, by round-off.
+    assert abs(arm.POLYNOMIAL @ c).max() == approx(1, rel=1e-5)
     assert polynomial.largest(c) > 10 * arm.LIMIT
 
 

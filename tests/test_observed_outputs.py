@@ -138,23 +138,6 @@ def test_rows_without_weight_cost_nothing_and_change_nothing():
     assert (run.vjp({}) == 0).all()
 
 
-def test_resultants_and_strain_energy_with_natural_strains_are_refused_by_their_names():
-    def build(x):
-        scene = bent(x)[0]
-        scene.add_natural_strain(scene.beams[0], curvature=0.1)
-        return scene, outputs_of(scene)
-
-    run = fb.Response(build, dt=0.01, t_end=0.02)
-    _, y = run([1.1, 0.9, 1.05])
-    for name, message in (
-        ("M of beam 1", "resultants in a scene"),
-        ("total", "strain energy"),
-    ):
-        with pytest.raises(fb.SceneError, match=message):
-            run.vjp({name: np.ones_like(y[name])})
-    assert run.vjp({"reaction 0": y["reaction 0"]}).any()
-
-
 # -- Against what is known otherwise -----------------------------------------------------------
 
 

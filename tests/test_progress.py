@@ -208,7 +208,7 @@ def test_an_interrupt_says_where_the_steps_are(tmp_path):
 
 @pytest.mark.parametrize(
     ("continuation", "taker", "method"),
-    [(None, LoadStepper, "step"), ("arc-length", ArcLength, "_step")],
+    [(None, LoadStepper, "step"), ("arc-length", ArcLength, "step")],
 )
 def test_an_interrupted_path_hands_over_its_equilibria(continuation, taker, method, monkeypatch):
     scene = fb.Scene()
