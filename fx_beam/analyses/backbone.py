@@ -8,13 +8,12 @@ from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.validation import as_float, is_number, is_whole, require
 
 from .mode_family import STEP, ModeFamily
 from .mode_start import mode_start
 from .periodic_family import PeriodicFamily
 from .periodic_motion import motion_of
-from .periodic_search import check_target, check_tolerance
+from .periodic_search import check_path, check_target, check_tolerance
 from .shooting import Shooting
 
 
@@ -93,9 +92,7 @@ def backbone(
     what = "backbone"
     check_target(what, amplitude, energy)
     check_tolerance(what, tolerance)
-    fits = is_number(step) and 0 < as_float(step) <= 1
-    require(fits, f"{what}: step", step, "a number between 0 and 1")
-    require(is_whole(most, 1), f"{what}: most", most, "a whole number from 1 on")
+    check_path(what, step, most)
     shooting = Shooting(scene, scheme, steps, newton, what)
     family = ModeFamily(mode_start(shooting, scene, state, mode), amplitude, energy, tolerance)
     found = itertools.islice(family.followed(step), most)

@@ -72,9 +72,8 @@ def _equations(shooting: Shooting, period: Period, free: bool, varies: bool) -> 
             f"{shooting.what}: changes of the state grow {growth:.1e} times in a period: the "
             "motion is chaotic, or strikes. Give the scene damping, or take another start"
         )
-    rows = [slopes[0] - by.matrix]
     of_parameter = shooting.by_parameter(period) if varies else np.zeros(len(period.gap))
-    matrix = np.column_stack([*rows, of_parameter])
+    matrix = np.column_stack([slopes[0] - by.matrix, of_parameter])
     return _Equations(np.vstack([matrix, *[_phase(period, by)] * free]), by, slopes)
 
 

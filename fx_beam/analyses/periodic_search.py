@@ -10,7 +10,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.validation import as_float, is_number, require
+from fx_beam.validation import as_float, is_number, is_whole, require
 
 from .closing import Closed, Condition, NotClosed, close
 from .mode_family import ModeFamily, holds_energy
@@ -138,6 +138,13 @@ def check_tolerance(what: str, tolerance: float) -> None:
     """Refuse a tolerance that is none."""
     fits = is_number(tolerance) and 0 < as_float(tolerance) < 1
     require(fits, f"{what}: tolerance", tolerance, "a number between 0 and 1")
+
+
+def check_path(what: str, step: float, most: int) -> None:
+    """Refuse a longest step or a number of motions that is none."""
+    fits = is_number(step) and 0 < as_float(step) <= 1
+    require(fits, f"{what}: step", step, "a number between 0 and 1")
+    require(is_whole(most, 1), f"{what}: most", most, "a whole number from 1 on")
 
 
 def _from_state(
