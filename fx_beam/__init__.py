@@ -11,24 +11,17 @@ if importlib.util.find_spec("dolfinx") is None:
         name="dolfinx",
     )
 
-from .analyses.backbone import backbone
 from .analyses.branches import Branch
 from .analyses.convergence import Converged, converge
 from .analyses.critical_points import CriticalPoint
 from .analyses.dynamics import simulate
-from .analyses.forced_response import forced_response
 from .analyses.harmonic import FrequencyResponse, frequency_response
 from .analyses.imperfection import imperfect
 from .analyses.linear_system import LinearSystem, linearise
 from .analyses.modal import Modes, modes
 from .analyses.motion import Motion
-from .analyses.periodic_family import PeriodicFamily
-from .analyses.periodic_motion import PeriodicMotion
-from .analyses.periodic_search import periodic
 from .analyses.rayleigh import rayleigh
-from .analyses.response import Response
 from .analyses.snapshot import Snapshot
-from .analyses.static_response import StaticResponse
 from .analyses.statics import static
 from .analyses.sweep import sweep
 from .errors import Failure, SceneError, StepError
@@ -47,6 +40,13 @@ from .mechanics.schemes import (
     Newmark,
     Scheme,
 )
+from .orbits.backbone import backbone
+from .orbits.forced_response import forced_response
+from .orbits.periodic_family import PeriodicFamily
+from .orbits.periodic_motion import PeriodicMotion
+from .orbits.periodic_search import periodic
+from .responses.response import Response
+from .responses.static_response import StaticResponse
 from .results.audit import BeamResultants, Energy, Stats
 from .results.contact import Contact
 from .results.joint_motion import JointMotion

@@ -9,7 +9,7 @@ from scipy.optimize import fsolve
 from scipy.special import ellipk
 
 import fx_beam as fb
-from fx_beam.analyses.shooting import Shooting
+from fx_beam.orbits.shooting import Shooting
 
 HARD = fb.Spring(stiffness=1.0, strain_energy=lambda x: x**4 / 4)
 

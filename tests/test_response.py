@@ -9,8 +9,8 @@ import pytest
 
 import fx_beam as fb
 from fx_beam.analyses.kept_setup import keeping_setup
-from fx_beam.analyses.numbers import numbers_of
 from fx_beam.analyses.run_setup import RunSetup
+from fx_beam.responses.numbers import numbers_of
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.substeps import Halving
 from fx_beam.validation import Constant, _CheckedFunction

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from fx_beam.analyses.harmonic import FrequencyResponse
-from fx_beam.analyses.periodic_family import PeriodicFamily
 from fx_beam.deprecation import formerly
+from fx_beam.orbits.periodic_family import PeriodicFamily
 from fx_beam.scene.beam import Node
 from fx_beam.validation import require
 

@@ -9,6 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.analyses.dynamics import simulate
+from fx_beam.analyses.kept_setup import KeptSetup, keeping_setup
+from fx_beam.analyses.mpi_ranks import waiting_team
+from fx_beam.analyses.run_setup import RunSetup, checked_scheme
+from fx_beam.analyses.static_path import StaticPath, keeping_paths
 from fx_beam.compiled.adjoint import Adjoint, Weights
 from fx_beam.compiled.forward import Forward
 from fx_beam.compiled.loop import CompiledLoop
@@ -28,17 +33,12 @@ from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.substeps import Halving
 from fx_beam.validation import as_float, is_number, numbers, require, shown
 
-from .dynamics import simulate
 from .gradient import Gradient, along
-from .kept_setup import KeptSetup, keeping_setup
-from .mpi_ranks import waiting_team
 from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at
 from .output_values import Wanted, recording, values_of
-from .run_setup import RunSetup, checked_scheme
 from .static_derivatives import StateChange, StaticDerivatives, why_not
-from .static_path import StaticPath, keeping_paths
 
 # Step of differences of `build`, relative to a number.
 _STEP = 2.0**-17

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.analyses.static_path import StaticPath, keeping_paths
+from fx_beam.analyses.statics import static
 from fx_beam.compiled.adjoint import Adjoint
 from fx_beam.compiled.tape import Tape
 from fx_beam.model.model import Model
@@ -16,8 +18,6 @@ from fx_beam.validation import require
 
 from .response import Response, Wanted
 from .static_derivatives import StaticDerivatives
-from .static_path import StaticPath, keeping_paths
-from .statics import static
 
 
 class StaticResponse(Response):

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.analyses.run_setup import RunSetup
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
@@ -13,8 +14,6 @@ from fx_beam.scene.constraints import joints_by_number
 from fx_beam.scene.sliders import sliding_joints
 from fx_beam.stepping.forcing import LoadForcing
 from fx_beam.stepping.initial_state import reference_state
-
-from .run_setup import RunSetup
 
 #: Numbers that no step reads, but outputs; without beams also the positions of nodes.
 OF_OUTPUTS = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fx_beam.analyses.run_setup import end_of
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.solution import Solution
@@ -16,7 +17,6 @@ from .closing import Closed, Condition, NotClosed, close
 from .mode_family import ModeFamily, holds_energy
 from .mode_start import mode_start
 from .periodic_motion import PeriodicMotion, motion_of
-from .run_setup import end_of
 from .shooting import Shooting, nearest_return
 
 # Periods after which the search for a forced motion begins again.

@@ -6,6 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fx_beam.analyses.equilibrium_check import check_equilibrium
+from fx_beam.analyses.linearisation import linearised
+from fx_beam.analyses.undamped_modes import lowest
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.interval import Interval
 from fx_beam.results.solution import Solution
@@ -14,10 +17,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_whole, require
 
 from .closing import Condition
-from .equilibrium_check import check_equilibrium
-from .linearisation import linearised
 from .shooting import Directions, Shooting
-from .undamped_modes import lowest
 
 # Smallest part of a displacement in a mode that moves nodes, in units of the scene.
 _MOVES = 1e-6

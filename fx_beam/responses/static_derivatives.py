@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fx_beam.analyses.static_path import StaticPath
 from fx_beam.compiled.adjoint import Adjoint
 from fx_beam.compiled.build import LoopUnavailable
 from fx_beam.compiled.forward import Forward
@@ -25,7 +26,6 @@ from fx_beam.stepping.initial_state import reference_state
 from fx_beam.stepping.newton import NewtonOptions
 
 from .numbers import static_numbers_of
-from .static_path import StaticPath
 
 # Internal variables that round-off may leave at a contact without a force.
 _ROUNDING = 1e-12

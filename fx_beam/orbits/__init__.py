@@ -1,0 +1,1 @@
+"""Periodic motions: one of them (`periodic`), and families (`backbone`, `forced_response`)."""
