@@ -6,7 +6,7 @@ from derivatives import Run
 from test_adjoint import DATA, SCHEMES
 
 import fx_beam as fb
-from fx_beam.analyses import response
+from fx_beam.responses import response
 
 OF_ALL_SCHEMES = pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 
