@@ -190,6 +190,7 @@ HOUSE = {
         "path_equations",
         "inertia",
         "load_steps",
+        "settling",
         "arc_length",
         "branch_step",
         "full_turns",

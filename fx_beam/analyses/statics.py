@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import Failure, SceneError
+from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.mechanics.schemes import Equilibrium
 from fx_beam.model.model import Model
 from fx_beam.model.turning_frame import TurningFrame, check_turns
@@ -23,10 +23,12 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.arc_length import ArcLength
 from fx_beam.stepping.branch_step import first_step, is_equilibrium
 from fx_beam.stepping.forcing import LoadForcing
+from fx_beam.stepping.initial_state import reference_state
 from fx_beam.stepping.inverted_sections import InversionCheck
 from fx_beam.stepping.load_steps import LoadStepper
 from fx_beam.stepping.newton import NewtonOptions, StepFailed
 from fx_beam.stepping.recorder import Record, Recorder
+from fx_beam.stepping.settling import Settling
 from fx_beam.stepping.substeps import MOST_HALVINGS
 from fx_beam.validation import (
     as_float,
@@ -51,6 +53,10 @@ from .static_path import StaticPath, keep_path
 _log = logging.getLogger("fx_beam")
 # Largest number of load steps.
 _MOST_STEPS = 10_000_000
+_UNSTABLE = (
+    "static: the equilibrium of this mechanism is unstable; it stands there because its parts are "
+    "placed so. Place them a little beside it to find a stable one"
+)
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
 
 
@@ -141,7 +147,8 @@ def static(
     Raises
     ------
     SceneError
-        Before the first step, if the scene cannot be in equilibrium.
+        Before the first step, if the scene cannot be in equilibrium, or its loads leave it free to
+        move.
     StepError
         If a step fails. Its attribute `solution` has all steps before it, `time` the load factor.
     KeyboardInterrupt
@@ -172,7 +179,7 @@ def static(
     )
     clock = time.perf_counter()
     scheme = Equilibrium()
-    model = Model(scene, scheme)
+    model = Model(scene, scheme, settles=True)
     stats = Stats(
         scheme=scheme.name,
         level=scheme.rates.level,
@@ -253,7 +260,9 @@ def _follow(
         states.append(new)
         arc.follow(states, steps, max_cuts, max_steps, (ahead, distance))
         return
-    if start is None:
+    if model.mechanism:
+        states.append(_settled(stepper, start, 1 / steps))
+    elif start is None:
         states.append(stepper.first_state(steps, max_cuts))
     else:
         states.append(stepper.start_from(_at_rest(model, start)))
@@ -261,6 +270,22 @@ def _follow(
         stepper.raise_load(states, steps, max_cuts)
     else:
         ArcLength(stepper).follow(states, steps, max_cuts, max_steps)
+
+
+def _settled(stepper: LoadStepper, start: Solution | None, goal: float) -> State:
+    """The first state of a mechanism, which its loads hold."""
+    model = stepper.model
+    if start is None:
+        state = reference_state(model)
+    else:
+        try:
+            return stepper.start_from(state := _at_rest(model, start))
+        except StepError:
+            pass  # the forces that held it do not hold it alone
+    state = Settling(stepper).settled(state, goal)
+    if state.negative_eigenvalues:
+        _log.warning(_UNSTABLE)
+    return state
 
 
 def _bifurcation(arc: ArcLength, start: Branch) -> State:

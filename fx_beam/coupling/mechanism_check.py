@@ -52,11 +52,7 @@ def check_no_massless_mechanism(
             f"Equations of motion are singular: {body}, without mass or support. Give its section "
             "rhoA and rhoI, add a mass, or add a support"
         )
-    raise SceneError(
-        f"Static analysis is singular: {body}. Add a support. If the loads hold it, as gravity "
-        "holds a hanging pendulum: add the support in a copy of the scene, and continue from its "
-        "solution with modes(scene, state=...) or simulate(scene, start=...)"
-    )
+    raise SceneError(f"Static analysis is singular: {body}. Add a support")
 
 
 class _Parts(NamedTuple):

@@ -55,7 +55,8 @@ class Model:
 
     Vectors contain all degrees of freedom; `mesh.dofs` gives those of a node. With `mobile`, parts
     with mass need no supports, even if the scheme is static. With `instant`, its steps only serve
-    to find derivatives of forces. A `part` of a scene is checked with the whole.
+    to find derivatives of forces. A `part` of a scene is checked with the whole. A mechanism that
+    its loads may hold is not refused if it `settles`.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Model:
         mobile: bool = False,
         instant: bool = False,
         part: bool = False,
+        settles: bool = False,
     ):
         self.scene = scene
         self.scheme = scheme
@@ -83,14 +85,22 @@ class Model:
         self._build_reduction()
         self._structure, self._joints = Structure(scene), scene.joints[:]
         self._weightless = scheme.rates.at_rest and not mobile
+        #: Why the scene without loads is a mechanism; empty if it is none.
+        self.mechanism = ""
         if not part:
-            self._check_mechanism()
+            self._check_mechanism(settles)
 
-    def _check_mechanism(self) -> None:
+    def _check_mechanism(self, settles: bool = False) -> None:
         heavy = not self._weightless and not self.massless.any()
-        if not self.scene.virtual_works and not heavy:
-            mass = None if self._weightless else self.mass
+        if self.scene.virtual_works or heavy:
+            return
+        mass = None if self._weightless else self.mass
+        try:
             check_no_massless_mechanism(self.scene, self.mesh, self.forms.of_members, mass)
+        except SceneError as error:
+            if not settles:
+                raise
+            self.mechanism = str(error).removesuffix(". Add a support")
 
     def refill(self, scene: Scene) -> None:
         """Set all numbers to those of another scene; OtherStructureError if it differs in more.
@@ -359,7 +369,7 @@ class Model:
             sliders = None
             if self.couplings.sliding:
                 sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
-            used = self._used_entries()
+            used = self.used_entries()
             parts = self.couplings, self.points, self.scheme.rates, dofs, matrix, used
             if self.couplings.closures:
                 unit = self.unit_of_unknowns
@@ -371,7 +381,7 @@ class Model:
                 self.reduction = JointReduction(*parts, sliders)
             self.assembled.append("joints")
 
-    def _used_entries(self) -> np.ndarray:
+    def used_entries(self) -> np.ndarray:
         """Whether an entry of the tangent may be other than zero: at many points of bodies none is.
 
         The sparsity has all entries of nodes without beams.

@@ -42,6 +42,7 @@ def _check(model: Model) -> None:
         ("a closed loop of joints", couplings.closures),
         ("a long tree of joints", couplings.ties),
         ("a scheme of your own", not model.scheme.built_in),
+        ("a mechanism that its loads hold", model.mechanism),
         ("a scene without unknowns", not model.reduction.free),
     ):
         if there:

@@ -40,6 +40,8 @@ def why_not(path: StaticPath) -> str:
         return (
             "members or springs with internal variables that start from another solution have none"
         )
+    if model.mechanism:
+        return "a mechanism that its loads hold has none"
     if model.points.follow_joints:
         return "friction that follows the force of a joint, fx_beam.Coulomb, has none"
     variables = [own for own in (first.internal, first.spring_internal) if own is not None]

@@ -104,10 +104,15 @@ class LoadStepper:
         self.path.held = balance.residual[: model.reduction.free].copy()
         if model.forms.has_added:
             state.added_forces = model.forms.added_force()
-        self._hold_between(0.0, 0.0)
-        return replace(self.step(state, 0.0), work=state.work)
+        self.hold_between(0.0, 0.0)
+        try:
+            return replace(self.step(state, 0.0), work=state.work)
+        except StepFailed as failure:
+            what = "the state to start from is no equilibrium that the scene can hold"
+            advice = "Check that the scene has the supports and joints of this state"
+            raise self.single.error(what, 0, state, failure, advice) from failure
 
-    def _hold_between(self, before: float, after: float) -> None:
+    def hold_between(self, before: float, after: float) -> None:
         """Set the forces that hold the start, at both ends of a step."""
         self._hold = (1 - before) * self.path.held, (1 - after) * self.path.held
         self.single.newton.hold = self._hold[1]
@@ -154,9 +159,9 @@ class LoadStepper:
             F @ D + hold @ step.y for F, hold in zip(forces, self._hold, strict=True)
         )
         weight = 0.0 if self.model.weight is None else self.model.weight @ D
-        work, energy = new.work - old.work + weight, self._energy(new)
+        work, energy = new.work - old.work + weight, self.energy(new)
         other = work - (at_start + at_end) / 2
-        gained = energy - self._energy(old)
+        gained = energy - self.energy(old)
         snapped = softer and work > gained
         short = self._may_be_cut or (snapped and not kinked())
         moved = abs(old.q) + abs(D)
@@ -195,7 +200,7 @@ class LoadStepper:
         half = legs[1] / 2 * behind.D
         return self.size(D - half) <= _OFF_KINK * self.size(half)
 
-    def _energy(self, state: State) -> float:
+    def energy(self, state: State) -> float:
         """Stored and dissipated energy [J]."""
         model = self.model
         stored = model.forms.strain_energy(state.q, state.internal, state.natural)
@@ -214,7 +219,7 @@ class LoadStepper:
         """
 
         def raised(state: State, before: float, goal: float) -> State:
-            self._hold_between(before, goal)
+            self.hold_between(before, goal)
             return self.step(state, goal)
 
         try:
@@ -231,9 +236,10 @@ class LoadStepper:
         steps: int,
         max_cuts: int,
     ) -> Iterator[State]:
-        """States from 0 to 1; a step is halved if it fails, and doubled after an easy step."""
+        """States up to 1; a step is halved if it fails, and doubled after an easy step."""
         longest = 2**max_cuts
-        last, at, stride = steps * longest, 0, longest
+        last, stride = steps * longest, longest
+        at = round(state.t * steps) * longest
         while at < last:
             self._goal, self._may_be_cut = (at + stride) / last, stride > 1
             try:

@@ -1,0 +1,140 @@
+"""Mechanisms that their loads hold: the equilibria in which they settle."""
+
+import numpy as np
+import pytest
+import scipy.optimize
+
+import fx_beam as fb
+
+G = 9.81
+STIFF = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=1e-4)
+
+
+def pendulum(angle, mass=2.0, inertia=0.5):
+    """A body on an arm of 1 m, at an angle from the vertical, and its frequency."""
+    scene = fb.Scene(gravity=(0, -G))
+    place = np.round([np.sin(angle), -np.cos(angle)], 12)
+    bob = scene.add_body(place, mass, inertia, points={"O": (0, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, bob["O"]))
+    return scene, bob.centre, np.sqrt(mass * G / (inertia + mass))
+
+
+@pytest.mark.parametrize("how", [None, "arc-length"])
+@pytest.mark.parametrize("angle", [0.0, 0.7, np.pi / 2, 3.1])
+def test_a_pendulum_hangs_down_wherever_it_starts(angle, how):
+    scene, bob, frequency = pendulum(angle)
+    path = fb.static(scene, steps=4, continuation=how)
+    assert path.load_factor[[0, -1]].tolist() == [0.25, 1.0]
+    assert path.position(bob) == pytest.approx(np.array([[0.0, -1.0]] * len(path.t)), abs=1e-9)
+    assert path.stable.all() and path.critical_points == []
+    found = fb.modes(scene, path, n=1).angular_frequencies
+    assert found == pytest.approx([frequency], rel=1e-9)
+
+
+def test_a_pendulum_on_its_head_is_said_to_be_unstable(caplog):
+    scene, bob, _ = pendulum(np.pi)
+    path = fb.static(scene, steps=2)
+    assert path.position(bob)[-1] == pytest.approx([0, 1], abs=1e-9)
+    assert path.unstable_modes.tolist() == [1, 1]
+    assert "is unstable" in caplog.text
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_chain_of_bars_hangs_as_a_funicular_polygon(side):
+    """From below its supports and from above: half of each bar's weight is at its ends."""
+    scene, n = fb.Scene(gravity=(0, -G)), 7
+    angles = np.linspace(0, np.pi, n + 1)
+    places = np.column_stack([-np.cos(angles), side * np.sin(angles)])
+    bars = [scene.add_beam(ends, STIFF) for ends in zip(places[:-1], places[1:], strict=True)]
+    for first, second in zip(bars[:-1], bars[1:], strict=True):
+        scene.add_joint(fb.Revolute(first.end, second.start))
+    scene.pin(bars[0].start)
+    scene.pin(bars[-1].end)
+    path = fb.static(scene, steps=2)
+    left, right = (path.reaction(node)[-1, :2] for node in (bars[0].start, bars[-1].end))
+    weight = G * sum(bar.length for bar in bars)
+    assert left + right == pytest.approx([0, weight], abs=1e-8 * weight)
+    x = np.array([path.position(bar.start)[-1] for bar in bars] + [[1.0, 0.0]])
+    slopes = np.diff(x[:, 1]) / np.diff(x[:, 0])
+    rises = np.diff(slopes) * abs(left[0])
+    halves = G * np.array([bar.length for bar in bars]) / 2
+    assert rises == pytest.approx(halves[:-1] + halves[1:], rel=1e-6)
+    assert path.stable.all() and x[1:-1, 1].max() < 0
+
+
+def test_a_loop_of_bars_hangs_where_its_weight_is_lowest():
+    lengths, span = (0.7, 1.0, 0.9), 1.2
+    stiff = fb.Section(EA=1e9, GA=1e9, EI=1e9, rhoA=1.0, rhoI=1e-4)
+
+    def corners(angle):
+        """Corners of the loop, its first bar at an angle below the horizontal."""
+        a = lengths[0] * np.array([np.cos(angle), -np.sin(angle)])
+        way = np.array([span, 0]) - a
+        apart = np.hypot(*way)
+        along = (lengths[1] ** 2 - lengths[2] ** 2 + apart**2) / 2 / apart
+        across = np.sqrt(lengths[1] ** 2 - along**2)
+        b = a + (along * way + across * np.array([way[1], -way[0]])) / apart
+        return a, b
+
+    def height(angle):
+        a, b = corners(angle)
+        ends = np.array([0, a[1], b[1], 0])
+        return np.array(lengths) @ (ends[1:] + ends[:-1]) / 2
+
+    best = scipy.optimize.minimize_scalar(height, bounds=(0.2, 2.5), options={"xatol": 1e-12}).x
+    a, b = corners(0.3)
+    scene = fb.Scene(gravity=(0, -G))
+    bars = [scene.add_beam(ends, stiff) for ends in (((0, 0), a), (a, b), (b, (span, 0)))]
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[0].start))
+    scene.add_joint(fb.Revolute(bars[0].end, bars[1].start))
+    scene.add_joint(fb.Revolute(bars[1].end, bars[2].start))
+    scene.add_joint(fb.Revolute(fb.GROUND, bars[2].end))
+    path = fb.static(scene, steps=2)
+    assert path.position(bars[0].end)[-1] == pytest.approx(corners(best)[0], abs=1e-6)
+    assert path.stable.all()
+
+
+def test_a_body_comes_to_rest_in_a_groove():
+    scene = fb.Scene(gravity=(0, -G))
+    ball = scene.add_body((0.3, 1.0), mass=1.0, inertia=0.1)
+    scene.fix(ball.centre, "rotation")
+    for side in (1, -1):
+        scene.add_obstacle(ball.centre, fb.Line((0, 0), (side, 1)), stiffness=1e5)
+    path = fb.static(scene, steps=3)
+    # Each side is pressed in by d = -y / sqrt(2): 2 k d / sqrt(2) = m g.
+    assert path.position(ball.centre)[-1] == pytest.approx([0, -G / 1e5], abs=1e-9)
+    assert path.stable.all()
+
+
+def test_a_second_load_starts_from_what_hangs():
+    scene, bob, _ = pendulum(1.0)
+    hanging = fb.static(scene, steps=2)
+    scene.add_force(bob, (2.0 * G, 0.0))
+    path = fb.static(scene, steps=4, start=hanging)
+    assert path.position(bob)[-1] == pytest.approx([np.sqrt(0.5), -np.sqrt(0.5)], abs=1e-9)
+
+
+def test_what_no_load_holds_is_refused():
+    def body(rotates=False):
+        scene = fb.Scene(gravity=(0, -G))
+        part = scene.add_body((0.3, 0.5), mass=1.0, inertia=0.1)
+        if not rotates:
+            scene.fix(part.centre, "rotation")
+        return scene, part.centre
+
+    falling, _ = body()
+    with pytest.raises(fb.SceneError, match="along .*as a rigid body.* finds no equilibrium"):
+        fb.static(falling)
+    sliding, block = body()
+    sliding.add_obstacle(block, fb.Line((0, 0), (0, 1)), stiffness=1e5)
+    with pytest.raises(fb.SceneError, match=r"they leave x of node 0 at \(0.3, 0.5\) free"):
+        fb.static(sliding)
+    turning, ball = body(rotates=True)
+    for side in (1, -1):
+        turning.add_obstacle(ball, fb.Line((0, 0), (side, 1)), stiffness=1e5)
+    with pytest.raises(fb.SceneError, match="they leave rotation of node 0 .* free"):
+        fb.static(turning)
+    loose = fb.Scene()
+    loose.pin(loose.add_beam([(0, 0), (1, 0)], STIFF).start)
+    with pytest.raises(fb.SceneError, match=r"can rotate about \(0, 0\) .* it has no load"):
+        fb.static(loose)
