@@ -9,7 +9,7 @@ import fx_beam as fb
 from fx_beam.coupling.index_reduction import IndexReduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.model.model import Model
-from fx_beam.stepping.mass_solver import acceleration_of
+from fx_beam.stepping.mass_solver import acceleration_of, iterated_acceleration
 
 # HHT differs from the last one in the level only.
 NEWMARK_FAMILY = [fb.Newmark(), fb.GeneralizedAlpha(0.6)]
@@ -315,6 +315,20 @@ def test_accelerations_are_the_smallest_where_unknowns_outnumber_inertias():
     nowhere = np.linalg.svd(shapes.T)[2][-1]  # what this force pushes has no mass
     a = acceleration_of(mass, force + nowhere)
     assert abs(a).max() < 1e3
+
+
+def test_accelerations_without_factors_are_those_of_the_mass_matrix():
+    n = 500  # unequal elements in a row, and an unknown without mass
+    lengths = np.random.default_rng(3).uniform(0.1, 10, n - 2)
+    mass = np.zeros((n, n))
+    for i, length in enumerate(lengths):
+        mass[i : i + 2, i : i + 2] += length / 6 * np.array([[2, 1], [1, 2]])
+    a = np.random.default_rng(4).normal(size=n)
+    a[-1] = 0.0
+    found = iterated_acceleration(mass.__matmul__, mass.diagonal(), mass @ a)
+    assert abs(found - a).max() < 1e-12
+    pair = np.ones((2, 2))  # nothing resists their difference
+    assert iterated_acceleration(pair.__matmul__, np.ones(2), np.array([2.0, 0.0])) is None
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -202,9 +202,23 @@ class IndexReduction(WithoutLoops):
         self._column = column
         self.free, self.driven, self.columns = free, driven, columns
         self._z = np.zeros(columns)
-        sums = _sums_of_dofs_and_entries(column, matrix.indptr, matrix.indices, free)
-        self.pattern, self._dofs, self._entries = sums
-        self.factored = self.pattern
+        self._full = matrix.indptr, matrix.indices
+        self._dofs = _sums_of_dofs(column)
+
+    @property
+    def pattern(self):
+        """Sparsity of the reduced matrix."""
+        return self._reduced[0]
+
+    @property
+    def factored(self):
+        """The same: nothing borders it."""
+        return self._reduced[0]
+
+    @functools.cached_property
+    def _reduced(self) -> tuple[tuple[np.ndarray, np.ndarray], _Sums]:
+        """Sparsity of the reduced matrix, and the sums; not made where others have the tangent."""
+        return _sums_of_entries(self._column, *self._full, self.free)
 
     @functools.cached_property
     def counts(self) -> np.ndarray:
@@ -271,7 +285,7 @@ class IndexReduction(WithoutLoops):
 
     def fill(self, values, r, out) -> None:
         """Sums over equal degrees of freedom."""
-        self._entries.of(values, out)
+        self._reduced[1].of(values, out)
 
     def joint_tables(self):
         """None depends on the motion."""
@@ -289,7 +303,7 @@ class IndexReduction(WithoutLoops):
         """Columns, and sums of entries."""
         none = np.empty(0, int)
         size = len(self._column)
-        to, source = self._entries.pairs()
+        to, source = self._reduced[1].pairs()
         return Tables(
             entries={
                 "row": np.arange(size),
@@ -335,14 +349,20 @@ class _Sums:
 
 
 @cached_by_content
-def _sums_of_dofs_and_entries(
+def _sums_of_dofs(column: np.ndarray) -> _Sums:
+    """Sums over equal degrees of freedom."""
+    return _Sums(column)
+
+
+@cached_by_content
+def _sums_of_entries(
     column: np.ndarray, indptr: np.ndarray, indices: np.ndarray, free: int
-) -> tuple[tuple[np.ndarray, np.ndarray], _Sums, _Sums]:
-    """Pattern of the reduced tangent; sums over equal degrees of freedom, and over its entries."""
+) -> tuple[tuple[np.ndarray, np.ndarray], _Sums]:
+    """Pattern of the reduced tangent, and the sums over its entries."""
     row, col = np.repeat(column, np.diff(indptr)), column[indices]
     inside = np.flatnonzero((row < free) & (col < free))
     pattern, position = sparsity(row[inside], col[inside], free)
-    return pattern, _Sums(column), _Sums(position, inside)
+    return pattern, _Sums(position, inside)
 
 
 @cached_by_content

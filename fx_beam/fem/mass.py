@@ -48,7 +48,9 @@ class Mass:
     @functools.cached_property
     def matrix(self) -> scipy.sparse.csr_matrix:
         """Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity."""
-        mass, data = self._forms.stiffness.copy(), self._densities()
+        K, data = self._forms.stiffness, self._densities()
+        entries = np.zeros_like(K.data), K.indices, K.indptr
+        mass = scipy.sparse.csr_matrix(entries, K.shape, copy=False)
         #: Densities by name, on the mesh.
         self._fields = {name: FilledField(own, self._mesh) for name, own in data.items()}
         self._form: Any = None

@@ -12,12 +12,14 @@ from fx_beam.coupling.index_reduction import IndexReduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.model.model import Model
 
-from .mass_solver import acceleration_of
+from .mass_solver import acceleration_of, iterated_acceleration
 
 # Up to so many rows matrices are arrays: an operation on sparse ones costs 0.1 ms.
 _SMALL = 200
 # Up to so many rows products of arrays are faster than those of a sparse matrix and an array.
 _TINY = 40
+# From so many unknowns on a mass matrix is not factorised.
+_LARGE = 5000
 # Largest error of a solution, relative to the right side, that tells a singular matrix.
 _SINGULAR = 1e-6
 
@@ -73,6 +75,8 @@ class EqualRates:
     def accelerations(self, mass, force):
         """By the reduced mass; its factors have the pattern of the tangent."""
         reduction = self._reduction
+        if reduction.free > _LARGE and (a := self._iterated(mass, force)) is not None:
+            return a
         values = np.empty(len(reduction.pattern[1]))
         reduction.fill(mass.data, force, values)
         if reduction.free and (values[reduction.diagonal] > 0).all():
@@ -80,6 +84,17 @@ class EqualRates:
             if lu.factorise(values):
                 return lu.solve(force)
         return RatesByMatrix(reduction).accelerations(mass, force)
+
+    def _iterated(self, mass, force):
+        """The same without factors, which would need more memory than all else."""
+        free = self._reduction.free
+        w = np.zeros(self._reduction.columns)
+
+        def times(a):
+            w[:free] = a
+            return self.gather(mass @ self.spread(w))[:free]
+
+        return iterated_acceleration(times, self.gather(mass.diagonal())[:free], force)
 
 
 class RatesByMatrix:
