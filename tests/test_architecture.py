@@ -195,7 +195,7 @@ HOUSE = {
         "branch_step",
         "full_turns",
     ],
-    "parallel": ["own_functions", "team", "share", "partition", "linear_system", "part", "whole"],
+    "parallel": ["own_functions", "team", "share", "linear_system", "partition", "part", "whole"],
     "compiled": [
         "build",
         "kernels",

@@ -63,10 +63,6 @@ class Part:
         """Its share of the change of forces with small changes; of their sizes if asked."""
         return self._equations.change_of_sizes(D) if sizes else self._equations.change(D)
 
-    def fill(self) -> None:
-        """Compute the values of its reduced tangent."""
-        self._equations.fill_tangent(self._r, self._values)
-
     def set_pattern(self, more: np.ndarray) -> None:
         """Set the pattern of the linear system, with (m, 2) more entries; all processes at once."""
         indptr, indices = self._model.reduction.pattern
@@ -80,6 +76,7 @@ class Part:
         `more` are the values of the entries that were added.
         """
         assert self._system is not None
+        self._equations.fill_tangent(self._r, self._values)
         return self._system.solve(self._values, more, b)
 
     def effort(self) -> tuple[str, int, int]:

@@ -16,6 +16,7 @@ from fx_beam.scene.loads import Mass
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 
+from .linear_system import BLOCK
 from .share import Share, bare
 
 _DATA = "EA", "GA", "EI", "rhoA", "rhoI"
@@ -25,7 +26,7 @@ class Division(NamedTuple):
     """A scene in shares."""
 
     shares: list[Share]
-    #: Number (free,) of each unknown in the linear system, and how many each process has.
+    #: Number (free,) of each unknown in the linear system, and how many numbers each process has.
     numbers: np.ndarray
     counts: np.ndarray
 
@@ -88,19 +89,28 @@ class _Cut:
         return Division(shares, numbers, counts)
 
     def _numbered_unknowns(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers (free,) of the unknowns, and counts: those of a process follow each other."""
+        """Numbers (free,) of the unknowns, and counts: those of a process follow each other.
+
+        Those of a node are in a block of their own, which has free places at supports.
+        """
         couplings = self._model.couplings
-        owner = np.zeros(couplings.free, dtype=int)
+        owner, block = (np.zeros(couplings.free, dtype=int) for _ in range(2))
         column, dof, of_slide, joint = couplings.free_columns
         node = np.empty(self._model.size, dtype=int)
         node[self._model.mesh.dofs] = np.arange(len(self._model.mesh.X))[:, None]
         of_row = np.concatenate([self.of_node, np.repeat(self.of_element, self._inner)])
-        owner[column] = of_row[node[dof]]
+        block[column] = node[dof]
+        owner[column] = of_row[block[column]]
         by_number = {joint.number: joint for joint in self._scene.joints}
         owner[of_slide] = [self.of_node[by_number[number].b.number] for number in joint]
+        block[of_slide] = len(of_row) + np.arange(len(of_slide))
+        order = np.lexsort((block, owner))
+        first = np.diff(block[order], prepend=-1) != 0
+        starts = np.flatnonzero(first)
+        of_block = np.cumsum(first) - 1
         numbers = np.empty(couplings.free, dtype=int)
-        numbers[np.argsort(owner, kind="stable")] = np.arange(couplings.free)
-        return numbers, np.bincount(owner, minlength=self._number)
+        numbers[order] = BLOCK * of_block + np.arange(couplings.free) - starts[of_block]
+        return numbers, BLOCK * np.bincount(owner[order][starts], minlength=self._number)
 
     @property
     def _inner(self) -> int:

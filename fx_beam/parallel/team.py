@@ -9,6 +9,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from fx_beam.errors import SceneError
@@ -40,24 +41,24 @@ class Team:
         """Make an object on each process, by a function of a module."""
         self._made += 1
         number = self._made
-        self._all((("make", number, make), of) for of in arguments)
+        self._all([(("make", number, make), of) for of in arguments])
         return Crew(self, number)
 
     def call(self, number: int, method: str, arguments: Sequence[tuple]) -> list:
         """What a method of each object gives."""
-        return self._all((("call", number, method), of) for of in arguments)
+        return self._all([(("call", number, method), of) for of in arguments])
 
     def leave(self, number: int) -> None:
         """Destroy the objects before the next call."""
         self._left.append(number)
 
-    def _all(self, messages) -> list:
+    def _all(self, messages: Sequence[tuple]) -> list:
         left, self._left = self._left, []
-        packed = [_packed((left, *what)) for what in messages]
+        packed = [_packed((left, *what)) for what in messages[1:]]
         with self._in_step():
             for rank in range(1, self.size):
-                self._comm.send(packed[rank], rank)
-            own = answer(self._objects, packed[0])
+                self._comm.send(packed.pop(0), rank)
+            own = answer(self._objects, lambda: (left, *messages[0]))
             found = [own, *(_received(self._comm, rank) for rank in range(1, self.size))]
         for rank, (error, _) in enumerate(found):
             if error is not None:
@@ -141,17 +142,17 @@ def follow() -> None:
     comm, objects = world(), dict[int, Any]()
     try:
         while (message := _received(comm, 0)) is not None:
-            comm.send(_sendable(answer(objects, message)), 0)
+            comm.send(_sendable(answer(objects, partial(pickle.loads, message))), 0)
     except BaseException:
         traceback.print_exc()
         sys.stderr.flush()
         comm.Abort(1)
 
 
-def answer(objects: dict[int, Any], message: bytes) -> tuple[Exception | None, Any]:
+def answer(objects: dict[int, Any], message: Callable[[], tuple]) -> tuple[Exception | None, Any]:
     """The error, or what a call gives."""
     try:
-        left, (kind, number, name), arguments = pickle.loads(message)
+        left, (kind, number, name), arguments = message()
         for old in left:
             if old in objects:
                 objects.pop(old).destroy()

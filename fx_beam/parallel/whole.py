@@ -78,9 +78,11 @@ class WholeEquations(Equations):
         petsc("a scene on several processes")
         division = divided(model, team.size)
         self._shares, self._numbers = division.shares, division.numbers
-        self._ends = np.cumsum(division.counts)[:-1]
+        self._ends = np.cumsum(division.counts)
         own = model.scheme, forcing.time
         self._crew = team.make(Part, [(share, *own) for share in self._shares])
+        for share in self._shares:
+            share.runs.clear()  # the parts have them
         self._place(self._crew("frame"))
         kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
         self._crew("connect", [(division.counts, kind)] * team.size)
@@ -88,10 +90,11 @@ class WholeEquations(Equations):
 
     def _place(self, frames: list[Frame]) -> None:
         """Find what of the whole the entries of the parts' vectors are."""
-        self._order = np.argsort(self._numbers)
+        column = np.empty(self._ends[-1], dtype=int)
+        column[self._numbers] = np.arange(len(self._numbers))
         #: Degrees of freedom and unknowns of each part.
         self._dofs: list[np.ndarray] = []
-        self._columns = [self._order[frame.unknowns] for frame in frames]
+        self._columns = [column[frame.unknowns] for frame in frames]
         #: Whether forces at a degree of freedom are its own.
         self._owned: list[np.ndarray] = []
         for share, frame in zip(self._shares, frames, strict=True):
@@ -200,8 +203,9 @@ class WholeEquations(Equations):
     def solve(self, b: np.ndarray) -> np.ndarray:
         """Solution (free,) for the reduced tangent; not finite if it is singular."""
         more = self._of_points()
-        self._crew("fill")
-        own = np.split(b[self._order], self._ends)
+        right = np.zeros(self._ends[-1])
+        right[self._numbers] = b
+        own = np.split(right, self._ends[:-1])
         none = np.empty(0)
         found = self._crew("solve", [(more if not i else none, of) for i, of in enumerate(own)])
         return np.concatenate(found)[self._numbers]
