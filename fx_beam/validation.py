@@ -294,8 +294,12 @@ class _CheckedFunction:
         They are checked at once: one by one, the checks cost more than most functions.
         """
         with _Calling(self.function, self._what):
-            for own in arguments:
-                collected.append(_copied(self.function(*own)))  # noqa: PERF401 (an exception counts)
+            function = self.function
+            # The values before an exception are in `collected`, which counts them.
+            collected.extend(
+                value if type(value := function(*own)) in _IMMUTABLE else _copied(value)
+                for own in arguments
+            )
         try:
             return np.array(collected, dtype=float).reshape(len(collected), self.size)
         except (TypeError, ValueError, OverflowError):

@@ -29,7 +29,7 @@ class CompiledLoop:
         self.problem = problem = Problem(self.model, python.single.joint_forces, options)
         self._ffi, self._library = problem.ffi, problem.library
         # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
-        names = "double *", "int *", "Inputs *", "Record *", "Rows[]"
+        names = "double[]", "int[]", "Inputs *", "Record *", "Rows[]"
         self._types = {name: problem.ffi.typeof(name) for name in names}
         self._problem, self._state_arrays, self._past = (
             problem.c,
@@ -175,9 +175,10 @@ class CompiledLoop:
 
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""
-        c_inputs, doubles = self._ffi.new(self._types["Inputs *"]), self._types["double *"]
+        c_inputs = self._ffi.new(self._types["Inputs *"])
         for name in ("loads", "driven", "thrust", "parameters", "natural"):
-            setattr(c_inputs, name, self._ffi.cast(doubles, getattr(inputs, name).ctypes.data))
+            first = getattr(inputs, name)[:1]  # contiguous, also where one row stands for all
+            setattr(c_inputs, name, self._address("double[]", first))
         c_inputs.load_stride = inputs.loads.strides[0] // inputs.loads.itemsize
         c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
         c_inputs.natural_stride = inputs.natural.strides[0] // inputs.natural.itemsize
@@ -192,10 +193,10 @@ class CompiledLoop:
         to.starts, to.complete = recorder.starts, recorder.complete
         rows, starts = recorder.next_rows(number * self._problem.sub_steps * to.stores_starts)
         if "up_to_row" in rows:
-            to.up_to_row = self._address("int *", rows.pop("up_to_row"))
+            to.up_to_row = self._address("int[]", rows.pop("up_to_row"))
         for name in ("share", "memory"):
             if name in starts:
-                setattr(to, name, self._address("double *", starts.pop(name)))
+                setattr(to, name, self._address("double[]", starts.pop(name)))
         to.forces = "constraint_forces" in rows
         histories, stored = self._rows(rows), self._rows(starts)
         to.histories, to.history = len(histories), histories
@@ -208,11 +209,11 @@ class CompiledLoop:
         rows = self._ffi.new(self._types["Rows[]"], len(arrays))
         for row, (name, array) in zip(rows, arrays.items(), strict=True):
             row.source, row.size = self._sources[name], array.shape[1]
-            row.target = self._address("double *", array)
+            row.target = self._address("double[]", array)
         return rows
 
     def _address(self, kind: str, array: np.ndarray):
-        return self._ffi.cast(self._types[kind], array.ctypes.data)
+        return self._ffi.from_buffer(self._types[kind], array)
 
     def count(self, taken: int) -> None:
         """Add what C has counted in some steps or parts to the statistics."""
@@ -298,4 +299,6 @@ def no_inputs(parts: int) -> StepInputs:
 
 def _of_each_step(rows: np.ndarray, steps: int) -> np.ndarray:
     """Rows of all steps; a single row is repeated without copies."""
+    if not rows.size:
+        return np.empty((steps, *rows.shape[1:]))
     return np.broadcast_to(rows[0], (steps, *rows.shape[1:])) if len(rows) == 1 else rows

@@ -53,6 +53,8 @@ class Loads:
 
         OtherStructureError if they act on other degrees of freedom.
         """
+        if not self._loads and not scene.loads:
+            return
         forces, dofs, starts = self._read(scene)
         own = self.columns
         if not (np.array_equal(dofs, own.indices) and np.array_equal(starts, own.indptr)):

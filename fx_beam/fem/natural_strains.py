@@ -65,6 +65,8 @@ class NaturalStrains:
 
     def refill(self, scene: Scene) -> None:
         """Set the strains to those of a scene of the same structure."""
+        if not self._strains and not scene.natural_strains:
+            return
         values, rows, starts = self._read(scene)
         own = self.columns
         if not (np.array_equal(rows, own.indices) and np.array_equal(starts, own.indptr)):

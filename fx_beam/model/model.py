@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 import scipy.sparse
@@ -30,7 +31,7 @@ from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.nodal_rates import NodalRates
 from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.mechanics.schemes import Scheme
-from fx_beam.results.state import State
+from fx_beam.results.state import ROWS, State
 from fx_beam.scene.constraints import joints_by_number, slides_at_start
 from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.joints import Joint
@@ -259,6 +260,12 @@ class Model:
             "spring variables": self.points.width,
             "natural strains": 3 * bool(self.natural),
         }
+
+    @functools.cached_property
+    def widths(self) -> dict[str, int]:
+        """Numbers in a row of each recorded quantity."""
+        sizes = self.sizes
+        return {name: math.prod(quantity.lengths(sizes)) for name, quantity in ROWS.items()}
 
     @functools.cached_property
     def nodal_rules(self) -> NodalRules | None:

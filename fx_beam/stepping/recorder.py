@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bisect
 import functools
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -137,7 +136,7 @@ class Recorder:
         kinds = {"always"} | {kind for kind in _KINDS if getattr(record, kind)}
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
         self.arrays = {
-            name: np.zeros((0, math.prod(quantity.lengths(model.sizes))))
+            name: np.zeros((0, model.widths[name]))
             for name, quantity in ROWS.items()
             if quantity.record in kinds
         }
@@ -164,7 +163,8 @@ class Recorder:
         self._steps = grown(self._steps, rows, self.rows)
         self._steps[self.rows : rows] = steps
         for name, array in self.arrays.items():
-            self.arrays[name] = grown(array, rows, self.rows)
+            if len(array) < rows:
+                self.arrays[name] = grown(array, rows, self.rows)
         whole = len(self.model.scheme.fractions) if self.stores_starts(1) else 0
         self._starts.make_room(whole * len(steps))
         self.plans += 1
@@ -257,8 +257,8 @@ class Recorder:
             "momenta": sums_of(model, state.q[None], momentum[None]),
         }
         for name, rows in self.arrays.items():
-            if values.get(name) is not None:
-                rows[self.rows] = np.ravel(values[name]) if rows.ndim > 1 else values[name]
+            if (value := values.get(name)) is not None:
+                rows[self.rows] = value.ravel() if isinstance(value, np.ndarray) else value
         self.add(1, self.starts)
 
     def _missing(self, row: int) -> np.ndarray | float:

@@ -16,7 +16,8 @@ def grown(array: np.ndarray, rows: int, used: int) -> np.ndarray:
     if len(array) >= rows:
         return array
     grown = np.zeros((max(rows, 2 * len(array)), *array.shape[1:]), dtype=array.dtype)
-    grown[:used] = array[:used]
+    if used:
+        grown[:used] = array[:used]
     return grown
 
 
@@ -52,7 +53,7 @@ class SubStepStarts:
 
     def make_room(self, more: int) -> None:
         """Make room for some more starts."""
-        for name, array in self.arrays.items():
+        for name, array in self.arrays.items() if more else ():
             self.arrays[name] = grown(array, self.count + more, self.count)
 
     def begin(self, complete: int, part: int) -> None:
