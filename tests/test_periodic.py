@@ -173,6 +173,30 @@ def test_a_backbone_ends_at_its_amplitude_and_is_that_of_single_motions():
     assert family.stable.all() and family.free and len(family) == len(list(family))
 
 
+@pytest.mark.parametrize("ratio", [1.0, 3.0, 5.0])
+def test_a_backbone_of_a_beam_begins_at_rest_and_ends_at_its_amplitude(ratio):
+    scene, beam = pinned(200.0, elements=4)
+    scheme = fb.EnergyMomentum(order=4)
+    family = fb.backbone(scene, amplitude=ratio / 200, steps=41, scheme=scheme)
+    for motion in family:
+        assert abs(motion.solution.v[0]).max() < 1e-5 * abs(motion.solution.v).max()
+    last = family[-1].solution
+    middle = last.nodes_of_beam[beam.name]
+    middle = middle[len(middle) // 2]
+    assert last.q[0, middle, 1] == pytest.approx(ratio / 200, rel=1e-8)
+    assert abs(last.q[:, middle, 1]).max() == pytest.approx(ratio / 200, rel=1e-6)
+
+
+@pytest.mark.parametrize("mode, amplitude", [(0, 0.3), (0, 1.0), (1, 0.3), (1, 1.0)])
+def test_a_backbone_of_bodies_ends_at_its_amplitude(mode, amplitude):
+    scene, two = two_bodies()
+    state = fb.static(scene)
+    family = fb.backbone(scene, mode, amplitude=amplitude, state=state, steps=41)
+    start = family[-1].solution.q[0] - state.q[-1]
+    assert abs(start[:, :2]).max() == pytest.approx(amplitude, rel=1e-8)
+    assert abs(family[-1].solution.v[0]).max() < 1e-9
+
+
 # -- Forced motions ----------------------------------------------------------------------------
 
 

@@ -26,12 +26,12 @@ _FAR = 3.0
 
 
 class Condition(NamedTuple):
-    """An equation besides that of the period: which motion of a family is wanted."""
+    """An equation besides that of the period: where a motion begins, or which is wanted."""
 
-    #: How far a state and a parameter are from it.
-    error: Callable[[State, float], float]
-    #: Its derivatives (n + 1,) by the directions at a state, and by the parameter's logarithm.
-    slopes: Callable[[State, Directions], np.ndarray]
+    #: How far a motion is from it.
+    error: Callable[[Period], float]
+    #: Its derivatives (n + 1,) by the directions at its start, and by the parameter's logarithm.
+    slopes: Callable[[Period, Directions], np.ndarray]
 
 
 class Closed(NamedTuple):
@@ -57,13 +57,35 @@ class _Equations(NamedTuple):
     slopes: tuple[np.ndarray, np.ndarray]
 
 
-def _phase(period: Period, by: Directions) -> np.ndarray:
-    """A change of the state along the motion, which only shifts a free motion in time."""
+def _along(period: Period, by: Directions) -> np.ndarray:
     along = np.append(period.way @ by.matrix, 0.0)
     return along / np.linalg.norm(along)
 
 
-def _equations(shooting: Shooting, period: Period, free: bool, varies: bool) -> _Equations:
+#: That the state does not change along the motion, which only shifts a free motion in time.
+NO_SHIFT = Condition(lambda period: 0.0, _along)
+
+
+def turning_point(shooting: Shooting, like: Period) -> Condition:
+    """That a motion begins where its speed turns, at rest for one that returns on its way.
+
+    The accelerations at its start are about those of another motion.
+    """
+    scale = shooting.scales(like.start, like.length)
+    way = np.where(shooting.are_rates, like.way, 0.0) / np.linalg.norm(like.way)
+
+    def error(period: Period) -> float:
+        return float(way @ (shooting.rows_of(period.start) / scale))
+
+    def slopes(period: Period, by: Directions) -> np.ndarray:
+        return np.append(way @ (by.matrix * (by.scale / scale)[:, None]), 0.0)
+
+    return Condition(error, slopes)
+
+
+def _equations(
+    shooting: Shooting, period: Period, phase: Condition | None, varies: bool
+) -> _Equations:
     by = shooting.directions(period.start, period.length)
     slopes = shooting.slopes(by, period)
     growth = abs(slopes[0]).max()
@@ -74,7 +96,9 @@ def _equations(shooting: Shooting, period: Period, free: bool, varies: bool) -> 
         )
     of_parameter = shooting.by_parameter(period) if varies else np.zeros(len(period.gap))
     matrix = np.column_stack([slopes[0] - by.matrix, of_parameter])
-    return _Equations(np.vstack([matrix, *[_phase(period, by)] * free]), by, slopes)
+    if phase is not None:
+        matrix = np.vstack([matrix, phase.slopes(period, by)])
+    return _Equations(matrix, by, slopes)
 
 
 def close(
@@ -82,21 +106,22 @@ def close(
     start: State,
     parameter: float,
     tolerance: float,
-    free: bool,
+    phase: Condition | None,
     conditions: tuple[Condition, ...] = (),
     varies: bool = True,
     most: int = 40,
     damping: float = _DAMPED,
 ) -> Closed:
-    """The periodic motion near a state; `free` motions have a phase that is kept.
+    """The periodic motion near a state; free motions need a `phase`, where they begin.
 
     The parameter `varies`, or is held. Near the motion no `damping` is needed. NotClosed if there
     is none, or StepError.
     """
     period, found = shooting.run(start, parameter), None
+    held = conditions if phase is None else (phase, *conditions)
 
     def errors(of: Period) -> np.ndarray:
-        return np.array([c.error(of.start, of.parameter) for c in conditions])
+        return np.array([c.error(of) for c in held])
 
     def cost(of: Period) -> float:
         missing = float(np.linalg.norm(np.append(of.gap, errors(of))))
@@ -110,10 +135,10 @@ def close(
     now = cost(period)
     for iteration in range(most):
         if found is None:
-            found = _equations(shooting, period, free, varies)
-            rows = [c.slopes(period.start, found.by) for c in conditions]
+            found = _equations(shooting, period, phase, varies)
+            rows = [c.slopes(period, found.by) for c in conditions]
             matrix = np.vstack([found.matrix, *rows])
-            gap = np.concatenate([period.gap, np.zeros(int(free)), errors(period)])
+            gap = np.append(period.gap, errors(period))
             if now <= tolerance:
                 return Closed(period, found.by, *found.slopes, found.matrix, iteration)
         step = _damped_step(matrix, gap, damping)

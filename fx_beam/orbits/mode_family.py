@@ -8,12 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from fx_beam.errors import SceneError, StepError
-from fx_beam.results.state import State
 
-from .closing import Closed, Condition, NotClosed, close
+from .closing import Closed, Condition, NotClosed, close, turning_point
 from .mode_start import ModeStart
 from .periodic_family import Path
-from .shooting import Directions, Shooting
+from .shooting import Directions, Period, Shooting
 
 # Longest motion, in periods of a mode, in which its period with an amplitude is looked for.
 _LONGEST = 1.6
@@ -62,7 +61,8 @@ class ModeFamily:
         begin, shooting = self._begin, self._shooting
         state = begin.state(amplitude)
         length = shooting.first_return(state, _LONGEST * begin.period) or begin.period
-        closed = close(shooting, state, length, self._tolerance, True, (wanted,), most=_PATIENCE)
+        phase = turning_point(shooting, shooting.run(state, length))
+        closed = close(shooting, state, length, self._tolerance, phase, (wanted,), most=_PATIENCE)
         self._check(closed)
         return closed
 
@@ -103,7 +103,7 @@ class ModeFamily:
             before = closed
 
     def _error(self, closed: Closed) -> float:
-        return self._wanted.error(closed.period.start, closed.period.parameter)
+        return self._wanted.error(closed.period)
 
     def _between(self, before: Closed, after: Closed) -> Closed:
         """The last motion, from a start between those of two others."""
@@ -114,16 +114,17 @@ class ModeFamily:
         amounts = np.linalg.solve(by.matrix[by.own], (back / by.scale)[by.own])
         start = shooting.moved(after.period.start, by, part * amounts)
         length = after.period.length * (before.period.length / after.period.length) ** part
-        return close(shooting, start, length, self._tolerance, True, (self._wanted,))
+        phase = turning_point(shooting, after.period)
+        return close(shooting, start, length, self._tolerance, phase, (self._wanted,))
 
 
 def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:
     """That a motion has an energy."""
 
-    def error(state: State, parameter: float) -> float:
-        return (shooting.energy(state) - energy) / unit
+    def error(period: Period) -> float:
+        return (shooting.energy(period.start) - energy) / unit
 
-    def slopes(state: State, by: Directions) -> np.ndarray:
-        return np.append(shooting.slope_of_energy(state, by), 0.0) / unit
+    def slopes(period: Period, by: Directions) -> np.ndarray:
+        return np.append(shooting.slope_of_energy(period.start, by), 0.0) / unit
 
     return Condition(error, slopes)

@@ -17,7 +17,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_whole, require
 
 from .closing import Condition
-from .shooting import Directions, Shooting
+from .shooting import Directions, Period, Shooting
 
 # Smallest part of a displacement in a mode that moves nodes, in units of the scene.
 _MOVES = 1e-6
@@ -47,10 +47,10 @@ class ModeStart(NamedTuple):
         """That the start has an amplitude."""
         unit = self.shooting.model.unit[self.most]
 
-        def error(state: State, parameter: float) -> float:
-            return float(state.q[self.most] - self.rest.q[self.most] - amplitude) / unit
+        def error(period: Period) -> float:
+            return float(period.start.q[self.most] - self.rest.q[self.most] - amplitude) / unit
 
-        def slopes(state: State, by: Directions) -> np.ndarray:
+        def slopes(period: Period, by: Directions) -> np.ndarray:
             return np.append(by.changes["q"][:, self.most], 0.0) / unit
 
         return Condition(error, slopes)

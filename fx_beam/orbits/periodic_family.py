@@ -11,9 +11,9 @@ from fx_beam.errors import StepError
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 
-from .closing import Closed, Condition, NotClosed, close
+from .closing import Closed, Condition, NotClosed, close, turning_point
 from .periodic_motion import PeriodicMotion
-from .shooting import Directions, Shooting
+from .shooting import Directions, Period, Shooting
 
 # Iterations up to which steps become longer, and allowed ones; the factors, and the shortest step.
 _FEW, _MOST, _DAMPED = 5, 12, 1e-6
@@ -59,7 +59,8 @@ class Path:
         state = shooting.moved(period.start, by, away[:-1])
         parameter = period.parameter * np.exp(away[-1])
         arc = self._arc(now, along, state, parameter)
-        options = self._tolerance, self._free, (arc,)
+        phase = turning_point(shooting, period) if self._free else None
+        options = self._tolerance, phase, (arc,)
         new = close(shooting, state, parameter, *options, most=_MOST, damping=_DAMPED)
         onwards = _tangent(new, along)
         beside = (shooting.rows_of(new.period.start) - shooting.rows_of(state)) / by.scale
@@ -76,11 +77,11 @@ class Path:
         at = shooting.rows_of(state)
         along = along / np.append(np.full(len(scale), size), 1.0)
 
-        def error(of: State, value: float) -> float:
-            rows = (shooting.rows_of(of) - at) / scale
-            return float(along @ np.append(rows, np.log(value / parameter))) * size
+        def error(of: Period) -> float:
+            rows = (shooting.rows_of(of.start) - at) / scale
+            return float(along @ np.append(rows, np.log(of.parameter / parameter))) * size
 
-        def slopes(of: State, by: Directions) -> np.ndarray:
+        def slopes(of: Period, by: Directions) -> np.ndarray:
             rows = by.matrix * (by.scale / scale)[:, None]
             return np.append(along[:-1] @ rows, along[-1]) * size
 

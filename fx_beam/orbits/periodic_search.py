@@ -13,7 +13,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.validation import as_float, is_number, is_whole, require
 
-from .closing import Closed, Condition, NotClosed, close
+from .closing import NO_SHIFT, Closed, Condition, NotClosed, close
 from .mode_family import ModeFamily, holds_energy
 from .mode_start import mode_start
 from .periodic_motion import PeriodicMotion, motion_of
@@ -172,7 +172,7 @@ def _from_state(
     if energy is not None:
         size = abs(energy - shooting.energy(shooting.first_state(None, dt or 1e-3)))
         conditions = (holds_energy(shooting, energy, size or 1.0),)
-    closed = close(shooting, first, length, tolerance, True, conditions)
+    closed = close(shooting, first, length, tolerance, NO_SHIFT, conditions)
     return motion_of(shooting, closed, True)
 
 
@@ -183,12 +183,13 @@ def of_period(
 
     The search begins again after a motion has settled for some time.
     """
+    phase = NO_SHIFT if free else None
     for more in () if free else _SETTLING:
         try:
-            return close(shooting, first, parameter, tolerance, free, varies=False)
+            return close(shooting, first, parameter, tolerance, phase, varies=False)
         except NotClosed:
             first = shooting.settled(first, parameter, more)
-    return close(shooting, first, parameter, tolerance, free, varies=False)
+    return close(shooting, first, parameter, tolerance, phase, varies=False)
 
 
 def _span(start: Solution | None) -> float:

@@ -237,6 +237,12 @@ class Shooting:
         return Period(state, parameter, length, end, gap, size, way, last.dissipated)
 
     @property
+    def are_rates(self) -> np.ndarray:
+        """Which rows of a state are rates."""
+        at = np.arange(self._movable + sum(self._inside.values()))
+        return (at >= self.model.reduction.free) & (at < self._movable)
+
+    @property
     def _movable(self) -> int:
         """Number of rows of positions and rates."""
         return self.model.reduction.free + len(self._rates)
