@@ -7,8 +7,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 from scipy.special import ellipk
+from test_joint_friction_derivatives import rail
+from test_sliding_derivatives import hanging
 
 import fx_beam as fb
+from fx_beam.fem.pulled_form import PulledForm, WorkOnWeights
 from fx_beam.orbits.shooting import Shooting
 
 HARD = fb.Spring(stiffness=1.0, strain_energy=lambda x: x**4 / 4)
@@ -173,11 +176,10 @@ def test_a_backbone_ends_at_its_amplitude_and_is_that_of_single_motions():
     assert family.stable.all() and family.free and len(family) == len(list(family))
 
 
-@pytest.mark.parametrize("ratio", [1.0, 3.0, 5.0])
+@pytest.mark.parametrize("ratio", [1.0, 5.0])
 def test_a_backbone_of_a_beam_begins_at_rest_and_ends_at_its_amplitude(ratio):
-    scene, beam = pinned(200.0, elements=4)
-    scheme = fb.EnergyMomentum(order=4)
-    family = fb.backbone(scene, amplitude=ratio / 200, steps=41, scheme=scheme)
+    scene, beam = pinned(200.0, elements=2)
+    family = fb.backbone(scene, amplitude=ratio / 200, steps=41)
     for motion in family:
         assert abs(motion.solution.v[0]).max() < 1e-5 * abs(motion.solution.v).max()
     last = family[-1].solution
@@ -341,14 +343,110 @@ def test_a_forced_response_passes_folds_between_which_it_is_unstable():
     assert w[peak] == pytest.approx(frequency_of_duffing(a[peak]), rel=0.02)
 
 
+def dry_friction(w, steps):
+    """A block of 1 kg on a spring of 1 N/m and a rail with friction, and its motion under 1 N."""
+    scene = fb.Scene(gravity=(0, -10.0))
+    block = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    own = {"spring": fb.Spring(1.0), "friction": fb.Coulomb(0.03, 1e5)}
+    scene.add_joint(fb.Prismatic(fb.GROUND, block.centre, axis=(1, 0), **own))
+    if w is None:
+        return scene
+    scene.add_force(block.centre, lambda t: (math.cos(w * t), 0.0))
+    motion = fb.periodic(scene, period=2 * math.pi / w, steps=steps)
+    assert repeats(scene, motion) < 1e-9
+    return motion.amplitude(block.centre, "x")
+
+
+@pytest.mark.parametrize("w", [0.7, 1.4])
+def test_dry_friction_of_a_joint_leaves_the_amplitude_of_den_hartog(w):
+    # Without stops: (1 / (1 - w^2))^2 - (F_f / F)^2 (tan(pi / (2 w)) / w)^2, F_f = mu m g.
+    exact = math.sqrt((1 / (1 - w**2)) ** 2 - (0.3 * math.tan(math.pi / (2 * w)) / w) ** 2)
+    errors = [dry_friction(w, steps) / exact - 1 for steps in (101, 401)]
+    assert abs(errors[1]) < 1.5e-3 and abs(errors[0]) < 1e-2
+
+
+@pytest.mark.parametrize("scheme", [None, fb.EnergyDecaying()])
+def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself(scheme):
+    scene = fb.Scene()
+    section = fb.Section(EA=2e5, GA=8e4, EI=20.0, rhoA=0.3, rhoI=1e-5, retardation=1e-3)
+    stiff = fb.Section(EA=2e6, GA=8e5, EI=2e3, rhoA=1.0, rhoI=1e-3, retardation=1e-3)
+    rocker = scene.add_beam([(0, 0), (0, 1)], section, elements=4)
+    crank = scene.add_beam([(0, 0.45), (0, 0.65)], stiff)
+    scene.pin(rocker.start)
+    scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: SPEED * t))
+    pin = scene.add_joint(fb.Slider(rocker, crank.end))
+    scene.make_velocities_compatible()
+    cycle = fb.periodic(scene, period=2 * np.pi / SPEED, steps=101, scheme=scheme)
+    assert cycle.stable and cycle.error < 1e-9 and cycle.iterations < 10
+    assert repeats(scene, cycle, scheme) < 1e-8
+    assert np.ptp(cycle.solution.slide(pin)) > 0.39
+    energy = cycle.solution.energy
+    assert np.ptp(energy.work[[0, -1]]) == pytest.approx(energy.dissipated[-1], rel=1e-7)
+    assert abs(energy.balance_error).max() < 1e-9 * energy.dissipated[-1]
+
+
+# -- At rest -----------------------------------------------------------------------------------
+
+
+def test_a_hanging_beam_at_rest_has_the_multipliers_of_its_vibrations():
+    def hanging(held):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0)
+        beam = scene.add_beam([(0, 0), (0, -1)], section, elements=2)
+        scene.pin(beam.start)
+        if held:
+            scene.fix(beam.end, "x")
+        return scene
+
+    rest, scene = fb.static(hanging(held=True)), hanging(held=False)
+    motion = fb.periodic(scene, start=rest, period=0.5, steps=401)
+    assert motion.stable and motion.iterations == 0 and motion.error < 1e-12
+    assert abs(motion.multipliers) == pytest.approx(1.0, abs=1e-6)
+    turned = np.angle(motion.multipliers)
+    for f in fb.modes(scene, n=2, state=rest).frequencies:
+        assert abs(np.exp(1j * turned) - np.exp(1j * np.pi * f)).min() < 2e-3
+
+
+@pytest.mark.parametrize("pulse, kind", [(0.3, "period doubling"), (0.1, "")])
+def test_a_spring_that_pulsates_at_rest_has_the_multipliers_of_mathieus_equation(pulse, kind):
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    k = fb.Parameter("k", lambda t: 1 + pulse * math.cos(2 * t))
+    spring = fb.Spring(strain_energy=lambda x: k * x**2 / 2)
+    joint = fb.Prismatic(fb.GROUND, body.centre, (1, 0), spring=spring, damper=fb.Damper(0.1))
+    scene.add_joint(joint)
+    rest = fb.periodic(scene, period=np.pi, steps=201)
+
+    def rates(t, x):
+        return [x[1], -(1 + pulse * math.cos(2 * t)) * x[0] - 0.1 * x[1]]
+
+    _, exact = exact_orbit(rates, np.pi, [0.0, 0.0])
+    assert by_size(rest.multipliers) == pytest.approx(by_size(exact), abs=1e-3)
+    assert rest.instability == kind
+
+
 # -- The map of a period -----------------------------------------------------------------------
 
 
-def test_the_monodromy_matrix_is_that_of_differences_in_a_loop():
-    scene, _ = four_bar()
+@pytest.mark.parametrize(
+    "name, scheme",
+    [
+        ("loop", None),
+        ("loop", fb.EnergyDecaying()),
+        ("beams that slide", None),
+        ("beams that slide", fb.EnergyDecaying()),
+        ("friction", None),
+    ],
+)
+def test_the_monodromy_matrix_is_that_of_differences(name, scheme):
+    scene = {
+        "loop": lambda: four_bar()[0],
+        "beams that slide": lambda: hanging(np.ones(2))[0],
+        "friction": lambda: rail(1.0),
+    }[name]()
     period = 2 * np.pi / SPEED
-    shooting = Shooting(scene, None, 21, None, "test")
-    state = shooting.first_state(None, period / 21)
+    shooting = Shooting(scene, scheme, 21, None, "test")
+    state = shooting.settled(shooting.first_state(None, period / 21), period, 1)
     by = shooting.directions(state, period)
     matrix, _ = shooting.slopes(by, shooting.run(state, period))
     h, largest = 1e-6, abs(matrix).max()
@@ -389,10 +487,12 @@ def test_what_is_unclear_or_unsuitable_is_refused(options, message):
         fb.periodic(scene, **options)
 
 
-def test_a_scheme_that_remembers_the_last_step_is_refused():
+def test_what_takes_energy_from_free_motions_is_refused():
     scene, _ = pinned(10.0, elements=1)
-    with pytest.raises(fb.SceneError, match="depend on the one before"):
+    with pytest.raises(fb.SceneError, match="EnergyDecaying.* takes energy from a free motion"):
         fb.periodic(scene, mode=0, amplitude=0.1, scheme=fb.EnergyDecaying())
+    with pytest.raises(fb.SceneError, match="friction of joints takes energy"):
+        fb.periodic(dry_friction(None, steps=None), mode=0, amplitude=0.1)
 
 
 def test_the_period_must_be_that_of_the_loads():
@@ -420,3 +520,13 @@ def test_a_scene_that_build_changes_in_more_than_numbers_is_refused():
 
     with pytest.raises(fb.SceneError, match="another structure"):
         fb.forced_response(build, (0.1, 0.3), steps=21)
+
+
+def test_forms_are_derived_once_for_all_scenes_of_a_kind(monkeypatch):
+    options = {"mode": 0, "amplitude": 1e-3, "steps": 21}
+    fb.periodic(pinned(200.0, elements=2)[0], **options)
+    derived = []
+    for kind, name in ((PulledForm, "_compile"), (WorkOnWeights, "_derived")):
+        monkeypatch.setattr(kind, name, lambda form, *others: derived.append(form))
+    fb.periodic(pinned(100.0, elements=3)[0], **options)
+    assert not derived

@@ -28,6 +28,7 @@ _PLAIN = {
     "natural": "natural",
     "natural columns": "natural_value",
     "v": "v",
+    "before": "before",
     "members": "member_number",
     "arcs": "member_arc",
 }
@@ -154,6 +155,7 @@ class Forward:
             "natural": model.natural.size,
             "natural_value": model.natural.columns.nnz,
             "v": p.dofs,
+            "before": p.dofs,
             "member_number": 0 if members is None else len(members.numbers),
             "member_arc": 0 if members is None else len(members.arcs),
         }
@@ -165,7 +167,7 @@ class Forward:
             given[name] = _rows(changes.get(name), count, rows * size)
         mass = _rows(changes.get("mass"), count, model.mass.nnz)
         given["mass"] = np.ascontiguousarray(mass[:, self._heavy])
-        given["before"], given["q"] = (np.zeros((count, p.dofs)) for _ in range(2))
+        given["q"] = np.zeros((count, p.dofs))
         given["grown"] = np.zeros((count, internal))
         given["columns"] = self._columns(changes, count)
         given["member_place"] = np.zeros((count, p.dofs))

@@ -21,7 +21,7 @@ from . import dolfinx_api
 from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .mesh import Mesh
-from .pulled_form import work_and_derivatives
+from .pulled_form import WorkOnWeights, work_and_derivatives
 from .section_fields import Data, DataShape, FilledField, cell_data
 
 
@@ -60,7 +60,8 @@ class PulledDrag:
         work = drag_work(fields.step(rates, "rates of the drag"), self.symbols)
         work = ufl.replace(work * fields.measure(fields.full_rule), {fields.test: self.weight})
         flags = dolfinx_api.ONLY_IN_BATCHES
-        self.forms = work_and_derivatives("work of drag", work, fields, self.symbols, flags)
+        forms = work_and_derivatives("work of drag", work, fields, self.symbols, flags)
+        self.work = WorkOnWeights(forms, [self.weight])
 
 
 class BeamDrag:

@@ -226,12 +226,10 @@ class BeamForms:
     def pulled(self) -> BoundPull:
         """The work of the internal forces on weights, and its derivatives."""
         weak, data, spaces = self._varied(PulledForm)
-        weights: list[Any] = [weak.weight]
         data[weak.weight] = dolfinx_api.function(self._space)
         if weak.width:
             data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
-            weights.append(weak.internal_weight)
-        return self._bound_pull(weak.forms, spaces, data, weights, self.fields.increment)
+        return self._bound_pull(weak.work, spaces, data, self.fields.increment)
 
     def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Any]]:
         """A form of a kind, whose data vary cell by cell; what is in the place of its symbols.
@@ -241,8 +239,8 @@ class BeamForms:
         names = [name for name in self.of_sections if name not in without]
         own = self._vary({name: self.of_sections[name] for name in names})
         shapes = {name: field.data for name, field in own.items()}
-        given = *_shapes(shapes), self._works, self._weak.has_natural
-        weak = kind(self._weak.parameters, *self._kind, *given)
+        given: Any = *_shapes(shapes), self._works, self._weak.has_natural
+        weak = weak_form(*self._kind, *given, kind, self._weak.parameters)
         data = self._data | {getattr(weak, name): field.on_mesh for name, field in own.items()}
         pairs = zip(weak.indicators, self._weak.indicators, strict=True)
         data |= {symbol: self._data[known] for symbol, known in pairs}
@@ -267,16 +265,16 @@ class BeamForms:
         data |= {plan.symbols[name]: field.on_mesh for name, field in own.items()}
         data[plan.weight] = dolfinx_api.function(space)
         spaces = {name: field.on_mesh.function_space for name, field in own.items()}
-        return self._bound_pull(plan.forms, spaces, data, [plan.weight], fields.increment)
+        return self._bound_pull(plan.work, spaces, data, fields.increment)
 
     def _bound_pull(
-        self, compiled: Any, spaces: dict[str, Any], data: Mapping, weights: list, increment: Any
+        self, work: Any, spaces: dict[str, Any], data: Mapping, increment: Any
     ) -> BoundPull:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
         spaces = self._spaces_of_pull(data[increment].function_space, spaces)
-        moving = [data[increment], *self.moving[1:], *(data[weight] for weight in weights)]
+        moving = [data[increment], *self.moving[1:], *(data[weight] for weight in work.weights)]
         on = self._mesh.mesh, spaces, data, self._subdomains
-        return bound_pull(compiled, *on, moving, weights)
+        return bound_pull(work, *on, moving)
 
     def _spaces_of_pull(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
         nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}

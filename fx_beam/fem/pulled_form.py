@@ -14,32 +14,49 @@ from .fields import Fields
 from .weak_form import WeakForm
 
 
+class WorkOnWeights:
+    """A work on weights in UFL and its derivatives, compiled, by name; on no particular mesh."""
+
+    def __init__(self, forms: dict[str, CompiledForm], weights: list[Any]):
+        self.forms, self.weights = forms, weights
+        self._slopes: dict[tuple[str, ...], dict[tuple[str, int], CompiledForm]] = {}
+
+    def slopes(self, names: Iterable[str]) -> dict[tuple[str, int], CompiledForm]:
+        """Derivatives of those by these names by each of the weights, by its number."""
+        key = tuple(names)
+        if key not in self._slopes:
+            self._slopes[key] = self._derived(key)
+        return self._slopes[key]
+
+    def _derived(self, names: tuple[str, ...]) -> dict[tuple[str, int], CompiledForm]:
+        found = {}
+        for name in names:
+            for number, weight in enumerate(self.weights):
+                slope = ufl.derivative(self.forms[name].form, weight)
+                if not expand_derivatives(slope).empty():
+                    found[name, number] = slope
+        titles = {
+            f"{self.forms['work'].name}, slope {name} {k}": found[name, k] for name, k in found
+        }
+        compiled = dolfinx_api.compile_together(titles, dolfinx_api.ONLY_IN_BATCHES)
+        return dict(zip(found, compiled, strict=True))
+
+
 class BoundPull(NamedTuple):
     """A work on a mesh: by name, the work and its derivatives as bound and compiled."""
 
+    work: WorkOnWeights
     forms: dict[str, tuple[Any, CompiledForm]]
     #: Its fields that change, numbered as in problem.h.
     moving: list[Any]
-    #: Its weights in UFL.
-    weights: list[Any]
     #: Binds a derivative by one of the names, of which that by a weight is taken.
     bind: Callable[[str, Any, CompiledForm], Any]
 
     def slopes(self, names: Iterable[str]) -> dict[tuple[str, int], tuple[Any, CompiledForm]]:
-        """Derivatives of those by these names by each of the weights, by its number."""
-        found = {}
-        for name in names:
-            for number, weight in enumerate(self.weights):
-                slope = ufl.derivative(self.forms[name][1].form, weight)
-                if not expand_derivatives(slope).empty():
-                    found[name, number] = slope
-        titles = {
-            f"{self.forms['work'][1].name}, slope {name} {k}": found[name, k] for name, k in found
-        }
-        compiled = dolfinx_api.compile_together(titles, dolfinx_api.ONLY_IN_BATCHES)
+        """Those of the work, as bound and compiled."""
         return {
-            key: (self.bind(key[0], self.weights[key[1]], form), form)
-            for key, form in zip(found, compiled, strict=True)
+            (name, number): (self.bind(name, self.work.weights[number], form), form)
+            for (name, number), form in self.work.slopes(names).items()
         }
 
     @property
@@ -59,13 +76,7 @@ def bound_forms(
 
 
 def bound_pull(
-    compiled: Mapping[str, CompiledForm],
-    mesh: Any,
-    spaces: Mapping,
-    data: Mapping,
-    tags: Any,
-    moving: list[Any],
-    weights: list[Any],
+    work: WorkOnWeights, mesh: Any, spaces: Mapping, data: Mapping, tags: Any, moving: list[Any]
 ) -> BoundPull:
     """The same as a `BoundPull`."""
 
@@ -73,8 +84,8 @@ def bound_pull(
         both = [spaces[name], data[weight].function_space]
         return dolfinx_api.bind(form, mesh, both, data, tags)
 
-    forms = bound_forms(compiled, mesh, spaces, data, tags)
-    return BoundPull(forms, moving, weights, bind)
+    forms = bound_forms(work.forms, mesh, spaces, data, tags)
+    return BoundPull(work, forms, moving, bind)
 
 
 def work_and_derivatives(
@@ -121,6 +132,7 @@ class PulledForm(WeakForm):
             grown = {ufl.TestFunction(space): self.internal_weight}
             work += ufl.replace(self._increments(), grown)
             by["internal"] = self.internal
+        weights = [self.weight, *[self.internal_weight] * bool(self.width)]
         if self.has_natural:
             by |= dict(zip(("natural", "natural_end"), fields.natural, strict=True))
         #: Zero, added to the parameters of each element.
@@ -132,7 +144,8 @@ class PulledForm(WeakForm):
         by |= {name: symbol for name, symbol in data.items() if symbol is not None}
         #: The work, and its derivatives in the order of `Pulled` in problem.h.
         flags = dolfinx_api.ONLY_IN_BATCHES
-        self.forms = work_and_derivatives("work", work, fields, by, flags)
+        forms = work_and_derivatives("work", work, fields, by, flags)
+        self.work = WorkOnWeights(forms, weights)
 
 
 class StoredForm(WeakForm):

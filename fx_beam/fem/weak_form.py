@@ -284,28 +284,26 @@ def weak_form(
     times: DataShape | None,
     works: Sequence[tuple[VirtualWork, DataShape]],
     natural: bool,
-) -> WeakForm:
+    kind: Any = WeakForm,
+    *first: Any,
+) -> Any:
     """The weak form of a kind of scene, kept if all its functions are those of this package.
 
-    Functions of the user are asked again: the data that they use may have changed.
+    Functions of the user are asked again: the data that they use may have changed. It may be of
+    another class, which has further arguments in the first place.
     """
     if scheme.built_in and not works and materials == [_ELASTIC]:
-        return _cached(fields, scheme, stiffness, times, natural)
-    return WeakForm(fields, scheme, materials, stiffness, times, works, natural)
+        return _cached(kind, *first, fields, scheme, stiffness, times, natural)
+    return kind(*first, fields, scheme, materials, stiffness, times, works, natural)
 
 
 _ELASTIC: Material = (None, None)
 
 
-@functools.lru_cache(maxsize=32)
-def _cached(
-    fields: Fields,
-    scheme: Scheme,
-    stiffness: DataShape | None,
-    times: DataShape | None,
-    natural: bool,
-) -> WeakForm:
-    return WeakForm(fields, scheme, [_ELASTIC], stiffness, times, natural=natural)
+@functools.lru_cache(maxsize=64)
+def _cached(kind: Any, *arguments: Any) -> Any:
+    *first, stiffness, times, natural = arguments
+    return kind(*first, [_ELASTIC], stiffness, times, (), natural)
 
 
 @functools.cache

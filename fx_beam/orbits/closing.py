@@ -19,8 +19,6 @@ _DAMPED, _LESS, _MORE = 0.1, 0.1, 10.0
 _ROUNDING = 1e-13
 # Growth of changes in a period above which they say nothing about the next state.
 _USEFUL = 1e9
-# Motions that are smaller, in units of the scene, are none.
-_AT_REST = 1e-10
 # Largest change of the parameter's logarithm in an iteration.
 _FAR = 3.0
 
@@ -101,6 +99,15 @@ def _equations(
     return _Equations(matrix, by, slopes)
 
 
+def at_rest(shooting: Shooting, start: State, parameter: float) -> Closed | None:
+    """A scene that stays where it is over a period; None if it moves."""
+    period = shooting.run(start, parameter)
+    if period.moves:
+        return None
+    found = _equations(shooting, period, None, False)
+    return Closed(period, found.by, *found.slopes, found.matrix, 0)
+
+
 def close(
     shooting: Shooting,
     start: State,
@@ -125,7 +132,7 @@ def close(
 
     def cost(of: Period) -> float:
         missing = float(np.linalg.norm(np.append(of.gap, errors(of))))
-        if not of.size > _AT_REST or not np.isfinite(missing):
+        if not of.moves or not np.isfinite(missing):
             raise NotClosed(
                 f"{shooting.what}: the scene is at rest, or comes to rest. Start from a motion "
                 "that goes on"

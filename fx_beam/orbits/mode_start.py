@@ -60,6 +60,7 @@ def mode_start(shooting: Shooting, scene: Scene, state: Solution | None, mode: i
     """A mode of a scene about an equilibrium, by default its reference configuration."""
     what = shooting.what
     require(is_whole(mode, 0), f"{what}: mode", mode, "the number of a mode, from 0 on")
+    shooting.check_free()
     if shooting.depends_on_time(shooting.first_state(state, 1.0 / shooting.steps), 1.0):
         raise SceneError(
             f"{what}: loads, motors or parameters depend on time, so that the motion is forced: it "

@@ -41,7 +41,8 @@ class PeriodicMotion:
         "Neimark-Sacker" for a complex pair outside the unit circle; empty for a stable motion. A
         multiplier counts from 1 + 1e-5 on.
     error : float
-        Distance of the states before and after the period, relative to the largest distance in it.
+        Distance of the states before and after the period, relative to the largest distance in it;
+        to the scene for one at rest.
     iterations : int
         Number of Newton's iterations.
     run : callable
@@ -134,7 +135,7 @@ def motion_of(shooting: Shooting, closed: Closed, free: bool) -> PeriodicMotion:
         energy,
         multipliers,
         instability_of(multipliers, free * (1 + conserves)),
-        float(np.linalg.norm(period.gap)) / period.size,
+        period.error,
         closed.iterations,
         lambda: shooting.solution(period),
     )

@@ -13,7 +13,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.validation import as_float, is_number, is_whole, require
 
-from .closing import NO_SHIFT, Closed, Condition, NotClosed, close
+from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close
 from .mode_family import ModeFamily, holds_energy
 from .mode_start import mode_start
 from .periodic_motion import PeriodicMotion, motion_of
@@ -166,7 +166,12 @@ def _from_state(
         if energy is not None:
             raise SceneError(f"{what}: give the energy or the period: each sets the other")
         shooting.check_repeats(first, period)
+        if (rest := at_rest(shooting, first, period)) is not None:
+            return motion_of(shooting, rest, False)
+        if free:
+            shooting.check_free()
         return motion_of(shooting, of_period(shooting, first, period, tolerance, free), free)
+    shooting.check_free()
     length = _period_in(start, what)
     conditions = tuple[Condition, ...]()
     if energy is not None:
@@ -184,6 +189,8 @@ def of_period(
     The search begins again after a motion has settled for some time.
     """
     phase = NO_SHIFT if free else None
+    if shooting.remembers:
+        first = shooting.settled(first, parameter, 1)
     for more in () if free else _SETTLING:
         try:
             return close(shooting, first, parameter, tolerance, phase, varies=False)

@@ -37,6 +37,8 @@ _MOST = 2000
 _NOTHING = Record(every=10**9, motion=False, rates=False, forces=False)
 # Change of variables in differences of the energy.
 _STEP = 1e-6
+# Motions that are smaller, in units of the scene, are none.
+_AT_REST = 1e-10
 # Distance of a motion from its start at which it comes back, relative to the largest.
 _CLOSE = 0.2
 # Least number of steps in which it is looked for.
@@ -76,6 +78,16 @@ class Period(NamedTuple):
     #: Energy that dampers and friction took [J].
     lost: float
 
+    @property
+    def moves(self) -> bool:
+        """Whether there is a motion."""
+        return self.size > _AT_REST
+
+    @property
+    def error(self) -> float:
+        """Distance of the states before and after the period, relative to the motion."""
+        return float(np.linalg.norm(self.gap)) / (self.size if self.moves else 1.0)
+
 
 class Shooting:
     """Motions of a scene over a period of an odd number of steps; the parameter is its length.
@@ -100,7 +112,7 @@ class Shooting:
         self.steps, self.what = int(steps), what
         self.setup = RunSetup(scene, scheme, newton, Halving(0), "compiled")
         self.model = model = self.setup.model
-        self._check()
+        check_unknowns(model, what)
         loop = self.setup.stepper.integrator
         assert isinstance(loop, CompiledLoop)
         self._forward = Forward(Adjoint(loop.problem))
@@ -109,30 +121,26 @@ class Shooting:
         fixed[[model.mesh.dofs[key] for key in model.scene.fixed]] = True
         #: Rates that steps keep: of what has mass and moves.
         self._rates = np.flatnonzero(~model.massless & ~fixed)
-        if (n := model.reduction.free + len(self._rates)) > _MOST:
+        if (n := self._movable + sum(self._inside.values())) > _MOST:
             raise SceneError(
                 f"{what}: a state has {n} variables, and the time for derivatives by all of them "
                 f"grows with their square. Use fewer elements, for at most {_MOST}"
             )
 
-    def _check(self) -> None:
-        """Refuse what has no derivatives, or more than a state."""
-        model, what = self.model, self.what
-        check_unknowns(model, what)
-        if model.keeps_before:
-            raise SceneError(
-                f"{what}: steps of {model.scheme.name} depend on the one before, so that a state "
-                "alone does not repeat. Use EnergyMomentum"
+    @property
+    def remembers(self) -> bool:
+        """Whether steps depend on earlier ones: by the scheme, or by friction of joints."""
+        return self.model.keeps_before or self.model.points.follow_joints
+
+    def check_free(self) -> None:
+        """Refuse what takes energy from any motion, if no loads give it back."""
+        if self.remembers:
+            taking = (
+                "friction of joints" if self.model.points.follow_joints else self.model.scheme.name
             )
-        if model.couplings.sliding:
             raise SceneError(
-                f"{what}: {model.couplings.sliding[0]}: periodic motions with a node that slides "
-                "on a beam cannot be found yet. Use a slide along a straight axis"
-            )
-        if model.points.follow_joints:
-            raise SceneError(
-                f"{what}: friction that follows the force of a joint, fx_beam.Coulomb, begins anew "
-                "in each period. Use fx_beam.Friction, or let contact have the friction"
+                f"{self.what}: {taking} takes energy from a free motion, which then does not "
+                "repeat itself. Use EnergyMomentum without friction, or give loads"
             )
 
     # -- States ---------------------------------------------------------------------------------
@@ -143,7 +151,7 @@ class Shooting:
 
     def _at_start(self, state: State) -> State:
         """The state at the begin of a period, before any work."""
-        zero = dict.fromkeys(("work", "dissipated", "numerical", "algorithmic", "impact"), 0.0)
+        zero = dict.fromkeys(("work", "dissipated", "numerical", "impact"), 0.0)
         state = state.changed(past=None, parts=None, fitted=None, **zero)
         if self.model.couplings.driven:
             positions = self.setup.forcing.positions(state.t)
@@ -151,17 +159,22 @@ class Shooting:
         return state
 
     def rows_of(self, state: State) -> np.ndarray:
-        """Positions, rates and internal variables of a state in one row."""
+        """Positions, rates and what steps remember of a state, in one row."""
         parts = [self.model.couplings.unknowns(state.q, state.slides), state.v[self._rates]]
-        parts += [np.ravel(x) for x in (state.internal, state.spring_internal) if x is not None]
-        return np.concatenate(parts)
+        return np.concatenate(
+            [*parts, *(_remembered(state, name).ravel() for name in self._inside)]
+        )
 
     def scales(self, state: State, period: float) -> np.ndarray:
         """Units of the rows: of the scene, and of rates in a period."""
         model = self.model
         rates = 2 * np.pi / period * model.unit[self._rates]
-        inside = [x.size for x in (state.internal, state.spring_internal) if x is not None]
-        return np.concatenate([model.unit_of_unknowns, rates, np.ones(sum(inside))])
+        units = {name: np.ones(size) for name, size in self._inside.items()}
+        if model.keeps_before:
+            units["before"] = model.unit
+        if model.points.follow_joints:  # forces are large
+            units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
+        return np.concatenate([model.unit_of_unknowns, rates, *units.values()])
 
     def directions(self, state: State, length: float) -> Directions:
         """Changes of all variables at a state, which keep joints and loops closed."""
@@ -182,7 +195,7 @@ class Shooting:
         return Directions(changes, matrix / scale[:, None], own, scale)
 
     def _split(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Slides, rates and internal variables of changes (n, rows), by name."""
+        """Slides, rates and what steps remember of changes (n, rows), by name."""
         model, first = self.model, self.model.reduction.free
         found = {"slides": model.couplings.free_slides(rows[:, :first], model.scene.joint_count)}
         found["v"] = np.zeros((len(rows), model.size))
@@ -194,9 +207,13 @@ class Shooting:
 
     @property
     def _inside(self) -> dict[str, int]:
-        """Numbers of internal variables, of members and of springs, by their names in `Forward`."""
+        """Numbers of what steps remember, by their names in `Forward`.
+
+        Internal variables of members and of springs, and the configuration a step before.
+        """
         members, springs = int(np.prod(self.model.forms.internal_shape)), self.model.points.width
-        sizes = {"internal": members, "spring internal": springs}
+        before = self.model.size * self.model.keeps_before
+        sizes = {"internal": members, "spring internal": springs, "before": before}
         return {name: size for name, size in sizes.items() if size}
 
     def moved(self, state: State, by: Directions, amounts: np.ndarray) -> State:
@@ -209,9 +226,9 @@ class Shooting:
         slides = state.slides + model.couplings.free_slides(y, model.scene.joint_count)
         changed = {"q": q, "slides": slides, "v": state.v + amounts @ by.changes["v"]}
         for name in self._inside:
-            own = name.replace(" ", "_")
-            values = getattr(state, own)
-            changed[own] = values + (amounts @ by.changes[name]).reshape(values.shape)
+            values = _remembered(state, name)
+            change = (amounts @ by.changes[name]).reshape(values.shape)
+            changed[name.replace(" ", "_")] = values + change
         return state.changed(**changed)
 
     # -- Motions --------------------------------------------------------------------------------
@@ -223,9 +240,13 @@ class Shooting:
     def run(self, state: State, parameter: float) -> Period:
         """The motion over a period; StepError if a step fails."""
         length = self.length_of(parameter)
+        if self.model.keeps_before and state.before is not None:
+            state = state.changed(length=length / self.steps)
         last = self._march(state, self._times(state, length, self.steps))
         turns = self._turns(state, last)
         end = self._at_start(last.changed(q=last.q - turns, t=state.t))
+        if last.before is not None:
+            end = end.changed(before=last.before - turns)
         scale, first = self.scales(state, length), self.rows_of(state)
         movable, parts = self._movable, len(self.model.scheme.fractions)
         apart = (self._taped_rows() - first[:movable]) / scale[:movable]
@@ -282,10 +303,13 @@ class Shooting:
         Over the scales.
         """
         at = np.array([len(self.model.scheme.fractions), len(self._tape)])
+        if self.model.keeps_before:
+            at = np.concatenate([at - 1, at])
         found = list[np.ndarray]()
         for first in range(0, by.matrix.shape[1], _AT_ONCE):
             some = {name: own[first : first + _AT_ONCE] for name, own in by.changes.items()}
             ends = self._forward.push(self._tape, some, at)
+            ends = {name: rows[-2:] for name, rows in ends.items()} | {"before": ends["q"][:2]}
             parts = [self.model.couplings.unknowns(ends["q"], ends["slides"])]
             parts += [ends["v"][..., self._rates], *(ends[name] for name in self._inside)]
             found.append(np.concatenate(parts, axis=-1))
@@ -323,12 +347,13 @@ class Shooting:
 
     def solution(self, period: Period) -> Solution:
         """The motion over a period with all that is recorded."""
-        setup, times = self.setup, self._times(period.start, period.length, self.steps)
+        start = period.start.changed(algorithmic=period.end.algorithmic)
+        setup, times = self.setup, self._times(start, period.length, self.steps)
         recorder = Recorder(self.model, times, Record())
         self._tape.clear()
-        setup.stepper.load(period.start)
-        recorder.record(0, period.start)
-        setup.stepper.march(period.start, times[1:], 1, recorder)
+        setup.stepper.load(start)
+        recorder.record(0, start)
+        setup.stepper.march(start, times[1:], 1, recorder)
         return solution_of(self.model, recorder, setup.stats, lambda: recorder.end)
 
     # -- What does not change -------------------------------------------------------------------
@@ -374,6 +399,12 @@ class Shooting:
                 f"{self.what}: loads, driven motions or parameters do not repeat after the period "
                 f"of {length:.6g} s. Give the period of these functions of time, or a multiple"
             )
+
+
+def _remembered(state: State, name: str) -> np.ndarray:
+    """What steps remember, by its name in `Forward`: no step before is one without a motion."""
+    values = getattr(state, name.replace(" ", "_"))
+    return state.q if values is None else values
 
 
 def nearest_return(rows: np.ndarray) -> float | None:
