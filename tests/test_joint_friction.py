@@ -9,6 +9,7 @@ import fx_beam as fb
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 GRAVITY = 9.81
+BEAM = fb.Section(EA=1e5, GA=1e5, EI=1e3, rhoA=1.0, rhoI=0.1)
 
 
 def block(friction, axis=(1, 0), load=None, velocity=(3.0, 0.0)):
@@ -68,6 +69,53 @@ def test_a_block_on_a_rail_is_braked_by_its_weight(solver):
     assert solution.joint(rail).force[50, 1] == pytest.approx(2.0 * GRAVITY)
 
 
+@SOLVERS
+def test_the_friction_is_mu_times_the_force_of_the_same_step(solver):
+    """Also in the steps behind a jump of the load."""
+
+    def load(t):
+        return (0.0, -10 - 8 * sin(5 * t) - 20 * (t > 0.405))
+
+    scene, _, rail = block(fb.Coulomb(0.2, 1e5), load=load)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.6, solver=solver)
+    along, across = abs(solution.joint(rail).force[1:, :2].T)
+    assert np.ptp(across) > 20
+    assert along == pytest.approx(0.2 * across, rel=1e-12)
+
+
+def wedge(mu, speed, mass):
+    """A block on an inclined rail of a cart of 1 kg that moves freely on the ground."""
+    scene = fb.Scene(gravity=(0, -GRAVITY))
+    axis = (cos(0.7), -sin(0.7))
+    cart = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
+    block = scene.add_body((0, 0), mass=mass, inertia=0.1).centre
+    scene.add_joint(fb.Prismatic(fb.GROUND, cart, axis=(1, 0)))
+    slide = fb.Prismatic(cart, block, axis=axis, friction=fb.Coulomb(mu, 1e6))
+    rail = scene.add_joint(slide)
+    scene.set_velocity(block, (speed * axis[0], speed * axis[1]))
+    return scene, cart, rail
+
+
+@SOLVERS
+@pytest.mark.parametrize(("mu", "speed"), [(0.5, 1.0), (0.3, -3.0), (1.5, -3.0)])
+def test_a_force_that_its_own_friction_changes_has_the_exact_acceleration(mu, speed, solver):
+    """On a light cart, where the friction changes the normal force up to 1.3 times as much."""
+    mass, s, c = 10.0, sin(0.7), cos(0.7)
+    scene, cart, rail = wedge(mu, speed, mass)
+    solution = fb.simulate(scene, dt=2e-3, t_end=0.1, solver=solver)
+    signed = mu * np.sign(speed)
+    normal = mass * GRAVITY * c / (1 - mass * s * (signed * c - s))
+    gains = normal * (signed * c - s)
+    force = solution.joint(rail).force[1:, :2]
+    assert solution.stats.halvings == 0
+    assert abs(force @ (s, c)) == pytest.approx(normal, rel=1e-9)
+    bends = np.diff(solution.position(cart)[:, 0], 2) / 2e-3**2
+    assert bends == pytest.approx(np.full(len(bends), gains), rel=1e-9)
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    assert abs(solution.energy.balance_error).max() < 1e-10
+    assert np.ptp(solution.linear_momentum[:, 0]) < 1e-10
+
+
 def test_friction_that_follows_a_changing_force_is_of_second_order():
     errors = []
     exact = 3.0 - 0.2 / 2.0 * (10 * 0.8 + 8 / 5 * (1 - cos(5 * 0.8)))
@@ -123,6 +171,74 @@ def test_a_pin_between_free_bodies_keeps_both_momenta():
     assert solution.q == pytest.approx(runs[1].q, abs=1e-9)
 
 
+def on_a_beam(kind, mu, angle=0.3):
+    """A body of 2 kg that slides down a straight, clamped beam."""
+    scene = fb.Scene(gravity=(0, -GRAVITY))
+    down = -np.array([cos(angle), sin(angle)])
+    beam = scene.add_beam([(0, 0), tuple(8 * down)], BEAM, elements=4)
+    for node in beam.nodes:
+        scene.clamp(node)
+    body = scene.add_body(tuple(down), mass=2.0, inertia=0.1).centre
+    joint = scene.add_joint(kind(beam, body, friction=fb.Coulomb(mu, 1e5)))
+    return scene, joint
+
+
+@SOLVERS
+@pytest.mark.parametrize("kind", [fb.Slider, fb.Sleeve])
+@pytest.mark.parametrize("part", [0.9, 1.05])
+def test_a_node_on_a_steep_beam_rests_or_slides(kind, part, solver):
+    mu = part * np.tan(0.3)
+    scene, joint = on_a_beam(kind, mu)
+    solution = fb.simulate(scene, dt=5e-3, t_end=1.0, solver=solver)
+    s = solution.slide(joint)
+    if part > 1:
+        assert np.ptp(s[-60:]) < 1e-9
+    else:
+        slides = GRAVITY * (sin(0.3) - mu * cos(0.3))
+        bends = np.diff(s[50:], 2) / 5e-3**2
+        assert bends == pytest.approx(np.full(len(bends), slides), rel=1e-6)
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    assert abs(solution.energy.balance_error).max() < 1e-10
+
+
+@pytest.mark.parametrize("kind", [fb.Slider, fb.Sleeve])
+def test_friction_on_a_free_beam_keeps_both_momenta(kind):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (2, 0)], BEAM, elements=4)
+    bead = scene.add_body((0.8, 0), mass=1.0, inertia=0.05).centre
+    joint = scene.add_joint(kind(beam, bead, friction=fb.Coulomb(0.3, 1e4)))
+    scene.set_velocity(bead, (1.0, 0.0), spin=2.0 if kind is fb.Sleeve else 0.0)
+    for node in beam.nodes:
+        scene.set_velocity(node, (0.0, 2.0 * (node.x - 0.8)), spin=2.0)
+    solution, other = (
+        fb.simulate(scene, dt=5e-3, t_end=0.5, solver=solver) for solver in ("compiled", "petsc")
+    )
+    assert np.ptp(solution.slide(joint)) > 0.2
+    assert solution.energy.dissipated[-1] > 0.05
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    assert abs(solution.energy.balance_error).max() < 1e-10
+    assert np.ptp(solution.linear_momentum, axis=0).max() < 1e-11
+    assert np.ptp(solution.angular_momentum) < 1e-11
+    assert solution.q == pytest.approx(other.q, abs=1e-8)
+
+
+def test_a_block_on_a_spring_turns_and_stops_where_it_should():
+    """Half periods of pi / w, each with 2 mu N / k less; at rest below mu N / k."""
+    scene = fb.Scene(gravity=(0, -GRAVITY))
+    centre = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
+    spring, friction = fb.Spring(100.0, rest=-0.2), fb.Coulomb(0.3, 1e6)
+    scene.add_joint(fb.Prismatic(fb.GROUND, centre, axis=(1, 0), spring=spring, friction=friction))
+    solution = fb.simulate(scene, dt=5e-4, t_end=1.5)
+    x, v, t = solution.position(centre)[:, 0] + 0.2, solution.velocity(centre)[:, 0], solution.t
+    lost = 2 * 0.3 * GRAVITY / 100
+    turns = np.flatnonzero(np.sign(v[1:-1]) * np.sign(v[2:]) < 0)[:2] + 1
+    assert t[turns] == pytest.approx([np.pi / 10, 2 * np.pi / 10], abs=1e-3)
+    assert x[turns] == pytest.approx([-(0.2 - lost), 0.2 - 2 * lost], abs=1e-5)
+    assert x[-1] == pytest.approx(-(0.2 - 3 * lost), abs=3e-5)
+    sticks = t[np.flatnonzero(abs(v) > 0.01)[-1]]
+    assert sticks == pytest.approx(3 * np.pi / 10, abs=0.01)
+
+
 def test_a_restart_and_a_saved_solution_go_on_with_the_same_force(tmp_path):
     scene, _, _ = pendulum(0.3)
     whole = fb.simulate(scene, dt=0.01, t_end=0.6)
@@ -137,6 +253,9 @@ def test_what_does_not_fit_is_named():
         fb.Revolute(fb.GROUND, node, friction=fb.Coulomb(0.3, 1e4))
     with pytest.raises(fb.SceneError, match="friction of a slide has no radius"):
         fb.Prismatic(fb.GROUND, node, axis=(1, 0), friction=fb.Coulomb(0.3, 1e4, 0.1))
+    beam = fb.Scene().add_beam([(0, 0), (1, 0)], BEAM)
+    with pytest.raises(fb.SceneError, match="Slider: friction of a slide has no radius"):
+        fb.Slider(beam, node, friction=fb.Coulomb(0.3, 1e4, 0.1))
     with pytest.raises(fb.SceneError, match="radius = -1 must be finite and positive"):
         fb.Coulomb(0.3, 1e4, radius=-1)
     with pytest.raises(fb.SceneError, match=r"an fx_beam.Friction or an fx_beam.Coulomb"):
@@ -148,6 +267,21 @@ def test_what_does_not_fit_is_named():
     floor = fb.Line((0, -1), (0, 1))
     with pytest.raises(fb.SceneError, match="has the radius of a pin"):
         scene.add_contact(balls[0], floor, stiffness=1.0, friction=fb.Coulomb(0.3, 1e4, 0.1))
+
+
+def test_what_friction_of_joints_cannot_do_is_said():
+    held = fb.Scene()
+    slide = {"axis": (1, 0), "spring": fb.Spring(1e3), "friction": fb.Coulomb(0.2, 1e5)}
+    held.add_joint(fb.Prismatic(fb.GROUND, held.add_body((0, 0), 1.0, 0.1).centre, **slide))
+    with pytest.raises(fb.SceneError, match="arc-length steps do not find the force of a joint"):
+        fb.static(held, continuation="arc-length")
+    scene, _, _ = pendulum(0.3)
+    with pytest.raises(fb.SceneError, match="goes back in time"):
+        fb.simulate(scene, dt=0.01, t_end=0.1, scheme=fb.EnergyMomentum(order=4))
+    slides, joint = on_a_beam(fb.Slider, 0.2)
+    run = fb.Response(lambda x: (slides, {"s": fb.Output("slide", joint)}), dt=0.01, t_end=0.1)
+    with pytest.raises(fb.SceneError, match="a Slider or a Sleeve, has no derivatives"):
+        run(np.ones(1)), run.vjp({"s": np.ones(11)})
 
 
 def test_single_steps_and_steps_of_a_tolerance_follow_the_force_as_well():

@@ -189,6 +189,11 @@ def static(
         assembled=model.assembled,
         static=True,
     )
+    if continuation is not None and model.points.follow_joints:
+        raise SceneError(
+            "static: arc-length steps do not find the force of a joint that its friction follows, "
+            "fx_beam.Coulomb. Use load steps (without continuation), or fx_beam.Friction"
+        )
     turning = TurningFrame(model, as_float(spin), pivot) if spin else None
     forcing = LoadForcing(model, as_float(t), turning)
     stepper = LoadStepper(model, forcing, newton or NewtonOptions(), stats)

@@ -328,3 +328,8 @@ def check(model: Model) -> None:
             f"{scheme.name}: motions of this scheme have no derivatives. Use EnergyMomentum, "
             "MidPoint, ModifiedMidPoint or EnergyDecaying"
         )
+    if model.points.follow_beams:
+        raise SceneError(
+            "friction that follows the force of a node that slides on a beam, fx_beam.Coulomb of a "
+            "Slider or a Sleeve, has no derivatives. Use fx_beam.Friction"
+        )

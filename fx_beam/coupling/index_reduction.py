@@ -119,6 +119,9 @@ class Reduction(Protocol):
     def fault(self) -> tuple[str, str] | None:
         """Kind and reason of a step in which a node leaves the beam on which it slides; or None."""
 
+    def axes(self) -> list[tuple[int, np.ndarray]]:
+        """Of each node that slides on a beam its joint, and the axis (2,) there in the step."""
+
     def carried(self, r: np.ndarray) -> np.ndarray:
         """Forces (size,) with those of sliding nodes on their beams."""
 
@@ -260,6 +263,10 @@ class IndexReduction(WithoutLoops):
     def fault(self):
         """None: no node slides on a beam."""
         return None
+
+    def axes(self):
+        """None."""
+        return []
 
     def carried(self, r):
         """The forces: no node slides on a beam."""

@@ -43,6 +43,8 @@ class Load(NamedTuple):
     #: The axis in the reference, and the rotation that turns it; zero for all of the force.
     axis: tuple[float, float] = (0.0, 0.0)
     turn: int = -1
+    #: Whether the axis is that of a beam at the node that slides on it, set in each step.
+    along_beam: bool = False
 
 
 class PointForce(NamedTuple):
@@ -220,6 +222,7 @@ class PointForces:
         first_entries = np.cumsum([0, *(len(law.entries) for law in laws)])
         rows = [self._row(i, int(first)) for i, first in enumerate(first_entries[:-1])]
         self._all = ffi.new("PointForces *")
+        following = sum(force.load.joint >= 0 for force in self._forces)
         structs.set(
             self._all,
             contacts=self.ends[Role.CONTACT],
@@ -229,6 +232,7 @@ class PointForces:
             all=len(rows),
             of=rows,
             probe=np.zeros(max((law.values + 2 * law.law.size for law in laws), default=1)),
+            followed={"size": following, "memory": np.zeros(self._c.FIXED_POINT_ROWS * following)},
         )
         if self.members is not None:
             structs.set(
@@ -452,14 +456,27 @@ class PointForces:
         """Whether there is friction that follows the force of a joint."""
         return any(force.load.joint >= 0 for force in self._forces)
 
-    def follow(self, joints: np.ndarray, q: np.ndarray, internal: np.ndarray, first=False) -> int:
-        """Keep the forces (joints, 3) of a step from q in internal variables of friction.
+    def begin_following(self) -> None:
+        """Begin to look for the forces of joints that friction follows in a step."""
+        self._c.fx_begin_following(self._all)
 
-        With `first` only where there are none of an earlier step. Returns for how many.
+    @property
+    def follow_beams(self) -> bool:
+        """Whether there is friction that follows the force of a node that slides on a beam."""
+        return any(force.load.along_beam for force in self._forces)
+
+    def set_axis(self, joint: int, axis: np.ndarray) -> None:
+        """Set the axis (2,) of a beam at the node that slides on it by a joint."""
+        self._c.fx_set_axis(self._all, joint, self._of(np.ascontiguousarray(axis)))
+
+    def follow(self, joints: np.ndarray, q: np.ndarray, internal: np.ndarray, still: bool) -> bool:
+        """Set forces of joints in internal variables of friction, by those (joints, 3) of a step.
+
+        False if these are known. With `still` the last ones had no effect.
         """
         vectors = (self._of(np.ascontiguousarray(x)) for x in (joints.ravel(), q, self._D))
         level, of_internal = self._rule.level, self._of(internal)
-        return self._c.fx_follow_joints(self._all, *vectors, level, first, of_internal)
+        return bool(self._c.fx_follow_joints(self._all, *vectors, level, still, of_internal))
 
     @property
     def owners(self) -> np.ndarray:

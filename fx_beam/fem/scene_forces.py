@@ -124,12 +124,14 @@ def _frictions(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
                 continue
             law, dofs = laws.joint_friction(kind), _rotations(joint, mesh)
             numbers = [friction.mu * (friction.radius or 1.0), friction.stiffness]
-            if joint.axis is not None and kind is SLIDE:
-                load = Load(joint.number, tuple(joint.axis.tolist()), dofs[0])
-                yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE, load=load)
-            else:
+            if kind is ANGLE:
                 load = Load(joint.number)
                 yield PointForce(law, numbers, dofs, joint=joint.number, load=load)
+                continue
+            load = Load(joint.number, along_beam=True)
+            if joint.axis is not None:
+                load = Load(joint.number, tuple(joint.axis.tolist()), dofs[0])
+            yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE, load=load)
 
 
 def _rotations(joint: Joint, mesh: Mesh) -> list[int]:

@@ -244,34 +244,19 @@ def friction(kind: Kind) -> PointLaw:
 def joint_friction(kind: Kind) -> PointLaw:
     """Friction that sticks, of a joint under its own force; numbers: limit of a unit force, kt.
 
-    Internal variables: stretch and slip as in a contact, the forces of the last two steps, the time
-    between them, and the length of the last step. The limit is that of the force which continues
-    them on a line, between zero and twice the last one. The forces are set after the step.
+    Internal variables: stretch and slip as in a contact, and the force, with which the step is
+    repeated until it is that of the step (fx_follow_joints).
     """
 
-    def normal(step: _Step) -> tuple[Any, Any]:
-        """The force expected in the step, and the time since the last one."""
-        *_, last, before, apart, length = step.motion.internal
-        level = step.motion.rule.level
-        ahead = (1 - level) * length + level * step.motion.dt
-        known = ufl.gt(abs(apart), 0)
-        expected = last + ufl.conditional(
-            known, (last - before) * ahead / ufl.conditional(known, apart, 1), 0
-        )
-        above = ufl.conditional(ufl.gt(expected, 0), expected, 0.0)
-        return ufl.conditional(ufl.lt(above, 2 * last), above, 2 * last), ahead
-
-    def slips(step: _Step) -> _Step:
+    def slips(step: _Step) -> tuple[_Step, Any]:
         slip, still = (Slip(x.path, x.across) for x in (step.x, step.still))
-        return step._replace(slip=slip, still_slip=still)
+        N = step.motion.internal[2]
+        return step._replace(slip=slip, still_slip=still), ufl.conditional(ufl.gt(N, 0), N, 0.0)
 
     def forces(step: _Step) -> _Forces:
-        N, ahead = normal(step)
-        friction, internal, remembered = _sticking(slips(step), N, N)
-        *_, last, before, _, length = step.motion.internal
-        apart = ufl.conditional(ufl.gt(abs(length), 0), ahead, 0.0)
-        memory = [last, before, apart, step.motion.dt]
-        return _Forces(0.0, friction, 0.0, [*internal, *memory], remembered)
+        step, N = slips(step)
+        friction, internal, remembered = _sticking(step, N, N)
+        return _Forces(0.0, friction, 0.0, [*internal, step.motion.internal[2]], remembered)
 
     return _on(
         kind,
@@ -279,8 +264,8 @@ def joint_friction(kind: Kind) -> PointLaw:
         2,
         forces,
         lambda step: _in_bristle(step, step.motion.internal[0]),
-        lambda step: _lost_to_friction(slips(step), normal(step)[0]),
-        internal=6,
+        lambda step: _lost_to_friction(*slips(step)),
+        internal=3,
         remembered=REMEMBERED,
     )
 

@@ -17,9 +17,8 @@ class Coulomb:
     stores kt z^2 / 2. The rest of the work, kt z1 s - kt (z1^2 - z0^2) / 2, is lost; it is never
     negative. When the contact opens the energy of the spring is lost as well.
 
-    On a joint N is the force of the joint: of a slide the part across its axis, and of a pin all of
-    it, which has the moment mu R N on the radius R of the pin. It is that of the last two steps,
-    continued to the present one on a line; before the first step it is zero.
+    On a joint N is the force of the joint in the same step: of a slide the part across its axis, or
+    across the beam, and of a pin all of it, which has the moment mu R N on the radius R of the pin.
 
     A contact that sticks does not creep. While it sticks it is damped by the step, as a spring with
     a viscosity of kt dt / 2.

@@ -160,7 +160,7 @@ def Slider(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: Friction | None = None,
+    friction: Friction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> SlidingJoint:
     """A node that slides along a flexible beam, over all of its elements; it rotates freely.
@@ -184,8 +184,8 @@ def Slider(
         On the arc length. The `rest` of the spring is an arc length.
     motor : callable, optional
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
-    friction : Friction, optional
-        On the arc length.
+    friction : Friction or Coulomb, optional
+        On the arc length. That of Coulomb follows the force across the beam.
     stop : Stop or (lower, upper, stiffness), optional
         On the arc length [m, N/m], before an end of the beam is reached; a limit may be None.
 
@@ -229,7 +229,7 @@ def Sleeve(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: Friction | None = None,
+    friction: Friction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> SlidingJoint:
     """A node that slides along a flexible beam and turns with it.
@@ -249,8 +249,8 @@ def Sleeve(
         On the arc length.
     motor : callable, optional
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
-    friction : Friction, optional
-        On the arc length.
+    friction : Friction or Coulomb, optional
+        On the arc length. That of Coulomb follows the force across the beam.
     stop : Stop or (lower, upper, stiffness), optional
         On the arc length [m, N/m], before an end of the beam is reached; a limit may be None.
 
@@ -307,12 +307,8 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         require(fits, f"{kind}: fraction", fraction, "a number from 0 to 1")
         fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
-    if isinstance(slide.friction, Coulomb):
-        raise SceneError(
-            f"{kind}: friction that follows the joint's force is that of Prismatic, PinInSlot and "
-            "Revolute. Use fx_beam.Friction on a beam; if the beam is a straight, rigid rail, use "
-            "Prismatic (or PinInSlot, if the node turns freely) on a body or the ground instead"
-        )
+    if isinstance(slide.friction, Coulomb) and slide.friction.radius:
+        raise SceneError(f"{kind}: friction of a slide has no radius; omit it")
     return SlidingJoint(
         kind, beam.start, node, np.zeros(2), None, slide, rotation, beam=beam, fraction=fraction
     )

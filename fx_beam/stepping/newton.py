@@ -139,15 +139,20 @@ class Newton:
 
     @np.errstate(over="ignore", invalid="ignore")  # a step that overflows fails, and says so
     def solve(
-        self, interval: Interval, start: State, force: np.ndarray, driven: np.ndarray
+        self,
+        interval: Interval,
+        start: State,
+        force: np.ndarray,
+        driven: np.ndarray,
+        known: StepSolution | None = None,
     ) -> StepSolution:
         """Increment over a step, for dead loads (size,) at the scheme's level and driven motion.
 
-        StepFailed if it does not converge.
+        StepFailed if it does not converge. It may begin at an increment that is `known`.
         """
         for _ in range(SEARCHES):
             try:
-                return self._solve_once(interval, start, force, driven)
+                return self._solve_once(interval, start, force, driven, known)
             except StepFailed as failure:
                 last = failure
                 if failure.kind != "members":
@@ -155,7 +160,12 @@ class Newton:
         raise last
 
     def _solve_once(
-        self, interval: Interval, start: State, force: np.ndarray, driven: np.ndarray
+        self,
+        interval: Interval,
+        start: State,
+        force: np.ndarray,
+        driven: np.ndarray,
+        known: StepSolution | None,
     ) -> StepSolution:
         """The same with the members that points are near, as they are known."""
         self.equations.begin(interval, start)
@@ -164,6 +174,8 @@ class Newton:
         if self.model.reduction.singularity:
             return self._out_of_line(interval, start, force, driven, predicted_y)
         moving = 0.0 if at_rest else float(start.v @ (self.model.mass @ start.v))
+        if known is not None:
+            return self._solve(force, driven, moving, known.y)
         try:
             step = self._solve(force, driven, moving, predicted_y)
         except StepFailed:

@@ -22,8 +22,8 @@ from fx_beam.scene.sliders import corner_advice
 from .forcing import Forcing
 from .newton import Newton, NewtonOptions, StepFailed, StepSolution
 
-# How often the first step is repeated with the forces of joints that it gives.
-_FIRST_FORCES = 40
+# How often a step is repeated with the forces of joints that it gives, which friction follows.
+_TRIALS = 40
 
 
 class SingleStep:
@@ -53,23 +53,28 @@ class SingleStep:
         force = (1 - level) * forces[0] + level * forces[1]
         driven = positions - self.forcing.current(state)
         step = self.newton.solve(interval, state, force, driven)
-        for _ in range(_FIRST_FORCES):
-            started = self._with_first_forces(state, step)
-            if started is None:
-                break
-            state, step = started, self.newton.solve(interval, started, force, driven)
+        if self.model.points.follow_joints:
+            step = self._follow_joints(state, step, (interval, force, driven))
         return self.finish(state, interval, step, forces, positions), step
 
-    def _with_first_forces(self, state: State, step: StepSolution) -> State | None:
-        """The state with the forces of joints that friction follows; None if it knows them."""
-        points = self.model.points
-        if self.joint_forces is None or not points.follow_joints:
-            return None
-        assert state.spring_internal is not None
-        points.evaluate(step.D)
-        joints, internal = self.joint_forces.evaluate(step.r), state.spring_internal.copy()
-        found = points.follow(joints, state.q, internal, first=True)
-        return replace(state, spring_internal=internal) if found else None
+    def _follow_joints(self, state: State, step: StepSolution, given: tuple) -> StepSolution:
+        """The step with the forces of joints that friction follows; StepFailed without any."""
+        assert state.spring_internal is not None and self.joint_forces is not None
+        points, internal, still = self.model.points, state.spring_internal.copy(), False
+        interval, force, driven = given
+        points.begin_following()
+        for _ in range(_TRIALS):
+            points.evaluate(step.D)
+            joints = self.joint_forces.evaluate(step.r)
+            for joint, axis in self.model.reduction.axes():
+                points.set_axis(joint, axis)
+            if not points.follow(joints, state.q, internal, still):
+                return step
+            started = replace(state, spring_internal=internal)
+            step = self.newton.solve(interval, started, force, driven, step)
+            still = step.iterations == 1
+        reason = "the friction of joints and the force that it follows do not meet"
+        raise StepFailed("no convergence", reason, step.D, [])
 
     def finish(
         self,
@@ -159,8 +164,6 @@ class SingleStep:
             work += sum(pushes) / 2 @ path
         if self.joint_forces is not None:
             new.joint_forces = self.joint_forces.evaluate(step.r)
-            if new.spring_internal is not None and model.points.follow_joints:
-                model.points.follow(new.joint_forces, old.q, new.spring_internal)
         if model.points.contacts:
             new.contact_forces = model.points.contact_forces()
         new.work = float(work)

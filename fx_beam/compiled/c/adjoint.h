@@ -20,8 +20,9 @@ typedef struct {
   double *forced, *of_forces, *of_levers, *of_joints, *kept; /* what weights of forces give */
   double *carried; /* [node that slides][3] derivatives by its columns */
   double *by_natural, *by_natural_end, *natural; /* the last are those of a sub-step */
-  /* Of friction that follows joints: by its first force, and by the rotation of its axis. */
-  double *of_first, *of_turn;
+  /* Of friction that follows joints: by their forces, and by the rotation of their axes. */
+  double *of_followed, *of_turn;
+  FixedPoint following;
   SlideEnds *slides;
 } Backward;
 
@@ -44,7 +45,9 @@ static long lay_out_backward(const Problem *p, Backward *b, double *at) {
   long natural = (long)p->cells * p->cell_natural;
   b->by_natural = allocate(&at, natural), b->by_natural_end = allocate(&at, natural);
   b->natural = allocate(&at, p->naturals);
-  b->of_first = allocate(&at, p->points->all), b->of_turn = allocate(&at, p->points->all);
+  b->of_followed = allocate(&at, p->points->all), b->of_turn = allocate(&at, p->points->all);
+  b->following.size = p->points->all;
+  b->following.memory = allocate(&at, FIXED_POINT_ROWS * p->points->all);
   b->carried = allocate(&at, 3 * p->sliders);
   b->slides = (SlideEnds *)allocate(&at, p->sliders * (sizeof(SlideEnds) / sizeof(double)));
   return at - begin;
@@ -441,39 +444,27 @@ static void pull_joint_forces(const Problem *p, const Work *w, const Backward *b
   pull_carried(p, w, b);
 }
 
-/* Whether the force that friction follows is that of this sub-step itself, the first one. */
-static int follows_first(const Problem *p, const PointForce *e) {
-  return e->load >= 0 && p->spring_internal[e->first_internal + 5] == 0;
-}
-
-/* Friction has as internal variables the forces of its joint in the last two sub-steps: derivatives by these at the
-   end are by the force of this sub-step, and by the last force at its start (fx_follow_joints). */
+/* Friction has as an internal variable the force of its joint in this sub-step (fx_follow_joints). */
 static void pull_followed(const Problem *p, const Work *w, const Backward *b) {
   for (int k = 0; k < p->points->all; ++k) {
     const PointForce *e = p->points->of + k;
     if (e->load < 0) continue;
-    double *of = b->of_springs + e->first_internal, slope[3];
-    double weight = (follows_first(p, e) ? b->of_first[k] : 0) - of[2];
-    of[2] = of[3], of[3] = 0;
+    double slope[3], weight = b->of_followed[k];
     followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
     for (int i = 0; i < 2; ++i) b->of_joints[3 * e->load + i] += weight * slope[i];
     b->of_turn[k] = weight * slope[2];
   }
 }
 
-/* Sets the derivatives by the first forces that friction follows from those by internal variables at the start;
-   returns whether they changed. */
-static int change_of_first(const Problem *p, const Backward *b) {
-  int changed = 0;
+/* Sets the derivatives by the forces that friction follows from those by internal variables; returns whether they
+   changed. */
+static int change_of_followed(const Problem *p, Backward *b) {
+  double found[p->points->all];
   for (int k = 0; k < p->points->all; ++k) {
     const PointForce *e = p->points->of + k;
-    if (!follows_first(p, e)) continue;
-    const double *lost = b->lost_springs + e->first_internal;
-    double found = -lost[2] - lost[3];
-    changed |= fabs(found - b->of_first[k]) > SETTLED * fabs(found);
-    b->of_first[k] = found;
+    found[k] = e->load < 0 ? 0 : -b->lost_springs[e->first_internal + FOLLOWED];
   }
-  return changed;
+  return next_trial(&b->following, found, 0, b->of_followed);
 }
 
 /* What weights of the forces of a sub-step add to mu and omega: a force of a column is a row of Tv^T r, as those of
@@ -541,7 +532,7 @@ static int find_weights(Problem *p, Work *w, const Adjoint *a, const Backward *b
 }
 
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
-static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, const Tape *tape, long row) {
+static int pull_step(Problem *p, Work *w, const Adjoint *a, Backward *b, const Tape *tape, long row) {
   int n = p->dofs, all = p->columns + p->ties;
   long k = tape->first + row;
   if (!begin_taped(p, w, a, tape->row + row * tape->size, b)) return 0;
@@ -553,11 +544,12 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   for (int i = 0; i < n; ++i) path_bar[i] = per_dt * w->slope[i] * a->v[i];
   for (int i = 0; i < p->massless_count; ++i) path_bar[p->massless[i]] /= 2;
   for (int i = 0; i < n; ++i) b->kept[i] = b->end[i] + path_bar[i];
-  memset(b->of_first, 0, p->points->all * sizeof(double));
+  memset(b->of_followed, 0, p->points->all * sizeof(double));
+  begin_fixed_point(&b->following);
   if (!find_weights(p, w, a, b, k)) return 0;
-  for (int i = 0; p->friction_follows && i < FIRST_FORCES; ++i) {
+  for (int i = 0; p->friction_follows && i < MOST_TRIALS; ++i) {
     pull_forces(p, w, a, b, 0, 0, 0);
-    if (!change_of_first(p, b)) break;
+    if (!change_of_followed(p, b)) break;
     if (!begin_taped(p, w, a, tape->row + row * tape->size, b) || !find_weights(p, w, a, b, k)) return 0;
   }
   memcpy(b->end_columns, a->columns, p->columns * sizeof(double));
@@ -577,7 +569,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, const Backward *b, c
   for (long i = 0, internal = (long)p->cells * p->cell_internal; i < internal; ++i) a->internal[i] -= b->lost_internal[i];
   for (int i = 0; i < p->spring_width; ++i) a->spring_internal[i] = -b->lost_springs[i];
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e)
-    if (follows_first(p, e)) memset(a->spring_internal + e->first_internal + 2, 0, 2 * sizeof(double));
+    if (e->load >= 0) a->spring_internal[e->first_internal + FOLLOWED] = 0; /* but a first trial */
 
   if (p->closures) pull_gaps(p, w, b);
   gather(p, b, 1, w->values, b->end, b->end_columns);

@@ -11,7 +11,8 @@
    The block has right sides and solutions of all directions (work.h), behind a column that is zero. */
 typedef struct {
   double *end, *increment, *force, *columns, *reduced, *arms, *map, *block, *natural_end;
-  double *followed; /* of each direction the forces of joints that friction follows */
+  double *followed, *trial; /* of each direction the forces of joints that friction follows */
+  FixedPoint following;
   double *on_joints, *moments, *closing; /* of one direction: forces of joints, moments of springs, closing forces */
   double *on_borders; /* right sides of borders, and their solutions [border][direction] */
   int *reached;
@@ -53,7 +54,9 @@ static long lay_out_forward(const Problem *p, const Adjoint *a, int count, Chang
     points += (p->points->of[k].size + p->points->of[k].internal) * (long)a->arguments[k];
   s->of_points = allocate(&at, points);
   c->natural_end = allocate(&at, (long)count * p->cells * p->cell_natural);
-  c->followed = allocate(&at, (long)count * p->points->all);
+  long followed = (long)count * p->points->all;
+  c->followed = allocate(&at, followed), c->trial = allocate(&at, followed);
+  c->following.size = followed, c->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
   return at - begin;
 }
 
@@ -508,16 +511,19 @@ static void change_forces(const Problem *p, const Work *w, const Change *c, cons
   }
 }
 
-/* Sets the changes of the first forces that friction follows, if they changed. */
-static int change_first_forces(const Problem *p, const Change *c, const Directions *d) {
-  int changed = 0;
-  for (int k = 0; k < p->points->all; ++k) {
-    const PointForce *e = p->points->of + k;
-    for (int j = 0; follows_first(p, e) && j < d->count; ++j) {
-      double *last = d->spring_internal + (long)j * p->spring_width + e->first_internal + 2;
-      double found = c->followed[(long)j * p->points->all + k];
-      changed |= fabs(found - last[0]) > SETTLED * fabs(found);
-      last[0] = last[1] = found;
+/* Sets the changes of the forces that friction follows; returns whether they are others. */
+static int change_followed(const Problem *p, Change *c, const Directions *d) {
+  int all = p->points->all, changed = 0;
+  for (int set = 0; set < 2; ++set) {
+    if (set) changed = next_trial(&c->following, c->followed, 0, c->trial);
+    for (int k = 0; k < all; ++k) {
+      const PointForce *e = p->points->of + k;
+      for (int j = 0; e->load >= 0 && j < d->count; ++j) {
+        double *trial = c->trial + (long)j * all + k;
+        double *followed = d->spring_internal + (long)j * p->spring_width + e->first_internal + FOLLOWED;
+        if (set) *followed = *trial;
+        else *trial = *followed;
+      }
     }
   }
   return changed;
@@ -535,13 +541,6 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
     memset(b->lost_springs, 0, p->spring_width * sizeof(double));
     change_points(p, a, s->of_points, d, j, increment, q0, y0, c->columns, thrust, parameters, 0, 0, 0, b->lost_springs);
     if (p->points->members) change_members(p, a, d, j, increment, q0, 0, b->lost_springs);
-    for (int k = 0; p->friction_follows && k < p->points->all; ++k) {
-      const PointForce *e = p->points->of + k;
-      if (e->load < 0) continue;
-      double *last = b->lost_springs + e->first_internal + 2;
-      last[0] = c->followed[(long)j * p->points->all + k];
-      last[1] = d->spring_internal[(long)j * p->spring_width + e->first_internal + 2];
-    }
     memcpy(d->spring_internal + (long)j * p->spring_width, b->lost_springs, p->spring_width * sizeof(double));
   }
   for (int i = 0; i < n; ++i) v0[i] = per_dt * w->slope[i] * increment[i] - v0[i];
@@ -579,10 +578,10 @@ static void change_balance(const Problem *p, const Work *w, const Adjoint *a, co
 }
 
 /* All directions through a sub-step; returns 0 if its tangent is singular, and AGAIN if it must be repeated, since
-   the changes of the first forces that friction follows are others. */
+   the changes of the forces that friction follows are others. */
 enum { AGAIN = 2 };
 
-static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *s, const Change *c,
+static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *s, Change *c,
                      const Directions *d, const Backward *b, long row, long rows, int may_repeat) {
   long n = p->dofs, internal = (long)p->cells * p->cell_internal;
   int forces = d->force_at[row] >= 0 || p->friction_follows;
@@ -594,7 +593,7 @@ static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *
   if (!solve_block(p, w, c, d->count)) return 0;
   change_ends(p, w, d, c, b->slides, row, rows, 1);
   if (forces) change_balance(p, w, a, s, c, d, b, row, rows, 1);
-  if (p->friction_follows && change_first_forces(p, c, d) && may_repeat) return AGAIN;
+  if (p->friction_follows && change_followed(p, c, d) && may_repeat) return AGAIN;
   for (int j = 0; j < d->count; ++j) {
     Change own = in_direction(p, c, j);
     change_state(p, w, a, s, &own, d, b, row, rows, j);
@@ -655,11 +654,12 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   c.map[0] = 0;
   for (long row = 0; row < tape->rows; ++row) {
     long k = tape->first + row;
+    begin_fixed_point(&c.following);
     for (int i = 0, state = AGAIN; state == AGAIN; ++i) {
       if (!begin_push(p, w, a, &s, &b, tape->row + row * tape->size)) return tape->rows - row;
       if (i == 0) begin_changes(p, w, d, &c, &b, tape->apart, k == 0);
       for (int j = 0; i == 0 && row == 0 && j < d->count; ++j) store_change(p, d, k, j);
-      state = push_step(p, w, a, &s, &c, d, &b, k, tape->all, i < FIRST_FORCES);
+      state = push_step(p, w, a, &s, &c, d, &b, k, tape->all, i < MOST_TRIALS);
       if (!state) return tape->rows - row;
     }
     for (int j = 0; j < d->count; ++j) store_change(p, d, k + 1, j);

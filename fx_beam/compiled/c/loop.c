@@ -6,9 +6,6 @@
 #include "recorder.h"
 #include "tape.h"
 
-/* How often at most the first step is repeated with the forces of joints that it gives. */
-enum { FIRST_FORCES = 40 };
-
 static double mid(const Problem *p, double force, double previous) {
   if (p->level == 0.5 || p->steps_done == 0 || p->sub_steps > 1) return force;
   return force + (0.5 - p->level) * (force - previous);
@@ -111,14 +108,24 @@ static void audit(Problem *p, const Work *w, const double *change) {
   }
 }
 
-/* Finds the first force of joints that friction follows, by which the step is repeated: 0 if it is known. */
-static int find_first_forces(Problem *p, const Work *w, double t) {
-  if (!p->friction_follows) return 0;
-  evaluate_nodes(p, w);
-  find_joint_forces(p, w);
-  if (!fx_follow_joints(p->points, w->joint_forces, p->q, w->D, p->level, 1, p->spring_internal)) return 0;
-  begin_internal(p, w->fields, t, w->dt, 0);
-  return 1;
+/* Finds the forces of joints that friction follows, and repeats the step with them. */
+static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
+  fx_begin_following(p->points);
+  for (int k = 0, still = 0; k < MOST_TRIALS; ++k) {
+    evaluate_nodes(p, w);
+    find_joint_forces(p, w);
+    for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
+      int s = a->components * a->width;
+      fx_set_axis(p->points, a->joint, (double[]){a->virtual_map[0][s], a->virtual_map[1][s]});
+    }
+    if (!fx_follow_joints(p->points, w->joint_forces, p->q, w->D, p->level, still, p->spring_internal)) return OK;
+    begin_internal(p, w->fields, t, w->dt, 0);
+    long before = p->iterations;
+    int failure = newton(p, w, driven, GO_ON);
+    if (failure) return failure;
+    still = p->iterations == before + 1;
+  }
+  return NO_CONVERGENCE;
 }
 
 /* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
@@ -152,8 +159,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
     p->kept.exact = 0;
   }
   if (p->failure) return 0;
-  for (int i = 0; i < FIRST_FORCES && find_first_forces(p, w, t); ++i)
-    if ((p->failure = newton(p, w, change, 0))) return 0;
+  if (p->friction_follows && (p->failure = follow_joints(p, w, change, t))) return 0;
   LAP(CHECKS);
   *order = update_predictor(p, w);
   LAP(PREDICTOR);
@@ -172,7 +178,6 @@ static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
   if (p->naturals) memcpy(p->natural, w->natural_end, (long)p->cells * p->cell_natural * sizeof(double));
   fx_evolve_points(p->points, w->D, w->z, p->spring_internal);
-  if (p->friction_follows) fx_follow_joints(p->points, w->joint_forces, p->q, w->D, p->level, 0, p->spring_internal);
   advance_rates(p, w, w->dt);
   if (p->keeps_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
@@ -268,7 +273,7 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
         return k;
       }
       int asked = !p->repeats && (p->keeps_joint_forces || (of_row && to->forces));
-      int joints = p->scene_joints && (p->friction_follows || asked);
+      int joints = p->scene_joints && asked;
       int contacts = of_row && to->forces && p->points->recorded;
       if (joints || contacts) evaluate_nodes(p, w);
       if (joints) add_joint_forces(p, w);

@@ -198,6 +198,9 @@ static void line_search(const Problem *p, const Work *w, double gained) {
   if (springs) retake(p, w, &taken, part);
 }
 
+/* Instead of the order of a prediction: from the unknowns as they are. */
+enum { GO_ON = -1 };
+
 /* `order` is that of the prediction; 0 for none. */
 static int iterations_of(Problem *p, const Work *w, const double *driven, int order) {
   int n = p->dofs, free = p->free, small_corrections = 0;
@@ -205,9 +208,9 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   double drive = 0, gained = 0, dt = w->dt, rest[2];
   Wanted wanted = {0};
   if (p->kept.worth) begin_kept(&p->kept);
-  memset(w->z, 0, p->columns * sizeof(double));
+  if (order != GO_ON) memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
-  if (order) {
+  if (order > 0) {
     double factor = dt;
     for (int k = 0; k < order; factor *= dt + p->ages[k++])
       for (int i = 0; i < free; ++i) w->z[i] += factor * p->past_y[k * free + i];

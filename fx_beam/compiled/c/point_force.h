@@ -27,6 +27,16 @@ typedef struct {
   double *tangent_at; /* increment and results where the tangent is evaluated, if it `overshoots` */
 } PointForce;
 
+/* Largest number of secants of a fixed point. */
+enum { SECANTS = 8, FIXED_POINT_ROWS = 4 * SECANTS + 2 };
+
+/* Numbers that depend on themselves (fixed_point.h). */
+typedef struct {
+  int size, trials; /* numbers; secants so far */
+  double change;    /* the largest of the last trial */
+  double *memory;   /* [FIXED_POINT_ROWS][size] */
+} FixedPoint;
+
 /* Forces at nodes: those of contact, others, external ones; then those on slides. */
 typedef struct {
   int contacts, external, nodal, all;
@@ -36,6 +46,7 @@ typedef struct {
     double *probe;    /* room for results of one force, and for a correction */
   };
   struct { MemberContacts *members; };
+  FixedPoint followed;  /* forces of joints that limit friction */
 } PointForces;
 
 const char *fx_missing(void); /* processor.h */
@@ -53,10 +64,14 @@ void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K
 double fx_lost_at_points(const PointForces *p, const double *D, const double *z);
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal);
 void fx_evolve_points(const PointForces *p, const double *D, const double *z, double *internal);
-/* The forces of joints in the step D from q, for friction that follows them in the next one; if it is the
-   `first`, for the friction that has none. Returns for how many they changed. */
-int fx_follow_joints(const PointForces *p, const double *joints, const double *q, const double *D, double level,
-                     int first, double *internal);
+/* Begins to look for the forces of joints that friction follows in a step. */
+void fx_begin_following(PointForces *p);
+/* The axis of a beam at the node that slides on it by a joint. */
+void fx_set_axis(const PointForces *p, int joint, const double *axis);
+/* From the forces of joints in the step D from q sets those that friction follows, by which the step is repeated;
+   returns 0 if they are known. With `still` the last ones had no effect. */
+int fx_follow_joints(PointForces *p, const double *joints, const double *q, const double *D, double level, int still,
+                     double *internal);
 void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out);
 /* Of forces with functions of a user: notes the tangent; the work, on a part of the last correction, of
    what the forces deviate from it. */

@@ -4,8 +4,8 @@
 
 #include <math.h>
 #include <string.h>
+#include "fixed_point.h"
 #include "member_contacts.h"
-#include "point_force.h"
 
 static inline double coordinate(const PointForce *e, int k, const double *nodes, const double *slides, int at) {
   if (e->slide >= 0) return slides[at];
@@ -17,8 +17,8 @@ static inline void call(Law *law, const double *given, double *results, int valu
   law(results, 0, given, 0, 0, 0, 0);
 }
 
-/* Relative change of the first forces that friction follows below which they are found. */
-static const double SETTLED = 1e-13;
+/* Place of the force that friction follows among its internal variables. */
+enum { FOLLOWED = 2 };
 
 static int values_of(const PointForce *e) { return e->size + e->entries + e->internal + e->remembered; }
 
@@ -120,18 +120,26 @@ static double followed_size(const PointForce *e, const double *joints, const dou
   return fabs(across);
 }
 
-int fx_follow_joints(const PointForces *p, const double *joints, const double *q, const double *D, double level,
-                     int first, double *internal) {
-  int count = 0;
-  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
-    if (e->load < 0) continue;
-    double slope[3], size = followed_size(e, joints, q, D, level, slope);
-    double *last = internal + e->first_internal + 2;
-    if (first && (last[3] != 0 || fabs(size - last[0]) <= SETTLED * size)) continue;
-    ++count;
-    last[1] = first ? size : last[0], last[0] = size;
-  }
-  return count;
+void fx_set_axis(const PointForces *p, int joint, const double *axis) {
+  for (PointForce *e = p->of; e < p->of + p->all; ++e)
+    for (int i = 0; e->load == joint && i < 2; ++i) e->load_axis[i] = axis[i] / hypot(axis[0], axis[1]);
+}
+
+void fx_begin_following(PointForces *p) { begin_fixed_point(&p->followed); }
+
+int fx_follow_joints(PointForces *p, const double *joints, const double *q, const double *D, double level, int still,
+                     double *internal) {
+  int n = 0;
+  double slope[3], found[p->all], trial[p->all];
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e)
+    if (e->load >= 0) {
+      found[n] = followed_size(e, joints, q, D, level, slope);
+      trial[n++] = internal[e->first_internal + FOLLOWED];
+    }
+  if (!next_trial(&p->followed, found, still, trial)) return 0;
+  for (const PointForce *e = p->of + p->all - 1; e >= p->of; --e)
+    if (e->load >= 0) --n, internal[e->first_internal + FOLLOWED] = trial[n] > 0 ? trial[n] : found[n];
+  return 1;
 }
 
 void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out) {
