@@ -238,6 +238,7 @@ HOUSE = {
         "imperfection",
         "small_motions",
         "branches",
+        "path_piece",
         "critical_points",
         "path_stability",
         "contact_check",

@@ -2,6 +2,8 @@
 
 import pickle
 
+import ufl
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -193,13 +195,125 @@ def test_zieglers_column_flutters_at_its_load():
     assert (point.kind, 3 * point.load_factor) == ("flutter", pytest.approx(3.5 - np.sqrt(2)))
 
 
-def test_paths_with_contact_are_refused():
-    scene, _ = column(14.0, 4, 2, np.pi)
-    scene.add_obstacle(scene.beams[0], fb.Line((0.1, 0), (-1, 0)), stiffness=1e3)
-    path = fb.static(scene, steps=3)
-    assert path.unstable_modes[-1] == 1
-    with pytest.raises(ValueError, match="smooth paths"):
-        _ = path.critical_points
+# -- Contact and materials that flow ---------------------------------------------------------------
+
+
+def test_a_column_between_walls_buckles_as_if_they_were_away():
+    scene, _ = column(50.0, 4, 2, np.pi)
+    free = fb.static(scene, steps=6).critical_points
+    for side in (0.02, -0.02):
+        wall = fb.Line((side, 0), (-side, 0))
+        scene.add_obstacle(scene.beams[0], wall, stiffness=1e4)
+    found = fb.static(scene, steps=6).critical_points
+    assert [point.kind for point in found] == ["bifurcation"] * 2
+    factors = [point.load_factor for point in free]
+    assert [point.load_factor for point in found] == pytest.approx(factors, rel=1e-9)
+
+
+def test_a_column_that_leans_on_a_prop_buckles_into_two_waves():
+    """The prop is a node's stop at a small gap in the middle, where the second mode has a node."""
+    scene, _ = column(45.0, 8, 2, np.pi)
+    middle = scene.beams[0].node(0.5)
+    scene.add_obstacle(middle, fb.Line((2e-3, 0), (-1, 0)), stiffness=1e6)
+    first = fb.static(scene, steps=4).critical_points[0]
+    side = np.sign(first.modes.shapes[0, middle.number, 0])
+    leaning = fb.static(scene, start=first.branch(side), continuation="arc-length")
+    (point,) = leaning.critical_points
+    c = 1 / STOUT.GA - 1 / STOUT.EA
+    exact = (np.sqrt(1 + 4 * c * EI * 4 * np.pi**2) - 1) / (2 * c)
+    assert point.kind == "bifurcation"
+    assert 45 * point.load_factor == pytest.approx(exact, rel=2e-3)
+
+
+@pytest.mark.parametrize("stop", [0.05, 0.0])
+@pytest.mark.parametrize("steps", [8, 10])
+def test_a_truss_becomes_stable_where_it_meets_a_stop(stop, steps):
+    """Its load falls down to the stop, where it has a minimum, and rises again."""
+    scene = truss(0.2, 20.0)
+    top = scene.beams[0].end
+    scene.add_obstacle(top, fb.Line((0, stop), (0, 1)), stiffness=1e3)
+    path = fb.static(scene, steps=steps, continuation="arc-length")
+    limit, contact = path.critical_points
+    assert [limit.kind, contact.kind] == ["limit point", "contact"]
+    exact = force_on_truss(stop, 0.2) / 20
+    assert contact.load_factor == pytest.approx(exact, rel=1e-9, abs=1e-12)
+    assert contact.solution.position(top)[-1, 1] == pytest.approx(stop, abs=1e-9)
+    assert path.stable[-1] and not path.stable[contact.row]
+    with pytest.raises(fb.SceneError, match="no path branches off at a contact"):
+        contact.branch()
+
+
+@pytest.mark.parametrize("hardening", [0.0, 20.0])
+def test_a_column_on_a_plastic_hinge_fails_where_it_begins_to_flow(hardening):
+    """Loads V down and H across: M0 = V L sin psi + H L cos psi, psi = M0 / c. With V L < c."""
+    c, yields, down, across = 100.0, 1.0, 5.0, 2.0
+
+    def energy(x, a):
+        return c / 2 * (x - a[0]) ** 2 + hardening / 2 * a[0] ** 2
+
+    def flow(old, strains0, strains, dt):
+        trial = c * (strains[0] - old[0]) - hardening * old[0]
+        more = ufl.max_value(abs(trial) - yields, 0) / (c + hardening)
+        return [old[0] + ufl.sign(trial) * more]
+
+    hinge = fb.Spring(strain_energy=energy, internal=fb.InternalVariables(("a",), flow))
+    scene = fb.Scene()
+    bar = scene.add_body((0, 1), mass=1.0, inertia=1.0, points={"foot": (0, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=hinge))
+    scene.add_force(bar.centre, (across, -down))
+    path = fb.static(scene, steps=7, continuation="arc-length", max_steps=30)
+    points = path.critical_points
+    if hardening:
+        assert path.load_factor[-1] == 1 and path.stable.all() and not points
+        return
+    (point,) = points
+    psi = yields / c
+    exact = yields / (down * np.sin(psi) + across * np.cos(psi))
+    assert point.kind == "flow"
+    assert point.load_factor == pytest.approx(exact, rel=1e-7)
+    assert path.load_factor.max() == pytest.approx(exact, rel=1e-7)
+
+
+@pytest.mark.parametrize("how", [None, "arc-length"])
+def test_a_column_that_hardens_buckles_at_its_tangent_modulus_load(how):
+    """Shanley (1947): two flanges that flow, with a quarter of the modulus: pi^2 Et I / L^2."""
+    E, slope, d = 1e4, 2.5e3, 0.02
+    hardening = E * slope / (E - slope)
+    euler = np.pi**2 * E * d**2
+    yields = 0.075 * euler  # of a flange
+
+    def energy(eps, gamma, kappa, a):
+        flanges = ((eps + d * kappa, a[0]), (eps - d * kappa, a[1]))
+        stored = sum(E / 4 * (e - x) ** 2 + hardening / 4 * x**2 for e, x in flanges)
+        return stored + E / 2 * gamma**2
+
+    def flow(old, strains0, strains, dt):
+        new = []
+        for x, z in ((old[0], d), (old[1], -d)):
+            trial = E / 2 * (strains[0] + z * strains[2] - x) - hardening / 2 * x
+            more = ufl.max_value(abs(trial) - yields, 0) / ((E + hardening) / 2)
+            new.append(x + ufl.sign(trial) * more)
+        return new
+
+    section = fb.Section(
+        strain_energy=energy, internal=fb.InternalVariables(("one", "other"), flow)
+    )
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (0, 1)], section, 8, 2)
+    scene.pin(beam.start)
+    scene.fix(beam.end, "x")
+    scene.add_force(beam.end, (0, -0.5 * euler))
+    path = fb.static(scene, steps=7, continuation=how)
+    (point,) = path.critical_points
+    load = 0.5 * euler * point.load_factor
+    strain = 2 * yields / E + (load - 2 * yields) / slope
+    assert point.kind == "bifurcation"
+    assert load * (1 - strain + load / E) == pytest.approx(np.pi**2 * slope * d**2, rel=1e-4)
+    # Only one flange goes on flowing: beside the straight column the load rises, as it must.
+    options = {"continuation": "arc-length", "max_steps": 12}
+    bent = fb.static(scene, start=point.branch(1), **options)
+    assert bent.load_factor[1:].min() > point.load_factor
+    assert abs(bent.displacement(beam.node(0.5))[-1, 0]) > 0.01
 
 
 def test_points_are_kept_in_copies_once_they_were_read():

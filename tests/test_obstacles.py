@@ -297,10 +297,11 @@ def test_a_closed_contact_with_a_loss_damps_small_motions():
     assert found.damping_ratios[0] == pytest.approx(r * 10.0 / w / (2 * math.sqrt(k)), rel=1e-4)
 
 
-def test_an_obstacle_is_no_support():
-    scene, node, floor = ball(0.0)
-    with pytest.raises(fb.SceneError, match="can move along"):
-        fb.static(scene)
+def test_a_ball_comes_to_rest_on_the_floor():
+    scene, node, floor = ball(0.05)
+    path = fb.static(scene, steps=2)
+    assert path.position(node)[-1, 1] == pytest.approx(-10.0 / 1e6, rel=1e-9)
+    assert path.contact(floor).force[-1, 0, 1] == pytest.approx(10.0, rel=1e-9)
 
 
 # -- Runs -----------------------------------------------------------------------------------------

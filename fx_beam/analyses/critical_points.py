@@ -4,27 +4,21 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import ARRAYS, NUMBERS, State
+from fx_beam.results.state import State
 from fx_beam.stepping.arc_length import ArcLength
 from fx_beam.stepping.load_steps import LoadStepper
 from fx_beam.stepping.newton import StepFailed
-from fx_beam.stepping.path_equations import Tangent
 
 from .branches import Branch
 from .modal import Modes
+from .path_piece import Piece, Root, root_of
 from .small_motions import SmallMotions, diverges, flutters
 
-# A point is first found up to this part of the step between two rows. States at five distances
-# before it, of this part each, are then extrapolated: no state is computed so near to the point
-# that the tangent is singular.
-_PLACE, _APART, _STATES = 1e-3, 0.01, 5
-# How far before a step one is sought, relative to the step.
-_BEFORE = 0.05
 # Points so near to each other, relative to the step, are one with several modes.
 _SAME = 1e-6
 # Work of the loads on a mode that is none, relative to the loads' largest.
@@ -37,16 +31,20 @@ class CriticalPoint:
 
     Parameters
     ----------
-    kind : {"limit point", "bifurcation", "flutter"}
+    kind : {"limit point", "bifurcation", "flutter", "contact", "flow", "kink"}
         At a limit point the load factor has an extremum: the loads do work on the mode. At a
         bifurcation they do none, and other paths start. Flutter is a vibration that begins to grow,
-        under forces that follow the motion.
+        under forces that follow the motion. At the others the stiffness jumps from one sign to the
+        other, where a contact opens or closes, where members or springs begin to flow or to slip,
+        or at a kink of a law of springs; the load factor may have an extremum there, with a corner
+        of the path.
     load_factor : float
         The load factor.
     row : int
         The last row of the path before the point.
     modes : Modes
         Its modes, the null vectors of the tangent; several if more modes become unstable at once.
+        Where the stiffness jumps, those that are unstable on one side.
     solution : Solution
         The point itself as a static solution of one row, for example to start a motion from.
 
@@ -110,86 +108,84 @@ class CriticalPoints:
 
     def between(self, counts: np.ndarray) -> list[CriticalPoint]:
         """All of them, from the numbers of unstable modes (n,) of the states."""
-        model = self._stepper.model
-        if model.flows or model.has_contact:
-            raise ValueError(
-                "critical_points: they are found on smooth paths. This scene has contact, friction "
-                "that sticks or internal variables; unstable_modes tells where stability changes"
-            )
         points: list[CriticalPoint] = []
         for row in np.flatnonzero(np.diff(counts)):
-            points += self._in_step(int(row), counts[row : row + 2])
+            try:
+                points += self._in_step(int(row), counts[row : row + 2])
+            except StepFailed as failure:
+                raise RuntimeError(
+                    f"critical_points: the one between the rows {row} and {row + 1} was not found: "
+                    f"{failure}. Compute the path with more steps"
+                ) from failure
         return points
 
     def _in_step(self, row: int, counts: np.ndarray) -> list[CriticalPoint]:
         """Those in the step that starts at a row."""
-        piece = _Piece(self._arc, self._stepper, *self._states[row : row + 2])
+        piece = Piece(self._arc, self._motions, *self._states[row : row + 2])
         measures = self._measures(piece, counts)
-        try:
-            roots = [(kind, _root(piece, measure)) for kind, measure in measures]
-        except StepFailed as failure:
-            raise RuntimeError(
-                f"critical_points: the one between the rows {row} and {row + 1} was not found: "
-                f"{failure}. Compute the path with more steps"
-            ) from failure
-        found = sorted(((*root, kind) for kind, root in roots if root), key=lambda x: x[0])
+        roots = [(kind, root_of(piece, measure)) for kind, measure in measures]
+        found = sorted(((root, kind) for kind, root in roots if root), key=lambda x: x[0].place)
         points: list[CriticalPoint] = []
         last = -np.inf
-        for place, state, kind in found:
-            if points and place - last <= _SAME * piece.length:
+        for root, kind in found:
+            if points and root.place - last <= _SAME * piece.length:
                 continue  # one more mode of the same point
-            same = sum(abs(other - place) <= _SAME * piece.length for other, *_ in found)
-            points.append(self._point(kind, state, row, same))
-            last = place
+            near = (abs(other.place - root.place) for other, _ in found)
+            same = sum(gap <= _SAME * piece.length for gap in near)
+            points.append(self._point(kind or root.kind, root, row, same, counts.max()))
+            last = root.place
         return points
 
     def _measures(
-        self, piece: _Piece, counts: np.ndarray
-    ) -> list[tuple[str, Callable[[State], float]]]:
-        """Functions of states that vanish at the critical points of a step."""
+        self, piece: Piece, counts: np.ndarray
+    ) -> list[tuple[str, Callable[[float], float]]]:
+        """Functions of the distance that vanish at the critical points of a step."""
         motions, (low, high) = self._motions, sorted(counts.tolist())
-        ends = [piece.at(0.0), piece.at(piece.length)]
-        stiffness = [motions.stiffness(state) for state in ends]
-        if all(motions.symmetric(K) for K in stiffness):
-            known: dict[int, np.ndarray] = {}
+        ends = [piece.first, piece.length]
+        if all(motions.symmetric(piece.stiffness(end)) for end in ends):
+            known: dict[float, np.ndarray] = {}
 
-            def eigenvalue(k: int, state: State) -> float:
-                if id(state) not in known:
-                    known[id(state)] = motions.lowest(state, high)[0]
-                return float(known[id(state)][k])
+            def eigenvalue(k: int, distance: float) -> float:
+                if distance not in known:
+                    known[distance] = motions.lowest(piece.stiffness(distance), high)[0]
+                return float(known[distance][k])
 
             return [("", functools.partial(eigenvalue, k)) for k in range(low, high)]
-        squares = [motions.squares(state) for state in ends]
-        measures: list[tuple[str, Callable[[State], float]]] = []
-        if flutters(squares[0]).sum() != flutters(squares[1]).sum():
-            measures.append(("flutter", lambda state: _discriminant(motions.squares(state))))
-        if diverges(squares[0]).sum() != diverges(squares[1]).sum():
-            measures.append(("", lambda state: motions.squares(state).real.min()))
+
+        def squares(distance: float) -> np.ndarray:
+            return motions.squares(piece.at(distance))
+
+        first, last = map(squares, ends)
+        measures: list[tuple[str, Callable[[float], float]]] = []
+        if flutters(first).sum() != flutters(last).sum():
+            measures.append(("flutter", lambda distance: _discriminant(squares(distance))))
+        if diverges(first).sum() != diverges(last).sum():
+            measures.append(("", lambda distance: squares(distance).real.min()))
         return measures
 
-    def _point(self, kind: str, state: State, row: int, several: int) -> CriticalPoint:
-        motions = self._motions
+    def _point(self, kind: str, root: Root, row: int, several: int, unstable: int) -> CriticalPoint:
+        motions, state, square = self._motions, root.state, 0.0
         if kind == "flutter":
-            squares = motions.squares(state)
-            first, second = _pair(squares)
+            first, second = _pair(motions.squares(state))
             square = float((first + second).real / 2)
             vectors = motions.flutter_shape(state, square)[:, None]
+        elif kind:
+            vectors = motions.lowest(root.stiffness, unstable)[1][:, -several:]
         else:
-            vectors = self._null_vectors(state, several)
-            square, kind = 0.0, self._kind(state, vectors)
+            vectors = self._null_vectors(root, several)
+            kind = self._kind(state, vectors)
         modes = self._modes(state, vectors, square)
         return CriticalPoint(kind, state.t, row, modes, self._solved(state))
 
-    def _null_vectors(self, state: State, several: int) -> np.ndarray:
+    def _null_vectors(self, root: Root, several: int) -> np.ndarray:
         """Vectors (unknowns, several) of the eigenvalues that vanish, of length 1 in the metric."""
-        motions = self._motions
-        K = motions.stiffness(state)
+        motions, state, K = self._motions, root.state, root.stiffness
         if not motions.symmetric(K):
             roots = motions.squares(state)
             return motions.flutter_shape(state, float(roots.real[abs(roots).argmin()]))[:, None]
         count = min(several + 1, K.shape[0])
         while True:
-            values, vectors = motions.lowest(state, count)
+            values, vectors = motions.lowest(K, count)
             nearest = np.argsort(abs(values))[:several]
             if values[-1] > 0 and nearest.max() < len(values) - 1 or count == K.shape[0]:
                 return vectors[:, np.sort(nearest)]
@@ -222,78 +218,6 @@ class CriticalPoints:
             {body.name: body for body in scene.bodies},
             {beam.name: beam for beam in scene.beams},
         )
-
-
-class _Piece:
-    """The path between two states, by the distance along its tangent at the first one."""
-
-    def __init__(self, arc: ArcLength, stepper: LoadStepper, first: State, second: State):
-        path, D, load = stepper.path, second.q - first.q, second.t - first.t
-        none = np.zeros(stepper.model.reduction.free)
-        path.begin(first)
-        self._arc, self._first = arc, first
-        self._tangent = path.tangent(none, 0.0, Tangent(none, D, load))
-        self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
-        self._known: dict[float, State] = {}
-
-    def at(self, distance: float) -> State:
-        """The state at a distance."""
-        if distance not in self._known:
-            self._known[distance] = self._arc.state_at(self._first, self._tangent, distance)
-        return self._known[distance]
-
-
-def _root(piece: _Piece, measure: Callable[[State], float]) -> tuple[float, State] | None:
-    """Distance and state where a function of the states vanishes; None if it only touches zero."""
-    # Imported here: most paths have no critical point, and the import takes time.
-    from scipy.optimize import brentq
-
-    def value(distance: float) -> float:
-        return measure(piece.at(distance))
-
-    first = 0.0
-    if value(first) * value(piece.length) > 0:
-        first = -_BEFORE * piece.length  # the step starts at a limit point
-        if value(first) * value(piece.length) > 0:
-            return None
-
-    def value_or_zero(distance: float) -> float:
-        try:
-            return value(distance)
-        except StepFailed as failure:
-            if failure.kind != "singular":
-                raise
-            return 0.0  # the point itself
-
-    near = brentq(value_or_zero, first, piece.length, xtol=_PLACE * piece.length)
-    # On the side of the start sorted eigenvalues are smooth, also if several vanish at once.
-    distances = near - _APART * piece.length * np.arange(1, _STATES + 1)
-    values = np.array([value(distance) for distance in distances])
-    scaled = (distances - near) / piece.length
-    polynomial = np.polynomial.Polynomial(
-        np.linalg.solve(np.vander(scaled, increasing=True), values)
-    )
-    slope, place = polynomial.deriv(), 0.0
-    for _ in range(20):
-        place -= float(polynomial(place) / slope(place))
-    if not abs(place) <= _APART * _STATES:
-        raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1), [])
-    weights = np.linalg.solve(
-        np.vander(scaled, increasing=True).T, place ** np.arange(_STATES, dtype=float)
-    )
-    states = [piece.at(distance) for distance in distances]
-    return near + place * piece.length, _combined(states, weights)
-
-
-def _combined(states: list[State], weights: np.ndarray) -> State:
-    """The state whose arrays are sums of those of others."""
-    values: dict[str, object] = {}
-    for name in (*ARRAYS, *NUMBERS, "motors"):
-        parts = [getattr(state, name) for state in states]
-        if parts[0] is not None:
-            values[name] = sum(w * part for w, part in zip(weights, parts, strict=True))
-    values["t"] = float(values["t"])  # type: ignore[arg-type]
-    return replace(states[0], **values, negative_eigenvalues=None)  # type: ignore[arg-type]
 
 
 def _pair(squares: np.ndarray) -> tuple[complex, complex]:

@@ -43,7 +43,8 @@ class PathStability:
 
     def unstable_modes(self) -> np.ndarray:
         """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
-        known = [state.negative_eigenvalues for state in self._states]
+        states = self._states[self._first :]
+        known = [state.negative_eigenvalues for state in states]
         if None in known and self._motions.model.flows:
             raise ValueError(
                 "unstable_modes: where friction slips or material flows, the tangent is not "
@@ -51,7 +52,7 @@ class PathStability:
             )
         counts: list[int] = []
         limits = self._motions.stepper.stats.limit_points
-        for count, state in list(zip(known, self._states, strict=True))[self._first :]:
+        for count, state in zip(known, states, strict=True):
             if counts and state.t in limits:
                 counts.append(counts[-1])  # an eigenvalue is zero
             else:

@@ -42,14 +42,16 @@ class SmallMotions:
 
     def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
         """The tangent (n, n) of an equilibrium without flow."""
-        stepper, model = self.stepper, self.model
+        stepper = self.stepper
         equations = stepper.single.equations
         equations.begin(Interval(state.t, state.t), state)
         balance = equations.at_start(state.t * stepper.forcing.full)
-        K = equations.tangent(balance.r)
-        if len(self.unknowns) < model.reduction.free:
-            K = K[self.unknowns][:, self.unknowns]
-        return K
+        return self.independent(equations.tangent(balance.r))
+
+    def independent(self, K: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        """Of a tangent (free, free) the rows and columns of unknowns that follow no others."""
+        whole = len(self.unknowns) == self.model.reduction.free
+        return K if whole else K[self.unknowns][:, self.unknowns]
 
     def coupling(self) -> scipy.sparse.csr_matrix:
         """Motions (size, n) of the nodes for those of the unknowns, in the last state."""
@@ -73,9 +75,8 @@ class SmallMotions:
             raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
         return lu.negative_pivots()
 
-    def lowest(self, state: State, n: int) -> tuple[np.ndarray, np.ndarray]:
-        """The n lowest eigenvalues of the tangent in the metric, and vectors (unknowns, n)."""
-        K = self.stiffness(state)
+    def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """The n lowest eigenvalues of a tangent in the metric, and vectors (unknowns, n)."""
         roots, _, vectors = lowest(((K + K.T) / 2).tocsr(), self.metric, min(n, K.shape[0]))
         return np.sign(roots) * roots**2, vectors
 

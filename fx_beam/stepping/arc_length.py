@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from fx_beam.errors import Failure, StepError
 from fx_beam.mechanics.interval import Interval
@@ -36,6 +37,8 @@ _MARGIN = 1e-7
 _LONG = 2.0
 # A corner nearer to the start or the end of a step than this part of it is there.
 _NEAR = 1e-4
+# Turn of a step without a corner.
+_STRAIGHT = 0.01
 # Slope of the load factor that is zero within rounding errors: a plastic mechanism.
 _FLAT = 1e-9
 # Load factor at which a path is abandoned. Of 43 arches that snap through, three reached load
@@ -153,21 +156,28 @@ class ArcLength:
         step, load = self._correct(state, tangent, distance, tangent, distance)
         return self._end(state, state.t + load, step)
 
+    def stiffness_at(self, state: State, tangent: Tangent, distance: float) -> csr_matrix:
+        """The tangent (free, free) there, in the direction in which one comes."""
+        step, load = self._correct(state, tangent, distance, tangent, distance)
+        balance, _, _ = self._path.balance(step.y, load)
+        return self.stepper.single.equations.tangent(balance.r)
+
     # -- Steps ----------------------------------------------------------------------------------
 
     def _advance(self, state: State, tangent: Tangent, ds: float, target: float) -> Advance:
         """An arc-length step ds that ends at a limit point or at load factor 1 if it meets them."""
         new, ahead = self.step(state, tangent, ds)
-        if ahead.sense != tangent.sense:
+        turn = self._turn(state, new, tangent, ahead, ds)
+        straight = turn <= _STRAIGHT and ahead.load * tangent.load > 0
+        if ahead.sense != tangent.sense and not straight:
             # At a bifurcation it is so on the way back, too; where flow begins it is not.
             if self._at_start(new, tangent, -_NEAR * ds).sense == tangent.sense:
                 raise StepFailed("off the path", "the path turns back", new.q - state.q, [])
         corrections = self.stepper.iterations
-        turn = self._turn(state, new, tangent, ahead, ds)
         if turn > _REJECTED * target:
             D = new.q - state.q
             legs = self._path.legs(D, new.t - state.t, tangent, ahead)
-            if legs is None or legs[1] > _NEAR * ds:
+            if legs is None or legs[1] > _NEAR * ds or ahead.sense != tangent.sense:
                 reason = "the path deviates too far from its tangent"
                 raise StepFailed("off the path", reason, D, [])
             turn = target  # the path has a corner at the end of the step
@@ -306,16 +316,27 @@ class ArcLength:
         try:
             # Beyond the corner flow has begun.
             behind = self._at_start(state, tangent, 2 * ds)
-            behind = behind if behind.sense == tangent.sense else -behind
-            step, load = self._correct(state, behind, ds, behind, ds)
-            ahead = self._path.tangent(step.y, load, behind)
         except StepFailed:
             return None
-        legs = self._path.legs(step.D, load, tangent, ahead)
-        if legs is None or legs.sum() > _LONG * ds or ahead.sense != tangent.sense:
-            return None
-        if legs[0] > _NEAR * ds:
-            return Corner(legs[0])
+        behind = behind if behind.sense == tangent.sense else -behind
+        # From beyond the corner, where a contact has closed, or along it from the start.
+        for way, along in ((tangent, 2 * ds), (behind, ds)):
+            try:
+                step, load = self._correct(state, way, along, behind, ds)
+                ahead = self._path.tangent(step.y, load, behind)
+            except StepFailed:
+                continue
+            legs = self._path.legs(step.D, load, tangent, ahead)
+            if legs is not None and legs.sum() <= _LONG * ds and ahead.sense == tangent.sense:
+                return self._behind(state, tangent, ds, target, behind, step, load, ahead, legs[0])
+        return None
+
+    def _behind(
+        self, state, tangent, ds, target, behind, step, load, ahead: Tangent, leg: float
+    ) -> Corner | None:
+        """The corner after a leg along the tangent, if the step behind it goes on; or None."""
+        if leg > _NEAR * ds:
+            return Corner(leg)
         new = self._finish(state, state.t + load, step)
         if new.t >= 1:
             new = self._last_step(state, behind)

@@ -19,6 +19,8 @@ from .path_equations import Tangent
 
 # Length of the first step, as the root mean square over the nodes in units of the scene.
 _FIRST = 0.02
+# Largest deviation of the first step from the mode, relative to its length: not through a wall.
+_NEAR = 0.3
 
 
 def first_step(
@@ -31,7 +33,7 @@ def first_step(
     path, model = arc.stepper.path, arc.model
     path.begin(state)
     path.balance(np.zeros(model.reduction.free), 0.0)
-    y = _of_unknowns(model, shape)
+    y = unknowns_of(model, shape)
     D = path.spread(y, 0.0)
     length = path.length(D, 0.0)
     across = Tangent(y / length, D / length, 0.0)
@@ -39,6 +41,8 @@ def first_step(
         distance = _FIRST / 2**cut
         try:
             new, ahead = arc.step(state, across, distance)
+            if arc.stepper.deviation > _NEAR and cut < max_cuts:
+                raise StepFailed("off the path", "the step leaves the mode", new.q - state.q, [])
         except StepFailed:
             if cut == max_cuts:
                 raise
@@ -57,7 +61,7 @@ def is_equilibrium(arc: ArcLength, state: State) -> bool:
     return bool(left.max(initial=0.0) <= 1e-5 * abs(balance.f * model.unit).max())
 
 
-def _of_unknowns(model, shape: np.ndarray) -> np.ndarray:
+def unknowns_of(model, shape: np.ndarray) -> np.ndarray:
     """Unknowns (free,) nearest to a small motion (size,) of all degrees of freedom."""
     reduction = model.reduction
     columns = reduction.independent

@@ -1,0 +1,252 @@
+"""A piece of a path of equilibria between two rows, and where a measure of it changes its sign."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from fx_beam.results.state import ARRAYS, NUMBERS, State
+from fx_beam.stepping.arc_length import ArcLength
+from fx_beam.stepping.branch_step import unknowns_of
+from fx_beam.stepping.newton import StepFailed
+from fx_beam.stepping.path_equations import Tangent
+
+from .small_motions import SmallMotions
+
+# A point is first found up to this part of the step between two rows. States at five distances
+# before it, of this part each, are then extrapolated: no state is computed so near to the point
+# that the tangent is singular.
+_PLACE, _APART, _STATES = 1e-3, 0.01, 5
+# How far before a step one is sought, relative to the step.
+_BEFORE = 0.05
+# Where measures may jump: one is smooth if its extrapolation is wrong by less than so many times
+# that; where smooth parts are short, states are so much nearer.
+_SMOOTH, _CLOSE = 3.0, 0.01
+# The place of a jump relative to the step, how near to it they are looked
+# at, and how far from zero they are there, relative to their values at the ends.
+_JUMP, _BESIDE, _LARGE = 1e-11, 1e-8, 1e-4
+# Where a step begins to flow; how exactly its end must be found again.
+_FLOWING, _AGAIN = 1e-9, 1e-5
+
+
+class Piece:
+    """The path between two states, by the distance along its tangent at the first one.
+
+    By that along the way from one to the other where the path may have corners.
+    """
+
+    def __init__(self, arc: ArcLength, motions: SmallMotions, first: State, second: State):
+        stepper, self.model = arc.stepper, arc.model
+        path, D, load = stepper.path, second.q - first.q, second.t - first.t
+        none = np.zeros(self.model.reduction.free)
+        path.begin(first)
+        self._arc, self._motions, self._start = arc, motions, first
+        #: Whether measures may jump.
+        self.kinked = self.model.may_have_kinks
+        if self.kinked:
+            length = path.length(D, load)
+            y = unknowns_of(self.model, D / length)
+            self._tangent = Tangent(y, D / length, load / length)
+        else:
+            self._tangent = path.tangent(none, 0.0, Tangent(none, D, load))
+        self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
+        #: Where it begins: at the start itself nothing flows.
+        self.first = _FLOWING * self.length if self.model.flows else 0.0
+        self._known: dict[float, State] = {}
+        self._tangents: dict[float, csr_matrix] = {}
+        if self.kinked:
+            self._check_end(stepper.size(self.at(self.length).q - second.q), stepper.size(D))
+
+    def _check_end(self, gap: float, moved: float) -> None:
+        if gap > _AGAIN * moved:
+            D = self.at(self.length).q - self._start.q
+            reason = (
+                "its end depends on the way there, as that of materials that creep does, or there "
+                "are other equilibria beside it"
+            )
+            raise StepFailed("off the path", reason, D, [])
+
+    def at(self, distance: float) -> State:
+        """The state at a distance."""
+        if distance not in self._known:
+            self._known[distance] = self._arc.state_at(self._start, self._tangent, distance)
+        return self._known[distance]
+
+    def stiffness(self, distance: float) -> csr_matrix:
+        """The tangent at a distance; where something flows, that of going on."""
+        if distance not in self._tangents:
+            if self.model.flows:
+                K = self._arc.stiffness_at(self._start, self._tangent, distance)
+                K = self._motions.independent(K)
+            else:
+                K = self.stiffness_of(self.at(distance))
+            self._tangents[distance] = K
+        return self._tangents[distance]
+
+    def stiffness_of(self, state: State) -> csr_matrix:
+        """The tangent of a state in which nothing flows."""
+        return self._motions.stiffness(state)
+
+    def kind_of_jump(self, low: float, high: float) -> str:
+        """What makes the stiffness jump between two distances."""
+        switches = [np.sign(self._values(self.at(end))) for end in (low, high)]
+        if (switches[0] != switches[1]).any():
+            return "contact" if self.model.has_contact else "kink"
+        return "flow" if self.model.flows else "kink"
+
+    def switched(self, low: float, high: float) -> State | None:
+        """The state in which a contact between two distances opens or closes; None if unknown.
+
+        The path may turn back there: it is extrapolated from states before.
+        """
+        arc, path, h = self._arc, self._arc.stepper.path, _APART * self.length
+        start = self._start if low < h else self.at(low)
+        path.begin(start)
+        none = np.zeros(self.model.reduction.free)
+        tangent = path.tangent(none, 0.0, self._tangent)
+        signs, behind = (np.sign(self._values(s)) for s in (start, self.at(high)))
+        changed = signs != behind
+        for side in (-h, h):
+            distances = side * np.arange(_STATES)
+            try:
+                states = [start, *(arc.state_at(start, tangent, d) for d in distances[1:])]
+            except StepFailed:
+                continue
+            values = np.array([self._values(state) for state in states])
+            if changed.any() and (np.sign(values) == signs).all():
+                break
+        else:
+            return None
+        places = [_root_near(distances / h, column) for column in values[:, changed].T]
+        nearest = min(places, key=abs)
+        return _combined(states, _weights(distances / h, nearest)) if abs(nearest) < 2 else None
+
+    def _values(self, state: State) -> np.ndarray:
+        """Those that change their sign where a contact opens or closes."""
+        return self.model.switches(state)
+
+
+@dataclass
+class Root:
+    """Where a measure changes its sign."""
+
+    place: float
+    state: State
+    #: The tangent there; where it jumps, that of the unstable side.
+    stiffness: csr_matrix
+    #: What jumps; empty if the measure is continuous.
+    kind: str = ""
+
+
+def root_of(piece: Piece, measure: Callable[[float], float]) -> Root | None:
+    """Where a function of the distance changes its sign; None if it only touches zero."""
+    first, last = piece.first, piece.length
+    if measure(first) * measure(last) > 0:
+        if piece.kinked:
+            return _jump(piece, measure, 0.0, first, last)
+        first = -_BEFORE * piece.length  # the step starts at a limit point
+        if measure(first) * measure(last) > 0:
+            return None
+    near = _sign_change(measure, first, last, _PLACE * piece.length)
+    apart = -_APART * piece.length
+    if piece.model.flows and near + _STATES * apart < first:
+        apart = -apart  # nothing flows back
+    if not piece.kinked:
+        return _extrapolated(piece, measure, near, apart)
+    try:
+        return _extrapolated(piece, measure, near, apart, _SMOOTH * _PLACE * piece.length)
+    except StepFailed:
+        near = _sign_change(measure, first, last, _JUMP * piece.length)
+    beside = _BESIDE * piece.length
+    low, high = max(near - beside, first), min(near + beside, last)
+    sizes = [abs(measure(place)) for place in (first, last, low, high)]
+    if min(sizes[2:]) > _LARGE * max(sizes[:2]):
+        return _jump(piece, measure, near, low, high)
+    return _extrapolated(piece, measure, near, _CLOSE * apart)
+
+
+def _sign_change(
+    measure: Callable[[float], float], first: float, last: float, exact: float
+) -> float:
+    # Imported here: most paths have no critical point, and the import takes time.
+    from scipy.optimize import brentq
+
+    def value_or_zero(distance: float) -> float:
+        try:
+            return measure(distance)
+        except StepFailed as failure:
+            if failure.kind != "singular":
+                raise
+            return 0.0  # the point itself
+
+    return float(brentq(value_or_zero, first, last, xtol=exact))
+
+
+def _jump(
+    piece: Piece, measure: Callable[[float], float], place: float, low: float, high: float
+) -> Root:
+    """Where a measure jumps between two distances."""
+    unstable = low if measure(low) < 0 else high
+    K, kind = piece.stiffness(unstable), piece.kind_of_jump(low, high)
+    state = None if piece.model.flows or kind == "flow" else piece.switched(low, high)
+    return Root(place, piece.at(place) if state is None else state, K, kind)
+
+
+def _extrapolated(
+    piece: Piece,
+    measure: Callable[[float], float],
+    near: float,
+    apart: float,
+    farthest: float = np.inf,
+) -> Root:
+    """The root near a distance, from states that are so far apart, on one side of it.
+
+    StepFailed if it is not as near as that.
+    """
+    # There sorted eigenvalues are smooth, also if several vanish at once.
+    distances = near + apart * np.arange(1, _STATES + 1)
+    values = np.array([measure(distance) for distance in distances])
+    scaled = (distances - near) / apart
+    place = _root_near(scaled, values)
+    if not abs(place * apart) <= min(_STATES * abs(apart), farthest):
+        raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1), [])
+    weights = _weights(scaled, place)
+    state = _combined([piece.at(distance) for distance in distances], weights)
+    if piece.model.flows:
+        tangents = [piece.stiffness(distance) for distance in distances]
+        K = sum(w * K for w, K in zip(weights, tangents, strict=True))
+    else:
+        K = piece.stiffness_of(state)
+    return Root(near + place * apart, state, K)
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def _root_near(places: np.ndarray, values: np.ndarray) -> float:
+    """Root near zero of the polynomial through values at places; not finite if it has none."""
+    polynomial = np.polynomial.Polynomial(
+        np.linalg.solve(np.vander(places, increasing=True), values)
+    )
+    slope, root = polynomial.deriv(), 0.0
+    for _ in range(20):
+        root -= float(polynomial(root) / slope(root))
+    return root
+
+
+def _weights(places: np.ndarray, place: float) -> np.ndarray:
+    """Weights of values at places in that of their polynomial at another place."""
+    powers = place ** np.arange(len(places), dtype=float)
+    return np.linalg.solve(np.vander(places, increasing=True).T, powers)
+
+
+def _combined(states: list[State], weights: np.ndarray) -> State:
+    """The state whose arrays are sums of those of others."""
+    values: dict[str, object] = {}
+    for name in (*ARRAYS, *NUMBERS, "motors"):
+        parts = [getattr(state, name) for state in states]
+        if parts[0] is not None:
+            values[name] = sum(w * part for w, part in zip(weights, parts, strict=True))
+    values["t"] = float(values["t"])  # type: ignore[arg-type]
+    return replace(states[0], **values, negative_eigenvalues=None)  # type: ignore[arg-type]
