@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,8 @@ _MOST = 80
 # A kept preconditioner is made anew when it needs so many times the iterations of a new one, and
 # some more.
 _WORN, _MORE = 2, 6
-# Change of an entry of a part's diagonal, as by steps of another length, after which residuals in the
-# norm of a kept preconditioner say little about the solution.
+# Change of an entry of a part's diagonal, as by steps of another length, after which residuals in
+# the norm of a kept preconditioner say little about the solution.
 _CHANGED = 1e4
 #: Unknowns in a block, those of a node: blocks are factorised and substituted twice as fast.
 BLOCK = 3
@@ -52,8 +53,8 @@ class LinearSystem:
         PETSc = petsc()
         own, first = int(counts[world().rank]), int(counts[: world().rank].sum())
         self._places = np.arange(first, first + own)
-        #: How it is solved, and how often with how many iterations.
-        self.kind, self.solutions, self.iterations = kind, 0, 0
+        #: How it is solved.
+        self.kind = kind
         self._sizes = own, int(counts.sum())
         self._comm = PETSc.COMM_WORLD
         self._b = PETSc.Vec().createMPI(self._sizes, comm=self._comm)
@@ -99,42 +100,58 @@ class LinearSystem:
         self._matrix.setISLocalMat(self._own)
         self._new = 0
 
-    def solve(self, values: np.ndarray, more: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def solve(
+        self, values: np.ndarray, more: np.ndarray, b: np.ndarray
+    ) -> tuple[np.ndarray, str, int]:
         """Own unknowns, for values of the part and of the other entries; all processes at once.
 
-        Not finite if the system cannot be solved.
+        Not finite if the system cannot be solved. Also how it was solved, in how many iterations.
         """
         values = np.concatenate([values, more, self._ones])
         self._entries[:] = np.bincount(self._at, values, len(self._entries))
+        kept = self._is_kept()  # first of all: processes wait for each other, and signals arrive
         self._own.stateIncrease()
         self._matrix.assemble()
         self._b.setArray(b)
-        if self._is_kept() and self._run():
-            return self._x.getArray().copy()
+        if not ((kept and self._run()) or self._renewed()):
+            self._new = 0
+            return np.full(self._sizes[0], np.nan), self.kind, self._last
+        return self._x.getArray().copy(), self.kind, self._last
+
+    def _renewed(self) -> bool:
+        """Whether a new preconditioner solves the system."""
         for kind in dict.fromkeys([self.kind, "MUMPS"]):
             self.kind = kind
             self._precondition()
             if self._run() and (self._last <= _MOST or kind == "MUMPS"):
                 self._new = self._last
-                return self._x.getArray().copy()
-        self._new = 0
-        return np.full(self._sizes[0], np.nan)
+                return True
+        return False
 
     def _is_kept(self) -> bool:
         """Whether the last preconditioner still serves."""
-        if not self._new or self._last > _WORN * self._new + _MORE:
-            return False
-        now, was = self._entries[self._diagonal], self._was
-        alike = (abs(now) <= _CHANGED * abs(was)) & (abs(was) <= _CHANGED * abs(now))
-        return world().allreduce(int(alike.all())) == world().size
+        alike = False
+        if self._new and self._last <= _WORN * self._new + _MORE:
+            now, was = abs(self._entries[self._diagonal]), abs(self._was)
+            alike = bool(((now <= _CHANGED * was) & (was <= _CHANGED * now)).all())
+        return world().allreduce(int(alike)) == world().size
 
     def _run(self) -> bool:
         """Whether GMRES finds the solution."""
-        self._ksp.solve(self._b, self._x)
+        self._released("KSPSolve", self._ksp, self._b, self._x)
         self._last = max(self._ksp.getIterationNumber(), 1)
-        self.iterations += self._last
-        self.solutions += 1
         return self._ksp.getConvergedReason() > 0
+
+    @staticmethod
+    def _released(name: str, *objects: Any) -> None:
+        """Call a function of PETSc and let signals arrive meanwhile: petsc4py keeps Python's lock.
+
+        Here a process waits for another one, which may have been killed.
+        """
+        PETSc = petsc()
+        function = ctypes.CDLL(PETSc.__file__)[name]
+        if code := function(*(ctypes.c_void_p(one.handle) for one in objects)):
+            raise PETSc.Error(code)
 
     def _precondition(self) -> None:
         """Make the preconditioner of the present tangent."""
@@ -159,9 +176,9 @@ class LinearSystem:
         ksp.setTolerances(atol=0.0, divtol=1e30, max_it=2 * _MOST)
         ksp.setOperators(self._matrix, self._assembled)
         ksp.setFromOptions()
-        ksp.setUp()
+        self._released("KSPSetUp", ksp)
         if self.kind == "Schwarz":
-            ksp.setUpOnBlocks()
+            self._released("KSPSetUpOnBlocks", ksp)
         ksp.getPC().setReusePreconditioner(True)
         for name in ours:
             options.delValue(name)

@@ -70,19 +70,15 @@ class Part:
         assert self._system is not None
         self._system.set_pattern(self._unknowns, rows, indices, more)
 
-    def solve(self, more: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def solve(self, more: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, str, int]:
         """Its own unknowns from its own right-hand side; all processes at once.
 
-        `more` are the values of the entries that were added.
+        `more` are the values of the entries that were added. Also how the system was solved, and
+        in how many iterations.
         """
         assert self._system is not None
         self._equations.fill_tangent(self._r, self._values)
         return self._system.solve(self._values, more, b)
-
-    def effort(self) -> tuple[str, int, int]:
-        """How the system is solved, and the numbers of solutions and of iterations so far."""
-        assert self._system is not None
-        return self._system.kind, self._system.solutions, self._system.iterations
 
     def memory(self) -> float:
         """The largest memory of its process so far [GB]."""

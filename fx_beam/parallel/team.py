@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import pickle
+import queue
 import signal
 import sys
+import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +21,15 @@ from .own_functions import packed
 
 # Longest time between two looks for a message [s]; the first ones follow each other at once.
 _PAUSE, _AT_ONCE = 1e-3, 200
+# How long the first process waits for the others when mpirun ends them [s].
+_PATIENCE = 0.2
+# How long after an error of one process the others may take, of which some may wait for it [s]; and
+# the tag of its message.
+_ALONE, _FAILED = 10.0, 1
+_LOST = (
+    "fx_beam: a process does not answer, and mpirun ends all of them. The first one has about a "
+    "second to save the steps so far"
+)
 _REFUSED = (
     "on several processes functions of your own in sections are sent to all, but one of these "
     "cannot be: {}. Let it use numbers, functions and modules only, or compute on one process, "
@@ -36,6 +47,12 @@ class Team:
         self._made = 0
         self._left: list[int] = []
         self._busy, self._waiting = False, False
+        #: Whether mpirun ends all processes, and whether one of them has not answered since.
+        self._ending, self.lost = False, False
+        self._own_error: Exception | None = None
+        self._asked, self._found = queue.SimpleQueue[Any](), queue.SimpleQueue[list]()
+        self._thread = threading.Thread(target=self._exchange, daemon=True)
+        self._thread.start()
 
     def make(self, make: Callable, arguments: Sequence[tuple]) -> Crew:
         """Make an object on each process, by a function of a module."""
@@ -53,19 +70,51 @@ class Team:
         self._left.append(number)
 
     def _all(self, messages: Sequence[tuple]) -> list:
+        if self.lost:
+            raise SceneError("the other processes of mpirun have failed: start the script again")
         left, self._left = self._left, []
         packed = [_packed((left, *what)) for what in messages[1:]]
         with self._in_step():
-            for rank in range(1, self.size):
-                self._comm.send(packed.pop(0), rank)
-            own = answer(self._objects, lambda: (left, *messages[0]))
-            found = [own, *(_received(self._comm, rank) for rank in range(1, self.size))]
+            self._asked.put((packed, lambda: (left, *messages[0])))
+            found = self._wait()
         for rank, (error, _) in enumerate(found):
             if error is not None:
                 if rank:
                     error.add_note(f"fx_beam: on process {rank} of {self.size}")
                 raise error
         return [value for _, value in found]
+
+    def _exchange(self) -> None:
+        """In a thread, so that signals arrive: do what is asked, while the others do the same."""
+        while (asked := self._asked.get()) is not None:
+            packed, own = asked
+            for rank in range(1, self.size):
+                self._comm.send(packed.pop(0), rank)
+            found = [answer(self._objects, own)]
+            self._own_error = found[0][0]
+            found += [_received(self._comm, rank) for rank in range(1, self.size)]
+            self._own_error = None
+            self._found.put(found)
+            del asked, packed, own, found
+
+    def _wait(self) -> list:
+        """What all found. KeyboardInterrupt if mpirun ends them, and one does not answer."""
+        failed_at = None
+        while True:
+            try:
+                return self._found.get(timeout=_PATIENCE)
+            except queue.Empty:
+                if self._ending:
+                    self.lost = True
+                    stop = KeyboardInterrupt()
+                    stop.add_note(_LOST)
+                    raise stop from None
+            if self._own_error is None and not self._comm.iprobe(tag=_FAILED):
+                continue
+            failed_at = failed_at or time.monotonic()
+            if time.monotonic() - failed_at > _ALONE:
+                self.lost = True
+                raise self._own_error or self._comm.recv(tag=_FAILED)[0]
 
     @contextmanager
     def _in_step(self) -> Iterator[None]:
@@ -86,8 +135,19 @@ class Team:
         else:
             raise KeyboardInterrupt
 
+    def terminate(self, *arguments: Any) -> None:
+        """Take the end by mpirun, which comes a second later: as Ctrl-C."""
+        self._ending = True
+        handler = signal.getsignal(signal.SIGINT)
+        if callable(handler):
+            handler(*arguments)
+
     def close(self) -> None:
         """Let the others end."""
+        if self.lost:
+            self._comm.Abort(1)
+        self._asked.put(None)
+        self._thread.join()
         for rank in range(1, self.size):
             self._comm.send(None, rank)
 
@@ -120,19 +180,19 @@ def led() -> Iterator[None]:
     """On the first process: lead the others while the script runs."""
     team = Team()
     signal.signal(signal.SIGINT, team.interrupt)
-    signal.signal(signal.SIGTERM, _as_ctrl_c)  # mpirun sends it after Ctrl-C
+    # mpirun sends it after Ctrl-C, and when a process is lost.
+    signal.signal(signal.SIGTERM, team.terminate)
     _TEAM.append(team)
     try:
         yield
+    except BaseException:
+        if team.lost:  # its end is that of all processes
+            traceback.print_exc()
+            sys.stderr.flush()
+        raise
     finally:
         _TEAM.pop()
         team.close()
-
-
-def _as_ctrl_c(*arguments: Any) -> None:
-    handler = signal.getsignal(signal.SIGINT)
-    if callable(handler):
-        handler(*arguments)
 
 
 def follow() -> None:
@@ -142,7 +202,8 @@ def follow() -> None:
     comm, objects = world(), dict[int, Any]()
     try:
         while (message := _received(comm, 0)) is not None:
-            comm.send(_sendable(answer(objects, partial(pickle.loads, message))), 0)
+            answered = _sendable(answer(objects, partial(pickle.loads, message)))
+            comm.send(answered, 0, 0 if answered[0] is None else _FAILED)
     except BaseException:
         traceback.print_exc()
         sys.stderr.flush()

@@ -14,6 +14,7 @@ from fx_beam.fem.mpi import petsc
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Balance, Equations
 from fx_beam.model.model import Model
+from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.sliders import sliding_joints
@@ -51,7 +52,8 @@ def _check(model: Model) -> None:
 
 def share(team: Team, single: SingleStep) -> None:
     """Let all processes evaluate and solve the equations of steps."""
-    single.use(WholeEquations(team, single.model, single.forcing), PartedSolver())
+    equations = WholeEquations(team, single.model, single.forcing)
+    single.use(equations, PartedSolver(single.stats))
 
 
 @contextmanager
@@ -79,6 +81,8 @@ class WholeEquations(Equations):
         division = divided(model, team.size)
         self._shares, self._numbers = division.shares, division.numbers
         self._ends = np.cumsum(division.counts)
+        #: Number of processes.
+        self.size = team.size
         own = model.scheme, forcing.time
         self._crew = team.make(Part, [(share, *own) for share in self._shares])
         for share in self._shares:
@@ -200,19 +204,18 @@ class WholeEquations(Equations):
 
     # -- The linear system ------------------------------------------------------------------------
 
-    def solve(self, b: np.ndarray) -> np.ndarray:
-        """Solution (free,) for the reduced tangent; not finite if it is singular."""
+    def solve(self, b: np.ndarray) -> tuple[np.ndarray, str, int]:
+        """Solution (free,) for the reduced tangent; not finite if it is singular.
+
+        Also how it was found, and in how many iterations.
+        """
         more = self._of_points()
         right = np.zeros(self._ends[-1])
         right[self._numbers] = b
-        own = np.split(right, self._ends[:-1])
-        none = np.empty(0)
-        found = self._crew("solve", [(more if not i else none, of) for i, of in enumerate(own)])
-        return np.concatenate(found)[self._numbers]
-
-    def effort(self) -> tuple[str, int, int]:
-        """How the system is solved, and the numbers of solutions and of iterations so far."""
-        return self._crew("effort")[0]
+        own, none = np.split(right, self._ends[:-1]), np.empty(0)
+        given = [(more if not i else none, of) for i, of in enumerate(own)]
+        found, kinds, counts = zip(*self._crew("solve", given), strict=True)
+        return np.concatenate(found)[self._numbers], kinds[0], counts[0]
 
     def memory(self) -> list[float]:
         """The largest memory of each process so far [GB]."""
@@ -222,9 +225,15 @@ class WholeEquations(Equations):
 class PartedSolver:
     """In the place of `LinearSolver`: the parts solve together."""
 
+    def __init__(self, stats: Stats):
+        self._stats = stats
+
     def solve(self, equations: WholeEquations, r: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Solution (free,) for the reduced tangent; not finite if it is singular."""
-        return equations.solve(b)
+        x, kind, iterations = equations.solve(b)
+        self._stats.krylov_iterations += iterations
+        self._stats.solver = f"PETSc on {equations.size} processes, {kind}"
+        return x
 
     def negative_eigenvalues(self) -> None:
         """Unknown: factors are those of parts, or of earlier tangents."""

@@ -143,13 +143,15 @@ class Stats:
     level : float
         Level of the step at which forces are evaluated: 0.5 is its middle, 1 its end.
     solver : str
-        Name of the linear solver.
+        Name of the linear solver; on several processes with the preconditioner of the last system.
     unknowns : int
         Number of free degrees of freedom.
     steps : int
         Completed steps of the time grid.
     newton_iterations : int
         Newton iterations in all, failed attempts not counted.
+    krylov_iterations : int
+        On several processes: iterations of all linear systems, those of failed steps included.
     halvings : int
         How often a step failed and was halved.
     substeps : int
@@ -214,6 +216,7 @@ class Stats:
     unknowns: int
     steps: int = 0
     newton_iterations: int = 0
+    krylov_iterations: int = 0
     halvings: int = 0
     substeps: int = 0
     too_large: int = 0

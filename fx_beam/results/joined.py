@@ -18,7 +18,7 @@ from .histories import HISTORIES
 # Statistics that add up.
 _SUMS = (
     *("steps", "newton_iterations", "halvings", "substeps", "too_large", "inverted"),
-    *("amplified", "rejected", "seconds", "setup_seconds"),
+    *("amplified", "rejected", "seconds", "setup_seconds", "krylov_iterations"),
 )
 
 
