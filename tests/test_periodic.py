@@ -12,6 +12,7 @@ from test_sliding_derivatives import hanging
 
 import fx_beam as fb
 from fx_beam.fem.pulled_form import PulledForm, WorkOnWeights
+from fx_beam.orbits import mode_family
 from fx_beam.orbits.shooting import Shooting
 
 HARD = fb.Spring(stiffness=1.0, strain_energy=lambda x: x**4 / 4)
@@ -322,6 +323,18 @@ def test_the_response_to_small_loads_is_that_of_the_frequency_response():
     assert curve.stable.all() and curve.frequencies[[0, -1]] == pytest.approx([0.3, 0.5])
 
 
+def test_motions_that_are_tiny_beside_the_scene_are_found():
+    def response(load):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, retardation=5e-3)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, lambda t: (0.0, load * math.cos(0.8 * math.pi * t)))
+        return fb.periodic(scene, period=2.5, steps=41).amplitude(beam.end) / load
+
+    assert response(1e-8) == pytest.approx(response(1e-5), rel=1e-6)
+
+
 def test_a_forced_response_passes_folds_between_which_it_is_unstable():
     def build(f):
         scene, build.body = duffing(0.1, lambda t: 0.3 * math.cos(2 * math.pi * f * t))
@@ -487,6 +500,13 @@ def test_what_is_unclear_or_unsuitable_is_refused(options, message):
         fb.periodic(scene, **options)
 
 
+def test_an_amplitude_that_the_family_of_a_mode_does_not_reach_is_refused(monkeypatch):
+    monkeypatch.setattr(mode_family, "_FAR", 12)
+    scene, two = two_bodies()  # its amplitude turns back at 1.28 m
+    with pytest.raises(RuntimeError, match="nor does the family of the mode come to it"):
+        fb.periodic(scene, mode=1, amplitude=1.5, state=fb.static(scene), steps=41)
+
+
 def test_what_takes_energy_from_free_motions_is_refused():
     scene, _ = pinned(10.0, elements=1)
     with pytest.raises(fb.SceneError, match="EnergyDecaying.* takes energy from a free motion"):
@@ -507,7 +527,7 @@ def test_the_period_must_be_that_of_the_loads():
 
 def test_a_free_motion_that_loses_energy_does_not_repeat_itself():
     scene, _ = duffing(0.1)
-    with pytest.raises(RuntimeError, match="no periodic motion"):
+    with pytest.raises(RuntimeError, match="there is none if energy is lost"):
         fb.periodic(scene, mode=0, amplitude=1.0, steps=21)
 
 

@@ -19,6 +19,8 @@ _DAMPED, _LESS, _MORE = 0.1, 0.1, 10.0
 _ROUNDING = 1e-13
 # Growth of changes in a period above which they say nothing about the next state.
 _USEFUL = 1e9
+# Gaps that are round-off, and motions in which it counts, in units of the scene.
+_LOST, _TINY = 1e-14, 1e-4
 # Largest change of the parameter's logarithm in an iteration.
 _FAR = 3.0
 
@@ -146,31 +148,51 @@ def close(
             rows = [c.slopes(period, found.by) for c in conditions]
             matrix = np.vstack([found.matrix, *rows])
             gap = np.append(period.gap, errors(period))
-            if now <= tolerance:
+            if now <= max(tolerance, _LOST / period.size):
                 return Closed(period, found.by, *found.slopes, found.matrix, iteration)
-        step = _damped_step(matrix, gap, damping)
+        solve = _damped(matrix, damping)
+        step = solve(gap)
         try:
             if abs(step[-1]) > _FAR:
                 raise NotClosed("the period changes too much")
             moved = shooting.moved(period.start, found.by, step[:-1])
             after = shooting.run(moved, period.parameter * np.exp(step[-1]))
             then = cost(after)
+            left = solve(np.append(after.gap, errors(after)))
+            # In stiff scenes the gap may grow on the way to a solution, what is left of steps not.
+            better = bool(np.linalg.norm(left) < np.linalg.norm(step))
         except (StepError, NotClosed):
-            then = np.inf
-        if then < now:
+            better = False
+        if better:
             period, now, found, damping = after, then, None, _LESS * damping
         else:
             damping = _MORE * max(damping, 1e-8)
         if damping > 1e6:
             break
+    advice = ""
+    if period.size < _TINY:
+        advice = (
+            f". The motion is only {period.size:.1e} of the size of the scene, so that round-off "
+            f"counts: try tolerance = {10 * now:.0e}, or larger loads"
+        )
     raise NotClosed(
         f"{shooting.what}: no periodic motion was found in {iteration + 1} iterations: the state "
-        f"after a period is still {now:.1e} of the motion away from that before"
+        f"after a period is still {now:.1e} of the motion away from that before{advice}"
     )
 
 
-def _damped_step(matrix: np.ndarray, gap: np.ndarray, damping: float) -> np.ndarray:
+def _damped(matrix: np.ndarray, damping: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Gives the step for a gap."""
     n = matrix.shape[1]
     damped = np.vstack([matrix, damping * np.eye(n)])
-    right = -np.append(gap, np.zeros(n))
-    return scipy.linalg.lstsq(damped, right, cond=_ROUNDING, lapack_driver="gelsy")[0]
+    Q, R, order = scipy.linalg.qr(damped, mode="economic", pivoting=True)
+    sizes = abs(np.diag(R))
+    rank = np.count_nonzero(sizes > _ROUNDING * sizes[0])
+
+    def solve(gap: np.ndarray) -> np.ndarray:
+        step = np.zeros(n)
+        right = -gap @ Q[: len(gap), :rank]
+        step[order[:rank]] = scipy.linalg.solve_triangular(R[:rank, :rank], right)
+        return step
+
+    return solve

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Iterator
 
@@ -16,9 +17,10 @@ from .shooting import Directions, Period, Shooting
 
 # Longest motion, in periods of a mode, in which its period with an amplitude is looked for.
 _LONGEST = 1.6
-# Iterations before the family is followed, and the part of the amplitude with which it begins;
-# the largest number of motions on the way.
-_PATIENCE, _SMALL, _FAR = 25, 0.05, 60
+# Iterations before the family is followed, and the largest number of motions on the way; parts of
+# the amplitude with which it may begin.
+_PATIENCE, _FAR = 25, 60
+_SMALL = 0.05, 0.005, 0.0005
 # Largest speed at the start, relative to that of a vibration with the amplitude.
 _AT_REST = 0.01
 #: Longest step along a family, relative to the size of its motions.
@@ -84,13 +86,28 @@ class ModeFamily:
         except (NotClosed, StepError):
             *_, last = itertools.islice(self.followed(STEP), _FAR)
             if abs(self._error(last)) > self._tolerance:
-                raise
+                raise NotClosed(
+                    f"{self._shooting.what}: no motion with this amplitude or energy was found, "
+                    f"nor does the family of the mode come to it in {_FAR} motions. See how far "
+                    "it goes by fx_beam.backbone, or use more steps"
+                ) from None
             return last
+
+    def _first(self) -> Closed:
+        """A motion of a small amplitude."""
+        for part in _SMALL:
+            little = part * self._amplitude
+            with contextlib.suppress(NotClosed, StepError):
+                return self._at(little, self._begin.holds(little))
+        raise NotClosed(
+            f"{self._shooting.what}: no motion of the mode with {_SMALL[-1]:g} of the amplitude "
+            "was found, with which its family begins: there is none if energy is lost. Else use "
+            "more steps"
+        )
 
     def followed(self, step: float) -> Iterator[Closed]:
         """Motions from a small amplitude on, up to the last one, by steps along the curve."""
-        begin, shooting, little = self._begin, self._shooting, _SMALL * self._amplitude
-        first = self._at(little, begin.holds(little))
+        begin, shooting, first = self._begin, self._shooting, self._first()
         yield first
         rows = shooting.rows_of(first.period.start) - shooting.rows_of(begin.rest)
         towards = np.append(rows / first.by.scale / first.period.size, 0.0)

@@ -70,7 +70,8 @@ def periodic(
     scheme : Scheme, optional
         Time scheme; `EnergyMomentum()` by default.
     tolerance : float
-        Largest distance of the states before and after the period, relative to the motion.
+        Largest distance of the states before and after the period, relative to the motion. Of
+        motions below 1e-5 of the scene it is 1e-14 of the scene, which is round-off.
     newton : NewtonOptions, optional
         Convergence criteria of the steps.
 
