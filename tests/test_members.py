@@ -132,6 +132,20 @@ def test_sliding_from_segment_to_segment_and_over_ends_keeps_them(dt):
     assert solution.stats.halvings == 0
 
 
+def test_a_node_may_slide_by_most_of_an_element_in_a_step():
+    scene = fb.Scene(gravity=(0, -9.81))
+    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=100)
+    above = scene.add_beam([(0.21, 0.1005), (0.81, 0.1005)], SECTION, elements=5)
+    scene.clamp(below.start)
+    scene.clamp(below.end)
+    scene.add_contact(above, below, stiffness=1e4, radius=0.05)
+    scene.set_velocity(above, (4.0, -0.1))
+    solution = fb.simulate(scene, dt=4e-3, t_end=0.2)
+    assert solution.stats.halvings == 0
+    assert solution.energy.springs.max() > 1e-3
+    assert abs(solution.energy.balance_error).max() < 1e-12 * solution.energy.kinetic[0]
+
+
 def test_a_member_touches_itself_and_not_its_neighbours():
     scene, contact = hairpin()
     solution = fb.simulate(scene, dt=1e-3, t_end=0.4)

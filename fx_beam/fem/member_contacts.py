@@ -32,7 +32,7 @@ from .mesh import Mesh
 # Entries of a touch, slots of memory of a point's friction, and numbers in each (member_contact.h).
 _ENTRIES, _SLOTS, _IN_SLOT = 10, 2, 3
 # What `MemberContacts.check` finds.
-FINE, MOVED, PASSED = range(3)
+FINE, MOVED, PASSED, SLID = range(4)
 
 
 class Touching(NamedTuple):
@@ -309,7 +309,7 @@ class MemberContacts:
         return scipy.sparse.csr_matrix(entries, (size, size))
 
     def check(self, D: np.ndarray) -> int:
-        """What is wrong at the end of a step: FINE, MOVED (search wider) or PASSED (a member)."""
+        """What is wrong at the end of a step: FINE, MOVED or SLID (too far), PASSED (a member)."""
         return int(self._c.fx_check_members(self._all, self._of(D)))
 
     def forces(self) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.algebra.sparse_lu import LU, sparse_lu
-from fx_beam.fem.member_contacts import FINE, MOVED, PASSED
+from fx_beam.fem.member_contacts import FINE, MOVED, PASSED, SLID
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Balance, Equations
 from fx_beam.model.model import Model
@@ -305,7 +305,7 @@ class Newton:
         """Reject a step in which a point passes a member, or comes near more than were found."""
         members = self.model.points.members
         state = FINE if members is None else members.check(D)
-        if state == MOVED:
+        if state in (MOVED, SLID):
             reason = "points move further in contact with members than half an element"
             raise StepFailed("members", reason, D, residuals)
         if state == PASSED:

@@ -1,5 +1,5 @@
-/* Sparse rows whose pattern changes with the points that are near members: an order of minimum degree, and the
-   fill-in, found anew when the touches change. */
+/* Sparse rows whose pattern changes with the points that touch members: an order of minimum degree, and the
+   fill-in, found anew when there are others. */
 
 #pragma once
 
@@ -28,13 +28,27 @@ static void add_once(IntList *list, int value) {
   add_to(list, value);
 }
 
-/* The unknowns on which a touch acts: for each of its entries those of its degree of freedom. */
+/* Steps within which a touch that closes may do so with the same pattern. */
+static const double SOON = 4;
+
+/* Chooses the touches that the pattern has: those with a force, and those that may soon have one. */
+static void count_touches(MemberContacts *m) {
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    const MemberContact *c = m->of + e->contact;
+    double rates[4][2], fastest = 0, dt = fabs(e->given[3 * c->sums + 1]);
+    differences(e, m->v, rates);
+    for (int k = 0; k < 4; ++k) fastest = fmax(fastest, dot2(rates[k], rates[k]));
+    e->counted = e->touching || e->distance - *number_of(c, e->point) < SOON * dt * sqrt(fastest);
+  }
+}
+
+/* The unknowns on which touches act: for each of their entries those of its degree of freedom. */
 static void find_entries(const Problem *p, ChangingRows *c) {
   const MemberContacts *m = p->points->members;
   c->entries = 0;
   for (int i = 0; i < m->touches; ++i) {
     c->work[i] = c->entries;
-    for (int k = 0; k < TOUCH_DOFS; ++k)
+    for (int k = 0; m->touch[i].counted && k < TOUCH_DOFS; ++k)
       for (int e = c->dof_start[m->touch[i].dof[k]]; e < c->dof_start[m->touch[i].dof[k] + 1]; ++e) {
         int column = c->dof_column[e];
         if (c->unknown_of[column] < 0) continue;
@@ -67,20 +81,21 @@ static void make_graph(const ChangingRows *c, int touches) {
 
 /* Groups in lists by their degree, but those that still wait for so many others. */
 typedef struct {
-  int *head, *next, *before, *mark, *waits;
+  int *head, *tail, *next, *before, *mark, *waits;
 } Degrees;
 
 static void take_out(Degrees *d, int g, int degree) {
   if (d->waits[g]) return;
   if (d->before[g] >= 0) d->next[d->before[g]] = d->next[g]; else d->head[degree] = d->next[g];
-  if (d->next[g] >= 0) d->before[d->next[g]] = d->before[g];
+  if (d->next[g] >= 0) d->before[d->next[g]] = d->before[g]; else d->tail[degree] = d->before[g];
 }
 
+/* Behind those of the same degree, so that several chains are eliminated in turns: the processor overlaps them. */
 static void put_in(Degrees *d, int g, int degree) {
   if (d->waits[g]) return;
-  d->next[g] = d->head[degree], d->before[g] = -1;
-  if (d->next[g] >= 0) d->before[d->next[g]] = g;
-  d->head[degree] = g;
+  int last = d->tail[degree];
+  d->before[g] = last, d->next[g] = -1, d->tail[degree] = g;
+  if (last >= 0) d->next[last] = g; else d->head[degree] = g;
 }
 
 /* Eliminates the groups in an order of minimum degree; ties come from the leaves of trees to the roots, and forces
@@ -88,10 +103,10 @@ static void put_in(Degrees *d, int g, int degree) {
    `position`. */
 static void eliminate_groups(const ChangingRows *c, int *position, int *room) {
   int n = c->groups, least = 0;
-  Degrees d = {room, room + n, room + 2 * n, room + 3 * n, room + 4 * n};
+  Degrees d = {room, room + n, room + 2 * n, room + 3 * n, room + 4 * n, room + 5 * n};
   memcpy(d.waits, c->waits, n * sizeof(int));
-  for (int g = 0; g < n; ++g) d.head[g] = -1, d.mark[g] = -1;
-  for (int g = n - 1; g >= 0; --g) put_in(&d, g, c->near_to[g].count);
+  for (int g = 0; g < n; ++g) d.head[g] = d.tail[g] = d.mark[g] = -1;
+  for (int g = 0; g < n; ++g) put_in(&d, g, c->near_to[g].count);
   for (int k = 0, stamp = 0; k < n; ++k) {
     while (d.head[least] < 0) ++least;
     int g = d.head[least];
@@ -202,14 +217,23 @@ static int worth_of(const Problem *p, const ChangingRows *c) {
   return worth >= c->least_worth ? worth : 0;
 }
 
-/* Finds the pattern for the present touches, if they have changed. */
+/* Whether the pattern has all touches with a force. */
+static int has_touches(const ChangingRows *c, const MemberContacts *m) {
+  if (c->searches != m->searches) return 0;
+  for (const Touch *e = m->touch; e < m->touch + m->touches; ++e)
+    if (e->touching && !e->counted) return 0;
+  return 1;
+}
+
+/* Finds the pattern for the present touches, if it lacks one. */
 static void change_rows(Problem *p) {
   ChangingRows *c = p->changing;
-  const MemberContacts *m = p->points->members;
-  if (c->searches == m->searches) return;
-  c->searches = m->searches;
+  MemberContacts *m = p->points->members;
+  if (has_touches(c, m)) return;
+  c->searches = m->searches, ++c->found;
+  count_touches(m);
   int n = c->groups;
-  ROOM(c->work, 8L * n + m->touches + 8);
+  ROOM(c->work, 9L * n + m->touches + 8);
   if (!c->near_to) c->near_to = calloc(n, sizeof(IntList));
   find_entries(p, c);
   make_graph(c, m->touches);

@@ -37,10 +37,11 @@ typedef struct {
   int contact, point, piece, dof[TOUCH_DOFS];
   int begins, ends, touching; /* whether the pieces reach the ends of the member; whether there is a force */
   int slot;                   /* of its friction, or -1 */
-  int left;                   /* whether the nearest point has left the two pieces */
+  int left, leans;            /* whether the nearest point has left the two pieces; to which side they should go */
+  int counted;                /* whether the pattern of the tangent has it */
   double start[5][2];         /* at the start of the step: the point, then arms to the four nodes */
-  double place, weights[4], slopes[4]; /* the nearest point at the start */
-  double end;                 /* its place at the end */
+  double place, distance, weights[4], slopes[4]; /* the nearest point at the start */
+  double end, seen;           /* its place at the end; its place along the member where it was last followed */
   double sums[4][4];          /* weights of the sums of arms */
   double given[TOUCH_GIVEN], results[TOUCH_RESULTS], tangent[TOUCH_DOFS * TOUCH_DOFS];
 } Touch;
@@ -54,20 +55,21 @@ typedef struct {
   int wide;                 /* whether the next search must have a larger margin */
   int slots, first_internal; /* of friction; where they begin among all internal variables */
   struct { int *taken; };    /* [slots] whether a touch has it */
-  struct { double *searched_at, *v, *product, *memory; }; /* [dofs]: configuration of the last search, room;
-                                                             slots at the start of the step */
+  /* [dofs]: configurations of the last search and of the start of the step, rates there, room; its slots */
+  struct { double *searched_at, *q, *v, *product, *memory; };
   struct { Touch *touch; }; /* [room] */
   int touches, room;
   struct { double *slopes; }; /* derivatives of all touches, where they are needed (member_derivatives.h) */
   long slope_room;
-  /* The cells of a search: where the nodes in each begin, and the nodes. */
+  /* The cells of a search: where the nodes in each begin, the nodes, and their places. */
   struct { int *cell_start, *cell_node, *cell_of; };
+  struct { double *node_at; };
   long cells_room, nodes_room;
 } MemberContacts;
 
-/* What is wrong at the end of a step: nothing, points have moved further than was searched, or a point has
-   passed through a member. */
-enum { MEMBERS_FINE, MEMBERS_MOVED, MEMBERS_PASSED };
+/* What is wrong at the end of a step: nothing, points have moved further than was expected, a point has passed through
+   a member, or has moved further along one than its touch can. */
+enum { MEMBERS_FINE, MEMBERS_MOVED, MEMBERS_PASSED, MEMBERS_SLID };
 
 void fx_free_members(MemberContacts *m);
 void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,

@@ -10,11 +10,14 @@
    to the radii; least arm at the end of a step in the direction of that at its start. */
 static const double SPARE = 1.5, LASTS = 8, LEAST_MARGIN = 1e-3;
 
+/* Pieces along which a touch follows its nearest point, from one step to the next. */
+enum { MOST_PIECES = 4 };
+
 static void *grown(void *old, long count, long size) { return realloc(old, count * size); }
 
 void fx_free_members(MemberContacts *m) {
-  free(m->searched_at), free(m->v), free(m->product), free(m->touch), free(m->taken), free(m->memory);
-  free(m->cell_start), free(m->cell_node), free(m->cell_of), free(m->slopes);
+  free(m->searched_at), free(m->q), free(m->v), free(m->product), free(m->touch), free(m->taken), free(m->memory);
+  free(m->cell_start), free(m->cell_node), free(m->cell_of), free(m->node_at), free(m->slopes);
 }
 
 static inline void position(const double *reference, const int *dof, const double *q, double *out) {
@@ -74,12 +77,18 @@ typedef struct {
 
 static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *q, double reach) {
   Grid g = {{HUGE_VAL, HUGE_VAL}, 0, {1, 1}};
-  double high[2] = {-HUGE_VAL, -HUGE_VAL}, longest = 0, last[2], x[2];
+  double high[2] = {-HUGE_VAL, -HUGE_VAL}, longest = 0;
+  if (c->nodes > m->nodes_room) {
+    m->nodes_room = c->nodes;
+    m->cell_node = grown(m->cell_node, c->nodes, sizeof(int));
+    m->cell_of = grown(m->cell_of, c->nodes, sizeof(int));
+    m->node_at = grown(m->node_at, c->nodes, 2 * sizeof(double));
+  }
   for (int i = 0; i < c->nodes; ++i) {
+    double *x = m->node_at + 2 * i;
     node_at(c, i, q, x);
     for (int a = 0; a < 2; ++a) g.low[a] = fmin(g.low[a], x[a]), high[a] = fmax(high[a], x[a]);
-    if (i) longest = fmax(longest, hypot(x[0] - last[0], x[1] - last[1]));
-    last[0] = x[0], last[1] = x[1];
+    if (i) longest = fmax(longest, hypot(x[0] - x[-2], x[1] - x[-1]));
   }
   g.size = reach + longest / 2;
   /* No more cells than about four for each node. */
@@ -89,14 +98,9 @@ static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *q
   long cells = (long)g.count[0] * g.count[1];
   if (cells + 1 > m->cells_room)
     m->cell_start = grown(m->cell_start, m->cells_room = 2 * cells + 1, sizeof(int));
-  if (c->nodes > m->nodes_room) {
-    m->nodes_room = c->nodes;
-    m->cell_node = grown(m->cell_node, c->nodes, sizeof(int));
-    m->cell_of = grown(m->cell_of, c->nodes, sizeof(int));
-  }
   memset(m->cell_start, 0, (cells + 1) * sizeof(int));
   for (int i = 0; i < c->nodes; ++i) {
-    node_at(c, i, q, x);
+    const double *x = m->node_at + 2 * i;
     int column = (int)((x[0] - g.low[0]) / g.size), row = (int)((x[1] - g.low[1]) / g.size);
     m->cell_of[i] = row * g.count[0] + column;
     ++m->cell_start[m->cell_of[i] + 1];
@@ -107,26 +111,22 @@ static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *q
 }
 
 /* Visits a point where a piece is nearest to it, among those about it. */
-static void look_at(MemberContacts *m, int number, int i, const double *x, int node, const double *q,
-                    double reach, Visit *visit, void *with) {
+static void look_at(MemberContacts *m, int number, int i, const double *x, int node, double reach, Visit *visit,
+                    void *with) {
   const MemberContact *c = m->of + number;
   double r[3][2];
-  if (c->apart > 0 && fabs(c->arc[i] - c->arc[node]) < c->apart) return;
-  for (int k = 0; k < 3; ++k) {
-    int at = node - 1 + k;
-    if (at < 0 || at >= c->nodes) continue;
-    node_at(c, at, q, r[k]);
-    r[k][0] -= x[0], r[k][1] -= x[1];
-  }
   int begins = node == 0, ends = node == c->nodes - 1;
+  for (int k = begins; k < 3 - ends; ++k)
+    for (int a = 0; a < 2; ++a) r[k][a] = m->node_at[2 * (node - 1 + k) + a] - x[a];
+  if (!begins && grows_at_joint(r[0], r[1])) return;
+  if (!ends && !grows_at_joint(r[1], r[2])) return;
+  if (c->apart > 0 && fabs(c->arc[i] - c->arc[node]) < c->apart) return;
   for (int a = 0; a < 2; ++a) {
     if (begins) r[0][a] = 2 * r[1][a] - r[2][a];
     if (ends) r[2][a] = 2 * r[1][a] - r[0][a];
   }
   Piece piece = piece_of(r[0], r[1], r[2]);
   double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5;
-  if (!begins && grows_at_joint(r[0], r[1])) return;
-  if (!ends && !grows_at_joint(r[1], r[2])) return;
   double at = nearest_place(&piece, low, high), n[3], slope[3], arm[2] = {0, 0};
   piece_weights(at, n, slope);
   for (int k = 0; k < 3; ++k) arm[0] += n[k] * r[k][0], arm[1] += n[k] * r[k][1];
@@ -151,10 +151,16 @@ static void search(MemberContacts *m, const double *q, double margin, Visit *vis
           int cell = row * g.count[0] + column;
           int end = cell + 1 < g.count[0] * g.count[1] ? m->cell_start[cell + 2] : c->nodes;
           for (int k = m->cell_start[cell + 1]; k < end; ++k)
-            look_at(m, number, i, x, m->cell_node[k], q, reach, visit, with);
+            look_at(m, number, i, x, m->cell_node[k], reach, visit, with);
         }
     }
   }
+}
+
+static void set_pieces(const MemberContact *c, Touch *t, int piece) {
+  t->piece = piece, t->begins = piece == 0, t->ends = piece + 2 >= c->nodes, t->counted = 0;
+  for (int k = 0; k < 4; ++k)
+    memcpy(t->dof + 2 + 2 * k, c->node_dof + 2 * node_of(c, piece, k), 2 * sizeof(int));
 }
 
 static void add_touch(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
@@ -162,22 +168,39 @@ static void add_touch(MemberContacts *m, int contact, int point, int piece, doub
   if (m->touches == m->room) m->touch = grown(m->touch, m->room = 2 * m->room + 16, sizeof(Touch));
   Touch *t = m->touch + m->touches++;
   memset(t, 0, sizeof *t);
-  /* Two pieces, of which the nearest point is next to their joint. */
-  if ((x < 0 && piece > 0) || piece == c->nodes - 1) --piece;
-  t->contact = contact, t->point = point, t->piece = piece;
-  t->begins = piece == 0, t->ends = piece + 2 >= c->nodes;
+  t->contact = contact, t->point = point;
   memcpy(t->dof, c->point_dof + 2 * point, 2 * sizeof(int));
-  for (int k = 0; k < 4; ++k)
-    memcpy(t->dof + 2 + 2 * k, c->node_dof + 2 * node_of(c, piece, k), 2 * sizeof(int));
+  /* Two pieces, of which the nearest point is next to their joint. */
+  set_pieces(c, t, piece - ((x < 0 && piece > 0) || piece == c->nodes - 1));
 }
 
-/* The nearest point of the pieces of a touch in a configuration. */
-static NearPoint near_point(const MemberContacts *m, const Touch *t, const double *q) {
-  const MemberContact *c = m->of + t->contact;
-  double x[2], r[4][2];
-  point_at(c, t->point, q, x);
-  arms_at(c, t->piece, x, q, r);
-  return nearest_point(r, t->begins, t->ends);
+/* The nearest point of a touch in a configuration, from the piece on which it is then; `r` has its arms. */
+static NearPoint follow(const MemberContacts *m, Touch *e, const double *q, int *piece, double r[5][2]) {
+  const MemberContact *c = m->of + e->contact;
+  NearPoint near;
+  point_at(c, e->point, q, r[0]);
+  *piece = e->piece;
+  for (int k = 0; k <= MOST_PIECES; ++k) {
+    arms_at(c, *piece, r[0], q, r + 1);
+    near = nearest_point(r + 1, *piece == 0, *piece + 2 >= c->nodes);
+    e->seen = *piece + near.place;
+    if (!near.left) break;
+    *piece += near.left;
+  }
+  return near;
+}
+
+/* Whether a touch that has moved along its member may be one that there should not be: of a point with what is too
+   near to it along the same member, or one that another touch has. */
+static int is_lost(const MemberContacts *m, const Touch *e) {
+  const MemberContact *c = m->of + e->contact;
+  if (c->apart > 0 && fabs(c->arc[e->point] - c->arc[(int)(e->seen + 0.5)]) < c->apart) return 1;
+  for (int way = -1; way <= 1; way += 2)
+    for (const Touch *t = e + way; t >= m->touch && t < m->touch + m->touches; t += way) {
+      if (t->contact != e->contact || t->point != e->point) break;
+      if (fabs(t->seen - e->seen) < 0.5) return 1;
+    }
+  return 0;
 }
 
 static void find_touches(MemberContacts *m, const double *q, double margin) {
@@ -186,19 +209,10 @@ static void find_touches(MemberContacts *m, const double *q, double margin) {
   search(m, q, margin, add_touch, 0);
 }
 
-/* Whether the touches are all that there can be in a configuration, and their nearest points lie on their
-   pieces. */
-static int are_known(const MemberContacts *m, const double *q) {
-  if (!m->searches || 2 * largest_motion(m, q, m->searched_at, 1) > m->margin) return 0;
-  for (const Touch *t = m->touch; t < m->touch + m->touches; ++t)
-    if (near_point(m, t, q).left) return 0;
-  return 1;
-}
-
 static void allocate_members(MemberContacts *m) {
   if (m->searched_at) return;
   m->searched_at = calloc(m->dofs, sizeof(double)), m->v = calloc(m->dofs, sizeof(double));
-  m->product = calloc(m->dofs, sizeof(double));
+  m->q = calloc(m->dofs, sizeof(double)), m->product = calloc(m->dofs, sizeof(double));
   m->taken = calloc(m->slots + 1, sizeof(int)), m->memory = calloc(IN_SLOT * m->slots + 1, sizeof(double));
 }
 
@@ -225,6 +239,43 @@ static void begin_friction(MemberContacts *m, Touch *e, double *internal, double
   for (int i = 0; i < c->internal; ++i) internal[i] = e->slot < 0 ? 0 : m->memory[IN_SLOT * e->slot + 1 + i];
 }
 
+/* Whether the pieces of a touch can go to one side and still have its nearest point. */
+static int can_lean(double place, int way) { return place - way > -0.5 && place - way < 1.5; }
+
+/* The nearest points at the start of a step, which touches follow along their members; returns whether they are all
+   that there can be. */
+static int place_touches(MemberContacts *m, const double *q) {
+  int moved = 0;
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    int piece;
+    NearPoint near = follow(m, e, q, &piece, e->start);
+    if (near.left) return 0;
+    moved |= piece != e->piece;
+    if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
+    if (e->leans && can_lean(near.place, e->leans)) {
+      set_pieces(m->of + e->contact, e, piece + e->leans);
+      near = follow(m, e, q, &piece, e->start);
+    }
+    e->leans = 0, e->place = near.place, e->distance = near.distance;
+    memcpy(e->weights, near.weights, sizeof e->weights), memcpy(e->slopes, near.slopes, sizeof e->slopes);
+  }
+  for (const Touch *e = m->touch; moved && e < m->touch + m->touches; ++e)
+    if (is_lost(m, e)) return 0;
+  return 1;
+}
+
+/* What the law of a touch is given in the whole step. */
+static void begin_touch(MemberContacts *m, Touch *e, double t, double dt) {
+  const MemberContact *c = m->of + e->contact;
+  double *to = e->given + 3 * c->sums, *of_place = to + 2 + c->internal + c->remembered;
+  double *numbers = of_place + (c->internal ? 3 : 1);
+  e->slot = -1;
+  to[0] = t, to[1] = dt;
+  memset(to + 2, 0, (c->internal + c->remembered) * sizeof(double));
+  memcpy(numbers, number_of(c, e->point), c->numbers * sizeof(double));
+  if (c->internal) begin_friction(m, e, to + 2, numbers);
+}
+
 /* The start of a step: touches, and what does not change in it. */
 void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
                       const double *internal) {
@@ -233,25 +284,15 @@ void fx_begin_members(MemberContacts *m, const double *q, const double *v, doubl
   for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
   double wanted = fmax(2 * SPARE * LASTS * step, LEAST_MARGIN * least);
   m->moved = m->searches ? largest_motion(m, q, m->searched_at, 1) : 0;
-  if (m->wide || 2 * (m->moved + SPARE * step) > m->margin || !are_known(m, q))
+  if (!m->searches || m->wide || 2 * (m->moved + SPARE * step) > m->margin || !place_touches(m, q)) {
     find_touches(m, q, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
+    place_touches(m, q);
+  }
+  memcpy(m->q, q, m->dofs * sizeof(double));
   if (v) memcpy(m->v, v, m->dofs * sizeof(double));
   memset(m->taken, 0, m->slots * sizeof(int));
   if (m->slots) memcpy(m->memory, internal + m->first_internal, IN_SLOT * m->slots * sizeof(double));
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
-    const MemberContact *c = m->of + e->contact;
-    point_at(c, e->point, q, e->start[0]);
-    arms_at(c, e->piece, e->start[0], q, e->start + 1);
-    NearPoint near = nearest_point(e->start + 1, e->begins, e->ends);
-    e->place = near.place, e->slot = -1;
-    memcpy(e->weights, near.weights, sizeof e->weights), memcpy(e->slopes, near.slopes, sizeof e->slopes);
-    double *to = e->given + 3 * c->sums, *of_place = to + 2 + c->internal + c->remembered;
-    double *numbers = of_place + (c->internal ? 3 : 1);
-    to[0] = t, to[1] = dt;
-    memset(to + 2, 0, (c->internal + c->remembered) * sizeof(double));
-    memcpy(numbers, number_of(c, e->point), c->numbers * sizeof(double));
-    if (c->internal) begin_friction(m, e, to + 2, numbers);
-  }
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) begin_touch(m, e, t, dt);
 }
 
 /* Sums of vectors at the nodes, images included, with all kinds of weights. */
@@ -282,15 +323,19 @@ static double arc_at(const MemberContact *c, double place, double *slope) {
 /* Sets what the law of a touch is given at an increment; returns whether there may be a force. */
 static int move_touch(MemberContacts *m, Touch *e, const double *D) {
   const MemberContact *c = m->of + e->contact;
-  double change[4][2], end[4][2], radius = *number_of(c, e->point);
-  double (*start)[2] = e->start + 1, first[2] = {0, 0}, *internal = e->given + 3 * c->sums + 2;
+  double change[4][2], end[4][2], radius = *number_of(c, e->point), widest = 0;
+  double (*start)[2] = e->start + 1, *internal = e->given + 3 * c->sums + 2;
   differences(e, D, change);
+  e->touching = e->distance < radius, e->left = 0;
+  for (int i = 0; i < c->internal; ++i) e->touching |= internal[i] != 0;
+  /* The distance changes by no more than the arms do. */
+  for (int k = 0; k < 4; ++k) widest = fmax(widest, dot2(change[k], change[k]));
+  if (!e->touching && sqrt(widest) < e->distance - radius) return 0;
   for (int k = 0; k < 4; ++k)
-    for (int i = 0; i < 2; ++i) end[k][i] = start[k][i] + change[k][i], first[i] += e->weights[k] * start[k][i];
+    for (int i = 0; i < 2; ++i) end[k][i] = start[k][i] + change[k][i];
   NearPoint near = nearest_point(end, e->begins, e->ends);
   e->left = near.left, e->end = near.place;
-  e->touching = near.distance < radius || dot2(first, first) < radius * radius;
-  for (int i = 0; i < c->internal; ++i) e->touching |= internal[i] != 0;
+  e->touching |= near.distance < radius;
   if (!e->touching) return 0;
   double sums[4][4], rates[4][2], *of_place = internal + c->internal + c->remembered;
   int count = c->sums / 2;
@@ -390,21 +435,37 @@ void fx_times_members(const MemberContacts *m, const double *x, double *out) {
     }
 }
 
+/* Whether a point has passed through a member, after `move_touch`. */
+static int has_passed(const MemberContacts *m, const Touch *e) {
+  const double *start = e->given, *change = start + m->of[e->contact].sums;
+  double first[2], last[2];
+  for (int i = 0; i < 2; ++i) {
+    first[i] = start[i] - start[2 + i] / 2;
+    last[i] = start[i] + change[i] + (start[2 + i] + change[2 + i]) / 2;
+  }
+  return dot2(first, last) < 0;
+}
+
+/* Whether a point touches its member at the end of a step, beyond the pieces of its touch as well. */
+static int touches_beyond(const MemberContacts *m, Touch *e, const double *end) {
+  double r[5][2];
+  int piece;
+  return follow(m, e, end, &piece, r).distance < *number_of(m->of + e->contact, e->point);
+}
+
 int fx_check_members(MemberContacts *m, const double *D) {
+  int state = MEMBERS_FINE;
+  double *end = m->product;
   m->step = largest_motion(m, D, 0, 1);
   if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
+  for (int i = 0; i < m->dofs; ++i) end[i] = m->q[i] + D[i];
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
-    if (move_touch(m, e, D)) {
-      double *start = e->given, *change = start + m->of[e->contact].sums, first[2], last[2];
-      for (int i = 0; i < 2; ++i) {
-        first[i] = start[i] - start[2 + i] / 2;
-        last[i] = start[i] + change[i] + (start[2 + i] + change[2 + i]) / 2;
-      }
-      if (dot2(first, last) < 0) return MEMBERS_PASSED;
-    }
-    if (e->left && e->touching) return m->wide = 1, MEMBERS_MOVED;
+    if (move_touch(m, e, D) && has_passed(m, e)) return MEMBERS_PASSED;
+    if (!e->left || !(e->touching || touches_beyond(m, e, end))) continue;
+    if (!can_lean(e->place, e->left)) return MEMBERS_SLID;
+    e->leans = e->left, state = MEMBERS_MOVED;
   }
-  return MEMBERS_FINE;
+  return state;
 }
 
 /* Where the numbers of a point are among what its law is given. */
@@ -464,14 +525,22 @@ void fx_evolve_members(MemberContacts *m, const double *D, double *internal) {
 
 /* Calls a function with each point near its member, in any configuration. */
 static void visit_all(MemberContacts *m, const double *q, Visit *visit, void *with) {
+  double r[5][2];
+  int piece, moved = 0;
   allocate_members(m);
-  if (!are_known(m, q)) {
+  int known = m->searches && 2 * largest_motion(m, q, m->searched_at, 1) <= m->margin;
+  for (Touch *e = m->touch; known && e < m->touch + m->touches; ++e) {
+    known = !follow(m, e, q, &piece, r).left;
+    moved |= piece != e->piece;
+  }
+  for (const Touch *e = m->touch; known && moved && e < m->touch + m->touches; ++e) known = !is_lost(m, e);
+  if (!known) {
     search(m, q, 0, visit, with);
     return;
   }
-  for (const Touch *t = m->touch; t < m->touch + m->touches; ++t) {
-    NearPoint near = near_point(m, t, q);
-    visit(m, t->contact, t->point, t->piece, near.place, near.distance, with);
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    NearPoint near = follow(m, e, q, &piece, r);
+    visit(m, e->contact, e->point, piece, near.place, near.distance, with);
   }
 }
 

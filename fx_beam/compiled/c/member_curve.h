@@ -11,7 +11,8 @@
 #include <string.h>
 
 /* A point of two successive pieces: weights of four nodes, their slopes by the place, 1 / the second
-   derivative of half the squared distance (0 at an end of the member), the distance. */
+   derivative of half the squared distance (0 at an end of the member), the distance; at which of their ends
+   it has left them, -1 or 1. */
 typedef struct {
   double place, weights[4], slopes[4], per_rate, distance;
   int left;
@@ -87,7 +88,7 @@ static NearPoint nearest_point(double r[4][2], int begins, int ends) {
   for (int j = 0; j < 3; ++j) arm[0] += n[j] * r[k + j][0], arm[1] += n[j] * r[k + j][1];
   found.place = x + k, found.distance = sqrt(dot2(arm, arm));
   found.per_rate = inside ? 1 / rate_of_residual(&c, x) : 0;
-  found.left = (!k && !begins && x <= low) || (k && !ends && x >= high);
+  found.left = !k && !begins && x <= low ? -1 : k && !ends && x >= high ? 1 : 0;
   return found;
 }
 

@@ -206,8 +206,8 @@ static void find_transposed(const Problem *p) {
   ChangingRows *c = p->changing;
   const MemberContacts *m = p->points->members;
   long pairs = 0;
-  if (c->transposed_for == c->searches) return;
-  c->transposed_for = c->searches;
+  if (c->transposed_for == c->found) return;
+  c->transposed_for = c->found;
   ROOM(c->transposed_at, p->tangent_start[p->unknowns]);
   for (int i = 0; i < p->unknowns; ++i)
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)

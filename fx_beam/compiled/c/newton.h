@@ -222,13 +222,13 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
     if (!choose_ahead(p, w)) return SINGULAR;
   }
-  if (p->changing) change_rows(p);
   if (!expand(p, w)) return NO_CONVERGENCE;
   LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
     if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
     if (p->may_overshoot) fx_note_tangents(p->points);
+    if (p->changing) change_rows(p);
     memset(w->step, 0, p->columns * sizeof(double));
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !order) {
@@ -297,6 +297,7 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     if (failure || !p->points->members) return failure;
     int state = fx_check_members(p->points->members, w->D);
     if (state == MEMBERS_PASSED) return PASSED_THROUGH;
+    if (state == MEMBERS_SLID) return NO_CONVERGENCE;
     if (state == MEMBERS_FINE) return OK;
   }
   return NO_CONVERGENCE;

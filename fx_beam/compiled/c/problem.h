@@ -90,14 +90,14 @@ typedef struct {
   double *dof_sign;
   int keep;             /* whether factors may be kept; the costs of lu_layout.py */
   double row_entry, substitution, least_worth;
-  long searches;        /* those of the touches for which it was found */
+  long searches, found; /* those of the touches for which it was found; how often it was */
   int entries, entry_room;
   SparseRows rows;
   struct { IntList *near_to; };
   struct { TouchEntry *entry; };
   struct { int *order, *at, *work, *entry_start, *entry_at, *position; };
   struct { double *factors; };
-  long transposed_for;  /* the searches for which it is known where the transposed tangent is */
+  long transposed_for;  /* the pattern for which it is known where the transposed tangent is */
   struct { int *transposed_at, *transposed_entry_at; };
 } ChangingRows;
 
