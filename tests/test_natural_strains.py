@@ -193,10 +193,30 @@ def test_a_linear_system_refuses_a_natural_strain_that_changes_where_the_materia
         fb.linearise(scene)
     assert fb.linearise(scene, inputs=[]).B.shape[1] == 0
     scene, _ = bar(damped, curvature=lambda t: min(t, 0.02))
-    fb.linearise(scene, fb.static(scene, t=0.01))
-    with pytest.raises(fb.SceneError, match="a natural strain by a function of time"):
-        fb.linearise(scene, fb.simulate(scene, dt=0.005, t_end=0.015))
+    fb.linearise(scene, fb.static(scene, t=0.02))
+    with pytest.raises(fb.SceneError, match="a natural strain whose rate jumps at t = 0.02"):
+        fb.linearise(scene, fb.simulate(scene, dt=0.005, t_end=0.02))
     fb.linearise(scene, fb.simulate(scene, dt=0.005, t_end=0.03))
+
+
+def test_a_damped_string_that_is_strained_has_the_frequencies_of_its_whole_force():
+    """Its force is -EA (e + tau e') for a natural strain e that grows."""
+    tau, grows = 0.05, lambda t: -0.01 - 0.2 * t
+    systems = []
+    for damping, axial in (((tau, 0.0, 0.0), grows), (0.0, grows(0.1) - 0.2 * tau)):
+        own = {"EA": 1e3, "GA": 1e3, "EI": 0.1, "rhoA": 1.0, "rhoI": 1e-3}
+        scene = fb.Scene()
+        string = fb.Section(**own, retardation=damping)
+        beam = scene.add_beam([(0, 0), (1, 0)], string, elements=6, degree=2)
+        scene.clamp(beam.start)
+        scene.clamp(beam.end)
+        scene.add_natural_strain(beam, axial=axial)
+        systems.append(fb.linearise(scene, fb.simulate(scene, dt=0.01, t_end=0.1)))
+    damped, plain = (np.linalg.eigvals(system.A) for system in systems)
+    frequencies = np.sort(plain.imag[plain.imag > 0])[:3]
+    nearest = [damped[abs(damped - 1j * w).argmin()] for w in frequencies]
+    assert np.imag(nearest) == pytest.approx(frequencies, rel=1e-6)
+    assert abs(np.real(nearest)).max() < 1e-5 * frequencies[0]
 
 
 # -- Motions -----------------------------------------------------------------------------------

@@ -25,8 +25,6 @@ from .run_setup import checked_scheme, end_of
 
 # Jump of a rate with an input, relative to the outputs, that is round-off.
 _NONE = 1e-12
-# Half of the time over which a natural strain is seen to change, relative to the time, or 1 s [s].
-_SHORT = 1e-6
 _RATES = ("velocity", "spin", "rate")
 _LINEAR = (*("position", "displacement", "rotation", "angle", "slide"), *_RATES)
 
@@ -273,8 +271,7 @@ def linearise(
     require(fits, f"{what}: inputs", inputs, "a sequence of names")
     check_names(names, known, f"{what}: inputs")
     about = deviations(scene, at.state if isinstance(at, Motion) else at, what)
-    moves = isinstance(at, Motion) or (at is not None and not at.stats.static)
-    _refuse_damped_rates(scene, about, names, moves, what)
+    _refuse_damped_rates(scene, names, what)
     kept = InputColumns(about, names)
     reduced = FirstOrder(about, kept, what)
     rows, of_rates, labels = _outputs(about, outputs, what)
@@ -298,24 +295,17 @@ def linearise(
     )
 
 
-def _refuse_damped_rates(
-    scene: Scene, about: Deviations, names: Sequence[str], moves: bool, what: str
-) -> None:
-    """Refuse natural strains that change where the material damps: their rates give forces."""
-    natural, t = about.model.natural, about.state.t
-    h = _SHORT * max(1.0, abs(t))
-    changes = natural.at(t + h) - natural.at(t - h) if moves else np.zeros(natural.shape)
+def _refuse_damped_rates(scene: Scene, names: Sequence[str], what: str) -> None:
+    """Refuse inputs that strain where the material damps: their rates give forces."""
     for strain in scene.natural_strains:
         beam = strain.beam
         slots = [of.value for of in strain.parts.values() if isinstance(of.value, InputSlot)]
-        by = next((f"the input {slot.name!r}" for slot in slots if slot.name in names), "")
-        if not by and changes[about.model.mesh.cells[scene.beams.index(beam)]].any():
-            by = "a function of time"
-        if beam.section.damped and by:
+        by = next((slot.name for slot in slots if slot.name in names), None)
+        if beam.section.damped and by is not None:
             raise SceneError(
-                f"{what}: beam {beam.name!r} has retardation, and a natural strain by {by}. Its "
-                "rate gives a force that the linear system does not have. Give the beam "
-                "retardation=0, or drag (add_drag) in its place"
+                f"{what}: beam {beam.name!r} has retardation, and a natural strain by the input "
+                f"{by!r}. Its rate gives a force that the linear system does not have. Give the "
+                "beam retardation=0, or drag (add_drag) in its place"
             )
 
 

@@ -39,6 +39,9 @@ _LITTLE = 1e-10
 _SMALL, _SHORT = 1e-5, 1e-6
 # The same between the points of differences of order six, and their weights.
 _APART = 0.02
+# Half of the time over which a natural strain is seen to change, relative to the time, or 1 s [s],
+# and the largest difference of its rates before and behind, relative to them.
+_MOMENT, _KINK = 1e-6, 1e-3
 _FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 
 
@@ -108,7 +111,8 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     w = rates_from @ state.v
     (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
     _warn_of_turn(model, state, T, dT, what)
-    f, K, C, pushes, stiff, viscous = _forces(model, state)
+    strained = None if at is None or at.stats.static else _natural_rates(model, state.t, what)
+    f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
     mass = model.mass
     dead = end_factor * forcing.forces(Interval(state.t, state.t))[0]
     if frame is not None:
@@ -252,8 +256,28 @@ class _Coupling:
         return out
 
 
-def _forces(model: Model, state: State):
-    """Internal forces (size,), stiffness and damping; the same (columns,) of those on slides."""
+def _natural_rates(model: Model, t: float, what: str) -> np.ndarray | None:
+    """Rates (cells, degree, 3) of natural strains [1/s], which damp; None without any."""
+    if not model.natural:
+        return None
+    h = _MOMENT * max(1.0, abs(t))
+    before, now, behind = (model.natural.at(t + x) for x in (-h, 0.0, h))
+    rates, bend = (behind - before) / (2 * h), behind - 2 * now + before
+    for beam in model.scene.beams:
+        own = model.mesh.cells[model.scene.beams.index(beam)]
+        if beam.section.damped and abs(bend[own]).max() > _KINK * abs(behind - before)[own].max():
+            raise SceneError(
+                f"{what}: beam {beam.name!r} has retardation, and a natural strain whose rate "
+                f"jumps at t = {t:g}, and with it a force. Take a state before or behind it"
+            )
+    return rates
+
+
+def _forces(model: Model, state: State, strained: np.ndarray | None = None):
+    """Internal forces (size,), stiffness and damping; the same (columns,) of those on slides.
+
+    Natural strains may be `strained` at rates (cells, degree, 3).
+    """
     forms, points = model.forms, model.points
     slide_rates = model.slide_rates(state)
     count = model.reduction.columns
@@ -261,7 +285,11 @@ def _forces(model: Model, state: State):
     def step(dt: float, moving: bool, shift: float = 0.0):
         D, slid = moving * dt * state.v, moving * dt * slide_rates
         start = replace(state, q=state.q - shift * D, slides=state.slides - shift * slid)
-        forms.begin(instant(state.t - shift * dt, dt), model.start_of(start, dt))
+        given = model.start_of(start, dt)
+        if strained is not None and state.natural is not None:
+            first = state.natural - shift * dt * strained
+            given = given._replace(natural=(first, first + dt * strained))
+        forms.begin(instant(state.t - shift * dt, dt), given)
         f = forms.internal_force(D).copy()
         forms.assemble_stiffness()
         z = np.zeros(count)
