@@ -80,6 +80,44 @@ def test_latches_of_a_symmetric_scene_close_together():
     assert abs(whole.angular_momentum).max() < 1e-11
 
 
+def test_of_two_latches_of_a_joint_the_first_that_is_reached_closes():
+    for speed, closed in ((0.6, "far"), (-0.6, "near")):
+        scene, _, (guide,) = train(2, (2.0, 3.0), (0.0, speed))
+        ends = {"near": fb.Latch(guide, 0.5), "far": fb.Latch(guide, 1.5)}
+        ends["beyond"] = fb.Latch(guide, 1.75)
+        whole = fb.simulate(scene, dt=0.1, t_end=2.0, changes=ends)
+        assert whole.stats.changes == {closed: pytest.approx(0.5 / 0.6)}
+        assert whole.slide(guide)[-1] == pytest.approx(ends[closed].at, abs=1e-12)
+
+
+def test_a_joint_that_begins_at_its_latch_is_caught_when_it_comes_back():
+    scene = fb.Scene()
+    door = scene.add_body((0.5, 0), 1.0, 0.25, points={"hinge": (0, 0)})
+    spring = fb.Spring(2.0)
+    hinge = scene.add_joint(fb.Revolute(fb.GROUND, door["hinge"], spring=spring))
+    scene.set_velocity(door, (0.0, 0.5), spin=1.0)
+    whole = fb.simulate(scene, dt=0.01, t_end=4.0, changes={"shut": fb.Latch(hinge, 0.0)})
+    # Half a period of sqrt(2 / (1/2)) rad/s: the inertia is 1/4 + 1 (1/2)^2 about the hinge.
+    assert whole.stats.changes["shut"] == pytest.approx(np.pi / 2, rel=1e-4)
+    late = whole.t > whole.stats.changes["shut"]
+    assert whole.joint(hinge).angle[late] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_fuse_that_breaks_takes_the_latch_of_its_joint_along():
+    scene, (_, right), (guide,) = train(2, (2.0, 3.0), (0.0, 0.1))
+    scene.add_force(right, lambda t: (0.0, 10.0 * t))
+    changes = {"fuse": fb.Fuse(guide, 0.3), "latch": fb.Latch(guide, 1.2)}
+    whole = fb.simulate(scene, dt=0.01, t_end=3.0, changes=changes)
+    assert [*whole.stats.changes] == ["fuse"] and not scene.joints
+
+
+@pytest.mark.parametrize("change", [lambda of: fb.Latch(of, 1.5), lambda of: fb.Fuse(of, 9.0)])
+def test_the_same_change_twice_is_an_error_before_the_motion(change):
+    scene, _, (guide,) = train(2, (2.0, 3.0), (0.0, 0.6))
+    with pytest.raises(fb.SceneError, match=r"'a'\] and changes\['b'\] are the same .*Omit"):
+        fb.simulate(scene, dt=0.1, t_end=2.0, changes={"a": change(guide), "b": change(guide)})
+
+
 def chain_under_load(limits, rate=10.0):
     """Two masses and the ground in a row, their joints, and a force that grows at the end."""
     scene = fb.Scene()

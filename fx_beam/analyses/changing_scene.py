@@ -8,7 +8,15 @@ from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
-from fx_beam.scene.changes import Fuse, Latch, apply_change, checked_changes, excess, output_of
+from fx_beam.scene.changes import (
+    Fuse,
+    Latch,
+    apply_change,
+    checked_changes,
+    excess,
+    is_over,
+    output_of,
+)
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.recorder import Record
 
@@ -61,12 +69,10 @@ class ChangingScene:
                     stop.solution = whole if last is None else whole.then(last)  # type: ignore[attr-defined]
                 raise
             name, t = run.stats.until, float(run.t[-1])
-            happened = self._happened(run) if name in self._changes else []
+            happened = self._apply(self._happened(run)) if name in self._changes else []
             times = dict.fromkeys(happened, t)
             run.stats = replace(run.stats, until="" if happened else name, changes=times)
             whole = run if whole is None else whole.then(run)
-            for one in happened:
-                apply_change(self._scene, self._changes.pop(one))
             if not happened or t_end - t <= _NOTHING * (dt or 1e-3 * abs(t_end)):
                 return whole
             start = run
@@ -80,6 +86,19 @@ class ChangingScene:
         needed = {name: output_of(change) for name, change in self._changes.items()}
         until = {**self._until, **conditions}
         return {"until": until, "outputs": {**self._outputs, **needed}} if until else {}
+
+    def _apply(self, names: list[str]) -> list[str]:
+        """Change the scene, but not what another change has held or taken away; those that did."""
+        applied = []
+        for name in names:
+            if name not in self._changes:
+                continue
+            done = self._changes[name]
+            apply_change(self._scene, done)
+            applied.append(name)
+            left = self._changes.items()
+            self._changes = {other: one for other, one in left if not is_over(one, done)}
+        return applied
 
     def _happened(self, run: Solution) -> list[str]:
         """Names of the changes at the end of a part."""

@@ -22,6 +22,10 @@ class Latch:
     For the `changes` of `simulate`. Velocities are projected by the mass, as in a plastic impact:
     `Energy.impact` is the energy that is lost. The force of the latch is `JointMotion.motor_force`.
 
+    A joint that begins at this value is not caught there, but when it comes back; `Scene.lock`
+    holds it from the start. Of several latches of a joint the one that it reaches first closes, and
+    the others have no effect any more.
+
     Parameters
     ----------
     joint : Joint
@@ -121,7 +125,22 @@ def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
                 locked(joint, change.coordinate)
             except SceneError as reason:
                 raise SceneError(f"{what}: {reason}") from None
+    _check_different(changes)
     return dict(changes)
+
+
+def _check_different(changes: Mapping[str, Latch | Fuse]) -> None:
+    """SceneError if two changes are the same one."""
+    known: dict[tuple[Any, ...], str] = {}
+    for name, change in changes.items():
+        limit = change.at if isinstance(change, Latch) else change.force
+        key = change.joint.number, output_of(change).quantity, limit
+        if key in known:
+            raise SceneError(
+                f"simulate: changes[{known[key]!r}] and changes[{name!r}] are the same "
+                f"{type(change).__name__.lower()} of {change.joint}. Omit one of them"
+            )
+        known[key] = name
 
 
 def apply_change(scene: Any, change: Latch | Fuse) -> None:
@@ -130,6 +149,12 @@ def apply_change(scene: Any, change: Latch | Fuse) -> None:
         scene.lock(change.joint, change.coordinate)
     else:
         scene.remove(change.joint)
+
+
+def is_over(change: Latch | Fuse, after: Latch | Fuse) -> bool:
+    """Whether a change cannot happen any more: its joint is gone, or its coordinate is held."""
+    same = change.joint.number == after.joint.number
+    return same and (isinstance(after, Fuse) or output_of(change) == output_of(after))
 
 
 def output_of(change: Latch | Fuse) -> Output:
