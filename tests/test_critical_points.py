@@ -169,15 +169,12 @@ def test_a_rigid_column_on_a_hinge_tips_over_at_c_over_its_length(how):
     # One unknown, on which the load does no work: P L = c, and P L sin(psi) = c psi behind it.
     # At 9 steps the method of secants meets the point itself, where the tangent is zero.
     c, load = 7.0, 15.0
-    scene = fb.Scene()
-    bar = scene.add_body((0, 1), mass=1.0, inertia=1.0, points={"foot": (0, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=fb.Spring(c)))
-    scene.add_force(bar.centre, (0, -load))
+    scene, top = rigid_column(c, load)
     path = fb.static(scene, 9, continuation=how)
     (point,) = path.critical_points
     assert (point.kind, load * point.load_factor) == ("bifurcation", pytest.approx(c, rel=1e-9))
     tipped = fb.static(scene, start=point.branch(1), continuation="arc-length")
-    x, y = tipped.position(bar.centre).T
+    x, y = tipped.position(top).T
     psi = np.arctan2(abs(x), y)
     assert tipped.load_factor[-1] == 1 and psi[-1] > 1
     assert load * tipped.load_factor * np.sin(psi) == pytest.approx(c * psi, abs=1e-9)
@@ -193,6 +190,66 @@ def test_zieglers_column_flutters_at_its_load():
     scene.add_force(two.centre, (-3.0, 0), follower=True)
     (point,) = fb.static(scene, steps=10).critical_points
     assert (point.kind, 3 * point.load_factor) == ("flutter", pytest.approx(3.5 - np.sqrt(2)))
+
+
+# -- Where steps meet a point ----------------------------------------------------------------------
+
+
+def rigid_column(stiffness, load):
+    """A rigid column of length 1 on a hinge: P L = c."""
+    scene = fb.Scene()
+    bar = scene.add_body((0, 1), mass=1.0, inertia=1.0, points={"foot": (0, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=fb.Spring(stiffness)))
+    scene.add_force(bar.centre, (0, -load))
+    return scene, bar.centre
+
+
+@pytest.mark.parametrize("how", [None, "arc-length"])
+@pytest.mark.parametrize("load", [7.0, 14.0])
+def test_steps_may_end_exactly_at_a_bifurcation(load, how):
+    scene, top = rigid_column(7.0, load)
+    path = fb.static(scene, 4, continuation=how)
+    assert path.load_factor == pytest.approx([0, 0.25, 0.5, 0.75, 1.0], abs=1e-12)
+    (point,) = path.critical_points
+    assert (point.kind, point.load_factor) == ("bifurcation", pytest.approx(7.0 / load, rel=1e-9))
+    if load > 7:
+        branch = fb.static(scene, start=point.branch(1), continuation="arc-length")
+        assert abs(branch.position(top)[-1, 0]) > 0.5
+
+
+def test_a_pivot_that_is_zero_is_no_bifurcation():
+    """Two rods on springs c: K = [[2 c - P, -c], [-c, c - P]], regular at P = 2 c."""
+    scene = fb.Scene()
+    one = scene.add_body((1, 0), 1.0, 1.0, points={"O": (0, 0), "A": (1, 0)})
+    two = scene.add_body((2, 0), 1.0, 1.0, points={"A": (1, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, one["O"], spring=fb.Spring(1.0)))
+    scene.add_joint(fb.Revolute(one["A"], two["A"], spring=fb.Spring(1.0)))
+    scene.add_force(two.centre, (-3.0, 0))
+    path = fb.static(scene, steps=6)
+    found = [3 * point.load_factor for point in path.critical_points]
+    assert found == pytest.approx([(3 - 5**0.5) / 2, (3 + 5**0.5) / 2], rel=1e-9)
+    assert path.unstable_modes.tolist() == [0, *[1] * 5, 2]
+
+
+def test_an_error_names_the_bifurcation_at_which_steps_fail():
+    """A push of 1e-9 of the load leads a column to one side, but not to a load above buckling."""
+    straight, _ = column(14.0, 4, 2, np.pi)
+    factor = fb.static(straight, steps=4).critical_points[0].load_factor
+    scene, _ = column(14.0 * factor, 4, 2, np.pi)
+    scene.add_force(scene.beams[0].node(0.5), (1e-9, 0))
+    with pytest.raises(
+        fb.StepError, match=r"a bifurcation at load factor (1|0\.99999999)"
+    ) as caught:
+        fb.static(scene, steps=4)
+    path = caught.value.solution
+    assert len(path.t) > 4
+    assert path.critical_points[-1].load_factor == pytest.approx(1, abs=1e-7)
+    assert "point.branch(+1)" in path.stats.failure.advice
+
+
+def test_an_error_names_the_limit_point_at_which_steps_fail():
+    with pytest.raises(fb.StepError, match=r"limit point at load factor 0\.1480258.*arc-length"):
+        fb.static(truss(0.2, 20.0), steps=17)
 
 
 # -- Contact and materials that flow ---------------------------------------------------------------

@@ -16,11 +16,13 @@ from fx_beam.stepping.newton import StepFailed
 
 from .branches import Branch
 from .modal import Modes
-from .path_piece import Piece, Root, root_of
+from .path_piece import Piece, Root, end_of, root_of
 from .small_motions import SmallMotions, diverges, flutters
 
 # Points so near to each other, relative to the step, are one with several modes.
 _SAME = 1e-6
+# How far ahead of the end of a path that has failed one is sought, in lengths of the last step.
+_AHEAD = 4.0
 # Work of the loads on a mode that is none, relative to the loads' largest.
 _NONE = 1e-6
 
@@ -106,8 +108,11 @@ class CriticalPoints:
         self._stepper, self._states, self._solved = stepper, states, solved
         self._motions, self._arc = SmallMotions(stepper), ArcLength(stepper)
 
-    def between(self, counts: np.ndarray) -> list[CriticalPoint]:
-        """All of them, from the numbers of unstable modes (n,) of the states."""
+    def between(self, counts: np.ndarray, failed: bool = False) -> list[CriticalPoint]:
+        """All of them, from the numbers of unstable modes (n,) of the states.
+
+        Also one at the end, or beyond the end of a path that has failed.
+        """
         points: list[CriticalPoint] = []
         for row in np.flatnonzero(np.diff(counts)):
             try:
@@ -117,7 +122,34 @@ class CriticalPoints:
                     f"critical_points: the one between the rows {row} and {row + 1} was not found: "
                     f"{failure}. Compute the path with more steps"
                 ) from failure
-        return points
+        return points + self.at_end(counts, failed)
+
+    def at_end(self, counts: np.ndarray, failed: bool) -> list[CriticalPoint]:
+        """The one at the end of the last step, or a little beyond it if the path has failed."""
+        motions, row, count = self._motions, len(counts) - 2, int(counts[-1])
+        if row < 0 or counts[row] != count or count == len(motions.unit):
+            return []
+        try:
+            piece = Piece(self._arc, motions, *self._states[row:])
+            ends = [piece.stiffness(end) for end in (piece.first, piece.length)]
+            if piece.kinked or not all(motions.symmetric(K) for K in ends):
+                return []
+            eigenvalue = functools.partial(self._eigenvalues(piece, count + 1), count)
+            root = end_of(piece, eigenvalue, _AHEAD if failed else _SAME)
+            return [] if root is None else [self._point("", root, row, 1, count + 1)]
+        except StepFailed:
+            return []
+
+    def _eigenvalues(self, piece: Piece, n: int) -> Callable[[int, float], float]:
+        """The n lowest eigenvalues as functions of their number and the distance."""
+        known: dict[float, np.ndarray] = {}
+
+        def eigenvalue(k: int, distance: float) -> float:
+            if distance not in known:
+                known[distance] = self._motions.lowest(piece.stiffness(distance), n)[0]
+            return float(known[distance][k])
+
+        return eigenvalue
 
     def _in_step(self, row: int, counts: np.ndarray) -> list[CriticalPoint]:
         """Those in the step that starts at a row."""
@@ -143,13 +175,7 @@ class CriticalPoints:
         motions, (low, high) = self._motions, sorted(counts.tolist())
         ends = [piece.first, piece.length]
         if all(motions.symmetric(piece.stiffness(end)) for end in ends):
-            known: dict[float, np.ndarray] = {}
-
-            def eigenvalue(k: int, distance: float) -> float:
-                if distance not in known:
-                    known[distance] = motions.lowest(piece.stiffness(distance), high)[0]
-                return float(known[distance][k])
-
+            eigenvalue = self._eigenvalues(piece, high)
             return [("", functools.partial(eigenvalue, k)) for k in range(low, high)]
 
         def squares(distance: float) -> np.ndarray:

@@ -28,6 +28,8 @@ _SMOOTH, _CLOSE = 3.0, 0.01
 # The place of a jump relative to the step, how near to it they are looked
 # at, and how far from zero they are there, relative to their values at the ends.
 _JUMP, _BESIDE, _LARGE = 1e-11, 1e-8, 1e-4
+# Distance from the end of a step, relative to it, that is no distance.
+_SAME_END = 1e-9
 # Where a step begins to flow; how exactly its end must be found again.
 _FLOWING, _AGAIN = 1e-9, 1e-5
 
@@ -166,6 +168,23 @@ def root_of(piece: Piece, measure: Callable[[float], float]) -> Root | None:
     if min(sizes[2:]) > _LARGE * max(sizes[:2]):
         return _jump(piece, measure, near, low, high)
     return _extrapolated(piece, measure, near, _CLOSE * apart)
+
+
+def end_of(piece: Piece, measure: Callable[[float], float], beyond: float) -> Root | None:
+    """Where a function of the distance vanishes at the end of a smooth step, or so far beyond it.
+
+    `beyond` is relative to the step; None if it does not.
+    """
+    first, last = (measure(place) for place in (piece.first, piece.length))
+    # The line through both values, and what a curve may differ from it.
+    if abs(last) > 2 * (beyond + _PLACE) * abs(last - first):
+        return None
+    apart = -max(_APART, min(beyond, 1.0) / _STATES) * piece.length
+    try:
+        root = _extrapolated(piece, measure, piece.length, apart)
+    except StepFailed:
+        return None
+    return root if 0 <= root.place / piece.length - 1 + _SAME_END <= beyond + _SAME_END else None
 
 
 def _sign_change(

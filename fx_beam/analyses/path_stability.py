@@ -38,8 +38,17 @@ class PathStability:
         return Stability(self.unstable_modes, self.critical_points)
 
     def critical_points(self) -> list[CriticalPoint]:
-        """The critical points between the states."""
-        return self._points.between(self.unstable_modes())
+        """The critical points between the states, and at their end."""
+        return self._points.between(self.unstable_modes(), self._failed)
+
+    def at_end(self) -> list[CriticalPoint]:
+        """The critical point at the end of the path, or ahead of it if it has failed."""
+        return self._points.at_end(self.unstable_modes(), self._failed)
+
+    @property
+    def _failed(self) -> bool:
+        failure = self._motions.stepper.stats.failure
+        return failure is not None and failure.kind != "too many steps"
 
     def unstable_modes(self) -> np.ndarray:
         """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""

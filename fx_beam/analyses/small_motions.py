@@ -19,6 +19,8 @@ from .undamped_modes import lowest
 # Number of the lowest modes that may grow where forces follow the motion; with so few unknowns the
 # matrices are full.
 _LOWEST, _FULL = 12, 300
+# Change of a tangent that is singular, relative to its largest stiffness.
+_SHIFT = 1e-12
 # Part of a square of a frequency beside the real axis that is a rounding error.
 _BESIDE = 1e-6
 
@@ -71,7 +73,14 @@ class SmallMotions:
         if not self.symmetric(K):
             return number_growing(self.squares(state, K))
         lu = sparse_lu((K.indptr, K.indices))
-        if not lu.factorise(K.data):
+        if lu.factorise(K.data):
+            return lu.negative_pivots()
+        # A pivot, or an eigenvalue, is zero: an eigenvalue that is zero does not count.
+        most = abs(K.diagonal() * self.unit**2).max() or 1.0
+        shifted = (K + _SHIFT * most * self.metric).tocsr()
+        shifted.sort_indices()
+        lu = sparse_lu((shifted.indptr, shifted.indices))
+        if not lu.factorise(shifted.data):
             raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
         return lu.negative_pivots()
 

@@ -221,6 +221,8 @@ def static(
         if states:
             parts = inversion, states, clock, values, branches_off
             attach(error, lambda: _solution(stepper, *parts))
+        if isinstance(error, StepError) and stats.steps:
+            _name_critical_point(error, stepper, states, branches_off)
         raise
     if branches:
 
@@ -347,6 +349,29 @@ def _solution(
 
     stability = PathStability(stepper, path, solved, branches_off).found_when_read()
     return solution_of(model, recorder, stats, lambda: end, stability=stability)
+
+
+def _name_critical_point(
+    error: StepError, stepper: LoadStepper, states: list[State], branches_off: bool
+) -> None:
+    """Let an error say that its path fails at a critical point."""
+    try:
+        stability = PathStability(stepper, list(states), lambda state: error.solution, branches_off)
+        points = stability.at_end()
+    except (ValueError, RuntimeError, StepFailed):
+        return
+    for point in points:
+        advice = f"There is a {point.kind} at load factor {point.load_factor:.9g}. "
+        if point.kind == "bifurcation":
+            advice += (
+                "Follow a branch: point = error.solution.critical_points[-1], and then static("
+                'scene, start=point.branch(+1), continuation="arc-length"); or give the load a '
+                "little more or less"
+            )
+        else:
+            advice += 'Use continuation="arc-length" to pass it'
+        error.failure = stepper.stats.failure = replace(error.failure, advice=advice)
+        error.args = (str(error.failure),)
 
 
 def _turning(model: Model, frame: TurningFrame, state: State) -> State:

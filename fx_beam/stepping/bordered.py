@@ -101,8 +101,12 @@ class BorderedLU:
 
     def _once(self, right: np.ndarray, last: float) -> tuple[np.ndarray, float]:
         x = self._lu.solve(right)
+        given = np.array([last - self._row @ x, -x[self._most]])
         try:
-            parts = np.linalg.solve(self._small, [last - self._row @ x, -x[self._most]])
+            parts = np.linalg.solve(self._small, given)
         except np.linalg.LinAlgError:
-            parts = np.full(2, np.nan)
+            # At a bifurcation of a straight path the equations have solutions; the shortest one.
+            parts = np.linalg.lstsq(self._small, given, rcond=None)[0]
+            if not np.allclose(self._small @ parts, given, rtol=1e-12, atol=0.0):
+                parts = np.full(2, np.nan)
         return x - parts @ self._forced, float(parts[0])

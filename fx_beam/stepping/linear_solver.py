@@ -28,6 +28,9 @@ class LinearSolver:
             self._kept = None
             if self._lu.worth >= _LEAST_WORTH and dependent is None:
                 self._kept = KeptFactors(reduction.pattern, self._lu)
+        self._pattern = reduction.pattern
+        #: Whether rows were exchanged in the last factors, whose pivots tell no signs.
+        self._exchanged = False
         #: Values of the last tangent.
         self.values = np.zeros(len(reduction.pattern[1]))
         self._size = len(reduction.pattern[0]) - 1
@@ -39,20 +42,28 @@ class LinearSolver:
         """
         if not self._size:
             return 0
-        return self._lu.negative_pivots() if self._kept is None or self._kept.new else None
+        if self._exchanged or not (self._kept is None or self._kept.new):
+            return None
+        return self._lu.negative_pivots()
 
     def solve(self, equations: Equations, r: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Solution (free,) for the reduced tangent; not finite if it is singular."""
+        """Solution (free,) for the reduced tangent; not finite if it is singular.
+
+        Without a right side it is zero also then, as at a bifurcation of a straight path.
+        """
+        self._exchanged = False
         if not (free := len(b)):
             return b
         changes = equations.model.points.members is not None
         if not changes:
             equations.fill_tangent(r, self.values)
             if self._kept is not None:
-                return self._kept.solve(self.values, b)
+                x = self._kept.solve(self.values, b)
+                if np.isfinite(x).all():
+                    return x
         factors = self._changing(equations.system(r)) if changes else self._constant()
         if factors is None:
-            return np.full(free, np.nan)
+            return np.full(free, np.nan) if b.any() else np.zeros(free)
         if self._size > free:  # forces of ties and borders
             b = np.concatenate([b, np.zeros(self._size - free)])
         x = factors.solve(b)
@@ -63,9 +74,14 @@ class LinearSolver:
             x -= np.linalg.solve(rows @ forced.T, rows @ x) @ forced
         return x[:free]
 
-    def _constant(self) -> LU | None:
+    def _constant(self) -> LU | SuperLU | None:
         """Factors of the present values; None if they are singular."""
-        return self._lu if self._lu.factorise(self.values) else None
+        if self._lu.factorise(self.values):
+            return self._lu
+        # A pivot of a regular matrix that is not positive definite may be zero.
+        self._exchanged = True
+        indptr, indices = self._pattern
+        return self._changing(csr_matrix((self.values, indices, indptr)))
 
     @staticmethod
     def _changing(tangent: csr_matrix) -> SuperLU | None:
