@@ -45,12 +45,21 @@ class Part:
         """Begin the linear system, of so many unknowns of each process; all processes at once."""
         self._system = LinearSystem(counts, kind)
 
-    def begin(self, interval: Interval, start: dict[str, Any]) -> None:
-        """Begin a step from a part of the state, whose `internal` is in the order of elements."""
-        state = State(interval.start, np.empty(0), **start)
+    def begin(
+        self, interval: Interval, start: dict[str, Any], natural_end: np.ndarray | None
+    ) -> None:
+        """Begin a step from a part of the state, and natural strains at its end.
+
+        `internal` and `natural` are in the order of elements.
+        """
+        state, mesh = State(interval.start, np.empty(0), **start), self._model.mesh
         if state.internal is not None:
-            state.internal = self._model.mesh.from_elements(state.internal)
+            state.internal = mesh.from_elements(state.internal)
+        if state.natural is not None:
+            state.natural = mesh.from_elements(state.natural)
         self._equations.begin(interval, state)
+        if natural_end is not None:
+            self._model.forms.set_natural_end(mesh.from_elements(natural_end))
 
     def at(
         self, y: np.ndarray, driven: np.ndarray, force: np.ndarray

@@ -133,6 +133,7 @@ class _Cut:
         owned = np.ones(len(rows), dtype=bool)
         owned[: len(nodes)] = self.of_node[nodes] == process
         share = Share(self._model.mesh.X[nodes], nodes, rows, elements, owned)
+        share.natural = bool(scene.natural_strains)
         self._add_members(share, process, local)
         self._add_couplings(share, local)
         share.masses += [

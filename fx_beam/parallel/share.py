@@ -11,6 +11,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Drag, Mass
+from fx_beam.scene.natural_strains import NaturalStrain, StrainPart
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant
 
@@ -42,6 +43,8 @@ class Share:
     fixed: list[tuple[int, int]] = field(default_factory=list)
     prescribed: list[tuple[int, int]] = field(default_factory=list)
     masses: list[Mass] = field(default_factory=list)
+    #: Whether members of the scene have natural strains, whose values come with each step.
+    natural: bool = False
     #: Drag on runs, by the index of the run.
     drags: list[tuple[int, Drag]] = field(default_factory=list)
     #: Indices of its driven columns among those of the scene.
@@ -66,6 +69,9 @@ class Share:
         scene.fixed |= {*self.fixed}
         scene.prescribed |= dict.fromkeys(self.prescribed, _AT_REST)
         scene.masses += self.masses
+        if self.natural and scene.beams:
+            none = NaturalStrain(scene.beams[0], {"axial": StrainPart(_AT_REST)})
+            scene.natural_strains.append(none)
         scene.drags += [replace(drag, target=scene.beams[run]) for run, drag in self.drags]
         return scene
 

@@ -23,6 +23,7 @@ from fx_beam.stepping.single_step import SingleStep
 
 from .part import Frame, Part
 from .partition import divided
+from .share import Share
 from .team import Team
 
 _ADVICE = (
@@ -39,7 +40,6 @@ def _check(model: Model) -> None:
         ("contact between members", any(isinstance(o.shape, Beam) for o in scene.obstacles)),
         ("virtual works of your own", scene.virtual_works),
         ("parameters in functions of your own", list(scene.parameters)),
-        ("natural strains", scene.natural_strains),
         ("a closed loop of joints", couplings.closures),
         ("a long tree of joints", couplings.ties),
         ("a scheme of your own", not model.scheme.built_in),
@@ -110,7 +110,14 @@ class WholeEquations(Equations):
     def begin(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start, everywhere."""
         super().begin(interval, start)
-        self._crew("begin", [(interval, self._start_of(i, start)) for i in range(self._crew.size)])
+        end = None if self._natural is None else self._natural(interval.end)
+        starts = [self._start_of(i, start) for i in range(self._crew.size)]
+        pairs = zip(self._shares, starts, strict=True)
+        self._crew("begin", [(interval, of, self._in_part(share, end)) for share, of in pairs])
+
+    def _in_part(self, share: Share, values: np.ndarray | None) -> np.ndarray | None:
+        """Values (cells, ...) in the order of the elements of a part, if there are any."""
+        return None if values is None else self.model.mesh.to_elements(values)[share.elements]
 
     def _start_of(self, part: int, start: State) -> dict[str, Any]:
         """What a part needs of the state."""
@@ -120,8 +127,8 @@ class WholeEquations(Equations):
         of |= {"slides": start.slides[numbers], "length": start.length}
         if start.before is not None:
             of["before"] = start.before[dofs]
-        if start.internal is not None:
-            of["internal"] = self.model.mesh.to_elements(start.internal)[share.elements]
+        for name in ("internal", "natural"):
+            of[name] = self._in_part(share, getattr(start, name))
         return of
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
