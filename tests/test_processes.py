@@ -29,7 +29,7 @@ from fx_beam.stepping.initial_state import reference_state
 
 HERE = Path(__file__).parent
 # A deadlock is an error, a slow machine is none [s].
-LIMIT = 240
+LIMIT = 600
 
 
 def started(folder, number, text):
