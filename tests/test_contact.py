@@ -404,3 +404,27 @@ def wheel_above_a_beam(spring, stiffness=1e5):
 def test_a_wheel_that_goes_through_a_beam_in_load_steps_is_told(spring, stiffness, says, caplog):
     fb.static(wheel_above_a_beam(spring, stiffness), steps=1)
     assert bool(re.search(says, caplog.text)) and bool(caplog.text) == bool(says)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "every", "says"),
+    [
+        (20.0, 1, "at t = 0.* lies 0.0.* deep in the circle, which has the radius 0.1.*shorter"),
+        (1e5, 1, ""),
+        (1e5, 40, ""),
+    ],
+)
+def test_a_wheel_that_goes_deep_into_a_beam_in_a_motion_is_told(stiffness, every, says, caplog):
+    scene = wheel_above_a_beam(100.0, stiffness)
+    fb.simulate(scene, dt=5e-3, t_end=0.4, record=fb.Record(every=every))
+    assert bool(re.search(says, caplog.text)) and bool(caplog.text) == bool(says)
+
+
+def test_a_point_whose_rows_lie_on_both_sides_of_a_circle_has_not_gone_through(caplog):
+    scene = fb.Scene()
+    ball = scene.add_body((1.0, 0.0), mass=1.0, inertia=1.0, points={"hub": (0, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, ball["hub"]))
+    scene.set_velocity(ball, (0.0, 1.0), spin=1.0)
+    scene.add_contact(ball.centre, fb.Circle((0, 0), 0.8), stiffness=1e3)
+    fb.simulate(scene, dt=np.pi / 100, t_end=2 * np.pi, record=fb.Record(every=100))
+    assert not caplog.text

@@ -1,4 +1,4 @@
-"""Check of equilibria in contact: no point may lie deep in a circle, or have gone through it."""
+"""Check of what touches circles: no point may lie deep in one, or have gone through it."""
 
 from __future__ import annotations
 
@@ -8,45 +8,66 @@ import numpy as np
 
 from fx_beam.results.contact import Contact
 from fx_beam.results.solution import Solution
-from fx_beam.scene.obstacles import Circle
+from fx_beam.scene.obstacles import Circle, Obstacle
 
 _log = logging.getLogger("fx_beam")
 # Depth in a circle, relative to its radius, from which its force says little.
 _DEEP = 0.5
+# Points of all rows that are looked at together.
+_AT_ONCE = 100_000
 
 
-def warn_of_depth(solution: Solution) -> None:
-    """Warn of the first load step in which a point comes deep into a circle, or goes through it."""
+def warn_of_depth(solution: Solution, motion: bool = False) -> None:
+    """Warn of the first row in which a point comes deep into a circle, or goes through it.
+
+    Of motions, rows between which there are several steps do not show the second.
+    """
+    name, row, are, steps = (
+        ("simulate", "t =", "motion from there on is not that", "shorter")
+        if motion
+        else ("static", "load factor", "equilibria from there on are not those", "more")
+    )
+    whole = not motion or len(solution.t) == solution.stats.steps + 1
     for obstacle in solution.obstacles:
-        shape = obstacle.shape
-        if not isinstance(shape, Circle) or shape.inside:
+        found = _first_in_depth(solution, obstacle, whole)
+        if found is None:
             continue
-        contact = Contact(solution, obstacle)
-        centre = np.broadcast_to(shape.origin, (len(solution.t), 2))
-        if shape.carrier is not None:
-            centre = solution.position(shape.carrier)
-        arms = contact.points - centre[:, None]
-        deep = contact.gap < -_DEEP * shape.radius
-        through = np.zeros_like(deep)
-        through[1:] = _least_distances(arms[:-1], arms[1:]) < _DEEP * shape.radius
-        rows, points = np.nonzero(deep | through)
-        if not len(rows):
-            continue
-        k, i = rows[0], points[0]
-        x, y = contact.points[k, i]
+        k, (x, y), what = found
         _log.warning(
-            "static: %s: at load factor %.6g the point at (%.4g, %.4g) %s. The equilibria from "
-            "there on are not those of bodies in contact. Raise the stiffness of the contact, take "
-            "more steps, or hold what moves away more firmly",
-            obstacle,
-            solution.t[k],
-            x,
-            y,
-            f"lies {-contact.gap[k, i]:.3g} deep in the circle, which has the radius "
-            f"{shape.radius:.3g}"
-            if deep[k, i]
-            else "has gone through the circle in one step",
+            "%s: %s: at %s %.6g the point at (%.4g, %.4g) %s. The %s of bodies in contact. Raise "
+            "the stiffness of the contact, take %s steps, or hold what moves away more firmly",
+            *(name, obstacle, row, solution.t[k], x, y, what, are, steps),
         )
+
+
+def _first_in_depth(
+    solution: Solution, obstacle: Obstacle, whole: bool
+) -> tuple[int, np.ndarray, str] | None:
+    """Row and place of the first point deep in a circle or, if `whole`, gone through it."""
+    shape, q = obstacle.shape, solution.recorded("q")
+    if not isinstance(shape, Circle) or shape.inside:
+        return None
+    nodes = Contact(solution, obstacle).nodes
+    rows = max(2, _AT_ONCE // len(nodes))
+    for first in range(0, len(q), rows - 1):
+        now = q[first : first + rows]
+        points = obstacle.points.of(solution.X[nodes] + now[:, nodes, :2])
+        arms = points - shape.origin
+        if shape.carrier is not None:
+            arms = arms - now[:, None, shape.carrier.number, :2]
+        depth = shape.radius + np.asarray(obstacle.radius) - np.hypot(*np.moveaxis(arms, -1, 0))
+        bad = deep = depth > _DEEP * shape.radius
+        if whole:
+            bad = deep.copy()
+            bad[1:] |= _least_distances(arms[:-1], arms[1:]) < _DEEP * shape.radius
+        if bad.any():
+            k, i = np.argwhere(bad)[0]
+            what = "has gone through the circle in one step"
+            if deep[k, i]:
+                what = f"lies {depth[k, i]:.3g} deep in the circle, which has the radius "
+                what += f"{shape.radius:.3g}"
+            return first + int(k), points[k, i], what
+    return None
 
 
 def _least_distances(first: np.ndarray, last: np.ndarray) -> np.ndarray:

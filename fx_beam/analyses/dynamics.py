@@ -31,6 +31,7 @@ from fx_beam.stepping.tolerance import Tolerance
 from fx_beam.validation import as_float, is_flag, is_number, require
 
 from .changing_scene import ChangingScene
+from .contact_check import warn_of_depth
 from .ending import Condition, Ending, checked_conditions
 from .evaluation import solution_of
 from .kept_setup import kept_setup
@@ -294,7 +295,10 @@ def simulate(
         if control is None:
             _warn_of_parts(stats, first)
         _warn_of_damping(stats, first if control is None else None)
-        return solution()
+        found = solution()
+        if record is None or record.motion:
+            warn_of_depth(found, motion=True)
+        return found
     except BaseException as error:
         recorder.settle_at_end()
         stats.failure = failure_of(error, recorder.end.t)
