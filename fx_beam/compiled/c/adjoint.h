@@ -46,8 +46,8 @@ static long lay_out_backward(const Problem *p, Backward *b, double *at) {
   b->by_natural = allocate(&at, natural), b->by_natural_end = allocate(&at, natural);
   b->natural = allocate(&at, p->naturals);
   b->of_followed = allocate(&at, p->points->all), b->of_turn = allocate(&at, p->points->all);
-  b->following.size = p->points->all;
-  b->following.memory = allocate(&at, FIXED_POINT_ROWS * p->points->all);
+  b->following.size = p->points->followed.size;
+  b->following.memory = allocate(&at, FIXED_POINT_ROWS * (long)b->following.size);
   b->carried = allocate(&at, 3 * p->sliders);
   b->slides = (SlideEnds *)allocate(&at, p->sliders * (sizeof(SlideEnds) / sizeof(double)));
   return at - begin;
@@ -459,12 +459,17 @@ static void pull_followed(const Problem *p, const Work *w, const Backward *b) {
 /* Sets the derivatives by the forces that friction follows from those by internal variables; returns whether they
    changed. */
 static int change_of_followed(const Problem *p, Backward *b) {
-  double found[p->points->all];
-  for (int k = 0; k < p->points->all; ++k) {
-    const PointForce *e = p->points->of + k;
-    found[k] = e->load < 0 ? 0 : -b->lost_springs[e->first_internal + FOLLOWED];
+  const PointForces *points = p->points;
+  double found[points->all], trial[points->all];
+  int n = 0, changed;
+  for (int k = 0; k < points->all; ++k) {
+    const PointForce *e = points->of + k;
+    if (e->load >= 0) trial[n] = b->of_followed[k], found[n++] = -b->lost_springs[e->first_internal + FOLLOWED];
   }
-  return next_trial(&b->following, found, 0, b->of_followed);
+  changed = next_trial(&b->following, found, 0, trial);
+  for (int k = points->all - 1; k >= 0; --k)
+    if (points->of[k].load >= 0) b->of_followed[k] = trial[--n];
+  return changed;
 }
 
 /* What weights of the forces of a sub-step add to mu and omega: a force of a column is a row of Tv^T r, as those of

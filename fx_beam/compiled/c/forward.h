@@ -11,7 +11,7 @@
    The block has right sides and solutions of all directions (work.h), behind a column that is zero. */
 typedef struct {
   double *end, *increment, *force, *columns, *reduced, *arms, *map, *block, *natural_end;
-  double *followed, *trial; /* of each direction the forces of joints that friction follows */
+  double *followed, *found, *trial; /* of each direction the forces of joints that friction follows */
   FixedPoint following;
   double *on_joints, *moments, *closing; /* of one direction: forces of joints, moments of springs, closing forces */
   double *on_borders; /* right sides of borders, and their solutions [border][direction] */
@@ -54,8 +54,9 @@ static long lay_out_forward(const Problem *p, const Adjoint *a, int count, Chang
     points += (p->points->of[k].size + p->points->of[k].internal) * (long)a->arguments[k];
   s->of_points = allocate(&at, points);
   c->natural_end = allocate(&at, (long)count * p->cells * p->cell_natural);
-  long followed = (long)count * p->points->all;
-  c->followed = allocate(&at, followed), c->trial = allocate(&at, followed);
+  c->followed = allocate(&at, (long)count * p->points->all);
+  long followed = (long)count * p->points->followed.size;
+  c->found = allocate(&at, followed), c->trial = allocate(&at, followed);
   c->following.size = followed, c->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
   return at - begin;
 }
@@ -515,14 +516,14 @@ static void change_forces(const Problem *p, const Work *w, const Change *c, cons
 static int change_followed(const Problem *p, Change *c, const Directions *d) {
   int all = p->points->all, changed = 0;
   for (int set = 0; set < 2; ++set) {
-    if (set) changed = next_trial(&c->following, c->followed, 0, c->trial);
+    long n = 0;
+    if (set) changed = next_trial(&c->following, c->found, 0, c->trial);
     for (int k = 0; k < all; ++k) {
       const PointForce *e = p->points->of + k;
-      for (int j = 0; e->load >= 0 && j < d->count; ++j) {
-        double *trial = c->trial + (long)j * all + k;
+      for (int j = 0; e->load >= 0 && j < d->count; ++j, ++n) {
         double *followed = d->spring_internal + (long)j * p->spring_width + e->first_internal + FOLLOWED;
-        if (set) *followed = *trial;
-        else *trial = *followed;
+        if (set) *followed = c->trial[n];
+        else c->trial[n] = *followed, c->found[n] = c->followed[(long)j * all + k];
       }
     }
   }
