@@ -2,8 +2,8 @@
 
     .venv/bin/python benchmarks/path_stability.py
 
-A shallow arch by load steps, by arc length, and under a force that follows it. Processor times, each
-the least of some runs; the share is that of the counts in the time of the rest.
+A shallow arch by load steps, by arc length, and under a force that follows it. Processor times,
+each the least of some runs; the share is that of the counts in the time of the rest.
 """
 
 from time import process_time
