@@ -45,9 +45,9 @@ SECTION = fb.Section(EA=RADIUS**-2, GA=10 * RADIUS**-2, EI=1.0, rhoA=1.0)  # len
 ELEMENTS, DEGREE, STEPS = 4, 3, 41
 SCHEME = fb.EnergyMomentum(order=4)
 LARGEST = 8.0  # A/r of a single mode with the energy at which the backbone ends
-LONG, SHORT = 0.08, 0.03  # steps of the continuation
-# Into the tongue: a family begins at a twentieth of the amplitude given, here 1.9 r.
-BEFORE, MOST = 38.0, 26
+LONG, SHORT = 0.1, 0.03  # steps of the continuation
+# Into the tongue: a family begins at a twentieth of the amplitude given, here 2.1 r.
+BEFORE, MOST = 42.0, 25
 SHOWN = (1.0, 4.0, 7.0)  # A/r of the shapes
 EDGES = (5.0, 6.9), (6.9, 8.5)  # A/r between which the second mode begins and ceases to grow
 BETA = 4.730040744862704, 7.853204624095838  # beta l of the first two modes

@@ -37,10 +37,10 @@ def frequency_of_duffing(amplitude):
     return math.pi * math.sqrt(1 + e) / (2 * ellipk(e / (2 * (1 + e))))
 
 
-def pinned(slenderness, elements=6):
+def pinned(slenderness, elements=6, degree=2):
     scene = fb.Scene()
     section = fb.Section(EA=slenderness**2, GA=10 * slenderness**2, EI=1.0, rhoA=1.0)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=2)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
     scene.pin(beam.start)
     scene.pin(beam.end)
     return scene, beam
@@ -142,6 +142,20 @@ def test_a_beam_between_fixed_hinges_has_the_frequencies_of_woinowsky_krieger(ra
     assert motion.error < 1e-9
     energy = motion.solution.energy
     assert np.ptp(energy.total) < 1e-9 * energy.total[0]
+
+
+@pytest.mark.parametrize("ratio", [1.0, 3.0])
+def test_a_slender_beam_between_fixed_hinges_has_the_frequency_of_its_single_mode(ratio):
+    # Extrapolated in (r / L)^2 to no thickness, where a sine remains one at all amplitudes:
+    # a'' + w^2 (1 + (a / r)^2 / 4) a = 0. Woinowsky-Krieger rounds it to four digits.
+    scheme, found = fb.EnergyMomentum(order=4), []
+    for slenderness in (200.0, 400.0):
+        scene, beam = pinned(slenderness, elements=4, degree=3)
+        linear = float(fb.modes(scene, n=1).frequencies[0])
+        options = {"mode": 0, "amplitude": ratio / slenderness, "steps": 41, "scheme": scheme}
+        found.append(fb.periodic(scene, **options).frequency / linear)
+    slender = (4 * found[1] - found[0]) / 3
+    assert slender == pytest.approx(frequency_of_duffing(ratio / 2), rel=2e-5)
 
 
 def test_bodies_on_hinges_swing_and_repeat_themselves():
@@ -346,6 +360,10 @@ def test_a_forced_response_passes_folds_between_which_it_is_unstable():
     assert back.any() and not stable[1:][back].all()
     kinds = {motion.instability for motion in curve}
     assert kinds == {"", "fold"}
+    # Stability changes where the frequency turns back.
+    turns = [k for k in range(1, len(w) - 1) if (w[k + 1] - w[k]) * (w[k] - w[k - 1]) < 0]
+    assert [kind for _, kind in curve.critical] == ["fold", "fold"]
+    assert [k for k, _ in curve.critical] == pytest.approx(turns, abs=1)
     # The equation of the first harmonic: ((1 - w^2) a + 3/4 a^3)^2 + (c w a)^2 = F^2.
     a = curve.amplitudes(build.body.centre, "x")
     force = np.hypot((1 - w**2) * a + 0.75 * a**3, 0.1 * w * a)

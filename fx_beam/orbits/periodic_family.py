@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -160,6 +161,21 @@ class PeriodicFamily:
     def stable(self) -> np.ndarray:
         """Whether the motions are stable, (n,)."""
         return np.array([motion.stable for motion in self.motions])
+
+    @property
+    def critical(self) -> list[tuple[int, str]]:
+        """Where stability changes: (k, kind) if multipliers cross the circle before motion k.
+
+        They do so between the motions k - 1 and k. The kind is `PeriodicMotion.instability` of the
+        motions that are unstable: at a fold the curve turns back in frequency, or another branch
+        leaves it; at a period doubling one of motions with twice the period.
+        """
+        kinds = [motion.instability for motion in self.motions]
+        return [
+            (k, after or before)
+            for k, (before, after) in enumerate(itertools.pairwise(kinds), 1)
+            if before != after
+        ]
 
     def amplitudes(self, node: Node, component: str = "y") -> np.ndarray:
         """Amplitudes of a node.
