@@ -137,6 +137,27 @@ static void solve_sparse_block(const Problem *p, const Work *w) {
   }
 }
 
+/* Solves for the unknowns of the borders, with several right sides. Equations are divided by their largest entries,
+   and forces counted in a stiffness: otherwise the units would choose the pivots. */
+static void solve_corner(const Problem *p, int count, double *D, double *g) {
+  int m = p->borders;
+  double soft = 0, k[m];
+  for (int i = 0; i < m; ++i) k[i] = 1;
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    for (int j = a->border; j < a->border + a->components; ++j) soft = fmax(soft, fabs(D[j * m + j]));
+  for (const Slider *a = p->slider; soft > 0 && a < p->slider + p->sliders; ++a)
+    for (int j = a->border; j < a->border + a->components + a->products; ++j) k[j] = 1 / soft;
+  for (int i = 0; i < m; ++i) {
+    double most = 0;
+    for (int j = 0; j < m; ++j) most = fmax(most, fabs(D[i * m + j] *= k[j]));
+    for (int j = 0; most > 0 && j < m; ++j) D[i * m + j] /= most;
+    for (int j = 0; most > 0 && j < count; ++j) g[i * count + j] /= most;
+  }
+  solve_dense(m, count, D, g);
+  for (int i = 0; i < m; ++i)
+    for (int j = 0; j < count; ++j) g[i * count + j] *= k[i];
+}
+
 /* Unknowns y of the borders from the first column of the block, A^-1 b, and the others, A^-1 B. The first
    column becomes x, as far as the borders reach. */
 static void solve_borders(const Problem *p, const Work *w) {
@@ -148,7 +169,7 @@ static void solve_borders(const Problem *p, const Work *w) {
     g[c->border] -= c->value * row[0];
     for (int j = 0; j < m; ++j) D[c->border * m + j] -= c->value * row[1 + j];
   }
-  solve_dense(m, 1, D, g);
+  solve_corner(p, 1, D, g);
   for (int i = 0; i < p->positions; ++i) {
     double *row = w->block + (long)i * n;
     for (int j = 0; w->reached[i] && j < m; ++j) row[0] -= row[1 + j] * g[j];

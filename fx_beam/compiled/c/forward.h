@@ -316,7 +316,7 @@ static void change_borders(const Problem *p, const Work *w, const Change *c, int
     for (int j = 0; j < count; ++j) g[e->border * count + j] -= e->value * row[j];
     for (int k = 0; k < m; ++k) D[e->border * m + k] -= e->value * row[count + k];
   }
-  solve_dense(m, count, D, g);
+  solve_corner(p, count, D, g);
   for (int i = 0; i < p->positions; ++i) {
     double *row = c->block + i * width + 1;
     for (int k = 0; k < m; ++k)
