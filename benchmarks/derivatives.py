@@ -2,7 +2,8 @@
 
     .venv/bin/python benchmarks/derivatives.py [tries]
 
-Pinned beams of 8, 128 and 2048 elements, and a chain of flexible arms with bodies and friction.
+Pinned beams of 8, 128 and 2048 elements, a chain of flexible arms with bodies and friction, and beads
+that slide on a beam.
 Columns: steps with a tape; gradient of a scalar, that is steps with a tape and the adjoint; the
 same if a fifth of the tape's memory is allowed, so that ten parts are repeated; changes of all
 states for 1, 5 and 20 numbers. All are relative to the steps without a tape: processor times,
@@ -50,11 +51,27 @@ def arms():
     return scene
 
 
+def beads(count):
+    """Bodies that slide along a pinned beam of 64 elements."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e5, GA=1e5, EI=500.0, rhoA=1.0, rhoI=1e-3)
+    beam = scene.add_beam([(0, 0), (10, 0)], section, elements=64)
+    scene.pin(beam.start)
+    scene.pin(beam.end)
+    for k in range(count):
+        body = scene.add_body((0.5 + 8 * k / count, 0), mass=0.5, inertia=0.01)
+        scene.add_joint(fb.Slider(beam, body.centre))
+        scene.set_velocity(body, (1.0, 0.0))
+    return scene
+
+
 CASES = {
     "8 elements": (lambda: pinned(8), 1e-3, 2000),
     "128 elements": (lambda: pinned(128), 1e-4, 400),
     "2048 elements": (lambda: pinned(2048), 1e-5, 100),
     "arms with bodies": (arms, 1e-3, 1000),
+    "a bead on a beam": (lambda: beads(1), 1e-3, 400),
+    "ten beads": (lambda: beads(10), 1e-3, 100),
 }
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from derivatives import Run, forward_and_backward
+from derivatives import Run, both, forward_and_backward
 
 import fx_beam as fb
 from fx_beam.compiled.adjoint import Adjoint
@@ -169,6 +169,28 @@ def test_so_they_do_with_a_force_on_the_node():
 
     forward, backward = forward_and_backward(build, dt=0.005, steps=6)
     assert forward == pytest.approx(backward, rel=1e-12)
+
+
+def test_so_they_do_on_a_beam_with_retardation():
+    """And they are those of the motion."""
+
+    def build(x):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=1.1e4, EI=50.0, rhoA=1.0, rhoI=0.01, retardation=2e-3 * x)
+        rod = scene.add_beam([(0, 0), (6, 0)], section, elements=12)
+        scene.pin(rod.start)
+        bead = scene.add_beam([(1.3, 0), (1.3, 0.3)], LIGHT)
+        scene.add_joint(fb.Sleeve(rod, bead.start))
+        scene.set_velocity(bead, (6.0, 2.0), spin=1.0)
+        scene.make_velocities_compatible()
+        return scene
+
+    forward, backward = forward_and_backward(build)
+    assert forward == pytest.approx(backward, rel=1e-10)
+    found, low, size = both(build, h=1e-3)
+    _, high, _ = both(build, h=2e-3)
+    assert found == pytest.approx((4 * low - high) / 3, abs=1e-8 * size)
+    assert size > 1e-3
 
 
 def test_so_they_do_for_degree_3():

@@ -150,8 +150,9 @@ static void solve_corner(const Problem *p, int count, double *D, double *g) {
   for (int i = 0; i < m; ++i) {
     double most = 0;
     for (int j = 0; j < m; ++j) most = fmax(most, fabs(D[i * m + j] *= k[j]));
-    for (int j = 0; most > 0 && j < m; ++j) D[i * m + j] /= most;
-    for (int j = 0; most > 0 && j < count; ++j) g[i * count + j] /= most;
+    double per_most = most > 0 ? 1 / most : 1;
+    for (int j = 0; j < m; ++j) D[i * m + j] *= per_most;
+    for (int j = 0; j < count; ++j) g[i * count + j] *= per_most;
   }
   solve_dense(m, count, D, g);
   for (int i = 0; i < m; ++i)
