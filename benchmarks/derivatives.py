@@ -2,8 +2,8 @@
 
     .venv/bin/python benchmarks/derivatives.py [tries]
 
-Pinned beams of 8, 128 and 2048 elements, a chain of flexible arms with bodies and friction, and beads
-that slide on a beam.
+Pinned beams of 8, 128 and 2048 elements, a chain of flexible arms with bodies and friction, and
+beads that slide on a beam.
 Columns: steps with a tape; gradient of a scalar, that is steps with a tape and the adjoint; the
 same if a fifth of the tape's memory is allowed, so that ten parts are repeated; changes of all
 states for 1, 5 and 20 numbers. All are relative to the steps without a tape: processor times,

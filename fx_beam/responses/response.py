@@ -40,8 +40,8 @@ from .observation import Observation, check_outputs, observes_rates, rates_at
 from .output_values import Wanted, recording, values_of
 from .static_derivatives import StateChange, StaticDerivatives, why_not
 
-# Differences of `build`: steps relative to a number, and weights. A wide step keeps the round-off of
-# its numbers small, and the combination has errors of the fourth power of it.
+# Differences of `build`: steps relative to a number, and weights. Wide steps keep the round-off of
+# its numbers small, and the combination has errors of their fourth power.
 _STEPS = {2.0**-11: -1 / 3, 2.0**-12: 4 / 3}
 _log = logging.getLogger("fx_beam")
 # Growth of derivatives towards the start above which they say little about the motion.
