@@ -70,6 +70,22 @@ def test_steps_that_are_repeated_are_the_same_to_the_last_digit(case):
     assert gradient == pytest.approx(same, rel=1e-12)
 
 
+def test_steps_whose_increments_are_kept_are_repeated_without_iterations():
+    run = fb.Response(lambda x: loaded(frame(), x), dt=0.01, t_end=0.31, memory=1e4)
+    _, y = run([1.0, 0.5])
+    run.vjp({name: np.ones_like(values) for name, values in y.items()})
+    tape, problem = run._kept.tape, run._kept.last.stepper.integrator.problem
+    known = [checkpoint.increments is not None for checkpoint in tape._checkpoints]
+    iterated, iterations = [], problem.c.iterations
+    for _ in tape.parts(problem):
+        iterated.append(problem.c.iterations > iterations)
+        iterations = problem.c.iterations
+    assert True in known and False in known
+    assert iterated == [not kept for kept in known]
+    kept = [own.increments.nbytes for own in tape._checkpoints if own.increments is not None]
+    assert sum(kept) <= 5e3
+
+
 def test_the_memory_of_a_gradient_is_bounded():
     def build(x):
         scene = fb.Scene(gravity=(0, -9.81))

@@ -73,13 +73,16 @@ class _Checkpoint(NamedTuple):
     places: dict[str, int]
     #: Work space with the factors of earlier steps, if these are used.
     scratch: np.ndarray | None
+    #: Increments (sub-steps, columns) of these steps, if they are kept.
+    increments: np.ndarray | None
 
 
 class Tape:
     """Rows of numbers, one for each sub-step, which the compiled loop writes (c/tape.h).
 
     If they need more memory than `limit` [bytes], only states at some steps are kept, and the steps
-    between are repeated where their rows are needed, to the last digit.
+    between are repeated where their rows are needed, to the last digit. As far as half of the
+    memory lasts, increments are kept as well, from which steps are repeated without iterations.
     """
 
     def __init__(self, problem: Problem, limit: float = LIMIT):
@@ -102,6 +105,8 @@ class Tape:
         # Whether a whole step begins with each sub-step.
         self._begins = np.empty(0, dtype=bool)
         self._checkpoints: list[_Checkpoint] = []
+        # Memory of their increments [bytes].
+        self._kept = 0
         #: Whether the rows of all sub-steps are kept.
         self.is_whole = True
 
@@ -133,13 +138,46 @@ class Tape:
             name: (own.ctypes.data - at) // own.itemsize
             for name, own in problem.state_arrays.items()
         }
-        parts = len(self), steps, numbers, kept, memory, places, scratch
-        self._checkpoints.append(_Checkpoint(*parts))
         more = steps.number * self._sub_steps
         if self.is_whole and 8 * self.c.size * (self.c.rows + more) > self._limit:
             self.is_whole = False
+            self._take_increments(problem)
             self._set_rows(np.empty((0, self.c.size)))
-        return self._with_room(more) if self.is_whole else self._ffi.NULL
+        increments = None if self.is_whole else self._increments(problem, more)
+        parts = len(self), steps, numbers, kept, memory, places, scratch, increments
+        self._checkpoints.append(_Checkpoint(*parts))
+        if self.is_whole:
+            return self._with_room(more)
+        if increments is None:
+            return self._ffi.NULL
+        self.c.row, self.c.rows = self._ffi.NULL, 0
+        self._read_increments(increments)
+        return self.c
+
+    def _increments(self, problem: Problem, sub_steps: int) -> np.ndarray | None:
+        """Room for increments, if there is memory, and if steps follow from these alone."""
+        p = problem.c
+        bytes_now = 8 * sub_steps * p.columns
+        touches = problem.model.points.members is not None or p.friction_follows
+        if touches or self._kept + bytes_now > self._limit / 2:
+            return None
+        self._kept += bytes_now
+        return np.empty((sub_steps, p.columns))
+
+    def _take_increments(self, problem: Problem) -> None:
+        """Take increments out of the rows, which end with them, before these are given up."""
+        for i, own in enumerate(self._checkpoints):
+            rows = self._rows[own.first :][: own.steps.number * self._sub_steps]
+            increments = self._increments(problem, len(rows))
+            if increments is None:
+                return
+            increments[:] = rows[:, self.c.size - problem.c.columns :]
+            self._checkpoints[i] = own._replace(increments=increments)
+
+    def _read_increments(self, increments: np.ndarray | None) -> None:
+        """Let C write or read increments, or none."""
+        own = self._ffi.NULL if increments is None else increments.ctypes.data
+        self.c.increments = self._ffi.cast("double *", own)
 
     def end(self, taken: int, fractions: np.ndarray) -> None:
         """Keep the times of the steps that were taken."""
@@ -203,6 +241,7 @@ class Tape:
         to = ffi.new("Record *")
         to.every, to.first, to.last, to.parts, to.part = 2**30, 1, -1, steps.parts, steps.part
         to.tape = self._with_room(steps.number * self._sub_steps)
+        self._read_increments(checkpoint.increments)
         p.repeats = 1
         problem.library.fx_run(p, steps.number, steps.dt, steps.inputs, to)
         p.repeats = 0

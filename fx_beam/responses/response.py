@@ -96,7 +96,8 @@ class Response:
         Functions of time of the inputs of the scene, as in `simulate`.
     memory : float
         Memory for the steps that derivatives follow [bytes]. If a motion needs more, only states at
-        some steps are kept, and derivatives repeat the steps between, to the last digit.
+        some steps are kept, and increments in half of the memory. Derivatives repeat the steps
+        between, to the last digit, those with increments without iterations.
 
     Attributes
     ----------

@@ -15,13 +15,23 @@ typedef struct {
   FixedPoint following;
   double *on_joints, *moments, *closing; /* of one direction: forces of joints, moments of springs, closing forces */
   double *on_borders; /* right sides of borders, and their solutions [border][direction] */
+  int moves_joints;   /* whether offsets, axes and rests of joints, or places of nodes that slide, change in any */
+  int held;           /* whether the configuration at the end is held in all directions */
   int *reached;
 } Change;
 
-/* Derivatives of the forces: of elements as pieces of `Pulled`, of forces at points [force][weight][given]. */
+/* Derivatives of the forces: of elements as pieces of `Pulled`, and whether these are by the configurations at the end
+   and at the start, not by increment and start; of forces at points [force][weight][given]. */
 typedef struct {
   double *of_elements[2], *of_points;
+  int by_ends[2];
 } Slopes;
+
+static int any(long n, const double *values) {
+  for (long i = 0; i < n; ++i)
+    if (values[i] != 0) return 1;
+  return 0;
+}
 
 /* Columns of the block: a column that is zero, then those of all directions, then those of borders. */
 static long width_of_block(const Problem *p, int count) { return 1L + count + p->borders; }
@@ -67,13 +77,46 @@ long fx_forward_scratch(const Problem *p, const Adjoint *a, int count) {
   return lay_out_forward(p, a, count, &c, &s, 0);
 }
 
-static void find_slopes(const Problem *p, const Pulled *of, const double *const *fields, double t, double dt,
+static int weights_of_piece(const Problem *p, const Pulled *of, int i) {
+  return of->of_internal[i] ? p->cell_internal : p->cell_dofs;
+}
+
+/* Where a piece begins in the slopes of a block, behind the work. */
+static double *piece_in(const Problem *p, const Pulled *of, int piece, double *slopes) {
+  long at = 1;
+  for (int i = 0; i < piece; ++i) at += of->piece_size[i] * weights_of_piece(p, of, i);
+  return slopes + at * LANES;
+}
+
+static int is_by_increment(const Pulled *of, int i) { return of->increment && of->piece_at[i] == 0; }
+
+/* The piece by the start with the weights of one by the increment, or -1. */
+static int piece_by_start(const Problem *p, const Pulled *of, int i) {
+  for (int k = 0; of->start && k < of->pieces; ++k)
+    if (of->piece_at[k] == p->cell_dofs && of->of_internal[k] == of->of_internal[i]) return k;
+  return -1;
+}
+
+static int can_be_by_ends(const Problem *p, const Pulled *of) {
+  for (int i = 0; i < of->pieces; ++i)
+    if (is_by_increment(of, i) && piece_by_start(p, of, i) < 0) return 0;
+  return of->increment;
+}
+
+/* With `by_ends` the slopes by the start become those at a fixed end. */
+static void find_slopes(const Problem *p, const Pulled *of, int by_ends, const double *const *fields, double t, double dt,
                         double *to) {
   const Form *form = &of->slopes;
   set_time(p, form, t, dt);
   for (int i = 0; i < form->integrals; ++i)
-    for (long block = 0; block * LANES < form->of[i].cells; ++block, to += (long)of->slope_numbers * LANES)
+    for (long block = 0; block * LANES < form->of[i].cells; ++block, to += (long)of->slope_numbers * LANES) {
       evaluate(p, form, form->of + i, block, fields, to);
+      for (int k = 0; by_ends && k < of->pieces; ++k) {
+        if (!is_by_increment(of, k)) continue;
+        double *by_end = piece_in(p, of, k, to), *by_start = piece_in(p, of, piece_by_start(p, of, k), to);
+        for (int l = 0; l < of->piece_size[k] * weights_of_piece(p, of, k) * LANES; ++l) by_start[l] -= by_end[l];
+      }
+    }
 }
 
 static void find_point_slopes(const Problem *p, const Adjoint *a, double *to) {
@@ -99,15 +142,17 @@ INLINED void add_products(int numbers, int weights, const double *slopes, const 
   }
 }
 
-/* The changes of forces of elements, or of the increments of internal variables, by those of their numbers. */
-static void sum_pieces(const Pulled *of, int internal, int weights, const double *slopes, const double *x,
-                       int n, int m, Lanes *sums) {
+/* The changes of forces of elements, or of the increments of internal variables, by those of their numbers: those
+   before `tail` in x. With `held` the end does not change. */
+static void sum_pieces(const Pulled *of, int held, int internal, int weights, const double *slopes, const double *x,
+                       int before_tail, const double *tail, int n, int m, Lanes *sums) {
   slopes += LANES; /* behind the work */
   for (int k = 0; k < weights; ++k) sums[k] = (Lanes){0};
   for (int i = 0; i < of->pieces; ++i) {
     int numbers = of->piece_size[i];
-    const double *own = x + of->piece_at[i] * LANES;
-    if (of->of_internal[i] == internal) {
+    int at = of->piece_at[i];
+    const double *own = at < before_tail ? x + at * LANES : tail + (at - before_tail) * LANES;
+    if (of->of_internal[i] == internal && !(held && is_by_increment(of, i))) {
       if (weights == 6) /* the sums stay in registers */
         add_products(numbers, 6, slopes, own, sums);
       else if (weights == 9)
@@ -120,11 +165,13 @@ static void sum_pieces(const Pulled *of, int internal, int weights, const double
 }
 
 /* Adds the changes of the forces of elements in all directions, or with `grown` those of their internal variables. */
-static void change_elements(const Problem *p, const Pulled *of, const double *slopes, const Directions *d,
+static void change_elements(const Problem *p, const Pulled *of, const double *slopes, int by_ends, const Directions *d,
                             const Change *c, const double *tails, long tail_numbers, long row, long rows,
                             double *grown) {
   const Form *form = &of->slopes;
   int n = p->cell_dofs, m = p->cell_internal, all = numbers_of_element(p, of), s = p->cell_natural;
+  int held = by_ends && c->held;
+  const double *first = by_ends ? c->end : c->increment;
   int there[] = {of->increment, of->start, of->before}, strained[] = {of->natural, of->natural_end};
   const double *natural[] = {d->natural, c->natural_end};
   long internal = (long)p->cells * m;
@@ -135,10 +182,10 @@ static void change_elements(const Problem *p, const Pulled *of, const double *sl
     for (long block = 0; block * LANES < own->cells; ++block, slopes += (long)of->slope_numbers * LANES) {
       const int *dofs = own->dofs + block * n * LANES, *to = own->to + block * n * LANES;
       for (int j = 0; j < d->count; ++j) {
-        const double *nodal[] = {c->increment + j * (long)(p->dofs + LANES), d->q + (long)j * p->dofs,
+        const double *nodal[] = {first + j * (long)(p->dofs + LANES), d->q + (long)j * p->dofs,
                                  d->before + (long)j * p->dofs};
-        double *at = x;
-        for (int k = 0; k < 3; ++k)
+        double *at = held ? x + n * LANES : x;
+        for (int k = held; k < 3; ++k)
           for (int l = 0; there[k] && l < n * LANES; l += LANES, at += LANES) *(Lanes *)at = lanes_of(nodal[k], dofs + l);
         if (of->internal) {
           const int *inside = own->internal + block * m * LANES;
@@ -151,12 +198,15 @@ static void change_elements(const Problem *p, const Pulled *of, const double *sl
             for (int l = 0; l < s * LANES; ++l) at[l] = natural[end][(long)j * p->cells * s + inside[l]];
             at += s * LANES;
           }
-        memcpy(at, tails + j * tail_numbers, of->tail * LANES * sizeof(double));
-        const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
-        for (int k = 0; of->parameters_at >= 0 && k < form->parameters; ++k)
-          for (int l = 0; l < LANES; ++l)
-            at[(of->parameters_at + k) * LANES + l] = parameters[form->parameter[k]];
-        sum_pieces(of, grown != 0, grown ? m : n, slopes, x, n, m, sums);
+        const double *tail = tails + j * tail_numbers;
+        if (of->parameters_at >= 0) {
+          const double *parameters = d->parameters + (j * rows + row) * 2 * p->parameter_count;
+          tail = memcpy(at, tail, of->tail * LANES * sizeof(double));
+          for (int k = 0; k < form->parameters; ++k)
+            for (int l = 0; l < LANES; ++l)
+              at[(of->parameters_at + k) * LANES + l] = parameters[form->parameter[k]];
+        }
+        sum_pieces(of, held, grown != 0, grown ? m : n, slopes, x, all - of->tail, tail, n, m, sums);
         if (!grown) {
           add(n, to, (const double *)sums, c->force + j * (long)(p->dofs + LANES));
           continue;
@@ -398,13 +448,28 @@ static Change in_direction(const Problem *p, const Change *c, int j) {
   return own;
 }
 
+/* Whether the configuration at the end of a sub-step does not change where the unknowns are held. */
+static int is_held(const Problem *p, const Directions *d, const Change *c, long row, long rows) {
+  for (int j = 0; j < d->count; ++j)
+    if (any(p->driven, d->driven + (j * rows + row) * p->driven)) return 0;
+  return !c->moves_joints;
+}
+
 /* The changes of the columns at the end: those of driven motions, and with `solved` of the unknowns. And of the
    configuration. */
-static void change_ends(const Problem *p, const Work *w, const Directions *d, const Change *c, const SlideEnds *slides,
+static void change_ends(const Problem *p, const Work *w, const Directions *d, Change *c, const SlideEnds *slides,
                         long row, long rows, int solved) {
   long all = p->columns + p->ties, width = width_of_block(p, d->count);
   const int *order = order_now(p);
+  c->held = !solved && is_held(p, d, c, row, rows);
   memset(c->columns, 0, d->count * all * sizeof(double));
+  if (c->held) {
+    memset(c->end, 0, d->count * (long)(p->dofs + LANES) * sizeof(double));
+    memset(c->arms, 0, 2L * p->joints * d->count * sizeof(double));
+    for (int j = 0; j < d->count; ++j)
+      for (int i = 0; i < p->dofs; ++i) c->increment[j * (long)(p->dofs + LANES) + i] = -d->q[(long)j * p->dofs + i];
+    return;
+  }
   for (int i = 0; solved && i < p->free; ++i) {
     const double *found = c->block + order[i] * width + 1;
     for (int j = 0; j < d->count; ++j) c->columns[j * all + i] = -found[j];
@@ -569,8 +634,8 @@ static void change_balance(const Problem *p, const Work *w, const Adjoint *a, co
                            const Directions *d, const Backward *b, long row, long rows, int solved) {
   long at = d->force_at[row];
   memset(c->force, 0, d->count * (long)(p->dofs + LANES) * sizeof(double));
-  change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, row, rows, 0);
-  change_elements(p, &a->drag, s->of_elements[1], d, c, d->of_drag, d->drag_numbers, row, rows, 0);
+  change_elements(p, &a->internal_forces, s->of_elements[0], s->by_ends[0], d, c, d->of_elements, d->element_numbers, row, rows, 0);
+  change_elements(p, &a->drag, s->of_elements[1], s->by_ends[1], d, c, d->of_drag, d->drag_numbers, row, rows, 0);
   for (int j = 0; j < d->count; ++j) {
     Change own = in_direction(p, c, j);
     change_residual(p, w, a, s, &own, d, b, row, rows, j);
@@ -602,7 +667,7 @@ static int push_step(Problem *p, const Work *w, const Adjoint *a, const Slopes *
   if (internal) {
     double *grown = d->grown;
     memset(grown, 0, d->count * internal * sizeof(double));
-    change_elements(p, &a->internal_forces, s->of_elements[0], d, c, d->of_elements, d->element_numbers, row, rows, grown);
+    change_elements(p, &a->internal_forces, s->of_elements[0], s->by_ends[0], d, c, d->of_elements, d->element_numbers, row, rows, grown);
     for (long i = 0; i < d->count * internal; ++i) d->internal[i] += grown[i];
   }
   if (p->naturals) memcpy(d->natural, c->natural_end, (long)d->count * p->cells * p->cell_natural * sizeof(double));
@@ -621,8 +686,8 @@ static int begin_push(Problem *p, Work *w, const Adjoint *a, const Slopes *s, co
   double t = p->t + p->level * w->dt;
   memset(b->omega, 0, p->dofs * sizeof(double));
   memset(b->of_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));
-  find_slopes(p, &a->internal_forces, fields, t, w->dt, s->of_elements[0]);
-  find_slopes(p, &a->drag, fields, t, w->dt, s->of_elements[1]);
+  find_slopes(p, &a->internal_forces, s->by_ends[0], fields, t, w->dt, s->of_elements[0]);
+  find_slopes(p, &a->drag, s->by_ends[1], fields, t, w->dt, s->of_elements[1]);
   find_point_slopes(p, a, s->of_points);
   return 1;
 }
@@ -653,6 +718,10 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch), lay_out_forward(p, a, d->count, &c, &s, d->scratch);
   w->dt = NAN;
   c.map[0] = 0;
+  long joints = (long)d->count * p->joints;
+  c.moves_joints = any(2 * joints, d->offset) || any(2 * joints, d->axis) || any(joints, d->rest) ||
+                   any(3L * d->count * p->sliders, d->places);
+  s.by_ends[0] = can_be_by_ends(p, &a->internal_forces), s.by_ends[1] = can_be_by_ends(p, &a->drag);
   for (long row = 0; row < tape->rows; ++row) {
     long k = tape->first + row;
     begin_fixed_point(&c.following);

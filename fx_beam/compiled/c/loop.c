@@ -128,9 +128,28 @@ static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
   return NO_CONVERGENCE;
 }
 
+/* Finds the increment of a sub-step; returns why it fails. */
+static int find_increment(Problem *p, const Work *w, const double *driven, int order) {
+  int failure = newton(p, w, driven, order);
+  if (failure && order) failure = newton(p, w, driven, 0);
+  if (failure && p->kept.worth) {
+    p->kept.exact = 1;
+    failure = newton(p, w, driven, 0);
+    p->kept.exact = 0;
+  }
+  return failure;
+}
+
+/* Takes the increment of the columns that is known. */
+static int take_increment(Problem *p, const Work *w, const double *known) {
+  memcpy(w->z, known, p->columns * sizeof(double));
+  return (begin_couplings(p, w) || choose_ahead(p, w)) && expand(p, w) ? OK : SINGULAR;
+}
+
 /* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
-   that are inverted at its start. */
-static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, int look) {
+   that are inverted at its start. The increment of its columns may be known. */
+static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, int look,
+                     const double *known) {
   p->sub_step = sub_step;
   const double *target = inputs->driven + k * p->driven;
   double *change = w->start, t = p->t + p->level * dt;
@@ -151,13 +170,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   begin_form(p, &p->added, w->fields, t, dt);
   LAP(AUDIT);
   int *order = p->orders + sub_step;
-  p->failure = newton(p, w, change, *order);
-  if (p->failure && *order) p->failure = newton(p, w, change, 0);
-  if (p->failure && p->kept.worth) {
-    p->kept.exact = 1;
-    p->failure = newton(p, w, change, 0);
-    p->kept.exact = 0;
-  }
+  p->failure = known ? take_increment(p, w, known) : find_increment(p, w, change, *order);
   if (p->failure) return 0;
   if (p->friction_follows && (p->failure = follow_joints(p, w, change, t))) return 0;
   LAP(CHECKS);
@@ -267,7 +280,8 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
       long number = (long)k * p->sub_steps + i;
       set_shares(p, i, part);
       if (of_row && to->stores_starts) record_start(p, dt * p->fractions[i], i, to);
-      if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0)) {
+      const double *known = p->repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
+      if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0, known)) {
         if (i > 0) undo(p, w, before);
         forget(to, starts, taped);
         return k;

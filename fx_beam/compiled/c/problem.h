@@ -306,11 +306,12 @@ typedef struct {
 
 /* A tape (tape.h): rows of numbers, one for each sub-step, and how many there may be. If they are `apart`, as
    equilibria are, none depends on those before. They may be a part of a run: there are `all`, and `first` before
-   these. */
+   these. A tape without a `row` keeps increments of the columns alone, [sub-step][column], from which steps are
+   repeated. */
 typedef struct {
   long size, rows, room, first, all;
   int apart;
-  double *row;
+  double *row, *increments;
 } Tape;
 
 /* Histories: a row for every `every`-th step and for the last. */

@@ -34,6 +34,10 @@ long fx_tape_size(const Problem *p) {
 /* Adds a sub-step that succeeded, before the state advances. */
 static void put_on_tape(const Problem *p, const Work *w, Tape *tape, double *loads, double *thrust,
                         double *natural) {
+  if (!tape->row) {
+    memcpy(tape->increments + tape->rows++ * p->columns, w->z, p->columns * sizeof(double));
+    return;
+  }
   double *to = tape->row + tape->rows++ * tape->size;
   TapedArrays arrays = taped_arrays(p, w, loads, thrust, natural);
   *to++ = p->t, *to++ = w->dt, *to++ = p->ratio, *to++ = p->share, *to++ = p->earlier;
