@@ -225,6 +225,7 @@ HOUSE = {
         "ending",
         "changing_scene",
         "contact_check",
+        "bend_check",
         "dynamics",
         "static_path",
         "snapshot",

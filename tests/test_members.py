@@ -1,6 +1,7 @@
 """Contact of members with members and with themselves: invariants, balances, search, bad input."""
 
 import copy
+import re
 
 import numpy as np
 import pytest
@@ -404,3 +405,23 @@ def test_bad_contact_of_members_is_an_error_that_says_what_to_do(options, messag
     with pytest.raises(fb.SceneError, match=message):
         scene.add_contact(scene.beams[1], scene.beams[0], stiffness=1e5, **options)
     assert not scene.obstacles
+
+
+@pytest.mark.parametrize("thickness", [0.3, 0.1])
+def test_a_member_that_rolls_up_tighter_than_what_touches_it_is_named(thickness, caplog):
+    """A moment bends it to the radius EI / M = 0.29 about a pin."""
+    scene = fb.Scene()
+    rolled = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=24, name="rolled")
+    scene.clamp(rolled.start)
+    pin = scene.add_body((0.4, 0.06 + thickness), mass=1.0, inertia=1.0).centre
+    scene.clamp(pin)
+    scene.add_contact(pin, rolled, stiffness=2e4, radius=(thickness, 0.05))
+    scene.add_moment(rolled.end, lambda t: 70.0 * t)
+    if thickness < 0.2:
+        fb.simulate(scene, dt=2e-3, t_end=0.5)
+        assert not caplog.text
+    else:  # the nearest point of the member is nowhere any more
+        with pytest.raises(fb.StepError):
+            fb.simulate(scene, dt=2e-3, t_end=0.5)
+        said = r"'rolled' has the radius of curvature 0\.3\d+ at .* touched inside its bend"
+        assert re.search(said, caplog.text)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
@@ -30,6 +30,7 @@ from fx_beam.stepping.substeps import LARGE_TURN, Halving
 from fx_beam.stepping.tolerance import Tolerance
 from fx_beam.validation import as_float, is_flag, is_number, require
 
+from .bend_check import warn_of_sharp_bends
 from .changing_scene import ChangingScene
 from .contact_check import warn_of_depth
 from .ending import Condition, Ending, checked_conditions
@@ -234,7 +235,7 @@ def simulate(
     recorder = Recorder(setup.model, times, record or Record())
     rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
-    rates = record is None or record.rates
+    rates, places_known = record is None or record.rates, record is None or record.motion
     state = setup.first_state(
         first, start, control is None, accelerations=rates or control is not None
     )
@@ -296,13 +297,16 @@ def simulate(
             _warn_of_parts(stats, first)
         _warn_of_damping(stats, first if control is None else None)
         found = solution()
-        if record is None or record.motion:
+        if places_known:
             warn_of_depth(found, motion=True)
+            warn_of_sharp_bends(found, motion=True)
         return found
     except BaseException as error:
         recorder.settle_at_end()
         stats.failure = failure_of(error, recorder.end.t)
         attach(error, solution)
+        if places_known and isinstance(error, StepError):
+            warn_of_sharp_bends(error.solution, motion=True)
         raise
 
 

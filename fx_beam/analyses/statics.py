@@ -41,6 +41,7 @@ from fx_beam.validation import (
     vector,
 )
 
+from .bend_check import warn_of_sharp_bends
 from .branches import Branch, grown
 from .contact_check import warn_of_depth
 from .evaluation import solution_of
@@ -215,6 +216,7 @@ def static(
             _log.warning(reason)
         solution = _solution(stepper, inversion, states, clock, values, branches_off)
         warn_of_depth(solution)
+        warn_of_sharp_bends(solution)
         keep_path(StaticPath(solution, model, forcing, states, given, inputs, start is not None))
     except BaseException as error:
         stats.failure = failure_of(error, states[-1].t if states else 0.0)
@@ -223,6 +225,7 @@ def static(
             attach(error, lambda: _solution(stepper, *parts))
         if isinstance(error, StepError) and stats.steps:
             _name_critical_point(error, stepper, states, branches_off)
+            warn_of_sharp_bends(error.solution)
         raise
     if branches:
 
