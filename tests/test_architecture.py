@@ -264,6 +264,7 @@ HOUSE = {
         "resultant_outputs",
         "objectives",
         "output_values",
+        "built_scenes",
         "observation",
         "response",
         "static_response",

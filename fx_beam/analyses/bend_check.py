@@ -39,8 +39,8 @@ def warn_of_sharp_bends(solution: Solution, motion: bool = False) -> None:
         _log.warning(
             "%s: %s: at %s %.6g %s has the radius of curvature %.3g at (%.4g, %.4g), where it is "
             "touched inside its bend; both half thicknesses are %.3g. The energy may jump there, "
-            "which energy.balance_error shows, and steps may fail. Raise the stiffness of the contact or of the member in "
-            "bending, or give a smaller radius",
+            "which energy.balance_error shows, and steps may fail. Raise the stiffness of the "
+            "contact or of the member in bending, or give a smaller radius",
             *(name, obstacle, row, solution.t[k], label(member), radius, x, y, obstacle.radii),
         )
 

@@ -25,24 +25,22 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
-from fx_beam.scene.outputs import Output, check_output
+from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import ElsewhereError, OtherStructureError
+from fx_beam.scene.structure import ElsewhereError
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.substeps import Halving
-from fx_beam.validation import as_float, is_number, numbers, require, shown
+from fx_beam.validation import as_float, is_number, require
 
+from .built_scenes import Build, BuiltScenes, checked_numbers
 from .gradient import Gradient, along
 from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at
-from .output_values import Wanted, recording, values_of
+from .output_values import recording, values_of
 from .static_derivatives import StateChange, StaticDerivatives, why_not
 
-# Differences of `build`: steps relative to a number, and weights. Wide steps keep the round-off of
-# its numbers small, and the combination has errors of their fourth power.
-_STEPS = {2.0**-11: -1 / 3, 2.0**-12: 4 / 3}
 _log = logging.getLogger("fx_beam")
 # Growth of derivatives towards the start above which they say little about the motion.
 _USEFUL_GROWTH = 1e6
@@ -52,7 +50,7 @@ _CHAOTIC = (
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
 # What pickles and copies keep: what was given.
-_GIVEN = {"_build", "_start", "_record", "_options", "_static"}
+_GIVEN = {"_build", "_memory", "_start", "_record", "_options", "_static"}
 
 
 class Response:
@@ -132,7 +130,7 @@ class Response:
 
     def __init__(
         self,
-        build: Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]],
+        build: Build,
         scheme: Scheme | None = None,
         *,
         t_end: float,
@@ -176,7 +174,7 @@ class Response:
 
     def _begin(self) -> None:
         """Know of no call yet."""
-        self._names: list[str] = []
+        self._scenes = BuiltScenes(self._build)
         self._x: Any = None
         # Derivatives of all numbers by x.
         self._known_changes: dict[str, np.ndarray] | None = None
@@ -211,13 +209,13 @@ class Response:
         y : dict of (n, ...) float
             The outputs by name.
         """
-        given, self._x = _checked(x), None  # without derivatives if the motion fails
+        given, self._x = checked_numbers(x), None  # without derivatives if the motion fails
         rows = self._run(given)
         self._x = given
         return rows
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        scene, self._outputs = self._built(x)
+        scene, self._outputs = self._scenes.at(x)
         with keeping_setup(self._kept):
             solution = simulate(
                 scene,
@@ -322,7 +320,7 @@ class Response:
             As of `vjp`.
         """
         model, tape, _ = self._followed("jacobian")
-        outputs = self._differentiable(names or self._names, "Response.jacobian: names")
+        outputs = self._differentiable(names or self._scenes.names, "Response.jacobian: names")
         check_outputs(model, tape, outputs, self._path is not None)
         changes = self._changes(tape)
         model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
@@ -503,7 +501,7 @@ class Response:
         """Outputs by names; SceneError for functions."""
         given = list(names)
         fits = all(name in self._outputs for name in given)
-        require(fits, what, given, f"names of outputs, of {self._names}")
+        require(fits, what, given, f"names of outputs, of {self._scenes.names}")
         outputs: dict[str, Output] = {}
         for name in given:
             output = self._outputs[name]
@@ -533,40 +531,8 @@ class Response:
                 moved = None if start is None else functools.partial(start.at, number=i, by=change)
                 return self._numbers_of(scene, (t0, t1), rates, moved)
 
-            self._known_changes = self._differences(numbers_of)
+            self._known_changes = self._scenes.derivatives(self._x, numbers_of)
         return self._known_changes
-
-    def _differences(
-        self, numbers_of: Callable[[Scene, int, float], dict[str, np.ndarray]]
-    ) -> dict[str, np.ndarray]:
-        """Derivatives (m, ...) by x of the numbers of scenes with another number x[i].
-
-        `numbers_of` is given such a scene, i, and the change of x[i].
-        """
-        parts = []
-        for i, x in enumerate(self._x):
-            found: dict[str, np.ndarray] = {}
-            for step, weight in _STEPS.items():
-                h = step * (abs(x) or 1.0)
-                low, high = (self._numbers_at(i, change, numbers_of) for change in (-h, h))
-                for name, last in high.items():
-                    found[name] = found.get(name, 0.0) + weight * (last - low[name]) / (2 * h)
-            parts.append(found)
-        return {name: np.array([part[name] for part in parts]) for name in parts[0]}
-
-    def _numbers_at(
-        self, i: int, change: float, numbers_of: Callable[[Scene, int, float], dict]
-    ) -> dict[str, np.ndarray]:
-        """Numbers of the scene with a change of x[i]."""
-        x = self._x[i]
-        try:
-            return numbers_of(self._scene_at(i, x + change), i, change)
-        except OtherStructureError as other:
-            here = shown(x)
-            raise SceneError(
-                f"Response: the scene at x[{i}] = {shown(x + change)} has another structure than "
-                f"at {here}: {other}. There are no derivatives at {here}"
-            ) from None
 
     def _change_of_start(self) -> StateChange | None:
         """How the equilibrium from which the motion starts depends on x.
@@ -576,7 +542,7 @@ class Response:
         if self._path is None or why_not(self._path):
             return None
         of = StaticDerivatives(self._path)
-        changes = self._differences(lambda scene, i, change: of.numbers_of(scene))
+        changes = self._scenes.derivatives(self._x, lambda scene, i, change: of.numbers_of(scene))
         self._refuse_others(changes, of.names)
         return of.change_of_end(changes)
 
@@ -593,19 +559,6 @@ class Response:
                 f"Response: x[{changing[0]}] changes {name!r} of the scene, by which motions have "
                 "no derivatives"
             )
-
-    def _scene_at(self, i: int, value: float) -> Scene:
-        """The scene with another number x[i]."""
-        x = self._x.copy()
-        x[i] = value
-        try:
-            scene, _ = self._built(x)
-        except SceneError as error:
-            raise SceneError(
-                f"Response: no derivatives by x[{i}] at {shown(self._x[i])}, since there is no "
-                f"scene at {shown(value)}: {error}"
-            ) from error
-        return scene
 
     def _numbers_of(
         self,
@@ -649,7 +602,7 @@ class Response:
     def _set_again(self) -> None:
         """Set the numbers of the last call."""
         options, kept = self._options, self._kept
-        scene, _ = self._built(self._x)
+        scene, _ = self._scenes.at(self._x)
         scene = with_functions(scene, options["inputs"], "Response: inputs")
         steady = options["tolerance"] is None
         halving = Halving(options["max_halvings"], options["dt"] if steady else None)
@@ -657,39 +610,3 @@ class Response:
         setup = kept.of(scene, scheme, options["newton"], halving, options["solver"])
         kept.put_back(setup)
         self._is_set = True
-
-    def _built(self, x: np.ndarray) -> tuple[Scene, dict[str, Wanted]]:
-        built = self._build(x)
-        fits = isinstance(built, tuple) and len(built) == 2
-        if not fits or not isinstance(built[0], Scene) or not isinstance(built[1], Mapping):
-            raise SceneError(
-                f"Response: build must give a scene and a dict of outputs, not {shown(built)}"
-            )
-        scene, outputs = built[0], dict(built[1])
-        require(bool(outputs), "Response: outputs", outputs, "at least one output by name")
-        for name, output in outputs.items():
-            what = f"Response: the output {name!r}"
-            if isinstance(output, Output):
-                check_output(scene, output, what)
-            else:
-                require(
-                    callable(output),
-                    what,
-                    output,
-                    "an fx_beam.Output, or a function of the solution",
-                )
-        self._names = self._names or list(outputs)
-        require(
-            list(outputs) == self._names,
-            "Response: outputs",
-            list(outputs),
-            f"as in the first call, {self._names}",
-        )
-        return scene, outputs
-
-
-def _checked(x) -> np.ndarray:
-    values = numbers(x)
-    fits = values.ndim == 1 and values.size > 0 and bool(np.isfinite(values).all())
-    require(fits, "Response: x", x, "a sequence of finite numbers")
-    return values

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,11 @@ from fx_beam.analyses.statics import static
 from fx_beam.compiled.adjoint import Adjoint
 from fx_beam.compiled.tape import Tape
 from fx_beam.model.model import Model
-from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.validation import require
 
-from .response import Response, Wanted
+from .built_scenes import Build
+from .response import Response
 from .static_derivatives import StaticDerivatives
 
 
@@ -82,7 +82,7 @@ class StaticResponse(Response):
 
     def __init__(
         self,
-        build: Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]],
+        build: Build,
         steps: int = 10,
         *,
         t: float = 0.0,
@@ -127,7 +127,7 @@ class StaticResponse(Response):
         return super().__call__(x)
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        scene, self._outputs = self._built(x)
+        scene, self._outputs = self._scenes.at(x)
         with keeping_paths() as paths:
             solution = static(scene, progress=False, **self._static)
         (self._static_path,) = paths
@@ -161,5 +161,7 @@ class StaticResponse(Response):
         if self._known_changes is None:
             of = self._derivatives
             assert of is not None  # `_followed` comes first
-            self._known_changes = self._differences(lambda scene, i, by: of.numbers_of(scene))
+            self._known_changes = self._scenes.derivatives(
+                self._x, lambda scene, i, by: of.numbers_of(scene)
+            )
         return self._known_changes
