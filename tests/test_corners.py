@@ -85,7 +85,8 @@ def test_a_hinge_that_softens_has_its_limit_at_yield_and_goes_on_flowing(H):
     scene, joint = arm_on(plastic_hinge(100.0, H))
     path = fb.static(scene, 5, continuation="arc-length", max_steps=30)
     limit, *others = path.stats.limit_points
-    assert limit == pytest.approx(YIELD / 0.5, rel=1e-5)
+    # A corner nearer to the end of a step than 1e-4 of it is its end; steps are 0.2 long.
+    assert limit == pytest.approx(YIELD / 0.5, abs=1e-4 * 0.2)
     assert not others
     assert limit in path.load_factor
     flown = path.joint(joint).internal("plastic")

@@ -237,9 +237,7 @@ def test_an_error_names_the_bifurcation_at_which_steps_fail():
     factor = fb.static(straight, steps=4).critical_points[0].load_factor
     scene, _ = column(14.0 * factor, 4, 2, np.pi)
     scene.add_force(scene.beams[0].node(0.5), (1e-9, 0))
-    with pytest.raises(
-        fb.StepError, match=r"a bifurcation at load factor (1|0\.99999999)"
-    ) as caught:
+    with pytest.raises(fb.StepError, match=r"a bifurcation near load factor 1\. Follow") as caught:
         fb.static(scene, steps=4)
     path = caught.value.solution
     assert len(path.t) > 4
@@ -248,7 +246,7 @@ def test_an_error_names_the_bifurcation_at_which_steps_fail():
 
 
 def test_an_error_names_the_limit_point_at_which_steps_fail():
-    with pytest.raises(fb.StepError, match=r"limit point at load factor 0\.1480258.*arc-length"):
+    with pytest.raises(fb.StepError, match=r"limit point near load factor 0\.148\. .*arc-length"):
         fb.static(truss(0.2, 20.0), steps=17)
 
 

@@ -321,9 +321,3 @@ def test_another_shape_of_the_beam_is_refused():
     run([1.0])
     with pytest.raises(SceneError, match="'beams on which nodes slide'"):
         run.jacobian()
-
-
-def test_periodic_motions_are_refused():
-    scene, _ = weighed(X)
-    with pytest.raises(SceneError, match="on a beam cannot be found yet"):
-        fb.periodic(scene, mode=0, amplitude=0.1)

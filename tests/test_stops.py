@@ -196,9 +196,17 @@ def test_modes_have_the_stiffness_of_a_closed_stop_and_not_of_an_open_one():
         assert found.frequencies[0] == pytest.approx(exact, rel=1e-6)
 
 
-def test_a_stop_is_no_support():
-    with pytest.raises(fb.SceneError, match="can rotate about"):
-        fb.static(pendulum((-0.1, 0.1, 1e4))[0])
+def test_a_pendulum_hangs_on_the_stop_that_it_meets_first():
+    """Statics finds what holds it: the weight, and the stop after 0.1 of the 30 degrees.
+
+    The stop's moment k d is that of the weight at the angle where it rests.
+    """
+    scene, hinge = pendulum((-0.1, 0.1, 1e4))
+    path = fb.static(scene, steps=2)
+    turned = path.joint(hinge).angle[-1]
+    d = -turned - 0.1
+    assert 0 < d < 1e-3
+    assert 1e4 * d == pytest.approx(9.81 * math.sin(math.pi / 6 + turned), rel=1e-3)
 
 
 def test_a_run_goes_on_as_if_it_had_not_ended():

@@ -364,7 +364,8 @@ def _name_critical_point(
     except (ValueError, RuntimeError, StepFailed):
         return
     for point in points:
-        advice = f"There is a {point.kind} at load factor {point.load_factor:.9g}. "
+        # Beyond the last state it is extrapolated.
+        advice = f"There is a {point.kind} near load factor {point.load_factor:.4g}. "
         if point.kind == "bifurcation":
             advice += (
                 "Follow a branch: point = error.solution.critical_points[-1], and then static("
@@ -372,7 +373,7 @@ def _name_critical_point(
                 "little more or less"
             )
         else:
-            advice += 'Use continuation="arc-length" to pass it'
+            advice += error.failure.advice
         error.failure = stepper.stats.failure = replace(error.failure, advice=advice)
         error.args = (str(error.failure),)
 

@@ -15,6 +15,8 @@ from fx_beam.model.equations import Equations
 
 # Factors are kept if making them costs as much as so many solutions.
 _LEAST_WORTH = 6
+# A pivot relative to the largest one that is zero but for round-off.
+_ROUND_OFF = 1e-14
 
 
 class LinearSolver:
@@ -31,6 +33,8 @@ class LinearSolver:
         self._pattern = reduction.pattern
         #: Whether rows were exchanged in the last factors, whose pivots tell no signs.
         self._exchanged = False
+        #: Whether the last tangent was singular.
+        self.singular = False
         #: Values of the last tangent.
         self.values = np.zeros(len(reduction.pattern[1]))
         self._size = len(reduction.pattern[0]) - 1
@@ -51,7 +55,7 @@ class LinearSolver:
 
         Without a right side it is zero also then, as at a bifurcation of a straight path.
         """
-        self._exchanged = False
+        self._exchanged = self.singular = False
         if not (free := len(b)):
             return b
         changes = equations.model.points.members is not None
@@ -63,6 +67,7 @@ class LinearSolver:
                     return x
         factors = self._changing(equations.system(r)) if changes else self._constant()
         if factors is None:
+            self.singular = True
             return np.full(free, np.nan) if b.any() else np.zeros(free)
         if self._size > free:  # forces of ties and borders
             b = np.concatenate([b, np.zeros(self._size - free)])
@@ -81,7 +86,9 @@ class LinearSolver:
         # A pivot of a regular matrix that is not positive definite may be zero.
         self._exchanged = True
         indptr, indices = self._pattern
-        return self._changing(csr_matrix((self.values, indices, indptr)))
+        factors = self._changing(csr_matrix((self.values, indices, indptr)))
+        pivots = abs(factors.U.diagonal()) if factors is not None else np.zeros(1)
+        return factors if pivots.min() > _ROUND_OFF * pivots.max() else None
 
     @staticmethod
     def _changing(tangent: csr_matrix) -> SuperLU | None:

@@ -78,7 +78,10 @@ class LoadStepper:
         def release(state: State, before: float, after: float) -> State:
             self._hold = (1 - before) * tension, (1 - after) * tension
             self.single.newton.hold = self._hold[1]
-            return self.step(state, 0.0)
+            new = self.step(state, 0.0)
+            if self.single.newton.linear.singular:
+                raise StepFailed("singular", "the tangent is singular", new.q - state.q, [])
+            return new
 
         try:
             # Without tension a single step is enough; otherwise several steps are more robust.
