@@ -654,7 +654,9 @@ def test_numbers_at_the_end_of_their_range_have_no_derivatives():
 
     run = fb.Response(build, dt=0.01, t_end=0.05)
     run([0.0])
-    with pytest.raises(fb.SceneError, match=r"by x\[0\] at 0.0, since there is no scene at -0.0004"):
+    with pytest.raises(
+        fb.SceneError, match=r"by x\[0\] at 0.0, since there is no scene at -0.0004"
+    ):
         run.jacobian()
 
 
