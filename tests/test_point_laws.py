@@ -10,6 +10,7 @@ import pytest
 from scipy.integrate import quad
 
 import fx_beam as fb
+from fx_beam.fem import dolfinx_api, point_functions
 from fx_beam.fem.compiled_laws import compiled_law
 from fx_beam.mechanics import node_laws, scalar_laws
 from fx_beam.mechanics.coordinates import ANGLE, DISTANCE, FROM_POINT, SLIDE
@@ -295,3 +296,18 @@ def test_forces_that_make_no_sense_are_refused():
         with pytest.raises(fb.SceneError, match=message):
             call()
     assert not scene.forces_between and not scene.obstacles
+
+
+def test_equal_parts_of_an_expression_become_one_object():
+    x = ufl.Constant(dolfinx_api.domain(1), shape=(2,))
+
+    def grown(times):
+        y = x[0] + ufl.sqrt(x[1])
+        for _ in range(times):
+            y = y * ufl.sin(y)
+        return y
+
+    # Two trees of 2^40 leaves, which no comparison of their parts would end.
+    one = point_functions._shared(ufl.as_vector([grown(40), grown(40)]))
+    assert one.ufl_operands[0] is one.ufl_operands[1]
+    assert point_functions._shared(one) is one

@@ -33,6 +33,31 @@ class _Stripped(MultiFunction):
         return operand
 
 
+def _shared(expression: Any) -> Any:
+    """The expression with equal parts as one object.
+
+    UFL compares equal objects part by part, whose number without sharing grows exponentially.
+    """
+    known: dict[int, Any] = {}
+    by_parts: dict[Any, Any] = {}
+    left = [expression]
+    while left:
+        part = left[-1]
+        if id(part) in known:
+            left.pop()
+        elif missing := [of for of in part.ufl_operands if id(of) not in known]:
+            left += missing
+        else:
+            left.pop()
+            parts = [known[id(of)] for of in part.ufl_operands]
+            key = (type(part), *map(id, parts)) if parts else part
+            if key not in by_parts:
+                same = all(of is other for of, other in zip(parts, part.ufl_operands, strict=True))
+                by_parts[key] = part if same else part._ufl_expr_reconstruct_(*parts)
+            known[id(part)] = by_parts[key]
+    return known[id(expression)]
+
+
 class PointFunction:
     """A UFL vector of some numbers as a C function."""
 
@@ -56,7 +81,7 @@ def point_functions(values: Mapping[str, Values], arguments: int) -> list[PointF
     # Without the variables of derivatives: later versions of UFL tell them apart by numbers of
     # the process, and would compile the same function again.
     expressions = {
-        name: map_expr_dag(_Stripped(), expand_derivatives(of(numbers)))
+        name: map_expr_dag(_Stripped(), expand_derivatives(_shared(of(numbers))))
         for name, of in values.items()
     }
     compiled = dolfinx_api.compile_together(
