@@ -40,6 +40,7 @@ def _shared(expression: Any) -> Any:
     """
     known: dict[int, Any] = {}
     by_parts: dict[Any, Any] = {}
+    reuse = MultiFunction().reuse_if_untouched
     left = [expression]
     while left:
         part = left[-1]
@@ -52,8 +53,7 @@ def _shared(expression: Any) -> Any:
             parts = [known[id(of)] for of in part.ufl_operands]
             key = (type(part), *map(id, parts)) if parts else part
             if key not in by_parts:
-                same = all(of is other for of, other in zip(parts, part.ufl_operands, strict=True))
-                by_parts[key] = part if same else part._ufl_expr_reconstruct_(*parts)
+                by_parts[key] = reuse(part, *parts)
             known[id(part)] = by_parts[key]
     return known[id(expression)]
 
