@@ -232,6 +232,9 @@ class WholeEquations(Equations):
 class PartedSolver:
     """In the place of `LinearSolver`: the parts solve together."""
 
+    #: What is singular has no solution, and fails by itself.
+    singular = False
+
     def __init__(self, stats: Stats):
         self._stats = stats
 
