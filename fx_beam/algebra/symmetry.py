@@ -32,6 +32,9 @@ class Symmetry:
         gaps = abs(values[self._above] - values[self._below])
         if not gaps.any():
             return True
-        largest = np.sqrt(np.maximum.reduceat(abs(values * self._units), self._starts))
+        sizes = abs(values * self._units)
+        if (gaps * self._units[self._above] > _ROUNDING * sizes.max()).any():
+            return False  # whatever the largest ones of their rows are
+        largest = np.sqrt(np.maximum.reduceat(sizes, self._starts))
         largest /= self._unit
         return bool((gaps <= _ROUNDING * largest[self._rows] * largest[self._columns]).all())

@@ -234,6 +234,8 @@ class PartedSolver:
 
     #: What is singular has no solution, and fails by itself.
     singular = False
+    #: The tangent is in parts.
+    values = None
 
     def __init__(self, stats: Stats):
         self._stats = stats

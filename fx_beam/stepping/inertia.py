@@ -18,8 +18,8 @@ class Factors(Protocol):
     """Factors of the last tangent."""
 
     @property
-    def values(self) -> np.ndarray:
-        """Values of the tangent."""
+    def values(self) -> np.ndarray | None:
+        """Values of the tangent; None if it is nowhere as a whole."""
 
     def negative_eigenvalues(self) -> int | None:
         """Their number; None if the factors do not tell."""
@@ -48,7 +48,7 @@ class Inertia:
         """The number of negative eigenvalues; None if the factors do not tell."""
         if not self._known:
             return None
-        count = factors.negative_eigenvalues()
-        if count is None or self._symmetry is None or self._symmetry.holds(factors.values):
-            return count
-        return None
+        if (symmetry := self._symmetry) is not None:
+            if factors.values is None or not symmetry.holds(factors.values):
+                return None
+        return factors.negative_eigenvalues()
