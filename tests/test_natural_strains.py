@@ -168,12 +168,16 @@ def test_the_frequency_response_of_a_prestressed_beam_is_that_of_the_continuum(t
         assert value == pytest.approx((1 / own).sum(), rel=2e-4)
 
 
-def test_a_linear_system_of_a_muscle_is_the_limit_of_small_motions():
-    scene, beam = bar(elements=3, degree=2, curvature=fb.Input("muscle", factor=0.5))
+@pytest.mark.parametrize(("rhoI", "retardation"), [(1e-3, 0.0), (1e-3, 0.01), (0.0, 0.01)])
+def test_a_linear_system_of_a_muscle_is_the_limit_of_small_motions(rhoI, retardation):
+    """Also where the material damps the rate of the muscle."""
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=rhoI, retardation=retardation)
+    scene, beam = bar(section, elements=3, degree=2, curvature=fb.Input("muscle", factor=0.5))
     scene.add_drag(beam, linear=2.0, rotation=0.02)
     load = scene.add_force(beam.end, (0.0, 0.2))
     start = fb.static(scene, steps=4)
-    system = fb.linearise(scene, start, outputs={"tip": fb.Output("displacement", beam.end, "y")})
+    outputs = {"tip": fb.Output("displacement", beam.end, "y")}
+    system = fb.linearise(scene, start, outputs=outputs)
     t = 2e-3 * np.arange(201)
     push = np.sin(np.pi * t / 0.4) ** 4
     exact = scipy.signal.lsim(system.state_space(), push, t)[1]
@@ -184,14 +188,18 @@ def test_a_linear_system_of_a_muscle_is_the_limit_of_small_motions():
         seen.append(motion.displacement(beam.end)[:, 1])
     assert load in scene.loads
     assert (seen[0] - seen[1]) / 2e-3 == pytest.approx(exact, abs=3e-3 * abs(exact).max())
+    # The states of a motion, from displacements, rates and the input.
+    motion = fb.Motion(scene, dt=2e-3, start=start, outputs=outputs)
+    for _ in range(2):
+        motion.step({"muscle": 1e-3})
+    tip = system.C @ system.deviation(motion) + system.D @ [1e-3]
+    moved = motion.outputs["tip"] - start.displacement(beam.end)[-1, 1]
+    assert tip.item() == pytest.approx(moved, rel=1e-3)
+    assert system.deviation(motion.state) == pytest.approx(system.deviation(motion), abs=1e-12)
 
 
-def test_a_linear_system_refuses_a_natural_strain_that_changes_where_the_material_damps():
+def test_a_linear_system_needs_the_rates_of_natural_strains_that_damp():
     damped = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3, retardation=1e-2)
-    scene, _ = bar(damped, curvature=fb.Input("muscle"))
-    with pytest.raises(fb.SceneError, match="retardation, and a natural strain by the input 'mus"):
-        fb.linearise(scene)
-    assert fb.linearise(scene, inputs=[]).B.shape[1] == 0
     scene, _ = bar(damped, curvature=lambda t: min(t, 0.02))
     fb.linearise(scene, fb.static(scene, t=0.02))
     with pytest.raises(fb.SceneError, match="a natural strain whose rate jumps at t = 0.02"):
@@ -199,8 +207,9 @@ def test_a_linear_system_refuses_a_natural_strain_that_changes_where_the_materia
     fb.linearise(scene, fb.simulate(scene, dt=0.005, t_end=0.03))
 
 
-def test_a_damped_string_that_is_strained_has_the_frequencies_of_its_whole_force():
-    """Its force is -EA (e + tau e') for a natural strain e that grows."""
+@pytest.mark.parametrize("link", [False, True])
+def test_a_damped_string_that_is_strained_has_the_frequencies_of_its_whole_force(link):
+    """Its force is -EA (e + tau e') for a natural strain e that grows; it also pulls at a link."""
     tau, grows = 0.05, lambda t: -0.01 - 0.2 * t
     systems = []
     for damping, axial in (((tau, 0.0, 0.0), grows), (0.0, grows(0.1) - 0.2 * tau)):
@@ -209,7 +218,12 @@ def test_a_damped_string_that_is_strained_has_the_frequencies_of_its_whole_force
         string = fb.Section(**own, retardation=damping)
         beam = scene.add_beam([(0, 0), (1, 0)], string, elements=6, degree=2)
         scene.clamp(beam.start)
-        scene.clamp(beam.end)
+        if link:
+            body = scene.add_body((1.2, 0), mass=1.0, inertia=0.1, points={"end": (1, 0)})
+            scene.pin(body.centre)
+            scene.add_joint(fb.Revolute(body["end"], beam.end))
+        else:
+            scene.clamp(beam.end)
         scene.add_natural_strain(beam, axial=axial)
         systems.append(fb.linearise(scene, fb.simulate(scene, dt=0.01, t_end=0.1)))
     damped, plain = (np.linalg.eigvals(system.A) for system in systems)

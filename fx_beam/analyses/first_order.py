@@ -13,14 +13,14 @@ from fx_beam.fem.dead_loads import columns_of
 from fx_beam.scene.beam import Node
 from fx_beam.stepping.held_inputs import Ramp
 
-from .moving_state import Deviations, driven_of, force_inside
+from .moving_state import Deviations, driven_of, forces_inside
 
 # Relative size below which a mass or a damping of a combination of unknowns is round-off.
 _NONE = 1e-12
 
 
 class InputColumns:
-    """Forces F (columns, m) of the inputs, and the positions and rates of driven ones.
+    """Forces F (columns, m) of the inputs and of their rates, positions and rates of driven ones.
 
     Positions p (k) of driven inputs move the driven columns by `of_positions` (columns, k); their
     rates are `rates` (k, m) times the inputs.
@@ -30,17 +30,25 @@ class InputColumns:
         held, free, count = about.held, len(about.unknowns), about.T.shape[1]
         forces: list[np.ndarray] = []
         of_driven: list[np.ndarray] = []
+        of_rates: dict[int, np.ndarray] = {}
         driven: list[int] = []
         #: Name of each input; with its component where it has two.
         self.labels: list[str] = []
         #: Number and factor of the first driven motion of each position.
         self.driven: list[tuple[int, float]] = []
         model = about.model
+        #: Inputs whose rates have forces: number, place in all inputs, and value in the state.
+        self.straining: list[tuple[int, int, float]] = []
+        first = dict(zip(held.widths, np.cumsum([0, *held.widths.values()]), strict=False))
         inside = [*model.forms.parameters.functions, *(of for _, of in model.natural.functions)]
         for name in names:
             parts, width = held.parts_of(name), held.widths[name]
             if any(part is of for of in inside for part in parts):
-                forces.append(force_inside(about, name))
+                force, of_rate = forces_inside(about, name)
+                if of_rate.any():
+                    of_rates[len(forces)] = of_rate
+                    self.straining.append((len(forces), first[name], float(held.values[name][0])))
+                forces.append(force)
                 self.labels.append(name)
                 continue
             if isinstance(parts[0], Ramp):
@@ -62,6 +70,9 @@ class InputColumns:
                 forces.append(about.T.T @ _force(about, parts, unit))
                 self.labels.append(name if width == 1 else f"{name}.{'xy'[k]}")
         self.forces = np.array(forces).reshape(-1, count).T
+        self.forces_of_rates = np.zeros_like(self.forces)
+        for number, of_rate in of_rates.items():
+            self.forces_of_rates[:, number] = of_rate
         self.of_positions = np.array(of_driven).reshape(-1, count).T
         self.rates = np.eye(len(forces))[driven]
 
@@ -90,7 +101,9 @@ def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
 class FirstOrder:
     """First-order equations of the deviations, without those of massless unknowns.
 
-    All quantities are rows over the states and the inputs (x, u).
+    All quantities are rows over the states and the inputs (x, u). Where the rate of an input has a
+    force G u', the rates of masses are v + M^-1 G u and what has damping only is at x + C^-1 G u:
+    so the states v and x have no force of u', and do not jump with u.
     """
 
     def __init__(self, about: Deviations, inputs: InputColumns, what: str):
@@ -102,6 +115,7 @@ class FirstOrder:
         of_positions = inputs.of_positions
         Mp, Cp, Kp = (V.T @ part[y] @ of_positions for part in (about.M, about.C, about.K))
         F, G = V.T @ inputs.forces[y], inputs.rates
+        of_rates = V.T @ inputs.forces_of_rates[y]
         one, a, b = slice(masses), slice(masses, masses + damped), slice(masses + damped, free)
         k, m = G.shape
         counts = np.cumsum([0, masses, damped, k, masses, m])
@@ -110,7 +124,12 @@ class FirstOrder:
         solve = scipy.linalg.solve
         dp = G @ u
         self.moved = solve(M[one, one], Mp[one]) if masses else Mp[one]
-        dy1 = s - self.moved @ dp
+        #: Jumps of what has damping only, and of the rates of masses, with the inputs.
+        self.shifts = solve(C[a, a], of_rates[a]) if damped else of_rates[a]
+        impulses = of_rates[one] - C[one, a] @ self.shifts
+        self.kicks = solve(M[one, one], impulses) if masses else impulses
+        dy1 = s + self.kicks @ u - self.moved @ dp
+        ya = ya + self.shifts @ u
         try:
             held = solve(K[b, b], np.column_stack([F[b], K[b, one], K[b, a], Kp[b]]))
         except np.linalg.LinAlgError as error:
@@ -124,7 +143,7 @@ class FirstOrder:
             elastic = K[own, one] @ y1 + K[own, a] @ ya + K[own, b] @ yb + Kp[own] @ p
             return F[own] @ u - elastic - C[own, one] @ dy1 - Cp[own] @ dp
 
-        dya = solve(C[a, a], force(a)) if damped else ya
+        dya = solve(C[a, a], force(a)) if damped else eye[:0]
         ds = solve(M[one, one], force(one) - C[one, a] @ dya) if masses else s
         dyb = -by_1 @ dy1 - by_a @ dya - by_p @ dp
         self.dx = np.vstack([dy1, dya, dp, ds])
@@ -135,7 +154,7 @@ class FirstOrder:
         rates[y] = V @ np.vstack([dy1, dya, dyb])
         self.dz = rates + of_positions @ dp
         #: Jumps (free, m) of the unknowns with the inputs.
-        self.jumps = V[:, b] @ jump
+        self.jumps = V[:, a] @ self.shifts + V[:, b] @ (jump - by_a @ self.shifts)
         self._inverse, self._one, self._a = np.linalg.inv(V), one, a
         #: Shape of nodal motions, and number of joints.
         self.shape, self.joints = (len(about.model.mesh.X), 3), about.model.scene.joint_count
@@ -144,8 +163,13 @@ class FirstOrder:
         """Fewer states."""
         return Projected(self, W)
 
-    def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, t: float) -> np.ndarray:
-        """States of a motion: displacements (nodes, 3), rates, slides (joints,), and time [s]."""
+    def deviation(
+        self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, t: float, inputs: np.ndarray | None
+    ) -> np.ndarray:
+        """States of a motion: displacements (nodes, 3), rates, slides (joints,), and time [s].
+
+        Also the values of all inputs, where the force of a rate of theirs is known.
+        """
         about, model = self._about, self._about.model
         free, state = len(about.unknowns), about.state
         q, v = model.from_nodes(q), model.from_nodes(v)
@@ -163,7 +187,12 @@ class FirstOrder:
         )
         dy = rates[:free]
         y, dy = self._inverse @ y, self._inverse @ dy
-        return np.concatenate([y[self._one], y[self._a], p, dy[self._one] + self.moved @ dp])
+        u = np.zeros(self.kicks.shape[1])
+        for number, place, value in self._inputs.straining:
+            u[number] = inputs[place] - value
+        slow = y[self._a] - self.shifts @ u
+        rates_of_masses = dy[self._one] + self.moved @ dp - self.kicks @ u
+        return np.concatenate([y[self._one], slow, p, rates_of_masses])
 
 
 class Projected:
@@ -174,9 +203,11 @@ class Projected:
         self.shape: tuple[int, int] = whole.shape
         self.joints: int = whole.joints
 
-    def deviation(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, t: float) -> np.ndarray:
+    def deviation(
+        self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, t: float, inputs: np.ndarray | None
+    ) -> np.ndarray:
         """States of a motion."""
-        return self._W @ self._whole.deviation(q, v, slides, t)
+        return self._W @ self._whole.deviation(q, v, slides, t, inputs)
 
     def projected(self, W: np.ndarray) -> Projected:
         """Fewer states."""

@@ -12,7 +12,7 @@ import scipy.linalg
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
-from fx_beam.scene.inputs import InputSlot, check_names, widths
+from fx_beam.scene.inputs import check_names, widths
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
@@ -35,7 +35,9 @@ class LinearSystem:
 
     Created by `linearise`. The states x are the deviations of unknowns with mass, of those that
     have damping but no mass, of the positions of motors, and the rates of those with mass. Where
-    motors move masses, these rates are without the part of the motors.
+    motors move masses, these rates are without the part of the motors. Where an input u strains a
+    material that damps, a force G u' follows its rate: the rates are without M^-1 G u, and what has
+    damping but no mass is without C^-1 G u, their jumps with the input.
 
     Parameters
     ----------
@@ -188,9 +190,10 @@ class LinearSystem:
         if isinstance(of, Solution):
             q, v, slides = of.recorded("q")[-1], of.recorded("v")[-1], slides[-1]
             t = end_of(of).t
+        inputs = end_of(of.state if isinstance(of, Motion) else of).inputs
         if q.shape != self.reduction.shape or len(slides) != self.reduction.joints:
             raise SceneError("deviation: the motion is one of another scene")
-        return self.reduction.deviation(q, v, slides, t)
+        return self.reduction.deviation(q, v, slides, t, inputs)
 
 
 def linearise(
@@ -271,7 +274,6 @@ def linearise(
     require(fits, f"{what}: inputs", inputs, "a sequence of names")
     check_names(names, known, f"{what}: inputs")
     about = deviations(scene, at.state if isinstance(at, Motion) else at, what)
-    _refuse_damped_rates(scene, names, what)
     kept = InputColumns(about, names)
     reduced = FirstOrder(about, kept, what)
     rows, of_rates, labels = _outputs(about, outputs, what)
@@ -293,20 +295,6 @@ def linearise(
         tuple(labels),
         reduced,
     )
-
-
-def _refuse_damped_rates(scene: Scene, names: Sequence[str], what: str) -> None:
-    """Refuse inputs that strain where the material damps: their rates give forces."""
-    for strain in scene.natural_strains:
-        beam = strain.beam
-        slots = [of.value for of in strain.parts.values() if isinstance(of.value, InputSlot)]
-        by = next((slot.name for slot in slots if slot.name in names), None)
-        if beam.section.damped and by is not None:
-            raise SceneError(
-                f"{what}: beam {beam.name!r} has retardation, and a natural strain by the input "
-                f"{by!r}. Its rate gives a force that the linear system does not have. Give the "
-                "beam retardation=0, or drag (add_drag) in its place"
-            )
 
 
 def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):

@@ -113,6 +113,8 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     _warn_of_turn(model, state, T, dT, what)
     strained = None if at is None or at.stats.static else _natural_rates(model, state.t, what)
     f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
+    if strained is not None:  # no strain changes in an instant
+        f = f + _force_of_strain_rates(model, state, strained)
     mass = model.mass
     dead = end_factor * forcing.forces(Interval(state.t, state.t))[0]
     if frame is not None:
@@ -276,7 +278,7 @@ def _natural_rates(model: Model, t: float, what: str) -> np.ndarray | None:
 def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     """Internal forces (size,), stiffness and damping; the same (columns,) of those on slides.
 
-    Natural strains may be `strained` at rates (cells, degree, 3).
+    Natural strains may be `strained` at rates (cells, degree, 3), whose own force is not in these.
     """
     forms, points = model.forms, model.points
     slide_rates = model.slide_rates(state)
@@ -318,23 +320,51 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     return f, K, C, pushes, stiff, viscous
 
 
-def force_inside(about: Deviations, name: str) -> np.ndarray:
-    """Forces (columns,) of a unit of an input that sets parameters or natural strains."""
+def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (columns,) of an input that sets parameters or natural strains: of its unit and rate.
+
+    Its rate has a force where it strains a material that damps.
+    """
     held, natural, state = about.held, about.model.natural, about.state
     value, h = held.values[name], _SMALL * max(1.0, abs(held.values[name][0]))
-    forces = []
+    forces, strains = [], []
     try:
         for changed in (value - h, value + h):
             held.set({name: changed})
             held.arrive()
             if natural:
-                state = replace(state, natural=natural.at(state.t))
-            f, _, _, pushes, _, _ = _forces(about.model, state)
-            forces.append(-(about.T.T @ f + about.S.T @ pushes))
+                strains.append(natural.at(state.t))
+                state = replace(state, natural=strains[-1])
+            forces.append(_on_columns(about, state))
     finally:
         held.set({name: value})
         held.arrive()
-    return (forces[1] - forces[0]) / (2 * h)
+    force = (forces[1] - forces[0]) / (2 * h)
+    if not natural or not about.model.forms.depend_on_rates:
+        return force, np.zeros_like(force)
+    rate = (strains[1] - strains[0]) / (2 * h)
+    return force, -about.T.T @ _force_of_strain_rates(about.model, about.state, rate)
+
+
+def _on_columns(about: Deviations, state: State) -> np.ndarray:
+    """Forces (columns,) of what lies inside of members and on slides."""
+    f, _, _, pushes, _, _ = _forces(about.model, state)
+    return -(about.T.T @ f + about.S.T @ pushes)
+
+
+def _force_of_strain_rates(model: Model, state: State, rates: np.ndarray) -> np.ndarray:
+    """Internal force (size,) of natural strains that change at rates (cells, degree, 3) [1/s].
+
+    Their mean is that of the state, so that only damping sees them.
+    """
+    assert state.natural is not None
+    forces, D, half = [], np.zeros(model.size), _SHORT / 2 * rates
+    for change in (half, -half):
+        given = model.start_of(state, _SHORT)
+        given = given._replace(natural=(state.natural - change, state.natural + change))
+        model.forms.begin(instant(state.t, _SHORT), given)
+        forces.append(model.forms.internal_force(D).copy())
+    return (forces[0] - forces[1]) / 2
 
 
 def _accelerations(
