@@ -77,6 +77,11 @@ def is_name(value) -> bool:
     return isinstance(value, str) and bool(value.strip())
 
 
+def all_of(flags: np.ndarray) -> bool:
+    """Whether all flags of an array are true; of few, far quicker than their method `all`."""
+    return np.count_nonzero(flags) == flags.size
+
+
 def is_one_of(value, choices: Iterable) -> bool:
     """Whether a value is one of some texts or numbers; arrays are not."""
     return (isinstance(value, str) or _is_real(value)) and value in choices
@@ -100,7 +105,7 @@ def require(fits: bool, what: str, value, wanted: str) -> None:
 def vector(value, size: int, what: str) -> np.ndarray:
     """Read-only array of `size` finite numbers."""
     array = shaped(value, size, what)
-    if not (abs(array) <= LARGEST).all():
+    if not all_of(abs(array) <= LARGEST):
         raise SceneError(
             f"{what}: {shown(value)} is not finite, or too large; give finite numbers of at most "
             f"{LARGEST:g}"
@@ -123,6 +128,10 @@ def numbers(value) -> np.ndarray:
 
     The entries of a masked array that are masked are no numbers.
     """
+    if type(value) is np.ndarray and value.dtype.kind in "iuf":
+        return np.array(value, dtype=float)
+    if type(value) in (list, tuple) and all(type(part) is float for part in value):
+        return np.array(value)
     parts = value if isinstance(value, list | tuple) else [value]
     if any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(part) for part in parts):
         return np.empty((0, 0))

@@ -236,10 +236,12 @@ def simulate(
     rows_at = None if record is None or record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
     rates, places_known = record is None or record.rates, record is None or record.motion
-    state = setup.first_state(
-        first, start, control is None, accelerations=rates or control is not None
-    )
-    recorder.record(0, state)
+    late = start is None and setup.model.finds_accelerations_later
+    asked = control is not None or (rates and not late)
+    state = setup.first_state(first, start, control is None, accelerations=asked)
+    if rates and not asked:
+        recorder.late_accelerations = setup.late_accelerations(state, first)
+    stepper.integrator.record_start(state, recorder)
     kept.begin(setup)
     stats.setup_seconds, stats.setup_reason = time.perf_counter() - clock, kept.reason
     if control is not None and order_and_constant(scheme)[0] > 2 and setup.model.loses_at_impacts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,7 +23,12 @@ from fx_beam.results.state import ARRAYS, FORCES, State
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.full_turns import TurnCounter
-from fx_beam.stepping.initial_state import check_joints, initial_state, resumed_state
+from fx_beam.stepping.initial_state import (
+    check_joints,
+    initial_state,
+    late_accelerations,
+    resumed_state,
+)
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.python_loop import PythonLoop
 from fx_beam.stepping.recorder import Record
@@ -119,6 +125,10 @@ class RunSetup:
             state = replace(state, impact=state.impact + lost)
         self.stepper.load(state)
         return state
+
+    def late_accelerations(self, state: State, dt: float) -> Callable[[], np.ndarray]:
+        """A function that gives the accelerations of a first state, in which they are zero."""
+        return late_accelerations(self.model, self.forcing, state, dt)
 
     def state_from(
         self, start: State | None, dt: float, steady: bool = True, accelerations: bool = True

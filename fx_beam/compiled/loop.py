@@ -14,7 +14,7 @@ from fx_beam.stepping.interrupts import uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.python_loop import Attempt, PythonLoop, Steps
-from fx_beam.stepping.recorder import Rows, Unrecorded
+from fx_beam.stepping.recorder import Recorder, Rows, Unrecorded
 
 from .handover import Problem
 from .tape import TakenSteps, Tape
@@ -38,13 +38,15 @@ class CompiledLoop:
         )
         #: Shapes of the arrays of a state.
         self.shapes = {name: array.lengths(self.model.sizes) for name, array in ARRAYS.items()}
+        #: Those that are not empty.
+        self._filled = {name: array for name, array in self._state_arrays.items() if array.size}
         #: Where C has what is recorded, by the names of rows and of starts of sub-steps.
         self._sources = {name: getattr(problem.c, name) for name in ROWS}
         self._sources |= {f"before_{name}": self._sources[name] for name in ("q", "v", "a")}
         self._sources |= {"before_internal": problem.c.internal, "earlier_q": problem.c.before}
         self._sources["before_natural"] = problem.c.natural
-        #: Rows by the records to which they belong.
-        self._rows_of: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
+        #: Records of C by recorders, each with the recorder's plan and its arrays of rows.
+        self._records: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
         self.tape: Tape | None = None
         C = problem.library
@@ -127,6 +129,15 @@ class CompiledLoop:
             error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
         )
 
+    def record_start(self, state: State, recorder: Recorder) -> None:
+        """Record the state at the start of a run, as C records the ends of steps."""
+        self.model.forms.parameters.use(state.parameters)
+        self.load(state)
+        recorder.begin(state)
+        to = self.c_record(recorder, Steps(0), 0)
+        self._library.fx_record_start(self._problem, to)
+        recorder.count(to.rows, to.starts)
+
     def _run(
         self, state: State, ends: np.ndarray, inputs: StepInputs, steps: Steps, recorder: Rows
     ) -> int:
@@ -139,7 +150,7 @@ class CompiledLoop:
             taken = self._run_taped(self.tape, inputs, dt, to)
         else:
             taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
-        recorder.add(to.rows, to.starts)
+        recorder.count(to.rows, to.starts)
         self.count(taken)
         return taken
 
@@ -162,13 +173,15 @@ class CompiledLoop:
 
     def load(self, state: State) -> None:
         """Write a state into the memory of C."""
-        p, arrays = self._problem, self._state_arrays
-        for name in ARRAYS:
-            value = getattr(state, name)
-            arrays[name][:] = 0.0 if value is None else value.ravel()
+        p, arrays = self._problem, self._filled
+        for name, array in arrays.items():
+            if name != "driven_now":
+                value = getattr(state, name)
+                array[:] = 0.0 if value is None else value.ravel()
         if p.keeps_before and state.before is None:
             arrays["before"][:] = state.q
-        arrays["driven_now"][len(self.model.prescribed) :] = state.motors
+        if len(state.motors):
+            arrays["driven_now"][len(self.model.prescribed) :] = state.motors
         p.steps_done = state.constraint_forces is not None
         for name in NUMBERS:
             setattr(p, name, getattr(state, name))
@@ -177,8 +190,9 @@ class CompiledLoop:
         """The inputs for C; they must be kept as long as C uses them."""
         c_inputs = self._ffi.new(self._types["Inputs *"])
         for name in ("loads", "driven", "thrust", "parameters", "natural"):
-            first = getattr(inputs, name)[:1]  # contiguous, also where one row stands for all
-            setattr(c_inputs, name, self._address("double[]", first))
+            if (values := getattr(inputs, name)).size:
+                first = values[:1]  # contiguous, also where one row stands for all
+                setattr(c_inputs, name, self._address("double[]", first))
         c_inputs.load_stride = inputs.loads.strides[0] // inputs.loads.itemsize
         c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
         c_inputs.natural_stride = inputs.natural.strides[0] // inputs.natural.itemsize
@@ -186,26 +200,37 @@ class CompiledLoop:
 
     def c_record(self, recorder: Rows, steps: Steps, number: int):
         """Rows of a recorder for C, from its next one on, for a number of steps or parts."""
-        to = self._ffi.new(self._types["Record *"])
-        to.every, to.first, to.last = recorder.every, steps.first, recorder.last
+        stores = recorder.stores_starts(steps.parts)
+        if stores:
+            recorder.make_room(number * self._problem.sub_steps)
+        plan, to, _ = self._records.get(recorder, (-1, None, None))
+        if plan != recorder.plans:
+            to = self._record_of(recorder)
+        to.first, to.last = steps.first, recorder.last
         to.parts, to.part = steps.parts, steps.done
-        to.stores_starts = recorder.stores_starts(to.parts)
-        to.starts, to.complete = recorder.starts, recorder.complete
-        rows, starts = recorder.next_rows(number * self._problem.sub_steps * to.stores_starts)
+        to.stores_starts, to.tape = stores, self._ffi.NULL
+        to.rows, to.starts, to.complete = recorder.rows, recorder.starts, recorder.complete
+        return to
+
+    def _record_of(self, recorder: Rows):
+        """The same with the arrays that a recorder has now."""
+        to = self._ffi.new(self._types["Record *"])
+        rows, starts = dict(recorder.arrays), dict(recorder.arrays_of_starts)
+        to.every, to.forces = recorder.every, "constraint_forces" in rows
         if "up_to_row" in rows:
             to.up_to_row = self._address("int[]", rows.pop("up_to_row"))
         for name in ("share", "memory"):
             if name in starts:
                 setattr(to, name, self._address("double[]", starts.pop(name)))
-        to.forces = "constraint_forces" in rows
         histories, stored = self._rows(rows), self._rows(starts)
         to.histories, to.history = len(histories), histories
         to.stored, to.start = len(stored), stored
-        self._rows_of[to] = histories, stored
+        self._records[recorder] = recorder.plans, to, (histories, stored)
         return to
 
     def _rows(self, arrays: dict[str, np.ndarray]):
         """Rows of arrays, which C writes from those of the same names."""
+        arrays = {name: array for name, array in arrays.items() if array.shape[1]}
         rows = self._ffi.new(self._types["Rows[]"], len(arrays))
         for row, (name, array) in zip(rows, arrays.items(), strict=True):
             row.source, row.size = self._sources[name], array.shape[1]

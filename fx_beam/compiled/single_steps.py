@@ -40,8 +40,9 @@ class CompiledSingleSteps:
         self.now = SimpleNamespace(
             **{name: problem.state_arrays[name].reshape(loop.shapes[name]) for name in ARRAYS}
         )
-        #: Rows of a recorder for C, and the number of the plan to which they belong.
-        self._rows, self._plan = self._unrecorded, -1
+        #: Rows of a recorder for C, and the recorder and its plan to which they belong.
+        self._rows = self._unrecorded
+        self._plan: tuple[Recorder | None, int] = None, -1
         self._build_inputs()
 
     def _build_inputs(self) -> None:
@@ -122,6 +123,7 @@ class CompiledSingleSteps:
             to.first = number
         p.t = t0
         if not self._run(p, 1, t1 - t0, self._c_inputs, to):
+            self._plan = None, -1  # parts of this step have the same record of C
             return False
         if p.inverted:
             self._loop.count(0)  # which warns
@@ -129,12 +131,11 @@ class CompiledSingleSteps:
 
     def _rows_of(self, recorder: Recorder):
         """The record of C, from the recorder's next row on."""
-        if recorder.plans != self._plan:
+        if (recorder, recorder.plans) != self._plan:
             room = len(recorder.arrays["energies"]) - recorder.rows
             self._rows = self._loop.c_record(recorder, Steps(1), room)
-            self._first = recorder.rows
-            self._plan = recorder.plans
-        self._rows.rows = recorder.rows - self._first
+            self._plan = recorder, recorder.plans
+        self._rows.rows = recorder.rows
         self._rows.starts, self._rows.complete = recorder.starts, recorder.complete
         return self._rows
 

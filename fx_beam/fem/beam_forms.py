@@ -77,6 +77,8 @@ class BeamForms:
         #: numbered as the kinds of coefficients in problem.h; None is missing.
         self.moving = [self._data.get(field) for field in weak.moving]
         self.increment, self._start, *self._start_rates = self.moving[:4]
+        #: Their values, those of missing ones apart.
+        self._moved = [field.x.array for field in self.moving if field is not None]
         if weak.added is not None:
             self._added = self._bind(weak.added)
         self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
@@ -207,9 +209,8 @@ class BeamForms:
 
     def refill(self, scene: Scene) -> None:
         """Set all numbers to those of a scene of the same structure, whose mesh is set."""
-        for field in self.moving:
-            if field is not None:
-                field.x.array[:] = 0.0
+        for values in self._moved:
+            values[:] = 0.0
         self._reset_constants()
         data = self._section_data(scene)
         changed = refill(self.of_sections, data)
@@ -422,18 +423,19 @@ class BeamForms:
 
     def set_load(self, factor: float, increment: float) -> None:
         """Set the load factor, and in statics its increment in the step."""
-        self.load_factor.value, self.load_increment.value = factor, increment
+        self._values["load_factor"][...] = factor
+        self._values["load_increment"][...] = increment
 
     def begin(self, interval: Interval, start: StepStart) -> None:
         """Begin a step."""
-        self.time.value = interval.start + self._scheme.rates.level * interval.length
-        self.dt.value = interval.length
+        self._values["time"][...] = interval.start + self._scheme.rates.level * interval.length
+        self._values["dt"][...] = interval.length
         self._set(self._start, start.q)
         if (self.needs_rates or self.drag is not None) and len(start.v):
             for function, rate in zip(self._start_rates, (start.v, start.a), strict=True):
                 self._set(function, rate)
         if self.needs_before:
-            self.memory.value = start.memory
+            self._values["memory"][...] = start.memory
             self._set(self.moving[4], start.q if start.before is None else start.before)
         self._set_internal(start.internal)
         self.natural.set(*(start.natural or (None, None)))

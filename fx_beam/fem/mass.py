@@ -19,7 +19,7 @@ from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .forms import Forms
 from .mesh import Mesh
-from .section_fields import Data, DataShape, FilledField, refill, section_data
+from .section_fields import Data, DataShape, FilledField, distinct, refill, section_data
 
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 
@@ -39,6 +39,8 @@ class Mass:
     def _read(self, scene: Scene) -> None:
         """Keep what of it may be changed in the scene itself later."""
         self._scene, self._masses, self._gravity = scene, scene.masses[:], scene.gravity
+        sections = distinct(beam.section for beam in scene.beams)
+        self._given = [(section.rhoA, section.rhoI) for section in sections]
 
     @property
     def _beams(self) -> BeamForms:
@@ -85,10 +87,12 @@ class Mass:
 
         Returns whether any mass differs. OtherStructureError if other entries are zero.
         """
-        mass, masses, gravity = self.matrix, self._masses, self._gravity
+        mass, masses, gravity, given = self.matrix, self._masses, self._gravity, self._given
         self._read(scene)
-        refilled = refill(self._fields, self._densities())
-        other = bool(refilled) or moved or masses != self._masses
+        other = moved or masses != self._masses
+        # Functions may give other values.
+        if given != self._given or any(callable(value) for pair in given for value in pair):
+            other |= bool(refill(self._fields, self._densities()))
         heavier = False
         if other:
             before = mass.data.copy()

@@ -12,6 +12,7 @@ from fx_beam.content_cache import cached_by_content
 from fx_beam.errors import SceneError
 from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
+from fx_beam.validation import all_of
 
 from . import dolfinx_api, interval_mesh
 
@@ -51,7 +52,7 @@ class Mesh:
         Arrays that were read from here keep their values.
         """
         X = _positions(scene)
-        if (X == self.X).all():
+        if all_of(X == self.X):
             return False
         self.X = X
         self.__dict__.pop("size", None)

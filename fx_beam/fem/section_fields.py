@@ -12,6 +12,7 @@ from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
+from fx_beam.validation import all_of
 
 from . import dolfinx_api
 from .mesh import Mesh
@@ -54,7 +55,7 @@ class FilledField:
         """Set the data, and whether they differ; OtherStructureError if they have another shape."""
         if data.shape != self.data.shape:
             raise OtherStructureError("data of beams that were equal differ, or conversely")
-        if (data.values == self.data.values).all():
+        if all_of(data.values == self.data.values):
             return False
         self.data = data
         if data.points:

@@ -302,6 +302,14 @@ class Model:
         read = beams is not None and (beams.needs_rates or beams.resultants_need_rates)
         return read or not by_mean or len(self.scheme.fractions) > 1 or bool(self.massless.any())
 
+    @property
+    def finds_accelerations_later(self) -> bool:
+        """Whether those at the start need not be known before the run, and depend on no joints."""
+        of_state = self.fits_rates or bool(self.natural)
+        return isinstance(self.reduction, IndexReduction) and not (
+            of_state or self.needs_accelerations
+        )
+
     @functools.cached_property
     def massless(self) -> np.ndarray:
         """Whether a degree of freedom is massless, (size,)."""

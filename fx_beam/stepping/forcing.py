@@ -30,10 +30,6 @@ class Forcing:
         #: The last natural strains, with their time.
         self._known: tuple[float, np.ndarray] | None = None
         scene = model.scene
-        #: Size of a unit motion (driven,): the size of the scene, or a radian.
-        turns = [component == 2 for _, component in scene.prescribed]
-        turns += [name == "rotation" for _, name in model.motors]
-        self._unit = np.where(turns, 1.0, model.mesh.size)
         self._driven = [
             (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
             for (node, component), function in scene.prescribed.items()
@@ -131,9 +127,14 @@ class Forcing:
 
     def check_start(self, state: State) -> None:
         """Refuse prescribed motions and motors that would jump at the start."""
+        if not self._driven:
+            return
         self.hold(state)
         given = self.positions(state.t)
-        allowed = 1e-9 * (self._unit + abs(given))
+        # A unit motion is the size of the scene, or a radian.
+        turns = [component == 2 for _, component in self.model.scene.prescribed]
+        turns += [name == "rotation" for _, name in self.model.motors]
+        allowed = 1e-9 * (np.where(turns, 1.0, self.model.mesh.size) + abs(given))
         for value, start, most, (_, what) in zip(
             given, self.current(state), allowed, self._driven, strict=True
         ):

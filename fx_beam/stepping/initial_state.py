@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
@@ -12,6 +14,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.constraints import slides_at_start
+from fx_beam.validation import all_of
 
 from .coupled_rates import CoupledRates, coupled_rates
 from .forcing import Forcing
@@ -63,8 +66,27 @@ def _moving_state(
         state = state.changed(v=v, work=state.work + by_driven, fitted=None)
     if not accelerates:
         return state, False
-    a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt)
+    loads = forcing.forces(Interval(state.t, state.t + dt))
+    a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt, loads)
     return state.changed(a=a), rest
+
+
+def late_accelerations(
+    model: Model, forcing: Forcing, state: State, dt: float
+) -> Callable[[], np.ndarray]:
+    """A function that gives the accelerations at the start, by the loads as they are now.
+
+    For a model of which `finds_accelerations_later` is true.
+    """
+    loads = forcing.forces(Interval(state.t, state.t + dt))
+    none = np.zeros(model.reduction.columns)
+
+    def accelerations() -> np.ndarray:
+        model.forms.parameters.use(state.parameters)
+        coupled, driven = coupled_rates(model), np.empty(0)
+        return _acceleration(model, forcing, state, coupled, none, driven, dt, loads)[0]
+
+    return accelerations
 
 
 def resumed_state(
@@ -76,7 +98,8 @@ def resumed_state(
         return start
     coupled = coupled_rates(model)
     w = nearest_rates(model, coupled, start.v, rates)
-    a, _ = _acceleration(model, forcing, start, coupled, w, accelerations, dt)
+    loads = forcing.forces(Interval(start.t, start.t + dt))
+    a, _ = _acceleration(model, forcing, start, coupled, w, accelerations, dt, loads)
     # What the last step of another scheme leaves to the next one does not count.
     start = start.changed(a=a, parts=None, past=None)
     return start.changed(before=None, algorithmic=0.0, length=0.0)
@@ -146,6 +169,7 @@ def _acceleration(
     w: np.ndarray,
     driven: np.ndarray,
     dt: float,
+    loads: tuple[np.ndarray, np.ndarray],
 ) -> tuple[np.ndarray, bool]:
     """Accelerations from T^T M a = T^T (F - f), zero without mass; whether forces stay there."""
     reduction = model.reduction
@@ -168,7 +192,6 @@ def _acceleration(
         curved = (ahead + back) / k**2
         reduction.expand(np.zeros(free), np.zeros(reduction.driven))
     mass = model.mass
-    loads = forcing.forces(Interval(state.t, state.t + dt))
     force = loads[0] - model.forms.internal_force(D)
     force -= mass @ (coupled.spread(a) + curved)
     model.points.evaluate_slides(h * w)
@@ -193,7 +216,7 @@ def initial_rates(
         return projected_rates(model, coupled, v, driven)
     w = nearest_rates(model, coupled, v, driven)
     compatible = model.reduction.spread(w)
-    if not scene.prescribed and (compatible == v).all():
+    if not scene.prescribed and all_of(compatible == v):
         return w
     unit = [1.0, 1.0, 1 / model.mesh.size]
     gap = model.to_nodes(abs(compatible - v)) / unit
@@ -257,7 +280,7 @@ def given_velocity(model: Model) -> np.ndarray:
         positions = mesh.X[nodes].tolist()
         given = np.empty((len(nodes), 3))
         given[:, :2], given[:, 2:] = item.value.each(positions), item.spin.each(positions)
-        if np.isfinite(given).all() and np.isnan(v[nodes]).all():
+        if all_of(np.isfinite(given)) and all_of(np.isnan(v[nodes])):
             v[nodes] = given
             continue
         size = (abs(given) * unit).max(axis=1, keepdims=True)

@@ -21,7 +21,7 @@ from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
 from .local_error import LocalError
 from .newton import NewtonOptions, StepFailed
-from .recorder import Rows
+from .recorder import Recorder, Rows
 from .single_step import SingleStep
 from .step_control import StepControl
 from .substeps import LARGE_TURN
@@ -99,6 +99,10 @@ class PythonLoop:
     def forget_errors(self) -> None:
         """Do not compare the next steps with those before."""
         self._errors = LocalError(self.model)
+
+    def record_start(self, state: State, recorder: Recorder) -> None:
+        """Record the state at the start of a run."""
+        recorder.record(0, state)
 
     def inputs(self, t: float, ends: np.ndarray) -> LateInputs:
         """Nothing yet."""

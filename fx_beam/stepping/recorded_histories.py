@@ -27,7 +27,8 @@ class RecordedHistories(Mapping):
     """Histories of n rows; empty if not recorded.
 
     `rows` are the recorded ones; `fitted` gives them with rates that fit the joints, and is None
-    where those of steps do. `turns` are the full turns that are missing in rows from a number on.
+    where those of steps do. `late_accelerations` gives those of row 0, if they are not recorded.
+    `turns` are the full turns that are missing in rows from a number on.
     """
 
     def __init__(
@@ -39,10 +40,12 @@ class RecordedHistories(Mapping):
         t: np.ndarray,
         t_level: Callable[[], np.ndarray],
         impact: float,
+        late_accelerations: Callable[[], np.ndarray] | None = None,
     ):
         self._model, self._rows, self._turns = model, rows, turns
         self._fitted_rows, self._t_level, self._impact = fitted, t_level, impact
         self._known: dict[str, Any] = {"t": t}
+        self._late_accelerations = late_accelerations
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._known:
@@ -75,6 +78,9 @@ class RecordedHistories(Mapping):
     def _recorded(self, name: str) -> np.ndarray | None:
         if name not in self._rows:
             return None
+        if name == "a" and self._late_accelerations is not None:
+            self._rows["a"][0] = self._late_accelerations()
+            self._late_accelerations = None
         return (self._fitted if name in _FITTED else self._rows)[name]
 
     def _made(self, name: str) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bisect
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,17 +93,19 @@ class Unrecorded:
     """In place of a `Recorder`, for trial steps."""
 
     every, last, rows, starts, complete = np.iinfo(np.int32).max, -1, 0, 0, 0
-    end: State
+    plans, end = 0, None
+    #: No arrays.
+    arrays: dict[str, np.ndarray] = {}
+    arrays_of_starts: dict[str, np.ndarray] = {}
 
     def stores_starts(self, parts: int) -> bool:
         """None."""
         return False
 
-    def next_rows(self, most: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """No arrays."""
-        return {}, {}
+    def make_room(self, starts: int) -> None:
+        """None."""
 
-    def add(self, rows: int, starts: int) -> None:
+    def count(self, rows: int, starts: int) -> None:
         """Nothing."""
 
     def store_starts(
@@ -131,28 +133,30 @@ class Recorder:
         #: The last state.
         self.end: State
         self._first: State
+        #: Gives the accelerations of row 0, if they are found when they are read.
+        self.late_accelerations: Callable[[], np.ndarray] | None = None
         #: Full turns (size,) [rad] that are missing in the rows from a number on.
         self.turns: dict[int, np.ndarray] = {}
         kinds = {"always"} | {kind for kind in _KINDS if getattr(record, kind)}
-        #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
-        self.arrays = {
-            name: np.zeros((0, model.widths[name]))
-            for name, quantity in ROWS.items()
-            if quantity.record in kinds
-        }
+        names = [name for name, quantity in ROWS.items() if quantity.record in kinds]
+        #: Names of the rows that only serve the others.
+        self._serving = {"q", "v"} - {*names} if model.fits_rates else set()
         #: Starts of sub-steps; `up_to_row` has their number up to each row.
         self._starts = SubStepStarts(model, record.motion, record.rates)
-        self.arrays["up_to_row"] = np.zeros(0, dtype=np.int32)
-        #: Names of the rows that only serve the others.
-        self._serving = {"q", "v"} - set(self.arrays) if model.fits_rates else set()
-        self.arrays |= {name: np.zeros((0, model.size)) for name in self._serving}
+        #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
+        self.arrays: dict[str, np.ndarray] = {}
         self.plan(0, times, last=True)
+        rows = len(self._steps)
+        names += self._serving
+        self.arrays = {name: np.zeros((rows, model.widths[name])) for name in names}
+        self.arrays["up_to_row"] = np.zeros(rows, dtype=np.int32)
 
     def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
         """Make room for steps from number `first` on that end at times (n,); step 0 is the start.
 
         With `last` the run ends with them. Steps that are planned again replace those before.
         """
+        self.plans += 1  # at first: an interrupt may come after some of the arrays
         stop = first + len(ends)
         self._times = grown(self._times, stop, first)
         self._times[first:stop] = ends
@@ -167,22 +171,21 @@ class Recorder:
                 self.arrays[name] = grown(array, rows, self.rows)
         whole = len(self.model.scheme.fractions) if self.stores_starts(1) else 0
         self._starts.make_room(whole * len(steps))
-        self.plans += 1
 
-    def next_rows(self, most: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Arrays by name that the compiled loop writes: from the next row on, and of sub-steps.
+    def make_room(self, starts: int) -> None:
+        """Make room for some more starts of sub-steps."""
+        if not self._starts.has_room(starts):
+            self.plans += 1
+            self._starts.make_room(starts)
 
-        There is room for some more sub-steps.
-        """
-        self._starts.make_room(most)
-        self.plans += 1
-        rows = {name: rows[self.rows :] for name, rows in self.arrays.items()}
-        return rows, dict(self._starts.arrays)
+    @property
+    def arrays_of_starts(self) -> dict[str, np.ndarray]:
+        """Arrays (starts, ...) of sub-steps by name."""
+        return self._starts.arrays
 
-    def add(self, rows: int, starts: int) -> None:
-        """Count rows that were written, and the number of all starts."""
-        self.rows += rows
-        self._starts.count = starts
+    def count(self, rows: int, starts: int) -> None:
+        """Count all rows that are written, and all starts."""
+        self.rows, self._starts.count = rows, starts
 
     def settle(self, rows: int) -> None:
         """Have some rows, which are written; what was begun after them is forgotten."""
@@ -228,6 +231,10 @@ class Recorder:
         if self._selects(step) and self.stores_starts(parts):
             self._starts.add(starts, end, parts)
 
+    def begin(self, state: State) -> None:
+        """Begin with a state, that of row 0."""
+        self._first = self.end = state
+
     def record(self, step: int, state: State) -> None:
         """Add a row for the end of a step of the grid, if `every` selects it; step 0 is the start.
 
@@ -236,7 +243,7 @@ class Recorder:
         if not self._selects(step):
             return
         if step == 0:
-            self._first = self.end = state
+            self.begin(state)
         model = self.model
         model.forms.parameters.use(state.parameters)
         momentum = model.mass @ state.v if state.v.any() else state.v
@@ -259,7 +266,7 @@ class Recorder:
         for name, rows in self.arrays.items():
             if (value := values.get(name)) is not None:
                 rows[self.rows] = value.ravel() if isinstance(value, np.ndarray) else value
-        self.add(1, self.starts)
+        self.rows += 1
 
     def _missing(self, row: int) -> np.ndarray | float:
         """Full turns (size,) [rad] that are missing in a row."""
@@ -281,7 +288,8 @@ class Recorder:
         def t_level() -> np.ndarray:
             return t - (1 - model.scheme.rates.level) * self._lengths()
 
-        return RecordedHistories(model, recorded, fit, self.turns, t, t_level, self.impact)
+        late = self.late_accelerations
+        return RecordedHistories(model, recorded, fit, self.turns, t, t_level, self.impact, late)
 
     def _lengths(self) -> np.ndarray:
         """Length (n,) of the step or last part that a row's forces belong to; 0 for row 0."""

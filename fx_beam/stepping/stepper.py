@@ -12,7 +12,7 @@ from fx_beam.results.state import State
 
 from .newton import StepFailed
 from .python_loop import Attempt, PythonLoop, Steps
-from .recorder import Rows, Unrecorded
+from .recorder import Recorder, Rows, Unrecorded
 from .step_control import StepControl
 from .substeps import Halving
 
@@ -32,6 +32,9 @@ class Integrator(Protocol):
 
     def inputs(self, t: float, ends: np.ndarray) -> Any:
         """`Inputs` of steps from t to `ends` [s]."""
+
+    def record_start(self, state: State, recorder: Recorder) -> None:
+        """Record the state at the start of a run as row 0."""
 
     def take(
         self,

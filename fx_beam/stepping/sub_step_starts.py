@@ -51,6 +51,10 @@ class SubStepStarts:
         """Whether those of a step in parts are stored, if every n-th step has a row."""
         return self._always or parts > 1 or every > 1
 
+    def has_room(self, more: int) -> bool:
+        """Whether there is room for some more starts."""
+        return self.count + more <= min(map(len, self.arrays.values()))
+
     def make_room(self, more: int) -> None:
         """Make room for some more starts."""
         for name, array in self.arrays.items() if more else ():

@@ -256,6 +256,13 @@ static int switched(const Problem *p) {
   return any;
 }
 
+/* Records the present state, from which the first step starts. */
+void fx_record_start(Problem *p, Record *to) {
+  Work work, *w = &work;
+  lay_out(p, w, p->scratch);
+  record(p, w, to);
+}
+
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);

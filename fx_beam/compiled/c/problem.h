@@ -314,7 +314,7 @@ typedef struct {
   double *row, *increments;
 } Tape;
 
-/* Histories: a row for every `every`-th step and for the last. */
+/* Histories: a row for every `every`-th step and for the last; so many rows have been recorded. */
 typedef struct {
   int every, first, last, rows; /* number of the first step of this call, and of the last step of all */
   int parts, part;              /* parts of a halved step, and those of the first step already taken */
@@ -416,6 +416,7 @@ typedef struct {
 } Directions;
 
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
+void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);
 long fx_tape_size(const Problem *p);
 long fx_backward_scratch(const Problem *p);
