@@ -753,3 +753,24 @@ def test_a_simulation_finds_where_a_free_pulley_comes_to_rest_on_a_slack_cable()
     with pytest.raises(fb.StepError, match="simulation with dampers"):
         tensions_beside_a_pulley(0.02, 32, stiffness=0.05)
     assert tensions_beside_a_pulley(0.02, 32, moving=True) < 0.02
+
+
+@pytest.mark.parametrize("joint", [fb.Slider, fb.Sleeve])
+def test_the_first_acceleration_of_a_node_that_slides_over_a_node_is_that_of_the_motion(joint):
+    """There the third derivative of the curve of the beam jumps."""
+    section = fb.Section(EA=1e3, GA=1e3, EI=5.0, rhoA=1.0, rhoI=0.01)
+    scene = fb.Scene(gravity=(0, -9.81))
+    rod = scene.add_beam([(0, 0), (3, 0.2)], section, elements=6)
+    scene.pin(rod.start)
+    x, y = rod.nodes[2].x, rod.nodes[2].y
+    post = scene.add_beam([(x, y), (x + 0.1, y + 0.3)], section)
+    scene.add_mass(post.end, 0.5, inertia=0.01)
+    scene.add_joint(joint(rod, post.start))
+    scene.set_velocity(rod, lambda x, y: (0.3 * y - 0.8, -0.3 * x - 0.9), spin=-0.3)
+    scene.set_velocity(post, lambda x, y: (0.3 * y + 1.2, -0.3 * x - 0.9), spin=-0.3)
+    scene.make_velocities_compatible()
+    dt = 1e-5
+    run = fb.simulate(scene, dt=dt, t_end=4 * dt)
+    mean = np.diff(run.v, axis=0) / dt
+    at_start = (25 * mean[0] - 23 * mean[1] + 13 * mean[2] - 3 * mean[3]) / 12
+    assert abs(run.a[0] - at_start).max() < 1e-5 * abs(run.a[0]).max()
