@@ -6,8 +6,6 @@
 #include "vectors.h"
 #include "work.h"
 
-typedef double Four __attribute__((vector_size(32), aligned(8)));
-
 /* Sums are computed in LANES lanes, which the compiler vectorises. */
 static inline double sum_of(const double *lanes) {
   double sum = 0;

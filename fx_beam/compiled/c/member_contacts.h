@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include "member_contact.h"
 #include "member_curve.h"
+#include "vectors.h"
 
 /* Motions in a step that are still searched for; how many steps a search should last; least margin, relative
    to the radii; least arm at the end of a step in the direction of that at its start. */
@@ -239,12 +240,41 @@ static void begin_friction(MemberContacts *m, Touch *e, double *internal, double
   for (int i = 0; i < c->internal; ++i) internal[i] = e->slot < 0 ? 0 : m->memory[IN_SLOT * e->slot + 1 + i];
 }
 
+/* Differences of a vector at the nodes of a touch and at its point, images included. */
+static inline void differences(const Touch *e, const double *x, double r[4][2]) {
+  for (int k = 0; k < 4; ++k)
+    for (int i = 0; i < 2; ++i) r[k][i] = x[e->dof[2 + 2 * k + i]] - x[e->dof[i]];
+  image(r, e->begins, e->ends);
+}
+
 /* Whether the pieces of a touch can go to one side and still have its nearest point. */
 static int can_lean(double place, int way) { return place - way > -0.5 && place - way < 1.5; }
 
+/* How far from the ends of its pieces, in pieces, the nearest point should remain in a step. */
+static const double SPARE_PIECE = 0.1;
+
+/* About how far the nearest point of a touch will move along its member in a step. */
+static double motion_along(const Touch *e, const NearPoint *near, double r[4][2], const double *v, double dt) {
+  double rates[4][2], sum = 0;
+  differences(e, v, rates);
+  for (int j = 0; j < 4; ++j)
+    for (int k = 0; k < 4; ++k)
+      sum += near->weights[j] * near->slopes[k] * (dot2(rates[j], r[k]) + dot2(r[j], rates[k]));
+  return -near->per_rate * dt * sum;
+}
+
+/* To which side the pieces of a touch go at the start of a step: where the last one had to be repeated, or where its
+   nearest point is about to leave them. */
+static int way_to_lean(const Touch *e, double place, double motion) {
+  if (e->leans) return can_lean(place, e->leans) ? e->leans : 0;
+  double far = fmax(place, place + motion), near = fmin(place, place + motion);
+  if (far > 1.5 - SPARE_PIECE && !e->ends && can_lean(place, 1)) return 1;
+  return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(place, -1) ? -1 : 0;
+}
+
 /* The nearest points at the start of a step, which touches follow along their members; returns whether they are all
    that there can be. */
-static int place_touches(MemberContacts *m, const double *q) {
+static int place_touches(MemberContacts *m, const double *q, const double *v, double dt) {
   int moved = 0;
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     int piece;
@@ -252,8 +282,10 @@ static int place_touches(MemberContacts *m, const double *q) {
     if (near.left) return 0;
     moved |= piece != e->piece;
     if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
-    if (e->leans && can_lean(near.place, e->leans)) {
-      set_pieces(m->of + e->contact, e, piece + e->leans);
+    double motion = v ? motion_along(e, &near, e->start + 1, v, dt) : 0;
+    int way = way_to_lean(e, near.place, motion);
+    if (way) {
+      set_pieces(m->of + e->contact, e, piece + way);
       near = follow(m, e, q, &piece, e->start);
     }
     e->leans = 0, e->place = near.place, e->distance = near.distance;
@@ -284,9 +316,9 @@ void fx_begin_members(MemberContacts *m, const double *q, const double *v, doubl
   for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
   double wanted = fmax(2 * SPARE * LASTS * step, LEAST_MARGIN * least);
   m->moved = m->searches ? largest_motion(m, q, m->searched_at, 1) : 0;
-  if (!m->searches || m->wide || 2 * (m->moved + SPARE * step) > m->margin || !place_touches(m, q)) {
+  if (!m->searches || m->wide || 2 * (m->moved + SPARE * step) > m->margin || !place_touches(m, q, v, dt)) {
     find_touches(m, q, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
-    place_touches(m, q);
+    place_touches(m, q, v, dt);
   }
   memcpy(m->q, q, m->dofs * sizeof(double));
   if (v) memcpy(m->v, v, m->dofs * sizeof(double));
@@ -303,13 +335,6 @@ static inline void sums_of(int count, double sums[4][4], double r[4][2], double 
       for (int j = 0; j < 4; ++j) sum += sums[k][j] * r[j][i];
       out[2 * k + i] = sum;
     }
-}
-
-/* Differences of a vector at the nodes of a touch and at its point, images included. */
-static inline void differences(const Touch *e, const double *x, double r[4][2]) {
-  for (int k = 0; k < 4; ++k)
-    for (int i = 0; i < 2; ++i) r[k][i] = x[e->dof[2 + 2 * k + i]] - x[e->dof[i]];
-  image(r, e->begins, e->ends);
 }
 
 /* Arc length of a place, which is counted in nodes, and its slope. */
@@ -374,23 +399,30 @@ static inline void touch_weights(const Touch *e, double w[5][4]) {
     for (int j = 0; j < 4; ++j) w[k + 1][j] = e->sums[j][k];
 }
 
-static void make_tangent(const MemberContact *c, Touch *e) {
+/* The tangent of a touch with so many sums: the products of their weights with that of its law. */
+INLINED void tangent_of(const MemberContact *c, Touch *e, int count) {
   double w[5][4], K[MOST_SUMS][MOST_SUMS] = {{0}}, half[MOST_SUMS][TOUCH_DOFS];
   touch_weights(e, w);
-  int count = c->sums / 2;
   for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[c->sums + i];
-  for (int i = 0; i < c->sums; ++i)
-    for (int j = 0; j < TOUCH_DOFS; ++j) {
-      double sum = 0;
-      for (int k = 0; k < count; ++k) sum += K[i][2 * k + j % 2] * w[j / 2][k];
-      half[i][j] = sum;
-    }
-  for (int i = 0; i < TOUCH_DOFS; ++i)
-    for (int j = 0; j < TOUCH_DOFS; ++j) {
-      double sum = 0;
-      for (int k = 0; k < count; ++k) sum += w[i / 2][k] * half[2 * k + i % 2][j];
-      e->tangent[i * TOUCH_DOFS + j] = sum;
-    }
+  for (int i = 0; i < 2 * count; ++i)
+    for (int j = 0; j < 5; ++j)
+      for (int y = 0; y < 2; ++y) {
+        double sum = 0;
+        for (int k = 0; k < count; ++k) sum += K[i][2 * k + y] * w[j][k];
+        half[i][2 * j + y] = sum;
+      }
+  for (int i = 0; i < 5; ++i)
+    for (int x = 0; x < 2; ++x)
+      for (int j = 0; j < TOUCH_DOFS; ++j) {
+        double sum = 0;
+        for (int k = 0; k < count; ++k) sum += w[i][k] * half[2 * k + x][j];
+        e->tangent[(2 * i + x) * TOUCH_DOFS + j] = sum;
+      }
+}
+
+static void make_tangent(const MemberContact *c, Touch *e) {
+  if (c->sums == 6) tangent_of(c, e, 3);
+  else tangent_of(c, e, 4);
 }
 
 /* Calls the law of a touch, after `move_touch`. */

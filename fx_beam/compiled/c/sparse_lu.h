@@ -6,7 +6,15 @@
 #include "sparse_rows.h"
 #include "vectors.h"
 
+/* Most columns of a run that are treated node by node. */
+enum { SHORT = 9 };
+
 static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
+
+/* Three numbers, those of a node. */
+INLINED Four three(const double *x) { return (Four){x[0], x[1], x[2], 0}; }
+
+INLINED void put_three(Four v, double *x) { x[0] = v[0], x[1] = v[1], x[2] = v[2]; }
 
 /* Subtracts multiples of three rows from three others. */
 INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, double *const *to) {
@@ -20,48 +28,70 @@ INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, dou
   }
 }
 
+/* The same for few columns, mostly those of nodes. */
+INLINED void subtract_nodes(int n, double (*f)[3], const double *const *from, double *const *to) {
+  int k = 0;
+  for (; k + 3 <= n; k += 3) {
+    Four a = three(from[0] + k), b = three(from[1] + k), c = three(from[2] + k);
+    for (int x = 0; x < 3; ++x)
+      put_three(three(to[x] + k) - (f[x][0] * a + f[x][1] * b + f[x][2] * c), to[x] + k);
+  }
+  for (; k < n; ++k)
+    for (int x = 0; x < 3; ++x) to[x][k] -= f[x][0] * from[0][k] + f[x][1] * from[1][k] + f[x][2] * from[2][k];
+}
+
 /* A copy, without a call for the most frequent length, that of a node. */
 INLINED void copy_run(int length, const double *restrict from, double *restrict to) {
   if (length == 3) to[0] = from[0], to[1] = from[1], to[2] = from[2];
   else memcpy(to, from, length * sizeof(double));
 }
 
-/* Copies stored rows of a group to rows with a place for each column, or their upper part back. */
+/* Copies stored rows of a group to rows with a place for each column. */
 INLINED void unpack(const SparseRows *p, const double *A, int g, int size, double *const *row) {
   const int *first = p->first;
   for (int x = 0; x < size; ++x) {
     const double *from = A + p->start[first[g] + x];
-    for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s)
-      for (int k = first[p->source[s]]; k < first[p->source[s] + 1]; ++k) row[x][k] = *from++;
+    for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
+      int column = first[p->source[s]], length = first[p->source[s] + 1] - column;
+      copy_run(length, from, row[x] + column);
+      from += length;
+    }
     for (int y = 0; y < size; ++y) row[x][first[g] + y] = *from++;
     for (int k = p->run_start[g]; k < p->run_start[g + 1]; from += p->run_length[k++])
       copy_run(p->run_length[k], from, row[x] + p->run_column[k]);
   }
 }
 
-/* Elimination within a group, from the rows that `unpack` filled; returns 0 if a pivot is zero. */
+/* Elimination within a group, from the rows that `unpack` filled, of which the upper part is stored; returns 0 if a
+   pivot is zero. */
 INLINED int finish(const SparseRows *p, double *A, int g, int size, double *const *row) {
   int i = p->first[g];
+  double factor[3][3] = {{0}}, *upper[3];
   for (int x = 0; x < size; ++x) {
-    double *upper = A + p->diagonal[i + x], factor[3];
+    upper[x] = A + p->diagonal[i + x];
     if (!is_pivot(row[x][i + x])) return 0;
-    *upper++ = 1 / row[x][i + x];
+    *upper[x]++ = 1 / row[x][i + x];
     for (int z = x + 1; z < size; ++z) {
-      factor[z] = row[z][i + x] * upper[-1];
-      A[p->diagonal[i + z] - z + x] = factor[z];
-      for (int y = x + 1; y < size; ++y) row[z][i + y] -= factor[z] * row[x][i + y];
+      factor[z][x] = row[z][i + x] * upper[x][-1];
+      A[p->diagonal[i + z] - z + x] = factor[z][x];
+      for (int y = x + 1; y < size; ++y) row[z][i + y] -= factor[z][x] * row[x][i + y];
     }
-    for (int y = x + 1; y < size; ++y) *upper++ = row[x][i + y];
-    for (int k = p->run_start[g]; k < p->run_start[g + 1]; ++k) {
-      int column = p->run_column[k], length = p->run_length[k];
-      const double *restrict from = row[x] + column;
-      for (int z = x + 1; z < size; ++z) {
-        double *restrict to = row[z] + column;
-        for (int j = 0; j < length; ++j) to[j] -= factor[z] * from[j];
+    for (int y = x + 1; y < size; ++y) *upper[x]++ = row[x][i + y];
+  }
+  for (int k = p->run_start[g]; k < p->run_start[g + 1]; ++k) {
+    int column = p->run_column[k], end = column + p->run_length[k];
+    Four of[3];
+    for (; end - column >= 3; column += 3)
+      for (int z = 0; z < size; ++z) {
+        of[z] = three(row[z] + column);
+        for (int x = 0; x < z; ++x) of[z] -= factor[z][x] * of[x];
+        put_three(of[z], upper[z]), upper[z] += 3;
       }
-      copy_run(length, from, upper);
-      upper += length;
-    }
+    for (; column < end; ++column)
+      for (int z = 0; z < size; ++z) {
+        for (int x = 0; x < z; ++x) row[z][column] -= factor[z][x] * row[x][column];
+        *upper[z]++ = row[z][column];
+      }
   }
   return 1;
 }
@@ -85,7 +115,8 @@ INLINED void eliminate_source(const SparseRows *p, double *A, int g, int h, int 
     int length = p->run_length[k];
     double *to[3];
     for (int x = 0; x < 3; ++x) to[x] = row[x] + p->run_column[k];
-    if (length == 3) subtract_rows(3, f, from, to); else subtract_rows(length, f, from, to);
+    if (length <= SHORT) subtract_nodes(length, f, from, to);
+    else subtract_rows(length, f, from, to);
     for (int y = 0; y < 3; ++y) from[y] += length;
   }
 }
@@ -120,14 +151,19 @@ INLINED void forward(const SparseRows *p, const double *A, int g, int size, doub
   const int *start = p->start, *first = p->first;
   int i = first[g];
   double sum[3] = {0};
+  Four sums[3] = {{0}};
   const double *row[3];
   for (int x = 0; x < size; ++x) row[x] = A + start[i + x];
   for (int s = p->source_start[g]; s < p->source_start[g + 1]; ++s) {
     int at = first[p->source[s]], many = first[p->source[s] + 1] - at;
-    for (int y = 0; y < many; ++y)
+    if (many == 3) {
+      Four known = three(b + at);
+      for (int x = 0; x < size; ++x) sums[x] += three(row[x]) * known, row[x] += 3;
+    } else for (int y = 0; y < many; ++y)
       for (int x = 0; x < size; ++x) sum[x] += *row[x]++ * b[at + y];
   }
   for (int x = 0; x < size; ++x) {
+    sum[x] += sums[x][0] + sums[x][1] + sums[x][2];
     for (int z = 0; z < x; ++z) sum[x] += row[x][z] * b[i + z];
     b[i + x] -= sum[x];
   }
@@ -137,15 +173,19 @@ INLINED void forward(const SparseRows *p, const double *A, int g, int size, doub
 INLINED void backward(const SparseRows *p, const double *A, int g, int size, double *b) {
   int i = p->first[g];
   double sum[3] = {0};
+  Four sums[3] = {{0}};
   const double *row[3];
   for (int x = 0; x < size; ++x) row[x] = A + p->diagonal[i + x] + size - x;
   for (int k = p->run_start[g]; k < p->run_start[g + 1]; ++k) {
-    const double *known = b + p->run_column[k];
-    for (int j = 0; j < p->run_length[k]; ++j)
-      for (int x = 0; x < size; ++x) sum[x] += *row[x]++ * known[j];
+    const double *known = b + p->run_column[k], *end = known + p->run_length[k];
+    for (; end - known >= 3; known += 3)
+      for (int x = 0; x < size; ++x) sums[x] += three(row[x]) * three(known), row[x] += 3;
+    for (; known < end; ++known)
+      for (int x = 0; x < size; ++x) sum[x] += *row[x]++ * *known;
   }
   for (int x = size - 1; x >= 0; --x) {
     const double *upper = A + p->diagonal[i + x];
+    sum[x] += sums[x][0] + sums[x][1] + sums[x][2];
     for (int z = x + 1; z < size; ++z) sum[x] += upper[z - x] * b[i + z];
     b[i + x] = (b[i + x] - sum[x]) * upper[0];
   }

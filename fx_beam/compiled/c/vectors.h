@@ -6,6 +6,8 @@
 #include <stdint.h>
 
 #define INLINED static inline __attribute__((always_inline))
+/* Four numbers side by side. */
+typedef double Four __attribute__((vector_size(32), aligned(8)));
 /* For large functions with several callers, each copy of which would take its time to compile. */
 #define COMPILED_ONCE static __attribute__((noinline))
 
