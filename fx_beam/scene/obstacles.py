@@ -301,6 +301,8 @@ class Points(NamedTuple):
 
     def of(self, values: np.ndarray) -> np.ndarray:
         """Values (..., points, k) at the points of those (..., nodes, k) at the nodes."""
+        if self.nodes.shape[1] == 1:
+            return self.weights * values[..., self.nodes[:, 0], :]
         return np.einsum("pn,...pnk->...pk", self.weights, values[..., self.nodes, :])
 
 
