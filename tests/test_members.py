@@ -113,6 +113,30 @@ def test_it_does_so_in_closed_loops_and_long_trees_of_joints(count, closed, mu, 
     assert solution.energy.springs.max() > 0.1
 
 
+def with_sliders(friction=None):
+    """A bar hits a beam, and the rod on which both ends of this beam slide, about such an end."""
+    scene = fb.Scene()
+    rod = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8)
+    shuttle = scene.add_beam([(0.6, 0), (0.9, 0.3), (1.2, 0)], SECTION, elements=4)
+    scene.add_joint(fb.Slider(rod, shuttle.start))
+    scene.add_joint(fb.Sleeve(rod, shuttle.end))
+    bar = scene.add_beam([(0.45, 0.08), (0.4, 1.0)], SECTION, elements=7)
+    for other in (shuttle, rod):
+        scene.add_contact(bar, other, stiffness=1e5, radius=0.03, friction=friction)
+    scene.set_velocity(bar, (3.0, -0.6), spin=-0.5)
+    return scene
+
+
+@pytest.mark.parametrize(("mu", "solver"), [(0.4, "compiled"), (0, "petsc")])
+def test_it_does_so_where_nodes_slide_on_beams(mu, solver):
+    scene = with_sliders(fb.Coulomb(mu, 5e4) if mu else None)
+    solution = fb.simulate(scene, dt=2e-3, t_end=0.1, solver=solver)
+    assert_conserved(solution)
+    # It touches beam and rod about the end that slides; the tangent is exact.
+    assert all(solution.contact(one).normal.max() > 1 for one in scene.obstacles)
+    assert solution.stats.newton_iterations < 3.2 * solution.stats.steps
+
+
 @pytest.mark.parametrize("stiffness", [1e4, 1e6, 1e9])
 def test_it_does_so_for_every_stiffness(stiffness):
     scene, _ = tip_on_beam(stiffness, speed=0.7)

@@ -121,11 +121,14 @@ def factors_of(
 
 @cached_by_content
 def in_sparse_rows(
-    indptr: np.ndarray, indices: np.ndarray, dependent: np.ndarray | None = None
+    indptr: np.ndarray,
+    indices: np.ndarray,
+    dependent: np.ndarray | None = None,
+    keep: bool = True,
 ) -> Factors:
     """Storage in sparse rows; with ties (`Reduction.dependent`) as in `factors_of`."""
     graph, rows = _graph(indptr, indices)
-    return _with_cost(_in_rows(graph, rows, indices, dependent), len(indices), True, COSTS)
+    return _with_cost(_in_rows(graph, rows, indices, dependent), len(indices), keep, COSTS)
 
 
 def _graph(indptr: np.ndarray, indices: np.ndarray) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:

@@ -333,3 +333,8 @@ def check(model: Model) -> None:
             "friction that follows the force of a node that slides on a beam, fx_beam.Coulomb of a "
             "Slider or a Sleeve, has no derivatives. Use fx_beam.Friction"
         )
+    if model.points.members is not None and model.couplings.sliding:
+        raise SceneError(
+            "contact with members has no derivatives in a scene with nodes that slide on beams. "
+            "Write the joint as a stiff spring of add_force_between, for example"
+        )

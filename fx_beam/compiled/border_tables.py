@@ -36,6 +36,20 @@ def ones_of(reduction: Reduction, at: np.ndarray) -> np.ndarray:
     return at[reduction.open_entries()[sliders.bordered.ones]]
 
 
+def on_borders(
+    reduction: Reduction, rows: np.ndarray, columns: np.ndarray, first: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the system for all columns of the scene, with those on borders.
+
+    Borders are numbered downwards from `first`.
+    """
+    rows, columns = rows.copy(), columns.copy()
+    if isinstance(reduction, JointReduction) and (sliders := reduction.sliders) is not None:
+        outside = sliders.outside
+        rows[outside] = columns[outside] = first - np.arange(len(outside))
+    return rows, columns
+
+
 class BorderTables:
     """The borders of a scene: columns of what slides, and what belongs to them.
 
@@ -61,9 +75,9 @@ class BorderTables:
         if (sliders := self._reduction.sliders) is None:
             return {}
         order = np.append(self._factors.order, np.full(1 + self._reduction.columns, -1))
-        rows, columns = (order[index] for index in self._reduction.system())
+        places = (order[index] for index in self._reduction.system())
+        rows, columns = on_borders(self._reduction, *places, self._first)
         outside, bordered = sliders.outside, sliders.bordered
-        rows[outside] = columns[outside] = self._first - np.arange(len(outside))
         tables = self._tables(sliders, len(outside))
         longest = [table.pop("longest") for table in tables]
         own = [table["components"] + table["products"] for table in tables]

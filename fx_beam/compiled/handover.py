@@ -37,7 +37,7 @@ from fx_beam.stepping.newton import (
 from fx_beam.stepping.substeps import LARGE_TURN
 from fx_beam.structs import Structs
 
-from .border_tables import BorderTables, ones_of, storage_of
+from .border_tables import BorderTables, on_borders, ones_of, storage_of
 from .build import LoopUnavailable, load_library
 from .element_data import aligned, element_data
 from .form_tables import FormTables
@@ -323,7 +323,7 @@ class Problem:
         """Hand over what a pattern that changes with the touches of members is found from."""
         size, reduction, couplings = self.model.size, self.model.reduction, self.model.couplings
         groups = groups_of(*reduction.factored, self._ties, reduction.forces)
-        row_of, unknown_of = reduction.system()
+        row_of, unknown_of = on_borders(reduction, *reduction.system(), self.library.ON_BORDER)
         order = np.argsort(t.entries["row"], kind="stable")
         starts = np.concatenate([[0], np.cumsum(np.bincount(t.entries["row"], minlength=size))])
         values = {f"dof_{name}": t.entries[name][order] for name in ("column", "value", "sign")}
@@ -334,7 +334,7 @@ class Problem:
             **values,
             "row_of": row_of,
             "unknown_of": unknown_of,
-            "keep": not couplings.closures and not couplings.ties,
+            "keep": not couplings.closures and not couplings.ties and not couplings.sliding,
             "row_entry": COSTS.row_entry,
             "substitution": COSTS.substitution,
             "least_worth": COSTS.least_worth,
@@ -353,7 +353,7 @@ class Problem:
         reduction = self.model.reduction
         ties = self._ties
         if self.model.points.members is not None and ties is None and not reduction.forces:
-            return in_sparse_rows(indptr, indices)
+            return in_sparse_rows(indptr, indices, None, not self.model.couplings.sliding)
         # Rows of unknowns that close loops are no forces, by which errors are judged.
         keep = not self.model.couplings.closures and not self.model.couplings.sliding
         return factors_of(indptr, indices, keep, ties, COSTS, reduction.forces)

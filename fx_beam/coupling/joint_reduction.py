@@ -297,14 +297,17 @@ class JointReduction(WithoutLoops):
         T = scipy.sparse.csr_matrix((values, (self._row, self._col)), shape)
         if len(self.ties):
             T = (T @ self.ties.completion(self._values)).tocsr()
+        return self._with_slides(T, [slide.relation.T for slide in self._sliding])
+
+    def _with_slides(self, T, maps):
+        """A matrix T or Tv with the columns of nodes that slide by those of their beams."""
         before = T
-        for slide in self._sliding[::-1]:  # its columns by those of its beam
-            relation, row = slide.relation, np.arange(len(slide.columns))
-            local = slide.local_dofs(relation.nodes.start)
-            own = scipy.sparse.csr_matrix(relation.T[:, :-1]) @ before[local]
-            along = relation.T[:, -1], (row, np.full(len(row), slide.column))
+        for slide, of in zip(self._sliding[::-1], maps[::-1], strict=True):
+            local, row = slide.local_dofs(slide.relation.nodes.start), np.arange(len(slide.columns))
+            own = scipy.sparse.csr_matrix(of[:, :-1]) @ before[local]
+            along = of[:, -1], (row, np.full(len(row), slide.column))
             own += scipy.sparse.csr_matrix(along, own.shape)
-            others = np.ones(self.columns)
+            others = np.ones(T.shape[1])
             others[slide.columns] = 0.0
             T = T @ scipy.sparse.diags(others) + T[:, slide.columns] @ own
         return T.tocsr()
@@ -349,15 +352,17 @@ class JointReduction(WithoutLoops):
         return out
 
     def reduced(self, matrix):
-        """The part Tv^T A T of the linear system, without loops and nodes that slide on beams."""
+        """The part Tv^T A T of the linear system, without loops."""
         shape, entries = (self._size, self.columns + len(self.ties)), (self._row, self._col)
         T, Tv = (
             scipy.sparse.csr_matrix((values[self._value_at] * self._sign, entries), shape)
             for values in (self._values, self._virtual_map)
         )
+        T = self._with_slides(T, [slide.relation.T for slide in self._sliding])
+        Tv = self._with_slides(Tv, [slide.relation.virtual_map for slide in self._sliding])
         A, n = (Tv.T @ matrix @ T).tocoo(), self.ties.unknowns
         row, column = self._row_index[A.row], self._index[A.col]
-        on = (row >= 0) & (column >= 0)
+        on = (row >= 0) & (column >= 0) & (row < n) & (column < n)
         return scipy.sparse.csr_matrix((A.data[on], (row[on], column[on])), (n, n))
 
     def fill(self, values, r, out) -> None:

@@ -370,13 +370,6 @@ class Model:
                 "internal variables of a spring, or friction that sticks, have dissipated. Use "
                 "order=2"
             )
-        members = self.points.members
-        if members is not None and self.couplings.sliding:
-            raise SceneError(
-                "contact with members: the scene has a node that slides on a beam, with which it "
-                "does not work yet. Write the joint as a stiff spring of add_force_between, for "
-                "example"
-            )
         self.reduction: Reduction
         if self.couplings.is_index and not len(self.points.columns):
             self.reduction = IndexReduction(self.couplings.column, *counts, matrix)

@@ -20,6 +20,10 @@ static void begin_borders(const Problem *p, const Work *w) {
   *w->border_entries = 0;
 }
 
+static BorderEntry *border_entries(const Problem *p, const Work *w) {
+  return p->changing ? p->changing->border_entry : w->border_entry;
+}
+
 /* Adds a number in a row and a column of the system, or of its transpose: positions in the elimination, or
    ON_BORDER less the number of a border. Nothing for -1, and nothing is added to A. */
 INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
@@ -30,7 +34,7 @@ INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
     w->block[(long)row * p->block + 1 + ON_BORDER - column] += x;
   } else if (column >= 0) {
     reach(p, w, column);
-    w->border_entry[(*w->border_entries)++] = (BorderEntry){ON_BORDER - row, column, x};
+    border_entries(p, w)[(*w->border_entries)++] = (BorderEntry){ON_BORDER - row, column, x};
   } else {
     w->corner[(ON_BORDER - row) * p->borders + ON_BORDER - column] += x;
   }
@@ -104,10 +108,8 @@ static void fill_borders(const Problem *p, const Work *w) {
 
 /* The block from its right sides and sparse factors; its first column is the right side b, which is
    eliminated already. */
-static void solve_sparse_block(const Problem *p, const Work *w) {
-  const SparseRows *rows = &p->rows;
+static void solve_sparse_block(const Problem *p, const Work *w, const SparseRows *rows, const double *A) {
   const int *first = rows->first;
-  const double *A = w->factors;
   for (int g = 0; g < rows->groups; ++g) {
     int at = first[g], size = first[g + 1] - at, any = 0;
     for (int x = 0; x < size; ++x) any |= w->reached[at + x];
@@ -165,7 +167,7 @@ static void solve_borders(const Problem *p, const Work *w) {
   int m = p->borders, n = p->block;
   double *g = w->border_right, *D = w->corner;
   for (int k = 0; k < *w->border_entries; ++k) {
-    const BorderEntry *c = w->border_entry + k;
+    const BorderEntry *c = border_entries(p, w) + k;
     const double *row = w->block + (long)c->column * n;
     g[c->border] -= c->value * row[0];
     for (int j = 0; j < m; ++j) D[c->border * m + j] -= c->value * row[1 + j];

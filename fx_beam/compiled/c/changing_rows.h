@@ -14,7 +14,7 @@ void fx_free_rows(ChangingRows *c) {
   free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
   free(r->run_start), free(r->run_column), free(r->run_length);
   free(c->near_to), free(c->order), free(c->at), free(c->factors), free(c->work), free(c->entry), free(c->entry_at), free(c->entry_start);
-  free(c->position), free(c->transposed_at), free(c->transposed_entry_at);
+  free(c->position), free(c->border_entry), free(c->transposed_at), free(c->transposed_entry_at);
 }
 
 static void add_to(IntList *list, int value) {
@@ -51,7 +51,7 @@ static void find_entries(const Problem *p, ChangingRows *c) {
     for (int k = 0; m->touch[i].counted && k < TOUCH_DOFS; ++k)
       for (int e = c->dof_start[m->touch[i].dof[k]]; e < c->dof_start[m->touch[i].dof[k] + 1]; ++e) {
         int column = c->dof_column[e];
-        if (c->unknown_of[column] < 0) continue;
+        if (c->unknown_of[column] == -1) continue;
         if (c->entries == c->entry_room)
           c->entry = realloc(c->entry, (c->entry_room = 2 * c->entry_room + 64) * sizeof(TouchEntry));
         c->entry[c->entries++] =
@@ -70,8 +70,11 @@ static void make_graph(const ChangingRows *c, int touches) {
   }
   for (int i = 0; i < touches; ++i) {
     of.count = 0;
-    for (int a = c->work[i]; a < c->work[i + 1]; ++a)
-      add_once(&of, c->group_of[c->entry[a].row]), add_once(&of, c->group_of[c->entry[a].column]);
+    for (int a = c->work[i]; a < c->work[i + 1]; ++a) {
+      const TouchEntry *e = c->entry + a;
+      if (e->row >= 0) add_once(&of, c->group_of[e->row]);
+      if (e->column >= 0) add_once(&of, c->group_of[e->column]);
+    }
     for (int a = 0; a < of.count; ++a)
       for (int b = 0; b < a; ++b)
         add_once(c->near_to + of.of[a], of.of[b]), add_once(c->near_to + of.of[b], of.of[a]);
@@ -225,6 +228,29 @@ static int has_touches(const ChangingRows *c, const MemberContacts *m) {
   return 1;
 }
 
+/* The same of an unknown's row and a column; -1 if one of them is a border. */
+static int place_of_pair(const ChangingRows *c, int i, int j) {
+  if (i < 0 || j < 0) return -1;
+  return place_in(c, c->position[c->group_of[i]], c->position[c->group_of[j]], c->order[i], c->order[j]);
+}
+
+/* Position in the elimination of an unknown, or its border. */
+static int place_now(const ChangingRows *c, int of) { return of < 0 ? of : c->order[of]; }
+
+/* Places of all columns in a new order, and room for the entries of touches in the rows of borders. */
+static void place_borders(Problem *p, int touches) {
+  ChangingRows *c = p->changing;
+  long most = p->most_border_entries;
+  for (int k = 0; k < p->columns + p->ties; ++k)
+    p->row_at[k] = place_now(c, c->row_of[k]), p->unknown_at[k] = place_now(c, c->unknown_of[k]);
+  for (int t = 0; t < touches; ++t) {
+    long rows = 0;
+    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) rows += c->entry[a].row < 0;
+    most += rows * (c->entry_start[t + 1] - c->entry_start[t]);
+  }
+  ROOM(c->border_entry, most);
+}
+
 /* Finds the pattern for the present touches, if it lacks one. */
 static void change_rows(Problem *p) {
   ChangingRows *c = p->changing;
@@ -256,18 +282,19 @@ static void change_rows(Problem *p) {
   for (int i = 0; i < p->unknowns; ++i)
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) {
       int j = p->tangent_column[k];
-      c->at[k] = place_in(c, positions[c->group_of[i]], positions[c->group_of[j]], c->order[i], c->order[j]);
+      c->at[k] = place_of_pair(c, i, j);
     }
   pairs = 0;
   for (int t = 0; t < m->touches; ++t)
     for (int a = starts[t]; a < starts[t + 1]; ++a)
       for (int b = starts[t]; b < starts[t + 1]; ++b) {
         int i = c->entry[a].row, j = c->entry[b].column;
-        c->entry_at[pairs++] = place_in(c, positions[c->group_of[i]], positions[c->group_of[j]], c->order[i], c->order[j]);
+        c->entry_at[pairs++] = place_of_pair(c, i, j);
       }
   c->entry_start = realloc(c->entry_start, (m->touches + 1) * sizeof(int));
   memcpy(c->entry_start, starts, (m->touches + 1) * sizeof(int));
   free(starts);
+  if (p->borders) place_borders(p, m->touches);
   p->kept.present = 0;
   if (c->keep) p->kept.worth = worth_of(p, c);
 }
@@ -286,8 +313,8 @@ static void add_touches(const Problem *p, const Work *w, const int *to) {
         const double *K = e->tangent + row->of * TOUCH_DOFS;
         for (int b = first; b < end; ++b) {
           const TouchEntry *column = c->entry + b;
-          c->factors[to[(long)(a - first) * (end - first) + b - first]] +=
-              factor * K[column->of] * column->sign * w->values[column->value];
+          int at = to[(long)(a - first) * (end - first) + b - first];
+          if (at >= 0) c->factors[at] += factor * K[column->of] * column->sign * w->values[column->value];
         }
       }
     to += (long)(end - first) * (end - first);

@@ -397,7 +397,7 @@ static int solve_block(Problem *p, const Work *w, const Change *c, int count) {
     solve_band_block(&all, &own, of);
   } else {
     if (!factorise(p, w)) return 0;
-    solve_sparse_block(&all, &own);
+    solve_sparse_block(&all, &own, &all.rows, own.factors);
   }
   if (p->borders) change_borders(p, w, c, count);
   return 1;

@@ -44,12 +44,15 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
 /* Positions of the unknowns in the elimination. */
 static const int *order_now(const Problem *p) { return p->changing ? p->changing->order : p->order; }
 
+static const double *factors_now(const Problem *p, const Work *w) {
+  return p->changing ? p->changing->factors : w->factors;
+}
+
 static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
   const int *order = order_now(p);
   for (int i = 0; i < p->free; ++i) w->y[order[i]] = b[i];
   for (int i = p->free; i < p->unknowns; ++i) w->y[order[i]] = 0;
-  if (p->changing) substitute_sparse(&p->changing->rows, p->changing->factors, w->y);
-  else substitute_sparse(&p->rows, w->factors, w->y);
+  substitute_sparse(p->changing ? &p->changing->rows : &p->rows, factors_now(p, w), w->y);
   for (int i = 0; i < p->free; ++i) x[i] = w->y[order[i]];
 }
 
@@ -129,12 +132,29 @@ static int middle_of_elimination(const Problem *p) {
   return p->positions / 2;
 }
 
+/* Adds the tangents of touches in rows and columns of borders: of nodes that slide. */
+static void border_touches(const Problem *p, const Work *w) {
+  const ChangingRows *c = p->changing;
+  const MemberContacts *m = p->points->members;
+  for (int t = 0; t < m->touches; ++t)
+    for (int a = c->entry_start[t]; m->touch[t].touching && a < c->entry_start[t + 1]; ++a)
+      for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b) {
+        const TouchEntry *row = c->entry + a, *column = c->entry + b;
+        if (row->row >= 0 && column->column >= 0) continue;
+        double value = m->touch[t].tangent[row->of * TOUCH_DOFS + column->of] * row->sign * column->sign *
+                       w->virtual_map[row->value] * w->values[column->value];
+        add_at(p, w, place_now(c, row->row), place_now(c, column->column), value);
+      }
+}
+
 /* Solution of a tangent with borders, for the right side `reduced`; returns 0 if it is singular. */
 static int solve_bordered(Problem *p, const Work *w) {
   int middle = middle_of_elimination(p), n = p->unknowns;
+  const int *order = order_now(p);
+  const SparseRows *rows = p->changing ? &p->changing->rows : &p->rows;
   Ends of = ends_around(n, p->band, middle);
   begin_right_sides(p, w);
-  for (int i = 0; i < n; ++i) w->y[p->order[i] * !p->chain] = i < p->free ? w->reduced[i] : 0;
+  for (int i = 0; i < n; ++i) w->y[order[i] * !p->chain] = i < p->free ? w->reduced[i] : 0;
   if (p->chain) {
     if (!eliminate_chain(p, w, middle / 3, 1)) return 0;
     solve_chain_block(p, w, middle / 3);
@@ -143,8 +163,9 @@ static int solve_bordered(Problem *p, const Work *w) {
     solve_band_block(p, w, of);
   } else {
     if (!factorise(p, w)) return 0;
-    substitute_forward(&p->rows, w->factors, w->y);
-    solve_sparse_block(p, w);
+    if (p->changing) border_touches(p, w);
+    substitute_forward(rows, factors_now(p, w), w->y);
+    solve_sparse_block(p, w, rows, factors_now(p, w));
   }
   solve_borders(p, w);
   if (p->chain) {
@@ -153,8 +174,8 @@ static int solve_bordered(Problem *p, const Work *w) {
     for (int i = 0; i < n; ++i)
       if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
     if (p->band) substitute_tangent(p, w, n, of, w->reached);
-    else substitute_backward(&p->rows, w->factors, w->y, w->reached);
-    for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
+    else substitute_backward(rows, factors_now(p, w), w->y, w->reached);
+    for (int i = 0; i < p->free; ++i) w->step[i] = w->y[order[i]];
   }
   for (int i = 0; i < p->sliders; ++i) {
     int column = p->slider[i].column, row = p->row_at[column];

@@ -196,11 +196,6 @@ static void settle_members(Problem *p, const Work *w) {
   change_rows(p);
 }
 
-/* Position among the factors of the entry of an unknown's row and a column in the transposed tangent. */
-static int transposed_place(const ChangingRows *c, int i, int j) {
-  return place_in(c, c->position[c->group_of[j]], c->position[c->group_of[i]], c->order[j], c->order[i]);
-}
-
 /* Where the entries of the transposed tangent, and those of touches, are among the factors. */
 static void find_transposed(const Problem *p) {
   ChangingRows *c = p->changing;
@@ -211,7 +206,7 @@ static void find_transposed(const Problem *p) {
   ROOM(c->transposed_at, p->tangent_start[p->unknowns]);
   for (int i = 0; i < p->unknowns; ++i)
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
-      c->transposed_at[k] = transposed_place(c, i, p->tangent_column[k]);
+      c->transposed_at[k] = place_of_pair(c, p->tangent_column[k], i);
   for (int t = 0; t < m->touches; ++t) {
     long many = c->entry_start[t + 1] - c->entry_start[t];
     pairs += many * many;
@@ -221,7 +216,7 @@ static void find_transposed(const Problem *p) {
   for (int t = 0; t < m->touches; ++t)
     for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a)
       for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b)
-        *to++ = transposed_place(c, c->entry[a].row, c->entry[b].column);
+        *to++ = place_of_pair(c, c->entry[b].column, c->entry[a].row);
 }
 
 /* Factors of the transposed tangent, with that of the touches. */

@@ -76,7 +76,7 @@ typedef struct {
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): groups of unknowns
    with equal columns, their graph, and those that wait until others are eliminated; entries of T and Tv of each
    degree of freedom, as those of the couplings; of each of their columns the unknown and the row of forces on it,
-   or -1. Then what is found: the rows, the order, and where the entries of the tangent, and those of touches, are. */
+   a border, or -1. Then what is found: the rows, the order, and where the entries of the tangent, and those of touches, are. */
 typedef struct {
   int *of, count, room;
 } IntList;
@@ -84,6 +84,11 @@ typedef struct {
   int of, row, column, value; /* which of its entries; the row of forces, and the unknown */
   double sign;
 } TouchEntry;
+/* An entry in the rows of borders, and its position in the elimination. */
+typedef struct {
+  int border, column;
+  double value;
+} BorderEntry;
 typedef struct {
   int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting;
   int *dof_start, *dof_column, *dof_value, *row_of, *unknown_of;
@@ -95,6 +100,7 @@ typedef struct {
   SparseRows rows;
   struct { IntList *near_to; };
   struct { TouchEntry *entry; };
+  struct { BorderEntry *border_entry; }; /* room for all entries in rows of borders */
   struct { int *order, *at, *work, *entry_start, *entry_at, *position; };
   struct { double *factors; };
   long transposed_for;  /* the pattern for which it is known where the transposed tangent is */

@@ -5,12 +5,6 @@
 #include <string.h>
 #include "problem.h"
 
-/* An entry in the rows of borders, and its position in the elimination. */
-typedef struct {
-  int border, column;
-  double value;
-} BorderEntry;
-
 typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
   double *tangent, *inertia, *values, *virtual_map, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
