@@ -205,7 +205,7 @@ def _acceleration(
 
 
 def _second_difference(model: Model, w: np.ndarray, k: float) -> np.ndarray:
-    """Accelerations (size,) at constant rates of the columns, by the joints' motion over +-k [s]."""
+    """Accelerations (size,) at constant rates of the columns, by the motion over +-k [s]."""
     reduction = model.reduction
     free, driven = reduction.free, reduction.driven
     ways = (sign * k * w[: free + driven] for sign in (1, -1))
