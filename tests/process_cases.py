@@ -118,6 +118,21 @@ def run(make, scheme=None, **options):
     return fb.simulate(make(), scheme, **{"dt": 0.01, "t_end": 0.1} | options)
 
 
+def softened():
+    """A frame whose stored energy has numbers that change in time, with a damper that has one."""
+    soft = fb.Parameter("softness", lambda t: 1.0 + 5.0 * t)
+    bend, slow = fb.Parameter("bending", 50.0), fb.Parameter("slow", 0.2)
+
+    def energy(eps, gamma, kappa):
+        return 1e5 / (2 * soft) * (eps**2 + gamma**2) + bend / 2 * kappa**2
+
+    scene = held(fb.Section(strain_energy=energy, rhoA=1.0, rhoI=1e-3))
+    body = scene.add_body((3.5, 3.0), 1.0, 0.1, points={"a": (scene.nodes[3].x, scene.nodes[3].y)})
+    spring, damper = fb.Spring(stiffness=30.0), fb.Damper(law=lambda rate: slow * rate)
+    scene.add_joint(fb.Revolute(scene.nodes[3], body["a"], spring=spring, damper=damper))
+    return scene
+
+
 def still():
     """Bodies on a frame, held by a spring, in equilibrium."""
     scene, nodes = frame(3, 2)
@@ -140,11 +155,16 @@ CASES = {
     "averaged": lambda **o: run(held, fb.GeneralizedAlpha(), **o),
     "yielding": lambda **o: run(bent, **o),
     "warmed": lambda **o: run(warmed, **o),
+    "softened": lambda **o: run(softened, **o),
     "warmed equilibrium": lambda: fb.static(warmed(), steps=3, t=1.0),
     "equilibrium": lambda: fb.static(held(), steps=3, t=1.0),
     "equilibrium of bodies": lambda: fb.static(still(), steps=3),
+    "softened equilibrium": lambda: fb.static(softened(), steps=3, t=1.0),
     "bent": lambda: fb.static(bent(), steps=3, t=1.0),
 }
+
+#: Those that are also written to files, row by row.
+WRITTEN = ["jointed", "flung", "yielding"]
 
 
 def refused():

@@ -1,8 +1,10 @@
 """Files are written as a whole: a failure leaves the earlier one, and nothing beside it."""
 
+import json
 import os
 import resource
 import stat
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
@@ -23,9 +25,11 @@ def full_disk():
     """No file may become larger than 1 kB."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    writes, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # else of cut modules
     try:
         yield
     finally:
+        sys.dont_write_bytecode = writes
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
@@ -155,10 +159,10 @@ def test_a_damaged_file_is_refused_by_its_name_or_holds_all_that_was_saved(fall,
         ("v", lambda v: v[..., :2]),
         ("t", lambda t: t.astype(str)),
         ("energy_work", lambda work: work[:-1]),
-        ("beam0_nodes", lambda nodes: nodes + 1),
-        ("beam0_nodes", lambda nodes: nodes - 1),
-        ("beam0_nodes", lambda nodes: nodes[:-1]),
-        ("beam0_M", lambda M: M.T),
+        ("beams_nodes", lambda nodes: nodes + 1),
+        ("beams_nodes", lambda nodes: nodes - 1),
+        ("beams_nodes", lambda nodes: nodes[:-1]),
+        ("beams_M", lambda M: M.T),
         ("end_q", lambda q: q[:2]),
         ("meta", lambda text: np.array("[" * 100_000)),
     ],
@@ -171,6 +175,21 @@ def test_arrays_that_do_not_fit_together_are_refused(name, change, fall, tmp_pat
     np.savez(tmp_path / "other.npz", **arrays)
     with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
         fb.load(tmp_path / "other.npz")
+
+
+def test_a_file_of_the_earlier_format_is_read(fall, tmp_path):
+    fall.save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as file:
+        arrays = {name: file[name] for name in file if not name.startswith("beams_")}
+    meta = json.loads(str(arrays["meta"])) | {"format": "fx_beam solution 1"}
+    for i, name in enumerate(fall.beams):
+        arrays |= {f"beam{i}_{part}": of for part, of in vars(fall.resultants(name)).items()}
+        arrays[f"beam{i}_nodes"] = fall.nodes_of_beam[name]
+    np.savez(tmp_path / "old.npz", **arrays | {"meta": np.array(json.dumps(meta))})
+    old = fb.load(tmp_path / "old.npz")
+    for name in fall.beams:
+        np.testing.assert_array_equal(old.nodes_of_beam[name], fall.nodes_of_beam[name])
+        np.testing.assert_array_equal(old.resultants(name).M, fall.resultants(name).M)
 
 
 @pytest.mark.parametrize("path", [1, True, None, b"run.npz", ""])

@@ -72,6 +72,8 @@ import process_cases as cases
 
 for name, case in cases.CASES.items():
     case().save(name + ".npz")
+for name in cases.WRITTEN:
+    cases.CASES[name](record=fb.Record(file=name + ".pvd"))
 said = {}
 for what, scene in cases.refused().items():
     try:
@@ -133,6 +135,12 @@ def test_steps_that_a_tolerance_chooses_are_the_same(three):
     assert abs(len(shared.t) - len(alone.t)) < 3
 
 
+@pytest.mark.plot
+@pytest.mark.parametrize("name", process_cases.WRITTEN)
+def test_each_process_writes_its_members_and_together_they_are_the_whole(three, name, tmp_path):
+    check_pieces(three / f"{name}.pvd", CASES[name](), 3, tmp_path)
+
+
 def test_what_several_processes_cannot_do_is_refused_and_one_can(three):
     (line,) = (three / "refused").read_text().splitlines()
     refused = json.loads(line)
@@ -150,6 +158,32 @@ def test_a_motion_goes_on_from_several_processes_to_one(three):
     assert again.stats.newton_iterations + first.stats.newton_iterations == (
         whole.stats.newton_iterations
     )
+
+
+def check_pieces(file, alone, number, folder):
+    """Check that the grids of processes have each element once, and the fields of one process."""
+    pv = pytest.importorskip("pyvista")
+    alone.to_paraview(folder / "alone.pvd")
+    shared, whole = (pv.get_reader(str(path)) for path in (file, folder / "alone.pvd"))
+    np.testing.assert_allclose(shared.time_values, whole.time_values, rtol=1e-12)
+    pieces = [pv.read(file.with_suffix("") / f"{file.stem}_00001_{i}.vtu") for i in range(number)]
+    assert min(piece.n_cells for piece in pieces) > 0
+    assert sum(piece.n_cells for piece in pieces) == sum(b.elements for b in alone.beams.values())
+    for t in shared.time_values:
+        grids = []
+        for reader in (shared, whole):
+            reader.set_active_time_value(t)
+            (grid,) = reader.read()
+            middles = grid.points.reshape(grid.n_cells, -1, 3).mean(axis=1)
+            order = np.lexsort((*middles.T.round(9), grid.cell_data["beam"]))
+            order = np.arange(grid.n_points).reshape(grid.n_cells, -1)[order].ravel()
+            grids.append((grid, order))
+        assert grids[0][0].point_data.keys() == grids[1][0].point_data.keys()
+        for name in grids[1][0].point_data:
+            one, other = (grid[name][order] for grid, order in grids)
+            assert abs(one - other).max() < 1e-7 * scale(other), name
+        one, other = (grid.points[order] for grid, order in grids)
+        np.testing.assert_array_equal(one, other)
 
 
 # -- How two processes end -------------------------------------------------------------------
@@ -187,7 +221,9 @@ except KeyboardInterrupt as stop:
     first = stop.solution
     print("interrupted after", round(first.t[-1], 9), flush=True)
 fb.simulate(scene, dt=0.01, t_end=0.1, start=first).save("continued.npz")
-fb.simulate(scene, dt=0.01, t_end=0.1, start=fb.load("half.npz")).save("second.npz")
+second = fb.simulate(scene, dt=0.01, t_end=0.1, start=fb.load("half.npz"))
+second.save("second.npz")
+fb.simulate(scene, dt=0.01, t_end=0.1, start=first, record=fb.Record(file="rest.pvd"))
 sys.exit("the end")
 """
 
@@ -224,6 +260,14 @@ def test_ctrl_c_keeps_the_steps_and_another_run_goes_on(two):
     for name in ("continued", "second"):
         solution = fb.load(folder / f"{name}.npz")
         assert abs(solution.q[-1] - whole.q[-1]).max() < 1e-10
+
+
+@pytest.mark.plot
+def test_two_processes_write_the_whole_as_well(two, tmp_path):
+    folder, _ = two
+    check_pieces(folder / "rest.pvd", fb.load(folder / "continued.npz"), 2, tmp_path)
+    end, other = (fb.load(folder / name).end for name in ("rest/end.npz", "continued.npz"))
+    assert end.t == other.t and abs(end.q - other.q).max() < 1e-10
 
 
 def test_the_script_runs_once_and_its_exit_ends_all(two):
@@ -413,10 +457,10 @@ open("bytes", "wb").write(packed({"a": made(2), "b": falling}))
 
 def test_nothing_of_a_scene_is_left_out():
     of_shares = {"beams", "nodes", "fixed", "prescribed", "joints", "masses", "drags"}
-    of_shares |= {"natural_strains"}
+    of_shares |= {"natural_strains", "parameters"}
     on_the_first = {"gravity", "loads", "velocities", "projects_velocities", "obstacles"}
     on_the_first |= {"forces_between", "bodies", "gone"}
-    refused = {"virtual_works", "parameters"}
+    refused = {"virtual_works"}
     numbers = {"joint_count", "contact_count", "force_count", "changes"}
     known = of_shares | on_the_first | refused | numbers
     assert {name for name in vars(fb.Scene()) if name[0] != "_"} == known

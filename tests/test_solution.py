@@ -345,8 +345,8 @@ def write(path, content, framed):
         "meta",
         "X",
         "energy_work",
-        "beam1_nodes",
-        "beam0_N",
+        "beams_nodes",
+        "beams_N",
     ],
 )
 def test_a_file_that_is_no_solution_is_refused_by_its_name(content, framed, tmp_path):

@@ -24,6 +24,7 @@ from fx_beam.stepping.adaptive_run import AdaptiveRun
 from fx_beam.stepping.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.stepping.recorded_histories import RecordedHistories
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stepper import Stepper
 from fx_beam.stepping.substeps import LARGE_TURN, Halving
@@ -38,6 +39,7 @@ from .evaluation import solution_of
 from .kept_setup import kept_setup
 from .mpi_ranks import warn_of_equal_work
 from .progress import attach, failure_of, keeping_steps, progress_bar
+from .row_files import RowFiles
 from .run_setup import MOST_STEPS, check_options, checked_scheme, end_of
 
 _log = logging.getLogger("fx_beam")
@@ -192,6 +194,9 @@ def simulate(
     scheme = checked_scheme(scene, scheme, "simulate")
     check_options("simulate", newton, max_halvings, record, solver)
     conditions = checked_conditions(scene, until, outputs)
+    to_file = record is not None and record.file is not None
+    if to_file and (conditions or changes is not None):
+        raise SceneError("simulate: a Record with a file is not possible with until or changes")
     if changes is not None:
         part = functools.partial(
             simulate,
@@ -232,22 +237,25 @@ def simulate(
     kept = kept_setup()
     setup = kept.of(scene, scheme, newton, halving, solver)
     stats, stepper, counter = setup.stats, setup.stepper, setup.turn_counter
-    recorder = Recorder(setup.model, times, record or Record())
-    rows_at = None if record is None or record.times is None else np.array(record.times, float)
+    record = record or Record()
+    recorder = Recorder(setup.model, times[:1] if to_file else times, record)
+    files = RowFiles(setup, recorder, record.file) if record.file is not None else None
+    rows_at = None if record.times is None else np.array(record.times, float)
     first = float(times[1] - times[0]) if control is None else control.first
-    rates, places_known = record is None or record.rates, record is None or record.motion
+    places_known = record.motion and files is None
     late = start is None and setup.model.finds_accelerations_later
-    asked = control is not None or (rates and not late)
+    asked = control is not None or (record.rates and not late)
     state = setup.first_state(first, start, control is None, accelerations=asked)
-    if rates and not asked:
+    if record.rates and not asked:
         recorder.late_accelerations = setup.late_accelerations(state, first)
     stepper.integrator.record_start(state, recorder)
     kept.begin(setup)
     stats.setup_seconds, stats.setup_reason = time.perf_counter() - clock, kept.reason
+    stats.file = "" if files is None else str(record.file)
     if control is not None and order_and_constant(scheme)[0] > 2 and setup.model.loses_at_impacts:
         _log.warning(_IMPACTS, stats.scheme)
 
-    def solution() -> Solution:
+    def of_rows(rows: RecordedHistories | None) -> Solution:
         stats.seconds = time.perf_counter() - clock
         held = values_at(named, inputs, recorder.end.t)
 
@@ -256,7 +264,7 @@ def simulate(
             past = stepper.integrator.past
             return state.changed(parts=halving.memory, past=past, inputs=held)
 
-        solution = solution_of(
+        return solution_of(
             setup.model,
             recorder,
             stats,
@@ -265,7 +273,14 @@ def simulate(
             [*breaks, *events],
             ended=True,
             scene_stays=kept.reads_at_once,
+            kept=rows,
         )
+
+    def solution() -> Solution:
+        if files is not None:
+            files.take()
+            files.save(of_rows, always=True)
+        solution = of_rows(None if files is None else files.histories())
         kept.keep(setup, solution)
         return solution
 
@@ -293,6 +308,9 @@ def simulate(
                         counter.removed += turns
                         recorder.turns[recorder.rows] = counter.removed.copy()
                 march(recorder.end)
+                if files is not None:
+                    files.take()
+                    files.save(of_rows)
                 stats.until = "" if ending is None else ending.met
                 bar.update(recorder.end.t - t)
         if control is None:
@@ -319,7 +337,10 @@ def _steps_of_grid(stepper: Stepper, times: np.ndarray, recorder: Recorder, most
 
     def advance(state: State) -> None:
         first = next(starts)
-        stepper.march(state, times[first : first + steps], first, recorder)
+        ends = times[first : first + steps]
+        if recorder.planned < first + len(ends):
+            recorder.plan(first, ends, last=first + len(ends) == len(times))
+        stepper.march(state, ends, first, recorder)
 
     return advance
 

@@ -17,6 +17,7 @@ from fx_beam.scene.beam import arc_lengths
 from fx_beam.scene.constraints import constraints_of
 from fx_beam.scene.natural_strains import NAMES
 from fx_beam.stepping.interpolation import at_times
+from fx_beam.stepping.recorded_histories import RecordedHistories
 from fx_beam.stepping.recorder import Recorder
 
 
@@ -30,8 +31,9 @@ def solution_of(
     ended: bool = False,
     scene_stays: bool = False,
     stability: Stability | None = None,
+    kept: RecordedHistories | None = None,
 ) -> Solution:
-    """Solution from a record; `end` gives the last state.
+    """Solution from a record, or from what is `kept` of it; `end` gives the last state.
 
     With `times` its rows are at these times, otherwise those of the record; the motion is smooth
     between `breaks`. What depends on nothing that may change is made when it is first read: the
@@ -39,7 +41,7 @@ def solution_of(
     is read.
     """
     scene, mesh = model.scene, model.mesh
-    recorded = recorder.histories()
+    recorded = recorder.histories() if kept is None else kept
     histories: Mapping[str, Any] = recorded
     rows: slice | np.ndarray = slice(None)
     if times is not None:
@@ -57,11 +59,7 @@ def solution_of(
     def resultants_of_beam(name: str) -> BeamResultants:
         beams = model.forms.beams
         assert beams is not None
-        if beams.resultants_need_rates and "v" not in recorder.arrays:
-            raise ValueError(
-                f"the stress resultants of {model.scheme.name} depend on rates: rates not "
-                "recorded; simulate with record=Record(rates=True)"
-            )
+        check_rates(model, recorder)
         if not cache:
             every = recorder.means(beams.resultants(recorder.sub_steps()))
             cache.append(every[rows])
@@ -99,6 +97,16 @@ def solution_of(
         variables_of_contact=_variables_of_contact(model, of_springs),
         stability=stability,
     )
+
+
+def check_rates(model: Model, recorder: Recorder) -> None:
+    """ValueError if stress resultants depend on rates that are not recorded."""
+    beams = model.forms.beams
+    if beams is not None and beams.resultants_need_rates and "v" not in recorder.arrays:
+        raise ValueError(
+            f"the stress resultants of {model.scheme.name} depend on rates: rates not "
+            "recorded; simulate with record=Record(rates=True)"
+        )
 
 
 def _variables_of_beam(

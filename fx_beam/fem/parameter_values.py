@@ -76,6 +76,11 @@ class ParameterValues:
         self.set(t)
         self._held = True
 
+    def keep(self, values: np.ndarray) -> None:
+        """Keep given values (n,)."""
+        self.use(values)
+        self._held = True
+
     def set(self, t: float) -> None:
         """Set the values at a time [s]."""
         if self.names and not self._held:

@@ -10,6 +10,8 @@ import sys
 from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any
 
+from fx_beam.scene.parameters import Parameter
+
 
 class _Pickler(pickle.Pickler):
     """Takes functions that cannot be imported as their code, with the names that this uses."""
@@ -17,6 +19,8 @@ class _Pickler(pickle.Pickler):
     def reducer_override(self, thing: Any) -> Any:
         if isinstance(thing, ModuleType):
             return importlib.import_module, (thing.__name__,)
+        if isinstance(thing, Parameter):  # its values come with each step
+            return Parameter, (thing.name, 0.0)
         if not isinstance(thing, FunctionType) or _can_be_imported(thing):
             return NotImplemented
         code = thing.__code__

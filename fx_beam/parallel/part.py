@@ -33,6 +33,8 @@ class Part:
         self._model = model = Model(share.scene(), scheme, part=True)
         self._equations = Equations(model, time)
         self._unknowns = _numbers_of_unknowns(share, model)
+        #: Indices of its parameters among those of the scene.
+        self._parameters = [share.parameters.index(name) for name in model.forms.parameters.names]
         self._system: LinearSystem | None = None
         self._r = np.zeros(model.size)
         self._values = np.zeros(len(model.reduction.pattern[1]))
@@ -46,9 +48,13 @@ class Part:
         self._system = LinearSystem(counts, kind)
 
     def begin(
-        self, interval: Interval, start: dict[str, Any], natural_end: np.ndarray | None
+        self,
+        interval: Interval,
+        start: dict[str, Any],
+        natural_end: np.ndarray | None,
+        parameters: np.ndarray,
     ) -> None:
-        """Begin a step from a part of the state, and natural strains at its end.
+        """Begin a step from a part of the state, natural strains at its end, and parameters in it.
 
         `internal` and `natural` are in the order of elements.
         """
@@ -57,6 +63,7 @@ class Part:
             state.internal = mesh.from_elements(state.internal)
         if state.natural is not None:
             state.natural = mesh.from_elements(state.natural)
+        self._model.forms.parameters.keep(parameters[self._parameters])
         self._equations.begin(interval, state)
         if natural_end is not None:
             self._model.forms.set_natural_end(mesh.from_elements(natural_end))

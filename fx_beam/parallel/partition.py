@@ -134,6 +134,7 @@ class _Cut:
         owned[: len(nodes)] = self.of_node[nodes] == process
         share = Share(self._model.mesh.X[nodes], nodes, rows, elements, owned)
         share.natural = bool(scene.natural_strains)
+        share.parameters = [*scene.parameters]
         self._add_members(share, process, local)
         self._add_couplings(share, local)
         share.masses += [

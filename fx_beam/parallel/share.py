@@ -12,6 +12,7 @@ from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Drag, Mass
 from fx_beam.scene.natural_strains import NaturalStrain, StrainPart
+from fx_beam.scene.parameters import Parameter
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant
 
@@ -45,6 +46,8 @@ class Share:
     masses: list[Mass] = field(default_factory=list)
     #: Whether members of the scene have natural strains, whose values come with each step.
     natural: bool = False
+    #: Names of the scene's parameters, whose values come with each step.
+    parameters: list[str] = field(default_factory=list)
     #: Drag on runs, by the index of the run.
     drags: list[tuple[int, Drag]] = field(default_factory=list)
     #: Indices of its driven columns among those of the scene.
@@ -72,6 +75,7 @@ class Share:
         if self.natural and scene.beams:
             none = NaturalStrain(scene.beams[0], {"axial": StrainPart(_AT_REST)})
             scene.natural_strains.append(none)
+        scene.parameters.add([Parameter(name, 0.0) for name in self.parameters], "a part")
         scene.drags += [replace(drag, target=scene.beams[run]) for run, drag in self.drags]
         return scene
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import queue
 import signal
@@ -27,8 +28,8 @@ _PATIENCE = 0.2
 # the tag of its message.
 _ALONE, _FAILED = 10.0, 1
 _LOST = (
-    "fx_beam: a process does not answer, and mpirun ends all of them. The first one has about a "
-    "second to save the steps so far"
+    "fx_beam: mpirun ends all processes. A copy of the first one goes on with a KeyboardInterrupt, "
+    "so that the script can save the steps so far; what it prints is not shown any more"
 )
 _REFUSED = (
     "on several processes functions of your own in sections are sent to all, but one of these "
@@ -47,8 +48,8 @@ class Team:
         self._made = 0
         self._left: list[int] = []
         self._busy, self._waiting = False, False
-        #: Whether mpirun ends all processes, and whether one of them has not answered since.
-        self._ending, self.lost = False, False
+        #: Whether this is the copy that mpirun does not end, and whether others do not answer.
+        self._escaped, self.lost = False, False
         self._own_error: Exception | None = None
         self._asked, self._found = queue.SimpleQueue[Any](), queue.SimpleQueue[list]()
         self._thread = threading.Thread(target=self._exchange, daemon=True)
@@ -98,17 +99,14 @@ class Team:
             del asked, packed, own, found
 
     def _wait(self) -> list:
-        """What all found. KeyboardInterrupt if mpirun ends them, and one does not answer."""
+        """What all found. KeyboardInterrupt if mpirun ends them."""
         failed_at = None
         while True:
             try:
                 return self._found.get(timeout=_PATIENCE)
             except queue.Empty:
-                if self._ending:
-                    self.lost = True
-                    stop = KeyboardInterrupt()
-                    stop.add_note(_LOST)
-                    raise stop from None
+                if self._escaped:
+                    raise KeyboardInterrupt from None
             if self._own_error is None and not self._comm.iprobe(tag=_FAILED):
                 continue
             failed_at = failed_at or time.monotonic()
@@ -136,14 +134,26 @@ class Team:
             raise KeyboardInterrupt
 
     def terminate(self, *arguments: Any) -> None:
-        """Take the end by mpirun, which comes a second later: as Ctrl-C."""
-        self._ending = True
+        """Take the end by mpirun, which comes a second later: as Ctrl-C, in a copy."""
+        if os.fork():
+            os.wait()
+            os._exit(1)
+        # Only this thread is copied. Another session is none of mpirun's processes.
+        os.setsid()
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        self._escaped = self.lost = True
+        os.write(2, f"{_LOST}\n".encode())
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (1, 2):  # pipes to mpirun, which ends
+            os.dup2(nowhere, stream)
         handler = signal.getsignal(signal.SIGINT)
         if callable(handler):
             handler(*arguments)
 
     def close(self) -> None:
         """Let the others end."""
+        if self._escaped:  # without MPI
+            os._exit(1)
         if self.lost:
             self._comm.Abort(1)
         self._asked.put(None)
@@ -158,6 +168,11 @@ class Crew:
     def __init__(self, team: Team, number: int):
         self._team, self._number = team, number
         self.size = team.size
+
+    @property
+    def lost(self) -> bool:
+        """Whether the processes do not answer any more."""
+        return self._team.lost
 
     def __call__(self, method: str, arguments: Sequence[tuple] | None = None) -> list:
         """What a method of each gives."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -24,7 +24,7 @@ from fx_beam.stepping.single_step import SingleStep
 from .part import Frame, Part
 from .partition import divided
 from .share import Share
-from .team import Team
+from .team import Crew, Team
 
 _ADVICE = (
     "it runs on one process: start the script without mpirun, or simulate on the first process "
@@ -39,7 +39,6 @@ def _check(model: Model) -> None:
         ("a node that slides on a beam", sliding_joints(scene.joints)),
         ("contact between members", any(isinstance(o.shape, Beam) for o in scene.obstacles)),
         ("virtual works of your own", scene.virtual_works),
-        ("parameters in functions of your own", list(scene.parameters)),
         ("a closed loop of joints", couplings.closures),
         ("a long tree of joints", couplings.ties),
         ("a scheme of your own", not model.scheme.built_in),
@@ -79,6 +78,7 @@ class WholeEquations(Equations):
             raise SceneError(f"static: spin on several processes is not possible yet; {_ADVICE}")
         petsc("a scene on several processes")
         division = divided(model, team.size)
+        self._team = team
         self._shares, self._numbers = division.shares, division.numbers
         self._ends = np.cumsum(division.counts)
         #: Number of processes.
@@ -91,6 +91,10 @@ class WholeEquations(Equations):
         kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
         self._crew("connect", [(division.counts, kind)] * team.size)
         self._locate_points()
+
+    def pieces(self) -> tuple[list[np.ndarray], Callable[[Callable, Sequence[tuple]], Crew]]:
+        """Elements of each process, and what makes objects on all."""
+        return [share.elements for share in self._shares], self._team.make
 
     def _place(self, frames: list[Frame]) -> None:
         """Find what of the whole the entries of the parts' vectors are."""
@@ -112,8 +116,9 @@ class WholeEquations(Equations):
         super().begin(interval, start)
         end = None if self._natural is None else self._natural(interval.end)
         starts = [self._start_of(i, start) for i in range(self._crew.size)]
-        pairs = zip(self._shares, starts, strict=True)
-        self._crew("begin", [(interval, of, self._in_part(share, end)) for share, of in pairs])
+        pairs, values = zip(self._shares, starts, strict=True), self.model.forms.parameters.values
+        given = [(interval, of, self._in_part(share, end), values) for share, of in pairs]
+        self._crew("begin", given)
 
     def _in_part(self, share: Share, values: np.ndarray | None) -> np.ndarray | None:
         """Values (cells, ...) in the order of the elements of a part, if there are any."""

@@ -190,6 +190,9 @@ class Stats:
     changes : dict
         Time [s] of each change of the scene in the motion, by its name in the `changes` of
         `simulate`.
+    file : str
+        File that has motion and rates in place of the solution, as asked for by a `Record`; empty
+        if there is none.
     static : bool
         Whether the solution is static: its steps are load factors, not times.
     limit_points : list of float
@@ -232,6 +235,7 @@ class Stats:
     failure: Failure | None = None
     until: str = ""
     changes: dict[str, float] = field(default_factory=dict)
+    file: str = ""
     static: bool = False
     limit_points: list[float] = field(default_factory=list)
     gradient_growth: float = 0.0

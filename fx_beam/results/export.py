@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from dataclasses import asdict, fields
 
 import numpy as np
@@ -14,7 +15,7 @@ from .files import replacing
 from .histories import HISTORIES
 
 #: Format of saved files.
-FORMAT = "fx_beam solution 1"
+FORMAT = "fx_beam solution 2"
 
 
 def save(solution, path) -> None:
@@ -37,14 +38,13 @@ def save(solution, path) -> None:
     if solution.stats.static:
         arrays |= _stability(solution)
     beams: list[dict] = []
+    if solution.beams:
+        arrays |= _of_all_beams(solution)
     for name, beam in solution.beams.items():
-        key = f"beam{len(beams)}"
-        if solution.has_motion:
-            parts = vars(solution.resultants(name))
-            arrays |= {f"{key}_{part}": value for part, value in parts.items()}
-        arrays[f"{key}_nodes"] = solution.nodes_of_beam[name]
         internal = solution.variables_of_beam.get(name, {})
-        arrays |= {f"{key}_internal{i}": rows for i, rows in enumerate(internal.values())}
+        arrays |= {
+            f"beam{len(beams)}_internal{i}": rows for i, rows in enumerate(internal.values())
+        }
         item = {"name": name, "degree": beam.degree, "s": beam.s.tolist()}
         beams.append({**item, "internal": list(internal)})
     joints = {number: list(variables) for number, variables in solution.variables_of_joint.items()}
@@ -65,8 +65,22 @@ def save(solution, path) -> None:
     meta["parameters"] = solution.names_of_parameters
     meta["obstacles"] = [_described(obstacle) for obstacle in solution.obstacles]
     text = json.dumps(meta, default=_plain)
-    with replacing(path) as new, open(new, "wb") as file:
-        np.savez_compressed(file, meta=np.array(text), **arrays)
+    with (
+        replacing(path) as new,
+        zipfile.ZipFile(new, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
+    ):
+        for name, values in {"meta": np.array(text), **arrays}.items():
+            with file.open(f"{name}.npy", "w", force_zip64=True) as part:
+                np.lib.format.write_array(part, np.asarray(values), allow_pickle=False)
+
+
+def _of_all_beams(solution) -> dict[str, np.ndarray]:
+    """Nodes and resultants, those of each beam after those of the one before: few arrays."""
+    arrays = {"nodes": [solution.nodes_of_beam[name] for name in solution.beams]}
+    if solution.has_motion:
+        parts = [vars(solution.resultants(name)) for name in solution.beams]
+        arrays |= {name: [own[name] for own in parts] for name in parts[0]}
+    return {f"beams_{name}": np.concatenate(own, axis=-1) for name, own in arrays.items()}
 
 
 def _stability(solution) -> dict[str, np.ndarray]:

@@ -36,6 +36,12 @@ def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> 
     return values @ lagrange(_gauss(beam.degree), places).T
 
 
+def at_ends(values: np.ndarray) -> np.ndarray:
+    """Values (..., degree + 1) at the nodes of elements of those (..., degree) at Gauss points."""
+    degree = values.shape[-1]
+    return values @ lagrange(_gauss(degree), np.linspace(0, 1, degree + 1)).T
+
+
 def along_all(solution: Any, quantity: str, rows, places: np.ndarray) -> np.ndarray:
     """The same for all beams of a solution (rows, elements, places)."""
     names = list(solution.beams)

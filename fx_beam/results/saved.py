@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import fields
 from pathlib import Path
@@ -23,6 +24,9 @@ from .saved_arrays import check_arrays
 from .solution import Solution
 from .stability import Stability
 from .state import NUMBERS, Past, State
+
+# Format of earlier files, with arrays of each beam.
+_BY_BEAM = "fx_beam solution 1"
 
 
 def load(path) -> Solution:
@@ -69,7 +73,9 @@ def _read(raw: BinaryIO) -> Solution:
     with np.load(raw, allow_pickle=False) as file:
         data = dict(file)
     meta = json.loads(str(data["meta"]))
-    if meta["format"] != FORMAT:
+    if meta["format"] == FORMAT:
+        _divide_by_beams(data, meta["beams"])
+    elif meta["format"] != _BY_BEAM:
         raise KeyError("format")
     data.setdefault("parameters", np.empty((len(data["t"]), 0)))  # files of earlier versions
     check_arrays(data, meta["beams"])
@@ -131,6 +137,20 @@ def _read(raw: BinaryIO) -> Solution:
         variables_of_contact={n: rows for n, rows in friction.items() if rows is not None},
         stability=Stability(counted=data.get("unstable_modes")),
     )
+
+
+def _divide_by_beams(data: dict[str, np.ndarray], beams: list[dict]) -> None:
+    """Give each beam its arrays, of those of all beams one after the other."""
+    points = np.array([item["degree"] * (len(item["s"]) - 1) for item in beams], dtype=int)
+    for part in ("nodes", *"sNQM"):
+        whole = data.pop(f"beams_{part}", None)
+        if whole is None:
+            continue
+        ends = np.cumsum(points + (part == "nodes")).tolist()
+        if whole.shape[-1] != ends[-1]:
+            raise ValueError(f"{part} of beams do not fit to their elements")
+        for i, (first, end) in enumerate(itertools.pairwise([0, *ends])):
+            data[f"beam{i}_{part}"] = whole[..., first:end]
 
 
 def _obstacles(saved: list[dict], beams: dict[str, Beam], X: np.ndarray) -> list[Obstacle]:

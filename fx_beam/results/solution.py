@@ -460,6 +460,11 @@ class Solution:
             raise ValueError(f"name = {shown(name)} must be one of {list(_KINDS)}")
         rows, kind = getattr(self, name), _KINDS[name]
         if len(rows) != len(self.t):
+            if self.stats.file and kind in ("motion", "rates"):
+                raise ValueError(
+                    f"{kind} not in memory: the rows are in the file {self.stats.file}, for "
+                    "ParaView or pyvista; simulate without `file` in Record to have them here"
+                )
             raise ValueError(f"{kind} not recorded; simulate with record=Record({kind}=True)")
         return rows
 

@@ -71,6 +71,14 @@ class RecordedHistories(Mapping):
             return None
         return self._fitted["v"][-1]
 
+    def small_rows(self, first: int) -> dict[str, np.ndarray]:
+        """Rows from one on of what does not grow with the number of nodes."""
+        return {
+            name: rows[first:].copy()
+            for name, rows in self._fitted.items()
+            if name in ROWS and ROWS[name].record not in ("motion", "rates")
+        }
+
     @functools.cached_property
     def _fitted(self) -> Mapping[str, np.ndarray]:
         return self._rows if self._fitted_rows is None else self._fitted_rows()

@@ -6,6 +6,7 @@ import bisect
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from fx_beam.fem.beam_forms import BeamForms, Part
 from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
+from fx_beam.results.files import writable
 from fx_beam.results.state import ROWS, State
 from fx_beam.validation import is_flag, is_whole, numbers, require
 
@@ -50,6 +52,12 @@ class Record:
         degree 5 for order 4, on the smooth side of a contact; velocities are their derivatives.
         Energies and momenta are linear; forces and accelerations are those of the step. All steps
         are stored to the end; the motion must be recorded. Other times than the run's are left out.
+    file : str or path, optional
+        For large scenes: a file for ParaView, such as "run.pvd", to which motion and rates go as
+        they come, with stress resultants and internal variables, in place of memory. On several
+        processes each writes its members. The solution has all else, and its end, from which
+        another motion starts. The folder "run" has the grids, and "end.npz", the solution so far.
+        Only for `simulate` without `until`, `changes` and `times`.
 
     Examples
     --------
@@ -71,6 +79,7 @@ class Record:
     rates: bool = True
     forces: bool = True
     times: Sequence[float] | None = None
+    file: str | Path | None = None
 
     def __post_init__(self):
         fits = is_whole(self.every, 1)
@@ -79,6 +88,10 @@ class Record:
         for name in _KINDS:
             value = getattr(self, name)
             require(is_flag(value), f"Record: {name}", value, "True or False")
+        if self.file is not None:
+            writable(self.file, ("pvd",))
+            if not self.motion or self.times is not None:
+                raise SceneError("Record: a file needs motion=True, and no times")
         if self.times is None:
             return
         times = numbers(self.times)
@@ -128,6 +141,8 @@ class Recorder:
         #: Times at the ends of all steps, and numbers of the steps that have a row.
         self._times, self._steps = np.empty(0), np.empty(0, dtype=int)
         self.rows = 0
+        #: Number of steps, and the start, that have a plan.
+        self.planned = 0
         #: How often the arrays were replaced.
         self.plans = 0
         #: The last state.
@@ -135,6 +150,8 @@ class Recorder:
         self._first: State
         #: Gives the accelerations of row 0, if they are found when they are read.
         self.late_accelerations: Callable[[], np.ndarray] | None = None
+        #: Whether row 0 is the start.
+        self._begins = True
         #: Full turns (size,) [rad] that are missing in the rows from a number on.
         self.turns: dict[int, np.ndarray] = {}
         kinds = {"always"} | {kind for kind in _KINDS if getattr(record, kind)}
@@ -160,6 +177,7 @@ class Recorder:
         stop = first + len(ends)
         self._times = grown(self._times, stop, first)
         self._times[first:stop] = ends
+        self.planned = stop
         self.last = stop - 1 if last else -1
         steps = np.arange(first, stop)
         steps = steps[(steps % self.every == 0) | (steps == self.last)]
@@ -196,6 +214,19 @@ class Recorder:
         """Have the rows up to the last state: an exception may have come between the two."""
         times = self._times[self._steps[: self.rows]]
         self.settle(int(np.searchsorted(times, self.end.t, side="right")))
+
+    def forget(self) -> None:
+        """Have the last two rows only, on which the next ones depend."""
+        gone = max(self.rows - 2, 0)
+        kept = self.rows - gone
+        for array in (self._steps, *self.arrays.values()):
+            array[:kept] = array[gone : self.rows].copy()
+        self.arrays["up_to_row"][:kept] = 0
+        self.turns = {max(row - gone, 0): missing for row, missing in self.turns.items()}
+        self.rows, self._starts.count = kept, 0
+        if gone:
+            self._begins, self.late_accelerations = False, None
+        self.plans += 1
 
     @property
     def impact(self) -> float:
@@ -280,7 +311,7 @@ class Recorder:
         times, steps = self._times, self._steps[:n]
         if model.fits_rates:
             starts = None if self.every == 1 else self._starts.of_rows(rows["up_to_row"])
-            driven = self._first.driven_rates
+            driven = self._first.driven_rates if self._begins else None
             fit = functools.partial(fitted, model, rows, starts, (times, steps), driven)
         recorded = {name: of for name, of in rows.items() if name not in self._serving}
         t = times[steps]
@@ -313,28 +344,33 @@ class Recorder:
     def _starts_of_row(self, row: int) -> slice:
         return slice(self._up_to(row - 1), self._up_to(row))
 
-    def means(self, values: np.ndarray) -> np.ndarray:
-        """Forces (n, ...) of the rows, from those of `sub_steps`: means over the steps."""
-        shares = [self._shares(row) for row in range(self.rows)]
+    def means(self, values: np.ndarray, first: int = 0) -> np.ndarray:
+        """Forces (n, ...) of rows, from those of `sub_steps`: means over the steps."""
+        shares = [self._shares(row) for row in range(first, self.rows)]
         weights = np.concatenate([own / sum(own) for own in shares])
-        first = np.cumsum([0, *map(len, shares[:-1])])
-        return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, first)
+        starts = np.cumsum([0, *map(len, shares[:-1])])
+        return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, starts)
 
-    def sub_steps(self) -> Iterator[Part]:
-        """The sub-steps before each row, for which its forces are evaluated.
+    def sub_steps(self, first: int = 0) -> Iterator[Part]:
+        """The sub-steps before each row from one on, for which its forces are evaluated.
 
         Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
         """
-        beams, first = self.model.forms.beams, self._first
+        beams = self.model.forms.beams
         assert beams is not None
+        if not first:
+            yield self._at_start(beams)
+        for row in range(max(first, 1), self.rows):
+            yield from self._of_row(row, beams)
+
+    def _at_start(self, beams: BeamForms) -> Part:
+        first = self._first
         dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
         D = dt * first.v if beams.resultants_move else np.zeros(self.model.size)
         start = StepStart(self.arrays["q"][0], first.v, first.a, internal=first.internal)
         if first.natural is not None:
             start = start._replace(natural=(first.natural, first.natural))
-        yield Part(instant(first.t, dt), D, start)
-        for row in range(1, self.rows):
-            yield from self._of_row(row, beams)
+        return Part(instant(first.t, dt), D, start)
 
     def _of_row(self, row: int, beams: BeamForms) -> Iterator[Part]:
         arrays, own = self.arrays, self._starts_of_row(row)
