@@ -122,6 +122,8 @@ class Motion:
         require(fits, "Motion: dt", dt, "a positive number")
         if record is not None and record.times is not None:
             raise SceneError("Motion: a record at times is not possible; use Record(every=...)")
+        if record is not None and record.file is not None:
+            raise SceneError("Motion: a record to a file is not possible; use simulate")
         outputs = {} if outputs is None else outputs
         check_outputs(scene, outputs, "Motion: outputs")
         self._arguments = {

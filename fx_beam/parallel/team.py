@@ -28,8 +28,8 @@ _PATIENCE = 0.2
 # the tag of its message.
 _ALONE, _FAILED = 10.0, 1
 _LOST = (
-    "fx_beam: mpirun ends all processes. A copy of the first one goes on with a KeyboardInterrupt, "
-    "so that the script can save the steps so far; what it prints is not shown any more"
+    "fx_beam: mpirun ends all processes. The script goes on with a KeyboardInterrupt, to save the "
+    "steps so far: in a copy of the first process, whose prints are not shown any more"
 )
 _REFUSED = (
     "on several processes functions of your own in sections are sent to all, but one of these "
@@ -48,10 +48,11 @@ class Team:
         self._made = 0
         self._left: list[int] = []
         self._busy, self._waiting = False, False
-        #: Whether this is the copy that mpirun does not end, and whether others do not answer.
-        self._escaped, self.lost = False, False
+        #: Whether mpirun ends all, whether this is a copy, and whether others do not answer.
+        self._ending, self._copied, self.lost = False, False, False
         self._own_error: Exception | None = None
-        self._asked, self._found = queue.SimpleQueue[Any](), queue.SimpleQueue[list]()
+        # A SimpleQueue that a signal interrupts may wait for ever, whatever the timeout.
+        self._asked, self._found = queue.SimpleQueue[Any](), queue.Queue[list]()
         self._thread = threading.Thread(target=self._exchange, daemon=True)
         self._thread.start()
 
@@ -105,7 +106,7 @@ class Team:
             try:
                 return self._found.get(timeout=_PATIENCE)
             except queue.Empty:
-                if self._escaped:
+                if self._ending:
                     raise KeyboardInterrupt from None
             if self._own_error is None and not self._comm.iprobe(tag=_FAILED):
                 continue
@@ -134,25 +135,34 @@ class Team:
             raise KeyboardInterrupt
 
     def terminate(self, *arguments: Any) -> None:
-        """Take the end by mpirun, which comes a second later: as Ctrl-C, in a copy."""
-        if os.fork():
-            os.wait()
+        """Take the end by mpirun, a second later: as Ctrl-C, in a copy that has more time."""
+        try:
+            copy = os.fork()
+        except OSError:  # no memory for one: this second must do
+            copy = -1
+        if copy > 0:
+            os.waitpid(copy, 0)
             os._exit(1)
-        # Only this thread is copied. Another session is none of mpirun's processes.
-        os.setsid()
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        self._escaped = self.lost = True
+        self._ending = self.lost = True
         os.write(2, f"{_LOST}\n".encode())
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        for stream in (1, 2):  # pipes to mpirun, which ends
-            os.dup2(nowhere, stream)
+        if not copy:
+            self._leave_mpirun()
         handler = signal.getsignal(signal.SIGINT)
         if callable(handler):
             handler(*arguments)
 
+    def _leave_mpirun(self) -> None:
+        """In a copy, which has this thread only: be none of mpirun's processes any more."""
+        self._copied = True
+        os.setsid()
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (1, 2):  # pipes to mpirun, which ends
+            os.dup2(nowhere, stream)
+
     def close(self) -> None:
         """Let the others end."""
-        if self._escaped:  # without MPI
+        if self._copied:  # without MPI
             os._exit(1)
         if self.lost:
             self._comm.Abort(1)

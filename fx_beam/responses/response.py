@@ -152,6 +152,8 @@ class Response:
         self._memory = as_float(memory)
         fits = record is None or isinstance(record, Record)
         require(fits, "Response: record", record, "an fx_beam.Record")
+        if record is not None and record.file is not None:
+            raise SceneError("Response: a record to a file is not possible; use simulate")
         self._build = build
         self._start, self._record = start, record or Record()
         self._options: dict[str, Any] = {
