@@ -41,7 +41,7 @@ typedef struct {
   int counted;                /* whether the pattern of the tangent has it */
   double start[5][2];         /* at the start of the step: the point, then arms to the four nodes */
   double place, distance, weights[4], slopes[4]; /* the nearest point at the start */
-  double end, seen;           /* its place at the end; its place along the member where it was last followed */
+  double end, seen, motion;   /* its place at the end; where it was last followed along the member; its way in a step */
   double sums[4][4];          /* weights of the sums of arms */
   double given[TOUCH_GIVEN], results[TOUCH_RESULTS], tangent[TOUCH_DOFS * TOUCH_DOFS];
 } Touch;

@@ -263,33 +263,43 @@ static double motion_along(const Touch *e, const NearPoint *near, double r[4][2]
   return -near->per_rate * dt * sum;
 }
 
-/* To which side the pieces of a touch go at the start of a step: where the last one had to be repeated, or where its
-   nearest point is about to leave them. */
-static int way_to_lean(const Touch *e, double place, double motion) {
-  if (e->leans) return can_lean(place, e->leans) ? e->leans : 0;
-  double far = fmax(place, place + motion), near = fmin(place, place + motion);
-  if (far > 1.5 - SPARE_PIECE && !e->ends && can_lean(place, 1)) return 1;
-  return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(place, -1) ? -1 : 0;
+/* Steps in which pieces change together, as the pattern of the tangent changes with them. */
+static const double TOGETHER = 4;
+
+/* To which side the pieces of a touch go if its nearest point is to remain in them for some steps. */
+static int way_to_lean(const Touch *e, double steps) {
+  double there = e->place + steps * e->motion, far = fmax(e->place, there), near = fmin(e->place, there);
+  if (far > 1.5 - SPARE_PIECE && !e->ends && can_lean(e->place, 1)) return 1;
+  return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(e->place, -1) ? -1 : 0;
+}
+
+static void keep_nearest(Touch *e, const NearPoint *near) {
+  e->place = near->place, e->distance = near->distance;
+  memcpy(e->weights, near->weights, sizeof e->weights), memcpy(e->slopes, near->slopes, sizeof e->slopes);
 }
 
 /* The nearest points at the start of a step, which touches follow along their members; returns whether they are all
    that there can be. */
 static int place_touches(MemberContacts *m, const double *q, const double *v, double dt) {
-  int moved = 0;
+  int moved = 0, piece, changes = 0;
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
-    int piece;
     NearPoint near = follow(m, e, q, &piece, e->start);
     if (near.left) return 0;
     moved |= piece != e->piece;
     if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
-    double motion = v ? motion_along(e, &near, e->start + 1, v, dt) : 0;
-    int way = way_to_lean(e, near.place, motion);
-    if (way) {
-      set_pieces(m->of + e->contact, e, piece + way);
-      near = follow(m, e, q, &piece, e->start);
-    }
-    e->leans = 0, e->place = near.place, e->distance = near.distance;
-    memcpy(e->weights, near.weights, sizeof e->weights), memcpy(e->slopes, near.slopes, sizeof e->slopes);
+    e->motion = v ? motion_along(e, &near, e->start + 1, v, dt) : 0;
+    keep_nearest(e, &near);
+    /* The last step had to be repeated, or the nearest point is about to leave its pieces. */
+    e->leans = e->leans ? (can_lean(e->place, e->leans) ? e->leans : 0) : way_to_lean(e, 1);
+    changes |= e->leans && e->counted;
+  }
+  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+    int way = e->leans || !changes ? e->leans : way_to_lean(e, TOGETHER);
+    e->leans = 0;
+    if (!way) continue;
+    set_pieces(m->of + e->contact, e, e->piece + way);
+    NearPoint near = follow(m, e, q, &piece, e->start);
+    keep_nearest(e, &near);
   }
   for (const Touch *e = m->touch; moved && e < m->touch + m->touches; ++e)
     if (is_lost(m, e)) return 0;
