@@ -65,8 +65,9 @@ def numbers(run, starts, lengths):
     if isinstance(model.reduction, JointReduction):
         found |= {"offset": joints["offset"], "axis": joints["axis"]}
         found["rest"] = np.array([joint.start()[0] for joint in model.couplings.moving])
-    if sliding := model.couplings.sliding:
+    if sliding := model.sliding:
         found["places"] = np.array([joint.place_at_rest for joint in sliding])
+        found["paths"] = np.concatenate([joint.path.numbers for joint in sliding])
     if (beams := model.forms.beams) is not None:
         fields = {name.replace("times", "retardation"): f for name, f in beams.of_sections.items()}
         if beams.drag is not None:

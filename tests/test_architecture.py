@@ -150,6 +150,7 @@ HOUSE = {
         "gap_rows",
         "loop_reduction",
         "rate_equations",
+        "path_derivatives",
         "beam_rates",
         "rate_derivatives",
         "rigid_points",

@@ -97,6 +97,7 @@ class Adjoint:
             "axis": np.zeros((joints, 2)),
             "rest": np.zeros(joints),
             "places": np.zeros(3 * p.sliders + 1),
+            "paths": np.zeros(path_numbers(model) + 1),
         }
         if (members := model.points.members) is not None:
             arrays |= {
@@ -223,6 +224,7 @@ class Adjoint:
             named |= {name: found[name][: p.joints].copy() for name in ("offset", "axis", "rest")}
         if p.sliders:
             named["places"] = found["places"][:-1].reshape(-1, 3).copy()
+            named["paths"] = found["paths"][:-1].copy()
         if model.forms.internal_shape[-1]:
             named["internal"] = found["internal"].reshape(model.forms.internal_shape).copy()
         if model.natural:
@@ -285,6 +287,11 @@ class Adjoint:
             parts.pop("parameters of elements", None)  # they are those of steps
             named |= parts
         return named
+
+
+def path_numbers(model: Model) -> int:
+    """Number of all numbers of the paths on which nodes slide."""
+    return sum(joint.path.numbers.size for joint in model.sliding)
 
 
 def numbered(which: np.ndarray, count: int) -> np.ndarray:

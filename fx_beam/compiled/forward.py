@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.c_library import declarations
 from fx_beam.structs import Structs
 
-from .adjoint import Adjoint, numbered, singular
+from .adjoint import Adjoint, numbered, path_numbers, singular
 from .element_data import aligned
 from .tape import Part, Tape
 
@@ -23,6 +23,7 @@ _PLAIN = {
     "axis": "axis",
     "rest": "rest",
     "places": "places",
+    "paths": "paths",
     "internal": "internal",
     "spring internal": "spring_internal",
     "natural": "natural",
@@ -150,6 +151,7 @@ class Forward:
             "axis": 2 * p.joints,
             "rest": p.joints,
             "places": 3 * p.sliders,
+            "paths": path_numbers(model),
             "internal": internal,
             "spring_internal": p.spring_width,
             "natural": model.natural.size,

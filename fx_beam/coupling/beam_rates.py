@@ -6,12 +6,15 @@ bend k = sum N_a' Psi_a (rate_equations.py).
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.scene.path import Path
 
+from .path_derivatives import weights_by_numbers
 from .rate_equations import OnBeam
 
 
@@ -24,25 +27,67 @@ class PlaceOnBeam:
 
     def __init__(self, path: Path, dofs: np.ndarray, q: np.ndarray, s: np.ndarray):
         near, self.weights = path.weights_near(s)
-        self.dofs = dofs[near]
+        self.dofs, self._near, self._path, self._s = dofs[near], near, path, s
         _, first, second = self.weights
-        at = path.X[near] + q[:, self.dofs[:, :2]]
-        turned = path.angles()[near] + q[:, self.dofs[:, 2]]
+        self._at = at = path.X[near] + q[:, self.dofs[:, :2]]
+        self._turned = turned = path.angles()[near] + q[:, self.dofs[:, 2]]
         self.slope, self._slope_by_s = (np.einsum("na,nai->ni", w, at) for w in (first, second))
         self.bend, self._bend_by_s = (np.einsum("na,na->n", w, turned) for w in (first, second))
 
-    def changes(self, q: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of slope (n, m, 2) and bend (n, m), for those of q (n, m, size) and s (n, m)."""
+    @functools.cached_property
+    def _by_numbers(self) -> list[scipy.sparse.csr_matrix]:
+        return weights_by_numbers(self._path, self._s)
+
+    def _of_nodes(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Views of positions (..., nodes, 2) and angles (..., nodes) among numbers of the path."""
+        path, shape = self._path, numbers.shape[:-1]
+        positions = numbers[..., len(path.s) :][..., : path.X.size].reshape(*shape, -1, 2)
+        return positions, numbers[..., -len(path) :]
+
+    def changes(
+        self, q: np.ndarray, s: np.ndarray, numbers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Changes of slope (n, m, 2), bend (n, m) and N (n, m, near).
+
+        For those of q (n, m, size), s (n, m), and of the numbers of the path (m, numbers).
+        """
+        values, first = np.zeros((2, len(s), len(numbers), len(self._near)))
         slope = np.einsum("na,nmai->nmi", self.weights[1], q[..., self.dofs[:, :2]])
         bend = np.einsum("na,nma->nm", self.weights[1], q[..., self.dofs[:, 2]])
+        if numbers.any():
+            values, first = (
+                (by @ numbers.T).reshape(len(s), -1, len(numbers)).swapaxes(1, 2)
+                for by in self._by_numbers
+            )
+            positions, angles = self._of_nodes(numbers)
+            slope += np.einsum("nma,nai->nmi", first, self._at)
+            slope += np.einsum("na,mai->nmi", self.weights[1], positions[:, self._near])
+            bend += np.einsum("nma,na->nm", first, self._turned)
+            bend += np.einsum("na,ma->nm", self.weights[1], angles[:, self._near])
         by_s = self._slope_by_s[:, None] * s[..., None], self._bend_by_s[:, None] * s
-        return slope + by_s[0], bend + by_s[1]
+        return slope + by_s[0], bend + by_s[1], values + self.weights[1][:, None] * s[..., None]
 
-    def pull(self, slope: np.ndarray, bend: np.ndarray, by_q: np.ndarray) -> np.ndarray:
-        """Derivatives by s (n,) from those by slope and bend; adds to those by q (n, size)."""
+    def pull(
+        self, slope: np.ndarray, bend: np.ndarray, values: np.ndarray, by_q: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by s (n,) and by the numbers of the path at each place (n, numbers).
+
+        From those by slope, bend and N (n, near); adds to those by q (n, size).
+        """
         of_both = np.column_stack([slope, bend])
         by_q[:, self.dofs] += self.weights[1][:, :, None] * of_both[:, None]
-        return (slope * self._slope_by_s).sum(axis=1) + bend * self._bend_by_s
+        n, near = len(slope), len(self._near)
+        of_first = np.einsum("ni,nai->na", slope, self._at) + bend[:, None] * self._turned
+        by_numbers = np.zeros((n, self._path.numbers.size))
+        for by, given in zip(self._by_numbers, (values, of_first), strict=True):
+            rows = np.repeat(np.arange(n), near), np.arange(n * near)
+            each = scipy.sparse.csr_matrix((given.ravel(), rows), (n, n * near))
+            by_numbers += (each @ by).toarray()
+        positions, angles = self._of_nodes(by_numbers)
+        positions[:, self._near] += self.weights[1][:, :, None] * slope[:, None]
+        angles[:, self._near] += self.weights[1] * bend[:, None]
+        by_s = (slope * self._slope_by_s).sum(axis=1) + bend * self._bend_by_s
+        return by_s + (values * self.weights[1]).sum(axis=1), by_numbers
 
 
 class _Rows:
@@ -54,9 +99,8 @@ class _Rows:
         self.rows = 2 - self._free + self._sleeve
         self.dof = np.vstack([of.node, place.dofs]).T
         one = np.ones((len(q), 1))
-        #: Signs of the nodes in v_b - sum N_a v_a, and their derivatives by s.
+        #: Signs of the nodes in v_b - sum N_a v_a.
         self._at = np.hstack([one, -place.weights[0]])
-        self._at_by_s = np.hstack([0 * one, -place.weights[1]])
         self.given, self.push = self._of(place.slope[:, None], place.bend[:, None], None, None)
         self.given, self.push = self.given[:, 0], self.push[:, 0]
         self._weight = self._weights(self.push, 1.0)
@@ -92,20 +136,26 @@ class _Rows:
         """Entries (n, rows, 3, 1 + near)."""
         return self._weight[..., None] * self._at[:, None, None]
 
-    def changes(self, q: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def changes(
+        self, q: np.ndarray, s: np.ndarray, numbers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Changes of entries (n, m, rows, 3, 1 + near), of what is given, and of pushes."""
         place = self.place
-        given, push = self._of(place.slope[:, None], place.bend[:, None], *place.changes(q, s))
+        slope, bend, values = place.changes(q, s, numbers)
+        given, push = self._of(place.slope[:, None], place.bend[:, None], slope, bend)
         entries = self._weights(push, 0.0)[..., None] * self._at[:, None, None, None]
-        moved = self._at_by_s[:, None] * s[..., None]
+        moved = np.concatenate([0 * values[..., :1], -values], axis=-1)
         entries += self._weight[:, None, ..., None] * moved[:, :, None, None]
         return entries, given, push
 
-    def pull(self, entries, given, push, by_q: np.ndarray) -> np.ndarray:
-        """Derivatives by s (n,) from those by entries, what is given, and pushes; adds by q."""
+    def pull(self, entries, given, push, by_q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by s (n,) and by numbers of the path (n, numbers); adds those by q.
+
+        From those by entries, what is given, and pushes.
+        """
         place, t = self.place, self.place.slope
+        values = -np.einsum("nria,nri->na", entries, self._weight)[:, 1:]
         push = push + np.einsum("nria,na->nri", entries, self._at)[..., :2]
-        by_s = np.einsum("nria,nri,na->n", entries, self._weight, self._at_by_s)
         square = (t * t).sum(axis=1)
         slope, bend = np.zeros_like(t), np.zeros(len(t))
         if self._free:
@@ -120,7 +170,7 @@ class _Rows:
             slope += place.bend[:, None] * (2 * (along / square)[:, None] * t - last)
         elif self._sleeve:
             bend += given[:, -1]
-        return by_s + place.pull(slope, bend, by_q)
+        return place.pull(slope, bend, values, by_q)
 
 
 class BeamRates:
@@ -134,6 +184,9 @@ class BeamRates:
         counts = [one.rows for one in self._all]
         starts = first + np.cumsum([0, *counts])
         self._rows = [slice(a, b) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+        ends = np.cumsum([0, *(of.path.numbers.size for of in on_beams)])
+        #: The numbers of each path among those of all.
+        self._paths = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
         rows, dofs = [np.empty(0, int)], [np.empty(0, int)]
         for one, own in zip(self._all, self._rows, strict=True):
             rows.append(np.repeat(np.arange(own.start, own.stop), one.dof.size))
@@ -148,18 +201,25 @@ class BeamRates:
             found.append(one.entries().reshape(len(given), -1))
         return np.concatenate(found, axis=-1)
 
-    def set_changes(self, q, slides, given: np.ndarray, push: np.ndarray) -> np.ndarray:
-        """The same of changes (n, m, ...), for those of q and of slides (n, m, joints)."""
+    def set_changes(self, q, slides, paths, given: np.ndarray, push: np.ndarray) -> np.ndarray:
+        """The same of changes (n, m, ...), for those of q, slides (n, m, joints) and paths (m,)."""
         found = [np.zeros((*given.shape[:2], 0))]
-        for one, own in zip(self._all, self._rows, strict=True):
-            entries, given[..., own], push[..., own, :] = one.changes(q, slides[..., one.joint])
+        for one, own, path in zip(self._all, self._rows, self._paths, strict=True):
+            of_own = one.changes(q, slides[..., one.joint], paths[:, path])
+            entries, given[..., own], push[..., own, :] = of_own
             found.append(entries.reshape(*given.shape[:2], -1))
         return np.concatenate(found, axis=-1)
 
-    def pull(self, entries, given, push, by_q: np.ndarray, by_slides: np.ndarray) -> None:
-        """Add derivatives by q (n, size) and slides (n, joints), from those by all of these."""
-        first = 0
+    def pull(self, entries, given, push, by_q: np.ndarray, by_slides: np.ndarray) -> np.ndarray:
+        """Derivatives by the numbers of all paths; adds those by q and slides (n, ...).
+
+        From those by all of these.
+        """
+        first, by_paths = 0, [np.empty(0)]
         for one, own in zip(self._all, self._rows, strict=True):
             shape = len(entries), one.rows, *one.dof.shape
             of_own = entries[:, first : (first := first + one.rows * one.dof.size)].reshape(shape)
-            by_slides[:, one.joint] += one.pull(of_own, given[:, own], push[:, own], by_q)
+            by_s, by_path = one.pull(of_own, given[:, own], push[:, own], by_q)
+            by_slides[:, one.joint] += by_s
+            by_paths.append(by_path.sum(axis=0))
+        return np.concatenate(by_paths)

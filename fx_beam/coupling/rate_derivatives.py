@@ -283,7 +283,9 @@ class RateDerivatives:
         by_v = rates - self._G_transposed(g, of_rows)
         of_state = {"q": by_q[:-1].T, "slides": np.zeros((len(mu), self._tables["joints"]))}
         of_beams = by_entries._replace(g=by_g[:, len(self._moving) :])
-        self._beams.pull(*of_beams, of_state["q"], of_state["slides"])
+        by_paths = self._beams.pull(*of_beams, of_state["q"], of_state["slides"])
+        if by_paths.size:
+            numbers["paths"] = by_paths
         return of_state | {"v": by_v, "driven rates": by_driven}, numbers
 
     def push(
@@ -298,7 +300,8 @@ class RateDerivatives:
         q, v, driven = (of_state[name] for name in ("q", "v", "driven rates"))
         arms = self._arms(q, changes["arms of joints"])
         more = self._of_arms(arms, self._change_of_directions(q, changes["axes of joints"]))
-        of_beams = self._beams.set_changes(q, of_state["slides"], more.given, more.push)
+        paths = changes.get("paths", np.empty((q.shape[1], 0)))
+        of_beams = self._beams.set_changes(q, of_state["slides"], paths, more.given, more.push)
         more = more._replace(g=np.concatenate([more.g, of_beams], axis=-1))
         top = self._G_transposed(more.g, mu[:, None])
         for j, mass in enumerate(changes["mass"]):

@@ -13,6 +13,7 @@ Here are the rows and columns of G, and what its entries depend on; C evaluates 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,26 +22,27 @@ from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.sliders import SlidingJoint, sliding_joints
+from fx_beam.scene.sliders import SlidingJoint
 
 
 class RateEquations:
     """The equations of a scene.
 
-    `motors` has the driven columns of motors by the number of the joint, `supports` (n, 2) the
-    degrees of freedom of supports and their columns; there are so many driven and fixed `columns`.
+    `sliding` are the joints of nodes on beams; `motors` has the driven columns of motors by the
+    number of the joint, `supports` (n, 2) the degrees of freedom of supports and their columns;
+    there are so many driven and fixed `columns`.
     """
 
     def __init__(
         self,
         scene: Scene,
         mesh: Mesh,
+        sliding: Sequence[SlidingJoint],
         motors: dict[int, int],
         supports: np.ndarray,
         columns: int,
     ):
         self.size, self.joints, self.columns = mesh.dofs.size, scene.joint_count, columns
-        sliding = sliding_joints(scene.joints)
         plain = [joint for joint in scene.joints if joint not in sliding]
         slotted = [j for j in plain if j.slide is not None and j.slide.motor is None]
         pinned = [joint for joint in plain if joint not in slotted]

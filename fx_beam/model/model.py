@@ -37,6 +37,7 @@ from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
@@ -337,6 +338,12 @@ class Model:
             return None
         return FittedRates(*self._rate_equations, self.mass, self.unit)
 
+    @property
+    def sliding(self) -> list[SlidingJoint]:
+        """Joints of nodes on beams, as they are eliminated."""
+        joints = {joint.number: joint for joint in sliding_joints(self.scene.joints)}
+        return [joints[joint.number] for joint in self.couplings.sliding]
+
     @functools.cached_property
     def _rate_equations(self) -> tuple[RateEquations, RigidPoints]:
         scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
@@ -344,7 +351,7 @@ class Model:
         nodes, components, columns = self.supports
         supported = np.column_stack([mesh.dofs[nodes, components], columns])
         constrained = self.reduction.columns - self.reduction.free
-        equations = RateEquations(scene, mesh, motored, supported, constrained)
+        equations = RateEquations(scene, mesh, self.sliding, motored, supported, constrained)
         return equations, RigidPoints(scene, mesh, self.massless, equations)
 
     def _build_reduction(self) -> None:

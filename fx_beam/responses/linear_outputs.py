@@ -252,15 +252,20 @@ class _OfJoint(_Terms):
         q, v = self.states["q"][ends], self.states[self.rates][ends]
         place = PlaceOnBeam(own.path, own.dofs, q, self.states["slides"][ends, n])
         of_beam = v[:, place.dofs[:, :2]]
-        beneath, by_place = np.einsum("kna,nai->kni", place.weights[:2], of_beam)
+        beneath = np.einsum("na,nai->ni", place.weights[0], of_beam)
         apart = v[:, own.node_dofs[:2]] - beneath
         t, square = place.slope, (place.slope**2).sum(axis=1)[:, None]
         along = t / square
         rate = (along * apart).sum(axis=1)[:, None]
         by_slope = (apart - 2 * rate * t) / square
         by_q = np.zeros_like(q)
-        by_s = place.pull(by_slope, np.zeros(len(q)), by_q) - (along * by_place).sum(axis=1)
+        by_weights = -np.einsum("ni,nai->na", along, of_beam)
+        by_s, by_path = place.pull(by_slope, np.zeros(len(q)), by_weights, by_q)
         yield self._at_ends("slides", n, factor=by_s)
+        before = [other.path.numbers.size for other in self.model.sliding]
+        first = sum(before[: [other.number for other in self.model.sliding].index(n)])
+        for k in np.flatnonzero(by_path.any(axis=0)).tolist():
+            yield Term("paths", first + k, np.arange(len(q)), by_path[:, k])
         for i in range(2):
             yield self._at_ends(self.rates, int(own.node_dofs[i]), factor=along[:, i])
             for k, dof in enumerate(place.dofs[:, i].tolist()):

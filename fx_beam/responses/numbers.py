@@ -11,7 +11,6 @@ from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.constraints import joints_by_number
-from fx_beam.scene.sliders import sliding_joints
 from fx_beam.stepping.forcing import LoadForcing
 from fx_beam.stepping.initial_state import reference_state
 
@@ -129,12 +128,9 @@ def _of_model(model: Model) -> dict[str, Any]:
         numbers |= {name: joints[name] for name in ("offset", "axis")}
         own = joints_by_number(model.scene)
         numbers["rest"] = [own[joint.number].start()[0] for joint in model.couplings.moving]
-    if model.couplings.sliding:
-        on_beams = {joint.number: joint for joint in sliding_joints(model.scene.joints)}
-        sliding = [on_beams[joint.number] for joint in model.couplings.sliding]
+    if sliding := model.sliding:
         numbers["places"] = [joint.place_at_rest for joint in sliding]
-        shapes = [joint.path.numbers for joint in sliding]
-        numbers["beams on which nodes slide"] = np.concatenate(shapes)
+        numbers["paths"] = np.concatenate([joint.path.numbers for joint in sliding])
     return numbers
 
 

@@ -115,8 +115,10 @@ static void gather(const Problem *p, const Backward *b, int end, const double *v
     for (int c = 0; c < p->slider[i].components; ++c) columns[p->slider[i].carried[c]] = 0;
 }
 
-/* Derivatives by the places of sliding nodes in the reference configuration, after `gather`. */
-static void pull_places(const Problem *p, const Adjoint *a, const Backward *b) {
+/* Derivatives by the places of sliding nodes in the reference configuration, and by the paths, after `gather` at the
+   start (0) or at the end (1), with which those by Tv are counted. */
+static void pull_places(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, int end) {
+  pull_paths(p, w, end, b->carried, end ? b->omega : 0, b->mu, a->paths);
   for (int i = 0; i < p->sliders; ++i)
     for (int c = 0; c < p->slider[i].components; ++c) a->places[3 * i + c] -= b->carried[3 * i + c];
 }
@@ -578,7 +580,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, Backward *b, const T
 
   if (p->closures) pull_gaps(p, w, b);
   gather(p, b, 1, w->values, b->end, b->end_columns);
-  pull_places(p, a, b);
+  pull_places(p, w, a, b, 1);
   if (p->joints) add_followers(p, b->end, b->end_columns, b->at_end);
   for (int i = 0; i < p->closures; ++i)
     if (p->gap_arm[i] >= 0) b->at_end[p->gap_arm[i]] += b->of_gaps[i];
@@ -590,7 +592,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, Backward *b, const T
   }
   values_at_start(p, w, b);
   gather(p, b, 0, b->values, b->start, b->start_columns);
-  pull_places(p, a, b);
+  pull_places(p, w, a, b, 0);
   if (p->joints) {
     add_followers(p, b->start, b->start_columns, b->at_start);
     pull_offsets(p, w, a, b);

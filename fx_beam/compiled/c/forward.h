@@ -15,7 +15,8 @@ typedef struct {
   FixedPoint following;
   double *on_joints, *moments, *closing; /* of one direction: forces of joints, moments of springs, closing forces */
   double *on_borders; /* right sides of borders, and their solutions [border][direction] */
-  int moves_joints;   /* whether offsets, axes and rests of joints, or places of nodes that slide, change in any */
+  /* Whether offsets, axes and rests of joints, or places of nodes that slide, change in any; and paths. */
+  int moves_joints, moves_paths;
   int held;           /* whether the configuration at the end is held in all directions */
   int *reached;
 } Change;
@@ -266,10 +267,15 @@ static void sum_changes(const Problem *p, const double *values, const double *ar
   for (int k = 0; k < p->followers; ++k) q[p->follower[k]] += p->joint_sign[p->through[k]] * arms[p->through[k]];
 }
 
+/* The changes of all paths in one direction; 0 if none change. */
+static double *paths_of(const Problem *p, const Directions *d, const Change *c, int j) {
+  return c->moves_paths ? d->paths + j * path_start(p, p->sliders) : 0;
+}
+
 /* The change of the configuration from that of columns, of which it sets those of ties and sliding nodes, at the
    start (0) or the end (1) of the sub-step. */
-static void change_nodes(const Problem *p, const Directions *d, int j, int end, const SlideEnds *slides,
-                         const double *values, const double *psi, const double *slide, double *arms,
+static void change_nodes(const Problem *p, const Work *w, const Directions *d, const Change *c, int j, int end,
+                         const SlideEnds *slides, const double *values, const double *psi, const double *slide, double *arms,
                          double *columns, double *q) {
   for (int i = 0; i < p->joints; ++i) {
     const double *o = d->offset + 2 * ((long)j * p->joints + i), *e = d->axis + 2 * ((long)j * p->joints + i);
@@ -288,7 +294,10 @@ static void change_nodes(const Problem *p, const Directions *d, int j, int end, 
   for (int i = 0; i < p->sliders; ++i) {
     const Slider *a = p->slider + i;
     spread_slider(a, slides[i].T[end], q, columns);
-    for (int k = 0; k < a->components; ++k) columns[a->carried[k]] -= d->places[3 * ((long)j * p->sliders + i) + k];
+    double change[3] = {0};
+    if (c->moves_paths) change_place(p, w, a, end, paths_of(p, d, c, j) + path_start(p, i), change);
+    for (int k = 0; k < a->components; ++k)
+      columns[a->carried[k]] += change[k] - d->places[3 * ((long)j * p->sliders + i) + k];
     sum_changes(p, values, arms, columns, q);
   }
 }
@@ -436,7 +445,7 @@ static void change_end(const Problem *p, const Work *w, const Directions *d, con
   double *increment = c->increment + j * (long)(p->dofs + LANES);
   const double *q0 = d->q + (long)j * p->dofs;
   arms_at_end(p, w, psi, slide);
-  change_nodes(p, d, j, 1, slides, w->values, psi, slide, c->arms, c->columns, end);
+  change_nodes(p, w, d, c, j, 1, slides, w->values, psi, slide, c->arms, c->columns, end);
   for (int i = 0; i < p->dofs; ++i) increment[i] = end[i] - q0[i];
 }
 
@@ -452,7 +461,7 @@ static Change in_direction(const Problem *p, const Change *c, int j) {
 static int is_held(const Problem *p, const Directions *d, const Change *c, long row, long rows) {
   for (int j = 0; j < d->count; ++j)
     if (any(p->driven, d->driven + (j * rows + row) * p->driven)) return 0;
-  return !c->moves_joints;
+  return !c->moves_joints && !c->moves_paths;
 }
 
 /* The changes of the columns at the end: those of driven motions, and with `solved` of the unknowns. And of the
@@ -514,8 +523,8 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
   }
   const double *end = c->end + j * (n + LANES);
   if (p->joints) change_map(p, w, d, j, c, y0, q0, end);
-  carry_changes(p, w, b->slides, c->map, (const double *[]){q0, end}, (const double *[]){y0, c->columns}, force,
-                c->reduced);
+  carry_changes(p, w, b->slides, c->map, (const double *[]){q0, end}, (const double *[]){y0, c->columns},
+                paths_of(p, d, c, j), force, c->reduced);
   add_rows(p, w, force, c->reduced);
   if (p->joints) add_change_of_map(p, w, c, b->on_ties, c->reduced);
 }
@@ -705,7 +714,8 @@ static void begin_changes(const Problem *p, const Work *w, const Directions *d, 
   double slide[p->joints + 1];
   for (int i = 0; i < p->joints; ++i) slide[i] = at(p->slides, p->slide_of[i]);
   for (int j = 0; j < d->count; ++j)
-    change_nodes(p, d, j, 0, b->slides, b->values, w->psi0, slide, c->arms, d->columns + j * all, d->q + (long)j * p->dofs);
+    change_nodes(p, w, d, c, j, 0, b->slides, b->values, w->psi0, slide, c->arms, d->columns + j * all,
+                 d->q + (long)j * p->dofs);
 }
 
 /* Follows a tape with changes in several directions; returns the number of sub-steps that are left where a
@@ -721,6 +731,7 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   long joints = (long)d->count * p->joints;
   c.moves_joints = any(2 * joints, d->offset) || any(2 * joints, d->axis) || any(joints, d->rest) ||
                    any(3L * d->count * p->sliders, d->places);
+  c.moves_paths = any(d->count * path_start(p, p->sliders), d->paths);
   s.by_ends[0] = can_be_by_ends(p, &a->internal_forces), s.by_ends[1] = can_be_by_ends(p, &a->drag);
   for (long row = 0; row < tape->rows; ++row) {
     long k = tape->first + row;

@@ -385,6 +385,7 @@ typedef struct {
   double *parameters; /* [sub-step][level, end][parameter] */
   double *natural_value, *naturals;
   double *places;     /* [node that slides][3] by its place in the reference configuration */
+  double *paths;      /* by the numbers of the beams on which nodes slide (path_derivatives.h) */
   double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
   double *slide_at_rest; /* in the reference configuration */
   /* Derivatives of the laws of forces at points, their numbers of arguments, room for what they are given. */
@@ -406,7 +407,7 @@ typedef struct {
   int count, *changes_mass; /* whether masses change in each direction */
   long point_numbers, element_numbers, drag_numbers;
   double *of_elements, *of_drag, *mass, *weight, *load_force, *loads, *driven, *thrust, *points, *parameters;
-  double *offset, *axis, *rest, *at_rest, *places;
+  double *offset, *axis, *rest, *at_rest, *places, *paths;
   /* Of the state: columns, configuration, rates, the configuration before, internal variables. */
   double *columns, *q, *v, *before, *internal, *spring_internal, *natural, *grown;
   double *natural_value, *naturals;

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "couplings.h"
+#include "path_derivatives.h"
 
 /* At the start (0) and at the end (1): T, and the derivatives of Tv^T F by the local degrees of freedom there. */
 typedef struct {
@@ -66,10 +67,32 @@ static void pull_slides(const Problem *p, const SlideEnds *ends, const double *o
   }
 }
 
+/* Adds to the derivatives by paths those that the places of nodes on beams have, at one end of a sub-step, for forces
+   [node][3] on them, and with omega those of their forces' work. */
+static void pull_paths(const Problem *p, const Work *w, int end, const double *forces, const double *omega, const double *mu,
+                       double *to) {
+  for (int i = 0; i < p->sliders; ++i) {
+    const Slider *a = p->slider + i;
+    PathRead by = {0};
+    WindowEnds ends;
+    double x[LOCAL];
+    find_window_ends(a, p->q, w->D, &ends);
+    if (omega) {
+      localise(a, omega, mu, x);
+      for (int k = 0; k <= a->components * a->width; ++k) x[k] = -x[k];
+      work_by_read(a, &ends, x, &by);
+    }
+    place_by_read(a, &ends, end, forces + 3 * i, &by);
+    follow_path(a, &by, to + path_start(p, i), 1);
+  }
+}
+
 /* Adds to the changes of forces r and of those on columns what the nodes exert on their beams: their forces change,
-   and Tv by the changes of the configuration and the columns at both ends. `map` are changes of the values of Tv. */
+   and Tv by the changes of the configuration and the columns at both ends, and of `paths` if they change. `map` are
+   changes of the values of Tv. */
 static void carry_changes(const Problem *p, const Work *w, const SlideEnds *ends, const double *map,
-                          const double *const nodal[2], const double *const columns[2], double *r, double *out) {
+                          const double *const nodal[2], const double *const columns[2], double *paths, double *r,
+                          double *out) {
   double x[LOCAL], y[LOCAL], force[3];
   for (int i = p->sliders - 1; i >= 0; --i) {
     const Slider *a = p->slider + i;
@@ -79,6 +102,7 @@ static void carry_changes(const Problem *p, const Work *w, const SlideEnds *ends
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
         force[c] += a->entry_sign[k] * map[a->entry_value[k]] * w->loaded[a->entry_row[k]];
     push_beam(a, a->virtual_map, force, r, out);
+    if (paths) change_of_shape(p, w, a, paths + path_start(p, i), r, out);
     for (int end = 0; end < 2; ++end) {
       localise(a, nodal[end], columns[end], x);
       times_second(a, &ends[i].of_force[end], 0, x, y);

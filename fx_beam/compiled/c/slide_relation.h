@@ -154,13 +154,18 @@ static void slide_rotation(Slider *a, const Weights *w, const double *q, const d
   h->square += moment * beta_by;
 }
 
+/* Elements of both ends of a step, of which it may pass so many. */
+static void elements_of(const Slider *a, int *e0, int *e1) {
+  int first = element_of(a, a->s0), last = element_of(a, a->s1);
+  *e0 = first, *e1 = last > first + a->most ? first + a->most : last < first - a->most ? first - a->most : last;
+}
+
 /* Increment of the node for that of its beam and of the arc length, the derivatives T and the virtual
    increment, with the chord of an element. With h: the derivatives of virtual_map^T F for the force F of the
    node. */
 static void slide_by_chord(Slider *a, int chord, const double *q, const double *D, Second *h) {
-  int n = a->width, s = a->components * n, e0 = element_of(a, a->s0), e1 = element_of(a, a->s1);
-  int low, limit = a->elements - a->window;
-  e1 = e1 > e0 + a->most ? e0 + a->most : e1 < e0 - a->most ? e0 - a->most : e1;
+  int n = a->width, s = a->components * n, e0, e1, low, limit = a->elements - a->window;
+  elements_of(a, &e0, &e1);
   low = (e0 < e1 ? e0 : e1) - 1;
   a->first = a->degree * (low < 0 ? 0 : low > limit ? limit : low);
   Weights weights, *w = &weights;
