@@ -278,10 +278,6 @@ def test_what_friction_of_joints_cannot_do_is_said():
     scene, _, _ = pendulum(0.3)
     with pytest.raises(fb.SceneError, match="goes back in time"):
         fb.simulate(scene, dt=0.01, t_end=0.1, scheme=fb.EnergyMomentum(order=4))
-    slides, joint = on_a_beam(fb.Slider, 0.2)
-    run = fb.Response(lambda x: (slides, {"s": fb.Output("slide", joint)}), dt=0.01, t_end=0.1)
-    with pytest.raises(fb.SceneError, match="a Slider or a Sleeve, has no derivatives"):
-        run(np.ones(1)), run.vjp({"s": np.ones(11)})
 
 
 def test_single_steps_and_steps_of_a_tolerance_follow_the_force_as_well():

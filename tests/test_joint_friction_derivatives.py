@@ -34,7 +34,28 @@ def rail(x):
     return scene
 
 
-SCENES = {"pendulum": lambda x: pendulum(0.4 * x)[0], "chain": chain, "rail": rail}
+def rubbing(x, make=fb.Slider):
+    """A bead that slides on a bridge, with friction by the force across it."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(**DATA | {"EI": 200 * x, "rhoI": 0.01})
+    bridge = scene.add_beam([(0, 0.3 * x), (4, 0)], section, elements=8)
+    scene.pin(bridge.start)
+    scene.fix(bridge.end, "y")
+    at = bridge.nodes[2]
+    bead = scene.add_body((at.x, at.y), mass=2.0 * x, inertia=0.05)
+    scene.add_joint(make(bridge, bead.centre, friction=fb.Coulomb(0.3 * x, 2000.0)))
+    scene.set_velocity(bead.centre, (1.5, 0.0))
+    scene.make_velocities_compatible()
+    return scene
+
+
+SCENES = {
+    "pendulum": lambda x: pendulum(0.4 * x)[0],
+    "chain": chain,
+    "rail": rail,
+    "bead": rubbing,
+    "sleeve": lambda x: rubbing(x, fb.Sleeve),
+}
 
 
 @pytest.mark.parametrize("name", SCENES)

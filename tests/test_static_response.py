@@ -241,6 +241,94 @@ def test_a_start_that_goes_on_from_another_equilibrium():
         assert forward == pytest.approx(expected, rel=0, abs=1e-6 * abs(expected).max())
 
 
+# -- Friction of joints, and mechanisms ------------------------------------------------------------
+
+
+def block(x):
+    """A block on rails, which its load F pushes against a spring and the friction mu N."""
+    scene = fb.Scene()
+    of = {"axis": (1, 0), "spring": fb.Spring(200.0), "friction": fb.Coulomb(x[2], 1e4)}
+    block = scene.add_body((0, 0), 1.0, 0.1).centre
+    joint = scene.add_joint(fb.Prismatic(fb.GROUND, block, **of))
+    scene.add_force(block, (x[0], -x[1]))
+    return scene, {"d": fb.Output("slide", joint), "force": fb.Output("force", joint)}
+
+
+def test_a_block_with_friction_moves_by_f_less_mu_n_over_k():
+    x = np.array([30.0, 50.0, 0.2])
+    run = fb.StaticResponse(block, steps=3)
+    y = run(x)[1]
+    assert y["d"][-1] == pytest.approx((30.0 - 10.0) / 200.0)
+    J = run.jacobian()
+    assert J["d"][-1] == pytest.approx(np.array([1.0, -0.2, -50.0]) / 200.0, rel=1e-10)
+    weights = {"d": np.array([0, 0, 0, 1.0])}
+    assert run.vjp(weights) == pytest.approx(J["d"][-1], rel=1e-12)
+
+
+def lever(x):
+    """An elastic arm on a pin with friction and a spring."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    arm = scene.add_beam([(0, 0), (1, 0.1)], fb.Section(**DATA | {"EI": 60 * x[0]}), elements=4)
+    friction = fb.Coulomb(0.4 * x[1], 500.0, radius=0.1)
+    of = {"spring": fb.Spring(150.0 * x[2]), "friction": friction}
+    joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, **of))
+    scene.add_force(arm.end, (3.0 * x[0], -20.0 * x[1]))
+    return scene, {"p": fb.Output("position", arm.end), "force": fb.Output("force", joint)}
+
+
+def chain(x):
+    """Three elastic bars that hang between two points."""
+    scene, last = fb.Scene(gravity=(0, -9.81)), None
+    places = [(0, 0), (x[0], -0.3), (2 * x[0], -0.2), (2.6, 0.1 * x[1])]
+    for ends in zip(places[:-1], places[1:], strict=True):
+        section = fb.Section(**DATA | {"EA": 1e3 * x[2], "rhoA": x[1]})
+        bar = scene.add_beam(ends, section)
+        if last is None:
+            scene.pin(bar.start)
+        else:
+            scene.add_joint(fb.Revolute(last.end, bar.start))
+        last = bar
+    scene.pin(last.end)
+    first = scene.beams[0]
+    of = {"p": fb.Output("position", first.end), "held": fb.Output("reaction", first.start)}
+    return scene, of
+
+
+@pytest.mark.parametrize("build", [lever, chain])
+def test_friction_of_joints_and_mechanisms_have_derivatives_and_motions_from_them(build):
+    """Those of an equilibrium, and the same at the start of a motion that it begins."""
+    run = fb.StaticResponse(build, steps=4, newton=EXACT)
+    _, y = run(X)
+    forward, backward, weights = gradients(run, y)
+    assert forward == pytest.approx(backward, rel=1e-10)
+    at_rest = run.jacobian("p")["p"][-1]
+    expected = differences(run, weights)
+    assert forward == pytest.approx(expected, rel=0, abs=1e-7 * abs(expected).max())
+
+    def start(scene):
+        return fb.static(scene, steps=4, newton=EXACT)
+
+    moved = fb.Response(build, dt=0.01, t_end=0.03, start=start, newton=EXACT)
+    moved(X)
+    places = moved.jacobian("p")["p"]
+    assert places[0] == pytest.approx(at_rest, rel=0, abs=1e-10 * abs(at_rest).max())
+    assert places[-1] == pytest.approx(at_rest, rel=0, abs=1e-6 * abs(at_rest).max())
+
+
+def test_a_mechanism_whose_friction_depends_on_its_way_is_refused():
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        bob = scene.add_body((0.1 * x[0], -1), 1.0, 0.1, points={"O": (0, 0)})
+        friction = fb.Coulomb(0.1, 10.0, radius=0.1)
+        scene.add_joint(fb.Revolute(fb.GROUND, bob["O"], friction=friction))
+        return scene, {"p": fb.Output("position", bob.centre)}
+
+    run = fb.StaticResponse(build, steps=2)
+    run([1.0])
+    with pytest.raises(fb.SceneError, match="depend on how it settles"):
+        run.jacobian()
+
+
 def test_derivatives_before_a_call_are_refused():
     with pytest.raises(fb.SceneError, match=r"StaticResponse\.vjp .* called after run\(x\)"):
         fb.StaticResponse(loaded).vjp({})

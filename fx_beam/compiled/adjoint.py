@@ -335,11 +335,6 @@ def check(model: Model) -> None:
             f"{scheme.name}: motions of this scheme have no derivatives. Use EnergyMomentum, "
             "MidPoint, ModifiedMidPoint or EnergyDecaying"
         )
-    if model.points.follow_beams:
-        raise SceneError(
-            "friction that follows the force of a node that slides on a beam, fx_beam.Coulomb of a "
-            "Slider or a Sleeve, has no derivatives. Use fx_beam.Friction"
-        )
     if model.points.members is not None and model.couplings.sliding:
         raise SceneError(
             "contact with members has no derivatives in a scene with nodes that slide on beams. "

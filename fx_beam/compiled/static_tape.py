@@ -39,7 +39,7 @@ def static_tape(
             [
                 [forcing.time - length, length, new.t, 1.0, 0.0],
                 *(old.q, np.zeros(model.size), old.slides, _or_none(old.internal)),
-                *(_or_none(old.spring_internal), _or_none(old.natural)),
+                *(_at_start(model, old, new), _or_none(old.natural)),
                 *(new.t * loads, new.t * loads, thrust, new.t * strains),
                 *(values, _increments(model, old, new)),
             ]
@@ -52,6 +52,15 @@ def static_tape(
 
 def _or_none(values: np.ndarray | None) -> Any:
     return np.empty(0) if values is None else values
+
+
+def _at_start(model: Model, old: State, new: State) -> np.ndarray:
+    """Internal variables of forces at points at its start, with forces that friction follows."""
+    if old.spring_internal is None or new.spring_internal is None:
+        return np.empty(0)
+    given, followed = old.spring_internal.copy(), model.points.followed
+    given[followed] = new.spring_internal[followed]
+    return given
 
 
 def _increments(model: Model, old: State, new: State) -> np.ndarray:

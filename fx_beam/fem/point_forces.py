@@ -40,11 +40,10 @@ class Load(NamedTuple):
     """The force of a joint that limits friction on it: all of it, or its part across an axis."""
 
     joint: int = -1
-    #: The axis in the reference, and the rotation that turns it; zero for all of the force.
+    #: The axis in the reference, and the rotation that turns it; zero for all of the force. That
+    #: of a beam at the node that slides on it is set in each step.
     axis: tuple[float, float] = (0.0, 0.0)
     turn: int = -1
-    #: Whether the axis is that of a beam at the node that slides on it, set in each step.
-    along_beam: bool = False
 
 
 class PointForce(NamedTuple):
@@ -456,14 +455,15 @@ class PointForces:
         """Whether there is friction that follows the force of a joint."""
         return any(force.load.joint >= 0 for force in self._forces)
 
+    @property
+    def followed(self) -> np.ndarray:
+        """Internal variables that are forces of joints, which friction follows in a step."""
+        pairs = zip(self._forces, self._first_internal, strict=True)
+        return np.array([first + 2 for force, first in pairs if force.load.joint >= 0], dtype=int)
+
     def begin_following(self) -> None:
         """Begin to look for the forces of joints that friction follows in a step."""
         self._c.fx_begin_following(self._all)
-
-    @property
-    def follow_beams(self) -> bool:
-        """Whether there is friction that follows the force of a node that slides on a beam."""
-        return any(force.load.along_beam for force in self._forces)
 
     def set_axis(self, joint: int, axis: np.ndarray) -> None:
         """Set the axis (2,) of a beam at the node that slides on it by a joint."""

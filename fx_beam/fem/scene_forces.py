@@ -128,7 +128,7 @@ def _frictions(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
                 load = Load(joint.number)
                 yield PointForce(law, numbers, dofs, joint=joint.number, load=load)
                 continue
-            load = Load(joint.number, along_beam=True)
+            load = Load(joint.number)
             if joint.axis is not None:
                 load = Load(joint.number, tuple(joint.axis.tolist()), dofs[0])
             yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE, load=load)

@@ -89,10 +89,11 @@ class Model:
         self._weightless = scheme.rates.at_rest and not mobile
         #: Why the scene without loads is a mechanism; empty if it is none.
         self.mechanism = ""
+        self._settles = settles
         if not part:
-            self._check_mechanism(settles)
+            self._check_mechanism()
 
-    def _check_mechanism(self, settles: bool = False) -> None:
+    def _check_mechanism(self) -> None:
         heavy = not self._weightless and not self.massless.any()
         if self.scene.virtual_works or heavy:
             return
@@ -100,7 +101,7 @@ class Model:
         try:
             check_no_massless_mechanism(self.scene, self.mesh, self.forms.of_members, mass)
         except SceneError as error:
-            if not settles:
+            if not self._settles:
                 raise
             self.mechanism = str(error).removesuffix(". Add a support")
 

@@ -40,11 +40,14 @@ def why_not(path: StaticPath) -> str:
         return (
             "members or springs with internal variables that start from another solution have none"
         )
-    if model.mechanism:
-        return "a mechanism that its loads hold has none"
-    if model.points.follow_joints:
-        return "friction that follows the force of a joint, fx_beam.Coulomb, has none"
+    if model.mechanism and model.flows:
+        return (
+            "a mechanism that its loads hold, with internal variables, has none: these depend on "
+            "how it settles"
+        )
     variables = [own for own in (first.internal, first.spring_internal) if own is not None]
+    if first.spring_internal is not None:  # forces that friction follows are no states
+        variables[-1] = np.delete(first.spring_internal, model.points.followed)
     if any(abs(own).max(initial=0.0) > _ROUNDING for own in variables):
         return "springs are under tension, and change internal variables before the loads act"
     return ""
@@ -80,12 +83,13 @@ class StaticDerivatives:
     def numbers_of(self, scene: Scene) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
         scene = with_functions(scene, self.path.inputs, "static: inputs")
+        settles = bool(self.model.mechanism)
         if self._other is None:
-            self._other = Model(self.model.scene, Equilibrium())
+            self._other = Model(self.model.scene, Equilibrium(), settles=settles)
         try:
             self._other.refill(scene)
         except ElsewhereError:
-            self._other = Model(scene, Equilibrium())
+            self._other = Model(scene, Equilibrium(), settles=settles)
         forcing = LoadForcing(self._other, self.path.forcing.time)
         return static_numbers_of(self._other, forcing, self.factors)
 

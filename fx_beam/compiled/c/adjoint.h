@@ -19,6 +19,7 @@ typedef struct {
   double *of_internal, *lost_internal, *of_springs, *lost_springs, *loads, *thrust, *of_gaps;
   double *forced, *of_forces, *of_levers, *of_joints, *kept; /* what weights of forces give */
   double *carried; /* [node that slides][3] derivatives by its columns */
+  double *of_axes; /* [node that slides][2] by the axis of its beam there */
   double *by_natural, *by_natural_end, *natural; /* the last are those of a sub-step */
   /* Of friction that follows joints: by their forces, and by the rotation of their axes. */
   double *of_followed, *of_turn;
@@ -48,7 +49,7 @@ static long lay_out_backward(const Problem *p, Backward *b, double *at) {
   b->of_followed = allocate(&at, p->points->all), b->of_turn = allocate(&at, p->points->all);
   b->following.size = p->points->followed.size;
   b->following.memory = allocate(&at, FIXED_POINT_ROWS * (long)b->following.size);
-  b->carried = allocate(&at, 3 * p->sliders);
+  b->carried = allocate(&at, 3 * p->sliders), b->of_axes = allocate(&at, 2 * p->sliders);
   b->slides = (SlideEnds *)allocate(&at, p->sliders * (sizeof(SlideEnds) / sizeof(double)));
   return at - begin;
 }
@@ -118,7 +119,7 @@ static void gather(const Problem *p, const Backward *b, int end, const double *v
 /* Derivatives by the places of sliding nodes in the reference configuration, and by the paths, after `gather` at the
    start (0) or at the end (1), with which those by Tv are counted. */
 static void pull_places(const Problem *p, const Work *w, const Adjoint *a, const Backward *b, int end) {
-  pull_paths(p, w, end, b->carried, end ? b->omega : 0, b->mu, a->paths);
+  pull_paths(p, w, end, b->carried, end ? b->omega : 0, b->mu, b->of_axes, a->paths);
   for (int i = 0; i < p->sliders; ++i)
     for (int c = 0; c < p->slider[i].components; ++c) a->places[3 * i + c] -= b->carried[3 * i + c];
 }
@@ -387,6 +388,7 @@ static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row,
   if (!expand(p, w)) return 0;
   if (p->points->members) settle_members(p, w);
   balance(p, w);
+  if (p->friction_follows) set_axes(p);
   if (p->points->members) find_member_slopes(p, w, a);
   reduce_tangent(p, w, w->r);
   find_slide_ends(p, w, b->slides);
@@ -446,6 +448,16 @@ static void pull_joint_forces(const Problem *p, const Work *w, const Backward *b
   pull_carried(p, w, b);
 }
 
+/* The derivatives of the force across the axis of a beam (followed_size) by the axis. */
+static void slope_of_axis(const Slider *a, const double *joints, double slope[2]) {
+  int s = a->components * a->width;
+  double axis[] = {a->virtual_map[0][s], a->virtual_map[1][s]};
+  const double *F = joints + 3 * a->joint;
+  double length = hypot(axis[0], axis[1]), across = (axis[0] * F[1] - axis[1] * F[0]) / length;
+  for (int i = 0; i < 2; ++i)
+    slope[i] = (across < 0 ? -1 : 1) * ((i ? -F[0] : F[1]) - across * axis[i] / length) / length;
+}
+
 /* Friction has as an internal variable the force of its joint in this sub-step (fx_follow_joints). */
 static void pull_followed(const Problem *p, const Work *w, const Backward *b) {
   for (int k = 0; k < p->points->all; ++k) {
@@ -455,6 +467,11 @@ static void pull_followed(const Problem *p, const Work *w, const Backward *b) {
     followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
     for (int i = 0; i < 2; ++i) b->of_joints[3 * e->load + i] += weight * slope[i];
     b->of_turn[k] = weight * slope[2];
+    for (int i = 0; i < p->sliders; ++i) {
+      if (p->slider[i].joint != e->load) continue;
+      slope_of_axis(p->slider + i, w->joint_forces, slope);
+      b->of_axes[2 * i] = weight * slope[0], b->of_axes[2 * i + 1] = weight * slope[1];
+    }
   }
 }
 
@@ -507,11 +524,12 @@ static int begin_forces(const Problem *p, const Work *w, const Adjoint *a, const
 /* Adds to the derivatives by the configuration at the end what forces and masses, and with mu Tv, have of it. */
 static void pull_end(const Problem *p, const Work *w, const Backward *b) {
   double per_dt = rates_per_path(p, w->dt), stiff = per_dt * per_dt / 2;
+  double *nodal[] = {b->start, b->end}, *columns[] = {b->start_columns, b->end_columns};
+  if (p->friction_follows) turn_back(p, w), pull_axes(p, w, b->of_axes, nodal, columns);
   times_mass(p, b->omega, w->scratch);
   for (int i = 0; i < p->dofs; ++i) b->end[i] -= b->by_increment[i] + stiff * w->slope[i] * w->scratch[i];
   if (p->joints) pull_map(p, w, b), pull_arms(p, w, b);
-  pull_slides(p, b->slides, b->omega, b->mu, (double *[]){b->start, b->end},
-              (double *[]){b->start_columns, b->end_columns});
+  pull_slides(p, b->slides, b->omega, b->mu, nodal, columns);
 }
 
 /* Finds mu and omega of a sub-step; returns 0 if its tangent is singular. */
@@ -551,7 +569,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, Backward *b, const T
   for (int i = 0; i < n; ++i) path_bar[i] = per_dt * w->slope[i] * a->v[i];
   for (int i = 0; i < p->massless_count; ++i) path_bar[p->massless[i]] /= 2;
   for (int i = 0; i < n; ++i) b->kept[i] = b->end[i] + path_bar[i];
-  memset(b->of_followed, 0, p->points->all * sizeof(double));
+  memset(b->of_followed, 0, p->points->all * sizeof(double)), memset(b->of_axes, 0, 2 * p->sliders * sizeof(double));
   begin_fixed_point(&b->following);
   if (!find_weights(p, w, a, b, k)) return 0;
   for (int i = 0; p->friction_follows && i < MOST_TRIALS; ++i) {

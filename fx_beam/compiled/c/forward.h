@@ -582,7 +582,17 @@ static void change_forces(const Problem *p, const Work *w, const Change *c, cons
     if (e->load < 0) continue;
     double slope[3], turn = at_level(p, q0, increment, e->load_turn), *change = on_joints + 3 * e->load;
     followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
-    c->followed[(long)j * p->points->all + k] = slope[0] * change[0] + slope[1] * change[1] + slope[2] * turn;
+    double *followed = c->followed + (long)j * p->points->all + k;
+    *followed = slope[0] * change[0] + slope[1] * change[1] + slope[2] * turn;
+    for (int i = 0; i < p->sliders; ++i) {
+      const Slider *a = p->slider + i;
+      if (a->joint != e->load) continue;
+      const double *nodal[] = {q0, c->end + j * (long)(p->dofs + LANES)};
+      const double *columns[] = {d->columns + j * (long)(p->columns + p->ties), c->columns};
+      double *paths = paths_of(p, d, c, j);
+      slope_of_axis(a, w->joint_forces, slope);
+      *followed += change_of_axis(p, w, a, slope, nodal, columns, paths ? paths + path_start(p, i) : 0);
+    }
   }
 }
 

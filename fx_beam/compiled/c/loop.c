@@ -114,10 +114,7 @@ static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
   for (int k = 0, still = 0; k < MOST_TRIALS; ++k) {
     evaluate_nodes(p, w);
     find_joint_forces(p, w);
-    for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
-      int s = a->components * a->width;
-      fx_set_axis(p->points, a->joint, (double[]){a->virtual_map[0][s], a->virtual_map[1][s]});
-    }
+    set_axes(p);
     if (!fx_follow_joints(p->points, w->joint_forces, p->q, w->D, p->level, still, p->spring_internal)) return OK;
     begin_internal(p, w->fields, t, w->dt, 0);
     long before = p->iterations;

@@ -13,22 +13,81 @@ typedef struct {
   Second of_force[2];
 } SlideEnds;
 
+/* The configuration at the end in w->scratch, and the increments backwards in w->correction. */
+static void turn_back(const Problem *p, const Work *w) {
+  for (int i = 0; i < p->dofs && p->sliders; ++i)
+    w->scratch[i] = p->q[i] + w->D[i], w->correction[i] = -w->D[i];
+}
+
+/* The derivatives of Tv^T F by both ends for the force in a slider, after `turn_back`. */
+static void find_second(const Problem *p, const Work *w, const Slider *a, Second of_force[2]) {
+  Slider own = *a, reversed = *a;
+  slide_on(&own, p->q, w->D, &of_force[1]);
+  reversed.s0 = a->s1, reversed.s1 = a->s0;
+  /* At other levels Tv depends on the end alone. */
+  if (p->level == 0.5) slide_by_chord(&reversed, element_of(a, a->s0), w->scratch, w->correction, &of_force[0]);
+  else memset(&of_force[0], 0, sizeof(Second));
+}
+
 /* The derivatives of all nodes, for the forces F of the last `project`. */
 static void find_slide_ends(const Problem *p, const Work *w, SlideEnds *ends) {
-  double *end = w->scratch, *back = w->correction;
-  for (int i = 0; i < p->dofs && p->sliders; ++i) end[i] = p->q[i] + w->D[i], back[i] = -w->D[i];
+  turn_back(p, w);
   for (int i = 0; i < p->sliders; ++i) {
-    Slider *a = p->slider + i, reversed = *a;
-    int chord = element_of(a, a->s0);
-    ends[i].of_force[1] = a->of_force;
+    const Slider *a = p->slider + i;
+    Slider reversed = *a;
     memcpy(ends[i].T[1], a->T, sizeof a->T);
     reversed.s0 = a->s1, reversed.s1 = a->s0;
-    slide_by_chord(&reversed, chord, end, back, 0);
+    slide_by_chord(&reversed, element_of(a, a->s0), w->scratch, w->correction, 0);
     memcpy(ends[i].T[0], reversed.T, sizeof a->T);
-    /* At other levels Tv depends on the end alone. */
-    if (p->level == 0.5) slide_by_chord(&reversed, chord, end, back, &ends[i].of_force[0]);
-    else memset(&ends[i].of_force[0], 0, sizeof(Second));
+    find_second(p, w, a, ends[i].of_force);
   }
+}
+
+/* The column of the slide in Tv is the axis of the beam A, and w . A the work of a force w on a slide of 1: a node with
+   this force. */
+static Slider with_weight(const Slider *a, const double *weight) {
+  Slider own = *a;
+  memset(own.force, 0, sizeof own.force);
+  memcpy(own.force, weight, 2 * sizeof(double));
+  return own;
+}
+
+/* Adds the derivatives of the weighted axes [node][2] by both ends, after `turn_back`. */
+static void pull_axes(const Problem *p, const Work *w, const double *weights, double *const nodal[2],
+                      double *const columns[2]) {
+  Second of_force[2];
+  for (int i = 0; i < p->sliders; ++i) {
+    const Slider *a = p->slider + i;
+    int s = a->components * a->width;
+    if (weights[2 * i] == 0 && weights[2 * i + 1] == 0) continue;
+    Slider own = with_weight(a, weights + 2 * i);
+    find_second(p, w, &own, of_force);
+    for (int end = 0; end < 2; ++end) {
+      for (int k = 0; k < s; ++k) nodal[end][local_dof(a, k)] += of_force[end].of_s[k];
+      columns[end][a->column] += of_force[end].square;
+    }
+  }
+}
+
+/* The change of a weighted axis for those at both ends, and of the numbers of its path if they change. */
+static double change_of_axis(const Problem *p, const Work *w, const Slider *a, const double *weight,
+                             const double *const nodal[2], const double *const columns[2], double *numbers) {
+  int s = a->components * a->width;
+  Slider own = with_weight(a, weight);
+  Second of_force[2];
+  double change = 0, along[LOCAL] = {0};
+  turn_back(p, w), find_second(p, w, &own, of_force);
+  for (int end = 0; end < 2; ++end) {
+    for (int k = 0; k < s; ++k) change += of_force[end].of_s[k] * nodal[end][local_dof(a, k)];
+    change += of_force[end].square * columns[end][a->column];
+  }
+  if (!numbers) return change;
+  PathRead changes, by = {0};
+  WindowEnds ends;
+  along[s] = 1;
+  follow_path(a, &changes, numbers, 0), find_window_ends(a, p->q, w->D, &ends);
+  work_by_read(&own, &ends, along, &by);
+  return change + product_of_reads(&by, &changes);
 }
 
 /* Sets y = H x for these derivatives H, or y = H^T x. */
@@ -68,9 +127,9 @@ static void pull_slides(const Problem *p, const SlideEnds *ends, const double *o
 }
 
 /* Adds to the derivatives by paths those that the places of nodes on beams have, at one end of a sub-step, for forces
-   [node][3] on them, and with omega those of their forces' work. */
-static void pull_paths(const Problem *p, const Work *w, int end, const double *forces, const double *omega, const double *mu,
-                       double *to) {
+   [node][3] on them, and with omega those of their forces' work, and of weighted axes [node][2]. */
+static void pull_paths(const Problem *p, const Work *w, int end, const double *forces, const double *omega,
+                       const double *mu, const double *axes, double *to) {
   for (int i = 0; i < p->sliders; ++i) {
     const Slider *a = p->slider + i;
     PathRead by = {0};
@@ -81,6 +140,9 @@ static void pull_paths(const Problem *p, const Work *w, int end, const double *f
       localise(a, omega, mu, x);
       for (int k = 0; k <= a->components * a->width; ++k) x[k] = -x[k];
       work_by_read(a, &ends, x, &by);
+      Slider own = with_weight(a, axes + 2 * i);
+      memset(x, 0, sizeof x), x[a->components * a->width] = 1;
+      work_by_read(&own, &ends, x, &by);
     }
     place_by_read(a, &ends, end, forces + 3 * i, &by);
     follow_path(a, &by, to + path_start(p, i), 1);

@@ -48,6 +48,14 @@ static void carry(const Problem *p, const Work *w, double *r, double *out) {
   }
 }
 
+/* Sets the axes across which forces of nodes on beams count for friction. */
+static void set_axes(const Problem *p) {
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
+    int s = a->components * a->width;
+    fx_set_axis(p->points, a->joint, (double[]){a->virtual_map[0][s], a->virtual_map[1][s]});
+  }
+}
+
 /* Whether a node leaves its beam in the step, or passes too many elements. */
 static int leaves_beam(const Problem *p) {
   for (int i = 0; i < p->sliders; ++i) {
