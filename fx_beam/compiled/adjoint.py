@@ -110,6 +110,15 @@ class Adjoint:
         self._structs.set(self.c, **arrays, slide_at_rest=self.slide_at_rest)
         return arrays
 
+    def constraint_forces(self, tape: Tape) -> np.ndarray:
+        """Forces (n, columns) of driven and fixed columns in the n sub-steps on the tape now."""
+        first, end = tape.present
+        found = np.zeros((end - first, self._p.columns - self._p.free))
+        to = self._ffi.from_buffer("double[]", np.append(found, 0.0) if not found.size else found)
+        if left := self._library.fx_taped_forces(self._p, tape.c, self.c, to):
+            raise singular(tape, end - left)
+        return found
+
     def pull(
         self,
         tape: Tape,

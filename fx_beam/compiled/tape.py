@@ -225,6 +225,11 @@ class Tape:
             self._after = groups[i + 1][0] if i + 1 in order else None
             yield Part(self.c.first, self.c.first + self.c.rows)
 
+    @property
+    def present(self) -> Part:
+        """The part that is on the tape now."""
+        return Part(self.c.first, self.c.first + self.c.rows)
+
     def _repeat(self, problem: Problem, checkpoint: _Checkpoint) -> None:
         """Write the rows of the steps after a checkpoint."""
         p, steps, ffi = problem.c, checkpoint.steps, self._ffi

@@ -18,17 +18,21 @@ Derivatives = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
 
 
 def _kinetic(model: Model, row: Row) -> Derivatives:
-    """v.M v / 2; driven motions do the work of the rates that fit on their impulses as well."""
+    """v.M v / 2."""
     if model.scheme.rates.at_rest:
         return {}, {}
     mass, v = model.mass.tocoo(), row["v"]
-    momentum, by_mass = model.mass @ v, v[mass.row] * v[mass.col] / 2
+    return {"v": model.mass @ v}, {"mass": v[mass.row] * v[mass.col] / 2}
+
+
+def _of_fit(model: Model, row: Row) -> Derivatives:
+    """v*.M (v* - v), the work of driven motions on the impulses with which rates v* fit."""
     if "rates" not in row or not model.couplings.driven:
-        return {"v": momentum}, {"mass": by_mass}
-    rates = row["rates"]
+        return {}, {}
+    mass, v, rates = model.mass.tocoo(), row["v"], row["rates"]
     fitting = model.mass @ rates
-    by_mass += rates[mass.row] * (rates - v)[mass.col]
-    return {"v": momentum - fitting, "rates": 2 * fitting - momentum}, {"mass": by_mass}
+    by_mass = rates[mass.row] * (rates - v)[mass.col]
+    return {"v": -fitting, "rates": 2 * fitting - model.mass @ v}, {"mass": by_mass}
 
 
 def _strain(model: Model, row: Row) -> Derivatives:
@@ -55,11 +59,15 @@ def _springs(model: Model, row: Row) -> Derivatives:
     return by_state, by_numbers | {name: found[name] for name in ("members", "X") if name in found}
 
 
-_PARTS: dict[str, Callable[[Model, Row], Derivatives]] = {
-    "kinetic_energy": _kinetic,
-    "strain_energy": _strain,
-    "potential_energy": _potential,
-    "spring_energy": _springs,
+_PARTS: dict[str, list[Callable[[Model, Row], Derivatives]]] = {
+    "kinetic_energy": [_kinetic, _of_fit],
+    "strain_energy": [_strain],
+    "potential_energy": [_potential],
+    "spring_energy": [_springs],
+    "total_energy": [_kinetic, _of_fit, _strain, _potential, _springs],
+    # That of the steps themselves, and what driven motions do besides.
+    "energy of steps": [_kinetic, _strain, _potential, _springs],
+    "work of rates that fit": [_of_fit],
 }
 
 
@@ -82,7 +90,7 @@ class EnergyOutput:
     ):
         self._model, self._states, self._ends, self._parameters = model, states, ends, parameters
         self._natural = natural
-        self._parts = [*_PARTS.values()] if quantity == "total_energy" else [_PARTS[quantity]]
+        self._parts = _PARTS[quantity]
 
     def _derivatives(self, k: int) -> tuple[int, Derivatives]:
         """The place of a row among the states, and the derivatives there."""

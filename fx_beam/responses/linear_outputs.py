@@ -27,8 +27,9 @@ class Places(NamedTuple):
     starts: np.ndarray
     #: Whether there is such a step (n,): not at the start of the run.
     after: np.ndarray
-    #: Those steps; their sub-steps are those of the forces.
+    #: Those steps, and the places of their sub-steps among those of the forces.
     steps: Steps
+    forces: np.ndarray
 
     @property
     def moved(self) -> np.ndarray:
@@ -135,7 +136,7 @@ class _Terms:
     def _force(self, name: str, at_start: str, impulse: str, index: int, part: int):
         """A mean force over the steps, with what rates that fit add to it."""
         steps = self.places.steps
-        yield Term(name, index, steps.of, steps.shares, part, np.arange(len(steps.of)))
+        yield Term(name, index, steps.of, steps.shares, part, self.places.forces)
         yield self._at_start(at_start, index, part)
         if self.fits:
             yield from self._change(impulse, index, part)

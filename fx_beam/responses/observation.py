@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -20,7 +19,7 @@ from .gradient import Gradient
 from .linear_outputs import LinearOutput, Places, linear_output, needs_rates
 from .natural_gradients import NaturalRows
 from .resultant_outputs import ResultantOutput, SubSteps
-from .work_outputs import SINCE_START, LoadWork, WorkOutput, check_work, sums_steps
+from .work_outputs import SINCE_START, StepWork, WorkOutput, check_work, fits_rates, sums_steps
 
 #: States (n, ...) before some sub-steps, by the names of the derivatives by them.
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -32,7 +31,7 @@ def check_outputs(
     """SceneError for outputs without derivatives, for motions that begin at rest if it `rests`."""
     for name, output in outputs.items():
         if output.quantity in SINCE_START:
-            check_work(model, tape, output, name, rests)
+            check_work(model, output, name, rests)
         if isinstance(output.of, Beam) and not tape.is_whole:
             raise SceneError(
                 f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
@@ -40,8 +39,16 @@ def check_outputs(
             )
 
 
+def summed(outputs: Mapping[str, Output]) -> list[str]:
+    """Names of those that add up over the steps."""
+    return [name for name, output in outputs.items() if output.quantity in SINCE_START]
+
+
 class Observation:
-    """Outputs by name at the rows of a run that end before some sub-steps, `boundaries` (n,)."""
+    """Outputs by name at the rows of a run that end before some sub-steps, `boundaries` (n,).
+
+    They are in the part that is on the tape, in whose sub-steps `forces` gives those of columns.
+    """
 
     def __init__(
         self,
@@ -50,8 +57,10 @@ class Observation:
         boundaries: np.ndarray,
         outputs: Mapping[str, Output],
         states_at: StatesAt,
+        forces: Callable[[], np.ndarray],
     ):
         self._model, self._tape, self._rows = model, tape, len(boundaries)
+        self._forces, self._part = forces, tape.present
         fits = model.fitted_rates is not None
         needed = any(observes_rates(model, output) for output in outputs.values())
         steps = tape.steps_to(boundaries)
@@ -60,14 +69,19 @@ class Observation:
         if any(isinstance(output.of, Beam) for output in outputs.values()):
             within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
             every += [within, within + 1, np.maximum(within - 1, 0)]
-        if any(output.quantity in SINCE_START for output in outputs.values()):
-            summed = any(sums_steps(model, output) for output in outputs.values())
-            every.append(np.arange(boundaries.max() + 1 if summed else 1))
+        self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
+        first, end = self._part
+        if any(output.quantity in SINCE_START for output in outputs.values()) and not first:
+            every.append(np.zeros(1, dtype=int))
+        if any(sums_steps(model, output) for output in outputs.values()):
+            every.append(np.arange(first, end + 1))
+            if model.couplings.driven:
+                self.sub_steps = np.arange(first, end)
         #: Sub-steps before the states that outputs need, and those whose forces they need.
         self.boundaries = np.unique(np.concatenate(every))
-        self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
         ends, starts = np.searchsorted(self.boundaries, [boundaries, steps.starts])
-        self._places = Places(ends, starts, boundaries > 0, steps)
+        forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
+        self._places = Places(ends, starts, boundaries > 0, steps, forces_at)
         self._states = states_at(self.boundaries)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
@@ -85,9 +99,8 @@ class Observation:
     ) -> LinearOutput | EnergyOutput | ResultantOutput | WorkOutput:
         model, places, states = self._model, self._places, self._states
         if output.quantity in SINCE_START:
-            ends = self.boundaries[places.ends]
-            loads = functools.partial(LoadWork, model, self._tape, states["q"], ends)
-            return WorkOutput(model, output.quantity, self._total_energy, loads)
+            is_first = self._part.first == 0
+            return WorkOutput(model, output.quantity, is_first, self._energy_at, self._step_work)
         if isinstance(output.of, Scene):
             return self._energy(output.quantity, states, places.ends)
         if isinstance(output.of, Beam):
@@ -101,12 +114,16 @@ class Observation:
         given = self._parameters(ends), self._naturals(ends)
         return EnergyOutput(self._model, quantity, states, ends, *given)
 
-    def _total_energy(self, at_start: bool) -> EnergyOutput:
-        """At the rows; or at the start of the run, with the rates of the scheme."""
-        if not at_start:
-            return self._energy("total_energy", self._states, self._places.ends)
-        states = {name: rows for name, rows in self._states.items() if name != "rates"}
-        return self._energy("total_energy", states, np.zeros(1, dtype=int))
+    def _energy_at(self, quantity: str, at_start: bool) -> EnergyOutput:
+        """At the rows; or at the start of the run."""
+        ends = np.zeros(1, dtype=int) if at_start else self._places.ends
+        return self._energy(quantity, self._states, ends)
+
+    def _step_work(self) -> StepWork:
+        first, end = self._part
+        states = {name: rows[first - end - 1 :] for name, rows in self._states.items()}
+        ends = self.boundaries[self._places.ends] - first
+        return StepWork(self._model, self._tape, states, self._forces(), ends)
 
     def _parameter_values(self) -> np.ndarray | None:
         """Values (1 + sub-steps, 2, n) of the parameters at the start, and in all sub-steps."""
@@ -145,11 +162,17 @@ class Observation:
         sizes = {name: (n, size) for name, size in of_state.items()}
         return sizes | {name: (k, size) for name, size in of_steps.items()}
 
-    def pull(self, weights: Mapping[str, np.ndarray]) -> Gradient:
-        """Derivatives of the sum of weights (n, ...) times outputs, by states and by numbers."""
+    def pull(self, weights: Mapping[str, np.ndarray], later: Mapping[str, float]) -> Gradient:
+        """Derivatives of the sum of weights (n, ...) times outputs, by states and by numbers.
+
+        `later` are sums of the weights of outputs that add up over the steps, in later parts.
+        """
         found = Gradient(self._sizes)
-        for name, given in weights.items():
-            self._outputs[name].pull(given, found)
+        for name, output in self._outputs.items():
+            if isinstance(output, WorkOutput):
+                output.pull(weights[name], later[name], found)
+            else:
+                output.pull(weights[name], found)
         if self._fit is not None:
             names = "rates", "impulses of joints", "impulses of columns"
             rates, joints, columns = (found.at(name) for name in names)
@@ -167,9 +190,15 @@ class Observation:
         return found
 
     def push(
-        self, of_state: dict[str, np.ndarray], changes: Mapping[str, np.ndarray]
+        self,
+        of_state: dict[str, np.ndarray],
+        changes: Mapping[str, np.ndarray],
+        before: Mapping[str, np.ndarray],
     ) -> dict[str, np.ndarray]:
-        """Changes (n, ..., m) of all outputs from those of states, forces and numbers."""
+        """Changes (n, ..., m) of all outputs from those of states, forces and numbers.
+
+        To those `before` (m,) of outputs that add up over the steps it adds what this part gives.
+        """
         if self._fit is not None:
             count = len(changes["X"])
             driven = np.zeros((len(self.boundaries), count, 0))
@@ -180,7 +209,9 @@ class Observation:
             names = "rates", "impulses of joints", "impulses of columns"
             of_state |= dict(zip(names, self._fit.push(given, changes), strict=True))
         return {
-            name: output.push(self._rows, of_state, changes)
+            name: output.push(self._rows, before[name], of_state, changes)
+            if isinstance(output, WorkOutput)
+            else output.push(self._rows, of_state, changes)
             for name, output in self._outputs.items()
         }
 
@@ -188,8 +219,7 @@ class Observation:
 def observes_rates(model: Model, output: Output) -> bool:
     """Whether rates that fit the joints, or forces, are in an output."""
     if isinstance(output.of, Scene):
-        by_driven = ["work"] * bool(model.couplings.driven)
-        return output.quantity in ("kinetic_energy", "total_energy", *by_driven)
+        return output.quantity in ("kinetic_energy", "total_energy") or fits_rates(model, output)
     return needs_rates(output)
 
 

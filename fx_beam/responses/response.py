@@ -37,7 +37,7 @@ from .built_scenes import Build, BuiltScenes, checked_numbers
 from .gradient import Gradient, along
 from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
 from .objectives import Cost, Misfit, Objective
-from .observation import Observation, check_outputs, observes_rates, rates_at
+from .observation import Observation, check_outputs, observes_rates, rates_at, summed
 from .output_values import recording, values_of
 from .static_derivatives import StateChange, StaticDerivatives, why_not
 
@@ -279,12 +279,14 @@ class Response:
             counting |= values.reshape(len(values), -1).any(axis=1)
 
         def weights_of(part: Part) -> Weights:
-            own = part.own(boundaries)
+            own, after = part.own(boundaries), boundaries > part.end
             own = own[counting[own]]
-            if not len(own):
+            later = {name: float(given[name][after].sum()) for name in summed(outputs)}
+            wanted = dict(outputs) if len(own) else {name: outputs[name] for name in later}
+            if not (len(own) or any(later.values())):
                 return {}, boundaries[:0], boundaries[:0]
-            observed = self._observed(model, tape, outputs, boundaries[own])
-            found = observed.pull({name: values[own] for name, values in given.items()})
+            observed = self._observed(model, tape, adjoint, wanted, boundaries[own])
+            found = observed.pull({name: given[name][own] for name in wanted}, later)
             of_state, found.of_state = found.of_state, {}  # not for longer than the part
             direct.append(found)
             return of_state, observed.boundaries, observed.sub_steps
@@ -329,19 +331,24 @@ class Response:
         forward = Forward(adjoint)
         self._refuse_others(changes, forward.names)
         boundaries, found = self._boundaries(tape), list[dict[str, np.ndarray]]()
+        before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
         observed: Observation | None
 
         def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
             nonlocal observed
-            if not len(own := boundaries[part.own(boundaries)]):
+            own = boundaries[part.own(boundaries)]
+            wanted = dict(outputs) if len(own) else {name: outputs[name] for name in before}
+            if not wanted:
                 observed = None
                 return own, own
-            observed = self._observed(model, tape, outputs, own)
+            observed = self._observed(model, tape, adjoint, wanted, own)
             return observed.boundaries, observed.sub_steps
 
         for of_state in forward.push_parts(tape, changes, rows_of):
             if observed is not None:
-                found.append(observed.push(of_state, changes))
+                rows = observed.push(of_state, changes, before)
+                if rows.keys() == outputs.keys():
+                    found.append(rows)
         return {name: np.concatenate([rows[name] for rows in found]) for name in outputs}
 
     def objective(self, function: Cost) -> Objective:
@@ -428,11 +435,17 @@ class Response:
         return Misfit(self, measured, scatter)
 
     def _observed(
-        self, model: Model, tape: Tape, outputs: Mapping[str, Output], boundaries: np.ndarray
+        self,
+        model: Model,
+        tape: Tape,
+        adjoint: Adjoint,
+        outputs: Mapping[str, Output],
+        boundaries: np.ndarray,
     ) -> Observation:
         """Outputs at some boundaries of the part that is on the tape."""
         states_at = functools.partial(self._states, model, tape)
-        return Observation(model, tape, boundaries, outputs, states_at)
+        forces = functools.partial(adjoint.constraint_forces, tape)
+        return Observation(model, tape, boundaries, outputs, states_at, forces)
 
     def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
         """The model of the last call with its numbers, the tape of its steps, and their adjoint."""

@@ -1,7 +1,8 @@
 """Work and dissipated energy as outputs: sums over the steps, or what the balance of energy leaves.
 
-E + dissipated - work stays the same in each step of a scheme that conserves energy, so that one of
-both follows from the other.
+The work of dead loads and driven motions is a sum over the steps, of any scheme. In each step of a
+scheme that conserves energy E + dissipated - work stays the same: so what is dissipated follows
+from the work, or other works follow from the energy where nothing is dissipated.
 """
 
 from __future__ import annotations
@@ -10,10 +11,12 @@ from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.compiled.tape import Tape
 from fx_beam.errors import SceneError
 from fx_beam.model.model import Model
+from fx_beam.scene.joints import GROUND
 from fx_beam.scene.outputs import Output
 from fx_beam.stepping.forcing import Forcing
 
@@ -25,10 +28,10 @@ SINCE_START = "work", "dissipated_energy"
 
 
 class _Parts(NamedTuple):
-    """What a quantity since the start is the sum of: the signs of energy and of work of loads."""
+    """What a quantity since the start is the sum of: the signs of energy and of work of steps."""
 
     energy: int
-    loads: int
+    steps: int
 
 
 def _parts(model: Model, quantity: str) -> _Parts:
@@ -38,10 +41,9 @@ def _parts(model: Model, quantity: str) -> _Parts:
 
 
 def _other_work(model: Model) -> str:
-    """What else than dead loads does work; empty for nothing."""
+    """What else than dead loads and driven motions does work; empty for nothing."""
     forms = model.forms
     others = {
-        "prescribed motions or motors": model.couplings.driven,
         "natural strains": model.natural,
         "added virtual works or follower forces": forms.has_added,
         "parameters of stored energies that vary": forms.parameters.in_energies,
@@ -51,10 +53,15 @@ def _other_work(model: Model) -> str:
 
 def sums_steps(model: Model, output: Output) -> bool:
     """Whether an output is a sum over all steps before."""
-    return output.quantity in SINCE_START and bool(_parts(model, output.quantity).loads)
+    return output.quantity in SINCE_START and bool(_parts(model, output.quantity).steps)
 
 
-def check_work(model: Model, tape: Tape, output: Output, name: str, rests: bool) -> None:
+def fits_rates(model: Model, output: Output) -> bool:
+    """Whether rates that fit the joints are in the work: that of driven motions on them."""
+    return output.quantity == "work" and bool(model.couplings.driven)
+
+
+def check_work(model: Model, output: Output, name: str, rests: bool) -> None:
     """Refuse work and dissipated energy that are neither sums over steps nor given by a balance.
 
     And those of a motion that starts from an equilibrium for the same numbers, if it `rests`.
@@ -78,96 +85,162 @@ def check_work(model: Model, tape: Tape, output: Output, name: str, rests: bool)
             f"has no derivatives where energy is dissipated and {others} do work: the balance "
             'of energy gives only their difference, which fx_beam.Output("total_energy", ...) has'
         )
-    elif any(parts) and not tape.is_whole:
-        why = "has derivatives only if all steps are in memory. Give Response more memory"
     if why:
         raise SceneError(f"the output {name!r}, {output}, {why}")
 
 
 class WorkOutput:
-    """Work or dissipated energy at the rows (n,) of a run, since its start.
+    """Work or dissipated energy since the start, at the rows (n,) of a run in a part of a tape.
 
-    `energy` makes the total energy at the rows, or (True) at the start of the run; `loads` the work
-    of dead loads at the rows.
+    `energy` makes an energy at the rows by its name, or (True) at the start of the run, and `steps`
+    the work of the steps of the part.
     """
 
     def __init__(
         self,
         model: Model,
         quantity: str,
-        energy: Callable[[bool], EnergyOutput],
-        loads: Callable[[], LoadWork],
+        is_first: bool,
+        energy: Callable[[str, bool], EnergyOutput],
+        steps: Callable[[], StepWork],
     ):
-        self._at_start = f"{quantity} at the start"
         parts = _parts(model, quantity)
+        #: Energies with their signs, at the rows, and at the start of the run.
+        self._at_rows, self._at_start = list[tuple[int, EnergyOutput]](), ""
+        self._before: EnergyOutput | None = None
         self._sign = parts.energy
-        self._energies = (energy(False), energy(True)) if parts.energy else None
-        self._loads = loads() if parts.loads else None
+        if parts.energy:
+            # Losses are those of the steps, without rates that fit.
+            own = "total_energy" if quantity == "work" else "energy of steps"
+            self._at_rows.append((parts.energy, energy(own, False)))
+        elif quantity == "work" and model.couplings.driven and model.fitted_rates is not None:
+            self._at_rows.append((1, energy("work of rates that fit", False)))
+        if is_first:
+            self._at_start = f"{quantity} at the start"
+            self._before = energy("energy of steps", True) if parts.energy else None
+        self._steps = steps() if parts.steps else None
 
-    def pull(self, weights: np.ndarray, to: Gradient) -> None:
-        """Add the derivatives of the sum of weights (n,) times the quantity."""
-        to.add_number(self._at_start, 0, float(weights.sum()))
-        if self._energies is not None:
-            at_rows, at_start = self._energies
-            at_rows.pull(self._sign * weights, to)
-            at_start.pull(np.array([-self._sign * weights.sum()]), to)
-        if self._loads is not None:
-            self._loads.pull(weights, to)
+    def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
+        """Add the derivatives of the sum of weights (n,) times the quantity.
+
+        `later` is the sum of the weights of rows in later parts.
+        """
+        total = float(weights.sum()) + later
+        for sign, energy in self._at_rows:
+            energy.pull(sign * weights, to)
+        if self._at_start:
+            to.add_number(self._at_start, 0, total)
+        if self._before is not None:
+            self._before.pull(np.array([-self._sign * total]), to)
+        if self._steps is not None:
+            self._steps.pull(weights, later, to)
 
     def push(
-        self, rows: int, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
+        self,
+        rows: int,
+        before: np.ndarray,
+        of_state: Mapping[str, np.ndarray],
+        changes: Mapping[str, np.ndarray],
     ) -> np.ndarray:
-        """Changes (rows, m) from those of the states and of the numbers of the scene."""
-        found = np.tile(changes[self._at_start].ravel(), (rows, 1))
-        if self._energies is not None:
-            at_rows, at_start = self._energies
-            found += self._sign * at_rows.push(rows, of_state, changes)
-            found -= self._sign * at_start.push(1, of_state, changes)
-        if self._loads is not None:
-            found += self._loads.push(of_state["q"], changes)
+        """Changes (rows, m) from those of the states and of the numbers of the scene.
+
+        `before` (m,) is what the parts before have given, to which this one adds.
+        """
+        if self._at_start:
+            before += changes[self._at_start].ravel()
+        if self._before is not None:
+            before -= self._sign * self._before.push(1, of_state, changes)[0]
+        found = np.tile(before, (rows, 1))
+        for sign, energy in self._at_rows:
+            found += sign * energy.push(rows, of_state, changes)
+        if self._steps is not None:
+            sums = self._steps.push(of_state, changes)
+            found += sums[self._steps.ends]
+            before += sums[-1]
         return found
 
 
-class LoadWork:
-    """Work of dead loads before some sub-steps `ends` (n,): the sum of F . w over those before.
+class StepWork:
+    """Work of dead loads and driven motions in the k sub-steps of a part of a tape.
 
-    F are the means of the loads at both ends of a sub-step, w its work increments. `q` (k + 1,
-    size) are all displacements before the first k sub-steps, and after them.
+    It is F . w, with the mean F of the loads at both ends and the path w, and the forces of driven
+    columns (k, columns) times their paths. `states` (k + 1, ...) are those before the sub-steps and
+    after the last; `ends` (n,) the numbers of sub-steps before the rows.
     """
 
-    def __init__(self, model: Model, tape: Tape, q: np.ndarray, ends: np.ndarray):
-        self._ends, self._steps, self._all_steps = ends, len(q) - 1, len(tape)
-        own, columns = slice(self._steps), model.loads.columns
-        t0 = tape.starts[own]
+    def __init__(
+        self,
+        model: Model,
+        tape: Tape,
+        states: Mapping[str, np.ndarray],
+        forces: np.ndarray,
+        ends: np.ndarray,
+    ):
+        self.ends, part, columns = ends, tape.present, model.loads.columns
+        self._own, self._all_steps = slice(*part), len(tape)
+        t0 = tape.starts[self._own]
         #: Means (k, loads) of the factors of the loads.
-        self._factors = Forcing(model).loads(t0, t0 + tape.lengths[own]).mean(axis=1)
-        rates, turns = model.scheme.rates, model.turns
-        each = [rates.work_increment(D, turns) for D in np.diff(q, axis=0)]
-        path, slope = np.array(each).reshape(-1, 2, q.shape[1]).swapaxes(0, 1)
+        self._factors = Forcing(model).loads(t0, t0 + tape.lengths[self._own]).mean(axis=1)
+        rates, turns, D = model.scheme.rates, model.turns, np.diff(states["q"], axis=0)
+        D[:, turns] -= 2 * np.pi * np.round(D[:, turns] / (2 * np.pi))
+        each = [rates.work_increment(increment, turns) for increment in D]
+        path, slope = np.array(each).reshape(-1, 2, D.shape[1]).swapaxes(0, 1)
         #: Works (k, loads) of the unit loads, and increments (k, n) at the entries of the columns.
         self._unit_works = (columns.T @ path.T).T
         self._at_entries = path[:, columns.indices]
         self._of_entry = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
+        #: Paths (k, driven) of driven motions, and derivatives of the work by their increments.
+        of_nodes, of_slides = _driven_paths(model)
+        driven = forces[:, : model.couplings.driven]
+        self._paths = path @ of_nodes.T + np.diff(states["slides"], axis=0) @ of_slides.T
+        self._by_slides = driven @ of_slides
         #: Derivatives (k, size) of the work in each sub-step by its increments.
-        self._by_increments = (columns @ self._factors.T).T * slope
+        self._by_increments = ((columns @ self._factors.T).T + driven @ of_nodes) * slope
 
-    def pull(self, weights: np.ndarray, to: Gradient) -> None:
-        """Add the derivatives of the sum of weights (n,) times the work."""
-        at_ends = np.bincount(self._ends, weights, self._steps + 1)
-        later = at_ends[::-1].cumsum()[::-1][1:, None]
-        to.at("q")[1:] += later * self._by_increments
-        to.at("q")[:-1] -= later * self._by_increments
+    def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
+        """Add the derivatives of the sum of weights (n,) times the work, and `later` all of it."""
+        at_ends = np.bincount(self.ends, weights, len(self._factors) + 1)
+        at_ends[-1] += later
+        of_steps = at_ends[::-1].cumsum()[::-1][1:, None]
+        for name, own in (("q", self._by_increments), ("slides", self._by_slides)):
+            to.at(name)[-len(own) :] += of_steps * own
+            to.at(name)[-len(own) - 1 : -1] -= of_steps * own
+        if self._paths.size:
+            forces = to.at("constraints")
+            forces[-len(self._paths) :, : self._paths.shape[1]] += of_steps * self._paths
         by_loads = np.zeros((self._all_steps, 2, self._factors.shape[1]))
-        by_loads[: self._steps] = (later * self._unit_works / 2)[:, None]
+        by_loads[self._own] = (of_steps * self._unit_works / 2)[:, None]
         to.add_numbers("loads", by_loads)
-        factors = (later * self._factors)[:, self._of_entry]
+        factors = (of_steps * self._factors)[:, self._of_entry]
         to.add_numbers("columns", (factors * self._at_entries).sum(axis=0))
 
-    def push(self, by_q: np.ndarray, changes: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Changes (n, m) from those of the displacements (k + 1, m, size) and of the loads."""
-        of_steps = np.einsum("kmi,ki->km", np.diff(by_q, axis=0), self._by_increments)
-        factors = changes["loads"][:, : self._steps].mean(axis=2)
+    def push(
+        self, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """Changes (k + 1, m) of the work before the first sub-steps, and after all of the part."""
+        q, slides = (np.diff(of_state[name], axis=0) for name in ("q", "slides"))
+        of_steps = np.einsum("kmi,ki->km", q, self._by_increments)
+        of_steps += np.einsum("kmi,ki->km", slides, self._by_slides)
+        if self._paths.size:
+            forces = of_state["constraints"][:, :, : self._paths.shape[1]]
+            of_steps += np.einsum("kmi,ki->km", forces, self._paths)
+        factors = changes["loads"][:, self._own].mean(axis=2)
         of_steps += np.einsum("mkl,kl->km", factors, self._unit_works)
         of_steps += (self._factors[:, self._of_entry] * self._at_entries) @ changes["columns"].T
-        sums = np.concatenate([np.zeros((1, of_steps.shape[1])), of_steps.cumsum(axis=0)])
-        return sums[self._ends]
+        return np.concatenate([np.zeros((1, of_steps.shape[1])), of_steps.cumsum(axis=0)])
+
+
+def _driven_paths(model: Model) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+    """Paths of driven motions as sums of those of nodes (driven, size) and slides (driven, n)."""
+    driven, joints = model.couplings.driven, model.scene.joint_count
+    nodes, slides = np.zeros((driven, model.size)), np.zeros((driven, joints))
+    first = len(model.prescribed)
+    nodes[np.arange(first), model.prescribed] = 1.0
+    for i, (joint, name) in enumerate(model.motors, start=first):
+        if name == "slide":
+            slides[i, joint.number] = 1.0
+            continue
+        for node, sign in ((joint.b, 1.0), (joint.a, -1.0)):
+            if node is not GROUND:
+                nodes[i, model.mesh.dofs[node.number, 2]] += sign
+    return scipy.sparse.csr_matrix(nodes), scipy.sparse.csr_matrix(slides)

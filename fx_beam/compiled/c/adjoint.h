@@ -619,6 +619,23 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, Backward *b, const T
   return 1;
 }
 
+/* The forces of driven and fixed columns in the sub-steps of a tape; returns the number of those that are left in a
+   singular position. */
+long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces) {
+  Work work, *w = &work;
+  Backward b;
+  int constrained = p->columns - p->free;
+  lay_out(p, w, p->scratch), lay_out_backward(p, &b, a->scratch);
+  w->dt = NAN;
+  for (long row = 0; row < tape->rows; ++row) {
+    if (!begin_taped(p, w, a, tape->row + row * tape->size, &b)) return tape->rows - row;
+    project(p, w, w->r, w->columns);
+    memcpy(forces + row * constrained, w->columns + p->free, constrained * sizeof(double));
+  }
+  p->kept.present = 0;
+  return 0;
+}
+
 /* Follows a tape backwards; returns the number of sub-steps that are left where a tangent is singular. */
 long fx_pull(Problem *p, const Tape *tape, const Adjoint *a) {
   Work work, *w = &work;

@@ -427,6 +427,7 @@ void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);
 long fx_tape_size(const Problem *p);
 long fx_backward_scratch(const Problem *p);
+long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces);
 long fx_pull(Problem *p, const Tape *tape, const Adjoint *a);
 long fx_forward_scratch(const Problem *p, const Adjoint *a, int count);
 long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d);
