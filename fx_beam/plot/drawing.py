@@ -76,6 +76,12 @@ class Drawing:
         nodes = [beam.start for beam in self.solution.beams.values()]
         return (nodes + [body.centre for body in self.solution.bodies.values()])[0].scene
 
+    @property
+    def _q(self) -> np.ndarray:
+        """Displacements and rotations; a solution says so if it has none."""
+        recorded = getattr(self.solution, "recorded", None)
+        return self.solution.q if recorded is None else recorded("q")
+
     # -- The window -----------------------------------------------------------------------------
 
     @cached_property
@@ -116,13 +122,13 @@ class Drawing:
         of_beams = self.solution.nodes_of_beam
         nodes = of_beams[target.name] if isinstance(target, Beam) else [target.number]
         arms = self.positions(nodes, k) - self.positions(carrier, k)
-        psi = self.magnify * self.solution.recorded("q")[k][carrier, 2]
+        psi = self.magnify * self._q[k][carrier, 2]
         c, s = np.cos(psi), np.sin(psi)
         return arms @ np.array([[c, -s], [s, c]])
 
     def carried(self, k: int) -> list[Outline]:
         """Outlines of the obstacles that nodes carry, in row k."""
-        q = self.solution.recorded("q")[k]
+        q = self._q[k]
         return [
             of.moved(self.positions(number, k), self.magnify * q[number, 2])
             for number, of in self._carried
@@ -186,14 +192,14 @@ class Drawing:
         fractions = np.arange(count + 1) / count
         values, slopes = lagrange_and_slopes(np.linspace(0, 1, nodes.shape[1]), fractions)
         x, y = np.moveaxis(slopes @ self.solution.X[nodes], -1, 0)
-        psi = self.magnify * self.solution.recorded("q")[k][nodes, 2] @ values.T
+        psi = self.magnify * self._q[k][nodes, 2] @ values.T
         angle = np.arctan2(y, x) + psi
         return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
 
     def positions(self, nodes, rows) -> np.ndarray:
         """Positions (..., 2) of nodes, by their numbers, in some rows."""
         nodes = np.asarray(nodes, dtype=int)
-        moved = self.solution.recorded("q")[rows][..., nodes, :2]
+        moved = self._q[rows][..., nodes, :2]
         return self.solution.X[nodes] + self.magnify * moved
 
     def turned(self, node: Node, k: int, arrow) -> np.ndarray:
