@@ -180,15 +180,18 @@ def on_processes(cells=200, steps=10, *solvers, dt=0.01):
         made.append(equations)
 
     whole.WholeEquations.__init__ = noted
+    clock = process_time()
     scene, record = lattice(cells), fb.Record(every=steps)
+    print(f"{len(scene.beams)} struts, scene {process_time() - clock:.1f}", flush=True)
     for solver in solvers or ("auto", "compiled"):
         seconds: list[float] = []
         clock = process_time()
         with mock.patch.object(stepper.Stepper, "march", timed(stepper.Stepper.march, seconds)):
-            motion = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record, solver=solver)
+            run = {"dt": dt, "t_end": steps * dt, "record": record, "solver": solver}
+            motion = fb.simulate(scene, **run, progress=True)
         stats = motion.stats
         error = abs(motion.energy.balance_error).max() / motion.energy.kinetic.max()
-        print(f"{len(scene.beams)} struts, {stats.unknowns} unknowns: {stats.solver}")
+        print(f"{stats.unknowns} unknowns: {stats.solver}")
         setup = process_time() - clock - sum(seconds)
         print(f"  set-up {setup:.1f}, a step {sum(seconds) / steps:.3f}")
         print(f"  {stats.newton_iterations} Newton iterations")

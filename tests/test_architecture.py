@@ -198,7 +198,6 @@ HOUSE = {
         "branch_step",
         "full_turns",
     ],
-    "parallel": ["own_functions", "team", "share", "linear_system", "partition", "part", "whole"],
     "compiled": [
         "build",
         "kernels",
@@ -214,6 +213,17 @@ HOUSE = {
         "pulled_work",
         "adjoint",
         "forward",
+        "batched_beams",
+    ],
+    "parallel": [
+        "own_functions",
+        "team",
+        "share",
+        "accuracy",
+        "linear_system",
+        "partition",
+        "part",
+        "whole",
     ],
     "analyses": [
         "evaluation",

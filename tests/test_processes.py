@@ -17,10 +17,12 @@ import pytest
 from process_cases import CASES
 
 import fx_beam as fb
+from fx_beam.compiled.batched_beams import BatchedBeams
 from fx_beam.mechanics.interval import Interval
 from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
 from fx_beam.parallel import linear_system
+from fx_beam.parallel.accuracy import Accuracy
 from fx_beam.parallel.own_functions import packed
 from fx_beam.parallel.partition import bisected, divided
 from fx_beam.parallel.whole import WholeEquations
@@ -376,6 +378,25 @@ def test_an_error_of_one_process_while_others_wait_for_it_ends_all(tmp_path, ran
     assert fb.load(tmp_path / "kept.npz").t[-1] == pytest.approx(0.05)
 
 
+# -- Options of PETSc ------------------------------------------------------------------------
+
+IN_PARTS = """
+import process_cases as cases
+cases.CASES["equilibrium"]().save("equilibrium.npz")
+"""
+
+
+def test_petsc_options_choose_another_solver(tmp_path, monkeypatch):
+    monkeypatch.setenv("PETSC_OPTIONS", "-fx_beam_pc_type bddc")
+    process = started(tmp_path, 3, IN_PARTS)
+    text = said(process)
+    assert process.returncode == 0, text
+    shared, alone = fb.load(tmp_path / "equilibrium.npz"), CASES["equilibrium"]()
+    assert shared.stats.solver == "PETSc on 3 processes, BDDC"
+    assert shared.stats.newton_iterations == alone.stats.newton_iterations
+    assert differences(shared, alone)["q"] < 1e-10
+
+
 # -- Parts -----------------------------------------------------------------------------------
 
 
@@ -406,7 +427,8 @@ def test_forces_of_parts_add_up_to_those_of_the_whole(make, number):
     random = np.random.default_rng(number)
     state.v = random.normal(size=model.size)
     y = 1e-3 * random.normal(size=model.reduction.free)
-    whole, parts = Equations(model), WholeEquations(Here(number), model, forcing)
+    whole, given = Equations(model), (model, forcing, fb.NewtonOptions())
+    parts = WholeEquations(Here(number), *given)
     driven, found = 1e-3 * random.normal(size=model.reduction.driven), []
     for equations in (whole, parts):
         equations.begin(step, state)
@@ -444,6 +466,7 @@ def test_functions_of_a_script_arrive_with_what_they_refer_to(tmp_path):
 import math, pickle, sys
 import numpy as np
 from fx_beam.parallel import linear_system
+from fx_beam.parallel.accuracy import Accuracy
 from fx_beam.parallel.own_functions import packed
 
 size = 3.0
@@ -481,6 +504,66 @@ def test_nothing_of_a_scene_is_left_out():
     assert {name for name in vars(fb.Scene()) if name[0] != "_"} == known
 
 
+@pytest.mark.parametrize(
+    "make, scheme",
+    [
+        (process_cases.shaken, fb.EnergyMomentum()),
+        (process_cases.bent, fb.EnergyMomentum()),
+        (process_cases.warmed, fb.GeneralizedAlpha()),
+        (process_cases.flung, fb.EnergyDecaying()),
+    ],
+)
+def test_forces_of_several_elements_at_once_are_those_of_one_after_the_other(make, scheme):
+    found = []
+    for batched in (False, True):
+        model = Model(make(), scheme, part=True)
+        if batched:
+            model.forms.use_for_beams(BatchedBeams(model))
+        random, equations = np.random.default_rng(1), Equations(model)
+        state = reference_state(model)
+        state.q = 1e-2 * random.normal(size=model.size)
+        state.v = random.normal(size=model.size)
+        if model.keeps_before:
+            state.before, state.length = state.q - 1e-3 * random.normal(size=model.size), 0.02
+        for name in ("internal", "natural"):
+            if (start := getattr(state, name)) is not None:
+                setattr(state, name, start + 1e-3 * random.normal(size=start.shape))
+        equations.begin(Interval(0.1, 0.11), state)
+        if state.natural is not None:
+            model.forms.set_natural_end(2 * state.natural)
+        y = 1e-3 * random.normal(size=model.reduction.free)
+        none = np.zeros(model.reduction.driven), np.zeros(model.size)
+        balance = equations.at(y, *none)
+        tangent = np.empty(len(model.reduction.pattern[1]))
+        equations.fill_tangent(balance.r, tangent)
+        found.append([np.array(balance.f), balance.r, tangent])
+    for one, other in zip(*found, strict=True):
+        assert abs(one - other).max() < 1e-12 * scale(one)
+
+
+# -- How exact corrections are -----------------------------------------------------------------
+
+
+def test_corrections_are_as_exact_as_quadratic_convergence_makes_them_worth():
+    accuracy = Accuracy(1e-16)
+    assert accuracy.allowed(1e-2, np.inf) == pytest.approx(1e-14)  # nothing is known yet
+    for size in (1e-2, 1e-4, 1e-8):  # next = size^2
+        accuracy.note(size, 1e-12 * size)
+    accuracy.begin()
+    assert accuracy.allowed(1e-4, np.inf) == pytest.approx(0.1 * 1e-8)
+    assert accuracy.allowed(1.0, np.inf) == pytest.approx(1e-3)
+    assert accuracy.allowed(1e-10, np.inf) == pytest.approx(1e-17)  # what is negligible
+    assert accuracy.allowed(1e-10, 1e-18) == pytest.approx(1e-18)  # and has no energy
+
+
+def test_what_a_solution_leaves_is_not_taken_for_slow_convergence():
+    accuracy = Accuracy(1e-16)
+    accuracy.note(1e-2, 1e-5)
+    accuracy.note(1e-5, 1e-8)
+    accuracy.begin()
+    assert accuracy.allowed(1e-4, np.inf) == pytest.approx(1e-16)
+
+
 # -- The linear system, on one process -------------------------------------------------------
 
 
@@ -494,12 +577,13 @@ def laplacian(n=399, shift=0.0):
 def solved(system, b, shift=0.0):
     """Largest residual of a solution."""
     rows, columns, values = laplacian(len(b), shift)
-    x, _, system.count = system.solve(values, np.empty(0), b)
+    found = system.solve(values, np.empty(0), b)
+    x, system.count = found.x, found.iterations
     return abs(np.bincount(rows, values * x[columns]) - b).max()
 
 
 def system_of(n=399):
-    system = linear_system.LinearSystem(np.array([n]), "Schwarz")
+    system = linear_system.LinearSystem(np.array([n]), "Schwarz", 1e-14)
     rows, columns, _ = laplacian(n)
     system.set_pattern(np.arange(n), rows, columns, np.empty((0, 2), dtype=int))
     return system, np.random.default_rng(0).random(n)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from typing import Any
 
 import numpy as np
@@ -81,8 +82,8 @@ class FormTables:
                     by_tag[tag][...] = self._blocks(rows)
             constants[...] = dolfinx_api.values_of_constants(form)
 
-    def all(self) -> dict[str, dict]:
-        """The forms of the model by their names in C."""
+    def all(self, wanted: Container[str] = _FORMS) -> dict[str, dict]:
+        """The forms of the model by their names in C, or some of them."""
         bound, moving = self._forms.bound, self._forms.moving
         drag = self._forms.drag
         fields = dict.fromkeys(_FORMS, moving)
@@ -91,7 +92,7 @@ class FormTables:
         return {
             name: self._table(name, names, fields[name])
             for name, names in _FORMS.items()
-            if names[0] in bound
+            if name in wanted and names[0] in bound
         }
 
     def _table(self, to: str, names: tuple[str, ...], fields: list) -> dict[str, Any]:

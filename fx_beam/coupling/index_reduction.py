@@ -350,7 +350,7 @@ class _Sums:
 
     def of(self, values: np.ndarray, out: np.ndarray) -> None:
         """Write the sums to `out`."""
-        np.take(values, self._first, out=out)
+        np.take(values, self._first, out=out, mode="clip")  # others would take a buffer
         for target, source in self._more:
             out[target] += values[source]
 

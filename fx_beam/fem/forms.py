@@ -140,6 +140,10 @@ class Forms:
             return True
         return self.points.any_have("loss")
 
+    def use_for_beams(self, part: Forces) -> None:
+        """Let another part evaluate the forces of beams, their tangent, and drag."""
+        self._parts[0] = part
+
     # -- A step ---------------------------------------------------------------------------------
 
     def set_load(self, factor: float, increment: float) -> None:

@@ -87,7 +87,8 @@ class Equations:
         if (rules := model.nodal_rules) is None:
             rates = model.scheme.rates
             a, slope = rates.acceleration(D, start.v, start.a, self._length, model.turns)
-            K.data += model.mass.data * slope[K.indices]
+            at, values, columns = model.masses
+            K.data[at] += values * slope[columns]
             return a
         nodal = self._nodal(rules, D)
         rules.add_tangent(nodal, K.data)

@@ -41,7 +41,7 @@ from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
-_OF_MASSES = "nodal_rules", "fitted_rates"
+_OF_MASSES = "nodal_rules", "fitted_rates", "masses"
 _OF_POSITIONS = (
     "unit",
     "weight_of_rates",
@@ -183,6 +183,12 @@ class Model:
     def mass(self) -> scipy.sparse.csr_matrix:
         """The constant mass matrix, assembled at the first access."""
         return self._mass.matrix
+
+    @functools.cached_property
+    def masses(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Entries of the mass that are not zero: positions in the tangent, values and columns."""
+        at = np.flatnonzero(self.mass.data)
+        return at, self.mass.data[at], self.mass.indices[at]
 
     @property
     def may_overshoot(self) -> bool:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.fem.mpi import petsc, world
+
+from .accuracy import Accuracy
 
 # Prefix of PETSc's options: PETSC_OPTIONS="-fx_beam_pc_asm_overlap 4".
 _PREFIX = "fx_beam_"
@@ -23,10 +27,10 @@ _CHANGED = 1e4
 BLOCK = 3
 #: Options of the two kinds: overlapping parts with factors of each, or factors of the whole. With
 #: an overlap of 8 nodes, about as far as a wave runs in a step, half as many iterations as with 2.
-#: "ksp_rtol" is the largest error of a solution, relative to it, in the preconditioner's norm.
+#: Solutions with a Schwarz preconditioner are as exact as Newton's method needs them, unless the
+#: user sets "ksp_rtol", the error of a solution relative to it, in the preconditioner's norm.
 KINDS = {
     "Schwarz": {
-        "ksp_rtol": "1e-7",
         "pc_type": "asm",
         "pc_asm_overlap": "8",
         "sub_ksp_type": "preonly",
@@ -40,16 +44,41 @@ KINDS = {
         "mat_mumps_icntl_14": "60",
     },
 }
+#: With "-fx_beam_pc_type bddc" factors of each part, and of two nodes of each interface: without
+#: deluxe scaling it fails, as members are far stiffer along than across.
+BDDC = {
+    "ksp_rtol": "1e-12",
+    "pc_bddc_use_deluxe_scaling": "",
+    "pc_bddc_use_local_mat_graph": "0",
+    "pc_bddc_symmetric": "0",
+    "sub_schurs_symmetric": "0",
+}
+# What solves, by the type of PETSc's preconditioner.
+_NAMES = {"asm": "Schwarz", "lu": "MUMPS", "bddc": "BDDC"}
+
+
+class Solved(NamedTuple):
+    """Solution of a linear system."""
+
+    #: Own unknowns; not finite if the system cannot be solved.
+    x: np.ndarray
+    #: How it was solved, in how many iterations.
+    kind: str
+    iterations: int
+    #: Its size in the preconditioner's norm, and its error relative to it.
+    size: float
+    error: float
 
 
 class LinearSystem:
     """GMRES on the exact tangent, preconditioned by that of an earlier one.
 
     The tangent is the sum of those of the parts, which stay where they are. Unknowns have places in
-    blocks; `counts` are the numbers of places of all processes.
+    blocks; `counts` are the numbers of places of all processes, `negligible` is an error of an
+    unknown.
     """
 
-    def __init__(self, counts: np.ndarray, kind: str):
+    def __init__(self, counts: np.ndarray, kind: str, negligible: float):
         PETSc = petsc()
         own, first = int(counts[world().rank]), int(counts[: world().rank].sum())
         self._places = np.arange(first, first + own)
@@ -62,8 +91,12 @@ class LinearSystem:
         self._matrix: Any = None
         self._assembled: Any = None
         self._ksp: Any = None
-        #: Iterations with the preconditioner when it was new, 0 without one; and in the last call.
-        self._new = self._last = 0
+        self._accuracy = Accuracy(negligible * math.sqrt(counts.sum()))
+        #: Norms of the first and the last residual in the last call, and its iterations.
+        self._first = self._rest = 0.0
+        self._last = 0
+        #: Iterations for each decade with the preconditioner when it was new, 0 without one.
+        self._new = 0.0
 
     def set_pattern(
         self, numbers: np.ndarray, rows: np.ndarray, columns: np.ndarray, more: np.ndarray
@@ -80,11 +113,15 @@ class LinearSystem:
         more = order[np.searchsorted(numbers, more, sorter=order)].reshape(-1, 2)
         ones = np.arange(n - len(empty), n) * (n + 1)
         keys = np.concatenate([rows * n + columns, more[:, 0] * n + more[:, 1], ones])
-        keys, self._at = np.unique(keys, return_inverse=True)
-        #: Values of empty places.
-        self._ones = np.ones(len(empty))
+        keys, at = np.unique(keys, return_inverse=True)
         starts = np.searchsorted(keys, n * np.arange(n + 1))
+        #: Values, of which those of empty places stay; positions of the part's, and of the others.
         self._entries = np.zeros(len(keys))
+        self._entries[at[len(at) - len(empty) :]] = 1.0
+        self._at: np.ndarray | slice = at[: len(rows)]
+        self._at_more = at[len(rows) : len(at) - len(empty)]
+        if (np.diff(self._at, prepend=-1) == 1).all():
+            self._at = slice(len(rows))
         self._diagonal = np.flatnonzero(keys // n == keys % n)
         self._rows = tuple(part.astype(PETSc.IntType) for part in (starts, keys % n))
         map_ = PETSc.LGMap().create(numbers.astype(PETSc.IntType), comm=self._comm)
@@ -100,23 +137,31 @@ class LinearSystem:
         self._matrix.setISLocalMat(self._own)
         self._new = 0
 
+    def begin(self) -> None:
+        """Before the first correction of a step."""
+        self._accuracy.begin()
+
     def solve(
-        self, values: np.ndarray, more: np.ndarray, b: np.ndarray
-    ) -> tuple[np.ndarray, str, int]:
+        self, values: np.ndarray, more: np.ndarray, b: np.ndarray, least: float = np.inf
+    ) -> Solved:
         """Own unknowns, for values of the part and of the other entries; all processes at once.
 
-        Not finite if the system cannot be solved. Also how it was solved, in how many iterations.
+        `least` is an error of all unknowns whose energy is negligible.
         """
-        values = np.concatenate([values, more, self._ones])
-        self._entries[:] = np.bincount(self._at, values, len(self._entries))
+        self._least = least
+        self._entries[self._at_more] = 0.0
+        self._entries[self._at] = values
+        np.add.at(self._entries, self._at_more, more)
         kept = self._is_kept()  # first of all: processes wait for each other, and signals arrive
         self._own.stateIncrease()
         self._matrix.assemble()
         self._b.setArray(b)
         if not ((kept and self._run()) or self._renewed()):
-            self._new = 0
-            return np.full(self._sizes[0], np.nan), self.kind, self._last
-        return self._x.getArray().copy(), self.kind, self._last
+            self._new = 0.0
+            return Solved(np.full(self._sizes[0], np.nan), self._name, self._last, 0.0, np.inf)
+        self._accuracy.note(self._first, self._rest)
+        error = self._rest / self._first if self._first else 0.0
+        return Solved(self._x.getArray().copy(), self._name, self._last, self._first, error)
 
     def _renewed(self) -> bool:
         """Whether a new preconditioner solves the system."""
@@ -124,23 +169,47 @@ class LinearSystem:
             self.kind = kind
             self._precondition()
             if self._run() and (self._last <= _MOST or kind == "MUMPS"):
-                self._new = self._last
+                self._new = self._last / max(self._decades, 1.0)
                 return True
         return False
 
     def _is_kept(self) -> bool:
         """Whether the last preconditioner still serves."""
         alike = False
-        if self._new and self._last <= _WORN * self._new + _MORE:
+        if self._new and self._last <= _WORN * self._new * self._decades + _MORE:
             now, was = abs(self._entries[self._diagonal]), abs(self._was)
             alike = bool(((now <= _CHANGED * was) & (was <= _CHANGED * now)).all())
         return world().allreduce(int(alike)) == world().size
+
+    @property
+    def _name(self) -> str:
+        """How systems are solved now."""
+        kind = self._ksp.getPC().getType()
+        return _NAMES.get(kind, kind)
 
     def _run(self) -> bool:
         """Whether GMRES finds the solution."""
         self._released("KSPSolve", self._ksp, self._b, self._x)
         self._last = max(self._ksp.getIterationNumber(), 1)
         return self._ksp.getConvergedReason() > 0
+
+    def _judge(self, ksp: Any, iteration: int, norm: float) -> Any:
+        """Whether a residual, in the preconditioner's norm, is small enough."""
+        if not iteration:
+            self._first = norm
+        self._rest = norm
+        reasons = petsc().KSP.ConvergedReason
+        if not math.isfinite(norm):
+            return reasons.DIVERGED_NANORINF
+        wanted = ksp.rtol * self._first
+        if self._is_free:
+            wanted = self._accuracy.allowed(self._first, self._least)
+        return reasons.CONVERGED_RTOL if norm <= wanted else reasons.ITERATING
+
+    @property
+    def _decades(self) -> float:
+        """By how many powers of ten the residual fell in the last call."""
+        return math.log10(self._first / self._rest) if self._rest else 16.0
 
     @staticmethod
     def _released(name: str, *objects: Any) -> None:
@@ -158,16 +227,16 @@ class LinearSystem:
         PETSc = petsc()
         if self._ksp is not None:
             self._ksp.destroy()
-            self._assembled.destroy()
-        self._assembled = PETSc.Mat()
-        self._matrix.convert("aij", self._assembled)
-        if self.kind == "Schwarz":
-            self._assembled.setBlockSize(BLOCK)
-            self._assembled.convert("baij")
-        self._was = self._entries[self._diagonal]
-        self._ksp = ksp = PETSc.KSP().create(self._comm)
+            if self._assembled is not self._matrix:
+                self._assembled.destroy()
         options = PETSc.Options(_PREFIX)
-        ours = {n: value for n, value in KINDS[self.kind].items() if not options.hasName(n)}
+        own = KINDS[self.kind]
+        in_parts = options.getString("pc_type", own["pc_type"]) == "bddc"
+        own = BDDC if in_parts else own
+        self._was = self._entries[self._diagonal]
+        self._assembled = self._matrix if in_parts else self._sum_of_parts()
+        self._ksp = ksp = PETSc.KSP().create(self._comm)
+        ours = {n: value for n, value in own.items() if not options.hasName(n)}
         for name, value in ours.items():
             options.setValue(name, value)
         ksp.setOptionsPrefix(_PREFIX)
@@ -175,7 +244,12 @@ class LinearSystem:
         ksp.setGMRESRestart(_MOST)
         ksp.setTolerances(atol=0.0, divtol=1e30, max_it=2 * _MOST)
         ksp.setOperators(self._matrix, self._assembled)
+        if in_parts:
+            ksp.getPC().setType("bddc")
+            ksp.getPC().setBDDCPrimalVerticesIS(self._ends_of_interfaces())
         ksp.setFromOptions()
+        self._is_free = self.kind == "Schwarz" and not options.hasName("ksp_rtol")
+        ksp.setConvergenceTest(self._judge)
         self._released("KSPSetUp", ksp)
         if self.kind == "Schwarz":
             self._released("KSPSetUpOnBlocks", ksp)
@@ -183,8 +257,43 @@ class LinearSystem:
         for name in ours:
             options.delValue(name)
 
+    def _sum_of_parts(self) -> Any:
+        """The tangent as one matrix, of which each process has its rows."""
+        matrix = petsc().Mat()
+        self._matrix.convert("aij", matrix)
+        return self._in_blocks(matrix) if self.kind == "Schwarz" else matrix
+
+    def _ends_of_interfaces(self) -> Any:
+        """Unknowns of the first and the last node that the same processes have."""
+        numbers = self._matrix.getLGMap()[0].getIndices()
+        parts = world().allgather(np.unique(numbers // BLOCK))
+        blocks, at = np.unique(np.concatenate(parts), return_inverse=True)
+        of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+        shared = scipy.sparse.csr_matrix((np.ones(len(at)), (at, of))).astype(bool)
+        ends: dict[tuple[int, ...], list[int]] = {}
+        for i in np.flatnonzero(np.diff(shared.indptr) > 1):
+            key = tuple(shared.indices[shared.indptr[i] : shared.indptr[i + 1]])
+            first, _ = ends.get(key, (blocks[i], 0))
+            ends[key] = [first, blocks[i]]
+        chosen = BLOCK * np.unique([*ends.values()])[:, None] + np.arange(BLOCK)
+        own = np.intersect1d(chosen, self._places).astype(petsc().IntType)
+        return petsc().IS().createGeneral(own, comm=self._comm)
+
+    def _in_blocks(self, matrix: Any) -> Any:
+        """The same matrix in blocks: PETSc's own conversion takes a time like their square."""
+        PETSc = petsc()
+        starts, columns, values = matrix.getValuesCSR()
+        matrix.destroy()
+        own, all_ = self._sizes
+        rows = scipy.sparse.csr_matrix((values, columns, starts), (own, all_))
+        rows = rows.tobsr((BLOCK, BLOCK))
+        parts = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data
+        sizes = (self._sizes, self._sizes)
+        return PETSc.Mat().createBAIJ(sizes, BLOCK, csr=parts, comm=self._comm)
+
     def destroy(self) -> None:
         """Free PETSc's objects; all processes at once."""
-        for thing in (self._ksp, self._assembled, self._matrix, self._b, self._x):
+        own = None if self._assembled is self._matrix else self._assembled
+        for thing in (self._ksp, own, self._matrix, self._b, self._x):
             if thing is not None:
                 thing.destroy()

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import resource
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.compiled.batched_beams import BatchedBeams
+from fx_beam.compiled.build import LoopUnavailable
 from fx_beam.mechanics.interval import Interval
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
 from fx_beam.results.state import State
 
-from .linear_system import LinearSystem
+from .linear_system import LinearSystem, Solved
 from .share import Share
 
 
@@ -31,6 +34,9 @@ class Part:
 
     def __init__(self, share: Share, scheme: Scheme, time: float):
         self._model = model = Model(share.scene(), scheme, part=True)
+        if model.forms.beams is not None:
+            with suppress(LoopUnavailable):
+                model.forms.use_for_beams(BatchedBeams(model))
         self._equations = Equations(model, time)
         self._unknowns = _numbers_of_unknowns(share, model)
         #: Indices of its parameters among those of the scene.
@@ -43,9 +49,12 @@ class Part:
         """How its vectors are numbered."""
         return Frame(self._model.mesh.dofs, self._unknowns)
 
-    def connect(self, counts: np.ndarray, kind: str) -> None:
-        """Begin the linear system, of so many unknowns of each process; all processes at once."""
-        self._system = LinearSystem(counts, kind)
+    def connect(self, counts: np.ndarray, kind: str, negligible: float) -> None:
+        """Begin the linear system, of so many unknowns of each process; all processes at once.
+
+        An error of an unknown may be `negligible`.
+        """
+        self._system = LinearSystem(counts, kind, negligible)
 
     def begin(
         self,
@@ -65,6 +74,8 @@ class Part:
             state.natural = mesh.from_elements(state.natural)
         self._model.forms.parameters.keep(parameters[self._parameters])
         self._equations.begin(interval, state)
+        if self._system is not None:
+            self._system.begin()
         if natural_end is not None:
             self._model.forms.set_natural_end(mesh.from_elements(natural_end))
 
@@ -86,15 +97,14 @@ class Part:
         assert self._system is not None
         self._system.set_pattern(self._unknowns, rows, indices, more)
 
-    def solve(self, more: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, str, int]:
+    def solve(self, more: np.ndarray, b: np.ndarray, least: float) -> Solved:
         """Its own unknowns from its own right-hand side; all processes at once.
 
-        `more` are the values of the entries that were added. Also how the system was solved, and
-        in how many iterations.
+        `more` are the values of the entries that were added, `least` is a negligible error.
         """
         assert self._system is not None
         self._equations.fill_tangent(self._r, self._values)
-        return self._system.solve(self._values, more, b)
+        return self._system.solve(self._values, more, b, least)
 
     def memory(self) -> float:
         """The largest memory of its process so far [GB]."""

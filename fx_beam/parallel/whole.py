@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -19,13 +20,17 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.sliders import sliding_joints
 from fx_beam.stepping.forcing import Forcing
+from fx_beam.stepping.newton import NEGLIGIBLE, NewtonOptions
 from fx_beam.stepping.single_step import SingleStep
 
+from .linear_system import Solved
 from .part import Frame, Part
 from .partition import divided
 from .share import Share
 from .team import Crew, Team
 
+# Error of a step's energy, relative to it, that solutions may leave.
+_ENERGY_ERROR = 1e-13
 _ADVICE = (
     "it runs on one process: start the script without mpirun, or simulate on the first process "
     'by solver="compiled"'
@@ -51,7 +56,7 @@ def _check(model: Model) -> None:
 
 def share(team: Team, single: SingleStep) -> None:
     """Let all processes evaluate and solve the equations of steps."""
-    equations = WholeEquations(team, single.model, single.forcing)
+    equations = WholeEquations(team, single.model, single.forcing, single.newton.options)
     single.use(equations, PartedSolver(single.stats))
 
 
@@ -71,7 +76,7 @@ def shared(team: Team | None, single: SingleStep) -> Iterator[None]:
 class WholeEquations(Equations):
     """The equations of a step, of which the parts evaluate all but the forces at points."""
 
-    def __init__(self, team: Team, model: Model, forcing: Forcing):
+    def __init__(self, team: Team, model: Model, forcing: Forcing, options: NewtonOptions):
         super().__init__(model, forcing.time, forcing.turning, forcing.natural)
         _check(model)
         if forcing.turning is not None:
@@ -89,7 +94,8 @@ class WholeEquations(Equations):
             share.runs.clear()  # the parts have them
         self._place(self._crew("frame"))
         kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
-        self._crew("connect", [(division.counts, kind)] * team.size)
+        negligible = NEGLIGIBLE * options.tolerance * min(model.mesh.size, 1.0)
+        self._crew("connect", [(division.counts, kind, negligible)] * team.size)
         self._locate_points()
 
     def pieces(self) -> tuple[list[np.ndarray], Callable[[Callable, Sequence[tuple]], Crew]]:
@@ -216,18 +222,16 @@ class WholeEquations(Equations):
 
     # -- The linear system ------------------------------------------------------------------------
 
-    def solve(self, b: np.ndarray) -> tuple[np.ndarray, str, int]:
-        """Solution (free,) for the reduced tangent; not finite if it is singular.
-
-        Also how it was found, and in how many iterations.
-        """
+    def solve(self, b: np.ndarray, least: float) -> Solved:
+        """Solution (free,) for the reduced tangent, with an error that may be `least` anyway."""
         more = self._of_points()
         right = np.zeros(self._ends[-1])
         right[self._numbers] = b
         own, none = np.split(right, self._ends[:-1]), np.empty(0)
-        given = [(more if not i else none, of) for i, of in enumerate(own)]
-        found, kinds, counts = zip(*self._crew("solve", given), strict=True)
-        return np.concatenate(found)[self._numbers], kinds[0], counts[0]
+        given = [(more if not i else none, of, least) for i, of in enumerate(own)]
+        found = self._crew("solve", given)
+        x = np.concatenate([own.x for own in found])[self._numbers]
+        return found[0]._replace(x=x)
 
     def memory(self) -> list[float]:
         """The largest memory of each process so far [GB]."""
@@ -244,13 +248,28 @@ class PartedSolver:
 
     def __init__(self, stats: Stats):
         self._stats = stats
+        #: Error of the last solution, relative to it.
+        self.error = 0.0
+        #: Root of the work of the last solution, per size.
+        self._stiffness = 0.0
 
-    def solve(self, equations: WholeEquations, r: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Solution (free,) for the reduced tangent; not finite if it is singular."""
-        x, kind, iterations = equations.solve(b)
-        self._stats.krylov_iterations += iterations
-        self._stats.solver = f"PETSc on {equations.size} processes, {kind}"
-        return x
+    def solve(
+        self, equations: WholeEquations, r: np.ndarray, b: np.ndarray, energy: float = 0.0
+    ) -> np.ndarray:
+        """Solution (free,) for the reduced tangent; not finite if it is singular.
+
+        As exact as matters in a step of some energy.
+        """
+        least = np.inf
+        if self._stiffness:
+            least = _ENERGY_ERROR * math.sqrt(energy) / self._stiffness
+        found = equations.solve(b, least)
+        self.error = found.error
+        if found.size:
+            self._stiffness = math.sqrt(abs(b @ found.x)) / found.size
+        self._stats.krylov_iterations += found.iterations
+        self._stats.solver = f"PETSc on {equations.size} processes, {found.kind}"
+        return found.x
 
     def negative_eigenvalues(self) -> None:
         """Unknown: factors are those of parts, or of earlier tangents."""

@@ -22,6 +22,9 @@ _ROUND_OFF = 1e-14
 class LinearSolver:
     """LU factorisation of the reduced tangent, whose sparsity is constant, by what `lu` makes."""
 
+    #: Error of a solution relative to it; nothing beside that of Newton's method.
+    error = 0.0
+
     def __init__(self, reduction: Reduction, lu: Callable[..., LU] = sparse_lu):
         if reduction.free:  # else there is nothing to solve
             dependent = reduction.dependent if reduction.dependent.size else None
@@ -50,10 +53,13 @@ class LinearSolver:
             return None
         return self._lu.negative_pivots()
 
-    def solve(self, equations: Equations, r: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def solve(
+        self, equations: Equations, r: np.ndarray, b: np.ndarray, energy: float = 0.0
+    ) -> np.ndarray:
         """Solution (free,) for the reduced tangent; not finite if it is singular.
 
-        Without a right side it is zero also then, as at a bifurcation of a straight path.
+        As exact as it can be, whatever the energy of a step. Without a right side it is zero also
+        then, as at a bifurcation of a straight path.
         """
         self._exchanged = self.singular = False
         if not (free := len(b)):

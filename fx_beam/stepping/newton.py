@@ -230,7 +230,8 @@ class Newton:
                 step[free : free + reduction.driven], driven_now = -driven, driven
                 moved = self.equations.change(reduction.spread(step))
                 residual = reduction.project(r - moved)[:free] - self.hold
-            step[:free] = self.linear.solve(self.equations, r, residual)
+            energy = float(abs(f) @ abs(D)) + moving
+            step[:free] = self.linear.solve(self.equations, r, residual, energy)
             correction = reduction.spread(step)
             if iteration == 1:
                 predicted = -correction
@@ -241,9 +242,9 @@ class Newton:
             small, stalled = size <= options.tolerance, size > 0.5 * sizes.last
             gained = float(residual @ step[:free])
             work = abs(gained)
-            energy = float(abs(f) @ abs(D)) + moving
             negligible = NEGLIGIBLE * options.tolerance
-            final = sizes.next_after(size) <= negligible
+            next_size = max(sizes.next_after(size), self.linear.error * size)
+            final = next_size <= negligible
             final &= errors.next_after(work**0.5) <= negligible * energy**0.5
             # In very stiff scenes the forces before the correction make the energy far too large.
             final &= work <= options.tolerance * moving

@@ -422,6 +422,8 @@ typedef struct {
   double *scratch;
 } Directions;
 
+void fx_begin_beams(const Problem *p, const double *const *fields);
+void fx_add_beams(const Problem *p, const double *const *fields, double *f, double *K);
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);
