@@ -188,8 +188,9 @@ class FirstOrder:
         dy = rates[:free]
         y, dy = self._inverse @ y, self._inverse @ dy
         u = np.zeros(self.kicks.shape[1])
-        for number, place, value in self._inputs.straining:
-            u[number] = inputs[place] - value
+        if inputs is not None:
+            for number, place, value in self._inputs.straining:
+                u[number] = inputs[place] - value
         slow = y[self._a] - self.shifts @ u
         rates_of_masses = dy[self._one] + self.moved @ dp - self.kicks @ u
         return np.concatenate([y[self._one], slow, p, rates_of_masses])

@@ -75,8 +75,8 @@ class BorderTables:
         if (sliders := self._reduction.sliders) is None:
             return {}
         order = np.append(self._factors.order, np.full(1 + self._reduction.columns, -1))
-        places = (order[index] for index in self._reduction.system())
-        rows, columns = on_borders(self._reduction, *places, self._first)
+        rows, columns = (order[index] for index in self._reduction.system())
+        rows, columns = on_borders(self._reduction, rows, columns, self._first)
         outside, bordered = sliders.outside, sliders.bordered
         tables = self._tables(sliders, len(outside))
         longest = [table.pop("longest") for table in tables]
