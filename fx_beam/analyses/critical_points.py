@@ -62,7 +62,7 @@ class CriticalPoint:
     >>> scene.fix(column.end, "x")
     >>> load = scene.add_force(column.end, (0, -12.0))
     >>> point, = fb.static(scene, steps=4).critical_points
-    >>> point.kind, round(12 * point.load_factor / math.pi**2, 6)
+    >>> point.kind, round(12 * point.load_factor / math.pi**2, 5)
     ('bifurcation', 1.0)
     """
 
