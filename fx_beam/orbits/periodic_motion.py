@@ -131,11 +131,11 @@ def motion_of(shooting: Shooting, closed: Closed, free: bool) -> PeriodicMotion:
     energy, multipliers = shooting.energy(period.start), multipliers_of(closed)
     conserves = period.lost <= _NO_LOSS * max(1.0, abs(energy))
     return PeriodicMotion(
-        period.length,
+        float(period.length),
         energy,
         multipliers,
         instability_of(multipliers, free * (1 + conserves)),
-        period.error,
+        float(period.error),
         closed.iterations,
         lambda: shooting.solution(period),
     )
