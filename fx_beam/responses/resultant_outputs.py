@@ -13,6 +13,7 @@ from fx_beam.fem.step_start import StepStart
 from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
 from fx_beam.scene.beam import Beam
+from fx_beam.stepping.full_turns import without_turns
 
 from .gradient import Gradient
 from .linear_outputs import Places
@@ -67,17 +68,12 @@ class SubSteps:
         if k < 0:
             dt = _SHORT * tape.first_length
             return Part(instant(t, dt), self.moves * dt * states["v"][i[0]], start)
-        D = self._without_turns(states["q"][i[1]] - q)
+        D = without_turns(model, states["q"][i[1]] - q)
         beams = model.forms.beams
         if beams is not None and beams.needs_before:
-            back = self._without_turns(q - states["q"][i[2]])
+            back = without_turns(model, q - states["q"][i[2]])
             start = start._replace(before=q - back, memory=float(tape.memories[k]))
         return Part(Interval(t, t + dt), D, start)
-
-    def _without_turns(self, D: np.ndarray) -> np.ndarray:
-        turns = self.model.turns
-        D[turns] -= 2 * np.pi * np.round(D[turns] / (2 * np.pi))
-        return D
 
     @property
     def moves(self) -> float:

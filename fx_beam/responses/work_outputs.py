@@ -19,6 +19,7 @@ from fx_beam.model.model import Model
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.outputs import Output
 from fx_beam.stepping.forcing import Forcing
+from fx_beam.stepping.full_turns import without_turns
 
 from .energy_gradients import EnergyOutput
 from .gradient import Gradient
@@ -181,8 +182,8 @@ class StepWork:
         t0 = tape.starts[self._own]
         #: Means (k, loads) of the factors of the loads.
         self._factors = Forcing(model).loads(t0, t0 + tape.lengths[self._own]).mean(axis=1)
-        rates, turns, D = model.scheme.rates, model.turns, np.diff(states["q"], axis=0)
-        D[:, turns] -= 2 * np.pi * np.round(D[:, turns] / (2 * np.pi))
+        rates, turns = model.scheme.rates, model.turns
+        D = without_turns(model, np.diff(states["q"], axis=0))
         each = [rates.work_increment(increment, turns) for increment in D]
         path, slope = np.array(each).reshape(-1, 2, D.shape[1]).swapaxes(0, 1)
         #: Works (k, loads) of the unit loads, and increments (k, n) at the entries of the columns.

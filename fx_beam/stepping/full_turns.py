@@ -52,6 +52,13 @@ class TurnCounter:
         return state.changed(q=state.q + self.removed, before=before)
 
 
+def without_turns(model: Model, D: np.ndarray) -> np.ndarray:
+    """Increments (..., size) without full turns of rotations."""
+    D = D.copy()
+    D[..., model.turns] -= 2 * np.pi * np.round(D[..., model.turns] / (2 * np.pi))
+    return D
+
+
 def _members(model: Model) -> list[np.ndarray]:
     """Rotations of groups of nodes that turn together, if full turns have no effect on them."""
     scene, mesh = model.scene, model.mesh
