@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 import sys
@@ -16,6 +17,7 @@ from ufl.constantvalue import RealValue, Zero
 
 import numpy as np
 
+from .array_calls import array_calls
 from .errors import Failure, SceneError, StepError
 
 TimeFunction = Callable[[float], np.ndarray]
@@ -335,6 +337,14 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
     """
     if isinstance(function, Constant):
         return np.array(function.each(times))
+    if isinstance(function, _CheckedFunction) and (calls := array_calls()) is not None:
+        one_by_one = functools.partial(_series, function, what=what)
+        return calls.values(function.function, function.size, times, what, one_by_one)
+    return _series(function, times, what)
+
+
+def _series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
+    """The same, called with one time after the other."""
     if isinstance(function, _CheckedFunction):
         collected: list = []
         try:

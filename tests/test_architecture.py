@@ -19,6 +19,7 @@ HOUSE = {
     "": [
         "errors",
         "deprecation",
+        "array_calls",
         "validation",
         "content_cache",
         "library_cache",

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from fx_beam.array_calls import calling_with_arrays
 from fx_beam.errors import SceneError
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.validation import numbers, require, shown
+from fx_beam.validation import all_of, numbers, require, shown
 
+from .numbers import OF_STEPS
 from .output_values import Wanted
 
 #: A function of numbers (m,) that gives a scene and its outputs by name.
@@ -20,9 +22,11 @@ Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 #: Arrays by name, of a scene with a change of x[i]: a function of the scene, i and the change.
 NumbersOf = Callable[[Scene, int, float], dict[str, np.ndarray]]
 
-# Differences of `build`: steps relative to a number, and weights. Wide steps keep the round-off of
-# its numbers small, and the combination has errors of their fourth power.
-_STEPS = {2.0**-11: -1 / 3, 2.0**-12: 4 / 3}
+# Largest step in differences of `build`, relative to a number: wide, to keep round-off small. Two
+# numbers of a line are enough; else four are combined, with an error of the step's fourth power.
+_STEP = 2.0**-11
+# Error of numbers that depend on x along a line, relative to them.
+_ROUNDING = 8 * np.finfo(float).eps
 
 
 def checked_numbers(x: Any) -> np.ndarray:
@@ -65,16 +69,33 @@ class BuiltScenes:
 
     def derivatives(self, x: np.ndarray, numbers_of: NumbersOf) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes."""
-        parts = []
-        for i, value in enumerate(x):
-            found: dict[str, np.ndarray] = {}
-            for step, weight in _STEPS.items():
-                h = step * (abs(value) or 1.0)
-                low, high = (self._numbers(x, i, change, numbers_of) for change in (-h, h))
-                for name, last in high.items():
-                    found[name] = found.get(name, 0.0) + weight * (last - low[name]) / (2 * h)
-            parts.append(found)
-        return {name: np.array([part[name] for part in parts]) for name in parts[0]}
+        with calling_with_arrays():
+            here = self._numbers(x, 0, 0.0, numbers_of)
+            found = {name: np.zeros((len(x), *values.shape)) for name, values in here.items()}
+            for i in range(len(x)):
+                for name, values in self._derivative(x, i, here, numbers_of):
+                    found[name][i] = values
+        return found
+
+    def _derivative(
+        self, x: np.ndarray, i: int, here: dict[str, np.ndarray], numbers_of: NumbersOf
+    ) -> Iterator[tuple[str, np.ndarray]]:
+        """Derivatives (...) by x[i] of those numbers that depend on it."""
+        h = _STEP * (abs(x[i]) or 1.0)
+        low, above = (self._numbers(x, i, change, numbers_of) for change in (-h, h / 2))
+        depend = [
+            name
+            for name, values in here.items()
+            if not (all_of(low[name] == values) and all_of(above[name] == values))
+        ]
+        if all(_on_a_line(name, low[name], here[name], above[name]) for name in depend):
+            for name in depend:
+                yield name, (above[name] - low[name]) / (1.5 * h)
+            return
+        below, high = (self._numbers(x, i, change, numbers_of) for change in (-h / 2, h))
+        for name in depend:
+            narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
+            yield name, narrow + (narrow - wide) / 3
 
     def _numbers(
         self, x: np.ndarray, i: int, change: float, numbers_of: NumbersOf
@@ -97,3 +118,11 @@ class BuiltScenes:
                 f"Response: the scene at x[{i}] = {there} has another structure than at {here}: "
                 f"{other}. There are no derivatives at {here}"
             ) from None
+
+
+def _on_a_line(name: str, low: np.ndarray, here: np.ndarray, above: np.ndarray) -> bool:
+    """Whether numbers at x - h, x and x + h / 2 are those of a line, up to round-off."""
+    size = np.maximum(abs(low), abs(above))
+    if name in OF_STEPS:  # round-off is that of the largest value over time
+        size = size.max(axis=0)
+    return all_of(abs((low - here) + 2 * (above - here)) <= _ROUNDING * size)

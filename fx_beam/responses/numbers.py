@@ -29,6 +29,8 @@ OF_OUTPUTS = {
     "work at the start",
     "dissipated_energy at the start",
 }
+#: Numbers with a row for each sub-step: values of functions of time.
+OF_STEPS = {"loads", "driven", "thrust", "parameters", "naturals", "driven rates"}
 # What steps with mean rates read of the state at the start.
 _OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal", "natural"
 
