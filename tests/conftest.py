@@ -16,7 +16,7 @@ import pytest
 from hypothesis import settings
 
 from fx_beam import c_library, library_cache
-from fx_beam.analyses import dynamics, motion
+from fx_beam.analyses import dynamics, motion, step_warnings
 from fx_beam.compiled import build
 from fx_beam.fem import ffcx_api, interval_mesh
 
@@ -89,7 +89,7 @@ if _STRETCH != 1:
 @pytest.fixture(autouse=True)
 def warnings_come_again():
     """What is said once in a process is said once in a test."""
-    dynamics._warn_once.cache_clear()
+    step_warnings._warn_once.cache_clear()
 
 
 @pytest.fixture

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.errors import SceneError, StepError
 from fx_beam.mechanics.schemes import Scheme
-from fx_beam.results.audit import Stats
+from fx_beam.model.model import Model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.changes import Fuse, Latch
@@ -26,8 +27,8 @@ from fx_beam.stepping.local_error import order_and_constant
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorded_histories import RecordedHistories
 from fx_beam.stepping.recorder import Record, Recorder
-from fx_beam.stepping.stepper import Stepper
-from fx_beam.stepping.substeps import LARGE_TURN, Halving
+from fx_beam.stepping.stepper import Stepper, equal_steps
+from fx_beam.stepping.substeps import Halving
 from fx_beam.stepping.tolerance import Tolerance
 from fx_beam.validation import as_float, is_flag, is_number, require
 
@@ -39,8 +40,10 @@ from .evaluation import solution_of
 from .kept_setup import kept_setup
 from .mpi_ranks import warn_of_equal_work
 from .progress import attach, failure_of, keeping_steps, progress_bar
+from .repeated_motion import RepeatedMotion
 from .row_files import RowFiles
-from .run_setup import MOST_STEPS, check_options, checked_scheme, end_of
+from .run_setup import MOST_STEPS, RunSetup, check_options, checked_scheme, end_of
+from .step_warnings import warn_of_damping, warn_of_parts
 
 _log = logging.getLogger("fx_beam")
 
@@ -191,6 +194,17 @@ def simulate(
     >>> print(f"{solution.displacement(bar.end)[-1, 0]:.9f}", solution.stats.until)
     -1.000000000 until
     """
+    kept = kept_setup()
+    options = scheme, t_end, dt, newton, max_halvings, record, solver, progress
+    others = start, tolerance, dt_max, inputs, until, outputs, changes
+    plain = all(other is None for other in others) and type(breaks) is tuple and not breaks
+    again = kept.repeated if plain and isinstance(scene, Scene) else None
+    if again is not None and again.serves(options):
+        found = again.of(scene, kept)
+        if found is not None:
+            if record is None or record.motion:
+                _warn_of_places(found)
+            return found
     scheme = checked_scheme(scene, scheme, "simulate")
     check_options("simulate", newton, max_halvings, record, solver)
     conditions = checked_conditions(scene, until, outputs)
@@ -234,7 +248,6 @@ def simulate(
     warn_of_equal_work()
     clock = time.perf_counter()
     halving = Halving(max_halvings, dt if control is None else None)
-    kept = kept_setup()
     setup = kept.of(scene, scheme, newton, halving, solver)
     stats, stepper, counter = setup.stats, setup.stepper, setup.turn_counter
     record = record or Record()
@@ -314,12 +327,14 @@ def simulate(
                 stats.until = "" if ending is None else ending.met
                 bar.update(recorder.end.t - t)
         if control is None:
-            _warn_of_parts(stats, first)
-        _warn_of_damping(stats, first if control is None else None)
+            warn_of_parts(stats, first)
+        warn_of_damping(stats, first if control is None else None)
         found = solution()
         if places_known:
-            warn_of_depth(found, motion=True)
-            warn_of_sharp_bends(found, motion=True)
+            _warn_of_places(found)
+        if plain and kept.lasts and _repeats(setup, times, record, progress):
+            most = halving.most
+            kept.repeated = RepeatedMotion(options, times, record, recorder, most)
         return found
     except BaseException as error:
         recorder.settle_at_end()
@@ -330,9 +345,22 @@ def simulate(
         raise
 
 
+def _repeats(setup: RunSetup, times: np.ndarray, record: Record, progress: bool | None) -> bool:
+    """Whether a motion took equal steps, all compiled and at once, and nothing else was asked."""
+    steps, compiled = len(times) - 1, isinstance(setup.stepper.integrator, CompiledLoop)
+    fits = compiled and not setup.stats.halvings and steps <= _most_steps(setup.model)
+    asked = progress or record.times is not None or record.file is not None
+    return fits and not asked and equal_steps(times[0], times[1:]) == steps
+
+
+def _most_steps(model: Model, most: int = 1000) -> int:
+    """Number of steps that are taken at once."""
+    return max(1, min(most, _BLOCK // model.size))
+
+
 def _steps_of_grid(stepper: Stepper, times: np.ndarray, recorder: Recorder, most: int):
     """A function that takes the next block of steps of a grid."""
-    steps = max(1, min(most, _BLOCK // recorder.model.size))
+    steps = _most_steps(recorder.model, most)
     starts = iter(range(1, len(times), steps))
 
     def advance(state: State) -> None:
@@ -345,36 +373,10 @@ def _steps_of_grid(stepper: Stepper, times: np.ndarray, recorder: Recorder, most
     return advance
 
 
-def _warn_of_parts(stats: Stats, dt: float) -> None:
-    """Warn if steps were divided, and if they are too large for the motion."""
-    if not stats.halvings:
-        return
-    text = f"{stats.steps} steps took {stats.substeps} sub-steps, since some failed and were halved"
-    if stats.too_large:
-        text += (
-            f". dt = {dt:g} is too large for this motion: in {stats.too_large} sub-steps a node "
-            f"turned by more than {LARGE_TURN:g} rad per step, so the motion may depend on "
-            "rounding errors. Try a smaller dt"
-        )
-    _warn_once(f"{stats.scheme}: {text}")
-
-
-@functools.lru_cache(maxsize=256)
-def _warn_once(text: str) -> None:
-    """Warn, but not in each of many equal runs: `Stats` has what the warning says."""
-    _log.warning("%s", text)
-
-
-def _warn_of_damping(stats: Stats, dt: float | None) -> None:
-    """Warn if sub-steps that go back in time amplified the motion."""
-    if stats.amplified:
-        _log.warning(
-            "%s: in %d of %d steps damping added energy to the motion. One sub-step of the scheme "
-            "goes back in time, and there damping amplifies. This happens if the damping rate is "
-            "about 3 / dt%s. Try another dt, or order=2",
-            *(stats.scheme, stats.amplified, stats.substeps),
-            "" if dt is None else f" = {3 / dt:.3g} /s",
-        )
+def _warn_of_places(found: Solution) -> None:
+    """Warn of contact where its forces say little."""
+    warn_of_depth(found, motion=True)
+    warn_of_sharp_bends(found, motion=True)
 
 
 def _time_grid(dt: float | None, t_end: float, t0: float, goes_on: bool) -> np.ndarray:

@@ -31,6 +31,10 @@ class KeptSetup:
         self._lent: Callable[[], Any] = lambda: None
         #: Why the last scene was set up anew; empty if it was not.
         self.reason = ""
+        #: How the last motion goes on for scenes with other numbers, if it may.
+        self.repeated: Any = None
+        #: Whether other motions may follow.
+        self.lasts = False
         #: Whether solutions are read before anything else happens.
         self.reads_at_once = False
         #: Whether runs are taped, and the tape of the last one.
@@ -48,25 +52,35 @@ class KeptSetup:
         solver: str,
     ) -> RunSetup:
         """The set-up of a scene."""
-        options, setup = (scheme, newton, solver), self._setup
-        self._setup = None
-        if setup is None:
-            self.reason = "the first scene"
-        elif self._lent() is not None:
-            self.reason = "the last solution is still in use"
-        elif not scheme.built_in:
-            self.reason = "the scheme has functions of your own, which may have changed"
-        elif options != self._options:
-            self.reason = "another scheme, or other options"
-        else:
-            try:
-                setup.refill(scene, halving)
-                self.reason = ""
-                return setup
-            except OtherStructureError as other:
-                self.reason = str(other)
+        self.repeated = None
+        options, known = (scheme, newton, solver), self._options
+        if self._setup is not None and not scheme.built_in:
+            self._leave("the scheme has functions of your own, which may have changed")
+        elif self._setup is not None and options != known:
+            self._leave("another scheme, or other options")
         self._options = options
-        return RunSetup(scene, scheme, newton, halving, solver)
+        setup = self.refilled(scene, halving)
+        return RunSetup(scene, scheme, newton, halving, solver) if setup is None else setup
+
+    def refilled(self, scene: Scene, halving: Halving) -> RunSetup | None:
+        """The last set-up with the numbers of a scene; None if this must be set up anew."""
+        if self._setup is not None and self._lent() is not None:
+            self._leave("the last solution is still in use")
+        setup, self._setup = self._setup, None
+        if setup is None:
+            self.reason = self.reason or "the first scene"
+            return None
+        try:
+            setup.refill(scene, halving)
+        except OtherStructureError as other:
+            self.reason = str(other)
+            return None
+        self.reason = ""
+        return setup
+
+    def _leave(self, reason: str) -> None:
+        """Set the next scene up anew, for a reason."""
+        self._setup, self.reason = None, reason
 
     def begin(self, setup: RunSetup) -> None:
         """Begin a run, on a tape if runs are taped."""
@@ -101,7 +115,7 @@ def kept_setup() -> KeptSetup:
 def keeping_setup(kept: KeptSetup | None = None) -> Iterator[KeptSetup]:
     """Motions of this block use the set-up of the last one where the structure is the same."""
     kept = kept or _KEPT.get() or KeptSetup()
-    before = _KEPT.set(kept)
+    kept.lasts, before = True, _KEPT.set(kept)
     try:
         yield kept
     finally:

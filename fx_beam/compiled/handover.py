@@ -64,8 +64,10 @@ class Problem:
         if joint_forces is not None:
             self._hand_over_joint_forces(joint_forces)
         self._hand_over_tolerances(options)
+        #: What these were made of: positions of nodes, and how often masses had changed.
+        numbers = self._numbers() | self._positions() | self._masses()
+        self._X, self._mass_changes = model.mesh.X, model.mass_changes
         #: Members that are numbers of the scene, which C reads here.
-        numbers = self._numbers() | self._positions()
         self._own = {name: np.array(values, float) for name, values in numbers.items()}
         self._set(**self._own)
         self._allocate()
@@ -144,14 +146,15 @@ class Problem:
             "per_displacement": np.where(self._turns, 0, 1 / model.unit),
         }
 
+    def _masses(self) -> dict[str, np.ndarray]:
+        """The members that change where masses do."""
+        mass = self.model.mass.data
+        return {"mass": mass[self.heavy], "turning_mass": mass[self._turning]}
+
     def _numbers(self) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
         model = self.model
-        numbers = {
-            "mass": model.mass.data[self.heavy],
-            "turning_mass": model.mass.data[self._turning],
-            "load_force": model.loads.columns.data,
-        }
+        numbers = {"load_force": model.loads.columns.data}
         if model.weight is not None:
             numbers["weight"] = model.weight
         if model.natural:
@@ -162,10 +165,14 @@ class Problem:
     def refill(self) -> None:
         """Set all numbers to those that the model has now, and all else to that before a run."""
         model = self.model
-        moved = (self._own["position"] != model.mesh.X).any()
-        numbers = self._numbers() | (self._positions() if moved else {})
+        moved, numbers = model.mesh.X is not self._X, self._numbers()
+        if moved:
+            numbers |= self._positions()
+        if model.mass_changes != self._mass_changes:
+            numbers |= self._masses()
         for name, values in numbers.items():
             self._own[name][...] = values
+        self._X, self._mass_changes = model.mesh.X, model.mass_changes
         if len(model.points.slides):
             for i, row in enumerate(self._slide_rates()):
                 self._structs.set(self.c.rated_slide[i], axis=row["axis"], offset=row["offset"])

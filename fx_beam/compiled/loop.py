@@ -129,30 +129,52 @@ class CompiledLoop:
             error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
         )
 
-    def record_start(self, state: State, recorder: Recorder) -> None:
-        """Record the state at the start of a run, as C records the ends of steps."""
+    def record_start(self, state: State, recorder: Recorder, steps: int = 0) -> Any:
+        """Record the state at the start of a run, as C records the ends of steps.
+
+        Returns the rows of the recorder for C, with room for a number of steps.
+        """
         self.model.forms.parameters.use(state.parameters)
         self.load(state)
         recorder.begin(state)
-        to = self.c_record(recorder, Steps(0), 0)
+        to = self.c_record(recorder, Steps(0), steps)
         self._library.fx_record_start(self._problem, to)
         recorder.count(to.rows, to.starts)
+        return to
+
+    def run(self, state: State, ends: np.ndarray, recorder: Recorder) -> bool:
+        """Record a start and take all steps of a run, of equal length; whether they succeed.
+
+        The state is left in C, for `state`.
+        """
+        number = len(ends)
+        to, inputs = self.record_start(state, recorder, number), self.inputs(state.t, ends)
+        to.first = 1
+        taken = self._take_loaded(inputs, (ends[-1] - state.t) / number, recorder, to)
+        return inputs.error is None and taken == number
 
     def _run(
         self, state: State, ends: np.ndarray, inputs: StepInputs, steps: Steps, recorder: Rows
     ) -> int:
         """Number of steps or parts of equal length that succeeded."""
-        p = self._problem
         self.load(state)
-        c_inputs, to = self.c_inputs(inputs), self.c_record(recorder, steps, len(ends))
-        dt = (ends[-1] - state.t) / len(ends)
+        dt, to = (ends[-1] - state.t) / len(ends), self.c_record(recorder, steps, len(ends))
+        return self._take_loaded(inputs, dt, recorder, to)
+
+    def _take_loaded(self, inputs: StepInputs, dt: float, recorder: Rows, to: Any) -> int:
+        """The same from the state in C, for steps or parts of length dt [s]."""
         if self.tape is not None and not isinstance(recorder, Unrecorded):
             taken = self._run_taped(self.tape, inputs, dt, to)
         else:
-            taken = self._library.fx_run(p, len(inputs.driven) // p.sub_steps, dt, c_inputs, to)
+            known = len(inputs.driven) // self._problem.sub_steps
+            taken = self._steps(known, dt, self.c_inputs(inputs), to)
         recorder.count(to.rows, to.starts)
         self.count(taken)
         return taken
+
+    def _steps(self, number: int, dt: float, c_inputs: Any, to: Any) -> int:
+        """Number of steps that C takes."""
+        return self._library.fx_run(self._problem, number, dt, c_inputs, to)
 
     def _run_taped(self, tape: Tape, inputs: StepInputs, dt: float, to: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
@@ -164,7 +186,7 @@ class CompiledLoop:
             c_inputs = self.c_inputs(own)
             steps = TakenSteps(count, dt, to.parts, to.part, c_inputs, own)
             to.tape = tape.begin(self.problem, steps)
-            done = self._library.fx_run(p, count, dt, c_inputs, to)
+            done = self._steps(count, dt, c_inputs, to)
             tape.end(done, fractions)
             taken, to.part = taken + done, to.part + done
             if done < count or p.stopped:

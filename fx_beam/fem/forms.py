@@ -21,7 +21,7 @@ from .member_contacts import MemberContacts, members_touching
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForce, PointForces
-from .scene_forces import point_forces
+from .scene_forces import may_have_forces, point_forces
 from .step_start import StepStart
 
 
@@ -93,7 +93,8 @@ class Forms:
     def refill(self, scene: Scene) -> None:
         """Set all numbers to those of a scene of the same structure, whose mesh is set."""
         self.parameters.refill(scene)
-        self.points.refill(*self._at_points(scene))
+        if may_have_forces(scene):
+            self.points.refill(*self._at_points(scene))
         if self.beams is not None:
             self.beams.refill(scene)
         self.set_load(1.0, 0.0)

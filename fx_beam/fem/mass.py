@@ -33,6 +33,8 @@ class Mass:
     def __init__(self, scene: Scene, mesh: Mesh, forms: Forms, at_rest: bool):
         self._mesh, self._forms, self._at_rest = mesh, forms, at_rest
         self._read(scene)
+        #: How often the matrix was computed.
+        self.changes = 0
         #: What was assembled, in words.
         self.assembled: list[str] = []
 
@@ -68,6 +70,7 @@ class Mass:
         return mass
 
     def _assemble(self, mass: scipy.sparse.csr_matrix) -> None:
+        self.changes += 1
         mass.data[:] = 0.0
         if self._form is not None:
             beams = self._beams

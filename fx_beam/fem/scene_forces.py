@@ -46,6 +46,12 @@ def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce
     return forces if rates.at_rest else [*forces, *_drags(scene, mesh)]
 
 
+def may_have_forces(scene: Scene) -> bool:
+    """Whether a scene has anything that may exert forces at points; some numbers may be zero."""
+    parts = scene.joints, scene.forces_between, scene.loads, scene.obstacles, scene.drags
+    return any(parts)
+
+
 def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
     loses, friction = bool(obstacle.loss) and not at_rest, obstacle.friction
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()

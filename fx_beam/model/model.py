@@ -184,6 +184,11 @@ class Model:
         """The constant mass matrix, assembled at the first access."""
         return self._mass.matrix
 
+    @property
+    def mass_changes(self) -> int:
+        """How often masses were computed."""
+        return self._mass.changes
+
     @functools.cached_property
     def masses(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Entries of the mass that are not zero: positions in the tangent, values and columns."""

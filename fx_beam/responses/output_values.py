@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,19 +23,26 @@ _RATES = {"velocity", "acceleration", "spin", "rate", *OF_BEAMS}
 _FORCES = {"reaction", "force", "motor_force"}
 
 
-def recording(given: Record, outputs: Mapping[str, Wanted]) -> Record:
+class Recording:
     """What of a record is recorded: only what the outputs need."""
-    kinds = [output for output in outputs.values() if isinstance(output, Output)]
-    if len(kinds) < len(outputs):
-        return given
-    of = {output.quantity for output in kinds}
-    return Record(
-        given.every,
-        motion=given.motion,
-        rates=given.rates and bool(of & _RATES),
-        forces=given.forces and bool(of & _FORCES),
-        times=given.times,
-    )
+
+    def __init__(self, given: Record):
+        self._given = given
+        #: The records so far, by whether they have rates and forces.
+        self._known: dict[tuple[bool, bool], Record] = {}
+
+    def of(self, outputs: Mapping[str, Wanted]) -> Record:
+        """The record for some outputs, the same one for those that need the same."""
+        given, of = self._given, set()
+        for output in outputs.values():
+            if not isinstance(output, Output):
+                return given
+            of.add(output.quantity)
+        needs = given.rates and not of.isdisjoint(_RATES), not of.isdisjoint(_FORCES)
+        if needs not in self._known:
+            rates, forces = needs[0], given.forces and needs[1]
+            self._known[needs] = replace(given, rates=rates, forces=forces)
+        return self._known[needs]
 
 
 def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:

@@ -67,6 +67,9 @@ _OWN: dict[type, tuple[str, ...]] = {
 }
 #: Kinds of values that are compared quickly.
 _PLAIN = {float, int, bool, str, type(None)}
+_COLLECTIONS = {list, dict, set}
+#: Parts of a scene that are known to be the same: the known ones by the id of the new ones.
+_Same = dict[int, Any]
 #: What follows from the rest of a scene.
 _DERIVED: dict[type, tuple[str, ...]] = {
     Scene: ("nodes", "_corners", "_couplings", "changes"),
@@ -106,12 +109,13 @@ class Structure:
         if len(scene.nodes) != self._nodes:
             raise OtherStructureError("another number of nodes")
         numbers, now = NUMBERS[Scene], vars(scene)
+        same: _Same = {}
         for name, known in self._parts.items():
             part = now[name]
-            if type(known) is list and not known and type(part) is list and not part:
+            if type(part) is type(known) in _COLLECTIONS and not part and not known:
                 continue
             try:
-                _check_part(name in numbers, part, known)
+                _check_part(name in numbers, part, known, same)
             except _DiffersError as differs:
                 raise OtherStructureError(f"scene.{name}{''.join(differs.args)}") from None
         functions = expressions_of(scene)
@@ -121,18 +125,18 @@ class Structure:
                 raise OtherStructureError(f"{what} of your own differs in more than parameters")
 
 
-def _check_part(is_number: bool, a: Any, b: Any) -> None:
+def _check_part(is_number: bool, a: Any, b: Any, same: _Same) -> None:
     if a is not b or callable(a):
-        (_check_number if is_number else _check)(a, b)
+        (_check_number if is_number else _check)(a, b, same)
 
 
-def _check(a: Any, b: Any) -> None:
+def _check(a: Any, b: Any, same: _Same) -> None:
     kind: Any = type(a)
     if kind is not type(b):
         raise _DiffersError(" is of another kind")
     check = _checks(kind)  # type: ignore[arg-type]
     if check is not None:
-        check(a, b)
+        check(a, b, same)
     elif a != b or callable(a):
         raise _DiffersError(" differs")
 
@@ -159,7 +163,9 @@ def _checks(kind: Any) -> Any:
 
     values = _getter([name for name, *_ in parts])
 
-    def check(a: Any, b: Any) -> None:
+    def check(a: Any, b: Any, same: _Same) -> None:
+        if same.get(id(a)) is b:
+            return
         for part, one, other in zip(parts, values(a), values(b), strict=True):
             name, is_number, may_be_function = part
             if type(one) is type(other) in _PLAIN and (is_number or one == other):
@@ -169,9 +175,10 @@ def _checks(kind: Any) -> Any:
                     if not (callable(one) and callable(other)):
                         raise _DiffersError(" is of another kind")
                     continue
-                _check_part(is_number, one, other)
+                _check_part(is_number, one, other, same)
             except _DiffersError as differs:
                 raise differs.within(f".{name}") from None
+        same[id(a)] = b
 
     return check
 
@@ -183,12 +190,12 @@ def _getter(names: list[str]) -> Any:
     return lambda of: [getattr(of, name) for name in names]
 
 
-def _nodes(a: Node, b: Node) -> None:
+def _nodes(a: Node, b: Node, same: _Same) -> None:
     if a.number != b.number:
         raise _DiffersError(" is another node")
 
 
-def _sequences(a: Any, b: Any) -> None:
+def _sequences(a: Any, b: Any, same: _Same) -> None:
     if len(a) != len(b):
         raise _DiffersError(" has another length")
     if a and type(a[0]) is Node and type(b[0]) is Node:  # quickly, as in beams of many elements
@@ -197,27 +204,27 @@ def _sequences(a: Any, b: Any) -> None:
         return
     for i, (one, other) in enumerate(zip(a, b, strict=True)):
         try:
-            _check(one, other)
+            _check(one, other, same)
         except _DiffersError as differs:
             raise differs.within(f"[{i}]") from None
 
 
-def _mappings(a: Any, b: Any) -> None:
+def _mappings(a: Any, b: Any, same: _Same) -> None:
     if list(a) != list(b):
         raise _DiffersError(" has other keys")
     for key in a:
         try:
-            _check(a[key], b[key])
+            _check(a[key], b[key], same)
         except _DiffersError as differs:
             raise differs.within(f"[{key!r}]") from None
 
 
-def _arrays(a: np.ndarray, b: np.ndarray) -> None:
+def _arrays(a: np.ndarray, b: np.ndarray, same: _Same) -> None:
     if a.shape != b.shape or not (a == b).all():
         raise _DiffersError(" differs")
 
 
-def _check_number(a: Any, b: Any) -> None:
+def _check_number(a: Any, b: Any, same: _Same) -> None:
     if type(a) is float and type(b) is float:
         return
     if a is None or b is None:
@@ -229,7 +236,7 @@ def _check_number(a: Any, b: Any) -> None:
     elif type(a) is np.ndarray and type(b) is np.ndarray:
         fits = a.shape == b.shape
     elif isinstance(a, Node) or isinstance(b, Node):
-        return _check(a, b)
+        return _check(a, b, same)
     else:
         fits = np.shape(a) == np.shape(b)
     if not fits:

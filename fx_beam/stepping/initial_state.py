@@ -284,31 +284,37 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
 def given_velocity(model: Model) -> np.ndarray:
     """Initial rates (size,) as given; zero elsewhere."""
     mesh, scene = model.mesh, model.scene
-    v, unit = np.full((len(mesh.X), 3), np.nan), np.array([1.0, 1.0, mesh.size])
+    v, known = np.zeros((len(mesh.X), 3)), np.zeros(len(mesh.X), dtype=bool)
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
         positions = mesh.X[nodes].tolist()
         given = np.empty((len(nodes), 3))
         given[:, :2], given[:, 2:] = item.value.each(positions), item.spin.each(positions)
-        if all_of(np.isfinite(given)) and all_of(np.isnan(v[nodes])):
-            v[nodes] = given
-            continue
-        size = (abs(given) * unit).max(axis=1, keepdims=True)
-        infinite = ~np.isfinite(given).all(axis=1)
-        differs = (abs(v[nodes] - given) * unit > 1e-9 * size).any(axis=1)
-        for bad in np.flatnonzero(infinite | differs):
-            x, y = positions[bad]
-            if infinite[bad]:
-                raise SceneError(
-                    f"initial velocity at ({x:g}, {y:g}) is {given[bad]}; it must be finite"
-                )
-            raise SceneError(
-                f"two initial velocities at ({x:g}, {y:g}): {v[nodes[bad]]} and {given[bad]}. Give "
-                "only one, or equal ones"
-            )
-        v[nodes] = given
-    v[np.isnan(v)] = 0.0
+        twice = known[nodes]
+        if twice.any() or not all_of(np.isfinite(given)):
+            _check_velocities(model, positions, given, v[nodes], twice)
+        v[nodes], known[nodes] = given, True
     return model.from_nodes(v)
+
+
+def _check_velocities(
+    model: Model, positions: list, given: np.ndarray, others: np.ndarray, twice: np.ndarray
+) -> None:
+    """Refuse rates (n, 3) that are not finite, or differ from others where they are given twice."""
+    unit = [1.0, 1.0, model.mesh.size]
+    size = (abs(given) * unit).max(axis=1, keepdims=True)
+    infinite = ~np.isfinite(given).all(axis=1)
+    differs = twice & (abs(others - given) * unit > 1e-9 * size).any(axis=1)
+    for bad in np.flatnonzero(infinite | differs):
+        x, y = positions[bad]
+        if infinite[bad]:
+            raise SceneError(
+                f"initial velocity at ({x:g}, {y:g}) is {given[bad]}; it must be finite"
+            )
+        raise SceneError(
+            f"two initial velocities at ({x:g}, {y:g}): {others[bad]} and {given[bad]}. Give "
+            "only one, or equal ones"
+        )
 
 
 def _check_prescribed(

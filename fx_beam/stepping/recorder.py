@@ -168,6 +168,25 @@ class Recorder:
         self.arrays = {name: np.zeros((rows, model.widths[name])) for name in names}
         self.arrays["up_to_row"] = np.zeros(rows, dtype=np.int32)
 
+    def again(self) -> Recorder:
+        """One for another run of the same steps, without rows."""
+        new = object.__new__(Recorder)
+        new.__dict__.update(self.__dict__)  # far quicker than `copy.copy`
+        new.arrays = {name: np.zeros(of.shape, of.dtype) for name, of in self.arrays.items()}
+        new._starts = self._starts.again()
+        new.restart()
+        return new
+
+    def restart(self) -> None:
+        """Have no rows: those of another run of the same steps overwrite the present ones."""
+        self.rows, self.turns, self.late_accelerations, self._begins = 0, {}, None, True
+        self._starts.count = 0
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times (n,) of the rows so far [s]."""
+        return self._times[self._steps[: self.rows]]
+
     def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
         """Make room for steps from number `first` on that end at times (n,); step 0 is the start.
 
@@ -313,8 +332,8 @@ class Recorder:
             starts = None if self.every == 1 else self._starts.of_rows(rows["up_to_row"])
             driven = self._first.driven_rates if self._begins else None
             fit = functools.partial(fitted, model, rows, starts, (times, steps), driven)
+        t = self.t
         recorded = {name: of for name, of in rows.items() if name not in self._serving}
-        t = times[steps]
 
         def t_level() -> np.ndarray:
             return t - (1 - model.scheme.rates.level) * self._lengths()

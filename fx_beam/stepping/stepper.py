@@ -87,7 +87,7 @@ class Stepper:
         """
         done = 0
         while done < len(times):
-            grid = times[done : done + _equal_steps(state.t, times[done:])]
+            grid = times[done : done + equal_steps(state.t, times[done:])]
             state = self._equal(state, grid, first + done, recorder)
             done += len(grid)
         return state
@@ -229,7 +229,7 @@ class Stepper:
         return self._error_of(start, end, failure, advice)
 
 
-def _equal_steps(t: float, times: np.ndarray) -> int:
+def equal_steps(t: float, times: np.ndarray) -> int:
     """Number of steps from the first on that have equal length, up to rounding."""
     steps = times - np.concatenate([[t], times[:-1]])
     different = abs(steps / steps[0] - 1) > 1e-6

@@ -47,6 +47,13 @@ class SubStepStarts:
         #: Their number.
         self.count = 0
 
+    def again(self) -> SubStepStarts:
+        """None yet, but room for as many."""
+        new = object.__new__(SubStepStarts)
+        arrays = {name: np.zeros(of.shape, of.dtype) for name, of in self.arrays.items()}
+        new.__dict__.update(self.__dict__, arrays=arrays, count=0)
+        return new
+
     def stored(self, parts: int, every: int) -> bool:
         """Whether those of a step in parts are stored, if every n-th step has a row."""
         return self._always or parts > 1 or every > 1
