@@ -1,4 +1,4 @@
-"""Functions of time that accept arrays: called once for all times, where values stay the same."""
+"""Functions that accept arrays: called once for all times or places, where values stay the same."""
 
 from __future__ import annotations
 
@@ -10,40 +10,45 @@ from typing import Any
 import numpy as np
 
 _NOW: ContextVar[ArrayCalls | None] = ContextVar("array calls", default=None)
-# Fewer times are cheaper one by one; an array of so many is never taken for a vector.
+# Fewer values are cheaper one by one; an array of so many is never taken for a vector.
 _LEAST = 24
-# Number of times at which the values of a known function are compared.
+# Number of values of a known function that are compared.
 _SAMPLES = 4
-# Error of values in terms of the largest one: powers and sines of arrays may be rounded otherwise.
-_ROUNDING = 16 * np.finfo(float).eps
+#: Error of values in terms of the largest one: powers and sines of arrays may be rounded otherwise.
+ROUNDING = 16 * float(np.finfo(float).eps)
 
 
 class ArrayCalls:
-    """What is known of functions: whether they give, for a column of times, the values at each.
+    """What is known of functions: whether they give, for columns of numbers, the values at each.
 
     All values of the first function made by a line of the user's code are compared with those of
-    calls one by one, and some of each later one.
+    calls one by one, and some of each later one. They may differ by an error.
     """
 
-    def __init__(self):
+    def __init__(self, error: float = 0.0):
         self._fit: dict[Any, bool] = {}
+        self._error = error
 
     def values(
-        self, function: Callable, size: int, times: np.ndarray, what: str, one_by_one: Callable
+        self, function: Callable, size: int, arguments: np.ndarray, what: str, one_by_one: Callable
     ) -> np.ndarray:
-        """Values (n, size) at n times; `one_by_one` finds them from some times."""
+        """Values (n, size) at n arguments (n, k); `one_by_one` finds them from some of these."""
         key = what, getattr(function, "__code__", type(function))
-        if len(times) < _LEAST or not self._fit.get(key, True):
-            return one_by_one(times)
-        found, is_first = _at_once(function, size, times), key not in self._fit
+        if len(arguments) < _LEAST or not self._fit.get(key, True):
+            return one_by_one(arguments)
+        found, is_first = _at_once(function, size, arguments), key not in self._fit
         if is_first:
-            known = one_by_one(times)
-            self._fit[key] = found is not None and _agree(found, known)
+            known = one_by_one(arguments)
+            self._fit[key] = found is not None and self._agree(found, known)
             return known
-        some = np.linspace(0, len(times) - 1, _SAMPLES).astype(int)
-        if found is None or not _agree(found[some], one_by_one(times[some])):
-            return one_by_one(times)
+        some = np.linspace(0, len(arguments) - 1, _SAMPLES).astype(int)
+        if found is None or not self._agree(found[some], one_by_one(arguments[some])):
+            return one_by_one(arguments)
         return found
+
+    def _agree(self, found: np.ndarray, known: np.ndarray) -> bool:
+        """Whether values (n, size) differ by the error at most."""
+        return bool((abs(found - known) <= self._error * abs(known).max(axis=0)).all())
 
 
 def array_calls() -> ArrayCalls | None:
@@ -52,31 +57,29 @@ def array_calls() -> ArrayCalls | None:
 
 
 @contextmanager
-def calling_with_arrays() -> Iterator[None]:
-    """In this block, functions of time are called with arrays where they accept them."""
-    before = _NOW.set(ArrayCalls())
+def calling_with_arrays(calls: ArrayCalls) -> Iterator[None]:
+    """In this block, functions are called with arrays where they accept them."""
+    before = _NOW.set(calls)
     try:
         yield
     finally:
         _NOW.reset(before)
 
 
-def _at_once(function: Callable, size: int, times: np.ndarray) -> np.ndarray | None:
-    """Values (n, size) of one call; None if they do not fit."""
-    column = times[:, None].copy()
-    column.setflags(write=False)
+def _at_once(function: Callable, size: int, arguments: np.ndarray) -> np.ndarray | None:
+    """Finite values (n, size) of one call; None if they do not fit."""
+    columns = np.array(arguments.T[..., None], order="C")
+    columns.setflags(write=False)
+    shape = len(arguments), 1
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
-            found: Any = function(column)
-        if isinstance(found, np.ndarray) and found.shape == (len(times), size):
-            return np.array(found, float)
-        parts: Sequence = found if hasattr(found, "__len__") and len(found) == size else (found,)
-        columns = [np.broadcast_to(np.asarray(part, float), column.shape) for part in parts]
-        return np.hstack(columns) if len(columns) == size else None
-    except Exception:  # noqa: BLE001  # whatever a function does that takes single times
+            found: Any = function(*columns)
+        if isinstance(found, np.ndarray) and found.shape == (len(arguments), size):
+            values = np.array(found, float)
+        else:
+            alone = not hasattr(found, "__len__") or len(found) != size
+            parts: Sequence = (found,) if alone else found
+            values = np.hstack([np.broadcast_to(np.asarray(part, float), shape) for part in parts])
+    except Exception:  # noqa: BLE001  # whatever a function does that takes single numbers
         return None
-
-
-def _agree(found: np.ndarray, known: np.ndarray) -> bool:
-    """Whether values (n, size) differ by round-off only."""
-    return bool((abs(found - known) <= _ROUNDING * abs(known).max(axis=0)).all())
+    return values if values.shape[1] == size and np.isfinite(values).all() else None

@@ -286,8 +286,15 @@ class _CheckedFunction:
         except Exception as error:
             raise self._failure(arguments, error) from error
 
-    def each(self, arguments) -> np.ndarray:
-        """Values (n, size) for n tuples of arguments."""
+    def each(self, arguments: np.ndarray) -> np.ndarray:
+        """Values (n, size) for arguments (n, k)."""
+        if (calls := array_calls()) is not None:
+            return calls.values(self.function, self.size, arguments, self._what, self._each)
+        return self._each(arguments)
+
+    def _each(self, rows: np.ndarray) -> np.ndarray:
+        """The same, called with one after the other."""
+        arguments: list = rows.tolist()
         collected: list = []
         try:
             values = self.collect(collected, arguments)
@@ -339,12 +346,13 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
         return np.array(function.each(times))
     if isinstance(function, _CheckedFunction) and (calls := array_calls()) is not None:
         one_by_one = functools.partial(_series, function, what=what)
-        return calls.values(function.function, function.size, times, what, one_by_one)
-    return _series(function, times, what)
+        return calls.values(function.function, function.size, times[:, None], what, one_by_one)
+    return _series(function, times[:, None], what)
 
 
-def _series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
-    """The same, called with one time after the other."""
+def _series(function: TimeFunction, arguments: np.ndarray, what: str) -> np.ndarray:
+    """The same at times (n, 1), called with one after the other."""
+    times = arguments[:, 0]
     if isinstance(function, _CheckedFunction):
         collected: list = []
         try:

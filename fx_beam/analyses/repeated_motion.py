@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+from fx_beam.array_calls import ArrayCalls, calling_with_arrays
 from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
@@ -41,6 +42,8 @@ class RepeatedMotion:
         self.record = record
         self._ends, self._recorder = times[1:], recorder.again()
         self._most_halvings = most_halvings
+        #: Functions that give the same for arrays, to the last digit.
+        self._calls = ArrayCalls()
 
     def serves(self, options: tuple) -> bool:
         """Whether a motion has the same options."""
@@ -79,6 +82,12 @@ class RepeatedMotion:
         return Halving(self._most_halvings, float(self._ends[0]))
 
     def _run(
+        self, scene: Scene, kept: KeptSetup, recorder: Recorder, halving: Halving
+    ) -> RunSetup | None:
+        with calling_with_arrays(self._calls):
+            return self._called(scene, kept, recorder, halving)
+
+    def _called(
         self, scene: Scene, kept: KeptSetup, recorder: Recorder, halving: Halving
     ) -> RunSetup | None:
         clock, dt = time.perf_counter(), float(self._ends[0])

@@ -64,8 +64,8 @@ class Problem:
         if joint_forces is not None:
             self._hand_over_joint_forces(joint_forces)
         self._hand_over_tolerances(options)
-        #: What these were made of: positions of nodes, and how often masses had changed.
-        numbers = self._numbers() | self._positions() | self._masses()
+        numbers = self._numbers(masses=True) | self._positions()
+        #: What some were made of: positions of nodes, and how often masses had changed.
         self._X, self._mass_changes = model.mesh.X, model.mass_changes
         #: Members that are numbers of the scene, which C reads here.
         self._own = {name: np.array(values, float) for name, values in numbers.items()}
@@ -146,30 +146,25 @@ class Problem:
             "per_displacement": np.where(self._turns, 0, 1 / model.unit),
         }
 
-    def _masses(self) -> dict[str, np.ndarray]:
-        """The members that change where masses do."""
-        mass = self.model.mass.data
-        return {"mass": mass[self.heavy], "turning_mass": mass[self._turning]}
-
-    def _numbers(self) -> dict[str, np.ndarray]:
+    def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
         model = self.model
+        mass, joints = model.mass.data, model.reduction.joint_tables()
         numbers = {"load_force": model.loads.columns.data}
+        numbers |= {name: joints[name] for name in ("offset", "axis")}
+        if masses:
+            numbers |= {"mass": mass[self.heavy], "turning_mass": mass[self._turning]}
         if model.weight is not None:
             numbers["weight"] = model.weight
         if model.natural:
             numbers["natural_value"] = model.natural.columns.data
-        joints = model.reduction.joint_tables()
-        return numbers | {name: joints[name] for name in ("offset", "axis")}
+        return numbers
 
     def refill(self) -> None:
         """Set all numbers to those that the model has now, and all else to that before a run."""
         model = self.model
-        moved, numbers = model.mesh.X is not self._X, self._numbers()
-        if moved:
-            numbers |= self._positions()
-        if model.mass_changes != self._mass_changes:
-            numbers |= self._masses()
+        moved, heavier = model.mesh.X is not self._X, model.mass_changes != self._mass_changes
+        numbers = self._numbers(heavier) | (self._positions() if moved else {})
         for name, values in numbers.items():
             self._own[name][...] = values
         self._X, self._mass_changes = model.mesh.X, model.mass_changes

@@ -279,9 +279,12 @@ class CompiledLoop:
 
     def inputs(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
+        parts = self._problem.sub_steps
+        if not self.model.is_forced:
+            return no_inputs(parts, len(times))
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)
-        forcing, follow, parts = self.forcing, self.model.points.followers, self._problem.sub_steps
+        forcing, follow = self.forcing, self.model.points.followers
         try:
             first = slice(1 if self.model.loads.constant else None)
             loads = _of_each_step(forcing.loads(t0[first], t1[first]), len(t1))
@@ -338,10 +341,10 @@ class StepInputs(NamedTuple):
         return self._replace(**{name: getattr(self, name)[steps * self.parts :] for name in names})
 
 
-def no_inputs(parts: int) -> StepInputs:
-    """Those of no steps."""
-    none = np.empty((0, 2))
-    return StepInputs(none, none, none, none, none, parts)
+def no_inputs(parts: int, steps: int = 0) -> StepInputs:
+    """Those of steps without any."""
+    none, of_ends = np.empty((steps * parts, 0)), np.empty((steps * parts, 2, 0))
+    return StepInputs(of_ends, none, none, of_ends, none, parts)
 
 
 def _of_each_step(rows: np.ndarray, steps: int) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.array_calls import calling_with_arrays
+from fx_beam.array_calls import ROUNDING, ArrayCalls, calling_with_arrays
 from fx_beam.errors import SceneError
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
@@ -69,7 +69,7 @@ class BuiltScenes:
 
     def derivatives(self, x: np.ndarray, numbers_of: NumbersOf) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes."""
-        with calling_with_arrays():
+        with calling_with_arrays(ArrayCalls(ROUNDING)):
             here = self._numbers(x, 0, 0.0, numbers_of)
             found = {name: np.zeros((len(x), *values.shape)) for name, values in here.items()}
             for i in range(len(x)):

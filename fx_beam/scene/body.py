@@ -6,6 +6,8 @@ import itertools
 from collections.abc import Set
 from dataclasses import dataclass
 
+import numpy as np
+
 from fx_beam.errors import SceneError
 from fx_beam.validation import is_name, require
 
@@ -74,7 +76,7 @@ def velocities_of(body: Body, velocity, spin) -> list[loads.Velocity]:
     """Initial velocities of the nodes of a body, from that of its centre and its spin."""
     centre = body.centre
     given = loads.initial_velocity(centre, velocity, spin)
-    position = [(centre.x, centre.y)]
+    position = np.array([[centre.x, centre.y]])
     (vx, vy), w = given.value.each(position)[0], float(given.spin.each(position)[0, 0])
     return [
         loads.initial_velocity(

@@ -13,6 +13,7 @@ import ufl
 
 import numpy as np
 
+from fx_beam.array_calls import array_calls
 from fx_beam.errors import SceneError
 from fx_beam.validation import (
     as_float,
@@ -353,8 +354,17 @@ def _values(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
     """Values at fractions of the arc length, of the same shape."""
     if not callable(datum):
         return np.full(fractions.shape, _value(name, datum))
-    values = [_value(name, datum, f) for f in map(float, fractions.flat)]
-    return np.array(values).reshape(fractions.shape)
+    each, rows = functools.partial(_each, name, datum), fractions.reshape(-1, 1)
+    if (calls := array_calls()) is not None:
+        values = calls.values(datum, 1, rows, name, each)
+        if (values > 0).all():  # else the calls below tell what is wrong
+            return values.reshape(fractions.shape)
+    return each(rows).reshape(fractions.shape)
+
+
+def _each(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
+    """Values (n, 1) at fractions (n, 1)."""
+    return np.array([[_value(name, datum, float(f))] for f in fractions[:, 0]])
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:

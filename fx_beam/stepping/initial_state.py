@@ -287,7 +287,7 @@ def given_velocity(model: Model) -> np.ndarray:
     v, known = np.zeros((len(mesh.X), 3)), np.zeros(len(mesh.X), dtype=bool)
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
-        positions = mesh.X[nodes].tolist()
+        positions = mesh.X[nodes]
         given = np.empty((len(nodes), 3))
         given[:, :2], given[:, 2:] = item.value.each(positions), item.spin.each(positions)
         twice = known[nodes]
@@ -298,7 +298,7 @@ def given_velocity(model: Model) -> np.ndarray:
 
 
 def _check_velocities(
-    model: Model, positions: list, given: np.ndarray, others: np.ndarray, twice: np.ndarray
+    model: Model, positions: np.ndarray, given: np.ndarray, others: np.ndarray, twice: np.ndarray
 ) -> None:
     """Refuse rates (n, 3) that are not finite, or differ from others where they are given twice."""
     unit = [1.0, 1.0, model.mesh.size]
