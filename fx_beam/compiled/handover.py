@@ -148,10 +148,9 @@ class Problem:
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
-        model = self.model
-        mass, joints = model.mass.data, model.reduction.joint_tables()
-        numbers = {"load_force": model.loads.columns.data}
-        numbers |= {name: joints[name] for name in ("offset", "axis")}
+        model, mass, loads = self.model, self.model.mass.data, self.model.loads.columns
+        of = model.reduction.joint_tables()
+        numbers = {"offset": of["offset"], "axis": of["axis"], "load_force": loads.data}
         if masses:
             numbers |= {"mass": mass[self.heavy], "turning_mass": mass[self._turning]}
         if model.weight is not None:

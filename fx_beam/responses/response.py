@@ -174,6 +174,8 @@ class Response:
 
     #: Memory for the steps that derivatives follow [bytes].
     _memory = LIMIT
+    #: What is recorded of motions.
+    _record = Record()
 
     def _begin(self) -> None:
         """Know of no call yet."""
