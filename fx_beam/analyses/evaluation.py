@@ -41,12 +41,14 @@ def solution_of(
     is read.
     """
     scene, mesh = model.scene, model.mesh
+    # Fitted rates depend on the joints of the scene, which may be changed.
+    later = ended and (scene_stays or not model.fits_rates)
     recorded = recorder.histories() if kept is None else kept
     histories: Mapping[str, Any] = recorded
     rows: slice | np.ndarray = slice(None)
     if times is not None:
         histories, rows = at_times(model, recorded, times, breaks)
-    elif not ended or (model.fits_rates and not scene_stays):
+    elif not later:
         histories = dict(recorded)
     internal = histories["internal"] if model.forms.internal_shape[-1] else None
     of_springs = histories["spring_internal"] if model.points.width else None
@@ -69,13 +71,14 @@ def solution_of(
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
         return BeamResultants(s.ravel(), N, Q, M)
 
+    constraints = None if scene_stays else constraints_of(scene)
+
     def last() -> State:
         state = end()
-        fitted, constraints = recorded.fitted_at(state.t), constraints_of(scene)
         state = state.changed(
             impact=recorder.impact,
-            fitted=fitted,
-            constraints=constraints,
+            fitted=recorded.fitted_at(state.t),
+            constraints=constraints_of(scene) if constraints is None else constraints,
             owners=model.points.owners,
         )
         return state.renumbered(model.to_nodes, mesh.to_elements)
@@ -92,7 +95,7 @@ def solution_of(
         variables_of_joint=_variables_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
         obstacles=list(scene.obstacles),
-        end=last if ended and scene_stays else last(),
+        end=last if later else last(),
         names_of_parameters=model.forms.parameters.names,
         variables_of_contact=_variables_of_contact(model, of_springs),
         stability=stability,

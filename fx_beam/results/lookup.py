@@ -18,7 +18,7 @@ def node_number(solution: Any, node: Node) -> int:
             "beam.node(fraction)"
         )
     X = solution.X
-    if node.number >= len(X) or (X[node.number] != (node.x, node.y)).any():
+    if node.number >= len(X) or X[node.number].tolist() != [node.x, node.y]:
         raise ValueError(f"{node} is not a node of this solution; take a node of its scene")
     return node.number
 
