@@ -84,6 +84,11 @@ def all_of(flags: np.ndarray) -> bool:
     return np.count_nonzero(flags) == flags.size
 
 
+def any_of(values: np.ndarray) -> bool:
+    """Whether any value of an array is not zero; of few, far quicker than their method `any`."""
+    return np.count_nonzero(values) > 0
+
+
 def is_one_of(value, choices: Iterable) -> bool:
     """Whether a value is one of some texts or numbers; arrays are not."""
     return (isinstance(value, str) or _is_real(value)) and value in choices

@@ -28,6 +28,8 @@ class ParameterValues:
 
     def refill(self, scene: Scene) -> None:
         """Have the values of another scene with the same parameters."""
+        if not self.names:
+            return
         new = list(scene.parameters.functions.values())
         if [isinstance(of, Constant) for of in new] != [
             isinstance(of, Constant) for of in self.functions

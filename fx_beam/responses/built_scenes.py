@@ -32,7 +32,7 @@ _ROUNDING = 8 * np.finfo(float).eps
 def checked_numbers(x: Any) -> np.ndarray:
     """Numbers (m,) of a scene; SceneError for others."""
     values = numbers(x)
-    fits = values.ndim == 1 and values.size > 0 and bool(np.isfinite(values).all())
+    fits = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))
     require(fits, "Response: x", x, "a sequence of finite numbers")
     return values
 

@@ -67,7 +67,6 @@ _OWN: dict[type, tuple[str, ...]] = {
 }
 #: Kinds of values that are compared quickly.
 _PLAIN = {float, int, bool, str, type(None)}
-_COLLECTIONS = {list, dict, set}
 #: Parts of a scene that are known to be the same: the known ones by the id of the new ones.
 _Same = dict[int, Any]
 #: What follows from the rest of a scene.
@@ -101,6 +100,10 @@ class Structure:
             for name, part in vars(scene).items()
             if name not in _DERIVED[Scene]
         }
+        # Most parts are empty, or of plain values: these are compared all at once.
+        plain = [name for name, part in self._parts.items() if _is_plain(part)]
+        self._plain = [self._parts[name] for name in plain], _getter(plain)
+        self._others = {name: part for name, part in self._parts.items() if name not in plain}
         self._nodes = len(scene.nodes)
         self._functions = expressions_of(scene)
 
@@ -110,10 +113,9 @@ class Structure:
             raise OtherStructureError("another number of nodes")
         numbers, now = NUMBERS[Scene], vars(scene)
         same: _Same = {}
-        for name, known in self._parts.items():
+        plain, own = self._plain
+        for name, known in (self._others if [*own(scene)] == plain else self._parts).items():
             part = now[name]
-            if type(part) is type(known) in _COLLECTIONS and not part and not known:
-                continue
             try:
                 _check_part(name in numbers, part, known, same)
             except _DiffersError as differs:
@@ -123,6 +125,11 @@ class Structure:
             if own != known:
                 what = (own or known)[0]
                 raise OtherStructureError(f"{what} of your own differs in more than parameters")
+
+
+def _is_plain(part: Any) -> bool:
+    """Whether a part is a set, a count or a flag, or empty."""
+    return isinstance(part, set | int) or (isinstance(part, list | dict) and not part)
 
 
 def _check_part(is_number: bool, a: Any, b: Any, same: _Same) -> None:

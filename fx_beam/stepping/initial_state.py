@@ -14,7 +14,7 @@ from fx_beam.model.model import Model
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.constraints import slides_at_start
-from fx_beam.validation import all_of
+from fx_beam.validation import all_of, any_of
 
 from .coupled_rates import CoupledRates, coupled_rates
 from .forcing import Forcing
@@ -185,7 +185,7 @@ def _acceleration(
     a = np.zeros(reduction.columns)
     a[moved] = driven
     curved = np.zeros(model.size)
-    if model.scene.joints and w.any():
+    if model.scene.joints and any_of(w):
         k = 1e-4 / abs(state.v / model.unit).max()
         curved = _second_difference(model, w, k)
         if model.couplings.sliding:
@@ -220,7 +220,7 @@ def initial_rates(
 
     SceneError if they violate a support or a joint and the scene does not project them.
     """
-    v = state.v.copy() if state.v.any() else given_velocity(model)
+    v = state.v.copy() if any_of(state.v) else given_velocity(model)
     scene = model.scene
     if scene.projects_velocities:
         return projected_rates(model, coupled, v, driven)
@@ -267,7 +267,7 @@ def nearest_rates(
     reduction = model.reduction
     free, w = reduction.independent, _driven_rates(model, driven)
     missing = v - coupled.spread(w)
-    if len(free) and missing.any():
+    if len(free) and any_of(missing):
         weight = model.weight_of_rates if weight is None else weight
         w[free] = coupled.nearest(weight, missing)
     return reduction.completed(w)
@@ -291,7 +291,7 @@ def given_velocity(model: Model) -> np.ndarray:
         given = np.empty((len(nodes), 3))
         given[:, :2], given[:, 2:] = item.value.each(positions), item.spin.each(positions)
         twice = known[nodes]
-        if twice.any() or not all_of(np.isfinite(given)):
+        if any_of(twice) or not all_of(np.isfinite(given)):
             _check_velocities(model, positions, given, v[nodes], twice)
         v[nodes], known[nodes] = given, True
     return model.from_nodes(v)

@@ -68,7 +68,7 @@ def _least_energy(model: Model) -> float:
         section = beam.section
         if section.strain_energy is not None:
             return 0.0
-        if section.varies("EA"):
+        if callable(section.EA):
             gauss = dolfinx_api.gauss_points(beam.degree)
             EA = section.values("EA", arc_lengths(beam, gauss) / beam.length).min(axis=1)
             least = min(least, (EA * (beam.s[1:] - beam.s[:-1])).min() / 50)
