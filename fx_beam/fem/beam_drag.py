@@ -54,6 +54,7 @@ class PulledDrag:
     """
 
     def __init__(self, fields: Fields, rates: Any, shapes: Mapping[str, DataShape]):
+        self.fields = fields
         #: Symbols of the coefficients, and of the weights in the place of the test function.
         self.symbols = {name: fields.data(shape) for name, shape in shapes.items()}
         self.weight = dolfinx_api.Coefficient(fields.test.ufl_function_space())
@@ -62,6 +63,18 @@ class PulledDrag:
         flags = dolfinx_api.ONLY_IN_BATCHES
         forms = work_and_derivatives("work of drag", work, fields, self.symbols, flags)
         self.work = WorkOnWeights(forms, [self.weight])
+
+
+class LossToDrag:
+    """What the drag takes in a step, and its derivatives; as `PulledDrag`."""
+
+    def __init__(self, fields: Fields, rates: Any, shapes: Mapping[str, DataShape]):
+        self.fields = fields
+        self.symbols = {name: fields.data(shape) for name, shape in shapes.items()}
+        lost = drag_loss(fields.step(rates, "rates of the drag"), self.symbols)
+        lost *= fields.measure(fields.full_rule)
+        by = {f"drag {name}": symbol for name, symbol in self.symbols.items()}
+        self.forms = work_and_derivatives("loss to drag", lost, fields, by)
 
 
 class BeamDrag:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,30 +12,19 @@ from fx_beam.mechanics.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
 
-from . import dolfinx_api, interval_mesh
-from .beam_drag import BeamDrag, DragForms, PulledDrag, coefficients
+from . import dolfinx_api, interval_mesh, pulled_form
+from .beam_drag import BeamDrag, DragForms, LossToDrag, PulledDrag, coefficients
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .mesh import Mesh
 from .natural_fields import NaturalFields
 from .parameter_values import ParameterValues
-from .pulled_form import BoundPull, PulledForm, StoredForm, bound_forms, bound_pull
 from .resultant_derivatives import ResultantDerivatives, ResultantForm, bound
 from .section_fields import Data, DataShape, FilledField, distinct, on_beam, refill, section_data
-from .step_start import StepStart
+from .step_start import Part, StepStart
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
 
 Given = np.ndarray | None
-
-
-class Part(NamedTuple):
-    """A completed step, or a part of a halved one."""
-
-    interval: Interval
-    #: Increment (size,).
-    D: np.ndarray
-    #: Its start; rates only if resultants depend on them.
-    start: StepStart
 
 
 class BeamForms:
@@ -62,7 +51,9 @@ class BeamForms:
         #: How often data of beams were changed.
         self.changes = 0
         #: Derivatives of the stored energy by name, with their spaces; None until they are needed.
-        self._stored: dict[str, tuple[Any, Any]] | None = None
+        self._stored: tuple[dict, dict] | None = None
+        #: Those of what beams lose in a step.
+        self._lost: list[tuple[dict, dict]] | None = None
         #: Those of resultants.
         self._derived: ResultantDerivatives | None = None
         #: Forms by name: on the mesh, and as compiled.
@@ -224,9 +215,9 @@ class BeamForms:
 
     # -- Steps backwards ------------------------------------------------------------------------
 
-    def pulled(self) -> BoundPull:
+    def pulled(self) -> pulled_form.BoundPull:
         """The work of the internal forces on weights, and its derivatives."""
-        weak, data, spaces = self._varied(PulledForm)
+        weak, data, spaces = self._varied(pulled_form.PulledForm)
         data[weak.weight] = dolfinx_api.function(self._space)
         if weak.width:
             data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
@@ -255,27 +246,38 @@ class BeamForms:
             spaces["parameters"] = data[weak.more].function_space
         return weak, data, spaces
 
-    def pulled_drag(self) -> BoundPull:
+    def pulled_drag(self) -> pulled_form.BoundPull:
         """The work of the drag on weights, and its derivatives."""
-        assert self.drag is not None
-        fields, own = self._drag_fields, self._vary(self.of_drag)
+        plan, spaces, data = self._varied_drag(PulledDrag)
+        data[plan.weight] = dolfinx_api.function(data[plan.fields.increment].function_space)
+        return self._bound_pull(plan.work, spaces, data, plan.fields.increment)
+
+    def _varied_drag(self, kind: Any) -> tuple[Any, dict[str, Any], dict]:
+        """Forms of the drag of a kind, whose coefficients vary cell by cell.
+
+        And the spaces of these by name, and what is in the place of symbols.
+        """
+        own = self._vary(self.of_drag)
         shapes = {name: field.data.shape for name, field in own.items()}
-        plan = PulledDrag(fields, self._scheme.rates, shapes)
-        space, unknowns = self._unknowns(fields)
-        data = self._data | unknowns
+        plan = kind(self._drag_fields, self._scheme.rates, shapes)
+        data = self._data | self._unknowns(plan.fields)[1]
         data |= {plan.symbols[name]: field.on_mesh for name, field in own.items()}
-        data[plan.weight] = dolfinx_api.function(space)
-        spaces = {name: field.on_mesh.function_space for name, field in own.items()}
-        return self._bound_pull(plan.work, spaces, data, fields.increment)
+        return plan, {name: f.on_mesh.function_space for name, f in own.items()}, data
+
+    def _bind_drag_loss(self) -> tuple[dict, dict]:
+        plan, spaces, data = self._varied_drag(LossToDrag)
+        self._drag_increment = data[plan.fields.increment]
+        spaces = {f"drag {name}": space for name, space in spaces.items()}
+        return self._bound_forms(plan.forms, self._drag_increment.function_space, spaces, data)
 
     def _bound_pull(
         self, work: Any, spaces: dict[str, Any], data: Mapping, increment: Any
-    ) -> BoundPull:
+    ) -> pulled_form.BoundPull:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
         spaces = self._spaces_of_pull(data[increment].function_space, spaces)
         moving = [data[increment], *self.moving[1:], *(data[weight] for weight in work.weights)]
         on = self._mesh.mesh, spaces, data, self._subdomains
-        return bound_pull(work, *on, moving)
+        return pulled_form.bound_pull(work, *on, moving)
 
     def _spaces_of_pull(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
         nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
@@ -291,54 +293,66 @@ class BeamForms:
         "parameters" (n,) of the scene.
         """
         if self._stored is None:
-            self._stored = self._bind_stored()
+            self._stored = self._bind_energy(pulled_form.StoredForm, without=["times"])
         self._set(self._start, q)
         self._set_internal(internal)
         self.natural.set(natural)
-        found = {"q": np.zeros(len(q)), "X": np.zeros_like(self._mesh.X)}
-        for name, (form, space) in self._stored.items():
-            values, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
-            dolfinx_api.assemble_vector(values, form)
-            if name == "start":
-                found["q"][: len(values)] = values
-            elif name == "coordinates":
-                points = dolfinx_api.element_points(self._mesh.mesh)
-                found["X"][points] = values.reshape(-1, 2)[dofs]
-            elif name == "parameters":
-                found[name] = values.reshape(-1, len(self._weak.names)).sum(axis=0)
-            else:
-                found[name] = values.reshape(dofs.max() + 1, -1)[dofs]
+        found = self._assembled(*self._stored)
+        found["q"] = np.zeros(len(q))
+        found["q"][: self._mesh.in_beams] = found.pop("start")
+        return found
+
+    def _assembled(self, forms: Mapping, spaces: Mapping) -> dict[str, np.ndarray]:
+        """Derivatives by name, those by all parameters of the scene."""
+        found = pulled_form.assembled(forms, spaces, self._mesh)
         if "parameters" in found:
             of_all = np.zeros(len(self._parameters))
             of_all[self.parameters[1]] = found["parameters"]
             found["parameters"] = of_all
         return found
 
-    def _bind_stored(self) -> dict[str, tuple[Any, Any]]:
-        """Derivatives of the stored energy on the mesh by name, with the space of each."""
-        weak, data, spaces = self._varied(StoredForm, without=["times"])
-        forms = self._pulled_forms(weak.forms, self._space, spaces, data)
-        spaces |= {"start": self._mesh.space, **self.natural.spaces}
-        spaces["coordinates"] = interval_mesh.positions_space(self._mesh.mesh)
-        return {name: (forms[name][0], spaces[name]) for name in forms if name in spaces}
+    def _bind_energy(self, kind: Any, without: Iterable[str] = ()) -> tuple[dict, dict]:
+        """Derivatives of an energy on the mesh by name, and the space of each."""
+        weak, data, spaces = self._varied(kind, without)
+        return self._bound_forms(weak.forms, self._space, spaces, data)
+
+    def _bound_forms(
+        self, compiled: Any, space: Any, spaces: dict[str, Any], data: Mapping
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Derivatives on the mesh by name, those by coefficients in given spaces; all spaces."""
+        spaces = self._spaces_of_pull(space, spaces)
+        forms = pulled_form.bound_forms(compiled, self._mesh.mesh, spaces, data, self._subdomains)
+        return {name: forms[name][0] for name in forms if name in spaces}, spaces
+
+    def losses_by(self, part: Part) -> list[dict[str, np.ndarray]]:
+        """Derivatives of what beams lose in a completed step: of material and scheme, and of drag.
+
+        By "increment", "start" and "before" (size of beams,), "X", "internal" variables, strains
+        "natural" at the start and "natural_end", "parameters" (n,) of the scene, "stiffness",
+        "times", and coefficients of "drag ...".
+        """
+        if self._lost is None:
+            self._lost = [self._bind_energy(pulled_form.LossForm)] if any(self.of_loss[:2]) else []
+            self._lost += [self._bind_drag_loss()] if self.drag is not None else []
+        self.begin_part(part)
+        if self.drag is not None:
+            self._set(self._drag_increment, part.D)
+        return [self._assembled(*lost) for lost in self._lost]
 
     def derive_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
         if self._derived is None:
             weak, data, spaces = self._varied(ResultantForm)
-            nodal = {"increment": self._space, "start": self._mesh.space}
-            spaces |= nodal | {"before": self._mesh.space} | self.natural.spaces
-            mesh, tags = self._mesh.mesh, self._tags if self._tags.any() else None
-            weight = dolfinx_api.function(interval_mesh.gauss_space(mesh, self.fields.degree, 3))
+            mesh, degree = self._mesh.mesh, self.fields.degree
+            weight = dolfinx_api.function(interval_mesh.gauss_space(mesh, degree, 3))
             data[weak.weight] = weight
-            forms = self._pulled_forms(weak.forms, self._space, spaces, data)
+            forms, spaces = self._bound_forms(weak.forms, self._space, spaces, data)
 
             def bind(compiled: CompiledForm, space: Any, changes: dict[Any, Any]) -> Any:
-                return dolfinx_api.bind(compiled, mesh, space, data | changes, tags)
+                return dolfinx_api.bind(compiled, mesh, space, data | changes, self._subdomains)
 
-            of_mesh = bound(weak, forms, spaces, bind, self._mesh, weight)
-            degree, begin = self.fields.degree, self.begin_part
-            self._derived = ResultantDerivatives(of_mesh, self._mesh, degree, begin)
+            of_mesh = bound(weak, forms, spaces, bind, weight)
+            self._derived = ResultantDerivatives(of_mesh, self._mesh, degree, self.begin_part)
         return self._derived
 
     def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
@@ -348,11 +362,6 @@ class BeamForms:
             if name not in self._by_cells:
                 self._by_cells[name] = FilledField(field.data.by_cells(cells), self._mesh)
         return {name: self._by_cells[name] for name in fields}
-
-    def _pulled_forms(self, compiled: Any, space, spaces: dict[str, Any], data: Mapping) -> Any:
-        """Bind a work and its derivatives, those by coefficients in the given spaces."""
-        spaces = self._spaces_of_pull(space, spaces)
-        return bound_forms(compiled, self._mesh.mesh, spaces, data, self._subdomains)
 
     @property
     def _subdomains(self) -> np.ndarray | None:

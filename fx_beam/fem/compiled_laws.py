@@ -45,6 +45,7 @@ class CompiledLaw:
         named |= {f"{name} of {law.name}": self._function(of) for name, of in others.items()}
         made = point_functions(named, self.given)
         self._functions = dict(zip(["law", *others], made, strict=True))
+        self._derivatives: dict[str, PointFunction] = {}
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
         self.values = law.size + len(self.entries) + law.internal + law.remembered
         if law.at_zero:
@@ -83,20 +84,20 @@ class CompiledLaw:
         size = count + law.size + law.internal
         return point_functions({f"derivatives of {law.name}": values}, size)[0]
 
-    @functools.cached_property
-    def energy_by(self) -> PointFunction:
-        """Derivatives of the stored energy by all given."""
-        first, energy = arguments(self.law), self.law.energy
-        assert energy is not None
+    def derivatives(self, of: str) -> PointFunction:
+        """Derivatives of its "energy" or "loss" by all given."""
+        if of not in self._derivatives:
+            first, energy = arguments(self.law), getattr(self.law, of)
 
-        def values(numbers: Any) -> Any:
-            given = ufl.variable(ufl.as_vector([numbers[i] for i in range(self.given)]))
-            by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
-            with not_numbers():
-                return ufl.diff(replaced(energy(self._motion(given)), by_name), given)
+            def values(numbers: Any) -> Any:
+                given = ufl.variable(ufl.as_vector([numbers[i] for i in range(self.given)]))
+                by_name = {name: given[first + i] for i, name in enumerate(self.parameters)}
+                with not_numbers():
+                    return ufl.diff(replaced(energy(self._motion(given)), by_name), given)
 
-        name = f"derivatives of the energy of {self.law.name}"
-        return point_functions({name: values}, self.given)[0]
+            name = f"derivatives of the {of} of {self.law.name}"
+            (self._derivatives[of],) = point_functions({name: values}, self.given)
+        return self._derivatives[of]
 
     def _names(self, motion: Motion, others: dict[str, Values]) -> list[str]:
         with not_numbers():

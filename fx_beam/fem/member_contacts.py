@@ -259,7 +259,9 @@ class MemberContacts:
         `internal` has all variables at points. Returns those by the places of nodes, (nodes, 2).
         """
         of_q = np.zeros(len(q))
-        by = [0 if law.law.energy is None else law.energy_by.address for law in self.laws]
+        by = [
+            0 if law.law.energy is None else law.derivatives("energy").address for law in self.laws
+        ]
         functions = self._ffi.new("Law *[]", [self._ffi.cast("Law *", at) for at in by])
         arrays = (self._of(x) for x in (of_q, to["internal"], to["members"]))
         self._c.fx_energy_by_members(self._all, self._of(q), self._of(internal), functions, *arrays)

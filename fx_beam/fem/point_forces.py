@@ -413,32 +413,52 @@ class PointForces:
 
         With contact of members also by "members", their numbers, and the places "X" of nodes.
         """
-        sizes = {"q": len(q), "slides": len(slides), "internal": self.width}
-        sizes |= {"numbers": len(self.numbers), "parameters": len(self._names)}
-        found = {name: np.zeros(size) for name, size in sizes.items()}
         self.energy(q, slides, internal)  # which places all forces
-        first = 0
+        found = self._sums("energy", len(q), len(slides))
+        if self.members is not None:
+            found["members"] = np.zeros(len(self.members.numbers))
+            variables = np.zeros(self.width) if internal is None else internal
+            found["X"] = self.members.add_energy_by(q, variables, found)
+        return found
+
+    def losses_by(self, D: np.ndarray, slides: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of `loss`, for increments of nodes (size,) and of slides (joints,).
+
+        By "q" and "slides" at the start, their "increment" and "slide increment", "internal"
+        variables, "numbers" and "parameters". Losses of members that touch are left out.
+        """
+        self._D, self._z = D, np.zeros(int(self.columns.max(initial=-1)) + 1)
+        self._z[self.columns] = slides[self.slides]
+        self.loss()  # which moves all forces
+        return self._sums("loss", len(D), len(slides))
+
+    def _sums(self, of: str, size: int, joints: int) -> dict[str, np.ndarray]:
+        """Derivatives of the sum of an energy of all forces by what they are given, by name."""
+        sizes = {"q": size, "increment": size, "slides": joints, "slide increment": joints}
+        sizes |= {"internal": self.width, "numbers": len(self.numbers)}
+        found = {name: np.zeros(size) for name, size in sizes.items()}
+        found["parameters"], first = np.zeros(len(self._names)), 0
         for force, law, given, own in zip(
             self._forces, self._laws, self._given, self._first_internal, strict=True
         ):
             size, last, numbers = law.law.size, arguments(law.law), law.law.numbers
-            if law.law.energy is not None:
-                by = law.energy_by(given)
-                if force.slide >= 0:
-                    found["slides"][force.slide] += by[0]
-                else:
-                    dofs = np.array(force.dofs)
-                    np.add.at(found["q"], dofs[dofs >= 0], by[:size][dofs >= 0])
+            if getattr(law.law, of) is not None:
+                by = law.derivatives(of)(given)
+                for part, on_slide, at_nodes in (
+                    (by[:size], "slides", "q"),
+                    (by[size : 2 * size], "slide increment", "increment"),
+                ):
+                    if force.slide >= 0:
+                        found[on_slide][force.slide] += part[0]
+                    else:
+                        dofs = np.array(force.dofs)
+                        np.add.at(found[at_nodes], dofs[dofs >= 0], part[dofs >= 0])
                 at = 3 * size + 2
                 found["internal"][own : own + law.law.internal] += by[at : at + law.law.internal]
                 found["numbers"][first : first + numbers] += by[last - numbers : last]
                 for i, name in enumerate(law.parameters):
                     found["parameters"][self._names.index(name)] += by[last + i]
             first += numbers
-        if self.members is not None:
-            found["members"] = np.zeros(len(self.members.numbers))
-            variables = np.zeros(self.width) if internal is None else internal
-            found["X"] = self.members.add_energy_by(q, variables, found)
         return found
 
     def evolve(self) -> np.ndarray | None:

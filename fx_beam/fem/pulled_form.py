@@ -8,10 +8,16 @@ from typing import Any, NamedTuple
 import ufl
 from ufl.algorithms import expand_derivatives
 
+import numpy as np
+
 from . import dolfinx_api, ffcx_api
 from .dolfinx_api import CompiledForm
 from .fields import Fields
+from .mesh import Mesh
 from .weak_form import WeakForm
+
+#: Names of the derivatives by nodal vectors.
+NODAL = "increment", "start", "before"
 
 
 class WorkOnWeights:
@@ -157,15 +163,57 @@ class StoredForm(WeakForm):
         super().__init__(*arguments)
 
     def _compile(self) -> None:
-        by = {} if self.stiffness is None else {"stiffness": self.stiffness}
-        if self.width:
-            by["internal"] = self.internal
-        if self.has_natural:
-            by["natural"] = self.fields.natural[0]
-        #: Zero, added to the parameters of each element.
-        self.more = None
-        if self.parameters is not None:
-            self.more = by["parameters"] = self.fields.data((1, self.parameters.ufl_shape))
-            self._stored = ufl.replace(self._stored, {self.parameters: self._values + self.more})
-        #: As `PulledForm.forms`.
-        self.forms = work_and_derivatives("stored energy", self._stored, self.fields, by)
+        #: As `PulledForm.forms`; and zero, added to the parameters of each element.
+        self.forms, self.more = energy_forms(self, "stored energy", self._stored, self._values)
+
+
+class LossForm(WeakForm):
+    """What material and scheme take in a step, and its derivatives by all that it depends on."""
+
+    def __init__(self, parameters: Any, *arguments: Any):
+        #: UFL's constant of the values of parameters; None without any.
+        self._values = parameters
+        super().__init__(*arguments)
+
+    def _compile(self) -> None:
+        lost = self._losses["lost energy"] + self._losses["scheme's loss"]
+        #: As those of `StoredForm`.
+        self.forms, self.more = energy_forms(self, "lost energy", lost, self._values)
+
+
+def energy_forms(
+    weak: WeakForm, name: str, energy: Any, values: Any
+) -> tuple[dict[str, CompiledForm], Any]:
+    """An energy and its derivatives, and zero that is added to the parameters of each element."""
+    natural, natural_end = weak.fields.natural
+    by = {"stiffness": weak.stiffness, "times": weak.times, "internal": weak.internal}
+    by |= {"natural": natural, "natural_end": natural_end, "before": weak.fields.before}
+    more: Any = None
+    if weak.parameters is not None:
+        more = by["parameters"] = weak.fields.data((1, weak.parameters.ufl_shape))
+        energy = ufl.replace(energy, {weak.parameters: values + more})
+    there = {what: symbol for what, symbol in by.items() if symbol in energy.coefficients()}
+    return work_and_derivatives(name, energy, weak.fields, there), more
+
+
+def assembled(
+    forms: Mapping[str, Any], spaces: Mapping[str, Any], mesh: Mesh
+) -> dict[str, np.ndarray]:
+    """Derivatives by name: those in `NODAL` (size of beams,), by places "X", and "parameters" (n,).
+
+    Others, at Gauss points or on cells, (cells, points, ...).
+    """
+    found = {}
+    for name, form in forms.items():
+        space = spaces[name]
+        values, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
+        dolfinx_api.assemble_vector(values, form)
+        if name in NODAL:
+            found[name] = values[: mesh.in_beams]
+        elif name == "coordinates":
+            found["X"] = np.zeros_like(mesh.X)
+            found["X"][dolfinx_api.element_points(mesh.mesh)] = values.reshape(-1, 2)[dofs]
+        else:
+            at_points = values.reshape(dofs.max() + 1, -1)
+            found[name] = at_points.sum(axis=0) if name == "parameters" else at_points[dofs]
+    return found

@@ -9,9 +9,9 @@ import ufl
 
 import numpy as np
 
-from . import dolfinx_api, interval_mesh
+from . import dolfinx_api
 from .mesh import Mesh
-from .pulled_form import work_and_derivatives
+from .pulled_form import NODAL, assembled, work_and_derivatives
 from .weak_form import WeakForm
 
 
@@ -96,27 +96,16 @@ class ResultantDerivatives:
         sections, strains "natural" at the start and "natural_end", "parameters", and "X".
         """
         self._begin(part)
-        bound, found = self._bound, {}
+        bound = self._bound
         dolfinx_api.set_at_gauss_points(bound.weight, weights / self._point_weights)
-        for name, form in bound.forms.items():
-            space = bound.spaces[name]
-            values, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
-            dolfinx_api.assemble_vector(values, form)
-            if name in _NODAL:
-                found[name] = values[: self._mesh.in_beams]
-            elif name == "coordinates":
-                found["X"] = self._of_points(values, dofs)
-            else:
-                at_points = values.reshape(dofs.max() + 1, -1)
-                found[name] = at_points.sum(axis=0) if name == "parameters" else at_points[dofs]
-        return found
+        return assembled(bound.forms, bound.spaces, self._mesh)
 
     def push(self, part: Any, changes: Mapping[str, np.ndarray]) -> np.ndarray:
         """Changes (cells, points, 3) of N, Q and M from those by these names."""
         self._begin(part)
         for name, field in self._bound.changes.items():
             array, dofs = field.x.array, dolfinx_api.element_dofs(field.function_space)
-            if name in _NODAL:
+            if name in NODAL:
                 array[: self._mesh.in_beams] = changes[name][: self._mesh.in_beams]
             elif name == "coordinates":
                 points = dolfinx_api.element_points(self._mesh.mesh)
@@ -130,27 +119,16 @@ class ResultantDerivatives:
         dolfinx_api.assemble_vector(values, self._bound.change)
         return values.reshape(-1, 3)[dofs] / self._point_weights
 
-    def _of_points(self, values: np.ndarray, dofs: np.ndarray) -> np.ndarray:
-        found = np.zeros_like(self._mesh.X)
-        found[dolfinx_api.element_points(self._mesh.mesh)] = values.reshape(-1, 2)[dofs]
-        return found
-
-
-_NODAL = "increment", "start", "before"
-
 
 def bound(
     weak: ResultantForm,
-    forms: Mapping[str, tuple[Any, Any]],
+    forms: Mapping[str, Any],
     spaces: Mapping[str, Any],
     bind: Callable[[Any, Any, dict[Any, Any]], Any],
-    mesh: Mesh,
     weight: Any,
 ) -> Bound:
     """A form on a mesh, where its derivatives are bound to spaces; `bind` binds its change."""
-    spaces = {**spaces, "coordinates": interval_mesh.positions_space(mesh.mesh)}
     changes = {name: dolfinx_api.function(spaces[name]) for name in weak.changes}
     data = {symbol: changes[name] for name, symbol in weak.changes.items()}
     change = bind(weak.change, weight.function_space, data)
-    own = {name: form for name, (form, _) in forms.items() if name in spaces}
-    return Bound(own, change, changes, weight, spaces)
+    return Bound(forms, change, changes, weight, spaces)

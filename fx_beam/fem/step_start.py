@@ -1,10 +1,12 @@
-"""The start of a step, as far as forces depend on it."""
+"""The start of a step, as far as forces depend on it, and a completed step."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+
+from fx_beam.mechanics.interval import Interval
 
 _NONE = np.empty(0)
 
@@ -30,3 +32,13 @@ class StepStart(NamedTuple):
     parameters: np.ndarray | None = None
     #: Natural strains (cells, degree, 3) at the start and at the end of the step, if there are any.
     natural: tuple[np.ndarray, np.ndarray] | None = None
+
+
+class Part(NamedTuple):
+    """A completed step, or a part of a halved one."""
+
+    interval: Interval
+    #: Increment (size,).
+    D: np.ndarray
+    #: Its start; rates only if resultants depend on them.
+    start: StepStart

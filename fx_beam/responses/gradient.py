@@ -49,3 +49,18 @@ class Gradient:
 def along(changes: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Products (m,) of changes (m, ...) and a gradient."""
     return changes.reshape(len(changes), -1) @ np.ravel(gradient)
+
+
+def weights_of_steps(ends: np.ndarray, weights: np.ndarray, later: float, count: int) -> np.ndarray:
+    """Sums (count,) of the weights (n,) of all rows after each step, which sums over steps have.
+
+    Rows are after `ends` (n,) steps; `later` is the sum of the weights of still later rows.
+    """
+    at_ends = np.bincount(ends, weights, count + 1)
+    at_ends[-1] += later
+    return at_ends[::-1].cumsum()[::-1][1:]
+
+
+def sums_after(of_steps: np.ndarray) -> np.ndarray:
+    """Sums (k + 1, m) of values (k, m) of steps before the first, and after each."""
+    return np.concatenate([np.zeros((1, of_steps.shape[1])), of_steps.cumsum(axis=0)])

@@ -19,7 +19,16 @@ from .gradient import Gradient
 from .linear_outputs import LinearOutput, Places, linear_output, needs_rates
 from .natural_gradients import NaturalRows
 from .resultant_outputs import ResultantOutput, SubSteps
-from .work_outputs import SINCE_START, StepWork, WorkOutput, check_work, fits_rates, sums_steps
+from .step_losses import StepLosses
+from .work_outputs import (
+    SINCE_START,
+    StepWork,
+    WorkOutput,
+    check_work,
+    fits_rates,
+    sums_losses,
+    sums_steps,
+)
 
 #: States (n, ...) before some sub-steps, by the names of the derivatives by them.
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -32,7 +41,8 @@ def check_outputs(
     for name, output in outputs.items():
         if output.quantity in SINCE_START:
             check_work(model, output, name, rests)
-        if isinstance(output.of, Beam) and not tape.is_whole:
+        parted = model.forms.needs_before and sums_losses(model, output)
+        if (isinstance(output.of, Beam) or parted) and not tape.is_whole:
             raise SceneError(
                 f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
                 "Give Response more memory"
@@ -100,15 +110,18 @@ class Observation:
         model, places, states = self._model, self._places, self._states
         if output.quantity in SINCE_START:
             is_first = self._part.first == 0
-            return WorkOutput(model, output.quantity, is_first, self._energy_at, self._step_work)
+            sums = self._step_work, self._step_losses
+            return WorkOutput(model, output.quantity, is_first, self._energy_at, *sums)
         if isinstance(output.of, Scene):
             return self._energy(output.quantity, states, places.ends)
         if isinstance(output.of, Beam):
-            values = None if self._values is None else self._values[1:, 0]
-            natural = NaturalRows(model, self._tape) if model.natural else None
-            of = SubSteps(model, self._tape, self.boundaries, states, values, natural)
-            return ResultantOutput(of, output.of, output.quantity, places)
+            return ResultantOutput(self._sub_steps(), output.of, output.quantity, places)
         return linear_output(model, output, places, states)
+
+    def _sub_steps(self) -> SubSteps:
+        values = None if self._values is None else self._values[1:, 0]
+        natural = NaturalRows(self._model, self._tape) if self._model.natural else None
+        return SubSteps(self._model, self._tape, self.boundaries, self._states, values, natural)
 
     def _energy(self, quantity: str, states: dict[str, np.ndarray], ends: np.ndarray):
         given = self._parameters(ends), self._naturals(ends)
@@ -124,6 +137,10 @@ class Observation:
         states = {name: rows[first - end - 1 :] for name, rows in self._states.items()}
         ends = self.boundaries[self._places.ends] - first
         return StepWork(self._model, self._tape, states, self._forces(), ends)
+
+    def _step_losses(self) -> StepLosses:
+        ends = self.boundaries[self._places.ends] - self._part.first
+        return StepLosses(self._sub_steps(), self._states, ends)
 
     def _parameter_values(self) -> np.ndarray | None:
         """Values (1 + sub-steps, 2, n) of the parameters at the start, and in all sub-steps."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.compiled.tape import Part as TapePart
 from fx_beam.compiled.tape import Tape
-from fx_beam.fem.beam_forms import Part
-from fx_beam.fem.step_start import StepStart
+from fx_beam.fem.step_start import Part, StepStart
 from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
 from fx_beam.scene.beam import Beam
@@ -21,8 +21,8 @@ from .natural_gradients import NaturalRows
 
 # Length of the short step for the resultants at the start, relative to the first step.
 _SHORT = 1e-9
-# Of natural strains of a sub-step, that before which they are; -1 stands for the start of the run.
-_NATURAL = {"natural": lambda k: max(k, 0), "natural_end": lambda k: k + 1}
+#: Of natural strains of a sub-step, that before which they are; -1 stands for the start of the run.
+NATURAL = {"natural": lambda k: max(k, 0), "natural_end": lambda k: k + 1}
 _OF_NUMBERS = {"stiffness": "stiffness", "times": "retardation"}
 
 
@@ -46,6 +46,11 @@ class SubSteps:
         self._boundaries = boundaries
         #: Values of the parameters (sub-steps, n) at the level of the scheme.
         self._parameters = parameters
+
+    @property
+    def present(self) -> TapePart:
+        """The sub-steps that are on the tape now."""
+        return self._tape.present
 
     def places(self, k: int) -> tuple[int, int, int]:
         """Of the states before and after sub-step k, and of that a sub-step earlier."""
@@ -123,7 +128,7 @@ class ResultantOutput:
                     q[place, :n] += by.pop(name)
             if "internal" in by:
                 to.at("internal")[before] += by.pop("internal").ravel()
-            for name, boundary in _NATURAL.items():
+            for name, boundary in NATURAL.items():
                 if of.natural is not None and name in by:
                     of.natural.pull(boundary(k), by.pop(name), to)
             for i, value in zip(self._parameters, by.pop("parameters", ()), strict=False):
@@ -152,7 +157,7 @@ class ResultantOutput:
                 own["X"] = changes["X"][j]
                 if of.natural is not None:
                     natural = of.natural
-                    own |= {n: natural.push(at(k), changes, j) for n, at in _NATURAL.items()}
+                    own |= {n: natural.push(at(k), changes, j) for n, at in NATURAL.items()}
                 at = [self._parameter(k, int(i)) for i in self._parameters]
                 values = [changes[name][j].ravel()[i] for name, i in at]
                 own["parameters"] = np.array(values)

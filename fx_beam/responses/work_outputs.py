@@ -2,7 +2,8 @@
 
 The work of dead loads and driven motions is a sum over the steps, of any scheme. In each step of a
 scheme that conserves energy E + dissipated - work stays the same: so what is dissipated follows
-from the work, or other works follow from the energy where nothing is dissipated.
+from the work, or other works follow from the energy and what is dissipated. Where both are unknown,
+or energy is not conserved, what is dissipated is a sum over the steps as well.
 """
 
 from __future__ import annotations
@@ -22,23 +23,30 @@ from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.full_turns import without_turns
 
 from .energy_gradients import EnergyOutput
-from .gradient import Gradient
+from .gradient import Gradient, sums_after, weights_of_steps
+from .step_losses import StepLosses, why_no_losses
 
 #: Quantities of scenes that add up over the steps.
 SINCE_START = "work", "dissipated_energy"
 
 
 class _Parts(NamedTuple):
-    """What a quantity since the start is the sum of: the signs of energy and of work of steps."""
+    """What a quantity since the start is the sum of: the signs of energy, work and losses."""
 
-    energy: int
-    steps: int
+    energy: int = 0
+    steps: int = 0
+    losses: int = 0
 
 
 def _parts(model: Model, quantity: str) -> _Parts:
+    others, loses = bool(_other_work(model)), model.forms.dissipate
     if quantity == "work":
-        return _Parts(1, 0) if _other_work(model) else _Parts(0, 1)
-    return _Parts(-1, 1) if model.forms.dissipate else _Parts(0, 0)
+        return _Parts(energy=1, losses=int(loses)) if others else _Parts(steps=1)
+    if not loses:
+        return _Parts()
+    if model.scheme.balances_energy and not others:
+        return _Parts(energy=-1, steps=1)
+    return _Parts(losses=1)
 
 
 def _other_work(model: Model) -> str:
@@ -54,7 +62,15 @@ def _other_work(model: Model) -> str:
 
 def sums_steps(model: Model, output: Output) -> bool:
     """Whether an output is a sum over all steps before."""
-    return output.quantity in SINCE_START and bool(_parts(model, output.quantity).steps)
+    if output.quantity not in SINCE_START:
+        return False
+    parts = _parts(model, output.quantity)
+    return bool(parts.steps or parts.losses)
+
+
+def sums_losses(model: Model, output: Output) -> bool:
+    """Whether it is a sum of what is lost in these."""
+    return output.quantity in SINCE_START and bool(_parts(model, output.quantity).losses)
 
 
 def fits_rates(model: Model, output: Output) -> bool:
@@ -76,16 +92,13 @@ def check_work(model: Model, output: Output, name: str, rests: bool) -> None:
             "before the motion depends on x as well. Start from a solution"
         )
     elif parts.energy and not model.scheme.balances_energy:
-        reason = f"where {others} do work" if output.quantity == "work" else "of all steps"
         why = (
-            f"follows from the balance of energy {reason}, which is not exact with "
+            f"follows from the balance of energy where {others} do work, which is not exact with "
             f"{model.scheme.name}. Use EnergyMomentum"
         )
-    elif others and model.forms.dissipate:
-        why = (
-            f"has no derivatives where energy is dissipated and {others} do work: the balance "
-            'of energy gives only their difference, which fx_beam.Output("total_energy", ...) has'
-        )
+    elif parts.losses and (reason := why_no_losses(model)):
+        advice = f", as {others} do work" if others else ". Use EnergyMomentum"
+        why = f"is the sum of the losses of steps, without derivatives where {reason}{advice}"
     if why:
         raise SceneError(f"the output {name!r}, {output}, {why}")
 
@@ -104,6 +117,7 @@ class WorkOutput:
         is_first: bool,
         energy: Callable[[str, bool], EnergyOutput],
         steps: Callable[[], StepWork],
+        losses: Callable[[], StepLosses],
     ):
         parts = _parts(model, quantity)
         #: Energies with their signs, at the rows, and at the start of the run.
@@ -119,7 +133,12 @@ class WorkOutput:
         if is_first:
             self._at_start = f"{quantity} at the start"
             self._before = energy("energy of steps", True) if parts.energy else None
-        self._steps = steps() if parts.steps else None
+        #: Sums over the steps, with their signs.
+        self._sums: list[tuple[int, StepWork | StepLosses]] = []
+        if parts.steps:
+            self._sums.append((parts.steps, steps()))
+        if parts.losses:
+            self._sums.append((parts.losses, losses()))
 
     def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """Add the derivatives of the sum of weights (n,) times the quantity.
@@ -133,8 +152,8 @@ class WorkOutput:
             to.add_number(self._at_start, 0, total)
         if self._before is not None:
             self._before.pull(np.array([-self._sign * total]), to)
-        if self._steps is not None:
-            self._steps.pull(weights, later, to)
+        for sign, of_steps in self._sums:
+            of_steps.pull(sign * weights, sign * later, to)
 
     def push(
         self,
@@ -154,9 +173,9 @@ class WorkOutput:
         found = np.tile(before, (rows, 1))
         for sign, energy in self._at_rows:
             found += sign * energy.push(rows, of_state, changes)
-        if self._steps is not None:
-            sums = self._steps.push(of_state, changes)
-            found += sums[self._steps.ends]
+        for sign, of_steps in self._sums:
+            sums = sign * of_steps.push(of_state, changes)
+            found += sums[of_steps.ends]
             before += sums[-1]
         return found
 
@@ -200,9 +219,7 @@ class StepWork:
 
     def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """Add the derivatives of the sum of weights (n,) times the work, and `later` all of it."""
-        at_ends = np.bincount(self.ends, weights, len(self._factors) + 1)
-        at_ends[-1] += later
-        of_steps = at_ends[::-1].cumsum()[::-1][1:, None]
+        of_steps = weights_of_steps(self.ends, weights, later, len(self._factors))[:, None]
         for name, own in (("q", self._by_increments), ("slides", self._by_slides)):
             to.at(name)[-len(own) :] += of_steps * own
             to.at(name)[-len(own) - 1 : -1] -= of_steps * own
@@ -228,7 +245,7 @@ class StepWork:
         factors = changes["loads"][:, self._own].mean(axis=2)
         of_steps += np.einsum("mkl,kl->km", factors, self._unit_works)
         of_steps += (self._factors[:, self._of_entry] * self._at_entries) @ changes["columns"].T
-        return np.concatenate([np.zeros((1, of_steps.shape[1])), of_steps.cumsum(axis=0)])
+        return sums_after(of_steps)
 
 
 def _driven_paths(model: Model) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.fem.beam_forms import BeamForms, Part
-from fx_beam.fem.step_start import StepStart
+from fx_beam.fem.beam_forms import BeamForms
+from fx_beam.fem.step_start import Part, StepStart
 from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
 from fx_beam.results.files import writable
