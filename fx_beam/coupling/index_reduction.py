@@ -83,6 +83,12 @@ class Reduction(Protocol):
     def independent(self) -> np.ndarray:
         """Unknowns that follow no others: all, but for those that close loops."""
 
+    def moves_alone(self, dofs: np.ndarray) -> np.ndarray:
+        """Whether each unknown (free,) equals one of some degrees of freedom (size,).
+
+        So far as it is known.
+        """
+
     def begin(self, q: np.ndarray, slides: np.ndarray) -> None:
         """Set the start of a step: displacements and rotations, and slides."""
 
@@ -236,6 +242,10 @@ class IndexReduction(WithoutLoops):
 
     def begin(self, q, slides) -> None:
         """Nothing depends on the step."""
+
+    def moves_alone(self, dofs):
+        """Every unknown equals its degrees of freedom."""
+        return np.bincount(self._column[dofs], minlength=self.columns)[: self.free] > 0
 
     def expand(self, y, driven):
         """Increment of all degrees of freedom."""

@@ -319,6 +319,14 @@ class JointReduction(WithoutLoops):
         self.ties.collect_whether(counts, self._values)
         return counts[: self.free] > 0
 
+    def moves_alone(self, dofs):
+        """Those of degrees of freedom that depend on nothing else; not on loops or beams."""
+        if len(self.ties) or self.sliders is not None:
+            return np.zeros(self.free, dtype=bool)
+        alone = np.bincount(self._row, minlength=self._size) == 1
+        own = alone[self._row] & dofs[self._row] & (self._value_at == 0)
+        return np.bincount(self._col[own], minlength=self.columns)[: self.free] > 0
+
     def carried(self, r):
         """Forces (size,) with those of sliding nodes on their beams."""
         if self.sliders is None:

@@ -86,6 +86,8 @@ class Loads:
 
     def at(self, t: float) -> np.ndarray:
         """Nodal forces (size,) [N, N m] at the time t [s]; StepError if a function fails."""
+        if not self._functions:
+            return np.zeros(self.columns.shape[0])
         return self.columns @ np.concatenate(
             [np.empty(0), *(evaluate(function, t, what) for function, what in self._functions)]
         )

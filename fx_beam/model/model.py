@@ -316,10 +316,12 @@ class Model:
 
     @functools.cached_property
     def needs_accelerations(self) -> bool:
-        """Whether steps, or nodes without mass, need the accelerations at the start."""
+        """Whether steps, or unknowns without mass, need the accelerations at the start."""
         by_mean, beams = type(self.scheme.rates) is MidPointRates, self.forms.beams
         read = beams is not None and (beams.needs_rates or beams.resultants_need_rates)
-        return read or not by_mean or len(self.scheme.fractions) > 1 or bool(self.massless.any())
+        if read or not by_mean or len(self.scheme.fractions) > 1:
+            return True
+        return not self.reduction.moves_alone(~self.massless).all()
 
     @property
     def finds_accelerations_later(self) -> bool:

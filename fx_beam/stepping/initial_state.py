@@ -54,12 +54,11 @@ def _moving_state(
 ) -> tuple[State, bool]:
     """The state with rates and accelerations, and whether parts without mass are unbalanced."""
     rates, accelerations = _begin(model, forcing, state, dt)
-    coupled = coupled_rates(model)
     if state.fitted is None:
-        w = initial_rates(model, state, coupled, rates)
+        w = initial_rates(model, state, rates)
         state = state.changed(v=model.reduction.spread(w))
     else:
-        w = projected_rates(model, coupled, state.fitted, rates)
+        w = projected_rates(model, coupled_rates(model), state.fitted, rates)
         v = model.reduction.spread(w)
         lost = model.mass @ (state.fitted - v)
         by_driven = -float(lost @ v) if model.couplings.driven else 0.0
@@ -67,6 +66,7 @@ def _moving_state(
     if not accelerates:
         return state, False
     loads = forcing.forces(Interval(state.t, state.t + dt))
+    coupled = coupled_rates(model)
     a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt, loads)
     return state.changed(a=a), rest
 
@@ -213,15 +213,16 @@ def _second_difference(model: Model, w: np.ndarray, k: float) -> np.ndarray:
     return (ahead + back) / k**2
 
 
-def initial_rates(
-    model: Model, state: State, coupled: CoupledRates, driven: np.ndarray
-) -> np.ndarray:
+def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
     """Rates (columns,) from the initial velocities of the scene and from driven motion.
 
     SceneError if they violate a support or a joint and the scene does not project them.
     """
-    v = state.v.copy() if any_of(state.v) else given_velocity(model)
     scene = model.scene
+    if not (any_of(state.v) or scene.velocities or any_of(driven)):
+        return np.zeros(model.reduction.columns)
+    v = state.v.copy() if any_of(state.v) else given_velocity(model)
+    coupled = coupled_rates(model)
     if scene.projects_velocities:
         return projected_rates(model, coupled, v, driven)
     w = nearest_rates(model, coupled, v, driven)

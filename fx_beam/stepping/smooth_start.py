@@ -28,8 +28,7 @@ def smooth_start(
 
     The same state for schemes without sub-steps, whose forces are of order two.
     """
-    fits = model.fitted_rates
-    if fits is None or len(model.scheme.fractions) == 1:
+    if len(model.scheme.fractions) == 1 or (fits := model.fitted_rates) is None:
         return state
     counts = copy(vars(stats)) | {"ended_by": dict(stats.ended_by)}
     end = stepper.trial(state, state.t + dt).state
