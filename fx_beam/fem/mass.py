@@ -58,6 +58,8 @@ class Mass:
         #: Densities by name, on the mesh.
         self._fields = {name: FilledField(own, self._mesh) for name, own in data.items()}
         self._form: Any = None
+        #: Values of the beams, None before they are assembled.
+        self._of_beams: np.ndarray | None = None
         if data:
             shapes = (data[name].shape if name in data else None for name in ("rhoA", "rhoI"))
             compiled, densities = _mass_form(self._beams.fields.plain, *shapes)
@@ -73,8 +75,9 @@ class Mass:
         self.changes += 1
         mass.data[:] = 0.0
         if self._form is not None:
-            beams = self._beams
-            mass.data[beams.value_at] = dolfinx_api.entries(self._form, beams.matrix)
+            if self._of_beams is None:
+                self._of_beams = dolfinx_api.entries(self._form, self._beams.matrix)
+            mass.data[self._beams.value_at] = self._of_beams
         if self._scene.masses:
             mass.data[self._diagonal] += self._mesh.from_nodes(self.lumped)
 
@@ -92,11 +95,13 @@ class Mass:
         """
         mass, masses, gravity, given = self.matrix, self._masses, self._gravity, self._given
         self._read(scene)
-        other = moved or masses != self._masses
+        anew = moved
         # Functions may give other values.
         if given != self._given or any(callable(value) for pair in given for value in pair):
-            other |= bool(refill(self._fields, self._densities()))
-        heavier = False
+            anew |= bool(refill(self._fields, self._densities()))
+        if anew:
+            self._of_beams = None
+        other, heavier = anew or masses != self._masses, False
         if other:
             before = mass.data.copy()
             self.__dict__.pop("lumped", None)

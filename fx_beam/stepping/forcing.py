@@ -69,18 +69,17 @@ class Forcing:
         if not self._driven:
             return np.empty(0), np.empty(0)
         # One-sided differences of second order: a motion need not be defined before the start.
-        # Differences to the start have no rounding error if the motion is constant.
-        f0 = self.positions(t)
-        d1, d2 = (self.positions(t + k * h) - f0 for k in (1, 2))
+        # Differences to the start have no rounding error if the motion is constant. Second
+        # differences use longer steps, since rounding errors are divided by h^2.
+        f0, *others = self.series(t + h * np.array([0, 1, 2, 100, 10, 20, 30]))
+        d1, d2, far, e1, e2, e3 = (f - f0 for f in others)
         rates = (4 * d1 - d2) / (2 * h)
         # Rates below the error of these differences are set to zero.
-        rates[abs(rates) < 1e-3 * abs(self.positions(t + 100 * h) - f0) / (100 * h)] = 0.0
-        # Second differences use longer steps, since rounding errors are divided by h^2. Values
-        # below the rounding error are set to zero.
+        rates[abs(rates) < 1e-3 * abs(far) / (100 * h)] = 0.0
         h *= 10
-        d1, d2, d3 = (self.positions(t + k * h) - f0 for k in (1, 2, 3))
-        bend = 4 * d2 - 5 * d1 - d3
-        bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(d3))] = 0.0
+        bend = 4 * e2 - 5 * e1 - e3
+        # Values below the rounding error as well.
+        bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(e3))] = 0.0
         return rates, bend / h**2
 
     def end_rates(self, ends: np.ndarray, lengths: np.ndarray) -> np.ndarray:
