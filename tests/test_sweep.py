@@ -71,6 +71,17 @@ def square(case):
 # -- Processes -----------------------------------------------------------------------------------
 
 
+def test_of_short_cases_that_go_together_each_has_its_own_fate(lists):
+    """A process is given several at once; one that kills it, or cannot be sent, costs itself."""
+    cases = [{"number": number} for number in range(120)]
+    cases[30]["function"] = lambda: None
+    rows = fb.sweep(sweep_cases.short, cases, 2)
+    wrong = {row["number"]: row["error"] for row in rows if row["error"]}
+    assert wrong.keys() == {30, 50, 77}
+    assert "pickle" in wrong[30] and "pickle" in wrong[50] and "process died" in wrong[77]
+    assert all(row["result"] == 2 * row["number"] for row in rows if not row["error"])
+
+
 def test_processes_have_one_thread_and_a_killed_one_costs_its_case(lists):
     fates = ["fine", "slow", "broken", "killed", "fine", "fine", "slow", "slow"]
     cases = [{"number": n, "fate": fate} for n, fate in enumerate(fates)]
