@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 from typing import Any
 
@@ -56,14 +55,17 @@ def array_calls() -> ArrayCalls | None:
     return _NOW.get()
 
 
-@contextmanager
-def calling_with_arrays(calls: ArrayCalls) -> Iterator[None]:
+class calling_with_arrays:  # noqa: N801  # a block, which costs less than one by a generator
     """In this block, functions are called with arrays where they accept them."""
-    before = _NOW.set(calls)
-    try:
-        yield
-    finally:
-        _NOW.reset(before)
+
+    def __init__(self, calls: ArrayCalls):
+        self._calls = calls
+
+    def __enter__(self) -> None:
+        self._before = _NOW.set(self._calls)
+
+    def __exit__(self, *_) -> None:
+        _NOW.reset(self._before)
 
 
 def _at_once(function: Callable, size: int, arguments: np.ndarray) -> np.ndarray | None:

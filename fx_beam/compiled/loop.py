@@ -279,8 +279,9 @@ class CompiledLoop:
 
     def inputs(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
-        parts = self._problem.sub_steps
-        if not self.model.is_forced:
+        p = self._problem
+        parts = p.sub_steps
+        if not (p.loads or p.driven or p.thrusts or p.parameters_vary or p.naturals):
             return no_inputs(parts, len(times))
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)

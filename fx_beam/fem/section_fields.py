@@ -53,9 +53,10 @@ class FilledField:
 
     def refill(self, data: Data) -> bool:
         """Set the data, and whether they differ; OtherStructureError if they have another shape."""
-        if data.shape != self.data.shape:
+        known = self.data
+        if data.points != known.points or data.values.shape != known.values.shape:
             raise OtherStructureError("data of beams that were equal differ, or conversely")
-        if all_of(data.values == self.data.values):
+        if all_of(data.values == known.values):
             return False
         self.data = data
         if data.points:

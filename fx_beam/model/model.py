@@ -144,12 +144,6 @@ class Model:
         return True
 
     @property
-    def is_forced(self) -> bool:
-        """Whether anything is given over time: loads, driven motions, parameters, strains."""
-        loads = self.loads.columns.shape[1] or len(self.points.followers)
-        return bool(loads or self.couplings.driven or self.forms.parameters.vary or self.natural)
-
-    @property
     def points(self) -> PointForces:
         """The forces at points."""
         return self.forms.points
