@@ -199,6 +199,26 @@ def test_so_they_do_for_degree_3():
     assert forward == pytest.approx(backward, rel=1e-9)
 
 
+def test_the_first_step_of_order_4_is_predicted_by_the_rates():
+    """Else it takes 41 iterations at this speed, and is halved; some of its sub-steps are long."""
+    scene = thrown([1.0, 1.0], fb.Sleeve, True, 3)[0]
+    stats = fb.simulate(scene, fb.EnergyMomentum(order=4), dt=1e-3, t_end=1e-3).stats
+    assert stats.halvings == 0
+    assert stats.newton_iterations <= 25
+
+
+@pytest.mark.parametrize("scheme", [fb.MidPoint(), fb.EnergyDecaying()], ids=lambda own: own.name)
+def test_derivatives_of_a_bead_on_straight_elements_of_an_arc_are_those_of_the_motion(scheme):
+    """It passes two of them. In no step it begins where two elements meet."""
+    run = fb.Response(lambda x: thrown(x, curved=True), scheme, dt=0.01, t_end=0.15, newton=EXACT)
+    run(X)
+    J, h = run.jacobian("position")["position"], 1e-3
+    for i, unit in enumerate(np.eye(2)):
+        a, b, c, d = (run(X + k * h * unit)[1]["position"] for k in (-2, -1, 1, 2))
+        expected = (8 * (c - b) - (d - a)) / (12 * h)
+        assert abs(J[..., i] - expected).max() < 1e-9 * abs(J).max()
+
+
 @pytest.mark.parametrize("make", [fb.Slider, fb.Sleeve])
 def test_gradients_of_momenta_and_energy_are_those_at_the_start(make):
     """In free flight, while the bead passes elements; by all rates at the start."""

@@ -11,7 +11,7 @@ import scipy.sparse.linalg
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.interval import Interval, instant
 from fx_beam.model.model import Model
-from fx_beam.results.state import State
+from fx_beam.results.state import Past, State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.constraints import slides_at_start
 from fx_beam.validation import all_of, any_of
@@ -63,12 +63,24 @@ def _moving_state(
         lost = model.mass @ (state.fitted - v)
         by_driven = -float(lost @ v) if model.couplings.driven else 0.0
         state = state.changed(v=v, work=state.work + by_driven, fitted=None)
+    if len(model.scheme.fractions) > 1:
+        state = state.changed(past=_past_of_rates(model, state.v, w))
     if not accelerates:
         return state, False
     loads = forcing.forces(Interval(state.t, state.t + dt))
     coupled = coupled_rates(model)
     a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt, loads)
     return state.changed(a=a), rest
+
+
+def _past_of_rates(model: Model, v: np.ndarray, w: np.ndarray) -> Past:
+    """What predicts the first sub-steps: the rates v (size,), w of all columns, as differences.
+
+    The first sub-step of order 4 is longer than a step. One of order 2 is found as well without.
+    """
+    slides = model.couplings.free_slides(w[None, : model.reduction.free], model.scene.joint_count)
+    orders = np.ones(len(model.scheme.fractions), dtype=int)
+    return Past(np.zeros(1), orders, v[None], slides)
 
 
 def late_accelerations(
