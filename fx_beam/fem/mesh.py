@@ -46,6 +46,13 @@ class Mesh:
         """Largest extent of the scene [m]; 1 for a single node."""
         return float(np.hypot(*np.ptp(self.X, axis=0))) or 1.0
 
+    @functools.cached_property
+    def shortest(self) -> list[float]:
+        """Shortest distance of the ends of an element of each beam [m]."""
+        pairs = zip(self.nodes, self.cells, strict=True)
+        ends = [nodes[:: (len(nodes) - 1) // len(cells)] for nodes, cells in pairs]
+        return [float(np.hypot(*np.diff(self.X[own], axis=0).T).min()) for own in ends]
+
     def refill(self, scene: Scene) -> bool:
         """Move the nodes to those of a scene with the same structure; whether any moves.
 
@@ -55,7 +62,8 @@ class Mesh:
         if all_of(X == self.X):
             return False
         self.X = X
-        self.__dict__.pop("size", None)
+        for name in ("size", "shortest"):
+            self.__dict__.pop(name, None)
         if self.mesh is not None:
             self.mesh.move(X if self.curved else X[: len(scene.nodes)])
         return True

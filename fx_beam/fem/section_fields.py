@@ -50,6 +50,8 @@ class FilledField:
 
     def __init__(self, data: Data, mesh: Mesh):
         self.data, self.on_mesh = data, data.on(mesh)
+        # Reading it from dolfinx takes longer than all else in `refill`.
+        self._constant = None if data.points else self.on_mesh.value
 
     def refill(self, data: Data) -> bool:
         """Set the data, and whether they differ; OtherStructureError if they have another shape."""
@@ -59,10 +61,10 @@ class FilledField:
         if all_of(data.values == known.values):
             return False
         self.data = data
-        if data.points:
+        if self._constant is None:
             dolfinx_api.set_at_gauss_points(self.on_mesh, data.values)
         else:
-            self.on_mesh.value[...] = data.values
+            self._constant[...] = data.values
         return True
 
 

@@ -61,17 +61,17 @@ class InversionCheck:
 def _least_energy(model: Model) -> float:
     """Lower bound of the strain energy of a Gauss point whose axial strain is -1 [J].
 
-    It is EA/2 times the length of the Gauss point; 0 for stored energies that are not quadratic.
+    It is EA/2 times the length of the Gauss point, here a smaller one; 0 for stored energies that
+    are not quadratic.
     """
     least: float = np.inf
-    for beam in model.scene.beams:
+    for beam, length in zip(model.scene.beams, model.mesh.shortest, strict=True):
         section = beam.section
         if section.strain_energy is not None:
             return 0.0
-        if callable(section.EA):
+        EA = section.EA
+        if callable(EA):
             gauss = dolfinx_api.gauss_points(beam.degree)
-            EA = section.values("EA", arc_lengths(beam, gauss) / beam.length).min(axis=1)
-            least = min(least, (EA * (beam.s[1:] - beam.s[:-1])).min() / 50)
-        else:
-            least = min(least, section.EA * (beam.s[1:] - beam.s[:-1]).min() / 50)
-    return float(least)
+            EA = float(section.values("EA", arc_lengths(beam, gauss) / beam.length).min())
+        least = min(least, EA * length / 50)
+    return least
