@@ -83,20 +83,25 @@ class Forward:
         model, p = self._model, self._p
         structs = Structs(self._ffi, declarations("problem.h"))
         count = len(next(iter(changes.values())))
-        given = self._given(tape, changes, count)
+        given = {
+            name: array if name == "paths" else _side_by_side(array, self._library.WAYS)
+            for name, array in self._given(tape, changes, count).items()
+        }
         self._adjoint.hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
         directions = self._ffi.new("Directions *")
-        room = self._library.fx_forward_scratch(p, self._adjoint.c, count)
+        room = self._library.fx_forward_scratch(p, self._adjoint.c)
         structs.set(
             directions,
             count=count,
-            changes_mass=given["mass"].any(axis=1),
+            changes_mass=[
+                given["mass"][k].any() or given["weight"][k].any()
+                for k in range(len(given["mass"]))
+            ],
             point_numbers=given["points"].shape[1],
             element_numbers=given["of_elements"].shape[1],
             drag_numbers=given["of_drag"].shape[1],
             member_numbers=given["member_number"].shape[1],
             member_arcs=given["member_arc"].shape[1],
-            at_rest=self._adjoint.slide_at_rest,
             scratch=aligned(np.zeros(room)),
             **{name: _never_empty(array) for name, array in given.items()},
         )
@@ -119,9 +124,9 @@ class Forward:
         first = p.free + len(model.prescribed)
         #: Changes of the rest of the state at the end of the tape.
         self.at_end = {
-            "motors": given["columns"][:, first : p.free + p.driven],
-            "internal": given["internal"],
-            "spring_internal": given["spring_internal"],
+            "motors": _one_by_one(given["columns"], count)[:, first : p.free + p.driven],
+            "internal": _one_by_one(given["internal"], count),
+            "spring_internal": _one_by_one(given["spring_internal"], count),
         }
 
     def _results(self, rows: int, forces: int, count: int) -> dict[str, np.ndarray]:
@@ -170,7 +175,6 @@ class Forward:
         mass = _rows(changes.get("mass"), count, model.mass.nnz)
         given["mass"] = np.ascontiguousarray(mass[:, self._heavy])
         given["q"] = np.zeros((count, p.dofs))
-        given["grown"] = np.zeros((count, internal))
         given["columns"] = self._columns(changes, count)
         given["member_place"] = np.zeros((count, p.dofs))
         if "X" in changes:
@@ -194,6 +198,20 @@ def _rows(changes: Any, count: int, size: int) -> np.ndarray:
     if changes is None:
         return np.zeros((count, size))
     return np.ascontiguousarray(np.array(changes, float).reshape(count, size))
+
+
+def _side_by_side(rows: np.ndarray, ways: int) -> np.ndarray:
+    """Rows (n, size) in groups (groups, size, ways), of which the last one is filled with zeros."""
+    count, size = rows.shape
+    found = aligned(np.zeros((-(-count // ways), size, ways)))
+    for i in range(count):
+        found[i // ways, :, i % ways] = rows[i]
+    return found
+
+
+def _one_by_one(groups: np.ndarray, count: int) -> np.ndarray:
+    """The rows of which these are groups."""
+    return np.concatenate(groups.swapaxes(1, 2))[:count]
 
 
 def _never_empty(array: np.ndarray) -> np.ndarray:

@@ -110,21 +110,21 @@ class PulledWork:
         return {_name_of(name): self._by_points(name, part) for name, part in parts.items()}
 
     def in_lanes(self, changes: Mapping[str, np.ndarray], count: int, cells: int) -> np.ndarray:
-        """Changes (count, numbers) of the numbers of all elements, in the order of the sums."""
+        """Changes (count, numbers) of the numbers of all elements, of one after the other.
+
+        The elements are in the order of the sums, those that are missing in a block included.
+        """
         parts = [
             np.broadcast_to(0.0, (count, cells, size))
             if (change := changes.get(_name_of(name))) is None
             else np.reshape(change, (count, cells, size))
             for name, size in self._tail.items()
         ]
-        rows, (_, total, lanes) = np.concatenate(parts, axis=-1), self.sums.shape
-        found, first = np.zeros((count, *self.sums.shape)), 0
+        rows, (blocks, total, lanes) = np.concatenate(parts, axis=-1), self.sums.shape
+        found, first = np.zeros((count, blocks * lanes, total)), 0
         for own in self._cells:
-            end = first + -(-len(own) // lanes)
-            padded = np.zeros((count, (end - first) * lanes, total))
-            padded[:, : len(own)] = rows[:, own]
-            found[:, first:end] = padded.reshape(count, -1, lanes, total).swapaxes(-1, -2)
-            first = end
+            found[:, first : first + len(own)] = rows[:, own]
+            first += -(-len(own) // lanes) * lanes
         return found.reshape(count, -1)
 
     @staticmethod

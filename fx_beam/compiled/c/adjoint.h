@@ -105,8 +105,8 @@ static void gather(const Problem *p, const Backward *b, int end, const double *v
   memset(columns + p->columns, 0, p->ties * sizeof(double));
   for (int i = p->sliders - 1; i >= 0; --i) {
     const Slider *a = p->slider + i;
-    find_held_force(a, values, x, columns, b->carried + 3 * i);
-    push_beam(a, b->slides[i].T[end], b->carried + 3 * i, x, columns);
+    find_held_force(a, values, x, columns, b->carried + 3 * i, 1);
+    push_beam(a, b->slides[i].T[end], b->carried + 3 * i, x, columns, 1);
   }
   for (int k = 0; k < p->equal; ++k) columns[p->entry_column[k]] += x[p->entry_row[k]];
   for (int k = p->equal; k < p->entries; ++k)
@@ -128,7 +128,7 @@ static void pull_places(const Problem *p, const Work *w, const Adjoint *a, const
 static void spread_virtual(const Problem *p, const Work *w, double *mu, double *omega) {
   spread_columns(p, w->virtual_map, mu, omega);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
-    spread_slider(a, a->virtual_map, omega, mu);
+    spread_slider(a, a->virtual_map, omega, mu, 1);
     spread_columns(p, w->virtual_map, mu, omega);
   }
 }

@@ -103,15 +103,15 @@ INLINED void substitute_band(int n, int band, Ends of, const double *A, double *
   }
 }
 
-/* Subtracts a multiple of a row of the block (work.h) from another one, without the first `from`. */
-INLINED void subtract_in_block(const Problem *p, const Work *w, int from, int row, double factor, int of) {
-  double *restrict to = w->block + (long)row * p->block, *restrict by = w->block + (long)of * p->block;
-  for (int j = from; j < p->block; ++j) to[j] -= factor * by[j];
+/* Subtracts a multiple of a row of the block (work.h), of n times four columns, from another one. */
+INLINED void subtract_in_block(const Work *w, int n, int row, double factor, int of) {
+  Four *to = (Four *)w->block + (long)row * n, *by = (Four *)w->block + (long)of * n;
+  for (int j = 0; j < n; ++j) to[j] -= factor * by[j];
 }
 
-/* The block from its right sides and factors of a band matrix; its first column, and the right side b, is
-   eliminated already. */
-static void solve_band_block(const Problem *p, const Work *w, Ends of) {
+/* The block from its right sides and factors of a band matrix. With `known` its first column is the right side b, which
+   is eliminated already. */
+INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int known, int columns) {
   int n = p->free, band = p->band, last = n - 1 - of.bottom;
   long width = 2 * band + 1;
   const double *A = w->tangent + band;
@@ -120,24 +120,28 @@ static void solve_band_block(const Problem *p, const Work *w, Ends of) {
       int k = part ? i : n - 1 - i, way = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
       const double *pivot = A + k * width;
       if (!w->reached[k]) continue;
-      w->block[(long)k * p->block] = w->y[k];
+      if (known) w->block[(long)k * p->block] = w->y[k];
       for (int j = 1; j <= band && j <= reach_of; ++j) {
         double below = pivot[way * j * 2 * band];
         if (below == 0 && pivot[way * j] == 0) continue;
         reach(p, w, k + way * j);
-        subtract_in_block(p, w, 1, k + way * j, below * pivot[0], k);
+        subtract_in_block(w, columns, k + way * j, below * pivot[0], k);
       }
     }
   for (int part = 1; part >= 0; --part)
     for (int i = (part ? last + 1 : of.bottom) - 1; i >= 0; --i) {
       int k = part ? i : n - 1 - i, way = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
       const double *pivot = A + k * width;
-      double *row = w->block + (long)k * p->block;
+      Four *row = (Four *)w->block + (long)k * columns;
       if (!w->reached[k]) continue;
       for (int j = 1; j <= band && j <= reach_of; ++j)
-        if (pivot[way * j] != 0) subtract_in_block(p, w, 0, k, pivot[way * j], k + way * j);
-      for (int j = 0; j < p->block; ++j) row[j] *= pivot[0];
+        if (pivot[way * j] != 0) subtract_in_block(w, columns, k, pivot[way * j], k + way * j);
+      for (int j = 0; j < columns; ++j) row[j] *= pivot[0];
     }
+}
+
+static void solve_band_block(const Problem *p, const Work *w, Ends of) {
+  solve_band_columns(p, w, of, 1, p->block / 4);
 }
 
 /* A function of a band matrix with constant bandwidths of beams, for which the compiler can unroll the

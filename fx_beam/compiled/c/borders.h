@@ -106,9 +106,10 @@ static void fill_borders(const Problem *p, const Work *w) {
     add_at(p, w, p->row_at[p->beside_row[k]], p->unknown_at[p->beside_column[k]], w->tangent[p->beside_at[k]]);
 }
 
-/* The block from its right sides and sparse factors; its first column is the right side b, which is
-   eliminated already. */
-static void solve_sparse_block(const Problem *p, const Work *w, const SparseRows *rows, const double *A) {
+/* The block of n times four columns from its right sides and sparse factors. With `known` its first column is the right
+   side b, which is eliminated already. */
+INLINED void solve_sparse_columns(const Problem *p, const Work *w, const SparseRows *rows, const double *A, int known,
+                                  int n) {
   const int *first = rows->first;
   for (int g = 0; g < rows->groups; ++g) {
     int at = first[g], size = first[g + 1] - at, any = 0;
@@ -118,61 +119,82 @@ static void solve_sparse_block(const Problem *p, const Work *w, const SparseRows
     for (int x = 0; any && x < size; ++x) {
       const double *row = A + rows->start[at + x];
       reach(p, w, at + x);
-      w->block[(long)(at + x) * p->block] = w->y[at + x];
       for (int s = rows->source_start[g]; s < rows->source_start[g + 1]; ++s)
         for (int k = first[rows->source[s]]; k < first[rows->source[s] + 1]; ++k, ++row)
-          if (w->reached[k] && *row != 0) subtract_in_block(p, w, 1, at + x, *row, k);
-      for (int z = 0; z < x; ++z) subtract_in_block(p, w, 1, at + x, row[z], at + z);
+          if (w->reached[k] && *row != 0) subtract_in_block(w, n, at + x, *row, k);
+      for (int z = 0; z < x; ++z) subtract_in_block(w, n, at + x, row[z], at + z);
+      if (known) w->block[(long)(at + x) * p->block] = w->y[at + x];
     }
   }
   for (int g = rows->groups - 1; g >= 0; --g) {
     int at = first[g], size = first[g + 1] - at;
     for (int x = size - 1; w->reached[at] && x >= 0; --x) {
       const double *upper = A + rows->diagonal[at + x], *right = upper + size - x;
-      double *row = w->block + (long)(at + x) * p->block;
-      for (int z = x + 1; z < size; ++z) subtract_in_block(p, w, 0, at + x, upper[z - x], at + z);
+      Four *row = (Four *)w->block + (long)(at + x) * n;
+      for (int z = x + 1; z < size; ++z) subtract_in_block(w, n, at + x, upper[z - x], at + z);
       for (int k = rows->run_start[g]; k < rows->run_start[g + 1]; right += rows->run_length[k++])
         for (int j = 0; j < rows->run_length[k]; ++j)
-          if (right[j] != 0) subtract_in_block(p, w, 0, at + x, right[j], rows->run_column[k] + j);
-      for (int j = 0; j < p->block; ++j) row[j] *= upper[0];
+          if (right[j] != 0) subtract_in_block(w, n, at + x, right[j], rows->run_column[k] + j);
+      for (int j = 0; j < n; ++j) row[j] *= upper[0];
     }
   }
 }
 
-/* Solves for the unknowns of the borders, with several right sides. Equations are divided by their largest entries,
-   and forces counted in a stiffness: otherwise the units would choose the pivots. */
-static void solve_corner(const Problem *p, int count, double *D, double *g) {
+static void solve_sparse_block(const Problem *p, const Work *w, const SparseRows *rows, const double *A) {
+  solve_sparse_columns(p, w, rows, A, 1, p->block / 4);
+}
+
+/* Factors of D - C A^-1 B, from D. Equations are divided by their largest entries, and forces counted in a stiffness:
+   otherwise the units would choose the pivots. */
+static void factorise_corner(const Problem *p, const Work *w) {
   int m = p->borders;
-  double soft = 0, k[m];
-  for (int i = 0; i < m; ++i) k[i] = 1;
+  double soft = 0, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
+  for (const BorderEntry *c = border_entries(p, w); c < border_entries(p, w) + *w->border_entries; ++c)
+    for (int j = 0; j < m; ++j) D[c->border * m + j] -= c->value * w->block[(long)c->column * p->block + 1 + j];
+  for (int i = 0; i < m; ++i) unit[i] = 1;
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     for (int j = a->border; j < a->border + a->components; ++j) soft = fmax(soft, fabs(D[j * m + j]));
   for (const Slider *a = p->slider; soft > 0 && a < p->slider + p->sliders; ++a)
-    for (int j = a->border; j < a->border + a->components + a->products; ++j) k[j] = 1 / soft;
+    for (int j = a->border; j < a->border + a->components + a->products; ++j) unit[j] = 1 / soft;
   for (int i = 0; i < m; ++i) {
     double most = 0;
-    for (int j = 0; j < m; ++j) most = fmax(most, fabs(D[i * m + j] *= k[j]));
-    double per_most = most > 0 ? 1 / most : 1;
-    for (int j = 0; j < m; ++j) D[i * m + j] *= per_most;
-    for (int j = 0; j < count; ++j) g[i * count + j] *= per_most;
+    for (int j = 0; j < m; ++j) most = fmax(most, fabs(D[i * m + j] *= unit[j]));
+    per_most[i] = most > 0 ? 1 / most : 1;
+    for (int j = 0; j < m; ++j) D[i * m + j] *= per_most[i];
   }
-  solve_dense(m, count, D, g);
-  for (int i = 0; i < m; ++i)
-    for (int j = 0; j < count; ++j) g[i * count + j] *= k[i];
+  factorise_dense(m, D, w->corner_order);
+}
+
+/* Solves for the unknowns of the borders, with four right sides g, in their place. */
+static void solve_corner(const Problem *p, const Work *w, Four *g) {
+  int m = p->borders;
+  const double *unit = w->corner_units, *per_most = unit + m;
+  Four x[m];
+  for (int i = 0; i < m; ++i) {
+    int k = w->corner_order[i];
+    x[i] = per_most[k] * g[k];
+    for (int j = 0; j < i; ++j) x[i] -= w->corner[(long)k * m + j] * x[j];
+  }
+  for (int i = m - 1; i >= 0; --i) {
+    const double *row = w->corner + (long)w->corner_order[i] * m;
+    for (int j = i + 1; j < m; ++j) x[i] -= row[j] * x[j];
+    x[i] *= 1 / row[i];
+    g[i] = unit[i] * x[i];
+  }
 }
 
 /* Unknowns y of the borders from the first column of the block, A^-1 b, and the others, A^-1 B. The first
    column becomes x, as far as the borders reach. */
 static void solve_borders(const Problem *p, const Work *w) {
   int m = p->borders, n = p->block;
-  double *g = w->border_right, *D = w->corner;
-  for (int k = 0; k < *w->border_entries; ++k) {
-    const BorderEntry *c = border_entries(p, w) + k;
-    const double *row = w->block + (long)c->column * n;
-    g[c->border] -= c->value * row[0];
-    for (int j = 0; j < m; ++j) D[c->border * m + j] -= c->value * row[1 + j];
-  }
-  solve_corner(p, 1, D, g);
+  double *g = w->border_right;
+  Four y[m];
+  for (const BorderEntry *c = border_entries(p, w); c < border_entries(p, w) + *w->border_entries; ++c)
+    g[c->border] -= c->value * w->block[(long)c->column * n];
+  factorise_corner(p, w);
+  for (int i = 0; i < m; ++i) y[i] = (Four){g[i]};
+  solve_corner(p, w, y);
+  for (int i = 0; i < m; ++i) g[i] = y[i][0];
   for (int i = 0; i < p->positions; ++i) {
     double *row = w->block + (long)i * n;
     for (int j = 0; w->reached[i] && j < m; ++j) row[0] -= row[1 + j] * g[j];

@@ -105,27 +105,27 @@ static int solve_chain(const Problem *p, const Work *w) {
   return 1;
 }
 
-/* Rows of the block (work.h) of a group: solves its own equations, which `store_own` kept. */
-INLINED void solve_group(int n, const double *group, double *rows) {
+/* Rows of n columns of a group: solves its own equations, which `store_own` kept. */
+INLINED void solve_group(int n, const double *group, Four *rows) {
   const double *a = group + OWN, *b = a + ROW, *c = b + ROW;
   double first = 1 / a[0], in_b = b[0] * first, in_c = c[0] * first;
   double b1 = b[1] - in_b * a[1], b2 = b[2] - in_b * a[2];
   double c1 = c[1] - in_c * a[1], c2 = c[2] - in_c * a[2];
   double second = 1 / b1, b_in_c = c1 * second, last = 1 / (c2 - b_in_c * b2);
-  double *restrict x = rows, *restrict y = rows + n, *restrict z = rows + 2 * n;
-  for (int j = 1; j < n; ++j) {
-    double q = y[j] - in_b * x[j];
+  Four *x = rows, *y = rows + n, *z = rows + 2 * n;
+  for (int j = 0; j < n; ++j) {
+    Four q = y[j] - in_b * x[j];
     z[j] = (z[j] - in_c * x[j] - b_in_c * q) * last;
     y[j] = (q - b2 * z[j]) * second;
     x[j] = (x[j] - a[2] * z[j] - a[1] * y[j]) * first;
   }
 }
 
-/* Subtracts multiples of three rows of the block, by couplings, from three others. */
-INLINED void subtract_coupled(int n, const double *couplings, const double *from, double *to) {
+/* Subtracts multiples of three rows of n columns, by couplings, from three others. */
+INLINED void subtract_coupled(int n, const double *couplings, const Four *from, Four *to) {
   for (int i = 0; i < 3; ++i) {
     const double *k = couplings + i * ROW;
-    double *restrict row = to + i * n;
+    Four *row = to + i * n;
     for (int j = 0; j < n; ++j) row[j] -= k[0] * from[j] + k[1] * from[n + j] + k[2] * from[2 * n + j];
   }
 }
@@ -137,34 +137,38 @@ static int are_coupled(const double *one, const double *other) {
   return sum != 0;
 }
 
-/* The block from its right sides, after `eliminate_chain` that kept its rows. */
-static void solve_chain_block(const Problem *p, const Work *w, int middle) {
+/* The block (work.h), of n times four columns, from its right sides, after `eliminate_chain` that kept its rows. With
+   `known` its first column is solved already. */
+INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, int known, int n) {
   double *A = w->tangent;
-  int n = p->block, last = p->chain - 1;
+  Four *block = (Four *)w->block;
+  int last = p->chain - 1, most = middle > last - middle ? middle : last - middle;
   long rows = 3 * (long)n;
-  for (int side = 0; side < 2; ++side) {
-    int way = side ? -1 : 1, to_middle = side ? BEFORE : AFTER, back = side ? AFTER : BEFORE;
-    for (int k = side ? last : 0; k != middle; k += way) {
+  for (int i = 0; i < most; ++i)
+    for (int side = 0; side < 2; ++side) { /* which the processor can overlap */
+      int k = side ? last - i : i, way = side ? -1 : 1, to_middle = side ? BEFORE : AFTER, back = side ? AFTER : BEFORE;
       double *group = A + k * GROUP, *next = group + way * GROUP;
-      if (!w->reached[3 * k]) continue;
-      solve_group(n, group, w->block + k * rows);
-      /* The first column is solved already. */
-      for (int i = 0; i < 3; ++i) w->block[k * rows + i * n] = group[to_middle + i * ROW + 3];
-      if (!are_coupled(next + back, group + to_middle)) continue;
+      if (way * (middle - k) <= 0 || !w->reached[3 * k]) continue;
+      solve_group(n, group, block + k * rows);
+      for (int x = 0; known && x < 3; ++x) block[k * rows + x * n][0] = group[to_middle + x * ROW + 3];
+      if (known && !are_coupled(next + back, group + to_middle)) continue;
       reach(p, w, 3 * (k + way));
-      subtract_coupled(n, next + back, w->block + k * rows, w->block + (k + way) * rows);
+      subtract_coupled(n, next + back, block + k * rows, block + (k + way) * rows);
     }
-  }
   if (w->reached[3 * middle]) {
-    solve_group(n, A + middle * GROUP, w->block + middle * rows);
-    for (int i = 0; i < 3; ++i) w->block[middle * rows + i * n] = A[middle * GROUP + i * ROW + AFTER + 3];
+    solve_group(n, A + middle * GROUP, block + middle * rows);
+    for (int x = 0; known && x < 3; ++x) block[middle * rows + x * n][0] = A[middle * GROUP + x * ROW + AFTER + 3];
   }
-  for (int side = 0; side < 2; ++side) {
-    int way = side ? -1 : 1, to_middle = side ? BEFORE : AFTER;
-    for (int k = middle - way; side ? k <= last : k >= 0; k -= way)
-      if (w->reached[3 * k] && w->reached[3 * (k + way)])
-        subtract_coupled(n, A + k * GROUP + to_middle, w->block + (k + way) * rows, w->block + k * rows);
-  }
+  for (int i = 1; i <= most; ++i)
+    for (int side = 0; side < 2; ++side) {
+      int way = side ? -1 : 1, k = middle - way * i;
+      if (k >= 0 && k <= last && w->reached[3 * k] && w->reached[3 * (k + way)])
+        subtract_coupled(n, A + k * GROUP + (side ? BEFORE : AFTER), block + (k + way) * rows, block + k * rows);
+    }
+}
+
+static void solve_chain_block(const Problem *p, const Work *w, int middle) {
+  solve_chain_columns(p, w, middle, 1, p->block / 4);
 }
 
 /* The solution, from the first column of the block as far as it is reached. */

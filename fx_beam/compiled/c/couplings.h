@@ -123,7 +123,7 @@ static void spread(const Problem *p, const Work *w, double *z, double *out) {
   complete(p, w, z);
   spread_columns(p, w->values, z, out);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
-    spread_slider(a, a->T, out, z);
+    spread_slider(a, a->T, out, z, 1);
     spread_columns(p, w->values, z, out);
   }
 }

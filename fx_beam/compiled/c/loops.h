@@ -30,29 +30,22 @@ static void derive_gaps(const Problem *p, const Work *w, const double *values, d
   }
 }
 
-/* Solves A x = b for n rows and m right sides [n][m], in place of b, by elimination with row exchange. */
-static void solve_dense(int n, int m, double *A, double *b) {
+/* LU factors of n rows, with exchange of rows, in place: `row` has their order. Few entries may differ from zero. */
+static void factorise_dense(int n, double *A, int *row) {
+  for (int i = 0; i < n; ++i) row[i] = i;
   for (int k = 0; k < n; ++k) {
     int best = k;
     for (int i = k + 1; i < n; ++i)
-      if (fabs(A[i * n + k]) > fabs(A[best * n + k])) best = i;
-    for (int j = 0; j < n; ++j) {
-      double x = A[k * n + j];
-      A[k * n + j] = A[best * n + j], A[best * n + j] = x;
+      if (fabs(A[(long)row[i] * n + k]) > fabs(A[(long)row[best] * n + k])) best = i;
+    int chosen = row[best];
+    row[best] = row[k], row[k] = chosen;
+    const double *pivot = A + (long)chosen * n;
+    for (int i = k + 1; i < n; ++i) {
+      double *other = A + (long)row[i] * n;
+      if (other[k] == 0) continue;
+      double factor = other[k] /= pivot[k];
+      for (int j = k + 1; j < n; ++j) other[j] -= factor * pivot[j];
     }
-    for (int j = 0; j < m; ++j) {
-      double x = b[k * m + j];
-      b[k * m + j] = b[best * m + j], b[best * m + j] = x;
-    }
-    double pivot = 1 / A[k * n + k];
-    for (int i = 0; i < n; ++i) {
-      if (i == k) continue;
-      double factor = A[i * n + k] * pivot;
-      for (int j = k; j < n; ++j) A[i * n + j] -= factor * A[k * n + j];
-      for (int j = 0; j < m; ++j) b[i * m + j] -= factor * b[k * m + j];
-    }
-    for (int j = k; j < n; ++j) A[k * n + j] *= pivot;
-    for (int j = 0; j < m; ++j) b[k * m + j] *= pivot;
   }
 }
 
@@ -99,34 +92,18 @@ static int choose_following(const Problem *p, const Work *w) {
   return 1;
 }
 
-/* LU factors, with exchange of rows, of the part of G that belongs to the unknowns that follow, block by block.
-   Few of its entries differ from zero. */
+/* LU factors of the part of G that belongs to the unknowns that follow, block by block. */
 static void factorise_gaps(const Problem *p, const Work *w, const double *G, double *factors, int *order) {
   for (int b = 0; b < p->blocks; ++b) {
-    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, *row = order + begin;
+    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     double *A = factors + p->block_part[b];
     memset(A, 0, (long)m * m * sizeof(double));
-    for (int i = 0; i < m; ++i) {
-      row[i] = i;
+    for (int i = 0; i < m; ++i)
       for (int k = p->gap_start[begin + i]; k < p->gap_start[begin + i + 1]; ++k) {
         int at = w->follows[p->gap_near[k]];
         if (at >= 0) A[(long)i * m + at - begin] = G[k];
       }
-    }
-    for (int k = 0; k < m; ++k) {
-      int best = k;
-      for (int i = k + 1; i < m; ++i)
-        if (fabs(A[(long)row[i] * m + k]) > fabs(A[(long)row[best] * m + k])) best = i;
-      int chosen = row[best];
-      row[best] = row[k], row[k] = chosen;
-      const double *pivot = A + (long)chosen * m;
-      for (int i = k + 1; i < m; ++i) {
-        double *other = A + (long)row[i] * m;
-        if (other[k] == 0) continue;
-        double factor = other[k] /= pivot[k];
-        for (int j = k + 1; j < m; ++j) other[j] -= factor * pivot[j];
-      }
-    }
+    factorise_dense(m, A, order + begin);
   }
 }
 

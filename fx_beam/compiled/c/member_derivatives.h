@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include "directions.h"
 #include "newton.h"
 
 /* Of a touch: weights of the sums at its five points, then the derivatives (fem/compiled_laws.py), of each force and
@@ -148,37 +149,37 @@ static void pull_members(const Problem *p, const Adjoint *a, const double *omega
   }
 }
 
-/* Adds the change of their forces in a direction, or with `grown` sets that of their internal variables. */
-static void change_members(const Problem *p, const Adjoint *a, const Directions *d, int j, const double *increment,
-                           const double *start, double *force, double *grown) {
+/* Adds the change of their forces, or with `grown` sets that of their internal variables, for that of the configuration
+   at the end. */
+static void change_members(const Problem *p, const Adjoint *a, const Group *g, const Ways *end, Ways *force, Ways *grown) {
   const MemberContacts *m = p->points->members;
-  const double *w = m->slopes, *internal = d->spring_internal + (long)j * p->spring_width;
-  const double *place = d->member_place + (long)j * p->dofs, *arcs = d->member_arc + (long)j * d->member_arcs;
+  const Ways *place = g->member_place, *arcs = g->member_arc;
+  const double *w = m->slopes;
   for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     const MemberContact *c = m->of + e->contact;
     const FollowedContact *f = a->followed + e->contact;
     int n = f->sums, wide = followed_by(f), own = internal_of(m, e);
     if (!e->touching) continue;
-    double x[MOST_FOLLOWED] = {0}, *numbers = x + 4 * n + f->internal;
+    Ways x[MOST_FOLLOWED] = {{0}}, *numbers = x + 4 * n + f->internal;
     const double *slopes = w + OF_WEIGHTS;
     for (int i = 0; i < TOUCH_DOFS; ++i)
       for (int k = 0; k < n; ++k) {
         double weight = w[i / 2 * FOLLOWED_SUMS + k];
-        x[2 * k + i % 2] += weight * (start[e->dof[i]] + place[e->dof[i]]);
-        x[2 * n + 2 * k + i % 2] += weight * increment[e->dof[i]];
+        x[2 * k + i % 2] += weight * (g->q[e->dof[i]] + place[e->dof[i]]);
+        x[2 * n + 2 * k + i % 2] += weight * (end[e->dof[i]] - g->q[e->dof[i]]);
       }
-    for (int i = 0; own >= 0 && i < f->internal; ++i) x[4 * n + i] = internal[own + i];
-    memcpy(numbers + f->numbers - c->numbers,
-           d->member_number + (long)j * d->member_numbers + f->first_number + (long)e->point * c->numbers,
-           c->numbers * sizeof(double));
+    for (int i = 0; own >= 0 && i < f->internal; ++i) x[4 * n + i] = g->spring_internal[own + i];
+    memcpy(numbers + f->numbers - c->numbers, g->member_number + f->first_number + (long)e->point * c->numbers,
+           c->numbers * sizeof(Ways));
     double places[] = {e->piece + e->end, e->piece + e->place};
     for (int k = 0; f->internal && k < 2; ++k) {
       int i = arc_number(c, f, places[k]);
-      double part = places[k] - (i - f->first_arc), change = arcs[i + 1] - arcs[i];
+      double part = places[k] - (i - f->first_arc);
+      Ways change = arcs[i + 1] - arcs[i];
       numbers[3 + k] = change, numbers[2] += (k ? -1 : 1) * (arcs[i] + part * change);
     }
     for (int i = 0; i < found_by(f); ++i, slopes += wide) {
-      double sum = dot(wide, slopes, x);
+      Ways sum = sum_of_products(wide, slopes, x);
       if (i < 2 * n)
         for (int k = 0; !grown && k < 5; ++k) force[e->dof[2 * k + i % 2]] += w[k * FOLLOWED_SUMS + i / 2] * sum;
       else if (grown && own >= 0)

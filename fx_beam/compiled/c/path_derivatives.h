@@ -247,7 +247,8 @@ static void change_place(const Problem *p, const Work *w, const Slider *a, int e
 }
 
 /* Adds the change of the force that a node exerts on its beam and along it, for changes of the numbers of its path. */
-static void change_of_shape(const Problem *p, const Work *w, const Slider *a, double *numbers, double *r, double *out) {
+static void change_of_shape(const Problem *p, const Work *w, const Slider *a, double *numbers, double *r, double *out,
+                            int apart) {
   int s = a->components * a->width;
   PathRead changes;
   WindowEnds ends;
@@ -258,7 +259,7 @@ static void change_of_shape(const Problem *p, const Work *w, const Slider *a, do
     x[k] = 1;
     work_by_read(a, &ends, x, &by);
     double change = product_of_reads(&by, &changes);
-    if (k < s) r[local_dof(a, k)] += change;
-    else out[a->column] += change;
+    if (k < s) r[apart * local_dof(a, k)] += change;
+    else out[apart * a->column] += change;
   }
 }

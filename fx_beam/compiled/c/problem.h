@@ -11,10 +11,11 @@
    of sub-steps of a scheme, positions of the displacements and rotations at the start of the step, of the
    internal variables, and of natural strains at its start and its end among the changing coefficients, in steps
    backwards those of the weights and of weights of internal variables and the number of these coefficients, largest order of a scheme, number of averaged differences in local errors,
-   number of directions of an iteration with kept factors; borders are numbered downwards from ON_BORDER. */
+   number of directions of an iteration with kept factors, and of directions of derivatives that are followed at once;
+   borders are numbered downwards from ON_BORDER. */
 enum {
   LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, NATURAL = 6,
-  NATURAL_END = 7, WEIGHT = 8, OF_INTERNAL = 9, PULLED_FIELDS = 10, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, ON_BORDER = -2
+  NATURAL_END = 7, WEIGHT = 8, OF_INTERNAL = 9, PULLED_FIELDS = 10, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, WAYS = 4, ON_BORDER = -2
 };
 
 /* Why a step failed. */
@@ -401,15 +402,16 @@ typedef struct {
   double *scratch;
 } Adjoint;
 
-/* Changes of all numbers of a scene in several directions (forward.h): each array has those of one direction after
-   the other. Of elements as the sums of `Pulled`. */
+/* Changes of all numbers of a scene in several directions (forward.h), in groups of WAYS directions, the last one filled
+   with zeros: [group][number][direction]; only those of paths are [direction][number]. Of elements the numbers in the
+   sums of `Pulled`: [block][lane][number]. */
 typedef struct {
-  int count, *changes_mass; /* whether masses change in each direction */
+  int count, *changes_mass; /* whether masses or weights change in each group */
   long point_numbers, element_numbers, drag_numbers;
   double *of_elements, *of_drag, *mass, *weight, *load_force, *loads, *driven, *thrust, *points, *parameters;
-  double *offset, *axis, *rest, *at_rest, *places, *paths;
+  double *offset, *axis, *rest, *places, *paths;
   /* Of the state: columns, configuration, rates, the configuration before, internal variables. */
-  double *columns, *q, *v, *before, *internal, *spring_internal, *natural, *grown;
+  double *columns, *q, *v, *before, *internal, *spring_internal, *natural;
   double *natural_value, *naturals;
   long member_numbers, member_arcs;
   double *member_number, *member_place, *member_arc;
@@ -431,7 +433,7 @@ long fx_tape_size(const Problem *p);
 long fx_backward_scratch(const Problem *p);
 long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces);
 long fx_pull(Problem *p, const Tape *tape, const Adjoint *a);
-long fx_forward_scratch(const Problem *p, const Adjoint *a, int count);
+long fx_forward_scratch(const Problem *p, const Adjoint *a);
 long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d);
 void fx_free_rows(ChangingRows *c);
 double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */

@@ -69,17 +69,18 @@ static void pull_axes(const Problem *p, const Work *w, const double *weights, do
   }
 }
 
-/* The change of a weighted axis for those at both ends, and of the numbers of its path if they change. */
+/* The change of a weighted axis for those at both ends (`apart`: spread_slider), and of the numbers of its path if they
+   change. */
 static double change_of_axis(const Problem *p, const Work *w, const Slider *a, const double *weight,
-                             const double *const nodal[2], const double *const columns[2], double *numbers) {
+                             const double *const nodal[2], const double *const columns[2], double *numbers, int apart) {
   int s = a->components * a->width;
   Slider own = with_weight(a, weight);
   Second of_force[2];
   double change = 0, along[LOCAL] = {0};
   turn_back(p, w), find_second(p, w, &own, of_force);
   for (int end = 0; end < 2; ++end) {
-    for (int k = 0; k < s; ++k) change += of_force[end].of_s[k] * nodal[end][local_dof(a, k)];
-    change += of_force[end].square * columns[end][a->column];
+    for (int k = 0; k < s; ++k) change += of_force[end].of_s[k] * nodal[end][apart * local_dof(a, k)];
+    change += of_force[end].square * columns[end][apart * a->column];
   }
   if (!numbers) return change;
   PathRead changes, by = {0};
@@ -104,10 +105,10 @@ static void times_second(const Slider *a, const Second *h, int transposed, const
 }
 
 /* Local ones of all degrees of freedom and columns. */
-static void localise(const Slider *a, const double *nodal, const double *columns, double *x) {
+static void localise(const Slider *a, const double *nodal, const double *columns, int apart, double *x) {
   int s = a->components * a->width;
-  for (int k = 0; k < s; ++k) x[k] = nodal[local_dof(a, k)];
-  x[s] = columns[a->column];
+  for (int k = 0; k < s; ++k) x[k] = nodal[apart * local_dof(a, k)];
+  x[s] = columns[apart * a->column];
 }
 
 /* Adds the derivatives by both ends of the work of the forces F on virtual displacements. */
@@ -117,7 +118,7 @@ static void pull_slides(const Problem *p, const SlideEnds *ends, const double *o
   for (int i = 0; i < p->sliders; ++i) {
     const Slider *a = p->slider + i;
     int s = a->components * a->width;
-    localise(a, omega, mu, x);
+    localise(a, omega, mu, 1, x);
     for (int end = 0; end < 2; ++end) {
       times_second(a, &ends[i].of_force[end], 1, x, y);
       for (int k = 0; k < s; ++k) nodal[end][local_dof(a, k)] -= y[k];
@@ -137,7 +138,7 @@ static void pull_paths(const Problem *p, const Work *w, int end, const double *f
     double x[LOCAL];
     find_window_ends(a, p->q, w->D, &ends);
     if (omega) {
-      localise(a, omega, mu, x);
+      localise(a, omega, mu, 1, x);
       for (int k = 0; k <= a->components * a->width; ++k) x[k] = -x[k];
       work_by_read(a, &ends, x, &by);
       Slider own = with_weight(a, axes + 2 * i);
@@ -151,25 +152,25 @@ static void pull_paths(const Problem *p, const Work *w, int end, const double *f
 
 /* Adds to the changes of forces r and of those on columns what the nodes exert on their beams: their forces change,
    and Tv by the changes of the configuration and the columns at both ends, and of `paths` if they change. `map` are
-   changes of the values of Tv. */
+   changes of the values of Tv. `apart`: spread_slider. */
 static void carry_changes(const Problem *p, const Work *w, const SlideEnds *ends, const double *map,
                           const double *const nodal[2], const double *const columns[2], double *paths, double *r,
-                          double *out) {
+                          double *out, int apart) {
   double x[LOCAL], y[LOCAL], force[3];
   for (int i = p->sliders - 1; i >= 0; --i) {
     const Slider *a = p->slider + i;
     int s = a->components * a->width;
-    find_held_force(a, w->virtual_map, r, out, force);
+    find_held_force(a, w->virtual_map, r, out, force, apart);
     for (int c = 0; c < a->components; ++c)
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
-        force[c] += a->entry_sign[k] * map[a->entry_value[k]] * w->loaded[a->entry_row[k]];
-    push_beam(a, a->virtual_map, force, r, out);
-    if (paths) change_of_shape(p, w, a, paths + path_start(p, i), r, out);
+        force[c] += a->entry_sign[k] * map[apart * a->entry_value[k]] * w->loaded[a->entry_row[k]];
+    push_beam(a, a->virtual_map, force, r, out, apart);
+    if (paths) change_of_shape(p, w, a, paths + path_start(p, i), r, out, apart);
     for (int end = 0; end < 2; ++end) {
-      localise(a, nodal[end], columns[end], x);
+      localise(a, nodal[end], columns[end], apart, x);
       times_second(a, &ends[i].of_force[end], 0, x, y);
-      for (int k = 0; k < s; ++k) r[local_dof(a, k)] += y[k];
-      out[a->column] += y[s];
+      for (int k = 0; k < s; ++k) r[apart * local_dof(a, k)] += y[k];
+      out[apart * a->column] += y[s];
     }
   }
 }

@@ -11,31 +11,33 @@ static int local_dof(const Slider *a, int local) {
   return local == a->components * n ? -1 : a->dofs[3 * (a->first + local % n) + local / n];
 }
 
-/* Change of the node's columns in z for small changes of all degrees of freedom, by T or Tv. */
-static void spread_slider(const Slider *a, const double (*T)[LOCAL], const double *change, double *z) {
+/* Change of the node's columns in z for small changes of all degrees of freedom, by T or Tv. Here and below a number is
+   `apart` numbers behind the one before it, if there are others of other directions between. */
+static void spread_slider(const Slider *a, const double (*T)[LOCAL], const double *change, double *z, int apart) {
   int s = a->components * a->width;
   for (int c = 0; c < a->components; ++c) {
-    double total = T[c][s] * z[a->column];
-    for (int k = 0; k < s; ++k) total += T[c][k] * change[local_dof(a, k)];
-    z[a->carried[c]] = total;
+    double total = T[c][s] * z[apart * a->column];
+    for (int k = 0; k < s; ++k) total += T[c][k] * change[apart * local_dof(a, k)];
+    z[apart * a->carried[c]] = total;
   }
 }
 
 /* The forces on the columns of a node, for values of T or Tv. */
-static void find_held_force(const Slider *a, const double *values, const double *r, const double *out, double *force) {
+static void find_held_force(const Slider *a, const double *values, const double *r, const double *out, double *force,
+                            int apart) {
   for (int c = 0; c < a->components; ++c) {
-    force[c] = out[a->carried[c]];
+    force[c] = out[apart * a->carried[c]];
     for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
-      force[c] += a->entry_sign[k] * values[a->entry_value[k]] * r[a->entry_row[k]];
+      force[c] += a->entry_sign[k] * values[a->entry_value[k]] * r[apart * a->entry_row[k]];
   }
 }
 
 /* Adds a force of a node on its beam to forces r, and on its slide to `out`, by T or Tv. */
-static void push_beam(const Slider *a, const double (*T)[LOCAL], const double *force, double *r, double *out) {
+static void push_beam(const Slider *a, const double (*T)[LOCAL], const double *force, double *r, double *out, int apart) {
   int s = a->components * a->width;
   for (int c = 0; c < a->components; ++c) {
-    for (int k = 0; k < s; ++k) r[local_dof(a, k)] += force[c] * T[c][k];
-    out[a->column] += force[c] * T[c][s];
+    for (int k = 0; k < s; ++k) r[apart * local_dof(a, k)] += force[c] * T[c][k];
+    out[apart * a->column] += force[c] * T[c][s];
   }
 }
 
@@ -43,8 +45,8 @@ static void push_beam(const Slider *a, const double (*T)[LOCAL], const double *f
 static void carry(const Problem *p, const Work *w, double *r, double *out) {
   for (int i = p->sliders - 1; i >= 0; --i) {
     Slider *a = p->slider + i;
-    find_held_force(a, w->virtual_map, r, out, a->force);
-    push_beam(a, a->virtual_map, a->force, r, out);
+    find_held_force(a, w->virtual_map, r, out, a->force, 1);
+    push_beam(a, a->virtual_map, a->force, r, out, 1);
   }
 }
 

@@ -13,7 +13,8 @@ typedef struct {
   double *G, *G_virtual, *part, *part_virtual, *gap, *gap0, *gap_row, *gap_scratch, *pivoting; /* of loops */
   double *closing, *closed;
   int *follows, *largest_at, *part_order, *order_virtual; /* closure that each loop column follows, or -1 */
-  double *block, *corner, *border_right; /* of borders: rows of right sides by position, D, right sides */
+  double *block, *corner, *corner_units, *border_right; /* of borders: rows of right sides by position, D, right sides */
+  int *corner_order;
   int *reached, *border_entries;         /* rows of the block that are not zero; number of entries */
   BorderEntry *border_entry;
   double *passed, *joint_forces;
@@ -63,7 +64,8 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->part_order = (int *)allocate(&at, m), w->order_virtual = (int *)allocate(&at, m);
   long b = p->borders;
   w->block = allocate(&at, (long)p->positions * p->block);
-  w->corner = allocate(&at, b * b), w->border_right = allocate(&at, b);
+  w->corner = allocate(&at, b * b), w->corner_units = allocate(&at, 2 * b), w->border_right = allocate(&at, b);
+  w->corner_order = (int *)allocate(&at, b);
   w->reached = (int *)allocate(&at, p->positions), w->border_entries = (int *)allocate(&at, 1);
   w->border_entry = (BorderEntry *)allocate(&at, 2 * (long)p->most_border_entries);
   w->passed = allocate(&at, n), w->joint_forces = allocate(&at, 3 * p->scene_joints);
