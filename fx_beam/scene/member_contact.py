@@ -9,7 +9,7 @@ from fx_beam.validation import shown
 
 from .beam import Beam, Node
 from .loads import label
-from .member_curve import nearest
+from .member_curve import may_be_nearer, nearest
 from .obstacles import Obstacle, start_of
 
 
@@ -28,6 +28,10 @@ def check_members(made: Obstacle, size: float) -> None:
     for touching, member in pairs:
         points, nodes = start_of(touching), start_of(member)
         arc = arc_of(nodes) if touching is member else None
+        if arc is None:
+            points = points[may_be_nearer(points, nodes, made.radii)]
+            if not len(points):
+                continue
         found = nearest(points, nodes, made.apart, arc)
         gaps = found.distance - made.radii
         deepest = int(np.argmin(gaps))

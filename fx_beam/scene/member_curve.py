@@ -21,6 +21,16 @@ class Nearest(NamedTuple):
     point: np.ndarray
 
 
+def may_be_nearer(points: np.ndarray, nodes: np.ndarray, distance: float) -> np.ndarray:
+    """Which points (m,) may be nearer to a member with nodes (n, 2) than a distance [m].
+
+    A piece lies within half an arm of its node.
+    """
+    arm = np.hypot(*np.diff(nodes, axis=0).T).max()
+    square = ((points[:, None] - nodes) ** 2).sum(axis=-1).min(axis=1)
+    return square < (distance + arm / 2) ** 2
+
+
 def nearest(
     points: np.ndarray, nodes: np.ndarray, apart: float = 0.0, arc: np.ndarray | None = None
 ) -> Nearest:
