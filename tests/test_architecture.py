@@ -272,7 +272,6 @@ HOUSE = {
     ],
     "responses": [
         "numbers",
-        "static_derivatives",
         "gradient",
         "natural_gradients",
         "linear_outputs",
@@ -280,6 +279,7 @@ HOUSE = {
         "resultant_outputs",
         "step_losses",
         "work_outputs",
+        "static_derivatives",
         "objectives",
         "output_values",
         "row_outputs",

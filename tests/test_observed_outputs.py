@@ -141,6 +141,19 @@ def test_rows_without_weight_cost_nothing_and_change_nothing():
 # -- Against what is known otherwise -----------------------------------------------------------
 
 
+def test_rate_of_a_driven_body_without_joints():
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        scene.prescribe(body.centre, x=lambda t: x[0] * t * t)
+        return scene, {"rate": fb.Output("velocity", body.centre, "x")}
+
+    run = fb.Response(build, dt=0.1, t_end=1.0)
+    t, y = run([3.0])
+    assert run.jacobian()["rate"][:, 0] == pytest.approx(2 * t, abs=1e-9)
+    assert run.vjp({"rate": np.ones_like(t)}) == pytest.approx([2 * t.sum()], abs=1e-8)
+
+
 def test_reaction_of_a_cantilever_by_its_load():
     """At rest it is minus the load, and its moment minus the load times where the tip is."""
 

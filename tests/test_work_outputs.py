@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from test_internal_variables import PLASTIC
 from test_joint_friction_derivatives import rail
+from test_natural_strain_derivatives import bending
 from test_observed_outputs import pushed, stored, yielding
 from test_response import arm, bent, four_bar, free
 
@@ -79,11 +81,45 @@ def lossy(x):
     return scene, {}
 
 
+def lifted(x):
+    """A cantilever under all kinds of loads with a spring, and two motors that lift a body."""
+    scene = fb.Scene(gravity=(0.0, -9.81 * x[1]))
+    section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2)
+    beam = scene.add_beam([(0, 0), (x[2], 0)], section, elements=3)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (3 * x[0], 4 * x[2]))
+    scene.add_moment(beam.end, 2 * x[1])
+    scene.add_line_load(beam, (0.3 * x[0], 1.0))
+    scene.add_force_between(beam.end, (1, 1.0), spring=fb.Spring(5 * x[0], rest=0.7))
+    arm = scene.add_body((5, 0), 1.0, 0.1, points={"pin": (4.6, 0)})
+    lift = {"motor": lambda t: 0.4 * x[1] * t * (2 - t)}
+    scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"], **lift))
+    block = scene.add_body((5.5, 0), 0.5 * x[1], 0.1)
+    slide = {"motor": lambda t: 0.2 * x[0] * t * (2 - t)}
+    scene.add_joint(fb.Prismatic(arm.centre, block.centre, (1, 0), **slide))
+    scene.add_force(block.centre, (x[2], 3.0))
+    return scene, {}
+
+
 def slowed(x):
     """A closed loop with a drag and a damper."""
     scene, _ = four_bar(x)
     scene.add_drag(scene.bodies[1].centre, linear=x[1], rotation=0.1)
     scene.add_force_between(scene.bodies[0]["end"], (1, 1), damper=fb.Damper(x[0]))
+    return scene, {}
+
+
+def curved(x):
+    """A cantilever that bends itself."""
+    return bending([10 * x[0], x[1], 0.0, 1.0, x[2]], False)
+
+
+def dented(x):
+    """A force bends a plastic cantilever."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (x[2], 0)], PLASTIC, elements=3)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, 20 * x[0]))
     return scene, {}
 
 
@@ -108,6 +144,9 @@ SCENES = {
     "losses, mid-point, order 4": (slowed, {"scheme": fb.MidPoint(order=4)}),
     "losses, decaying": (arm, {"scheme": fb.EnergyDecaying()}),
     "losses and other work": (lossy, {}),
+    "losses from an equilibrium": (bent, {"start": lambda scene: fb.static(scene, steps=2)}),
+    "lifted": (lifted, {"start": lambda scene: fb.static(scene, 2, t=1.0), "t_end": 1.05}),
+    "equilibria": (lifted, {"steps": 3, "t": 1.0}),
     "losses and other work, in parts": (lossy, {"memory": 3e4}),
     "losses of plastic members": (yielding, {}),
     "losses, driven, in parts": (driven, {"memory": 2e4, "record": fb.Record(every=3)}),
@@ -116,6 +155,8 @@ SCENES = {
 
 def response(name):
     build, options = SCENES[name]
+    if name == "equilibria":
+        return fb.StaticResponse(with_work(build), **options)
     return fb.Response(with_work(build), **({"dt": 0.01, "t_end": 0.1} | options))
 
 
@@ -230,6 +271,27 @@ def test_work_goes_on_from_a_solution_that_does_not_depend_on_x():
         rest(X[:2])
 
 
+def test_work_of_a_moment_that_bends_a_cantilever():
+    """W = M^2 L / 2 EI; of equal load steps as well, as the rotation is linear in M."""
+
+    def build(x):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=1e4, EI=x[1])
+        beam = scene.add_beam([(0, 0), (x[2], 0)], section, elements=3)
+        scene.clamp(beam.start)
+        scene.add_moment(beam.end, x[0])
+        return scene, {}
+
+    M, EI, L = x = np.array([2.0, 3.0, 0.8])
+    run = fb.StaticResponse(with_work(build), steps=4)
+    factors, y = run(x)
+    assert y["work"] == pytest.approx(factors**2 * M**2 * L / (2 * EI), abs=1e-12)
+    expected = [M * L / EI, -(M**2) * L / (2 * EI**2), M**2 / (2 * EI)]
+    J = run.jacobian("work", "dissipated")
+    assert J["work"] == pytest.approx(np.outer(factors**2, expected), abs=1e-10)
+    assert not J["dissipated"].any()
+
+
 # -- What is refused ----------------------------------------------------------------------------
 
 
@@ -239,7 +301,7 @@ def test_work_goes_on_from_a_solution_that_does_not_depend_on_x():
         (yielding, {"scheme": fb.MidPoint()}, "work", "not exact with MidPoint"),
         (rubbing, {"scheme": fb.MidPoint()}, "dissipated", "the force of a joint. Use EnergyM"),
         (damped, {"scheme": fb.EnergyDecaying(), "memory": 5e3}, "dissipated", "more memory"),
-        (bent, {"start": fb.static}, "dissipated", "an equilibrium of its own"),
+        (curved, {"start": fb.static}, "work", "has none where natural strains do work"),
     ],
 )
 def test_what_has_no_derivatives_is_refused_by_its_name(build, options, key, message):
@@ -252,8 +314,16 @@ def test_what_has_no_derivatives_is_refused_by_its_name(build, options, key, mes
     assert run.jacobian("total")["total"].shape == (len(y["total"]), 3)
 
 
-def test_work_in_statics_is_refused():
-    run = fb.StaticResponse(with_work(bent), steps=2)
+@pytest.mark.parametrize(
+    ("build", "key", "message"),
+    [
+        (four_bar, "work", "of a mechanism, which also depends on how it settles"),
+        (curved, "work", "in equilibria where natural strains do work"),
+        (dented, "dissipated", "in equilibria where energy is dissipated"),
+    ],
+)
+def test_what_has_none_in_equilibria_is_refused_by_its_name(build, key, message):
+    run = fb.StaticResponse(with_work(build), steps=2)
     _, y = run(X)
-    with pytest.raises(fb.SceneError, match="in motions only"):
-        run.vjp({"work": np.ones_like(y["work"])})
+    with pytest.raises(fb.SceneError, match=message):
+        run.vjp({key: np.ones_like(y[key])})

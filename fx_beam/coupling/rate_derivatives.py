@@ -246,7 +246,8 @@ class RateDerivatives:
         """
         (g, given, push), mu = self._entries, self._mu
         joint, column, turning = (self._tables[name] for name in ("joint", "column", "turning"))
-        on_rows = np.where(joint[:, None] >= 0, joints[:, joint], 0.0)
+        on_rows = np.zeros((len(rates), self._count, 3))
+        on_rows[:, joint >= 0] = joints[:, joint[joint >= 0]]
         on_columns = np.where(column >= 0, columns[:, column] if columns.size else 0.0, 0.0)
         by_mu = (push * on_rows[..., :2]).sum(axis=-1) + turning * on_rows[..., 2]
         by_mu += given * on_columns

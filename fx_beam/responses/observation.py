@@ -35,12 +35,15 @@ StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 
 
 def check_outputs(
-    model: Model, tape: Tape, outputs: Mapping[str, Output], rests: bool = False
+    model: Model, tape: Tape, outputs: Mapping[str, Output], start: Mapping[str, str]
 ) -> None:
-    """SceneError for outputs without derivatives, for motions that begin at rest if it `rests`."""
+    """SceneError for outputs without derivatives; `start` says why that since the start has none.
+
+    By its quantity.
+    """
     for name, output in outputs.items():
         if output.quantity in SINCE_START:
-            check_work(model, output, name, rests)
+            check_work(model, output, name, start.get(output.quantity, ""))
         parted = model.forms.needs_before and sums_losses(model, output)
         if (isinstance(output.of, Beam) or parted) and not tape.is_whole:
             raise SceneError(

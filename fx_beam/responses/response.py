@@ -40,7 +40,7 @@ from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, summed
 from .output_values import Recording, values_of
 from .row_outputs import RowOutputs
-from .static_derivatives import StateChange, StaticDerivatives, why_not
+from .static_derivatives import StateChange, StaticDerivatives, why_no_sums, why_not
 
 _log = logging.getLogger("fx_beam")
 # Growth of derivatives towards the start above which they say little about the motion.
@@ -297,7 +297,7 @@ class Response:
         model, tape, adjoint = self._followed("vjp")
         outputs = self._checked_weights(weights)
         boundaries, direct = self._boundaries(tape), list[Gradient]()
-        check_outputs(model, tape, outputs, self._path is not None)
+        check_outputs(model, tape, outputs, why_no_sums(self._path))
         given = {name: np.asarray(rows, float) for name, rows in weights.items()}
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
@@ -350,7 +350,7 @@ class Response:
         """
         model, tape, _ = self._followed("jacobian")
         outputs = self._differentiable(names or self._scenes.names, "Response.jacobian: names")
-        check_outputs(model, tape, outputs, self._path is not None)
+        check_outputs(model, tape, outputs, why_no_sums(self._path))
         changes = self._changes(tape)
         model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
         forward = Forward(adjoint)

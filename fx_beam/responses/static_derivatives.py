@@ -26,6 +26,7 @@ from fx_beam.stepping.initial_state import reference_state
 from fx_beam.stepping.newton import NewtonOptions
 
 from .numbers import static_numbers_of
+from .work_outputs import StepWork, why_no_work
 
 # Internal variables that round-off may leave at a contact without a force.
 _ROUNDING = 1e-12
@@ -51,6 +52,21 @@ def why_not(path: StaticPath) -> str:
     if any(abs(own).max(initial=0.0) > _ROUNDING for own in variables):
         return "springs are under tension, and change internal variables before the loads act"
     return ""
+
+
+def why_no_sums(path: StaticPath | None) -> dict[str, str]:
+    """Why work and losses of a motion have no derivatives if it starts from a path, by quantity."""
+    if path is None or why_not(path):  # nothing came before, or differences have it
+        return {}
+    found, model = dict[str, str](), path.model
+    before = "has no derivatives since the equilibrium from which each motion starts"
+    if model.flows:
+        found["dissipated_energy"] = f"{before} has internal variables"
+    if path.continues:
+        found["work"] = f"{before} began at another solution"
+    elif reason := why_no_work(model):
+        found["work"] = f"{before} has none {reason}"
+    return found
 
 
 class StaticDerivatives:
@@ -95,12 +111,27 @@ class StaticDerivatives:
 
     def change_of_end(self, changes: Mapping[str, np.ndarray]) -> StateChange:
         """Changes of the last state with those (m, ...) of the numbers."""
-        forward, last = Forward(self.adjoint), np.array([len(self.tape)])
-        found = forward.push(self.tape, changes, last, last - 1)
+        forward, every = Forward(self.adjoint), np.arange(len(self.tape) + 1)
+        found = forward.push(self.tape, changes, every, every[:-1])
         of_state = {"q": "q", "slides": "slides"}
-        of_state |= {"constraint_forces": "constraints", "joint_forces": "joints"}
-        changes_at_end = {name: found[own][0] for name, own in of_state.items()}
-        return StateChange(self, changes_at_end | forward.at_end)
+        at_end = {name: found[own][-1] for name, own in of_state.items()}
+        of_state = {"constraint_forces": "constraints", "joint_forces": "joints"}
+        at_end |= {name: found[own][-1] for name, own in of_state.items()}
+        if not (self.path.continues or why_no_work(self.model)):
+            states = {name: self.states_at(every)[name] for name in ("q", "slides")}
+            forces = self.adjoint.constraint_forces(self.tape)
+            work = StepWork(self.model, self.tape, states, forces, every[:1])
+            at_end["work"] = work.push(found, changes)[-1]
+        return StateChange(self, at_end | forward.at_end)
+
+    def states_at(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
+        """States (n, ...) before some load steps, or at the end, by the names of `State`."""
+        found = self.tape.states(np.maximum(boundaries - 1, 0))
+        for name, rows in found.items():
+            for row, step in zip(rows, boundaries.tolist(), strict=True):
+                if row.size and step:
+                    row[:] = np.ravel(getattr(self.states[step - 1], name))
+        return found
 
 
 class StateChange:
@@ -113,7 +144,7 @@ class StateChange:
         """The equilibrium with a change of one number, in the numbering of a model."""
         own = self._path.model
         moved = {
-            name: values + by * self._changes[name][number].reshape(values.shape)
+            name: values + by * self._changes[name][number].reshape(np.shape(values))
             for name in self._changes
             if (values := getattr(self._state, name)) is not None
         }

@@ -150,11 +150,7 @@ class StaticResponse(Response):
 
     def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
         assert self._derivatives is not None  # `_followed` comes first
-        found, of_steps = tape.states(np.maximum(steps - 1, 0)), self._derivatives.states
-        for name, rows in found.items():
-            for row, step in zip(rows, steps.tolist(), strict=True):
-                if row.size and step:
-                    row[:] = np.ravel(getattr(of_steps[step - 1], name))
+        found = self._derivatives.states_at(steps)
         return {name.replace("_", " "): rows for name, rows in found.items()}
 
     def _changes(self, tape: Tape) -> dict[str, np.ndarray]:

@@ -78,19 +78,18 @@ def fits_rates(model: Model, output: Output) -> bool:
     return output.quantity == "work" and bool(model.couplings.driven)
 
 
-def check_work(model: Model, output: Output, name: str, rests: bool) -> None:
+def check_work(model: Model, output: Output, name: str, of_start: str) -> None:
     """Refuse work and dissipated energy that are neither sums over steps nor given by a balance.
 
-    And those of a motion that starts from an equilibrium for the same numbers, if it `rests`.
+    And those since an equilibrium before the motion, `of_start` says why; empty if there is none.
     """
-    parts, others, why = _parts(model, output.quantity), _other_work(model), ""
+    parts, others, why = _parts(model, output.quantity), _other_work(model), of_start
     if model.scheme.rates.at_rest:
-        why = "has derivatives in motions only"
-    elif rests:
-        why = (
-            "has no derivatives if each motion starts from an equilibrium of its own, since that "
-            "before the motion depends on x as well. Start from a solution"
-        )
+        if parts.losses or parts.energy:
+            what = f"{others} do work" if parts.energy else "energy is dissipated"
+            why = f"has no derivatives in equilibria where {what}"
+        elif reason := why_no_work(model):
+            why = f"has no derivatives in equilibria {reason}"
     elif parts.energy and not model.scheme.balances_energy:
         why = (
             f"follows from the balance of energy where {others} do work, which is not exact with "
@@ -101,6 +100,13 @@ def check_work(model: Model, output: Output, name: str, rests: bool) -> None:
         why = f"is the sum of the losses of steps, without derivatives where {reason}{advice}"
     if why:
         raise SceneError(f"the output {name!r}, {output}, {why}")
+
+
+def why_no_work(model: Model) -> str:
+    """Why the work in load steps has no derivatives; empty if it has."""
+    if others := _other_work(model):
+        return f"where {others} do work"
+    return "of a mechanism, which also depends on how it settles" if model.mechanism else ""
 
 
 class WorkOutput:
@@ -130,7 +136,7 @@ class WorkOutput:
             self._at_rows.append((parts.energy, energy(own, False)))
         elif quantity == "work" and model.couplings.driven and model.fitted_rates is not None:
             self._at_rows.append((1, energy("work of rates that fit", False)))
-        if is_first:
+        if is_first and not model.scheme.rates.at_rest:
             self._at_start = f"{quantity} at the start"
             self._before = energy("energy of steps", True) if parts.energy else None
         #: Sums over the steps, with their signs.
@@ -186,6 +192,10 @@ class StepWork:
     It is F . w, with the mean F of the loads at both ends and the path w, and the forces of driven
     columns (k, columns) times their paths. `states` (k + 1, ...) are those before the sub-steps and
     after the last; `ends` (n,) the numbers of sub-steps before the rows.
+
+    In load steps the loads and the forces are those at the ends. The first one, to the equilibrium
+    without loads, does not count; and of the weight, whose work is potential energy, what the load
+    factor leaves out.
     """
 
     def __init__(
@@ -198,24 +208,38 @@ class StepWork:
     ):
         self.ends, part, columns = ends, tape.present, model.loads.columns
         self._own, self._all_steps = slice(*part), len(tape)
-        t0 = tape.starts[self._own]
-        #: Means (k, loads) of the factors of the loads.
-        self._factors = Forcing(model).loads(t0, t0 + tape.lengths[self._own]).mean(axis=1)
-        rates, turns = model.scheme.rates, model.turns
+        self._at_rest, t0 = model.scheme.rates.at_rest, tape.starts[self._own]
+        t1, rates, turns = t0 + tape.lengths[self._own], model.scheme.rates, model.turns
         D = without_turns(model, np.diff(states["q"], axis=0))
         each = [rates.work_increment(increment, turns) for increment in D]
         path, slope = np.array(each).reshape(-1, 2, D.shape[1]).swapaxes(0, 1)
+        slides = np.diff(states["slides"], axis=0)
+        driven = forces[:, : model.couplings.driven]
+        if self._at_rest:
+            path[:1], slope[:1], slides[:1] = 0.0, 0.0, 0.0
+            self._factors = _with_last(tape.memories[:, None] * model.loads.series(t1))
+            driven = _with_last(driven)
+        else:
+            #: Means (k, loads) of the factors of the loads.
+            self._factors = Forcing(model).loads(t0, t1).mean(axis=1)
         #: Works (k, loads) of the unit loads, and increments (k, n) at the entries of the columns.
         self._unit_works = (columns.T @ path.T).T
         self._at_entries = path[:, columns.indices]
         self._of_entry = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
         #: Paths (k, driven) of driven motions, and derivatives of the work by their increments.
         of_nodes, of_slides = _driven_paths(model)
-        driven = forces[:, : model.couplings.driven]
-        self._paths = path @ of_nodes.T + np.diff(states["slides"], axis=0) @ of_slides.T
+        self._paths = path @ of_nodes.T + slides @ of_slides.T
         self._by_slides = driven @ of_slides
+        if self._at_rest:
+            self._by_slides[:1] = 0.0
         #: Derivatives (k, size) of the work in each sub-step by its increments.
         self._by_increments = ((columns @ self._factors.T).T + driven @ of_nodes) * slope
+        #: Those by the weight, if any of its work counts.
+        self._by_weight: np.ndarray | None = None
+        if self._at_rest and model.weight is not None:
+            missing = _with_last(tape.memories[:, None]) - 1
+            self._by_weight = missing * path
+            self._by_increments += missing * model.weight * slope
 
     def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """Add the derivatives of the sum of weights (n,) times the work, and `later` all of it."""
@@ -223,14 +247,21 @@ class StepWork:
         for name, own in (("q", self._by_increments), ("slides", self._by_slides)):
             to.at(name)[-len(own) :] += of_steps * own
             to.at(name)[-len(own) - 1 : -1] -= of_steps * own
+        by_forces, by_factors = of_steps * self._paths, of_steps * self._unit_works
+        by_loads = np.zeros((self._all_steps, 2, self._factors.shape[1]))
+        if self._at_rest:
+            by_forces = _of_each(by_forces)
+            by_loads[self._own, 1] = _of_each(by_factors)
+        else:
+            by_loads[self._own] = (by_factors / 2)[:, None]
         if self._paths.size:
             forces = to.at("constraints")
-            forces[-len(self._paths) :, : self._paths.shape[1]] += of_steps * self._paths
-        by_loads = np.zeros((self._all_steps, 2, self._factors.shape[1]))
-        by_loads[self._own] = (of_steps * self._unit_works / 2)[:, None]
+            forces[-len(self._paths) :, : self._paths.shape[1]] += by_forces
         to.add_numbers("loads", by_loads)
         factors = (of_steps * self._factors)[:, self._of_entry]
         to.add_numbers("columns", (factors * self._at_entries).sum(axis=0))
+        if self._by_weight is not None:
+            to.add_numbers("weight", (of_steps * self._by_weight).sum(axis=0))
 
     def push(
         self, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
@@ -241,11 +272,25 @@ class StepWork:
         of_steps += np.einsum("kmi,ki->km", slides, self._by_slides)
         if self._paths.size:
             forces = of_state["constraints"][:, :, : self._paths.shape[1]]
+            forces = _with_last(forces) if self._at_rest else forces
             of_steps += np.einsum("kmi,ki->km", forces, self._paths)
-        factors = changes["loads"][:, self._own].mean(axis=2)
-        of_steps += np.einsum("mkl,kl->km", factors, self._unit_works)
+        loads = changes["loads"][:, self._own].swapaxes(0, 1)
+        factors = _with_last(loads[:, :, 1]) if self._at_rest else loads.mean(axis=2)
+        of_steps += np.einsum("kml,kl->km", factors, self._unit_works)
         of_steps += (self._factors[:, self._of_entry] * self._at_entries) @ changes["columns"].T
+        if self._by_weight is not None:
+            of_steps += self._by_weight @ changes["weight"].T
         return sums_after(of_steps)
+
+
+def _with_last(values: np.ndarray) -> np.ndarray:
+    """Means (k, ...) of each row and the one before; of the first row itself."""
+    return (values + np.concatenate([values[:1], values[:-1]])) / 2
+
+
+def _of_each(of_means: np.ndarray) -> np.ndarray:
+    """Derivatives by values (k, ...) from those by their means, where the first does not count."""
+    return (of_means + np.concatenate([of_means[1:], np.zeros_like(of_means[:1])])) / 2
 
 
 def _driven_paths(model: Model) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
