@@ -21,6 +21,7 @@ from fx_beam.compiled import build
 from fx_beam.fem import ffcx_api, interval_mesh
 
 sys.path.insert(0, str(Path(__file__).parent))
+import quick_code  # noqa: E402  # from the folder of the tests
 
 # Pictures without a display, as `./run` has it.
 os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
@@ -58,7 +59,7 @@ def _with_headers(flags):
 
 # A form compiled without optimisation takes a fifth less time, its functions of several elements
 # half of it. The compiled loop stays optimised; in processes that tests start all is.
-build.BATCH_FLAGS.append("-O0")
+quick_code.use()
 interval_mesh.JIT["cffi_extra_compile_args"] = _with_headers(["-O0", "-g0", "-w"])
 
 # Another rounding of each motion: its step is multiplied by 1 + k 2e-15. What a test says about a

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 from scenes import demo
 
 import fx_beam as fb
-from fx_beam.compiled import build
 from shared import script
 
 PICTURES = {
@@ -86,8 +85,6 @@ SMALL = {
     "fast_arm": {"within": 0.1},
     "parametric_resonance": {"pulses": (0.1, 0.4)},
 }
-# Long runs of demos, which take far longer with functions that are not optimised (conftest.py).
-OPTIMISED = {"clamped_beam", "falling_ring", "identification"}
 _SAVE = Figure.savefig
 RESULTS = tempfile.TemporaryDirectory(prefix="fx_beam_demos_")  # goes with the process
 
@@ -112,7 +109,5 @@ def numbers(name):
 
     whole = fb.plot.animate
     films = mock.patch.object(fb.plot, "animate", animate)
-    flags = [*build.BATCH_FLAGS, *(["-O1"] if name in OPTIMISED else [])]  # the last one counts
-    compiled = mock.patch.object(build, "BATCH_FLAGS", flags)
-    with films, compiled, mock.patch.object(Figure, "savefig", _coarse):
+    with films, mock.patch.object(Figure, "savefig", _coarse):
         return script.main(demo(name), Path(RESULTS.name) / name, **SMALL.get(name, {}))

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import quick_code
 import sweep_cases
 
 import fx_beam as fb
 from fx_beam.analyses import mpi_ranks, workers
-from fx_beam.compiled import build
 from fx_beam.results import tables
 from fx_beam.studies.work_precision import runner
 
@@ -35,9 +35,8 @@ def thread():
 @pytest.fixture(scope="module", autouse=True)
 def optimised():
     """All code is compiled as in other processes, whose results are equal to the last digit."""
-    build.BATCH_FLAGS.remove("-O0")
-    yield
-    build.BATCH_FLAGS.append("-O0")
+    with quick_code.not_used():
+        yield
 
 
 @pytest.fixture
