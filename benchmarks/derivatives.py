@@ -6,8 +6,8 @@ Pinned beams of 8, 128 and 2048 elements, a chain of flexible arms with bodies a
 beads that slide on a beam.
 Columns: steps with a tape; gradient of a scalar, that is steps with a tape and the adjoint; the
 same if a fifth of the tape's memory is allowed, so that ten parts are repeated; changes of all
-states for 1, 5 and 20 numbers. All are relative to the steps without a tape: processor times,
-each the least of some tries.
+states for 1, 5 and 20 numbers. All are processor times relative to the steps without a tape, which
+take turns: medians of these ratios.
 """
 
 import sys
@@ -98,42 +98,37 @@ class Case:
         return process_time() - clock
 
 
-def least(tries, function):
-    """Least processor time of a function [s]."""
-
-    def once():
-        clock = process_time()
-        function()
-        return process_time() - clock
-
-    return min(once() for _ in range(tries))
+def seconds(function, *given):
+    """Processor time of a call [s]."""
+    clock = process_time()
+    function(*given)
+    return process_time() - clock
 
 
 def measured(build, dt, steps, tries):
     """Times relative to the steps, and the size of the tape [MB]."""
     case = Case(build(), dt, steps)
-    pairs = [(case.run(), case.run(case.tape)) for _ in range(tries)]
-    alone, taped = np.min(pairs, axis=0)
-    adjoint, ends = Adjoint(case.loop.problem), case.tape.boundaries(case.times)
-    weights = {"q": np.ones((len(ends), case.setup.model.size))}
-    back = least(tries, lambda: adjoint.pull(case.tape, weights, ends))
-    stiffness = case.setup.model.forms.beams.of_sections["stiffness"].data
-    values = stiffness.by_cells(len(case.setup.model.mesh.beam_of_cell)).values
-    rng, forward, found = np.random.default_rng(0), Forward(adjoint), []
-    for count in NUMBERS:
-        changes = {"stiffness": values * rng.random((count, *values.shape))}
-        push = least(tries, lambda changes=changes: forward.push(case.tape, changes, ends[-1:]))
-        found.append(push / alone)
-    size = 8 * len(case.tape) * case.tape.c.size
-    few = Tape(case.loop.problem, size / 5)
-    taped_few = min(case.run(few) for _ in range(tries))
-    back_few = least(tries, lambda: adjoint.pull(few, weights, ends))
+    tape, problem, model = case.tape, case.loop.problem, case.setup.model
+    case.run(tape)
+    adjoint, ends = Adjoint(problem), tape.boundaries(case.times)
+    weights = {"q": np.ones((len(ends), model.size))}
+    stiffness = model.forms.beams.of_sections["stiffness"].data
+    values = stiffness.by_cells(len(model.mesh.beam_of_cell)).values
+    rng, forward = np.random.default_rng(0), Forward(adjoint)
+    changes = [{"stiffness": values * rng.random((count, *values.shape))} for count in NUMBERS]
+    size = 8 * len(tape) * tape.c.size
+    few = Tape(problem, size / 5)
+    rows = []
+    for _ in range(tries + 1):
+        alone, taped, in_parts = case.run(), case.run(tape), case.run(few)
+        back, back_few = (seconds(adjoint.pull, own, weights, ends) for own in (tape, few))
+        push = [seconds(forward.push, tape, change, ends[-1:]) for change in changes]
+        rows.append(np.array([taped, taped + back, in_parts + back_few, *push]) / alone)
     assert not few.is_whole
-    gradients = taped + back, taped_few + back_few
-    return [taped / alone, *(time / alone for time in gradients), *found, 1e-6 * size]
+    return [*np.median(rows[1:], axis=0), 1e-6 * size]  # the first one compiles
 
 
-def main(tries=5):
+def main(tries=9):
     head = ["tape", "gradient", "in parts", *(f"{count} numbers" for count in NUMBERS), "tape [MB]"]
     print(f"{'':18}" + "".join(f"{name:>12}" for name in head))
     for name, case in CASES.items():

@@ -202,7 +202,7 @@ class Adjoint:
         given = {"weight_at": numbered(rows, every + 1), "force_at": numbered(sub_steps, every)}
         for key, (name, *shape) in of_rows.items():
             values = np.reshape(weights[key], shape) if key in weights else np.zeros(shape)
-            given[name] = np.append(values, 0.0)  # never empty
+            given[name] = never_empty(values)
         return given
 
     def _named(self, of_steps: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -308,6 +308,11 @@ def numbered(which: np.ndarray, count: int) -> np.ndarray:
     places = np.full(count, -1)
     places[which] = np.arange(len(which))
     return places
+
+
+def never_empty(array: np.ndarray) -> np.ndarray:
+    """An array with an address."""
+    return array if array.size else np.zeros(1)
 
 
 def _with_last(

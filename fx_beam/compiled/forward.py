@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.c_library import declarations
 from fx_beam.structs import Structs
 
-from .adjoint import Adjoint, numbered, path_numbers, singular
+from .adjoint import Adjoint, never_empty, numbered, path_numbers, singular
 from .element_data import aligned
 from .tape import Part, Tape
 
@@ -103,7 +103,7 @@ class Forward:
             member_numbers=given["member_number"].shape[1],
             member_arcs=given["member_arc"].shape[1],
             scratch=aligned(np.zeros(room)),
-            **{name: _never_empty(array) for name, array in given.items()},
+            **{name: never_empty(array) for name, array in given.items()},
         )
         for part in tape.parts(self._adjoint.problem):
             at, of = rows_of(part)
@@ -114,7 +114,7 @@ class Forward:
                 directions,
                 row_at=numbered(at, len(tape) + 1),
                 force_at=numbered(of, len(tape)),
-                **{name: _never_empty(array) for name, array in results.items()},
+                **{name: never_empty(array) for name, array in results.items()},
             )
             left = self._library.fx_push(p, tape.c, self._adjoint.c, directions)
             if left:
@@ -212,7 +212,3 @@ def _side_by_side(rows: np.ndarray, ways: int) -> np.ndarray:
 def _one_by_one(groups: np.ndarray, count: int) -> np.ndarray:
     """The rows of which these are groups."""
     return np.concatenate(groups.swapaxes(1, 2))[:count]
-
-
-def _never_empty(array: np.ndarray) -> np.ndarray:
-    return array if array.size else np.zeros(1)
