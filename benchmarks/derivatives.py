@@ -66,12 +66,12 @@ def beads(count):
 
 
 CASES = {
-    "8 elements": (lambda: pinned(8), 1e-3, 2000),
-    "128 elements": (lambda: pinned(128), 1e-4, 400),
-    "2048 elements": (lambda: pinned(2048), 1e-5, 100),
-    "arms with bodies": (arms, 1e-3, 1000),
-    "a bead on a beam": (lambda: beads(1), 1e-3, 400),
-    "ten beads": (lambda: beads(10), 1e-3, 100),
+    "8 elements": (lambda: pinned(8), 1e-3, 10000),
+    "128 elements": (lambda: pinned(128), 1e-4, 2000),
+    "2048 elements": (lambda: pinned(2048), 1e-5, 400),
+    "arms with bodies": (arms, 1e-3, 5000),
+    "a bead on a beam": (lambda: beads(1), 1e-3, 1600),
+    "ten beads": (lambda: beads(10), 1e-3, 400),
 }
 
 

@@ -77,6 +77,14 @@ class _Checkpoint(NamedTuple):
     increments: np.ndarray | None
 
 
+class _Times(NamedTuple):
+    """Starts and lengths of all sub-steps [s], and whether a whole step begins with each."""
+
+    starts: np.ndarray
+    lengths: np.ndarray
+    begins: np.ndarray
+
+
 class Tape:
     """Rows of numbers, one for each sub-step, which the compiled loop writes (c/tape.h).
 
@@ -101,10 +109,10 @@ class Tape:
     def clear(self) -> None:
         """Forget all sub-steps; the memory is kept."""
         self.c.rows = self.c.first = 0
-        self._starts, self._lengths = np.empty(0), np.empty(0)
-        # Whether a whole step begins with each sub-step.
-        self._begins = np.empty(0, dtype=bool)
         self._checkpoints: list[_Checkpoint] = []
+        self._count = 0
+        # Of the sub-steps, once they are asked for.
+        self._times: _Times | None = None
         # Memory of their increments [bytes].
         self._kept = 0
         #: Whether the rows of all sub-steps are kept.
@@ -114,10 +122,10 @@ class Tape:
         """Have rows that were not written by the loop."""
         self._set_rows(rows)
         self.c.rows = len(rows)
-        self._starts, self._lengths, self._begins = rows[:, 0], rows[:, 1], rows[:, 4] == 0
+        self._count, self._times = len(rows), _Times(rows[:, 0], rows[:, 1], rows[:, 4] == 0)
 
     def __len__(self):
-        return len(self._starts)
+        return self._count
 
     # -- Written in a run -------------------------------------------------------------------------
 
@@ -180,19 +188,19 @@ class Tape:
         self.c.increments = self._ffi.cast("double *", own)
 
     def end(self, taken: int, fractions: np.ndarray) -> None:
-        """Keep the times of the steps that were taken."""
-        last = self._checkpoints[-1]
-        if not taken:
-            self._checkpoints.pop()
-            return
-        self._checkpoints[-1] = last._replace(steps=last.steps._replace(number=taken))
-        lengths = np.tile(last.steps.dt * fractions, taken)
-        starts = np.cumsum([last.numbers["t"], *lengths[:-1]])
-        begins = np.zeros((taken, len(fractions)), dtype=bool)
-        begins[:, 0] = (last.steps.part + np.arange(taken)) % last.steps.parts == 0
-        self._begins = np.concatenate([self._begins, begins.ravel()])
-        self._starts = np.concatenate([self._starts, starts])
-        self._lengths = np.concatenate([self._lengths, lengths])
+        """Keep how many steps were taken, with sub-steps of these fractions."""
+        last = self._checkpoints.pop()
+        if taken:
+            self._checkpoints.append(last._replace(steps=last.steps._replace(number=taken)))
+        self._count += taken * self._sub_steps
+        self._fractions, self._times = fractions, None
+
+    def _known_times(self) -> _Times:
+        if self._times is None:
+            none = _Times(np.empty(0), np.empty(0), np.empty(0, dtype=bool))
+            found = (_times_of(own, self._fractions) for own in self._checkpoints)
+            self._times = _Times(*map(np.concatenate, zip(none, *found, strict=True)))
+        return self._times
 
     def _with_room(self, more: int) -> Any:
         """The C struct, with room for some more sub-steps."""
@@ -254,12 +262,12 @@ class Tape:
     @property
     def starts(self) -> np.ndarray:
         """Times at the starts of all sub-steps [s]."""
-        return self._starts
+        return self._known_times().starts
 
     @property
     def lengths(self) -> np.ndarray:
         """Lengths of all sub-steps; some of schemes of order 4 go back in time [s]."""
-        return self._lengths
+        return self._known_times().lengths
 
     def states(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
         """States (n, ...) at some boundaries of the present part, by the names of `State`.
@@ -284,7 +292,7 @@ class Tape:
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:
         """The steps that end before some sub-steps."""
-        begins = np.flatnonzero(self._begins)
+        begins = np.flatnonzero(self._known_times().begins)
         last = np.searchsorted(begins, np.maximum(boundaries - 1, 0), side="right") - 1
         starts = np.minimum(begins[last], boundaries)
         counts = boundaries - starts
@@ -303,7 +311,7 @@ class Tape:
     @property
     def first_length(self) -> float:
         """Length of the first step [s]."""
-        begins = np.flatnonzero(self._begins)
+        begins = np.flatnonzero(self._known_times().begins)
         return float(self.lengths[: begins[1] if len(begins) > 1 else None].sum())
 
     def boundaries(self, times: np.ndarray) -> np.ndarray:
@@ -327,3 +335,13 @@ class Tape:
                 "Record at ends of steps; `breaks` are such"
             )
         return self._sub_steps * rows
+
+
+def _times_of(checkpoint: _Checkpoint, fractions: np.ndarray) -> _Times:
+    """Those of the sub-steps that follow a checkpoint."""
+    steps = checkpoint.steps
+    lengths = np.tile(steps.dt * fractions, steps.number)
+    begins = np.zeros((steps.number, len(fractions)), dtype=bool)
+    begins[:, 0] = (steps.part + np.arange(steps.number)) % steps.parts == 0
+    starts = np.cumsum([checkpoint.numbers["t"], *lengths[:-1]])
+    return _Times(starts, lengths, begins.ravel())
