@@ -168,7 +168,7 @@ class WithoutLoops:
     singularity = ""
     forces = 0
 
-    @property
+    @functools.cached_property
     def independent(self) -> np.ndarray:
         """All unknowns."""
         return np.arange(self.free)

@@ -279,7 +279,7 @@ def nearest_rates(
     """
     reduction = model.reduction
     free, w = reduction.independent, _driven_rates(model, driven)
-    missing = v - coupled.spread(w)
+    missing = v - coupled.spread(w) if len(driven) else v
     if len(free) and any_of(missing):
         weight = model.weight_of_rates if weight is None else weight
         w[free] = coupled.nearest(weight, missing)
