@@ -157,3 +157,16 @@ def test_derivatives_of_equilibria_are_those_of_differences():
         assert found[i] * number == pytest.approx((4 * low - high) / 3, rel=1e-6, abs=1e-7)
     forward = sum(np.tensordot(weights[name], changes[name], y[name].ndim) for name in y)
     assert found == pytest.approx(forward, rel=1e-9)
+
+
+def test_contact_of_members_beside_a_node_that_slides_is_refused():
+    def build(x):
+        scene = crossing(x[0])
+        bead = scene.add_body((0.3, 0.003 * x[0]), 0.1, 0.01)
+        scene.add_joint(fb.Slider(scene.beams[0], bead.centre))
+        return scene, {"bead": fb.Output("position", bead.centre)}
+
+    run = fb.Response(build, dt=2e-3, t_end=4e-3)
+    t, _ = run([1.0])
+    with pytest.raises(fb.SceneError, match="in a scene with nodes that slide on beams"):
+        run.vjp({"bead": np.ones((len(t), 2))})
