@@ -122,9 +122,7 @@ class Observation:
         return linear_output(model, output, places, states)
 
     def _sub_steps(self) -> SubSteps:
-        values = None if self._values is None else self._values[1:, 0]
-        natural = NaturalRows(self._model, self._tape) if self._model.natural else None
-        return SubSteps(self._model, self._tape, self.boundaries, self._states, values, natural)
+        return SubSteps.of(self._model, self._tape, self.boundaries, self._states)
 
     def _energy(self, quantity: str, states: dict[str, np.ndarray], ends: np.ndarray):
         given = self._parameters(ends), self._naturals(ends)

@@ -47,10 +47,26 @@ class SubSteps:
         #: Values of the parameters (sub-steps, n) at the level of the scheme.
         self._parameters = parameters
 
+    @classmethod
+    def of(
+        cls, model: Model, tape: Tape, boundaries: np.ndarray, states: Mapping[str, np.ndarray]
+    ) -> SubSteps:
+        """Those with the parameters and natural strains of a model."""
+        values, of_scene, level = None, model.forms.parameters, model.scheme.rates.level
+        if len(of_scene):
+            t0 = tape.starts
+            values = of_scene.over_steps(t0, t0 + tape.lengths, level)[:, 0]
+        natural = NaturalRows(model, tape) if model.natural else None
+        return cls(model, tape, boundaries, states, values, natural)
+
     @property
     def present(self) -> TapePart:
         """The sub-steps that are on the tape now."""
         return self._tape.present
+
+    def load(self, k: int) -> tuple[float, float]:
+        """Load factor at the end of load step k, and its increment in it."""
+        return float(self._tape.memories[k]), float(self._tape.lengths[k])
 
     def places(self, k: int) -> tuple[int, int, int]:
         """Of the states before and after sub-step k, and of that a sub-step earlier."""

@@ -26,6 +26,8 @@ from fx_beam.stepping.initial_state import reference_state
 from fx_beam.stepping.newton import NewtonOptions
 
 from .numbers import static_numbers_of
+from .resultant_outputs import SubSteps
+from .step_losses import StepLosses, why_no_losses
 from .work_outputs import StepWork, why_no_work
 
 # Internal variables that round-off may leave at a contact without a force.
@@ -58,15 +60,14 @@ def why_no_sums(path: StaticPath | None) -> dict[str, str]:
     """Why work and losses of a motion have no derivatives if it starts from a path, by quantity."""
     if path is None or why_not(path):  # nothing came before, or differences have it
         return {}
-    found, model = dict[str, str](), path.model
-    before = "has no derivatives since the equilibrium from which each motion starts"
-    if model.flows:
-        found["dissipated_energy"] = f"{before} has internal variables"
+    model, reasons = path.model, {"work": why_no_work(path.model)}
+    if model.forms.dissipate:
+        lossless = why_no_losses(model)
+        reasons["dissipated_energy"] = lossless and f"where {lossless}"
     if path.continues:
-        found["work"] = f"{before} began at another solution"
-    elif reason := why_no_work(model):
-        found["work"] = f"{before} has none {reason}"
-    return found
+        reasons = {quantity: "if it began at another solution" for quantity in reasons}
+    before = "has no derivatives since the equilibrium from which each motion starts has none"
+    return {quantity: f"{before} {reason}" for quantity, reason in reasons.items() if reason}
 
 
 class StaticDerivatives:
@@ -117,12 +118,24 @@ class StaticDerivatives:
         at_end = {name: found[own][-1] for name, own in of_state.items()}
         of_state = {"constraint_forces": "constraints", "joint_forces": "joints"}
         at_end |= {name: found[own][-1] for name, own in of_state.items()}
-        if not (self.path.continues or why_no_work(self.model)):
-            states = {name: self.states_at(every)[name] for name in ("q", "slides")}
-            forces = self.adjoint.constraint_forces(self.tape)
-            work = StepWork(self.model, self.tape, states, forces, every[:1])
-            at_end["work"] = work.push(found, changes)[-1]
+        for quantity, sums in self._sums().items():
+            at_end[quantity] = sums.push(found, changes)[-1]
         return StateChange(self, at_end | forward.at_end)
+
+    def _sums(self) -> dict[str, StepWork | StepLosses]:
+        """Work and losses of all load steps, those that have derivatives, by names of `State`."""
+        every, model = np.arange(len(self.tape) + 1), self.model
+        found: dict[str, StepWork | StepLosses] = {}
+        states = {name.replace("_", " "): rows for name, rows in self.states_at(every).items()}
+        if self.path.continues:
+            return {}
+        if not why_no_work(model):
+            forces = self.adjoint.constraint_forces(self.tape)
+            found["work"] = StepWork(model, self.tape, states, forces, every[:1])
+        if model.forms.dissipate and not why_no_losses(model):
+            of = SubSteps.of(model, self.tape, every, states)
+            found["dissipated"] = StepLosses(of, states, every[:1])
+        return found
 
     def states_at(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
         """States (n, ...) before some load steps, or at the end, by the names of `State`."""

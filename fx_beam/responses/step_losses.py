@@ -43,12 +43,16 @@ class StepLosses:
         self._of, self._states, self._part = of, states, of.present
         #: As those of `StepWork`.
         self.ends = ends
+        # In statics the first one leads to the equilibrium without loads, which loses nothing.
+        self._skipped = int(of.model.scheme.rates.at_rest)
 
     def _derivatives(self, k: int) -> _Derivatives:
         """Those of the loss of sub-step number k."""
         of, model, found = self._of, self._of.model, _Derivatives()
         part, (before, after, earlier) = of.part(k), of.places(k)
         forms = model.forms
+        if model.scheme.rates.at_rest:
+            forms.set_load(*of.load(k))
         if forms.beams is not None:
             for by in forms.beams.losses_by(part):
                 D = by.pop("increment")
@@ -95,6 +99,7 @@ class StepLosses:
         """Add the derivatives of the sum of weights (n,) times the losses, and `later` all."""
         first, end = self._part
         of_steps = weights_of_steps(self.ends, weights, later, end - first)
+        of_steps[: self._skipped] = 0.0
         for i in np.flatnonzero(of_steps).tolist():
             weight, by = float(of_steps[i]), self._derivatives(first + i)
             for name, place, values in by.of_state:
@@ -114,7 +119,9 @@ class StepLosses:
         """Changes (k + 1, m) of the losses before the first sub-step, and after each."""
         (first, end), count = self._part, len(changes["X"])
         of_steps = np.zeros((end - first, count))
-        for row, k in zip(of_steps, range(first, end), strict=True):
+        for row, k in zip(
+            of_steps[self._skipped :], range(first + self._skipped, end), strict=True
+        ):
             by = self._derivatives(k)
             for name, place, values in by.of_state:
                 if values.size:

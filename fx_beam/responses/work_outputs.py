@@ -85,11 +85,10 @@ def check_work(model: Model, output: Output, name: str, of_start: str) -> None:
     """
     parts, others, why = _parts(model, output.quantity), _other_work(model), of_start
     if model.scheme.rates.at_rest:
-        if parts.losses or parts.energy:
-            what = f"{others} do work" if parts.energy else "energy is dissipated"
-            why = f"has no derivatives in equilibria where {what}"
-        elif reason := why_no_work(model):
-            why = f"has no derivatives in equilibria {reason}"
+        reason = why_no_work(model) if output.quantity == "work" else ""
+        if parts.losses and (without := why_no_losses(model)):
+            reason = f"where {without}"
+        why = reason and f"has no derivatives in equilibria {reason}"
     elif parts.energy and not model.scheme.balances_energy:
         why = (
             f"follows from the balance of energy where {others} do work, which is not exact with "
