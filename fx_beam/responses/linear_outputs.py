@@ -48,7 +48,7 @@ class Term(NamedTuple):
     #: Name of an array of states, or with `direct` of numbers of the scene; flat index in it.
     name: str
     at: int
-    #: Rows (k,), factors (k,) or one, and component of the output.
+    #: Rows (k,) in their order, factors (k,) or one, and component of the output.
     rows: np.ndarray
     factors: Any
     part: int = 0
@@ -88,7 +88,8 @@ class LinearOutput:
             else:
                 own = of_state[term.name]
                 values = factors * own.reshape(*own.shape[:2], -1)[term.places, :, term.at]
-            np.add.at(found[:, term.part], term.rows, values)
+            first = np.flatnonzero(np.diff(term.rows, prepend=-1))
+            found[term.rows[first], term.part] += np.add.reduceat(values, first)
         return found if self.components else found[:, 0]
 
 
