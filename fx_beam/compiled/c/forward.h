@@ -256,9 +256,9 @@ static void sum_changes(const Problem *p, const Change *c, const double *values,
   for (int k = 0; k < p->followers; ++k) q[p->follower[k]] += p->joint_sign[p->through[k]] * c->arms[p->through[k]];
 }
 
-/* The changes of all paths in one direction; 0 if none change. */
+/* The changes of all paths in one direction; 0 if none change, or if the group has no such direction. */
 static double *paths_of(const Problem *p, const Group *g, const Change *c, int way) {
-  return c->moves_paths ? g->paths + way * path_start(p, p->sliders) : 0;
+  return c->moves_paths && way < g->count ? g->paths + way * path_start(p, p->sliders) : 0;
 }
 
 /* The change of the configuration from that of columns, of which it sets those of ties and sliding nodes, at the
@@ -282,10 +282,10 @@ static void change_nodes(const Problem *p, const Work *w, const Adjoint *a, cons
   sum_changes(p, c, values, columns, q);
   for (int i = 0; i < p->sliders; ++i) {
     const Slider *own = p->slider + i;
-    for (int j = 0; j < g->count; ++j) {
-      double change[3] = {0};
+    for (int j = 0; j < WAYS; ++j) {
+      double change[3] = {0}, *paths = paths_of(p, g, c, j);
       spread_slider(own, slides[i].T[end], in_way(q, j), in_way(columns, j), WAYS);
-      if (c->moves_paths) change_place(p, w, own, end, paths_of(p, g, c, j) + path_start(p, i), change);
+      if (paths) change_place(p, w, own, end, paths + path_start(p, i), change);
       for (int k = 0; k < own->components; ++k) columns[own->carried[k]][j] += change[k] - g->places[3 * i + k][j];
     }
     sum_changes(p, c, values, columns, q);
@@ -477,7 +477,7 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
       c->force[p->load_dof[i]] -= p->load_force[i] * more + g->load_force[i] * now;
   }
   if (p->joints) change_map(p, w, g, c, end, columns);
-  for (int j = 0; p->sliders && j < g->count; ++j)
+  for (int j = 0; p->sliders && j < WAYS; ++j)
     carry_changes(p, w, b->slides, in_way(c->map, j), (const double *[]){in_way(g->q, j), in_way(end, j)},
                   (const double *[]){in_way(g->columns, j), in_way(columns, j)}, paths_of(p, g, c, j),
                   in_way(c->force, j), in_way(c->reduced, j), WAYS);
@@ -516,7 +516,7 @@ static void follow_changes(const Problem *p, const Work *w, const Group *g, cons
       const Slider *a = p->slider + i;
       if (a->joint != e->load) continue;
       slope_of_axis(a, w->joint_forces, slope);
-      for (int j = 0; j < g->count; ++j) {
+      for (int j = 0; j < WAYS; ++j) {
         double *paths = paths_of(p, g, c, j);
         c->followed[k][j] += change_of_axis(p, w, a, slope, (const double *[]){in_way(g->q, j), in_way(c->end, j)},
                                             (const double *[]){in_way(g->columns, j), in_way(c->columns, j)},
@@ -532,7 +532,7 @@ static void change_forces(const Problem *p, const Work *w, const Directions *d, 
   long constrained = p->columns - p->free, joints = 3 * p->scene_joints, row = at * d->count + first;
   Ways *closing = c->closing, *on_nodes = c->force, *on_joints = c->on_joints;
   double *one = w->gap;
-  for (int j = 0; p->closures && j < g->count; ++j) {
+  for (int j = 0; p->closures && j < WAYS; ++j) {
     for (int i = 0; i < p->closures; ++i) one[i] = c->reduced[p->loop_column[p->following[i]]][j];
     solve_gaps_transposed(p, w, w->part_virtual, w->order_virtual, one);
     for (int i = 0; i < p->closures; ++i) closing[i][j] = one[i];
@@ -546,7 +546,7 @@ static void change_forces(const Problem *p, const Work *w, const Directions *d, 
   if (at >= 0) store_rows(c->reduced + p->free, constrained, g->count, d->constraint_rows + row * constrained);
   if (!joints) return;
   memset(on_joints, 0, joints * sizeof(Ways));
-  for (int j = 0; j < g->count; ++j)
+  for (int j = 0; j < WAYS; ++j)
     pass_forces(p, 0, p->passes_of_forces, in_way(on_nodes, j), in_way(on_joints, j), WAYS);
   for (int k = 0; k < p->closures; ++k) on_joints[p->gap_force[k]] += closing[k];
   for (int i = 0; i < p->joints; ++i) {
@@ -555,7 +555,7 @@ static void change_forces(const Problem *p, const Work *w, const Directions *d, 
     for (int k = 0; k < 2 && p->guide[i] >= 0; ++k) on_nodes[p->guide[i]] += lever[k] * change[k] + more[k] * F[k];
   }
   for (int i = 0; i < p->scene_joints; ++i) on_joints[3 * i + 2] -= c->moments[i];
-  for (int j = 0; j < g->count; ++j)
+  for (int j = 0; j < WAYS; ++j)
     pass_forces(p, p->passes_of_forces, p->passes, in_way(on_nodes, j), in_way(on_joints, j), WAYS);
   if (at >= 0) store_rows(on_joints, joints, g->count, d->joint_rows + row * joints);
   follow_changes(p, w, g, c);
