@@ -77,7 +77,7 @@ def test_of_short_cases_that_go_together_each_has_its_own_fate(lists):
     rows = fb.sweep(sweep_cases.short, cases, 2)
     wrong = {row["number"]: row["error"] for row in rows if row["error"]}
     assert wrong.keys() == {30, 50, 77}
-    assert "pickle" in wrong[30] and "pickle" in wrong[50] and "process died" in wrong[77]
+    assert "<lambda>" in wrong[30] and "<lambda>" in wrong[50] and "process died" in wrong[77]
     assert all(row["result"] == 2 * row["number"] for row in rows if not row["error"])
 
 
