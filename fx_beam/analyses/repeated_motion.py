@@ -94,6 +94,9 @@ class RepeatedMotion:
         setup = kept.refilled(scene, halving)
         if setup is None:
             return None
+        if setup.model is not recorder.model:  # differences of a derivative left another one
+            kept.put_back(setup)
+            return None
         loop, model, stats = setup.stepper.integrator, setup.model, setup.stats
         assert isinstance(loop, CompiledLoop)  # as before
         rates, late = self.record.rates, model.finds_accelerations_later
