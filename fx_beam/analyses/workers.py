@@ -195,17 +195,6 @@ def _outcomes(future: Future) -> list[Outcome]:
     return [pickle.loads(sent) for sent in future.result()]
 
 
-def _as_they_finish(waiting: dict[Future, list[int]]) -> Iterator[tuple[Future, list[int]]]:
-    """Futures with their items as they finish, also those that are added meanwhile."""
-    while waiting:
-        number = len(waiting)
-        for future in as_completed(list(waiting)):
-            number -= 1
-            yield future, waiting.pop(future)
-            if len(waiting) > number:
-                break
-
-
 # -- An executor of the user ---------------------------------------------------------------------
 
 
@@ -260,17 +249,16 @@ class _OnProcesses:
         seconds: list[float] = []
         while left:
             assert self._pool is not None
-            batch, rest, size = alone[:1] or list(left), list[int](), 1
+            batch, size = alone[:1] or list(left), 1
             del alone[:1]
-            if len(batch) > 1 and not seconds:  # the first ones tell how long items take
-                batch, rest = batch[: 4 * self._number], batch[4 * self._number :]
+            if len(batch) > 1 and not seconds:
+                batch = batch[: 4 * self._number]  # tells how long items take
             elif len(batch) > 1:
                 size = self._together(seconds, len(batch))
             parts = [batch[k : k + size] for k in range(0, len(batch), size)]
             futures = self._pool.submit(self._function, left, parts)
-            waiting = dict(futures)
-            for future, part in _as_they_finish(waiting):
-                error = future.exception()
+            for future in as_completed(futures):
+                error, part = future.exception(), futures[future]
                 if isinstance(error, BrokenExecutor):
                     continue
                 if error is not None and len(part) > 1:  # such as one that cannot be sent
@@ -281,11 +269,6 @@ class _OnProcesses:
                     if len(batch) > 1 and np.isfinite(outcome.seconds):
                         seconds.append(outcome.seconds)
                     yield index, outcome
-                if rest and seconds and self._together(seconds, len(rest)) == 1:
-                    # They are long: no process waits until all the first ones are done.
-                    more = [[index] for index in rest]
-                    waiting |= (taken := self._pool.submit(self._function, left, more))
-                    futures, parts, batch, rest = futures | taken, parts + more, batch + rest, []
             if not self._pool.broken(futures, parts):
                 continue
             self._pool.stop()
