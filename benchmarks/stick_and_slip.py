@@ -5,7 +5,7 @@
 The steps are not those of the package: while they stick the spring of friction has its mean force,
 so that they are symmetric in time, and what sticks or slips stays so in all sub-steps of a step. It
 changes between steps, or where an event is located. Errors are those of the block of
-tests/test_stick_and_slip.py after 1 s, with 1e4 N/m.
+tests/claims/test_stick_and_slip.py after 1 s, with 1e4 N/m.
 """
 
 import sys

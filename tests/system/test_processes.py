@@ -30,7 +30,7 @@ from fx_beam.results.histories import HISTORIES
 from fx_beam.stepping.forcing import Forcing
 from fx_beam.stepping.initial_state import reference_state
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 # A deadlock is an error, a slow machine is none [s].
 LIMIT = 600
 

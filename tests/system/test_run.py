@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 # A system in which nothing is installed, and that offers one version of dolfinx.
 SYSTEM = {

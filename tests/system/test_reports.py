@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 import fx_beam as fb
 from fx_beam.studies.work_precision import accuracy
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 EXAMPLES = "pendulum", "three_bar_swing", "three_bar_swing_to_1_s", "multibody", "pinned_beam"
 OURS, NEWMARK = "EnergyMomentum", "Newmark (trapezoidal)"
 

@@ -12,7 +12,7 @@ import pytest
 import fx_beam as fb
 from fx_beam.model.model import Model
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from own_rates import armero_romero, bathe, oscillator_loss
 
 

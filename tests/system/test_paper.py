@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from demo_runs import PICTURES, numbers
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "theory" / "paper.md").read_text(encoding="utf-8")
 # A number, perhaps with a bound before it, and the comment that says whose it is.
 NUMBER = re.compile(

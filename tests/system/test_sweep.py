@@ -22,7 +22,7 @@ from fx_beam.analyses import mpi_ranks, workers
 from fx_beam.results import tables
 from fx_beam.studies.work_precision import runner
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1]
 
 
 @pytest.fixture

@@ -1,0 +1,373 @@
+"""Small scenes, one for each law, joint, load, contact and material: `SCENES`.
+
+Each is a function of nine numbers x, all 1, which scale its data; derivatives are taken by them.
+The files beside this one check invariants over all of them: a new feature adds a scene here.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import ufl
+
+import numpy as np
+
+import fx_beam as fb
+
+ONES = np.ones(9)
+GRAVITY = (0.0, -9.81)
+DATA = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0, "rhoI": 0.1}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, and what holds for it."""
+
+    name: str
+    build: Callable  # of x: the scene
+    scheme: Callable = fb.EnergyMomentum
+    dt: float = 0.01
+    steps: int = 20
+    free: bool = False  # nothing acts from outside: both momenta are constant
+
+    def simulate(self, x=ONES, **options):
+        """Its motion."""
+        options = {"dt": self.dt, "t_end": self.steps * self.dt} | options
+        scene = options.pop("scene", None) or self.build(x)
+        return fb.simulate(scene, self.scheme(), **options)
+
+
+SCENES: dict[str, Case] = {}
+
+
+def case(**facts):
+    """Enter a scene into `SCENES` by the name of its function."""
+
+    def enter(build):
+        name = build.__name__.replace("_", " ")
+        SCENES[name] = Case(name, build, **facts)
+        return build
+
+    return enter
+
+
+def section(x, **data):
+    """A section whose five data follow x[0] to x[4]."""
+    values = DATA | data
+    names = ("EA", "GA", "EI", "rhoA", "rhoI")
+    return fb.Section(**values | {name: values[name] * x[i] for i, name in enumerate(names)})
+
+
+def arm(x, scene=None, points=((0, 0), (1, 0.3)), elements=2, material=None, **options):
+    """A beam that swings about its start, which turns at 2 rad/s; x[5] moves its end."""
+    scene = scene or fb.Scene(gravity=GRAVITY)
+    points = [points[0], (points[1][0], points[1][1] * x[5])]
+    beam = scene.add_beam(points, material or section(x), elements, **options)
+    scene.set_velocity(beam, lambda X, Y: (-2 * x[6] * Y, 2 * x[6] * X), spin=2.0 * x[6])
+    return scene, beam
+
+
+def swing(x, **options):
+    """The arm on a pin."""
+    scene, beam = arm(x, **options)
+    scene.pin(beam.start)
+    return scene, beam
+
+
+# -- Members and materials -------------------------------------------------------------------------
+
+
+@case(free=True)
+def free_beam(x):
+    return arm(x, fb.Scene())[0]
+
+
+@case()
+def pinned_beam(x):
+    return swing(x)[0]
+
+
+@case()
+def curved_tapered_beam(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    curve = fb.arc((0, 0), (0.5, 0.2 * x[5]), (1, 0))
+    taper = fb.Section(**DATA | {"EI": lambda f: 100 * x[2] * (1 - 0.5 * f)})
+    beam = scene.add_beam(curve, taper, elements=2, degree=2)
+    scene.clamp(beam.start)
+    return scene
+
+
+@case()
+def spline_of_degree_three(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    curve = fb.spline([(0, 0), (0.5, 0.2 * x[5]), (1, 0.1)])
+    scene.clamp(scene.add_beam(curve, section(x), elements=1, degree=3).start)
+    return scene
+
+
+@case()
+def material_of_ones_own(x):
+    def energy(eps, gamma, kappa):
+        return 5e3 * (eps**2 + gamma**2) + 2e6 * eps**4 + 50 * kappa**2 + 20 * kappa**4
+
+    material = fb.Section(strain_energy=energy, rhoA=x[3], rhoI=0.1 * x[4])
+    return swing(x, material=material)[0]
+
+
+@case()
+def retarded_material(x):
+    return swing(x, material=section(x, retardation=(1e-3 * x[7], 2e-3, 3e-3)))[0]
+
+
+def zener(eps, gamma, kappa, a):
+    """A spring beside a spring with a dashpot, in bending."""
+    return 5e3 * (eps**2 + gamma**2) + 40.0 * kappa**2 + 10.0 * (kappa - a[0]) ** 2
+
+
+def relax(old, strains0, strains, dt):
+    """The dashpot's curvature, with the relaxation time 0.5 s."""
+    return [(old[0] + dt / 0.5 * strains[2]) / (1 + dt / 0.5)]
+
+
+@case()
+def material_with_a_memory(x):
+    internal = fb.InternalVariables(("dashpot",), relax)
+    material = fb.Section(strain_energy=zener, internal=internal, rhoA=x[3], rhoI=0.1 * x[4])
+    return swing(x, material=material)[0]
+
+
+@case()
+def rigid_bodies(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    points = {"hook": (0.2 * x[5], 0.1)}
+    body = scene.add_body((0, 0), mass=2.0 * x[3], inertia=0.3 * x[4], points=points)
+    scene.pin(body.points["hook"])
+    return scene
+
+
+@case()
+def lumped_mass_on_massless_beam(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    material = fb.Section(EA=1e4 * x[0], GA=1e4, EI=100.0 * x[2])
+    beam = scene.add_beam([(0, 0), (1, 0.3 * x[5])], material)
+    scene.pin(beam.start)
+    scene.add_mass(beam.end, 2.0 * x[3], inertia=0.1 * x[4])
+    return scene
+
+
+# -- Loads -----------------------------------------------------------------------------------------
+
+
+@case()
+def dead_loads(x):
+    scene, beam = swing(x)
+    scene.add_force(beam.end, lambda t: (3 * x[7] * np.sin(3 * t), 1 + t))
+    scene.add_moment(beam.end, lambda t: 2.0 * x[8] * t)
+    scene.add_line_load(beam, lambda t: (0.0, x[7] * (1 + t)))
+    return scene
+
+
+@case()
+def follower_force(x):
+    scene, beam = swing(x)
+    scene.add_force(beam.end, lambda t: (x[7], 20 * x[8] * t), follower=True)
+    return scene
+
+
+@case()
+def drag(x):
+    scene, beam = swing(x)
+    scene.add_drag(beam, linear=0.3 * x[7], quadratic=0.2 * x[8], rotation=0.1)
+    scene.add_drag(beam.end, linear=0.3, quadratic=0.2, rotation=0.1 * x[7])
+    return scene
+
+
+@case()
+def natural_strains(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    beam = scene.add_beam([(0, 0), (1, 0)], section(x), 2)
+    scene.clamp(beam.start)
+    scene.add_natural_strain(
+        beam,
+        axial=fb.thermal(1e-5, lambda f, t: 100.0 * t * f),
+        curvature=lambda t: 0.5 * x[7] * t,
+    )
+    return scene
+
+
+@case()
+def virtual_work_with_a_parameter(x):
+    scene, beam = swing(x)
+    pull = fb.Parameter("pull", 100.0 * x[7])
+    scene.add_virtual_work(lambda step: -pull * ufl.dot(step.u, step.virtual_u), beam)
+    return scene
+
+
+@case()
+def prescribed_motion(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    beam = scene.add_beam([(0, 0), (1, 0.3 * x[5])], section(x), 2)
+    scene.pin(beam.start)
+    scene.prescribe(beam.end, y=lambda t: 3 * x[7] * t**2)
+    return scene
+
+
+# -- Joints ----------------------------------------------------------------------------------------
+
+
+def hung(x, make, place=(0.0, 0.0), turn=0.0, **data):
+    """A second beam on the swinging arm, by a joint, where it turns faster; x[8] moves its end."""
+    scene, first = swing(x)
+    start = np.array([first.end.x, first.end.y]) + place
+    second = scene.add_beam([start, start + (0.8, -0.6 * x[8])], section(x), 2)
+    scene.add_joint(make(first.end, second.start, **data))
+    W, spin = np.array([[0, -1], [1, 0]]), 2.0 * x[6]
+
+    def velocity(*X):
+        return W @ (spin * np.array(X) + turn * (X - start))
+
+    scene.set_velocity(second, velocity, spin=spin + turn)
+    return scene
+
+
+@case()
+def rigid_joint_with_offset(x):
+    return hung(x, fb.Rigid, place=(0.2, 0.1), offset=(0.2, 0.1))
+
+
+@case()
+def revolute_with_spring_and_damper(x):
+    return hung(x, fb.Revolute, spring=fb.Spring(5 * x[7], rest=0.2), damper=fb.Damper(0.3))
+
+
+@case()
+def revolute_with_offset_motor(x):
+    motor = {"motor": lambda t: 2 * x[7] * t**2, "offset": (0.2, 0.1)}
+    return hung(x, fb.Revolute, place=(0.2, 0.1), **motor)
+
+
+@case()
+def prismatic_with_laws(x):
+    options = {
+        "axis": (0.6, 0.8),
+        "offset": (0.2, 0.1),
+        "spring": fb.Spring(strain_energy=lambda d: 30 * d**2 + 5 * d**4),
+        "damper": fb.Damper(law=lambda rate: 0.7 * abs(rate) * rate),
+    }
+    return hung(x, fb.Prismatic, place=(0.26, 0.18), **options)
+
+
+@case()
+def pin_in_slot_with_friction(x):
+    hinge = fb.Coordinate(spring=fb.Spring(10.0))
+    friction = fb.Friction(0.5 * x[7], speed=0.1)
+    return hung(x, fb.PinInSlot, axis=(1.0, 0.0), hinge=hinge, friction=friction)
+
+
+@case(dt=5e-3)
+def friction_that_follows_the_joint_force(x):
+    friction = fb.Coulomb(0.3 * x[7], stiffness=50.0, radius=0.1)
+    return hung(x, fb.Revolute, friction=friction)
+
+
+@case(dt=2e-3)
+def stop_of_a_joint(x):
+    stop = fb.Stop(None, 0.05, stiffness=20.0 * x[7], restitution=0.5, speed=0.1)
+    return hung(x, fb.Revolute, turn=6.0, stop=stop)
+
+
+@case()
+def closed_loop(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    corners = [(0, 0), (0.3 * x[5], 1.0), (1.5, 1.2), (1.4, 0)]
+    bars = [
+        scene.add_beam([a, b], section(x), 2) for a, b in zip(corners, corners[1:], strict=False)
+    ]
+    scene.pin(bars[0].start)
+    for before, after in zip(bars, bars[1:], strict=False):
+        scene.add_joint(fb.Revolute(before.end, after.start))
+    scene.pin(bars[-1].end)
+    scene.add_moment(bars[0].start, lambda t: -20 * x[7] * t)
+    return scene
+
+
+def on_a_rod(x, make, **options):
+    """A bar that slides along a swinging rod of four elements."""
+    scene, rod = swing(x, elements=4)
+    rest = rod.node(0.25)
+    bar = scene.add_beam([(rest.x, rest.y), (rest.x, rest.y + 0.4)], section(x), 1)
+    scene.add_mass(bar.end, 0.5 * x[7])
+    scene.add_joint(make(rod, bar.start, fraction=0.25, **options))
+    scene.set_velocity(bar, (0.5, 0.0))
+    scene.make_velocities_compatible()
+    return scene
+
+
+@case()
+def slider_on_a_beam(x):
+    return on_a_rod(x, fb.Slider, spring=fb.Spring(20.0 * x[8], rest=0.2))
+
+
+@case()
+def sleeve_on_a_beam(x):
+    return on_a_rod(x, fb.Sleeve, damper=fb.Damper(0.5 * x[8]))
+
+
+@case()
+def force_between_points(x):
+    scene, beam = swing(x)
+    pull = {"spring": fb.Spring(30 * x[7], rest=0.3), "damper": fb.Damper(0.1 * x[8])}
+    scene.add_force_between(beam.end, (2, 0.5), force=lambda r, rate, t: 2 * ufl.sin(t) / r, **pull)
+    return scene
+
+
+# -- Contact ---------------------------------------------------------------------------------------
+
+
+@case(dt=2e-3)
+def line_obstacle_with_friction(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    beam = scene.add_beam([(0, 0.001), (1, 0.2 * x[5])], section(x), 2)
+    scene.set_velocity(beam, (1.0 * x[6], -1.0))
+    scene.add_obstacle(
+        beam, fb.Line((0, 0), (0, 1)), stiffness=1e3 * x[7], friction=fb.Coulomb(0.3 * x[8], 500.0)
+    )
+    return scene
+
+
+@case(dt=2e-3)
+def circle_carried_by_a_body(x):
+    scene = fb.Scene()
+    wheel = scene.add_body((0.5, 0.65), mass=1.0 * x[3], inertia=0.05)
+    beam = scene.add_beam([(0, 0), (1, 0)], section(x), 4)
+    scene.add_obstacle(
+        beam, fb.Circle(wheel.centre, 0.6), stiffness=1e3 * x[7], restitution=0.8, speed=0.1
+    )
+    scene.set_velocity(wheel, (0.2, -2.0), spin=1.0)
+    return scene
+
+
+@case(dt=2e-3, free=True)
+def member_contact(x):
+    scene = fb.Scene()
+    below = scene.add_beam([(0, 0), (2, 0)], section(x), 4)
+    above = scene.add_beam([(0.7, 0.11), (1.1, 1.2 * x[5])], section(x), 2)
+    scene.add_contact(
+        above, below, stiffness=1e4 * x[7], radius=0.05, friction=fb.Coulomb(0.2, 1e3)
+    )
+    scene.set_velocity(above, (0.3, -2.0 * x[6]))
+    return scene
+
+
+# -- Schemes ---------------------------------------------------------------------------------------
+
+SCHEMES = {
+    "order four": lambda: fb.EnergyMomentum(order=4),
+    "energy decaying": fb.EnergyDecaying,
+    "mid point": fb.MidPoint,
+    "modified mid point": fb.ModifiedMidPoint,
+    "newmark": fb.Newmark,
+    "hht": fb.HHT,
+    "generalized alpha": fb.GeneralizedAlpha,
+}
+for _name, _scheme in SCHEMES.items():
+    SCENES[_name] = Case(_name, lambda x: hung(x, fb.Revolute), scheme=_scheme)
