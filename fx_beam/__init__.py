@@ -2,7 +2,6 @@
 
 import importlib
 import importlib.util
-import warnings
 
 if importlib.util.find_spec("dolfinx") is None:
     raise ImportError(
@@ -175,15 +174,7 @@ _ON_DEMAND = {
 }
 
 
-#: Former names, which still work.
-_RENAMED = {"Rates": "UpdateRule"}
-
-
 def __getattr__(name: str):
-    if name in _RENAMED:
-        new = _RENAMED[name]
-        warnings.warn(f"fx_beam.{name} is now fx_beam.{new}", DeprecationWarning, stacklevel=2)
-        return globals()[new]
     if name in _ON_DEMAND:
         return importlib.import_module(_ON_DEMAND[name])
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from fx_beam.deprecation import formerly
 from fx_beam.results.files import replacing
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
@@ -29,7 +28,6 @@ _BESIDE = 4.0  # width of the axes over which the time and the title are side by
 _COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 
 
-@formerly(length_unit="scene_unit")
 def animate(
     solution: Solution,
     steps: Sequence[int],

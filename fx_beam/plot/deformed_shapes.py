@@ -12,7 +12,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from fx_beam.deprecation import formerly
 from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
@@ -28,7 +27,6 @@ from .symbols import draw_forces, draw_joints, draw_marks, draw_moving
 _MANY = 1000  # members above which their tubes have six sides
 
 
-@formerly(length_unit="scene_unit")
 def shapes(
     solution: Solution,
     steps: Sequence[int],

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fx_beam.analyses.modal import Modes
-from fx_beam.deprecation import formerly
 from fx_beam.results.files import writable
 from fx_beam.scene.body import Body
 from fx_beam.validation import is_whole, require
@@ -29,7 +28,6 @@ _BORDER = np.array((0.0, 0.3))  # of a panel, for its title [inch]
 _AT_REST, _MOVED, _LATER = range(3)
 
 
-@formerly(found="modes")
 def modes(modes: Modes, path: Path | str | None = None, count: int | None = None) -> Figure:
     """Picture of mode shapes, side by side, over the configuration to which they belong.
 

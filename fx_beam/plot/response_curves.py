@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from fx_beam.analyses.harmonic import FrequencyResponse
-from fx_beam.deprecation import formerly
 from fx_beam.orbits.periodic_family import PeriodicFamily
 from fx_beam.scene.beam import Node
 from fx_beam.validation import require
@@ -16,7 +15,6 @@ from fx_beam.validation import require
 from .time_curves import Figure, figure, quantities, save
 
 
-@formerly(found="response")
 def frequency_response(
     response: FrequencyResponse,
     path: Path | str | None = None,

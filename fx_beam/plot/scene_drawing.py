@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_beam.deprecation import formerly
 from fx_beam.errors import SceneError
 from fx_beam.results.files import writable
 from fx_beam.scene.beam import Node, inner_positions
@@ -32,7 +31,6 @@ _MANY = 15  # number of members above which their names are small
 _CROWD = 500  # number of members above which they have neither names nor dots
 
 
-@formerly(length_unit="scene_unit")
 def scene(
     scene: Scene,
     path: Path | str | None = None,

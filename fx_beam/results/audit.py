@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -255,12 +254,6 @@ class Stats:
             name: f"{of:.3g}" if isinstance(of, float) else str(of) for name, of in known.items()
         }
         return html_table("Stats", words)
-
-    @property
-    def inside_out(self) -> int:
-        """Former name of `inverted`."""
-        warnings.warn("Stats.inside_out is now Stats.inverted", DeprecationWarning, stacklevel=2)
-        return self.inverted
 
     def add_solve(self, iterations: int, ended_by: str) -> None:
         """Count a Newton solve.

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.deprecation import former
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
@@ -32,12 +31,6 @@ _KINDS = {name: of.record for name, of in HISTORIES.items() if of.record != "alw
 
 # What is set when it is first read.
 _LATER = {*HISTORIES, "energy", "end"}
-#: Former attributes: what to write now, and what they give.
-_FORMER: dict[str, tuple[str, Callable[[Any], Any]]] = {
-    "joint_force": ("joint(joint).force", lambda of: lambda joint: of.joint(joint).force),
-    "internal_of_beam": ("internal(beam, variable)", lambda of: of.variables_of_beam),
-    "internal_of_joint": ("joint(joint).internal(variable)", lambda of: of.variables_of_joint),
-}
 
 
 class Solution:
@@ -142,9 +135,9 @@ class Solution:
         self.origin: Any = None
 
     def __getattr__(self, name: str) -> Any:
-        """What is not set yet; a former attribute."""
+        """What is set when it is first read."""
         if name not in _LATER or "_histories" not in self.__dict__:
-            return former(self, name, _FORMER)
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
         value: Any
         if name == "end":
             value = self._end() if callable(self._end) else self._end

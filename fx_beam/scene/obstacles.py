@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.deprecation import formerly
 from fx_beam.errors import SceneError
 from fx_beam.validation import (
     as_float,
@@ -98,7 +97,6 @@ class Line:
         """A point of it in the reference configuration [m]."""
         return position_of(self.point)
 
-    @formerly(places="positions")
     def gap(self, positions) -> np.ndarray:
         """Distance of positions from the wall, in its reference configuration if it is carried.
 
@@ -161,7 +159,6 @@ class Circle:
         """Its centre in the reference configuration [m]."""
         return position_of(self.centre)
 
-    @formerly(places="positions")
     def gap(self, positions) -> np.ndarray:
         """Distance of positions from the circle, in its reference configuration if it is carried.
 

@@ -80,17 +80,6 @@ def test_two_thousand_members_with_two_hundred_rows_are_less_than_20_mb():
     assert 2000 * 200 * each < 20e6
 
 
-def test_units_are_those_of_scenes_in_metres_and_none_in_others(swing):
-    steps = np.arange(0, 51, 25)
-    metres, inches = (
-        data(fb.plot.interactive(swing[3], steps=steps, scene_unit=unit)) for unit in ("m", "in")
-    )
-    assert [one["unit"] for one in metres["quantities"][:3]] == ["N", "N", "N m"]
-    assert {one["unit"] for one in inches["quantities"]} == {""}
-    names = [[one["name"] for one in held["series"]] for held in (metres, inches)]
-    assert [name.removesuffix(" [J]") for name in names[0]] == names[1] != names[0]
-
-
 def test_symbols_move_with_their_nodes_and_points():
     scene = fb.Scene()
     bar = scene.add_beam([(0, 0), (1, 0)], ROPE, 4)

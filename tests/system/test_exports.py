@@ -115,28 +115,6 @@ def test_paraview_files_hold_what_the_solution_has(degree, source, tmp_path):
             assert found.ravel() == pytest.approx(np.concatenate(wanted), rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.plot
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_elements_in_paraview_are_as_long_as_they_are(degree, tmp_path):
-    pv = pytest.importorskip("pyvista")
-    solution = fall(degree)
-    solution.to_paraview(tmp_path / "run.pvd")
-    (grid,) = pv.get_reader(str(tmp_path / "run.pvd")).read()
-    length = grid.tessellate().compute_cell_sizes()["Length"].sum()
-    assert length == pytest.approx(sum(b.length for b in solution.beams.values()), rel=0.02)
-
-
-def test_what_was_not_recorded_is_not_written_for_paraview(tmp_path):
-    fall(record=fb.Record(rates=False)).to_paraview(tmp_path / "run.pvd")
-    text = (tmp_path / "run" / "run_00000.vtu").read_bytes()
-    assert b"displacement" in text and b"velocity" not in text
-    with pytest.raises(ValueError, match="motion not recorded"):
-        fall(record=fb.Record(motion=False)).to_paraview(tmp_path / "none.pvd")
-    assert not (tmp_path / "none").exists()
-    with pytest.raises(ValueError, match=r"run.vtk: its name must end with .pvd"):
-        fall().to_paraview(tmp_path / "run.vtk")
-
-
 # -- Tables ------------------------------------------------------------------------------------
 
 
@@ -173,15 +151,6 @@ def test_a_missing_package_is_named_with_what_to_do(package, monkeypatch):
 
 
 # -- HTML --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("degree", [1, 3])
-def test_a_scene_says_what_it_is_made_of(degree):
-    scene = frame(degree)[0]
-    text, unknowns = scene._repr_html_(), fall(degree).stats.unknowns
-    assert "<td>2: arm, leg</td>" in text and f"7 of degree {degree}" in text
-    assert f"<th>unknowns</th><td>{unknowns}</td>" in text
-    assert "<caption>Scene</caption>" in fb.Scene()._repr_html_()
 
 
 def test_unknowns_of_slides_and_motors_are_counted():

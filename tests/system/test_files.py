@@ -1,6 +1,5 @@
 """Files are written as a whole: a failure leaves the earlier one, and nothing beside it."""
 
-import json
 import os
 import resource
 import stat
@@ -74,14 +73,6 @@ def test_a_full_disk_leaves_the_earlier_file_and_nothing_else(name, fall, tmp_pa
     assert {path.name for path in tmp_path.iterdir()} <= {name, file.stem}
 
 
-def test_grids_of_an_earlier_run_are_kept_if_a_new_one_cannot_be_written(fall, tmp_path):
-    fall.to_paraview(tmp_path / "run.pvd")
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
-    with full_disk(), pytest.raises(OSError, match="File too large"):
-        fall.to_paraview(tmp_path / "run.pvd")
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == before
-
-
 def test_links_are_followed_and_permissions_kept(fall, tmp_path):
     file, link = tmp_path / "file.npz", tmp_path / "link.npz"
     file.write_bytes(EARLIER)
@@ -94,13 +85,6 @@ def test_links_are_followed_and_permissions_kept(fall, tmp_path):
     fall.save(tmp_path / "new.npz")
     (tmp_path / "plain").touch()
     assert (tmp_path / "new.npz").stat().st_mode == (tmp_path / "plain").stat().st_mode
-
-
-def test_what_is_no_file_is_written_to_or_refused(fall, tmp_path):
-    fall.to_csv(os.devnull)
-    assert not os.path.isfile(os.devnull)
-    with pytest.raises(ValueError, match="it is a folder"):
-        fall.save(tmp_path)
 
 
 def test_an_interrupt_leaves_the_earlier_file(tmp_path):
@@ -175,21 +159,6 @@ def test_arrays_that_do_not_fit_together_are_refused(name, change, fall, tmp_pat
     np.savez(tmp_path / "other.npz", **arrays)
     with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
         fb.load(tmp_path / "other.npz")
-
-
-def test_a_file_of_the_earlier_format_is_read(fall, tmp_path):
-    fall.save(tmp_path / "run.npz")
-    with np.load(tmp_path / "run.npz") as file:
-        arrays = {name: file[name] for name in file if not name.startswith("beams_")}
-    meta = json.loads(str(arrays["meta"])) | {"format": "fx_beam solution 1"}
-    for i, name in enumerate(fall.beams):
-        arrays |= {f"beam{i}_{part}": of for part, of in vars(fall.resultants(name)).items()}
-        arrays[f"beam{i}_nodes"] = fall.nodes_of_beam[name]
-    np.savez(tmp_path / "old.npz", **arrays | {"meta": np.array(json.dumps(meta))})
-    old = fb.load(tmp_path / "old.npz")
-    for name in fall.beams:
-        np.testing.assert_array_equal(old.nodes_of_beam[name], fall.nodes_of_beam[name])
-        np.testing.assert_array_equal(old.resultants(name).M, fall.resultants(name).M)
 
 
 @pytest.mark.parametrize("path", [1, True, None, b"run.npz", ""])

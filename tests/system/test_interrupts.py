@@ -11,7 +11,6 @@ from interrupting import call_stopped_at
 import fx_beam as fb
 from fx_beam.analyses import open_motion
 from fx_beam.compiled import single_steps
-from fx_beam.stepping.interrupts import uninterrupted
 
 DT = 1 / 64
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=5.0, rhoA=1.0, rhoI=1e-2)
@@ -144,15 +143,6 @@ def test_what_a_controller_remembers_agrees_with_the_steps_after_ctrl_c(solver, 
     twin.run(0.5, controller(whole))
     assert seen == whole
     agree(motion, twin)
-
-
-def test_ctrl_c_comes_also_after_another_exception_in_the_end_of_a_block(ctrl_c):
-    scene, _ = whirling()
-    motion = fb.Motion(scene, dt=DT)
-    uninterrupted.__enter__()  # as if another exception had come in its `__exit__`
-    with pytest.raises(KeyboardInterrupt):
-        motion.run(0.5, lambda t, y: ctrl_c() if t == 3 * DT else None)
-    assert motion.t == 4 * DT
 
 
 def test_a_second_ctrl_c_stops_a_controller_that_does_not_end(ctrl_c):

@@ -228,9 +228,3 @@ def test_without_any_folder_a_sentence_says_what_to_set(cache, monkeypatch, tmp_
     (tmp_path / "temporary" / f"fx_beam-{os.geteuid()}").write_text("no folder")
     with pytest.raises(OSError, match="nothing can be compiled: .* Set XDG_CACHE_HOME to a folder"):
         form()
-
-
-def test_ffcx_has_its_own_cache_for_others(tmp_path):
-    find = ffcx_api.ffcx.codegeneration.jit.get_cached_module
-    assert find("one", [], tmp_path / "fenics", 1) == (None, None)
-    assert (tmp_path / "fenics" / "one.c").exists()

@@ -59,15 +59,6 @@ def test_supports_are_where_their_nodes_are_in_each_row():
     assert nodes[1][0] == pytest.approx(1.5)
 
 
-def test_superposed_shapes_have_each_joint_once_in_the_last_row():
-    scene, arm, rod = crank()
-    solution = fb.simulate(scene, dt=0.05, t_end=1.0)
-    found = markers(plot.shapes(solution, [0, 5, 10, 20]).axes[0], "o")
-    wanted = [solution.position(node)[20] for node in (arm.start, arm.end, rod.end)]
-    key = np.lexsort(found.T), np.lexsort(np.transpose(wanted))
-    assert found[key[0]] == pytest.approx(np.array(wanted)[key[1]])
-
-
 def test_a_clamp_is_across_a_single_member_and_along_an_axis_under_several():
     def wall(*ends):
         scene = fb.Scene()
@@ -110,22 +101,6 @@ def test_a_force_between_points_is_drawn_between_them_before_and_in_the_motion(l
         assert (b > low).all() and (b < high).all()
 
 
-@pytest.mark.parametrize("thickness", [None, 1.0])
-def test_bodies_alone_have_all_pictures(thickness, tmp_path):
-    scene = fb.Scene(gravity=(0, -9.81))
-    stone = scene.add_body((0, 0), 1.0, 0.1, {"edge": (0.1, 0)}, name="stone")
-    wheel = scene.add_body((1, 0), 1.0, 0.1, {"edge": (0.8, 0)}, name="wheel")
-    scene.add_force_between(stone.centre, wheel.centre, spring=fb.Spring(10.0))
-    solution = fb.simulate(scene, dt=0.1, t_end=0.5)
-    plot.animate(solution, range(6), tmp_path / "motion.gif", thickness=thickness)
-    with Image.open(tmp_path / "motion.gif") as film:
-        assert film.n_frames == 6
-    ax = plot.shapes(solution, [0, 5], thickness=thickness).axes[0]
-    centres = [solution.position(body.centre)[k] for k in (0, 5) for body in (stone, wheel)]
-    crosses = [line.get_xydata() for line in ax.lines if line.get_marker() == "+"]
-    assert np.concatenate(crosses) == pytest.approx(np.array(centres))
-
-
 # -- Nothing is cut off ----------------------------------------------------------------------------
 
 
@@ -142,15 +117,6 @@ def test_labels_lie_in_figures_that_fit_a_page(end, colour):
     figure = plot.shapes(solution, [0, 2], colour=colour)
     assert holds(figure) and holds(plot.scene(scene, dimensions=True))
     assert (figure.get_size_inches() <= np.add(plane.LARGEST, 1e-9)).all()
-
-
-def test_animations_of_tall_scenes_are_no_higher_than_others(tmp_path):
-    scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam([(0, 0), (0, 20)], FLYING, 4)
-    scene.clamp(beam.start)
-    plot.animate(fb.simulate(scene, dt=0.01, t_end=0.02), [0, 1, 2], tmp_path / "tall.gif")
-    with Image.open(tmp_path / "tall.gif") as film:
-        assert film.size[1] <= 100 * plane.LARGEST[1]
 
 
 @pytest.mark.parametrize("end", ENDS, ids=str)
@@ -170,16 +136,6 @@ def test_titles_of_frames_do_not_cover_each_other(end, tmp_path, monkeypatch):
     assert holds(figure) and not first.overlaps(second)
     for box in (first, second):
         assert (box.min > 0).all() and (box.max < figure.bbox.max).all()
-
-
-def test_obstacles_near_the_motion_are_whole():
-    scene = fb.Scene(gravity=(0, -9.81))
-    beam = scene.add_beam([(-0.5, 0.8), (0.5, 0.8)], FLYING, 4)
-    ball = fb.Circle((0, 0), 0.7)
-    scene.add_obstacle(beam, ball, 1e3)
-    ax = plot.shapes(fb.simulate(scene, dt=0.01, t_end=0.05), [0, 5]).axes[0]
-    for low, high in (ax.get_xlim(), ax.get_ylim()):
-        assert low < -0.7 and high > 0.7
 
 
 def test_arrows_of_forces_are_in_the_window():
@@ -238,28 +194,6 @@ def test_modes_have_supports_at_rest_equal_panels_and_the_numbers_of_modes():
     assert holds(figure)
 
 
-def test_a_body_alone_on_a_spring_has_a_picture_of_its_mode_too():
-    scene = fb.Scene()
-    stone = scene.add_body((0, 0), 1.0, 0.1, name="stone").centre
-    scene.add_force_between(stone, (0, 1), spring=fb.Spring(10.0, rest=1.0))
-    scene.fix(stone, "x", "rotation")
-    ax = plot.modes(fb.modes(scene, n=1)).axes[0]
-    low, high = ax.get_ylim()
-    assert low < 0 and high > 1
-    spring = max((line.get_xydata() for line in ax.lines), key=len)
-    assert np.nanmin(abs(spring - (0, 1)).max(axis=1)) == 0
-
-
-@pytest.mark.parametrize(("count", "columns"), [(1, 1), (2, 2), (4, 2), (6, 3)])
-def test_panels_of_modes_are_a_full_grid(count, columns):
-    scene = fb.Scene()
-    arch = scene.add_beam([(0, 0), (0, 2), (2, 2), (2, 0)], FLYING, 12)
-    scene.clamp(arch.start)
-    figure = plot.modes(fb.modes(scene, n=6), count=count)
-    grid = figure.axes[0].get_gridspec()
-    assert grid.ncols == columns and grid.nrows * grid.ncols == count
-
-
 # -- Numbers ---------------------------------------------------------------------------------------
 
 
@@ -278,21 +212,6 @@ def test_panels_of_modes_are_a_full_grid(count, columns):
 )
 def test_numbers_have_three_digits_or_all_before_the_point(value, text):
     assert digits.three_digits(value) == text
-
-
-@pytest.mark.parametrize("dt", [1e-6, 2.5e-5, 0.005, 0.3, 2.0])
-def test_times_of_rows_are_told_apart(dt):
-    times = digits.clock((dt * np.arange(50)).tolist())
-    assert len(set(times)) == 50
-    assert len({len(time.partition(".")[2]) for time in times}) == 1
-
-
-def test_dimensions_and_loads_of_a_drawing_have_three_digits():
-    scene = fb.Scene(gravity=(0, -9.80665))
-    beam = scene.add_beam([(0, 0), (0.0598561, 0)], FLYING)
-    scene.add_force(beam.end, (0, -1.0 / 3))
-    texts = {text.get_text() for text in plot.scene(scene, dimensions=True).axes[0].texts}
-    assert {"0.0599", "F = 0.333 N", "g = 9.81 m/s$^2$"} <= texts
 
 
 # -- Thickness, colour scales and frames -----------------------------------------------------------
@@ -322,21 +241,6 @@ def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, facto
     assert np.arctan2(*across.T) == pytest.approx(-psi, abs=1e-4)
     middles = (corners[:, 0] + corners[:, 3]) / 2
     assert np.hypot(*middles.T) == pytest.approx(2 * ends, rel=1e-3)
-
-
-def test_members_in_contact_are_as_thick_as_they_touch():
-    scene = fb.Scene()
-    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
-    one = scene.add_beam([(0, 0), (1, 0)], section, 4)
-    two = scene.add_beam([(0, 0.1), (1, 0.1)], section, 4)
-    scene.add_contact(one, two, stiffness=1e4, radius=(0.03, 0.07))
-    solution = fb.simulate(scene, dt=0.1, t_end=0.1)
-    corners = bands(plot.shapes(solution, [0], colour="N", thickness=1.0))
-    below, above = np.split(corners, 2)
-    assert np.ptp(below[..., 1], axis=1) == pytest.approx(0.06)
-    assert np.ptp(above[..., 1], axis=1) == pytest.approx(0.14)
-    # The surfaces touch: neither a gap nor an overlap is seen.
-    assert below[..., 1].max() == pytest.approx(above[..., 1].min())
 
 
 def test_thickness_that_is_not_known_is_refused(tmp_path):
@@ -428,14 +332,6 @@ def test_frames_have_the_size_that_is_asked_for(size, ending, tmp_path):
     else:
         with Image.open(path) as film:
             assert film.size == size and film.n_frames == 3
-
-
-@pytest.mark.parametrize("size", [(1920,), 1080, (10, 10), (1e9, 1e9), "1920x1080"], ids=str)
-def test_sizes_that_cannot_be_are_refused(size, tmp_path):
-    scene, _, _ = crank()
-    solution = fb.simulate(scene, dt=0.05, t_end=0.1)
-    with pytest.raises(ValueError, match="size = .* must be width and height"):
-        plot.animate(solution, [0], tmp_path / "film.gif", size=size)
 
 
 def test_lines_are_thinner_where_members_are_dense():

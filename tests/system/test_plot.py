@@ -45,39 +45,7 @@ def test_half_a_circle_of_three_elements_is_drawn_round(degree):
     assert off_the_circle(plot.axis(nodes, degree)) < {2: 5e-3, 3: 2e-3}[degree]
 
 
-def test_the_window_of_a_picture_holds_what_curves_between_nodes():
-    scene = fb.Scene()
-    beam = scene.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), FLYING, elements=1, degree=3)
-    solution = fb.simulate(scene, dt=0.1, t_end=0.1)
-    nodes = solution.shape(beam)
-    top = plot.axis(nodes, beam.degree)[..., 1].max()
-    assert top > 1.1 * nodes[..., 1].max()
-    assert Drawing(solution, [0, 1]).window[1][1] > top
-
-
 # -- Curves ----------------------------------------------------------------------------------------
-
-
-def looks(axes):
-    """What tells the curves of a panel apart."""
-    return [(line.get_color(), line.get_linestyle(), line.get_marker()) for line in axes.lines]
-
-
-def test_curves_of_one_scheme_and_of_several_all_look_different():
-    scene, _ = swinging()
-    run = {dt: fb.simulate(scene, dt=dt, t_end=0.1) for dt in (0.05, 0.025, 0.0125)}
-    newmark = fb.simulate(scene, fb.Newmark(), dt=0.05, t_end=0.1)
-    _, [[axes]] = plot.figure(1, 1)
-    solutions = {f"dt = {dt} s": solution for dt, solution in run.items()} | {"Newmark": newmark}
-    plot.curves(axes, solutions, lambda solution: solution.energy.total)
-    assert len(set(looks(axes))) == len(solutions)
-
-
-def test_quantities_have_looks_of_their_own():
-    _, [[axes]] = plot.figure(1, 1)
-    plot.quantities(axes, np.arange(3), {name: np.arange(3) for name in "abcdef"})
-    assert len(set(looks(axes))) == 6
-    assert [line.get_label() for line in axes.lines] == list("abcdef")
 
 
 # -- Shapes ----------------------------------------------------------------------------------------
@@ -142,17 +110,6 @@ def test_a_force_is_drawn_with_the_section_that_it_follows():
     assert drawing.largest_force == pytest.approx(5)
 
 
-@pytest.mark.parametrize("steps", [5, [], [0, 11], "all"], ids=str)
-@pytest.mark.parametrize("picture", ["shapes", "animate"])
-def test_steps_that_are_no_rows_are_refused(picture, steps, tmp_path):
-    solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
-    path = tmp_path / ("a.png" if picture == "shapes" else "a.gif")
-    with pytest.raises(
-        ValueError, match=r"must be rows of the solution, such as range\(0, 11, 1\)"
-    ):
-        getattr(plot, picture)(solution, steps, path)
-
-
 def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(tmp_path):
     solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
     with pytest.raises(ValueError, match=r"motion.avi: its name must end with .gif, .mp4"):
@@ -163,12 +120,6 @@ def test_a_file_that_cannot_be_written_is_refused_before_anything_is_drawn(tmp_p
         plot.save(plot.figure(1, 1)[0], tmp_path / "nowhere" / "curves.png")
     with pytest.raises(ValueError, match="magnify = 0 must be a positive number"):
         plot.shapes(solution, [0], tmp_path / "a.png", magnify=0)
-
-
-def test_names_are_written_at_nodes_of_the_solution_only(tmp_path):
-    solution = fb.simulate(swinging()[0], dt=0.01, t_end=0.1)
-    with pytest.raises(ValueError, match="is not a node of this solution"):
-        plot.shapes(solution, [0], tmp_path / "a.png", marks={"B": fb.Node(99, 0.0, 0.0)})
 
 
 # -- Colours and films -----------------------------------------------------------------------------
@@ -188,15 +139,6 @@ def test_members_are_coloured_by_what_is_in_them(quantity):
     low, high = colouring.scale.get_clim()
     assert high > 0 and low == (-high if quantity in "NQM" else 0)
     assert high >= lines.get_array().max() and low <= lines.get_array().min()
-
-
-def test_colours_are_of_one_scale_in_all_rows():
-    scene, _ = swinging()
-    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
-    colouring = Colouring(Drawing(solution, range(11)), "M", "in")
-    values = [along(solution, name, "M", range(11), np.array([0.5])) for name in solution.beams]
-    assert colouring.scale.get_clim()[1] == pytest.approx(max(abs(v).max() for v in values))
-    assert colouring.bar["label"] == "bending moment $M$"  # the unit of force is not known
 
 
 @pytest.mark.parametrize("file", ["shapes.png", "motion.gif"])

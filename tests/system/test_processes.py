@@ -17,18 +17,8 @@ import pytest
 from process_cases import CASES
 
 import fx_beam as fb
-from fx_beam.compiled.batched_beams import BatchedBeams
-from fx_beam.mechanics.interval import Interval
-from fx_beam.model.equations import Equations
-from fx_beam.model.model import Model
-from fx_beam.parallel import linear_system
-from fx_beam.parallel.accuracy import Accuracy
 from fx_beam.parallel.own_functions import packed
-from fx_beam.parallel.partition import bisected, divided
-from fx_beam.parallel.whole import WholeEquations
 from fx_beam.results.histories import HISTORIES
-from fx_beam.stepping.forcing import Forcing
-from fx_beam.stepping.initial_state import reference_state
 
 HERE = Path(__file__).parents[1]
 # A deadlock is an error, a slow machine is none [s].
@@ -265,14 +255,6 @@ def test_ctrl_c_keeps_the_steps_and_another_run_goes_on(two):
         assert abs(solution.q[-1] - whole.q[-1]).max() < 1e-10
 
 
-@pytest.mark.plot
-def test_two_processes_write_the_whole_as_well(two, tmp_path):
-    folder, _ = two
-    check_pieces(folder / "rest.pvd", fb.load(folder / "continued.npz"), 2, tmp_path)
-    end, other = (fb.load(folder / name).end for name in ("rest/end.npz", "continued.npz"))
-    assert end.t == other.t and abs(end.q - other.q).max() < 1e-10
-
-
 def test_the_script_runs_once_and_its_exit_ends_all(two):
     assert two[1].count("the end") == 1
 
@@ -400,67 +382,6 @@ def test_petsc_options_choose_another_solver(tmp_path, monkeypatch):
 # -- Parts -----------------------------------------------------------------------------------
 
 
-class Here:
-    """Parts that this process evaluates one after the other, without a linear system."""
-
-    def __init__(self, number):
-        self.size = number
-
-    def make(self, make, arguments):
-        self._parts = [make(*given) for given in arguments]
-        return self
-
-    def __call__(self, method, arguments=None):
-        if method in ("connect", "set_pattern"):
-            return None
-        given = arguments or [()] * self.size
-        pairs = zip(self._parts, given, strict=True)
-        return [getattr(part, method)(*own) for part, own in pairs]
-
-
-@pytest.mark.parametrize("number", [2, 3, 4])
-@pytest.mark.parametrize("make", [process_cases.shaken, process_cases.jointed])
-def test_forces_of_parts_add_up_to_those_of_the_whole(make, number):
-    model = Model(make(), fb.EnergyMomentum())
-    forcing, step = Forcing(model), Interval(0.0, 0.01)
-    state, force = reference_state(model), forcing.forces(step)[1]
-    random = np.random.default_rng(number)
-    state.v = random.normal(size=model.size)
-    y = 1e-3 * random.normal(size=model.reduction.free)
-    whole, given = Equations(model), (model, forcing, fb.NewtonOptions())
-    parts = WholeEquations(Here(number), *given)
-    driven, found = 1e-3 * random.normal(size=model.reduction.driven), []
-    for equations in (whole, parts):
-        equations.begin(step, state)
-        balance = equations.at(y, driven, force)
-        found.append([np.array(part) for part in (*balance, equations.change(state.v))])
-    for one, other in zip(*found, strict=True):
-        assert abs(one - other).max() < 1e-12 * scale(one)
-
-
-def test_a_tree_of_joints_is_whole_in_each_part_that_it_touches():
-    scene = fb.Scene()
-    left, right = (
-        scene.add_beam(ends, process_cases.SECTION, elements=4)
-        for ends in ([(0, 0), (4, 0)], [(4, 0), (8, 0)])
-    )
-    body = scene.add_body((4, 1), 1.0, 0.1, points={"left": (4, 0), "right": (4, 0)})
-    scene.add_joint(fb.Revolute(left.end, body["left"]))
-    scene.add_joint(fb.Revolute(body["right"], right.start))
-    scene.clamp(left.start)
-    shares = divided(Model(scene, fb.EnergyMomentum()), 2).shares
-    assert [len(share.joints) for share in shares] == [4, 4]
-    owned = np.concatenate([share.nodes[share.owned] for share in shares])
-    assert sorted(owned) == [node.number for node in scene.nodes]
-
-
-@pytest.mark.parametrize("number", [1, 2, 3, 7, 16])
-def test_points_are_divided_evenly(number):
-    X = np.random.default_rng(1).random((1000, 2)) * (3, 1)
-    counts = np.bincount(bisected(X, number), minlength=number)
-    assert len(counts) == number and np.ptp(counts) <= 2
-
-
 def test_functions_of_a_script_arrive_with_what_they_refer_to(tmp_path):
     text = """
 import math, pickle, sys
@@ -493,131 +414,7 @@ open("bytes", "wb").write(packed({"a": made(2), "b": falling}))
     assert pickle.loads(packed(np.sum)) is np.sum
 
 
-def test_nothing_of_a_scene_is_left_out():
-    of_shares = {"beams", "nodes", "fixed", "prescribed", "joints", "masses", "drags"}
-    of_shares |= {"natural_strains", "parameters"}
-    on_the_first = {"gravity", "loads", "velocities", "projects_velocities", "obstacles"}
-    on_the_first |= {"forces_between", "bodies", "gone"}
-    refused = {"virtual_works"}
-    numbers = {"joint_count", "contact_count", "force_count", "changes"}
-    known = of_shares | on_the_first | refused | numbers
-    assert {name for name in vars(fb.Scene()) if name[0] != "_"} == known
-
-
-@pytest.mark.parametrize(
-    "make, scheme",
-    [
-        (process_cases.shaken, fb.EnergyMomentum()),
-        (process_cases.bent, fb.EnergyMomentum()),
-        (process_cases.warmed, fb.GeneralizedAlpha()),
-        (process_cases.flung, fb.EnergyDecaying()),
-    ],
-)
-def test_forces_of_several_elements_at_once_are_those_of_one_after_the_other(make, scheme):
-    found = []
-    for batched in (False, True):
-        model = Model(make(), scheme, part=True)
-        if batched:
-            model.forms.use_for_beams(BatchedBeams(model))
-        random, equations = np.random.default_rng(1), Equations(model)
-        state = reference_state(model)
-        state.q = 1e-2 * random.normal(size=model.size)
-        state.v = random.normal(size=model.size)
-        if model.keeps_before:
-            state.before, state.length = state.q - 1e-3 * random.normal(size=model.size), 0.02
-        for name in ("internal", "natural"):
-            if (start := getattr(state, name)) is not None:
-                setattr(state, name, start + 1e-3 * random.normal(size=start.shape))
-        equations.begin(Interval(0.1, 0.11), state)
-        if state.natural is not None:
-            model.forms.set_natural_end(2 * state.natural)
-        y = 1e-3 * random.normal(size=model.reduction.free)
-        none = np.zeros(model.reduction.driven), np.zeros(model.size)
-        balance = equations.at(y, *none)
-        tangent = np.empty(len(model.reduction.pattern[1]))
-        equations.fill_tangent(balance.r, tangent)
-        found.append([np.array(balance.f), balance.r, tangent])
-    for one, other in zip(*found, strict=True):
-        assert abs(one - other).max() < 1e-12 * scale(one)
-
-
 # -- How exact corrections are -----------------------------------------------------------------
 
 
-def test_corrections_are_as_exact_as_quadratic_convergence_makes_them_worth():
-    accuracy = Accuracy(1e-16)
-    assert accuracy.allowed(1e-2, np.inf) == pytest.approx(1e-14)  # nothing is known yet
-    for size in (1e-2, 1e-4, 1e-8):  # next = size^2
-        accuracy.note(size, 1e-12 * size)
-    accuracy.begin()
-    assert accuracy.allowed(1e-4, np.inf) == pytest.approx(0.1 * 1e-8)
-    assert accuracy.allowed(1.0, np.inf) == pytest.approx(1e-3)
-    assert accuracy.allowed(1e-10, np.inf) == pytest.approx(1e-17)  # what is negligible
-    assert accuracy.allowed(1e-10, 1e-18) == pytest.approx(1e-18)  # and has no energy
-
-
-def test_what_a_solution_leaves_is_not_taken_for_slow_convergence():
-    accuracy = Accuracy(1e-16)
-    accuracy.note(1e-2, 1e-5)
-    accuracy.note(1e-5, 1e-8)
-    accuracy.begin()
-    assert accuracy.allowed(1e-4, np.inf) == pytest.approx(1e-16)
-
-
 # -- The linear system, on one process -------------------------------------------------------
-
-
-def laplacian(n=399, shift=0.0):
-    """Rows, columns and values of a matrix for which GMRES needs many iterations."""
-    i = np.arange(n)
-    rows, columns = np.concatenate([i, i[1:], i[:-1]]), np.concatenate([i, i[:-1], i[1:]])
-    return rows, columns, np.concatenate([np.zeros(n) + 2 + shift, np.full(2 * n - 2, -1.0)])
-
-
-def solved(system, b, shift=0.0):
-    """Largest residual of a solution."""
-    rows, columns, values = laplacian(len(b), shift)
-    found = system.solve(values, np.empty(0), b)
-    x, system.count = found.x, found.iterations
-    return abs(np.bincount(rows, values * x[columns]) - b).max()
-
-
-def system_of(n=399):
-    system = linear_system.LinearSystem(np.array([n]), "Schwarz", 1e-14)
-    rows, columns, _ = laplacian(n)
-    system.set_pattern(np.arange(n), rows, columns, np.empty((0, 2), dtype=int))
-    return system, np.random.default_rng(0).random(n)
-
-
-def test_a_preconditioner_is_kept_for_other_tangents(monkeypatch):
-    fine = linear_system.KINDS["Schwarz"] | {"ksp_rtol": "1e-9"}
-    monkeypatch.setitem(linear_system.KINDS, "Schwarz", fine)
-    system, b = system_of()
-    iterations = []
-    for shift in (0.1, 0.11, 0.12):
-        assert solved(system, b, shift) < 1e-8
-        iterations.append(system.count)
-    assert system.kind == "Schwarz" and 1 < sum(iterations) < 30
-
-
-def test_a_preconditioner_of_a_very_short_step_is_not_kept():
-    # Every other unknown has mass; where a motion is to end, steps become as short as 1e-13 s. In
-    # the norm of such a preconditioner the equations of masses do not count.
-    system, b = system_of()
-    masses = np.arange(len(b)) % 2
-    assert solved(system, b, 1e26 * masses) < 1e-8
-    assert solved(system, b, 0.1 * masses) < 1e-8
-
-
-def test_factors_of_all_take_over_where_those_of_parts_do_not_help(monkeypatch):
-    poor = linear_system.KINDS["Schwarz"] | {"sub_pc_type": "none"}
-    monkeypatch.setitem(linear_system.KINDS, "Schwarz", poor)
-    system, b = system_of()
-    assert solved(system, b) < 1e-8
-    assert system.kind == "MUMPS"
-
-
-def test_a_singular_tangent_has_no_finite_solution():
-    system, b = system_of()
-    assert not np.isfinite(system.solve(0 * laplacian()[2], np.empty(0), b)[0]).any()
-    assert solved(system, b) < 1e-8

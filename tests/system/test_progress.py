@@ -127,29 +127,6 @@ def test_steps_that_end_when_ctrl_c_comes_are_not_lost(
         assert rest.energy.balance_error[-1] == pytest.approx(0, abs=1e-12)
 
 
-def test_an_interrupted_motion_keeps_its_full_turns():
-    # Turns are taken off every 1000 steps.
-    def spinning(stop_at):
-        scene = fb.Scene()
-        beam = scene.add_beam([(0, 0), (1, 0)], FLYING)
-        scene.set_velocity(beam, lambda x, y: (-100 * y, 100 * x), spin=100)
-
-        def force(t):
-            if t > stop_at:
-                signalled()
-            return 0.0, 0.0
-
-        scene.add_force(beam.start, force)
-        return scene
-
-    options = {"dt": 1 / 1024, "t_end": 1.5}
-    with pytest.raises(KeyboardInterrupt) as stop:
-        fb.simulate(spinning(1.2), **options)
-    rest = fb.simulate(spinning(9.0), start=stop.value.solution, **options)
-    whole = fb.simulate(spinning(9.0), **options)
-    np.testing.assert_allclose(rest.q[-1], whole.q[-1], rtol=1e-9)
-
-
 @pytest.mark.exact_times
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
 def test_an_interrupted_part_of_a_step_goes_on_after_it(solver):
@@ -233,19 +210,6 @@ def test_an_interrupted_path_hands_over_its_equilibria(continuation, taker, meth
     assert kept.stats.failure.kind == "interrupted" and stop.value.__notes__
 
 
-def test_an_interrupt_before_the_first_equilibrium_says_that_there_is_no_solution(monkeypatch):
-    scene, _ = arm(9.0, raised)
-
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(LoadStepper, "first_state", interrupted)
-    with pytest.raises(KeyboardInterrupt) as stop:
-        fb.static(scene)
-    assert stop.value.solution is None
-    assert stop.value.__notes__ == ["fx_beam: static was interrupted before its first step"]
-
-
 # -- Bars --------------------------------------------------------------------------------------
 
 
@@ -260,8 +224,3 @@ def test_a_path_shows_its_load_factor_to_those_who_ask(continuation, capfd):
     assert out == "" and "load factor" in err
     fb.static(scene, steps=2, continuation=continuation)
     assert capfd.readouterr() == ("", "")
-
-
-def test_what_is_no_answer_to_whether_a_bar_is_shown_is_refused():
-    with pytest.raises(fb.SceneError, match="static: progress = 1 must be True, False or None"):
-        fb.static(arm(9.0, raised)[0], progress=1)

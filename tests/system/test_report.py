@@ -4,7 +4,6 @@ import csv
 import json
 
 import numpy as np
-import pytest
 
 from fx_beam.studies import reporting
 
@@ -30,11 +29,6 @@ def test_nan_and_infinity_are_written_as_strict_json(tmp_path):
     assert strict(tmp_path / "r.json") == {"x": [None, "inf", "-inf"], "y": ["inf"]}
 
 
-def test_what_is_no_number_is_refused(tmp_path):
-    with pytest.raises(TypeError):
-        reporting.write_json(tmp_path / "r.json", {"scheme": object()})
-
-
 def test_a_table_is_markdown_whose_columns_line_up():
     rows = [
         {"scheme": "EnergyMomentum", "drift": 1.234e-13, "elements": 8},
@@ -48,21 +42,6 @@ def test_a_table_is_markdown_whose_columns_line_up():
     assert "| 1.23e-13 |" in lines[2]
 
 
-def test_columns_of_numbers_stand_to_the_right():
-    rule = reporting.table([{"name": "a", "value": 1.5e-3}, {"name": "b", "value": 10}])
-    left, right = rule.splitlines()[1].strip("|").split("|")
-    assert not left.endswith(":") and right.endswith("-:")
-
-
-def test_texts_that_look_like_numbers_stay_as_they_are():
-    assert "| 1e-2 " in reporting.table([{"label": "1e-2"}])
-
-
-def test_a_bar_in_a_cell_does_not_end_it():
-    header, _, row = reporting.table([{"|E|": "|N|"}]).splitlines()
-    assert header.strip("| ") == "\\|E\\" and row.startswith("| \\|N\\| ")
-
-
 def test_csv_has_a_column_for_every_nested_number(tmp_path):
     rows = [
         {"scheme": "A", "mesh": {"elements": 8}, "errors": {"tip": 0.1}},
@@ -74,14 +53,6 @@ def test_csv_has_a_column_for_every_nested_number(tmp_path):
     assert list(first) == ["scheme", "mesh.elements", "errors.tip", "quartiles.0", "quartiles.1"]
     assert list(first.values()) == ["A", "8", "0.1", "", ""]
     assert list(second.values()) == ["B, damped", "4", "", "1.0", ""]
-
-
-@pytest.mark.parametrize(
-    ("number", "words"),
-    [(0, "0"), (2e-13, "2e-13"), (3.4, "3.4"), (12.3, "12"), (999.4, "999"), (2e9, "2e9")],
-)
-def test_short_numbers(number, words):
-    assert reporting.short(number) == words
 
 
 def test_the_machine_and_all_versions_are_stated():

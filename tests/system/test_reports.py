@@ -93,19 +93,6 @@ def test_axial_force_is_taken_at_the_times_at_which_it_holds():
     assert error(quantity, lambda t: (2 + np.cos(3 * t)) * (t > 0), made_up(0.01)) < 1e-15
 
 
-@pytest.mark.parametrize(("degree", "power"), [(1, 1), (2, 3), (3, 5)])
-def test_axial_force_is_the_mean_along_the_beam(degree, power):
-    s = (np.polynomial.legendre.leggauss(degree)[0] + 1) / 4
-    s = np.append(s, s + 0.5)
-    solution = SimpleNamespace(
-        t_level=np.zeros(1),
-        resultants=lambda beam: SimpleNamespace(N=(1 + s**power)[None, :]),
-        beams={"beam": SimpleNamespace(elements=2, degree=degree)},
-    )
-    _, mean = benchmark("work_precision").axial_force("beam")(solution)
-    assert mean == approx([1 + 1 / (power + 1)], rel=1e-14)
-
-
 @pytest.mark.parametrize("level", [0.5, 1.0])
 @pytest.mark.parametrize("duration", [0.1, 0.37])
 def test_mean_force_is_the_mean_over_its_duration_to_second_order(level, duration):
@@ -119,27 +106,6 @@ def test_mean_force_is_the_mean_over_its_duration_to_second_order(level, duratio
         assert error(quantity, mean, made_up(dt, level)) < dt**2 / duration
     t, _ = quantity(made_up(0.01, level))
     assert t[0] == approx(duration / 2, abs=0.011) and t[-1] == approx(2 - duration / 2, abs=0.016)
-
-
-def test_mean_force_does_not_see_a_vibration_whose_periods_fill_its_duration():
-    solution, module = made_up(0.01, 1.0), benchmark("work_precision")
-    fast = 50 * np.cos(2 * np.pi * solution.t / 0.1)
-    solution.resultants = lambda beam: SimpleNamespace(N=(3 + fast)[:, None] * np.ones(6))
-    _, mean = module.mean_force("beam", 0.2)(solution)
-    assert mean == approx(3, rel=1e-12)
-
-
-def test_a_quantity_up_to_a_time_has_no_later_values():
-    module = benchmark("work_precision")
-    t, values = module.until(1.2, module.slide)(made_up(0.1))
-    assert t[-1] == approx(1.2) and values[-1] == approx(1.44)
-    t, _ = module.until(1.2, module.mean_force("beam", 0.2))(made_up(0.1))
-    assert t[0] > 0.1 and t[-1] == approx(1.2)
-
-
-def test_turn_of_a_known_rotation_is_its_angle_over_time():
-    quantity = benchmark("work_precision").turn
-    assert error(quantity, lambda t: t + 0.3 * np.sin(t), made_up(0.1)) < 1e-15
 
 
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT(-0.1), fb.GeneralizedAlpha(0.9)])

@@ -164,50 +164,6 @@ def test_pictures_open_in_their_full_size_unless_they_lead_to_a_page(tmp_path):
     assert [Path(href).name for href, _ in links] == ["one.png", "example.org"]
 
 
-def test_a_function_is_set_apart_from_the_number_before_it(drawn):
-    tan = r"<mrow><mspace[^>]*/><mi>tan</mi></mrow>"
-    assert re.search(rf"<mn>2</mn>\s*{tan}\s*<mo[^>]*>\(", drawn(r"2\tan(x)"))
-    assert re.search(rf"{tan}\s*<mspace[^>]*/>\s*<mi>x</mi>", drawn(r"\tan x"))
-    assert re.search(rf"<msup>\s*{tan}\s*<mn>2</mn>\s*</msup>", drawn(r"\tan^2 x"))
-
-
-def test_the_index_of_an_accented_symbol_stands_beside_it(drawn):
-    for accented in (r"\bar N_a", r"\hat G_d^{-T}", r"\dot\psi_{ab}"):
-        assert re.search(r"<msub><mover accent=.true.><mi>\w</mi>", drawn(accented))
-
-
-@pytest.mark.parametrize(
-    ("plain", "latex"),
-    [
-        ("sqrt(E I/(rho A))", r"\sqrt{\frac{E I}{\rho A}}"),
-        ("x' = -r cos(theta)/(l cos(beta)),", r"x' = - \frac{r \cos (\theta)}{l \cos (\beta)},"),
-        ("energy  1/2 int E.C E ds", r"\text{ energy }\qquad \frac{1}{2} \int E \cdot C E ds"),
-        ("k/2 <-g>^2", r"\frac{k}{2} \langle - g\rangle ^{2}"),
-        ("theta_tt + k_goal t0, ...", r"\theta _{tt} + k_{\mathrm{goal}} t_{0} , \ldots"),
-    ],
-)
-def test_formulas_of_plain_text_are_set_as_formulas(extension, plain, latex):
-    found = re.sub(r"\s+", " ", extension("formulas").latex(plain))
-    assert found.replace(" ", "") == latex.replace(" ", "")
-
-
-@pytest.mark.parametrize(
-    ("plain", "markdown"),
-    [
-        ("The force is k x = c/(d - x)^2.", r"The force is $k x = \frac{c}{(d - x)^{2}}$."),
-        (
-            "where x = v t of the mass, A = 6, I = 2",
-            "where $x = v t$ of the mass, $A = 6$, $I = 2$",
-        ),
-        ("per length, <a> = max(a, 0).", r"per length, $\langle a\rangle = \max (a , 0)$."),
-        ("steps of 0.01 s in `f(x=1)` are a few", "steps of 0.01 s in `f(x=1)` are a few"),
-    ],
-)
-def test_equations_in_a_line_are_set_as_formulas(extension, plain, markdown):
-    found = extension("formulas").inline(plain)
-    assert found.replace(" ", "") == markdown.replace(" ", "")
-
-
 def test_formulas_of_all_demos_can_be_drawn(extension, drawn):
     pytest.importorskip("sphinx")
     gallery = extension("gallery")
@@ -229,14 +185,6 @@ def test_a_quick_build_shows_what_an_earlier_run_has_printed(extension, tmp_path
     (tmp_path / "results" / "ring").mkdir(parents=True)
     (tmp_path / "results" / "ring" / "printed.txt").write_text("1.5 Hz")
     assert gallery.run(demo) == tmp_path / "results" / "ring"
-
-
-def test_a_comment_stands_with_the_code_that_follows_it(extension):
-    pytest.importorskip("sphinx")
-    source = '"""Demo."""\n\nA = 1\n\n\n# -- Forces --\n\n\ndef force():\n    """A force."""\n'
-    (_, first), (says, second) = extension("gallery").pieces(source)
-    assert "A = 1" in first and not any("Forces" in line for line in first)
-    assert says == "**force**: A force." and any("Forces" in line for line in second)
 
 
 def test_a_page_of_the_gallery_has_all_code_of_its_demo(extension):

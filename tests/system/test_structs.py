@@ -50,26 +50,6 @@ def test_a_pointer_that_is_not_set_is_named(frame):
         structs.check(c)
 
 
-@pytest.mark.parametrize("given", [{"bars": 1}, {"bar": []}, {"law": 64}])
-def test_members_that_belong_together_are_set_all_or_none(frame, given):
-    structs, c = frame
-    structs.set(c, dofs=[0], mass=[1.0])
-    structs.check(c)
-    structs.set(c, **given)
-    with pytest.raises(ValueError, match="not set"):
-        structs.check(c)
-
-
-def test_structs_inside_take_what_they_declare(frame):
-    structs, c = frame
-    structs.set(c, dofs=[], mass=[], bars=1, law=64, bar=[{"ends": (3, 4), "length": [0.5]}])
-    structs.set(c, ground={"length": [2.0]})
-    structs.check(c)
-    assert (list(c.bar[0].ends), c.bar[0].length[0], c.ground.length[0]) == ([3, 4], 0.5, 2.0)
-    with pytest.raises(ValueError, match="Bar: not set: length"):
-        structs.set(c, bar=[{"ends": (3, 4)}])
-
-
 def test_a_problem_without_data_is_refused():
     ffi, _ = build.load_library()
     with pytest.raises(ValueError, match=r"Problem: not set: .*\bmass\b.*\bq\b"):

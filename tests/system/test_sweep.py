@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ import quick_code
 import sweep_cases
 
 import fx_beam as fb
-from fx_beam.analyses import mpi_ranks, workers
+from fx_beam.analyses import workers
 from fx_beam.results import tables
 from fx_beam.studies.work_precision import runner
 
@@ -184,17 +184,6 @@ print("done")
     assert "fx_beam.sweep" in said
 
 
-def test_a_rank_that_computes_its_own_cases_does_not_warn(thread, lists, monkeypatch, caplog):
-    monkeypatch.setattr(mpi_ranks, "rank_and_size", lambda: (0, 2))
-    monkeypatch.delitem(sys.modules, "mpi4py.futures", raising=False)
-    mpi_ranks._warn.cache_clear()
-    case = {"EA": 4e7, "speed": 1.0}
-    fb.sweep(sweep_cases.arm, [case], thread)
-    assert not caplog.records
-    sweep_cases.arm(case)
-    assert len(caplog.records) == 1
-
-
 @pytest.mark.skipif(not shutil.which("mpirun"), reason="no mpirun")
 def test_a_pool_of_mpi_gives_what_one_process_gives(tmp_path, lists):
     text = """
@@ -213,12 +202,6 @@ if __name__ == "__main__":
     assert len(rows) == 4
     for row in rows:
         assert not row["error"] and row["result"] == sweep_cases.arm(row["case"])
-
-
-def test_under_mpirun_each_process_does_not_start_processes_of_its_own(monkeypatch):
-    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
-    with pytest.raises(fb.SceneError, match="mpi4py.futures.MPIPoolExecutor"):
-        fb.sweep(sweep_cases.fate, [{"fate": "fine"}])
 
 
 # -- Executors -----------------------------------------------------------------------------------
@@ -309,13 +292,6 @@ def test_what_makes_no_sense_is_refused(change, reason, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(fb.SceneError, match=reason):
         fb.sweep(**{"function": square, "cases": [{"x": 1}]} | change)
-
-
-def test_a_result_that_hides_a_parameter_is_an_error_of_its_row(thread, lists):
-    rows = fb.sweep(lambda case: {case["name"]: 1}, [{"name": n} for n in "abc"], thread)
-    assert [row["error"] for row in rows] == ["", "", ""] and rows[1]["b"] == 1
-    rows = fb.sweep(lambda case: {"x": 2, "seconds": 1}, [{"x": 1}], thread)
-    assert "gives 'x', which is a parameter of the case" in rows[0]["error"] and rows[0]["x"] == 1
 
 
 # -- Tables one after another --------------------------------------------------------------------
@@ -416,12 +392,6 @@ def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path, thread, lists):
     assert {row["seconds"] for row in again} == {row["seconds"] for row in rows}
 
 
-def test_what_cannot_be_written_is_an_error_of_its_row(tmp_path, thread, lists):
-    cases = [{"fate": "no file"}, {"fate": "fine"}]
-    rows = fb.sweep(sweep_cases.fate, cases, thread, tmp_path / "rows")
-    assert "cannot be written to a file" in rows[0]["error"] and not rows[1]["error"]
-
-
 def test_a_file_that_is_none_of_a_sweep_is_left_alone(tmp_path, thread):
     for text in ("x,y\n1,2\n", '{"x": 1}\n', "[1]\n", "a letter"):
         (tmp_path / "table").write_text(text)
@@ -504,10 +474,3 @@ def test_errors_are_computed_by_the_executor_and_times_are_measured_here(monkeyp
         assert one.errors == other.errors and one.step_errors == other.step_errors
         assert one.seconds > 0 and np.isnan(one.first_seconds)
     assert found.references == alone.references and found.mesh_errors == alone.mesh_errors
-
-
-def test_a_study_without_an_executor_runs_one_after_another():
-    with closing(workers.run(square, [{"x": 2}, {"y": 1}], None)) as outcomes:
-        (first, second) = outcomes
-    assert first[0] == 0 and first[1].value == {"square": 4}
-    assert second[1].error == "KeyError: 'x'"

@@ -1,6 +1,5 @@
 """What differs between versions of FEniCSx, or may be missing, and would go wrong silently."""
 
-import importlib.machinery
 import shutil
 import subprocess
 import sys
@@ -59,19 +58,6 @@ def test_values_at_gauss_points_are_those_that_the_rule_of_a_form_takes(points):
 # -- Compiled modules ------------------------------------------------------------------------------
 
 
-def test_a_form_that_was_loaded_is_not_sought_again(monkeypatch):
-    mesh = interval()
-    form = ufl.SpatialCoordinate(mesh)[0] * dolfinx_api.measure(mesh, 1)
-    for _ in range(2):  # perhaps compiled, and loaded
-        integral(form, mesh)
-
-    def seek(*_):
-        raise AssertionError("sought again")
-
-    monkeypatch.setattr(importlib.machinery, "FileFinder", seek)
-    assert integral(form, mesh) == 0.5
-
-
 # -- What the compiled loop takes ------------------------------------------------------------------
 
 
@@ -112,50 +98,9 @@ def test_each_law_has_its_own_coefficients_in_the_loop(laws):
     assert abs(compiled.energy.balance_error).max() < 1e-7 * compiled.energy.kinetic.max()
 
 
-def test_coefficients_of_a_subdomain_are_those_of_its_cells():
-    points = np.column_stack([np.arange(4.0), np.zeros(4)])
-    mesh, _ = interval_mesh.mesh_between(points, np.array([[0, 1], [1, 2], [2, 3]]))
-    tags = np.array([2, 0, 1])
-    of_cell = dolfinx_api.at_gauss_points(mesh, 10.0 + np.arange(3)[:, None])
-    dx = dolfinx_api.measure(mesh, 1)
-    compiled = dolfinx_api.compile_form(
-        sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx, "all tags"
-    )
-    form = dolfinx_api.bind(compiled, mesh, tags=tags)
-    packed = dolfinx_api.packed_coefficients(form, compiled)
-    assert sorted(packed) == sorted(ffcx_api.integrals(compiled)) == [-1, 0, 1, 2]
-    assert packed[-1][:, 0] == pytest.approx([10.0, 11.0, 12.0])
-    assert [packed[tag][:, 0] for tag in range(3)] == [[11.0], [12.0], [10.0]]
-    expected = sum((tags[k] + 1) * (10 + k) + (10 + k) ** 2 for k in range(3))
-    assert dolfinx_api.assemble_scalar(form) == pytest.approx(expected)
-
-
 def test_the_loop_runs_here():
     solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
     assert solution.stats.solver == "compiled, chain"
-
-
-def test_functions_have_the_names_that_the_linker_knows():
-    mesh = interval()
-    x = ufl.SpatialCoordinate(mesh)[0]
-    form = ufl.sin(x) * dolfinx_api.measure(mesh, 1)
-    source, names, parameters = ffcx_api.element_functions(dolfinx_api.compile_form(form, "a sine"))
-    assert [source.count(f"void {name}(") for name in names] == [1]
-    assert parameters >= 6
-
-
-def test_functions_without_names_leave_the_steps_to_python(monkeypatch, tmp_path, caplog):
-    def nameless(_):
-        raise LookupError("no names")
-
-    monkeypatch.setattr(ffcx_api, "_symbol", nameless)
-    # Another folder of headers: functions of elements, and these alone, are not in the cache.
-    monkeypatch.setattr(ffcx_api, "ufcx_folder", lambda: tmp_path)
-    monkeypatch.setattr(build, "_loaded", {})
-    build._warn.cache_clear()
-    solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
-    assert solution.stats.solver == "Python, sparse lu (it cannot be built)"
-    assert "no names" in caplog.text
 
 
 def test_the_compiler_is_that_of_the_environment(monkeypatch, tmp_path, no_libraries):
@@ -233,6 +178,24 @@ for options in ({"solver": "petsc"}, {"newton": one, "max_halvings": 1}):
         print(error)
 assert not [name for name in sys.modules if name.split(".")[0] in ("petsc4py", "slepc4py")]
 """
+
+
+def test_coefficients_of_a_subdomain_are_those_of_its_cells():
+    points = np.column_stack([np.arange(4.0), np.zeros(4)])
+    mesh, _ = interval_mesh.mesh_between(points, np.array([[0, 1], [1, 2], [2, 3]]))
+    tags = np.array([2, 0, 1])
+    of_cell = dolfinx_api.at_gauss_points(mesh, 10.0 + np.arange(3)[:, None])
+    dx = dolfinx_api.measure(mesh, 1)
+    compiled = dolfinx_api.compile_form(
+        sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx, "all tags"
+    )
+    form = dolfinx_api.bind(compiled, mesh, tags=tags)
+    packed = dolfinx_api.packed_coefficients(form, compiled)
+    assert sorted(packed) == sorted(ffcx_api.integrals(compiled)) == [-1, 0, 1, 2]
+    assert packed[-1][:, 0] == pytest.approx([10.0, 11.0, 12.0])
+    assert [packed[tag][:, 0] for tag in range(3)] == [[11.0], [12.0], [10.0]]
+    expected = sum((tags[k] + 1) * (10 + k) + (10 + k) ** 2 for k in range(3))
+    assert dolfinx_api.assemble_scalar(form) == pytest.approx(expected)
 
 
 def test_all_but_the_reference_runs_without_petsc_and_that_says_so():

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.deprecation import formerly
 from fx_beam.errors import SceneError
 from fx_beam.studies.reporting import beside, machine, section, short, write_json, write_report
 
@@ -23,7 +22,6 @@ LEVELS = 1e-2, 1e-4, 1e-6, 1e-8, 1e-10
 _PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
 
 
-@formerly(found="study")
 def sentence(study: Precision, quantity: str) -> str:
     """One sentence that says which run is the most accurate, and how well its error is known.
 
@@ -62,7 +60,6 @@ def prepare(path: Path | str) -> None:
         raise SceneError(f"results = {path!r} cannot be written: {wrong}") from wrong
 
 
-@formerly(found="study")
 def write(path: Path | str, study: Precision) -> None:
     """Write a study as JSON, its runs as CSV, and a Markdown page with two pictures.
 
