@@ -1,4 +1,4 @@
-"""Shared set-up: the tests' own helpers can be imported, and hypothesis knows no deadline."""
+"""Shared set-up: a quick compiler with a cache of its own, groups of tests, other roundings."""
 
 import functools
 import gc
@@ -15,13 +15,18 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import settings
 
-from fx_beam import c_library, library_cache
-from fx_beam.analyses import dynamics, motion, step_warnings
-from fx_beam.compiled import build
-from fx_beam.fem import ffcx_api, interval_mesh
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+# Also for the processes that tests start. What it compiles is not for users: the cache is another.
+os.environ["CC"] = str(HERE / "quick_cc")
+_cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute()
+if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdist
+    os.environ["XDG_CACHE_HOME"] = str(_cache / "fx_beam_tests")
 
-sys.path.insert(0, str(Path(__file__).parent))
-import quick_code  # noqa: E402  # from the folder of the tests
+from fx_beam import c_library, library_cache  # noqa: E402
+from fx_beam.analyses import dynamics, motion, step_warnings  # noqa: E402
+from fx_beam.compiled import build  # noqa: E402
+from fx_beam.fem import ffcx_api, interval_mesh  # noqa: E402
 
 # Pictures without a display, as `./run` has it.
 os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
@@ -39,28 +44,26 @@ gc.set_threshold(20_000, 20, 50)
 importlib.metadata.entry_points = functools.cache(importlib.metadata.entry_points)
 
 
-def _with_headers(flags):
-    """Flags for the C code of a form, with all that it includes compiled before, once."""
+def _compile_headers():
+    """What the C code of each form includes, compiled once; `quick_cc` adds it."""
     header = library_cache.folder() / "headers_of_forms.h"
     compiled = header.with_name(f"{header.name}.gch")
     if not compiled.exists():
         header.parent.mkdir(parents=True, exist_ok=True)
         names = "Python.h", "ufcx.h", "math.h", "stdalign.h", "stdlib.h", "string.h"
         header.write_text("".join(f"#include <{name}>\n" for name in names))
-        folders = [f"-I{sysconfig.get_path('include')}", f"-I{ffcx_api.ufcx_folder()}"]
-        usual = [*sysconfig.get_config_var("CFLAGS").split(), "-fPIC", *flags, *folders]
+        flags = [*sysconfig.get_config_var("CFLAGS").split(), "-fPIC"]
+        flags += interval_mesh.JIT["cffi_extra_compile_args"]
+        flags += [f"-I{sysconfig.get_path('include')}", f"-I{ffcx_api.ufcx_folder()}"]
         with tempfile.TemporaryDirectory(dir=header.parent) as scratch:
             out = Path(scratch, "headers")
-            subprocess.run([*c_library.compiler(), *usual, "-x", "c-header", header, "-o", out])
+            subprocess.run([*c_library.compiler(), *flags, "-x", "c-header", header, "-o", out])
             if out.exists():  # without it the compiler reads the header itself
                 out.replace(compiled)
-    return [*flags, "-include", str(header)]
+    os.environ["FX_BEAM_TEST_HEADERS"] = str(header)
 
 
-# A form compiled without optimisation takes a fifth less time, its functions of several elements
-# half of it. The compiled loop stays optimised; in processes that tests start all is.
-quick_code.use()
-interval_mesh.JIT["cffi_extra_compile_args"] = _with_headers(["-O0", "-g0", "-w"])
+_compile_headers()
 
 # Another rounding of each motion: its step is multiplied by 1 + k 2e-15. What a test says about a
 # long motion must not depend on it. Tests of exact times, or of loads that jump with a step, are
@@ -151,11 +154,13 @@ _SLOWEST = (
 
 
 def group(nodeid):
-    """Tests that share what is slow to make: those of a file, and all about the run of a demo."""
+    """Tests that share what is slow to make: of a file, on a scene of the core, of a demo's run."""
     path, _, test = nodeid.partition("::")
-    file, demo = Path(path).stem, test.partition("[")[2].removesuffix("]")
-    of_demo = file in ("test_demos", "test_paper") and demo in _DEMOS
-    return f"test_demo_{demo}" if of_demo else file
+    file, case = Path(path).stem, test.partition("[")[2].removesuffix("]")
+    if file in ("test_invariants", "test_derivatives"):
+        return f"core: {case}"
+    of_demo = file in ("test_demos", "test_paper") and case in _DEMOS
+    return f"test_demo_{case}" if of_demo else file
 
 
 def pytest_collection_modifyitems(items):

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import quick_code
 import sweep_cases
 
 import fx_beam as fb
@@ -30,13 +29,6 @@ def thread():
     """An executor of one thread, which runs functions of a test."""
     with ThreadPoolExecutor(1) as executor:
         yield executor
-
-
-@pytest.fixture(scope="module", autouse=True)
-def optimised():
-    """All code is compiled as in other processes, whose results are equal to the last digit."""
-    with quick_code.not_used():
-        yield
 
 
 @pytest.fixture
