@@ -61,15 +61,6 @@ def test_all_that_was_added_is_taken_away_again():
     scene.add_force_between(beam.end, (0, 3), force=7.0)
 
 
-def test_one_of_two_equal_loads_is_taken_away():
-    scene, beam = cantilever()
-    first, second = (scene.add_force(beam.end, (0.0, -1.0)) for _ in range(2))
-    scene.remove(first)
-    assert scene.loads == [second]
-    with pytest.raises(fb.SceneError, match="remove: the scene does not have"):
-        scene.remove(first)
-
-
 def test_a_support_is_taken_away():
     scene, beam = cantilever()
     scene.prescribe(beam.end, y=lambda t: 0.1 * t)
@@ -130,25 +121,6 @@ def test_the_last_equilibrium_does_not_depend_on_the_order_of_loads():
     scene.remove(pull)
     released = fb.static(scene, start=both)
     assert released.q[-1] == pytest.approx(fb.static(scene).q[-1], abs=1e-9)
-
-
-def test_what_stays_the_same_is_constant():
-    scene, beam = cantilever()
-    scene.add_force(beam.end, (0.0, -300.0))
-    bent = fb.static(scene)
-    again = fb.static(scene, start=bent, steps=3)
-    assert abs(again.q - bent.q[-1]).max() < 1e-10
-    assert again.energy.work == pytest.approx(bent.energy.work[-1], rel=1e-9)
-    assert again.reactions[0] == pytest.approx(bent.reactions[-1], abs=1e-6)
-
-
-def test_the_work_of_a_sequence_is_the_energy():
-    scene, beam = cantilever()
-    scene.add_force(beam.end, (500.0, 0.0))
-    first = fb.static(scene, steps=50)
-    scene.add_force(beam.end, (0.0, -200.0))
-    energy = fb.static(scene, start=first, steps=50).energy
-    assert abs(energy.balance_error).max() < 1e-4 * energy.strain[-1]
 
 
 def test_a_string_under_prestress_sinks_by_its_tension():

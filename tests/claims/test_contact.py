@@ -1,16 +1,11 @@
 """Contact with circles and lines that move: invariants, closed solutions, files, bad input."""
 
-import copy
 import re
 
 import numpy as np
 import pytest
 
 import fx_beam as fb
-from fx_beam.mechanics.interval import Interval
-from fx_beam.model.equations import Equations
-from fx_beam.model.model import Model
-from fx_beam.stepping.initial_state import reference_state
 
 SOFT = fb.Section(EA=100.0, GA=100.0, EI=10.0, rhoA=1.0, rhoI=0.1)
 SHAPES = pytest.mark.parametrize("shape", ["circle", "line"])
@@ -41,55 +36,6 @@ def test_free_members_keep_energy_and_both_momenta_in_contact(shape, along):
     assert solution.stats.halvings == 0
 
 
-@SHAPES
-def test_both_solvers_agree_with_a_loss(shape):
-    runs = []
-    for solver in ("compiled", "petsc"):
-        scene, contact = bar_on_plate(shape, along=2, restitution=0.5, speed=0.02)
-        runs.append(fb.simulate(scene, dt=0.005, t_end=0.5, solver=solver))
-    assert runs[0].energy.dissipated[-1] > 0.02
-    assert runs[0].q == pytest.approx(runs[1].q, abs=1e-9)
-    one, other = (run.contact(contact).force for run in runs)
-    assert one == pytest.approx(other, abs=1e-7)
-    # What pushes the bar changes its momentum, and pushes the body the other way.
-    body = scene.bodies[0].centre
-    change = -2.0 * (runs[0].velocity(body)[-1] - runs[0].velocity(body)[0])
-    assert one.sum(axis=(0, 1)) * 0.005 == pytest.approx(change, abs=1e-10)
-
-
-@SHAPES
-@pytest.mark.parametrize(
-    "scheme", [fb.EnergyMomentum(), fb.HHT(-0.2), fb.Equilibrium()], ids=lambda s: s.name
-)
-def test_the_tangent_is_the_derivative_of_the_forces(shape, scheme):
-    random = np.random.default_rng(1)
-    scene, _ = bar_on_plate(shape, along=2)
-    model = Model(scene, scheme, mobile=True)
-    start, equations = reference_state(model), Equations(model)
-    start.q[:], start.v[:] = 0.05 * random.normal(size=(2, model.size))
-    start.q[model.mesh.dofs[model.mesh.X[:, 1] > 0.4, 1]] -= 0.2 if shape == "circle" else 0.7
-    equations.begin(Interval(0.0, 0.1), start)
-    D, direction = 0.01 * random.normal(size=(2, model.size))
-    points = model.points
-
-    def force(at):
-        out = np.zeros(model.size)
-        points.add_force(at, out)
-        return out
-
-    h = 1e-6
-    difference = (force(D + h * direction) - force(D - h * direction)) / (2 * h)
-    assert abs(difference).max() > 1.0
-    force(D)
-    product, first = np.zeros(model.size), 0
-    for entry, law in zip(points._results, points._laws, strict=True):
-        pairs = points.pairs[first : first + len(law.entries)]
-        values = entry[law.law.size :][: len(pairs)]
-        np.add.at(product, pairs[:, 0], values * direction[pairs[:, 1]])
-        first += len(pairs)
-    assert product == pytest.approx(difference, abs=1e-6 * abs(difference).max())
-
-
 def test_two_equal_discs_change_their_velocities():
     scene = fb.Scene()
     discs = [scene.add_body((x, 0), mass=3.0, inertia=0.1).centre for x in (0.0, 1.0)]
@@ -115,26 +61,6 @@ def test_a_body_on_a_carried_line_presses_on_what_carries_it():
     normal = force / np.hypot(*force)
     psi = solution.rotation(shelf.end)[-1]
     assert normal == pytest.approx([-np.sin(psi), np.cos(psi)], abs=1e-9)
-
-
-def test_contact_is_saved_copied_and_taken_away(tmp_path):
-    scene, contact = bar_on_plate("circle", along=2)
-    wall = scene.add_contact(scene.bodies[0].centre, fb.Line((0, -3), (0, 1)), stiffness=1e3)
-    solution = fb.simulate(scene, dt=0.005, t_end=0.5)
-    solution.save(tmp_path / "run.npz")
-    again = fb.load(tmp_path / "run.npz")
-    for part in (contact, wall):
-        assert (again.contact(part).gap == solution.contact(part).gap).all()
-        assert (again.contact(part).force == solution.contact(part).force).all()
-    twin = copy.deepcopy(scene)
-    assert twin.obstacles[0].shape.carrier.scene is twin
-    assert (fb.simulate(twin, dt=0.005, t_end=0.5).q == solution.q).all()
-    scene.remove(contact)
-    free = fb.simulate(scene, dt=0.005, t_end=0.5)
-    assert not free.contact(wall).force.any()
-    assert len(free.contact(wall).gap) == len(free.t)
-    with pytest.raises(ValueError, match="not an obstacle of this solution"):
-        free.contact(contact)
 
 
 @pytest.mark.parametrize(
@@ -270,36 +196,6 @@ def test_a_strip_on_a_drum_holds_by_the_law_of_the_capstan():
     assert solution.stats.halvings == 0
     held = solution.contact(contact).force[-1].sum(axis=0)
     assert held == pytest.approx([0, N[0] + N[-1]], abs=1e-3)
-
-
-def test_friction_goes_on_after_a_restart_and_from_a_file(tmp_path):
-    scene, _, contact = ball(mu=0.1, height=0.15)
-    whole = fb.simulate(scene, dt=1e-3, t_end=0.4)
-    fb.simulate(scene, dt=1e-3, t_end=0.3).save(tmp_path / "run.npz")
-    half = fb.load(tmp_path / "run.npz")
-    rest = fb.simulate(scene, dt=1e-3, t_end=0.4, start=half)
-    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-14)
-    assert half.contact(contact).slip[-1] == whole.contact(contact).slip[300]
-    assert rest.contact(contact).slip[-1] == pytest.approx(whole.contact(contact).slip[-1])
-
-
-@pytest.mark.parametrize("mu", [0.1, 0.6])
-def test_derivatives_of_a_motion_with_friction_are_those_of_differences(mu):
-    def build(x):
-        scene, centre, _ = ball(
-            mu=x[0], k=1e5 * x[1], kt=1e5 * x[2], radius=0.1 * x[3], height=0.15
-        )
-        return scene, {"place": fb.Output("position", centre)}
-
-    x, h, steps = np.array([mu, 1.0, 1.0, 1.0]), 1e-6, 1e-6 * np.eye(4)
-    run = fb.Response(build, dt=1e-3, t_end=0.4)
-    weights = np.zeros_like(run(x)[1]["place"])
-    weights[-1] = 1.0, 2.0
-    gradient = run.vjp({"place": weights})
-    ends = [[(run(x + sign * step)[1]["place"][-1] @ (1, 2)) for step in steps] for sign in (1, -1)]
-    differences = (np.array(ends[0]) - ends[1]) / (2 * h)
-    assert abs(gradient).max() > 1e-2
-    assert gradient == pytest.approx(differences, rel=1e-5, abs=1e-7)
 
 
 def test_bad_friction_is_named():

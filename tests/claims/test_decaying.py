@@ -70,45 +70,6 @@ def test_the_balance_closes_for_steps_in_parts_of_changing_length(order, solver)
     assert abs(whole.reaction(beam.start)[1:, :2] - given).max() < 1e-9 * abs(given).max()
 
 
-@ORDERS
-def test_solvers_agree_also_on_forces_and_sparse_records(order):
-    scene, beam = pinned_beam(elements=4)
-    newton = fb.NewtonOptions(max_turn=0.05)
-    for every in (1, 3):
-        ours, theirs = (
-            fb.simulate(
-                *(scene, fb.EnergyDecaying(order=order)),
-                dt=0.02,
-                t_end=0.24,
-                solver=solver,
-                newton=newton,
-                record=fb.Record(every=every),
-            )
-            for solver in ("compiled", "petsc")
-        )
-        assert abs(ours.q - theirs.q).max() < 1e-8
-        N, other = (run.resultants(beam).N for run in (ours, theirs))
-        assert abs(N - other).max() < 1e-6 * abs(N).max()
-        assert ours.energy.dissipated == pytest.approx(theirs.energy.dissipated, rel=1e-8)
-        assert ours.energy.algorithmic == pytest.approx(theirs.energy.algorithmic, rel=1e-6)
-
-
-@SOLVERS
-def test_a_run_goes_on_from_a_file_as_if_it_had_not_ended(solver, tmp_path):
-    scene, beam = pinned_beam()
-    scheme = fb.EnergyDecaying()
-    whole = fb.simulate(scene, scheme, dt=0.01, t_end=0.4, solver=solver)
-    fb.simulate(scene, scheme, dt=0.01, t_end=0.2, solver=solver).save(tmp_path / "half.npz")
-    half = fb.load(tmp_path / "half.npz")
-    rest = fb.simulate(scene, scheme, dt=0.01, t_end=0.4, solver=solver, start=half)
-    assert abs(whole.q[-1] - rest.q[-1]).max() < 1e-11
-    assert rest.resultants(beam).N[-1] == pytest.approx(whole.resultants(beam).N[-1], rel=1e-7)
-    assert rest.energy.dissipated[-1] == pytest.approx(whole.energy.dissipated[-1], rel=1e-9)
-    # Another scheme starts without memory, and its own balance closes.
-    other = fb.simulate(scene, fb.EnergyMomentum(), dt=0.01, t_end=0.4, start=half)
-    assert abs(other.energy.balance_error).max() < 1e-11 * other.energy.total[0]
-
-
 # -- Amplification and order ----------------------------------------------------------------------
 
 
@@ -155,16 +116,6 @@ def test_an_oscillator_follows_the_amplification_matrix(w, order):
     assert solution.velocity(rod.end)[1:, 0] == pytest.approx(v, abs=1e-9 * abs(v).max())
 
 
-def test_the_form_without_memory_is_of_first_order():
-    scene, beam = pinned_beam(elements=2, section=fb.Section(EA=4e4, GA=1e4, EI=1.3e6, rhoA=0.05))
-    ends = [
-        fb.simulate(scene, fb.EnergyDecaying(order=1), dt=0.2 / n, t_end=0.2).q[-1]
-        for n in (400, 800, 1600)
-    ]
-    first, second = (abs(a - b).max() for a, b in zip(ends, ends[1:], strict=False))
-    assert 0.8 < np.log2(first / second) < 1.3
-
-
 # -- Examples -------------------------------------------------------------------------------------
 
 
@@ -204,10 +155,3 @@ def test_values_out_of_range_are_refused():
     composed = fb.Scheme("composed", decaying.resultants, decaying.rates, fractions=(0.5, 0.5))
     with pytest.raises(fb.SceneError, match="cannot have sub-steps"):
         fb.simulate(pinned_beam()[0], composed, dt=0.01, t_end=0.1)
-
-
-def test_conserving_schemes_compile_and_keep_nothing_for_it():
-    solution = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1)
-    assert not {"scheme's loss", "scheme's energy"} & {*solution.stats.compiled}
-    assert solution.end.before is None
-    assert not solution.energy.algorithmic.any()

@@ -129,14 +129,6 @@ def test_steps_of_order_four_end_where_a_contact_begins_and_ends():
     )
 
 
-def test_both_solvers_meet_the_same_events():
-    compiled, python = (
-        errors(stop, 1e5, 1e-3, 4, solver=solver)[2] for solver in ("compiled", "petsc")
-    )
-    assert compiled.t == pytest.approx(python.t, abs=1e-8)
-    assert compiled.stats.rejected == python.stats.rejected > 0
-
-
 def test_rows_between_constant_steps_do_not_reach_over_a_contact():
     def largest(times):
         scene, node = floor(1e4)

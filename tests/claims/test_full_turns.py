@@ -5,8 +5,6 @@ import pytest
 from scenes import pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam.model.model import Model
-from fx_beam.stepping.full_turns import TurnCounter
 
 STIFF = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
 
@@ -17,10 +15,6 @@ def rotor(**rotation):
     beam = scene.add_beam([(0, 0), (1, 0)], STIFF, elements=2)
     scene.add_joint(fb.Revolute(fb.GROUND, beam.start, **rotation))
     return scene, beam
-
-
-def members(scene):
-    return TurnCounter(Model(scene, fb.EnergyMomentum()))._members
 
 
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
@@ -63,34 +57,3 @@ def test_a_spring_counts_all_turns():
     exact = amplitude * np.sin(omega * solution.t)
     assert abs(solution.rotation(beam.start) - exact).max() < 1e-2 * amplitude
     assert relative_drift(solution.energy.total) < 1e-11
-
-
-def test_turns_are_taken_off_where_nothing_counts_them():
-    assert [len(rotations) for rotations in members(rotor()[0])] == [3]
-    for what in (
-        {"spring": fb.Spring(1.0)},
-        {"damper": fb.Damper(1.0)},
-        {"friction": fb.Friction(1.0, 0.1)},
-        {"motor": lambda t: t},
-    ):
-        assert members(rotor(**what)[0]) == []
-    clamped, beam = rotor()
-    clamped.fix(beam.end, "rotation")
-    assert members(clamped) == []
-    driven, beam = rotor()
-    driven.prescribe(beam.end, rotation=lambda t: 9 * t)
-    assert members(driven) == []
-    counting, _ = rotor()
-    counting.add_virtual_work(lambda step: -step.psi * step.virtual_psi)
-    assert members(counting) == []
-
-
-def test_members_that_turn_together_are_one():
-    scene = fb.Scene()
-    arm = scene.add_beam([(0, 0), (1, 0)], STIFF)
-    rod = scene.add_beam([(1, 0), (2, 0)], STIFF)
-    sleeve = scene.add_beam([(2, 0), (3, 0)], STIFF)
-    scene.pin(arm.start)
-    scene.add_joint(fb.Revolute(arm.end, rod.start))
-    scene.add_joint(fb.Prismatic(rod.end, sleeve.start, axis=(1, 0)))
-    assert sorted(len(rotations) for rotations in members(scene)) == [2, 4]

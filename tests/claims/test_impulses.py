@@ -117,13 +117,3 @@ def test_outputs_of_a_motion_are_means_over_halved_steps(solver):
     for name, history in histories.items():
         found = np.array([row[name] for row in rows])
         assert found == pytest.approx(history[1:], abs=1e-9), name
-
-
-@SOLVERS
-def test_forces_at_the_end_of_steps_are_those_of_the_last_part(solver):
-    scene, its = workshop()
-    solution = fb.simulate(scene, fb.Newmark(), dt=DT, t_end=1.0, solver=solver)
-    assert solution.stats.substeps > solution.stats.steps
-    assert solution.t_level == pytest.approx(solution.t)
-    force = 2.0 * solution.acceleration(its.ball.centre)[1:, 1]
-    assert solution.contact(its.floor).force[1:, 0, 1] == pytest.approx(force, abs=1e-9)

@@ -78,37 +78,6 @@ def test_every_step_that_ends_inverted_is_counted_recorded_or_not(degree, solver
     assert thin.stats.inverted == full.stats.inverted
 
 
-@solvers
-@degrees
-def test_the_place_is_named_on_curved_elements_as_well(degree, solver, caplog):
-    points = fb.arc((0, 0), (0.7, 0.2), (1.4, 0))
-    scene, beam = bar(degree, elements=4, points=points, speed=25.0)
-    full = fb.simulate(scene, dt=0.002, t_end=0.12, solver=solver)
-    values = stretch(full, beam, degree)
-    inverted = (values <= 0).any(axis=1)
-    assert full.stats.inverted == np.count_nonzero(inverted) > 3
-    # Near the end that is hit.
-    message = next(r.getMessage() for r in caplog.records if "inverted" in r.getMessage())
-    s = full.resultants(beam).s
-    at = s[values[inverted][0] <= 0]
-    named = float(message.split("arc length ")[1].split(" m")[0])
-    assert abs(at - named).min() < 1e-3
-
-
-@solvers
-def test_parts_of_steps_are_looked_at_as_well(solver):
-    # A beam beside it turns by half a radian in a step, and so in eight parts.
-    scene, _ = bar(1, speed=14.0)
-    rotor = scene.add_beam([(0, 5), (1, 5)], SOFT, elements=1)
-    scene.pin(rotor.start)
-    scene.set_velocity(rotor, lambda x, y: (0.0, 10.0 * x), spin=10.0)
-    options = {"t_end": 0.2, "solver": solver}
-    run = fb.simulate(scene, dt=0.05, newton=fb.NewtonOptions(max_turn=0.1), **options)
-    assert run.stats.substeps == 32
-    whole = fb.simulate(scene, dt=0.05 / 8, **options)
-    assert run.stats.inverted == whole.stats.inverted > run.stats.steps == 4
-
-
 def test_beams_that_bend_and_turn_are_not_reported(caplog):
     section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
     scene = fb.Scene()

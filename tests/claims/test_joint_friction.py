@@ -239,14 +239,6 @@ def test_a_block_on_a_spring_turns_and_stops_where_it_should():
     assert sticks == pytest.approx(3 * np.pi / 10, abs=0.01)
 
 
-def test_a_restart_and_a_saved_solution_go_on_with_the_same_force(tmp_path):
-    scene, _, _ = pendulum(0.3)
-    whole = fb.simulate(scene, dt=0.01, t_end=0.6)
-    fb.simulate(scene, dt=0.01, t_end=0.3).save(tmp_path / "run.npz")
-    rest = fb.simulate(scene, dt=0.01, t_end=0.6, start=fb.load(tmp_path / "run.npz"))
-    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-13)
-
-
 def test_what_does_not_fit_is_named():
     node = fb.Scene().add_body((0, 0), 1.0).centre
     with pytest.raises(fb.SceneError, match="needs the radius of the pin"):

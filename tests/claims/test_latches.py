@@ -254,19 +254,6 @@ def test_a_joint_that_closes_a_loop_in_a_motion():
     assert abs(closed.energy.balance_error).max() < 1e-10
 
 
-def test_joints_that_do_not_fit_a_solution_are_refused():
-    scene, one, two, _ = docking()
-    flight = fb.simulate(scene, dt=0.05, t_end=0.5)
-    apart = flight.position(two["port"])[-1] - flight.position(one["port"])[-1]
-    joint = fb.Revolute(one["port"], two["port"])
-    with pytest.raises(fb.SceneError, match=f"a gap of {np.hypot(*apart):.4g} .* offset="):
-        scene.add_joint(joint, at=flight)
-    with pytest.raises(fb.SceneError, match="at a solution it cannot have a motor"):
-        scene.add_joint(fb.Revolute(fb.GROUND, one["port"], motor=lambda t: t), at=flight)
-    with pytest.raises(fb.SceneError, match="at = 3 must be a solution"):
-        scene.add_joint(joint, at=3)
-
-
 # -- Joined motions --------------------------------------------------------------------------------
 
 

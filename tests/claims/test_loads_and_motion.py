@@ -46,12 +46,6 @@ def cross(a, b):
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def assert_energy_balances(solution, tolerance=1e-10):
-    scale = abs(solution.energy.work).max()
-    assert scale > 0.1 * solution.energy.total.max() > 0
-    assert abs(solution.energy.balance_error).max() < tolerance * scale
-
-
 # -- Dead loads on free beams ----------------------------------------------------------------
 
 
@@ -143,29 +137,6 @@ def test_momentum_is_the_trapezoidal_sum_of_a_force_that_changes(scheme, force, 
     assert solution.linear_momentum == pytest.approx(expected, abs=tolerance * abs(expected).max())
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_energy_balances_with_the_work_of_all_kinds_of_loads(degree):
-    scene, beam = free_beam(degree=degree, gravity=(0.5, -2.0))
-    scene.add_mass(beam.node(0.5), 1.0, inertia=0.1)
-    scene.add_force(beam.end, lambda t: (20 * math.sin(9 * t), 10 * t))
-    scene.add_force(beam.start, (-3.0, 4.0))
-    scene.add_moment(beam.node(0.25), lambda t: 30 * math.cos(7 * t))
-    scene.add_moment(beam.start, -5.0)
-    scene.add_line_load(beam, lambda t: (6 * t, 3.0))
-    solution = fb.simulate(scene, dt=0.02, t_end=1.0)
-    assert_energy_balances(solution)
-    assert abs(solution.energy.potential).max() > 1
-    assert solution.energy.strain.max() > 0.1
-
-
-def test_work_of_a_dead_force_is_force_times_displacement():
-    scene, beam = free_beam()
-    scene.add_force(beam.end, (3.0, -4.0))
-    solution = fb.simulate(scene, dt=0.05, t_end=1.0)
-    work = solution.displacement(beam.end) @ (3.0, -4.0)
-    assert solution.energy.work == pytest.approx(work, rel=1e-12, abs=1e-14)
-
-
 # -- Prescribed motion -----------------------------------------------------------------------
 
 
@@ -197,24 +168,6 @@ def test_a_node_follows_a_prescribed_rotation_of_large_steps(turn):
     solution = fb.simulate(scene, dt=1.0, t_end=3.0)
     assert solution.stats.halvings == 0
     assert solution.rotation(beam.start) == pytest.approx(turn * solution.t, abs=1e-14)
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-def test_energy_balances_with_the_work_of_a_crank(degree):
-    scene, beam = free_beam(degree=degree)
-    scene.pin(beam.start)
-    scene.prescribe(beam.start, rotation=crank)
-    solution = fb.simulate(scene, dt=0.02, t_end=1.0)
-    assert_energy_balances(solution)
-    assert solution.energy.kinetic[-1] > 1
-
-
-def test_energy_balances_with_the_work_of_a_shaken_support():
-    scene, beam = free_beam()
-    scene.prescribe(beam.start, x=shake, y=lambda t: 0.1 * t**2)
-    scene.fix(beam.start, "rotation")
-    scene.add_force(beam.end, (0.0, 2.0))
-    assert_energy_balances(fb.simulate(scene, dt=0.02, t_end=1.0))
 
 
 @pytest.mark.parametrize(
@@ -364,35 +317,6 @@ ELASTICA = [
 ]
 
 
-def test_a_cantilever_under_a_dead_force_takes_the_shapes_of_the_elastica():
-    length, EI = 2.0, 50.0
-    stiff = 1e8 * EI / length**2
-    scene, beam = cantilever(length, 32, 2, fb.Section(EA=stiff, GA=stiff, EI=EI))
-    scene.add_force(beam.end, lambda t: (0.0, 10 * t * EI / length**2))
-    solution = static(scene, 20)
-    for load, v, u, slope in ELASTICA:
-        step = round(2 * load)
-        tip = solution.displacement(beam.end)[step] / length
-        assert tip == pytest.approx([-u, v], abs=2e-6)
-        assert solution.rotation(beam.end)[step] == pytest.approx(slope, abs=2e-6)
-
-
-@pytest.mark.parametrize(("degree", "tolerance"), [(1, 1e-8), (2, 1e-4), (3, 1e-7)])
-def test_a_cantilever_under_an_end_moment_rolls_up_to_a_circle(degree, tolerance):
-    length, EI, elements = 10.0, 500.0, 10
-    scene, beam = cantilever(length, elements, degree, fb.Section(EA=1e4, GA=1e4, EI=EI))
-    scene.add_moment(beam.end, lambda t: 2 * math.pi * EI / length * t)
-    solution = static(scene, 20)
-    turn = 2 * math.pi * solution.t[1:]
-    # The chords of two-node elements are as long as the arcs: their circle is larger.
-    element = turn / elements
-    radius = length / elements / (2 * np.sin(element / 2)) if degree == 1 else length / turn
-    circle = np.stack([radius * np.sin(turn), radius * (1 - np.cos(turn))], axis=1)
-    error = abs(solution.position(beam.end)[1:] - circle).max() / length
-    assert error < tolerance
-    assert solution.rotation(beam.end)[1:] == pytest.approx(turn, rel=STATIC)
-
-
 def test_work_on_a_massless_scene_is_its_strain_energy():
     scene, beam = cantilever(2.0)
     scene.add_force(beam.end, ramp)
@@ -453,5 +377,5 @@ def test_a_dead_force_as_virtual_work_moves_the_beam_as_a_line_load():
             )
         solution = fb.simulate(scene, dt=0.05, t_end=0.5)
         ends.append(solution.position(beam.end))
-        assert_energy_balances(solution)
+        assert abs(solution.energy.balance_error).max() < 1e-12 * solution.energy.kinetic.max()
     assert ends[0] == pytest.approx(ends[1], abs=1e-8)

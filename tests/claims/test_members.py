@@ -1,16 +1,12 @@
 """Contact of members with members and with themselves: invariants, balances, search, bad input."""
 
-import copy
 import re
 
 import numpy as np
 import pytest
 
 import fx_beam as fb
-from fx_beam.mechanics.interval import Interval
-from fx_beam.model.equations import Equations
 from fx_beam.model.model import Model
-from fx_beam.stepping.initial_state import reference_state
 
 SECTION = fb.Section(EA=1e4, GA=4e3, EI=10.0, rhoA=1.0, rhoI=1e-3)
 
@@ -137,14 +133,6 @@ def test_it_does_so_where_nodes_slide_on_beams(mu, solver):
     assert solution.stats.newton_iterations < 3.2 * solution.stats.steps
 
 
-@pytest.mark.parametrize("stiffness", [1e4, 1e6, 1e9])
-def test_it_does_so_for_every_stiffness(stiffness):
-    scene, _ = tip_on_beam(stiffness, speed=0.7)
-    solution = fb.simulate(scene, dt=2e-3, t_end=0.5)
-    assert_conserved(solution)
-    assert solution.energy.springs.max() > 1e-4
-
-
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
 def test_sliding_from_segment_to_segment_and_over_ends_keeps_them(dt):
     scene, contact = sliding_off()
@@ -251,14 +239,6 @@ def test_slip_stretch_and_force_of_friction_are_recorded(turned, tmp_path):
     assert x[-1] - 0.3 == pytest.approx(0.01 - 5e-5 + 0.985**2 / 6, rel=1e-3)
 
 
-def test_friction_goes_on_after_a_restart():
-    whole = fb.simulate(plank(0.3, 1.0), dt=2e-3, t_end=0.3)
-    half = fb.simulate(plank(0.3, 1.0), dt=2e-3, t_end=0.2)
-    rest = fb.simulate(plank(0.3, 1.0), dt=2e-3, t_end=0.3, start=half)
-    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-9)
-    assert rest.energy.springs[-1] == pytest.approx(whole.energy.springs[-1], abs=1e-9)
-
-
 def test_no_contact_is_lost_where_nodes_stand_between_elements():
     scene = fb.Scene()
     below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=10)
@@ -344,68 +324,6 @@ def test_along_the_arc_length_an_arch_snaps_through_onto_a_member():
     assert force == pytest.approx(below, abs=1e-7)
     assert held + below == pytest.approx([0.0, 60.0], abs=1e-7)
     assert force[1] > 10
-
-
-@pytest.mark.parametrize(
-    ("scheme", "mu"),
-    [(fb.EnergyMomentum(), 0.0), (fb.Newmark(), 0.0), (fb.EnergyMomentum(), 0.9)],
-    ids=["mean", "level", "friction"],
-)
-def test_the_tangent_is_the_derivative_of_the_forces(scheme, mu):
-    scene, _ = sliding_off(friction=fb.Coulomb(mu, 1e3) if mu else None)
-    model = Model(scene, scheme)
-    rng, points = np.random.default_rng(1), model.points
-    state = reference_state(model)
-    D = 1e-3 * rng.normal(size=model.size)
-    D[model.mesh.dofs[model.mesh.nodes_of(scene, scene.beams[1]), 1]] -= 0.01
-    state.v = D / 1e-3
-    equations = Equations(model)
-    equations.begin(Interval(0.0, 1e-3), state)
-
-    def force(D):
-        out = np.zeros(model.size)
-        points.members.evaluate(D)
-        points.members.add_force(out)
-        return out
-
-    assert abs(force(D)).max() > 1
-    K = points.members.tangent()
-    along, h = rng.normal(size=model.size), 1e-7
-    difference = (force(D + h * along) - force(D - h * along)) / (2 * h)
-    assert K @ along == pytest.approx(difference, abs=1e-5 * abs(difference).max())
-
-
-def test_a_motion_goes_on_from_a_state_and_from_a_copy(tmp_path):
-    scene, contact = tip_on_beam()
-    whole = fb.simulate(scene, dt=2e-3, t_end=0.3)
-    half = fb.simulate(scene, dt=2e-3, t_end=0.16)
-    rest = fb.simulate(copy.deepcopy(scene), dt=2e-3, t_end=0.3, start=half)
-    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-11)
-    path = tmp_path / "run.npz"
-    whole.save(path)
-    loaded = fb.load(path).contact(contact)
-    assert (loaded.force == whole.contact(contact).force).all()
-    assert (loaded.gap == whole.contact(contact).gap).all()
-
-
-def test_joined_motions_have_the_forces_of_each_contact():
-    scene, contact = tip_on_beam()  # before the wall: its forces are recorded behind those there
-    wall = scene.add_obstacle(scene.beams[0], fb.Line((0, -0.01), (0, 1)), stiffness=1e4)
-    first = fb.simulate(scene, dt=2e-3, t_end=0.14)
-    second = fb.simulate(scene, dt=2e-3, t_end=0.2, start=first)
-    whole = first.then(second)
-    for one in (contact, wall):
-        parts = first.contact(one).force, second.contact(one).force[1:]
-        assert (whole.contact(one).force == np.concatenate(parts)).all()
-        assert abs(parts[0]).max() > 1
-
-
-def test_steps_by_a_tolerance_reach_the_motion_of_short_steps():
-    scene, _ = tip_on_beam()
-    fine = fb.simulate(scene, dt=1e-4, t_end=0.2)
-    solution = fb.simulate(scene, tolerance=1e-5, t_end=0.2)
-    assert_conserved(solution)
-    assert solution.q[-1] == pytest.approx(fine.q[-1], abs=1e-3)
 
 
 def test_a_node_that_would_pass_through_a_member_ends_the_run():

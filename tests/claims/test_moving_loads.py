@@ -72,28 +72,6 @@ def test_a_wave_that_travels_along_a_beam_has_the_deflection_of_the_series_of_mo
     np.testing.assert_allclose(quarter, expected, atol=0.01 * abs(expected).max())
 
 
-@pytest.mark.parametrize(
-    "scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4), fb.EnergyDecaying()]
-)
-def test_the_work_of_a_wave_is_what_the_energy_gains(scheme):
-    def wave(s, t):
-        return 3.0 * np.cos(9 * s - 40 * t), 5.0 * np.sin(4 * s - 30 * t)
-
-    scene, _ = simply_supported(wave, elements=6)
-    energy = fb.simulate(scene, scheme, dt=0.01, t_end=0.5).energy
-    assert abs(energy.balance_error).max() < 1e-12 * energy.total.max()
-
-
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_a_load_that_does_not_vary_is_a_constant_one(degree):
-    ends = []
-    for load, of in (((1.0, -LOAD), "time"), (lambda s, t: (1.0, -LOAD), BOTH)):
-        scene, beam = simply_supported(load, elements=4, degree=degree, of=of)
-        motion = fb.simulate(scene, dt=0.01, t_end=0.1)
-        ends.append(motion.displacement(beam.node(0.5)))
-    np.testing.assert_allclose(*ends, rtol=0, atol=1e-12 * abs(ends[0]).max())
-
-
 def test_a_function_of_single_places_gives_what_one_of_arrays_gives():
     called = []
 
@@ -133,25 +111,6 @@ def test_a_motion_step_by_step_takes_such_a_load():
     np.testing.assert_allclose(
         np.ravel(place)[-2:], whole.displacement(beam.node(0.5))[-1], rtol=0, atol=1e-12
     )
-
-
-def test_the_derivatives_of_a_motion_by_the_numbers_of_such_a_load():
-    def build(x):
-        scene, beam = simply_supported(
-            lambda s, t: (x[0] * t, x[1] * np.sin(x[2] * s - 30 * t)), elements=4
-        )
-        return scene, {"middle": fb.Output("displacement", beam.node(0.5))}
-
-    run = fb.Response(build, dt=0.01, t_end=0.2)
-    x = np.array([2.0, 5.0, 4.0])
-    t, y = run(x)
-    weights = np.zeros_like(y["middle"])
-    weights[-1] = 1.0, 2.0
-    gradient, jacobian = run.vjp({"middle": weights}), run.jacobian()["middle"]
-    np.testing.assert_allclose(np.tensordot(weights, jacobian, 2), gradient, rtol=1e-8)
-    for i, step in enumerate(1e-4 * np.eye(3)):
-        ends = [np.sum(weights * run(x + sign * step)[1]["middle"]) for sign in (1, -1)]
-        assert (ends[0] - ends[1]) / 2e-4 == pytest.approx(gradient[i], rel=1e-5)
 
 
 @pytest.mark.parametrize(

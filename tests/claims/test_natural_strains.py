@@ -1,7 +1,5 @@
 """Natural strains: exact states, prestressed vibrations, work in the balance, derivatives."""
 
-import copy
-
 import numpy as np
 import pytest
 import scipy.signal
@@ -348,16 +346,6 @@ def test_a_muscle_that_shortens_lifts_a_weight_with_the_work_of_lifting():
     assert lifted.energy.work[-1] == pytest.approx(2.0 * 10.0 * height, rel=2e-2)
 
 
-def test_steps_in_python_and_compiled_ones_are_the_same():
-    ends = []
-    for solver in ("compiled", "petsc"):
-        scene, beam = bar(degree=2, **WAVE)
-        run = fb.simulate(scene, dt=0.02, t_end=0.2, solver=solver)
-        ends.append([run.q[-1], run.energy.work[-1], run.resultants(beam).M[-1]])
-    for one, other in zip(*ends, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-11)
-
-
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4)], ids=str)
 def test_resultants_are_those_of_the_step_whatever_is_recorded(scheme):
     scene, beam = bar(degree=2, **WAVE)
@@ -373,20 +361,6 @@ def test_resultants_are_those_of_the_step_whatever_is_recorded(scheme):
     np.testing.assert_allclose(natural, 2 * np.sin(5 * all_rows.t[:, None] - 4 * s), atol=1e-12)
 
 
-def test_a_motion_goes_on_from_a_file(tmp_path):
-    scene, _ = bar(degree=2, **WAVE)
-    whole = fb.simulate(scene, dt=0.02, t_end=0.4)
-    fb.simulate(scene, dt=0.02, t_end=0.2).save(tmp_path / "half.npz")
-    half = fb.load(tmp_path / "half.npz")
-    rest = fb.simulate(copy.deepcopy(scene), dt=0.02, t_end=0.4, start=half)
-    np.testing.assert_allclose(rest.q[-1], whole.q[-1], rtol=0, atol=1e-12)
-    assert rest.energy.work[-1] == pytest.approx(whole.energy.work[-1], rel=1e-12)
-    beam = scene.beams[0].name
-    np.testing.assert_array_equal(
-        half.internal(beam, "natural curvature")[-1], rest.internal(beam, "natural curvature")[0]
-    )
-
-
 def test_an_input_of_a_motion_step_by_step_is_a_ramp_over_each_step():
     scene, _ = bar(curvature=fb.Input("muscle"))
     motion, values = fb.Motion(scene, dt=0.02), [0.0, 0.5, 2.0, 1.0, 1.0]
@@ -399,56 +373,7 @@ def test_an_input_of_a_motion_step_by_step_is_a_ramp_over_each_step():
     np.testing.assert_allclose(motion.q, run.q[-1], rtol=0, atol=1e-12)
 
 
-def test_steps_that_fail_are_halved_and_keep_the_balance():
-    scene, _ = bar(curvature=lambda t: 60.0 if t > 0.05 else 0.0)
-    run = fb.simulate(scene, dt=0.1, t_end=0.3)
-    assert run.stats.halvings > 0
-    assert abs(run.energy.balance_error).max() < 1e-12 * run.energy.total.max()
-
-
-def test_a_tolerance_chooses_steps_for_natural_strains():
-    scene, beam = bar(**WAVE)
-    run = fb.simulate(scene, tolerance=1e-3, t_end=0.3)
-    fine = fb.simulate(scene, dt=2e-4, t_end=0.3)
-    np.testing.assert_allclose(
-        run.position(beam.end)[-1], fine.position(beam.end)[-1], rtol=0, atol=5e-3
-    )
-
-
 # -- Derivatives -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4)], ids=str)
-def test_the_derivatives_of_a_motion_by_natural_strains_are_exact(scheme):
-    def build(x):
-        scene, beam = bar(
-            axial=x[0], shear=lambda f: x[1] * f, curvature=lambda f, t: x[2] * np.sin(x[3] * t - f)
-        )
-        scene.add_natural_strain(beam, curvature=lambda t: x[4] * t)
-        return scene, {"tip": fb.Output("position", beam.end)}
-
-    run = fb.Response(build, scheme, dt=0.02, t_end=0.2)
-    x = np.array([0.01, 0.02, 2.0, 5.0, 3.0])
-    weights = np.zeros_like(run(x)[1]["tip"])
-    weights[5:] = 1.0, 2.0
-    gradient, jacobian = run.vjp({"tip": weights}), run.jacobian()["tip"]
-    np.testing.assert_allclose(np.tensordot(weights, jacobian, 2), gradient, rtol=1e-8)
-    for i, step in enumerate(1e-5 * np.eye(5)):
-        ends = [np.sum(weights * run(x + sign * step)[1]["tip"]) for sign in (1, -1)]
-        assert (ends[0] - ends[1]) / 2e-5 == pytest.approx(gradient[i], rel=1e-5)
-    assert run.stats.setup_reason == ""
-
-
-def test_the_derivatives_of_a_motion_with_a_memory_by_a_natural_strain_are_exact():
-    def build(x):
-        scene, beam = bar(MATERIALS["relaxing"], curvature=lambda t: x[0] * np.sin(20 * t))
-        return scene, {"tip": fb.Output("position", beam.end)}
-
-    run = fb.Response(build, dt=0.02, t_end=0.2)
-    run([2.0])
-    slope = run.jacobian()["tip"][-1, :, 0]
-    ends = [run([2.0 + h])[1]["tip"][-1] for h in (1e-5, -1e-5)]
-    np.testing.assert_allclose(slope, (ends[0] - ends[1]) / 2e-5, rtol=1e-5)
 
 
 # -- What users see ----------------------------------------------------------------------------
@@ -462,16 +387,6 @@ def test_the_energy_along_a_member_is_what_is_stored():
 
     density = along(solution, beam.name, "strain energy", [-1], np.array([0.5]))
     np.testing.assert_allclose(density, SOFT.EI * 9 / 2)
-
-
-def test_a_scene_shows_its_natural_strains():
-    scene, beam = bar(curvature=3.0, axial=lambda f: 0.0)
-    scene.add_natural_strain(beam, shear=lambda f, t: 0.0, axial=fb.Input("muscle"))
-    figure = fb.plot.scene(scene)
-    texts = {text.get_text() for text in figure.axes[0].texts}
-    assert r"$\varepsilon^*$(f), $\kappa^*$ = 3 1/m" in texts
-    assert r"$\varepsilon^*$: muscle, $\gamma^*$(f, t)" in texts
-    assert "natural strains 2" in repr(scene)
 
 
 def test_heat_may_be_a_number_a_function_or_an_input():

@@ -1,15 +1,9 @@
 """Newton's method: the guard, halving, round-off, and failures that explain themselves."""
 
-import copy
-from dataclasses import replace
-
-import numpy as np
 import pytest
-from scenes import demo, pendulum, pinned_beam, relative_drift
+from scenes import pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam.compiled import handover
-from fx_beam.stepping import newton
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 
@@ -137,50 +131,3 @@ def test_large_steps_of_the_pinned_beam_converge_without_halving():
 
 
 # -- The predictor -------------------------------------------------------------------------------
-
-
-def bound_of_predictor(monkeypatch, bound):
-    """Use the predictor up to this relative error in the previous step."""
-    for module in (newton, handover):
-        monkeypatch.setattr(module, "PREDICTOR_ERROR", bound)
-
-
-@SOLVERS
-def test_increments_carried_on_save_iterations_of_a_driven_mechanism_and_change_nothing(
-    solver, monkeypatch
-):
-    crank = demo("slider_crank")
-    scene, *_ = crank.scene()
-    carried = fb.simulate(scene, dt=crank.DT, t_end=60 * crank.DT, solver=solver)
-    bound_of_predictor(monkeypatch, 0.0)
-    plain = fb.simulate(scene, dt=crank.DT, t_end=60 * crank.DT, solver=solver)
-    assert abs(carried.q - plain.q).max() < 1e-12
-    assert abs(carried.energy.balance_error).max() < 1e-12 * plain.energy.total.max()
-    assert carried.stats.newton_iterations < 0.75 * plain.stats.newton_iterations
-
-
-@SOLVERS
-def test_a_start_that_leads_nowhere_is_given_up_for_the_previous_configuration(solver, monkeypatch):
-    # Predictors of steps as long as these are useless, and some lead to no convergence.
-    bound_of_predictor(monkeypatch, np.inf)
-    scene, _ = pinned_beam(elements=4)
-    solution = fb.simulate(scene, dt=0.04, t_end=4.0, solver=solver, max_halvings=0)
-    assert solution.stats.steps == 100
-    assert relative_drift(solution.energy.total) < 1e-12
-
-
-@SOLVERS
-@pytest.mark.parametrize("shorter", [1, 2, 3])
-def test_a_step_of_another_length_is_predicted_as_well(solver, shorter):
-    crank = demo("slider_crank")
-    scene, *_ = crank.scene()
-    before = fb.simulate(scene, dt=crank.DT, t_end=30 * crank.DT, solver=solver)
-    unpredicted = copy.copy(before)
-    unpredicted.end = replace(before.end, past=None)
-    dt = crank.DT / shorter
-    first, second = (
-        fb.simulate(scene, dt=dt, t_end=30 * crank.DT + dt, start=start, solver=solver)
-        for start in (before, unpredicted)
-    )
-    assert abs(first.q[-1] - second.q[-1]).max() < 1e-10
-    assert first.stats.newton_iterations < second.stats.newton_iterations

@@ -1,8 +1,5 @@
 """Laws of forces at points: tangents, forces of a user between points, of contact and friction."""
 
-import copy
-import pickle
-
 import ufl
 
 import numpy as np
@@ -10,52 +7,10 @@ import pytest
 from scipy.integrate import quad
 
 import fx_beam as fb
-from fx_beam.fem import dolfinx_api, point_functions
-from fx_beam.fem.compiled_laws import compiled_law
-from fx_beam.mechanics import node_laws, scalar_laws
-from fx_beam.mechanics.coordinates import ANGLE, DISTANCE, FROM_POINT, SLIDE
-from fx_beam.mechanics.gaps import CIRCLE, LINE
-from fx_beam.mechanics.point_laws import StepRule, arguments
+from fx_beam.mechanics.point_laws import StepRule
 
 SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 MID, END = StepRule(0.5, True, False), StepRule(1.0, False, False)
-LAWS = [
-    scalar_laws.spring(SLIDE, True),
-    scalar_laws.spring(ANGLE, True),
-    scalar_laws.spring(DISTANCE, True),
-    scalar_laws.spring(FROM_POINT, False),
-    scalar_laws.friction(ANGLE),
-    scalar_laws.contact(LINE),
-    scalar_laws.contact(CIRCLE),
-    scalar_laws.contact(LINE, True),
-    scalar_laws.contact(CIRCLE, True),
-    scalar_laws.stop(ANGLE, 1),
-    scalar_laws.stop(SLIDE, -1),
-    node_laws.drag(True, False, False),
-    node_laws.drag(False, True, True),
-    node_laws.drag(True, True, False),
-    node_laws.drag(False, False, True),
-    node_laws.FOLLOWER,
-]
-
-
-@pytest.mark.parametrize("rule", [MID, END], ids=["mid-step", "end"])
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
-def test_the_tangent_of_a_law_is_the_derivative_of_its_forces(law, rule):
-    compiled, n, random = compiled_law(law, rule), law.size, np.random.default_rng(1)
-    for _ in range(5):
-        given = random.uniform(-1, 1, arguments(law))
-        given[3 * n + 1] = 0.1  # the length of the step
-        given[3 * n + 2 : 3 * n + 2 + law.remembered] = 0.0
-        given[len(given) - law.numbers :] = abs(given[len(given) - law.numbers :])
-        tangent, found = np.zeros((n, n)), compiled(given)
-        tangent[tuple(compiled.entries.T)] = found[n : n + len(compiled.entries)]
-        for k in range(n):
-            more, less = (given.copy() for _ in range(2))
-            more[n + k] += 1e-6
-            less[n + k] -= 1e-6
-            difference = (compiled(more)[:n] - compiled(less)[:n]) / 2e-6
-            assert tangent[:, k] == pytest.approx(difference, abs=1e-7 * (1 + abs(tangent).max()))
 
 
 def balls(distance=1.0, mass=2.0):
@@ -110,23 +65,6 @@ def test_a_force_between_bodies_keeps_energy_and_both_momenta(solver):
     assert np.ptp(solution.linear_momentum, axis=0).max() < 1e-12
 
 
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT(), fb.EnergyMomentum(order=4)])
-def test_both_solvers_agree_on_forces_between_points(scheme):
-    runs = []
-    for solver in ("compiled", "petsc"):
-        scene, left, right = thrown()
-        scene.add_force_between(left, right, fb.Spring(30.0, 0.8), fb.Damper(0.3))
-        scene.add_force_between(right, (1.0, 1.0), friction=fb.Friction(0.2, 0.05))
-        scene.add_force_between(
-            left, (0.0, -1.0), force=lambda r, rate, t: ufl.sin(3 * t) * r - rate
-        )
-        runs.append(fb.simulate(scene, scheme, dt=0.02, t_end=1.0, solver=solver))
-    assert runs[0].q == pytest.approx(runs[1].q, abs=1e-11)
-    for name in ("work", "dissipated", "springs"):
-        one, other = (getattr(run.energy, name) for run in runs)
-        assert one == pytest.approx(other, abs=1e-10) and abs(one).max() > 1e-3
-
-
 def test_a_muscle_lifts_a_mass_as_its_law_says():
     # A pull F (1 - shortening rate / w): m v' = F (1 - v / w) - m g from rest.
     scene = fb.Scene(gravity=(0, -10))
@@ -179,23 +117,6 @@ def test_a_damped_pair_has_the_eigenvalues_of_one_mass():
     found = np.linalg.eigvals(fb.linearise(scene, outputs=output).A)
     expected = np.roots([2.0, 3.0, 50.0])
     assert np.sort_complex(found) == pytest.approx(np.sort_complex(expected), rel=1e-7)
-
-
-def test_a_run_goes_on_and_copies_and_files_have_the_forces(tmp_path):
-    def made():
-        scene, left, right = thrown()
-        scene.add_force_between(left, right, fb.Spring(30.0, 0.8), stop=(0.7, None, 1e4))
-        return scene
-
-    whole = fb.simulate(made(), dt=0.01, t_end=1.0)
-    half = fb.simulate(made(), dt=0.01, t_end=0.5)
-    rest = fb.simulate(made(), dt=0.01, t_end=1.0, start=half)
-    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-12)
-    for scene in (copy.copy(made()), pickle.loads(pickle.dumps(made()))):
-        assert fb.simulate(scene, dt=0.01, t_end=1.0).q == pytest.approx(whole.q, abs=0)
-        assert scene.forces_between[0].a.scene is scene
-    whole.save(tmp_path / "run.npz")
-    assert (fb.load(tmp_path / "run.npz").energy.springs == whole.energy.springs).all()
 
 
 def test_a_wire_that_yields_keeps_its_length_in_statics():
@@ -296,18 +217,3 @@ def test_forces_that_make_no_sense_are_refused():
         with pytest.raises(fb.SceneError, match=message):
             call()
     assert not scene.forces_between and not scene.obstacles
-
-
-def test_equal_parts_of_an_expression_become_one_object():
-    x = ufl.Constant(dolfinx_api.domain(1), shape=(2,))
-
-    def grown(times):
-        y = x[0] + ufl.sqrt(x[1])
-        for _ in range(times):
-            y = y * ufl.sin(y)
-        return y
-
-    # Two trees of 2^40 leaves, which no comparison of their parts would end.
-    one = point_functions._shared(ufl.as_vector([grown(40), grown(40)]))
-    assert one.ufl_operands[0] is one.ufl_operands[1]
-    assert point_functions._shared(one) is one

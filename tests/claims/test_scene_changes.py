@@ -1,7 +1,5 @@
 """Motions that go on in a scene that has changed: released, cut, caught, with other members."""
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -231,17 +229,6 @@ def test_internal_variables_of_members_that_stay_are_kept():
     assert abs(second.energy.balance_error).max() < 1e-11
 
 
-def test_copies_of_a_changed_scene_are_the_same():
-    scene, first, _, hinge = chain()
-    whole = fb.simulate(scene, dt=0.01, t_end=0.2)
-    scene.remove(hinge)
-    other = copy.deepcopy(scene)
-    one, two = (fb.simulate(s, dt=0.01, t_end=0.3, start=whole) for s in (scene, other))
-    assert np.array_equal(one.q, two.q)
-    with pytest.raises(fb.SceneError, match="the scene does not have"):
-        other.remove(first)
-
-
 def test_friction_of_contacts_that_stay_keeps_its_stretch():
     """A block rests on two feet, pushed sideways; then something else, and a foot, are removed."""
     scene = fb.Scene(gravity=(0, -10.0))
@@ -319,40 +306,3 @@ def test_contacts_in_another_order_keep_their_springs_in_a_scene_built_anew(tmp_
         assert (one.gap[:31] == first.contact(contact).gap).all()
         assert (one.force[:31] == first.contact(contact).force).all()
         assert not one.force[31:].any()
-
-
-def test_the_number_of_a_contact_that_was_removed_is_not_used_again():
-    scene, contacts = wheels((0.25, 0.75))
-    first = fb.simulate(scene, dt=1e-3, t_end=0.03)
-    old = contacts[0.75]
-    scene.remove(old)
-    new = contact_of(scene, scene.bodies[1], along=2)
-    assert new.number == 2
-    second = fb.simulate(scene, dt=1e-3, t_end=0.06, start=first)
-    assert not second.contact(new).stretch[0].any()
-    with pytest.raises(ValueError, match="not an obstacle of this solution"):
-        first.contact(new)
-
-    whole = first.then(second)
-    assert (whole.contact(old).force[:31] == first.contact(old).force).all()
-    assert not whole.contact(old).force[31:].any()
-    assert (whole.contact(new).force[31:] == second.contact(new).force[1:]).all()
-    assert not whole.contact(new).stretch[:31].any()
-    assert abs(whole.energy.balance_error).max() < 1e-12
-
-
-def test_contact_at_other_points_of_a_beam_is_another_contact():
-    def scene_of(along):
-        scene = fb.Scene()
-        bar = scene.add_beam([(0, 0), (0.2, 0)], MEMBER)  # 2 nodes, or 2 points along it
-        floor, law = fb.Line((0, 0), (0, 1)), fb.Coulomb(0.5, 2e4)
-        scene.set_velocity(bar, (0.2, -0.3))
-        return scene, scene.add_contact(bar, floor, stiffness=2e4, friction=law, along=along)
-
-    nodes, ends = scene_of(None)
-    first = fb.simulate(nodes, dt=1e-3, t_end=0.01)
-    assert first.contact(ends).stretch[-1].all()
-    other, between = scene_of(2)
-    second = fb.simulate(other, dt=1e-3, t_end=0.02, start=first)
-    assert not second.contact(between).stretch[0].any()
-    assert abs(first.then(second).energy.balance_error).max() < 1e-12

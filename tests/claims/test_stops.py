@@ -1,6 +1,5 @@
 """Stops of joints: closed solutions, invariants, statics, solvers, refusals."""
 
-import copy
 import math
 
 import numpy as np
@@ -9,10 +8,6 @@ from jointed import drift, pair, throw
 from test_loops import four_bar
 
 import fx_beam as fb
-from fx_beam.mechanics.interval import Interval
-from fx_beam.model.equations import Equations
-from fx_beam.model.model import Model
-from fx_beam.stepping.initial_state import reference_state
 
 STIFF = fb.Section(EA=1e6, GA=1e6, EI=1e4)
 SCHEMES = [fb.EnergyMomentum(), fb.EnergyDecaying(0.1), fb.HHT(-0.2)]
@@ -106,14 +101,6 @@ def test_restitution_returns_its_part_of_the_speed(e, more):
     assert abs(energy.balance_error).max() < 1e-11
 
 
-def test_a_hinge_with_restitution_loses_energy_to_its_stops_alone():
-    scene, joint = hinged(fb.Stop(-0.3, 0.4, 500.0, restitution=0.5, speed=0.05))
-    energy = fb.simulate(scene, dt=0.01, t_end=1.5).energy
-    assert energy.dissipated[-1] > 0.1 * energy.total[0]
-    assert np.diff(energy.dissipated).min() >= 0
-    assert abs(energy.balance_error).max() < 1e-11 * energy.kinetic.max()
-
-
 def test_a_stop_in_a_closed_loop_of_bodies_conserves_energy():
     runs = []
     for solver in ("compiled", "petsc"):
@@ -126,46 +113,6 @@ def test_a_stop_in_a_closed_loop_of_bodies_conserves_energy():
 
 
 # -- Solvers and tangents -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
-@pytest.mark.parametrize("kind", ["hinge", "slide"])
-def test_both_solvers_agree(kind, scheme):
-    runs = []
-    for solver in ("compiled", "petsc"):
-        stop = fb.Stop(-0.3, 0.4, 500.0, restitution=0.7, speed=0.2)
-        if kind == "hinge":
-            scene, joint = hinged(stop)
-        else:
-            scene, joint = block(stop, damper=fb.Damper(0.3), friction=fb.Friction(1.0, 0.1))
-        runs.append(fb.simulate(scene, scheme, dt=0.01, t_end=1.0, solver=solver))
-    assert [run.stats.solver.partition(",")[0] for run in runs] == ["compiled", "petsc lu"]
-    assert runs[0].energy.springs.max() > 0.1
-    assert runs[0].q == pytest.approx(runs[1].q, abs=1e-9)
-    assert runs[0].energy.dissipated == pytest.approx(runs[1].energy.dissipated, abs=1e-8)
-    assert runs[0].joint(joint).force == pytest.approx(runs[1].joint(joint).force, abs=1e-6)
-
-
-@pytest.mark.parametrize("scheme", [*SCHEMES, fb.Equilibrium()], ids=lambda s: s.name)
-@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
-def test_the_tangent_is_the_derivative_of_the_forces(kind, scheme):
-    stop = fb.Stop(-0.01 + 0.1 * (kind == "prismatic"), 0.11, 1e4, restitution=0.5, speed=0.3)
-    scene, *_, joint = pair(kind, stop=stop)
-    model = Model(scene, scheme, mobile=True)
-    start, equations, random = reference_state(model), Equations(model), np.random.default_rng(1)
-    driven, force, free = np.zeros(0), np.zeros(model.size), model.reduction.free
-    for _ in range(3):
-        y = 0.05 * random.normal(size=free)
-        start.v[:] = random.normal(size=model.size)
-        equations.begin(Interval(0.0, 0.1), start)
-        K = equations.tangent(equations.at(y, driven, force).r).toarray()
-        columns = []
-        for step in 1e-6 * np.eye(free):
-            more, less = (
-                equations.at(y + s * step, driven, force).residual[:free] for s in (1, -1)
-            )
-            columns.append((more - less) / 2e-6)
-        assert K == pytest.approx(np.transpose(columns), abs=1e-6 * abs(K).max())
 
 
 # -- Equilibria, small motions, runs --------------------------------------------------------------
@@ -209,26 +156,7 @@ def test_a_pendulum_hangs_on_the_stop_that_it_meets_first():
     assert 1e4 * d == pytest.approx(9.81 * math.sin(math.pi / 6 + turned), rel=1e-3)
 
 
-def test_a_run_goes_on_as_if_it_had_not_ended():
-    stop = fb.Stop(-math.pi / 6, None, 1e4, restitution=0.8, speed=0.02)
-    scene, _ = pendulum(stop)
-    whole = fb.simulate(scene, dt=0.01, t_end=1.5)
-    half = fb.simulate(copy.copy(scene), dt=0.01, t_end=0.5)
-    rest = fb.simulate(scene, dt=0.01, t_end=1.5, start=half)
-    assert rest.q[-1] == pytest.approx(whole.q[-1], abs=1e-9)
-    assert rest.energy.dissipated[-1] == pytest.approx(whole.energy.dissipated[-1], abs=1e-9)
-    fine = fb.simulate(scene, dt=5e-4, t_end=1.5)
-    chosen = fb.simulate(scene, tolerance=1e-4, t_end=1.5)
-    assert chosen.q[-1] == pytest.approx(fine.q[-1], abs=5e-3)
-
-
 # -- Refusals -------------------------------------------------------------------------------------
-
-
-def test_three_numbers_are_a_stop():
-    joint = block((-1, None, 5))[1]
-    assert joint.slide.stop == fb.Stop(-1, None, 5)
-    assert fb.Coordinate(stop=fb.Stop(0, 1, 2)).acts
 
 
 @pytest.mark.parametrize(
