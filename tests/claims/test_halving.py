@@ -28,20 +28,6 @@ def march(grid, longest, most=12):
 GRID = 0.3 + 0.1 * np.arange(41)
 
 
-def test_without_failure_every_step_is_one_part():
-    ends, failures = march(GRID, lambda t: 1.0)
-    assert failures == 0
-    assert (ends == GRID).all()
-
-
-def test_a_single_hard_moment_halves_one_step():
-    ends, failures = march(GRID, lambda t: 0.06 if 1.95 < t < 2.05 else 1.0)
-    assert failures == 1
-    assert np.diff(ends).min() == pytest.approx(0.05)
-    assert len(ends) == len(GRID) + 1
-    assert np.isin(GRID, ends).all()
-
-
 @pytest.mark.parametrize("finest", [0.051, 0.013, 1e-4])
 def test_what_size_works_is_remembered(finest):
     ends, failures = march(GRID, lambda t: finest)
@@ -55,12 +41,6 @@ def test_steps_are_whole_again_within_five_after_a_hard_time():
     ends, _ = march(GRID, lambda t: 1e-3 if t < 1.0 else 1.0)
     after = np.diff(ends[ends >= 1.5])
     assert after == pytest.approx(np.full(len(after), 0.1))
-
-
-def test_a_step_may_be_halved_no_more_than_it_may():
-    halving = Halving(2)
-    assert halving.fail() and halving.fail() and not halving.fail()
-    assert halving.parts == 4
 
 
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
