@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import functools
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -16,15 +18,15 @@ from fx_beam.stepping.newton import StepFailed
 
 from .branches import Branch
 from .modal import Modes
-from .path_piece import Piece, Root, end_of, root_of
-from .small_motions import SmallMotions, diverges, flutters
+from .path_piece import FLUTTER, SAME, SMOOTH, Growth, Piece, Root, end_of, root_of
+from .small_motions import SmallMotions, flutters
 
-# Points so near to each other, relative to the step, are one with several modes.
-_SAME = 1e-6
+_log = logging.getLogger("fx_beam")
 # How far ahead of the end of a path that has failed one is sought, in lengths of the last step.
-_AHEAD = 4.0
-# Work of the loads on a mode that is none, relative to the loads' largest.
-_NONE = 1e-6
+_AHEAD = 2.0
+NOT_LOCATED = "not located"
+# What equilibria, factors and eigenvalues raise.
+_FAILURES = StepFailed, RuntimeError, ValueError
 
 
 @dataclass(frozen=True)
@@ -33,22 +35,25 @@ class CriticalPoint:
 
     Parameters
     ----------
-    kind : {"limit point", "bifurcation", "flutter", "contact", "flow", "kink"}
+    kind : {"limit point", "bifurcation", "flutter", "contact", "flow", "kink", "not located"}
         At a limit point the load factor has an extremum: the loads do work on the mode. At a
-        bifurcation they do none, and other paths start. Flutter is a vibration that begins to grow,
-        under forces that follow the motion. At the others the stiffness jumps from one sign to the
-        other, where a contact opens or closes, where members or springs begin to flow or to slip,
-        or at a kink of a law of springs; the load factor may have an extremum there, with a corner
-        of the path.
+        bifurcation it rises or falls, and other paths start. Flutter is a vibration that begins to
+        grow, under forces that follow the motion. At the next three the stiffness jumps from one
+        sign to the other, where a contact opens or closes, where members or springs begin to flow
+        or to slip, or at a kink of a law of springs; the load factor may have an extremum there,
+        with a corner of the path. "not located" stands for all that was not found between two
+        rows.
     load_factor : float
-        The load factor.
+        The load factor; nan if the point was not located.
     row : int
         The last row of the path before the point.
-    modes : Modes
+    modes : Modes, optional
         Its modes, the null vectors of the tangent; several if more modes become unstable at once.
-        Where the stiffness jumps, those that are unstable on one side.
-    solution : Solution
-        The point itself as a static solution of one row, for example to start a motion from.
+        Where the stiffness jumps, those that are unstable on one side. Their signs follow the rule
+        of `Modes`. None if the point was not located.
+    solution : Solution, optional
+        The point itself as a static solution of one row, for example to start a motion from. None
+        if the point was not located.
 
     Examples
     --------
@@ -69,8 +74,8 @@ class CriticalPoint:
     kind: str
     load_factor: float
     row: int
-    modes: Modes
-    solution: Solution
+    modes: Modes | None = None
+    solution: Solution | None = None
 
     def branch(self, direction: float = 1.0, mode: int = 0) -> Branch:
         """Where a branch starts, for ``static(scene, start=..., continuation="arc-length")``.
@@ -78,7 +83,7 @@ class CriticalPoint:
         Parameters
         ----------
         direction : float
-            1 along the mode, -1 against it.
+            1 along the mode, whose sign follows the rule of `Modes`, -1 against it.
         mode : int
             Number of the mode among those of the point.
 
@@ -95,6 +100,8 @@ class CriticalPoint:
         return Branch(self, direction, mode)
 
     def __repr__(self):
+        if self.modes is None:
+            return f"<CriticalPoint: {self.kind}, between the rows {self.row} and {self.row + 1}>"
         several = f", {len(self.modes)} modes" if len(self.modes) > 1 else ""
         return f"<CriticalPoint: {self.kind} at load factor {self.load_factor:.9g}{several}>"
 
@@ -114,14 +121,22 @@ class CriticalPoints:
         Also one at the end, or beyond the end of a path that has failed.
         """
         points: list[CriticalPoint] = []
-        for row in np.flatnonzero(np.diff(counts)):
-            try:
-                points += self._in_step(int(row), counts[row : row + 2])
-            except StepFailed as failure:
-                raise RuntimeError(
-                    f"critical_points: the one between the rows {row} and {row + 1} was not found: "
-                    f"{failure}. Compute the path with more steps"
-                ) from failure
+        reasons: dict[int, str] = {}
+        for row in np.flatnonzero(np.diff(counts)).tolist():
+            inside, reason = self._in_step(row, counts[row : row + 2].tolist())
+            points += inside
+            if reason:
+                points.append(CriticalPoint(NOT_LOCATED, np.nan, row))
+                reasons[row] = reason
+        if reasons:
+            rows = ", ".join(f"{row} and {row + 1}" for row in reasons)
+            _log.warning(
+                "critical_points: points between the rows %s were not located, and are in the list "
+                'as "%s": %s. Compute the path with more steps',
+                rows,
+                NOT_LOCATED,
+                next(iter(reasons.values())),
+            )
         return points + self.at_end(counts, failed)
 
     def at_end(self, counts: np.ndarray, failed: bool) -> list[CriticalPoint]:
@@ -134,130 +149,92 @@ class CriticalPoints:
             ends = [piece.stiffness(end) for end in (piece.first, piece.length)]
             if piece.kinked or not all(motions.symmetric(K) for K in ends):
                 return []
-            eigenvalue = functools.partial(self._eigenvalues(piece, count + 1), count)
-            root = end_of(piece, eigenvalue, _AHEAD if failed else _SAME)
-            return [] if root is None else [self._point("", root, row, 1, count + 1)]
-        except StepFailed:
+            root = end_of(piece, self._eigenvalue(piece, count), _AHEAD if failed else SAME)
+            return [] if root is None else [self._point(root, row, 1, count + 1)]
+        except _FAILURES:
             return []
 
-    def _eigenvalues(self, piece: Piece, n: int) -> Callable[[int, float], float]:
-        """The n lowest eigenvalues as functions of their number and the distance."""
-        known: dict[float, np.ndarray] = {}
+    def _eigenvalue(self, piece: Piece, k: int) -> Callable[[float], float]:
+        """Eigenvalue k, numbered from the lowest one, as a function of the distance.
 
-        def eigenvalue(k: int, distance: float) -> float:
-            if distance not in known:
-                known[distance] = self._motions.lowest(piece.stiffness(distance), n)[0]
-            return float(known[distance][k])
+        Where forces follow the motion, the square of the lowest frequency.
+        """
+        motions = self._motions
+
+        @functools.cache
+        def eigenvalue(distance: float) -> float:
+            K = piece.stiffness(distance)
+            if motions.symmetric(K):
+                return float(motions.lowest(K, k + 1)[0][k])
+            return float(motions.squares(piece.at(distance))[0].real)
 
         return eigenvalue
 
-    def _in_step(self, row: int, counts: np.ndarray) -> list[CriticalPoint]:
-        """Those in the step that starts at a row."""
-        piece = Piece(self._arc, self._motions, *self._states[row : row + 2])
-        measures = self._measures(piece, counts)
-        roots = [(kind, root_of(piece, measure)) for kind, measure in measures]
-        found = sorted(((root, kind) for kind, root in roots if root), key=lambda x: x[0].place)
+    def _in_step(self, row: int, counts: list[int]) -> tuple[list[CriticalPoint], str]:
+        """Those in the step that starts at a row, and why others were not located."""
         points: list[CriticalPoint] = []
-        last = -np.inf
-        for root, kind in found:
-            if points and root.place - last <= _SAME * piece.length:
-                continue  # one more mode of the same point
-            near = (abs(other.place - root.place) for other, _ in found)
-            same = sum(gap <= _SAME * piece.length for gap in near)
-            points.append(self._point(kind or root.kind, root, row, same, counts.max()))
-            last = root.place
-        return points
+        try:
+            piece = Piece(self._arc, self._motions, *self._states[row : row + 2])
+            growth = Growth(self._motions, piece)
+            places = growth.places(*counts)
+        except _FAILURES as failure:
+            return points, str(failure)
+        reason, last = "" if places else "all modes stay as they are", -np.inf
+        for place in places:
+            try:
+                if place.flutter:
+                    root = growth.flutter(place.low, place.high)
+                else:
+                    root = root_of(piece, self._eigenvalue(piece, place.few), place)
+                if root.place - last > SAME * piece.length:  # else it is the same one, divided
+                    points.append(self._point(root, row, place.many - place.few, max(counts)))
+                    last = root.place
+            except _FAILURES as failure:
+                reason = str(failure)
+        return points, reason
 
-    def _measures(
-        self, piece: Piece, counts: np.ndarray
-    ) -> list[tuple[str, Callable[[float], float]]]:
-        """Functions of the distance that vanish at the critical points of a step."""
-        motions, (low, high) = self._motions, sorted(counts.tolist())
-        ends = [piece.first, piece.length]
-        if all(motions.symmetric(piece.stiffness(end)) for end in ends):
-            eigenvalue = self._eigenvalues(piece, high)
-            return [("", functools.partial(eigenvalue, k)) for k in range(low, high)]
-
-        def squares(distance: float) -> np.ndarray:
-            return motions.squares(piece.at(distance))
-
-        first, last = map(squares, ends)
-        measures: list[tuple[str, Callable[[float], float]]] = []
-        if flutters(first).sum() != flutters(last).sum():
-            measures.append(("flutter", lambda distance: _discriminant(squares(distance))))
-        if diverges(first).sum() != diverges(last).sum():
-            measures.append(("", lambda distance: squares(distance).real.min()))
-        return measures
-
-    def _point(self, kind: str, root: Root, row: int, several: int, unstable: int) -> CriticalPoint:
-        motions, state, square = self._motions, root.state, 0.0
-        if kind == "flutter":
-            first, second = _pair(motions.squares(state))
-            square = float((first + second).real / 2)
-            vectors = motions.flutter_shape(state, square)[:, None]
-        elif kind:
-            vectors = motions.lowest(root.stiffness, unstable)[1][:, -several:]
+    def _point(self, root: Root, row: int, several: int, unstable: int) -> CriticalPoint:
+        motions, state, K, square = self._motions, root.state, root.stiffness, 0.0
+        if root.kind == FLUTTER or not motions.symmetric(K):
+            squares = motions.squares(state)
+            if root.kind == FLUTTER:
+                pairs = squares[flutters(squares)]
+                square = float(pairs[(pairs.imag / abs(pairs)).argmin()].real)
+            vectors = motions.shapes(state, square or float(squares[0].real), several)
+        elif root.kind in SMOOTH:
+            vectors = self._null_vectors(K, several)
         else:
-            vectors = self._null_vectors(root, several)
-            kind = self._kind(state, vectors)
+            vectors = motions.lowest(K, unstable)[1][:, -several:]
+        kind = "bifurcation" if several > 1 and root.kind in SMOOTH else root.kind
         modes = self._modes(state, vectors, square)
         return CriticalPoint(kind, state.t, row, modes, self._solved(state))
 
-    def _null_vectors(self, root: Root, several: int) -> np.ndarray:
+    def _null_vectors(self, K: scipy.sparse.csr_matrix, several: int) -> np.ndarray:
         """Vectors (unknowns, several) of the eigenvalues that vanish, of length 1 in the metric."""
-        motions, state, K = self._motions, root.state, root.stiffness
-        if not motions.symmetric(K):
-            roots = motions.squares(state)
-            return motions.flutter_shape(state, float(roots.real[abs(roots).argmin()]))[:, None]
         count = min(several + 1, K.shape[0])
         while True:
-            values, vectors = motions.lowest(K, count)
+            values, vectors = self._motions.lowest(K, count)
             nearest = np.argsort(abs(values))[:several]
             if values[-1] > 0 and nearest.max() < len(values) - 1 or count == K.shape[0]:
                 return vectors[:, np.sort(nearest)]
             count = min(2 * count, K.shape[0])
 
-    def _kind(self, state: State, vectors: np.ndarray) -> str:
-        """Whether the loads do work on the only mode."""
-        path, unknowns = self._stepper.path, self._motions.unknowns
-        path.begin(state)
-        _, _, column = path.balance(np.zeros(self._stepper.model.reduction.free), 0.0)
-        column, unit = column[unknowns], self._motions.unit
-        largest = np.linalg.norm(column * unit)
-        works = abs(vectors.T @ column) / largest if largest else np.zeros(1)
-        return "limit point" if vectors.shape[1] == 1 and works[0] > _NONE else "bifurcation"
-
     def _modes(self, state: State, vectors: np.ndarray, square: float) -> Modes:
+        self._motions.stiffness(state)  # the couplings are then those of this state
         model, T = self._stepper.model, self._motions.coupling()
         mesh, scene, count = model.mesh, model.scene, vectors.shape[1]
         shapes = np.array([model.to_nodes(T @ vector) for vector in vectors.T])
-        omega = np.full(count, np.sqrt(square))
+        omega = np.sign(square) * np.sqrt(abs(square))
+        root = -omega if square < 0 else 1j * omega
         return Modes(
-            omega,
+            np.full(count, omega),
             np.zeros(count, dtype=bool),
             shapes,
             mesh.X + model.to_nodes(state.q)[:, :2],
             {beam.name: nodes for beam, nodes in zip(scene.beams, mesh.nodes, strict=True)},
             scene.beams[0].degree if scene.beams else 1,
-            np.zeros(count),
-            1j * omega,
+            np.full(count, np.nan if square < 0 else 0.0),
+            np.full(count, root),
             {body.name: body for body in scene.bodies},
             {beam.name: beam for beam in scene.beams},
         )
-
-
-def _pair(squares: np.ndarray) -> tuple[complex, complex]:
-    """The two squares of frequencies that are a complex pair, or else nearest to each other."""
-    growing = squares[flutters(squares)]
-    if len(growing):
-        worst = growing[(growing.imag / abs(growing)).argmax()]
-        return worst, worst.conjugate()
-    real = np.sort(squares.real)
-    nearest = (np.diff(real) / (abs(real[1:]) + abs(real[:-1]))).argmin()
-    return complex(real[nearest]), complex(real[nearest + 1])
-
-
-def _discriminant(squares: np.ndarray) -> float:
-    """Square of half the distance of two squares of frequencies; negative for a complex pair."""
-    first, second = _pair(squares)
-    return float((((first - second) / 2) ** 2).real)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -16,18 +18,27 @@ from fx_beam.stepping.path_equations import Tangent
 
 from .small_motions import SmallMotions
 
-# A point is first found up to this part of the step between two rows. States at five distances
-# before it, of this part each, are then extrapolated: no state is computed so near to the point
-# that the tangent is singular.
-_PLACE, _APART, _STATES = 1e-3, 0.01, 5
-# How far before a step one is sought, relative to the step.
-_BEFORE = 0.05
+# Points so near to each other, relative to the step, are one with several modes.
+SAME = 1e-6
+FLUTTER, SMOOTH = "flutter", ("limit point", "bifurcation")
+# States at five distances before a point, of this part of the step each, are extrapolated: no state
+# is computed so near to the point that the tangent is singular. They are nearer if another point is
+# near: this part of its distance. Before, the point is known to this part of theirs.
+_APART, _STATES, _OF_GAP, _PLACE = 0.01, 5, 0.1, 0.1
+# The place of flutter, where the tangent is regular, relative to the step.
+_FLUTTER_PLACE = 1e-12
+# Where an interval is divided: hardly ever where a point lies.
+_SPLIT = 0.4871
+# How far beyond the ends of a step one is sought, relative to the step.
+_BESIDE_STEP = 0.05
 # Where measures may jump: one is smooth if its extrapolation is wrong by less than so many times
-# that; where smooth parts are short, states are so much nearer.
+# the interval; where smooth parts are short, states are so much nearer.
 _SMOOTH, _CLOSE = 3.0, 0.01
 # The place of a jump relative to the step, how near to it they are looked
 # at, and how far from zero they are there, relative to their values at the ends.
 _JUMP, _BESIDE, _LARGE = 1e-11, 1e-8, 1e-4
+# Change of the load factor to the next state, relative to that over all of them, which is zero.
+_FLAT = 0.01
 # Distance from the end of a step, relative to it, that is no distance.
 _SAME_END = 1e-9
 # Where a step begins to flow; how exactly its end must be found again.
@@ -133,41 +144,103 @@ class Piece:
 
 @dataclass
 class Root:
-    """Where a measure changes its sign."""
+    """Where a mode becomes unstable."""
 
     place: float
     state: State
     #: The tangent there; where it jumps, that of the unstable side.
     stiffness: csr_matrix
-    #: What jumps; empty if the measure is continuous.
-    kind: str = ""
+    #: The kind of the point.
+    kind: str
 
 
-def root_of(piece: Piece, measure: Callable[[float], float]) -> Root | None:
-    """Where a function of the distance changes its sign; None if it only touches zero."""
-    first, last = piece.first, piece.length
-    if measure(first) * measure(last) > 0:
-        if piece.kinked:
-            return _jump(piece, measure, 0.0, first, last)
-        first = -_BEFORE * piece.length  # the step starts at a limit point
-        if measure(first) * measure(last) > 0:
-            return None
-    near = _sign_change(measure, first, last, _PLACE * piece.length)
-    apart = -_APART * piece.length
-    if piece.model.flows and near + _STATES * apart < first:
+class Place(NamedTuple):
+    """An interval of distances in which modes become unstable, or stable again."""
+
+    low: float
+    high: float
+    #: How far apart states beside it should be; 0 for a jump at the start of the piece.
+    apart: float
+    #: The smaller and the larger number of modes that grow without vibrating, or that vibrate.
+    few: int
+    many: int
+    flutter: bool = False
+
+
+class Growth:
+    """Where the numbers of modes that grow change along a piece."""
+
+    def __init__(self, motions: SmallMotions, piece: Piece):
+        self._piece = piece
+        self._at = functools.cache(lambda x: motions.growing(piece.at(x), piece.stiffness(x)))
+
+    def places(self, before: int, after: int) -> list[Place]:
+        """All of them, from the numbers of modes that grow in the rows before and after."""
+        piece, length = self._piece, self._piece.length
+        low, high, places = piece.first, length, list[Place]()
+        # A row may lie at a point.
+        if (behind := sum(self._at(low))) != before:
+            if piece.kinked:
+                places.append(Place(low, high, 0.0, *sorted((before, behind))))
+            else:
+                low -= _BESIDE_STEP * length
+        if sum(self._at(high)) != after and not piece.kinked:
+            high += _BESIDE_STEP * length
+        intervals = self._intervals(low, high, _PLACE * _APART * length)
+        for interval in intervals:
+            gaps = [max(interval[0] - b, a - interval[1]) for a, b in intervals]
+            apart = _OF_GAP * min([gap for gap in gaps if gap > SAME * length], default=length)
+            apart = min(apart, _APART * length)
+            for ends in self._intervals(*interval, _PLACE * apart):
+                first, last = map(self._at, ends)
+                flutter = first.vibrating != last.vibrating
+                few, many = sorted(growing[0 if flutter else 1] for growing in (first, last))
+                places.append(Place(*ends, apart, few, many, flutter))
+        return places
+
+    def _intervals(self, low: float, high: float, exact: float) -> list[tuple[float, float]]:
+        """Intervals in which the numbers change, by one mode if they are longer than SAME."""
+        changed = sum(abs(a - b) for a, b in zip(self._at(low), self._at(high), strict=True))
+        if changed == 0:
+            return []
+        if high - low <= (exact if changed == 1 else min(exact, SAME * self._piece.length)):
+            return [(low, high)]
+        middle = low + _SPLIT * (high - low)
+        return [*self._intervals(low, middle, exact), *self._intervals(middle, high, exact)]
+
+    def flutter(self, low: float, high: float) -> Root:
+        """The point in an interval at which a vibration begins to grow, or ends."""
+        piece, ends = self._piece, (low, high)
+        while abs(ends[1] - ends[0]) > _FLUTTER_PLACE * piece.length:
+            middle = ends[0] + _SPLIT * (ends[1] - ends[0])
+            same = self._at(middle).vibrating == self._at(ends[0]).vibrating
+            ends = (middle, ends[1]) if same else (ends[0], middle)
+        place = max(ends, key=lambda end: self._at(end).vibrating)
+        return Root(place, piece.at(place), piece.stiffness(place), FLUTTER)
+
+
+def root_of(piece: Piece, measure: Callable[[float], float], place: Place) -> Root:
+    """Where a measure changes its sign."""
+    low, high = place.low, place.high
+    if not place.apart:
+        return _jump(piece, measure, 0.0, low, high)
+    near, apart = (low + high) / 2, -place.apart
+    if piece.model.flows and near + _STATES * apart < piece.first:
         apart = -apart  # nothing flows back
     if not piece.kinked:
-        return _extrapolated(piece, measure, near, apart)
+        return _extrapolated(piece, measure, near, apart, _STATES * abs(apart))
+    ends = [piece.first, piece.length]
     try:
-        return _extrapolated(piece, measure, near, apart, _SMOOTH * _PLACE * piece.length)
+        return _extrapolated(piece, measure, near, apart, _SMOOTH * (high - low))
     except StepFailed:
-        near = _sign_change(measure, first, last, _JUMP * piece.length)
+        near = _sign_change(measure, low, high, _JUMP * piece.length)
     beside = _BESIDE * piece.length
-    low, high = max(near - beside, first), min(near + beside, last)
-    sizes = [abs(measure(place)) for place in (first, last, low, high)]
+    low, high = max(near - beside, piece.first), min(near + beside, piece.length)
+    sizes = [abs(measure(place)) for place in (*ends, low, high)]
     if min(sizes[2:]) > _LARGE * max(sizes[:2]):
         return _jump(piece, measure, near, low, high)
-    return _extrapolated(piece, measure, near, _CLOSE * apart)
+    apart *= _CLOSE
+    return _extrapolated(piece, measure, near, apart, _STATES * abs(apart))
 
 
 def end_of(piece: Piece, measure: Callable[[float], float], beyond: float) -> Root | None:
@@ -177,11 +250,11 @@ def end_of(piece: Piece, measure: Callable[[float], float], beyond: float) -> Ro
     """
     first, last = (measure(place) for place in (piece.first, piece.length))
     # The line through both values, and what a curve may differ from it.
-    if abs(last) > 2 * (beyond + _PLACE) * abs(last - first):
+    if abs(last) > 2 * (beyond + _PLACE * _APART) * abs(last - first):
         return None
     apart = -max(_APART, min(beyond, 1.0) / _STATES) * piece.length
     try:
-        root = _extrapolated(piece, measure, piece.length, apart)
+        root = _extrapolated(piece, measure, piece.length, apart, (beyond + _APART) * piece.length)
     except StepFailed:
         return None
     return root if 0 <= root.place / piece.length - 1 + _SAME_END <= beyond + _SAME_END else None
@@ -219,7 +292,7 @@ def _extrapolated(
     measure: Callable[[float], float],
     near: float,
     apart: float,
-    farthest: float = np.inf,
+    farthest: float,
 ) -> Root:
     """The root near a distance, from states that are so far apart, on one side of it.
 
@@ -230,16 +303,19 @@ def _extrapolated(
     values = np.array([measure(distance) for distance in distances])
     scaled = (distances - near) / apart
     place = _root_near(scaled, values)
-    if not abs(place * apart) <= min(_STATES * abs(apart), farthest):
+    if not abs(place * apart) <= farthest:
         raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1), [])
-    weights = _weights(scaled, place)
-    state = _combined([piece.at(distance) for distance in distances], weights)
+    states, weights = [piece.at(distance) for distance in distances], _weights(scaled, place)
+    state = _combined(states, weights)
+    loads = np.array([state.t for state in states])
+    slope = np.polynomial.Polynomial.fit(scaled, loads, _STATES - 1).deriv()(place)
+    kind = SMOOTH[int(abs(slope) > _FLAT * np.ptp(loads))]
     if piece.model.flows:
         tangents = [piece.stiffness(distance) for distance in distances]
         K = sum(w * K for w, K in zip(weights, tangents, strict=True))
     else:
         K = piece.stiffness_of(state)
-    return Root(near + place * apart, state, K)
+    return Root(near + place * apart, state, K, kind)
 
 
 @np.errstate(divide="ignore", invalid="ignore")

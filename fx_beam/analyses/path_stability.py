@@ -65,5 +65,5 @@ class PathStability:
             if counts and state.t in limits:
                 counts.append(counts[-1])  # an eigenvalue is zero
             else:
-                counts.append(self._motions.growing(state) if count is None else count)
+                counts.append(sum(self._motions.growing(state)) if count is None else count)
         return np.array(counts[:1] * self._first + counts, dtype=int)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -23,6 +24,13 @@ _LOWEST, _FULL = 12, 300
 _SHIFT = 1e-12
 # Part of a square of a frequency beside the real axis that is a rounding error.
 _BESIDE = 1e-6
+
+
+class Growing(NamedTuple):
+    """Numbers of modes that grow, vibrating and without vibrating."""
+
+    vibrating: int
+    diverging: int
 
 
 class SmallMotions:
@@ -65,24 +73,26 @@ class SmallMotions:
 
     # -- Forces with a potential ------------------------------------------------------------------
 
-    def growing(self, state: State) -> int:
-        """Number of modes that grow."""
-        K = self.stiffness(state)
+    def growing(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> Growing:
+        """Modes that grow about a state; an eigenvalue of the tangent that is zero does not."""
+        K = self.stiffness(state) if K is None else K
         if not K.shape[0]:
-            return 0
+            return Growing(0, 0)
         if not self.symmetric(K):
-            return number_growing(self.squares(state, K))
+            squares = self.squares(state, K)
+            return Growing(int(flutters(squares).sum()), int(_diverges(squares).sum()))
         lu = sparse_lu((K.indptr, K.indices))
-        if lu.factorise(K.data):
-            return lu.negative_pivots()
-        # A pivot, or an eigenvalue, is zero: an eigenvalue that is zero does not count.
-        most = abs(K.diagonal() * self.unit**2).max() or 1.0
-        shifted = (K + _SHIFT * most * self.metric).tocsr()
-        shifted.sort_indices()
-        lu = sparse_lu((shifted.indptr, shifted.indices))
-        if not lu.factorise(shifted.data):
-            raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
-        return lu.negative_pivots()
+        if not lu.factorise(K.data):
+            # A pivot, or an eigenvalue, is zero.
+            most = abs(K.diagonal() * self.unit**2).max() or 1.0
+            shifted = (K + _SHIFT * most * self.metric).tocsr()
+            shifted.sort_indices()
+            lu = sparse_lu((shifted.indptr, shifted.indices))
+            if not lu.factorise(shifted.data):
+                raise ValueError(
+                    f"unstable_modes: the tangent at load factor {state.t:g} is singular"
+                )
+        return Growing(0, lu.negative_pivots() or 0)
 
     def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
         """The n lowest eigenvalues of a tangent in the metric, and vectors (unknowns, n)."""
@@ -115,14 +125,14 @@ class SmallMotions:
         values = values[np.argsort(-abs(values), kind="stable")][:_LOWEST]
         return 1 / values[abs(values) > 1e-12 * abs(values[0])].astype(complex)
 
-    def flutter_shape(self, state: State, square: float) -> np.ndarray:
-        """Shape (unknowns,) of the vibration with the square of a frequency, of a double root."""
+    def shapes(self, state: State, square: float, several: int) -> np.ndarray:
+        """Shapes (unknowns, several) of motions with the square of a frequency, of length 1."""
         K, T = self.stiffness(state), self.coupling()
         M = (T.T @ self.model.mass @ T).tocsr()
-        shifted, x = pivoted_lu((K - (1 + 1e-7) * square * M).tocsr()), np.ones(K.shape[0])
+        shifted = pivoted_lu((K - (1 + 1e-7) * square * M).tocsr())
+        x = np.random.default_rng(0).standard_normal((K.shape[0], several))
         for _ in range(4):
-            x = shifted.solve(M @ x)
-            x /= np.sqrt(x @ (self.metric @ x))
+            x = self.unit[:, None] * np.linalg.qr(shifted.solve(M @ x) / self.unit[:, None])[0]
         return x
 
 
@@ -131,11 +141,6 @@ def flutters(squares: np.ndarray) -> np.ndarray:
     return squares.imag > _BESIDE * abs(squares)
 
 
-def diverges(squares: np.ndarray) -> np.ndarray:
+def _diverges(squares: np.ndarray) -> np.ndarray:
     """Which squares of frequencies are those of modes that grow without vibrating."""
     return (abs(squares.imag) <= _BESIDE * abs(squares)) & (squares.real < 0)
-
-
-def number_growing(squares: np.ndarray) -> int:
-    """Number of modes that grow, from the squares of their angular frequencies."""
-    return int(flutters(squares).sum() + diverges(squares).sum())
