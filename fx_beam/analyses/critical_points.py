@@ -19,7 +19,7 @@ from fx_beam.stepping.newton import StepFailed
 from .branches import Branch
 from .modal import Modes
 from .path_piece import FLUTTER, SAME, SMOOTH, Growth, Piece, Root, end_of, root_of
-from .small_motions import SmallMotions, flutters
+from .small_motions import SmallMotions
 
 _log = logging.getLogger("fx_beam")
 # How far ahead of the end of a path that has failed one is sought, in lengths of the last step.
@@ -194,30 +194,22 @@ class CriticalPoints:
         return points, reason
 
     def _point(self, root: Root, row: int, several: int, unstable: int) -> CriticalPoint:
-        motions, state, K, square = self._motions, root.state, root.stiffness, 0.0
+        motions, state, K = self._motions, root.state, root.stiffness
         if root.kind == FLUTTER or not motions.symmetric(K):
-            squares = motions.squares(state)
-            if root.kind == FLUTTER:
-                pairs = squares[flutters(squares)]
-                square = float(pairs[(pairs.imag / abs(pairs)).argmin()].real)
-            vectors = motions.shapes(state, square or float(squares[0].real), several)
+            square = root.square or float(motions.squares(state)[0].real)
+            vectors = motions.shapes(state, square, several)
         elif root.kind in SMOOTH:
-            vectors = self._null_vectors(K, several)
+            vectors = self._null_vectors(K, several, unstable)
         else:
             vectors = motions.lowest(K, unstable)[1][:, -several:]
         kind = "bifurcation" if several > 1 and root.kind in SMOOTH else root.kind
-        modes = self._modes(state, vectors, square)
+        modes = self._modes(state, vectors, root.square)
         return CriticalPoint(kind, state.t, row, modes, self._solved(state))
 
-    def _null_vectors(self, K: scipy.sparse.csr_matrix, several: int) -> np.ndarray:
+    def _null_vectors(self, K: scipy.sparse.csr_matrix, several: int, unstable: int) -> np.ndarray:
         """Vectors (unknowns, several) of the eigenvalues that vanish, of length 1 in the metric."""
-        count = min(several + 1, K.shape[0])
-        while True:
-            values, vectors = self._motions.lowest(K, count)
-            nearest = np.argsort(abs(values))[:several]
-            if values[-1] > 0 and nearest.max() < len(values) - 1 or count == K.shape[0]:
-                return vectors[:, np.sort(nearest)]
-            count = min(2 * count, K.shape[0])
+        values, vectors = self._motions.lowest(K, unstable + 1)
+        return vectors[:, np.sort(np.argsort(abs(values))[:several])]
 
     def _modes(self, state: State, vectors: np.ndarray, square: float) -> Modes:
         self._motions.stiffness(state)  # the couplings are then those of this state

@@ -52,9 +52,8 @@ def lowest_damped(K, C, M, n: int):
     still = vectors[:, rigid]
     damped = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
     x = damped.vectors
-    # The phase in which the imaginary part is smallest, and the sign of undamped modes.
+    # The phase in which the imaginary part is smallest.
     x = x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
-    x = x * np.sign(x.real[abs(x).argmax(axis=0), np.arange(x.shape[1])])
     none = np.zeros(still.shape[1])
     frequencies = np.concatenate([none, damped.frequencies])
     order = np.argsort(frequencies, kind="stable")[:n]

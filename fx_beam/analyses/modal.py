@@ -19,7 +19,7 @@ from fx_beam.validation import as_float, is_flag, is_number, is_whole, require, 
 from .damped_modes import lowest_damped
 from .equilibrium_check import check_equilibrium
 from .linearisation import linearised
-from .undamped_modes import lowest
+from .undamped_modes import first_of_largest, lowest
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,10 @@ class Modes:
     shapes : (n, n_node, 3) float or complex
         Displacements and rotations of the nodes, with modal mass 1: shape.M.shape = 1 kg m^2, with
         the conjugate of one of both. Complex for damped scenes, since the nodes of a mode need not
-        move in phase; the phase is chosen such that the imaginary part is small.
+        move in phase; the phase is chosen such that the imaginary part is small. The sign: of the
+        displacements along x and y of all nodes, in their order, the first one that is within
+        0.1 % of the largest is positive (of complex ones the real part); where nodes only turn, of
+        the rotations.
     positions : (n_node, 2) float
         Positions of the nodes in the configuration [m].
     nodes_of_beam : dict
@@ -87,6 +90,16 @@ class Modes:
     eigenvalues: np.ndarray
     bodies: dict[str, Body] = field(default_factory=dict)
     beams: dict[str, Beam] = field(default_factory=dict)
+
+    def __post_init__(self):
+        size = float(np.ptp(self.positions, axis=0).max(initial=0.0)) or 1.0
+        signs = []
+        for shape in self.shapes.real:
+            moved, turns = shape[:, :2].ravel(), shape[:, 2]
+            turning = abs(moved).max() <= 1e-6 * size * abs(turns).max()
+            parts = turns if turning else moved
+            signs.append(-1.0 if parts[first_of_largest(abs(parts))] < 0 else 1.0)
+        object.__setattr__(self, "shapes", np.reshape(signs, (-1, 1, 1)) * self.shapes)
 
     @property
     def frequencies(self) -> np.ndarray:

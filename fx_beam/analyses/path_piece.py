@@ -16,7 +16,7 @@ from fx_beam.stepping.branch_step import unknowns_of
 from fx_beam.stepping.newton import StepFailed
 from fx_beam.stepping.path_equations import Tangent
 
-from .small_motions import SmallMotions
+from .small_motions import SmallMotions, pairs_and_others
 
 # Points so near to each other, relative to the step, are one with several modes.
 SAME = 1e-6
@@ -152,6 +152,8 @@ class Root:
     stiffness: csr_matrix
     #: The kind of the point.
     kind: str
+    #: Square of the frequency.
+    square: float = 0.0
 
 
 class Place(NamedTuple):
@@ -171,7 +173,7 @@ class Growth:
     """Where the numbers of modes that grow change along a piece."""
 
     def __init__(self, motions: SmallMotions, piece: Piece):
-        self._piece = piece
+        self._motions, self._piece = motions, piece
         self._at = functools.cache(lambda x: motions.growing(piece.at(x), piece.stiffness(x)))
 
     def places(self, before: int, after: int) -> list[Place]:
@@ -209,14 +211,30 @@ class Growth:
         return [*self._intervals(low, middle, exact), *self._intervals(middle, high, exact)]
 
     def flutter(self, low: float, high: float) -> Root:
-        """The point in an interval at which a vibration begins to grow, or ends."""
-        piece, ends = self._piece, (low, high)
-        while abs(ends[1] - ends[0]) > _FLUTTER_PLACE * piece.length:
-            middle = ends[0] + _SPLIT * (ends[1] - ends[0])
-            same = self._at(middle).vibrating == self._at(ends[0]).vibrating
-            ends = (middle, ends[1]) if same else (ends[0], middle)
-        place = max(ends, key=lambda end: self._at(end).vibrating)
-        return Root(place, piece.at(place), piece.stiffness(place), FLUTTER)
+        """The point in an interval at which two frequencies meet, or part."""
+        # Imported here: most paths have no critical point, and the import takes time.
+        from scipy.optimize import brentq
+
+        piece, motions = self._piece, self._motions
+        pairs = [pairs_and_others(motions.squares(piece.at(end)))[0] for end in (low, high)]
+        most = max(map(len, pairs))
+        # The pair that is new has the smallest imaginary part.
+        centre = next(pair[0].real for pair in pairs if len(pair) == most)
+
+        @functools.cache
+        def meeting(distance: float) -> tuple[float, float]:
+            """Square of half the distance of both squares, negative for a pair; their mean."""
+            pairs, others = pairs_and_others(motions.squares(piece.at(distance)))
+            if len(pairs) == most:
+                return -(pairs[0].imag ** 2), pairs[0].real
+            above = others[others >= centre].min(initial=centre + abs(centre))
+            below = others[others < centre].max(initial=centre - abs(centre))
+            return ((above - below) / 2) ** 2, (above + below) / 2
+
+        exact = _FLUTTER_PLACE * piece.length
+        place = float(brentq(lambda distance: meeting(distance)[0], low, high, xtol=exact))
+        state, square = piece.at(place), meeting(place)[1]
+        return Root(place, state, piece.stiffness(place), FLUTTER, square)
 
 
 def root_of(piece: Piece, measure: Callable[[float], float], place: Place) -> Root:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 import numpy as np
@@ -13,6 +14,8 @@ from fx_beam.stepping.load_steps import LoadStepper
 
 from .critical_points import CriticalPoint, CriticalPoints
 from .small_motions import SmallMotions
+
+_log = logging.getLogger("fx_beam")
 
 
 class PathStability:
@@ -38,8 +41,13 @@ class PathStability:
         return Stability(self.unstable_modes, self.critical_points)
 
     def critical_points(self) -> list[CriticalPoint]:
-        """The critical points between the states, and at their end."""
-        return self._points.between(self.unstable_modes(), self._failed)
+        """The critical points between the states, and at their end; none where modes are unknown."""
+        try:
+            counts = self.unstable_modes()
+        except ValueError as error:
+            _log.warning("critical_points: none is known. %s", error)
+            return []
+        return self._points.between(counts, self._failed)
 
     def at_end(self) -> list[CriticalPoint]:
         """The critical point at the end of the path, or ahead of it if it has failed."""

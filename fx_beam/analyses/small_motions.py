@@ -19,7 +19,7 @@ from .undamped_modes import lowest
 
 # Number of the lowest modes that may grow where forces follow the motion; with so few unknowns the
 # matrices are full.
-_LOWEST, _FULL = 12, 300
+_LOWEST, _FULL = 12, 100
 # Change of a tangent that is singular, relative to its largest stiffness.
 _SHIFT = 1e-12
 # Part of a square of a frequency beside the real axis that is a rounding error.
@@ -79,8 +79,8 @@ class SmallMotions:
         if not K.shape[0]:
             return Growing(0, 0)
         if not self.symmetric(K):
-            squares = self.squares(state, K)
-            return Growing(int(flutters(squares).sum()), int(_diverges(squares).sum()))
+            pairs, others = pairs_and_others(self.squares(state, K))
+            return Growing(len(pairs), int((others < 0).sum()))
         lu = sparse_lu((K.indptr, K.indices))
         if not lu.factorise(K.data):
             # A pivot, or an eigenvalue, is zero.
@@ -136,11 +136,12 @@ class SmallMotions:
         return x
 
 
-def flutters(squares: np.ndarray) -> np.ndarray:
-    """Which squares of frequencies are those of vibrations that grow; one of each pair."""
-    return squares.imag > _BESIDE * abs(squares)
+def pairs_and_others(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Squares of frequencies of vibrations that grow, the nearest to the real axis first; others.
 
-
-def _diverges(squares: np.ndarray) -> np.ndarray:
-    """Which squares of frequencies are those of modes that grow without vibrating."""
-    return (abs(squares.imag) <= _BESIDE * abs(squares)) & (squares.real < 0)
+    Of each complex pair one, and the others as real numbers.
+    """
+    beside = squares.imag / abs(squares)
+    pairs = np.flatnonzero(beside > _BESIDE)
+    order = pairs[np.argsort(beside[pairs], kind="stable")]
+    return squares[order], squares.real[abs(beside) <= _BESIDE]

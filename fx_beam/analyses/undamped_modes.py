@@ -15,6 +15,8 @@ from fx_beam.errors import SceneError
 
 # Largest error of a vector in its iteration.
 _EXACT = 1e-12
+# Sizes of parts of a mode that differ by less, relative to the largest, are equal.
+_EQUAL = 1e-3
 
 
 def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -32,9 +34,13 @@ def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     least = 1e4 * np.finfo(float).eps * ratios.min(where=ratios > 1e-20 * unit, initial=unit) / unit
     values, rounding, vectors = _in_slices(K, M, n, 10.0 ** np.arange(np.log10(least), 4, 0.25))
     vectors = np.sqrt(unit) * scale[:, None] * vectors
-    vectors *= np.sign(vectors[abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])])
     values, rigid = unit * values, abs(values) <= rounding
     return np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values))), rigid, vectors
+
+
+def first_of_largest(sizes: np.ndarray) -> int:
+    """Number of the first size (n,) that is the largest one, but for rounding errors."""
+    return int((sizes >= (1 - _EQUAL) * sizes.max()).argmax())
 
 
 def _scaled(matrix, scale: np.ndarray):

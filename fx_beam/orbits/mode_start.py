@@ -8,7 +8,7 @@ import numpy as np
 
 from fx_beam.analyses.equilibrium_check import check_equilibrium
 from fx_beam.analyses.linearisation import linearised
-from fx_beam.analyses.undamped_modes import lowest
+from fx_beam.analyses.undamped_modes import first_of_largest, lowest
 from fx_beam.errors import SceneError
 from fx_beam.mechanics.interval import Interval
 from fx_beam.results.solution import Solution
@@ -91,6 +91,6 @@ def mode_start(shooting: Shooting, scene: Scene, state: Solution | None, mode: i
     moved = model.from_nodes(shape)
     sizes = abs(moved / model.unit)
     sizes[model.turns] *= _MOVES  # rotations count if nothing else moves
-    most = int(sizes.argmax())
+    most = first_of_largest(sizes)
     vector = model.couplings.unknowns(moved, slides) / moved[most]
     return ModeStart(shooting, rest, period, vector, most)

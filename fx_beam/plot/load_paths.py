@@ -98,7 +98,7 @@ def _with_points(
     """Values and load factors (m,) of rows and points; whether lines between are stable."""
     values, factors, stable = value(solution), solution.load_factor, solution.stable
     places, lines = list[tuple[float, float]](), list[bool]()
-    points = solution.critical_points
+    points = [point for point in solution.critical_points if point.solution is not None]
     for row, place in enumerate(zip(values.tolist(), factors.tolist(), strict=True)):
         places.append(place)
         inside = [point for point in points if point.row == row]
