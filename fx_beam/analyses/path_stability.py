@@ -41,7 +41,7 @@ class PathStability:
         return Stability(self.unstable_modes, self.critical_points)
 
     def critical_points(self) -> list[CriticalPoint]:
-        """The critical points between the states, and at their end; none where modes are unknown."""
+        """The critical points between the states, and at their end; none if modes are unknown."""
         try:
             counts = self.unstable_modes()
         except ValueError as error:

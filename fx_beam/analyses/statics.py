@@ -263,7 +263,7 @@ def _follow(
         states.append(_bifurcation(arc, start))
         shape = model.from_nodes(start.shape)
         try:
-            new, ahead, distance = first_step(arc, states[0], shape, max_cuts)
+            new, ahead, distance = first_step(arc, states[0], shape, steps, max_cuts)
         except StepFailed as failure:
             raise arc.error(states[0], failure, max_cuts) from failure
         stepper.stats.steps += 1

@@ -203,6 +203,8 @@ class Solution:
         """The critical points between the rows of a static solution, in the order of the path.
 
         A list of `CriticalPoint`, found when it is first read; read it before you change the scene.
+        What could not be located between two rows is in the list as "not located", with a warning;
+        where `unstable_modes` is refused, the list is empty, with a warning.
         """
         _ = self.load_factor  # refuses a motion
         return self._stability.critical_points()

@@ -44,6 +44,9 @@ _FLAT = 1e-9
 # Load factor at which a path is abandoned. Of 43 arches that snap through, three reached load
 # factors between -1 and -1.5 before their full load.
 _LOWEST = -10.0
+# Change of the load factor in a step, relative to that of a load step, at which it is taken again.
+# It is not if it is so short that this would not help.
+_EXCESS, _SHORTEST = 1 + 1e-6, 1e-12
 # Tolerance for the position of a limit point, relative to the step. Its load factor is far more
 # accurate, since it is an extremum.
 _PLACE = 1e-5
@@ -125,6 +128,11 @@ class ArcLength:
                         behind, ds = 0.0, ds / 2
                     continue
                 step = corner.step
+            excess = steps * abs(step.state.t - states[-1].t)
+            if excess > _EXCESS and ds > _SHORTEST:
+                # Where the path gets stiffer, or bends away from a bifurcation.
+                ds, behind = ds * min(0.9, 1 / excess), 0.0
+                continue
             states.append(step.state)
             stats.steps += 1
             if step.limit is not None:

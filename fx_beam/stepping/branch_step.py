@@ -19,16 +19,19 @@ from .path_equations import Tangent
 
 # Length of the first step, as the root mean square over the nodes in units of the scene.
 _FIRST = 0.02
+# No step is shorter.
+_LEAST = 1e-9
 # Largest deviation of the first step from the mode, relative to its length: not through a wall.
 _NEAR = 0.3
 
 
 def first_step(
-    arc: ArcLength, state: State, shape: np.ndarray, max_cuts: int
+    arc: ArcLength, state: State, shape: np.ndarray, steps: int, max_cuts: int
 ) -> tuple[State, Tangent, float]:
     """State, tangent and length of the first step along a null vector (size,) of a bifurcation.
 
-    StepFailed if it fails after so many cuts.
+    It changes the load factor by at most 1/`steps`, and goes at most half the way to 1. StepFailed
+    if it fails after so many cuts.
     """
     path, model = arc.stepper.path, arc.model
     path.begin(state)
@@ -37,19 +40,25 @@ def first_step(
     D = path.spread(y, 0.0)
     length = path.length(D, 0.0)
     across = Tangent(y / length, D / length, 0.0)
-    for cut in range(max_cuts + 1):
-        distance = _FIRST / 2**cut
+    half_way = 2 / (1 - state.t) if state.t < 1 else 0.0
+    distance, cuts = _FIRST, 0
+    while True:
         try:
             new, ahead = arc.step(state, across, distance)
-            if arc.stepper.deviation > _NEAR and cut < max_cuts:
+            if arc.stepper.deviation > _NEAR and cuts < max_cuts:
                 raise StepFailed("off the path", "the step leaves the mode", new.q - state.q, [])
         except StepFailed:
-            if cut == max_cuts:
+            if cuts == max_cuts:
                 raise
-            arc.stepper.stats.halvings += 1
+            arc.stepper.stats.halvings, cuts = arc.stepper.stats.halvings + 1, cuts + 1
+            distance /= 2
             continue
-        break
-    return new, ahead, distance
+        # The load factor changes with the distance or its square.
+        rise = new.t - state.t
+        excess = max(steps * abs(rise), half_way * rise)
+        if excess <= 1 or distance <= _LEAST:
+            return new, ahead, distance
+        distance *= min(0.5, excess**-0.5)
 
 
 def is_equilibrium(arc: ArcLength, state: State) -> bool:
