@@ -25,7 +25,7 @@ class Branch:
     point : CriticalPoint
         A bifurcation.
     direction : float
-        Its sign is that of the mode along which the branch starts.
+        1 along the mode, whose sign follows the rule of `Modes`, -1 against it.
     mode : int
         Number of the mode among those of the point.
 

@@ -18,7 +18,8 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     """Copy of a scene whose reference shape, without stress, has a mode added.
 
     Elements of degree 2 and 3 become curved. Handles of the scene, such as beams, are not those of
-    the copy: its own are in ``copy.beams`` and ``copy.nodes``, in the same order.
+    the copy: its own are in ``copy.beams`` and ``copy.nodes``, in the same order. `Beam.node` of
+    the copy takes the fractions of the scene.
 
     Parameters
     ----------
@@ -27,7 +28,8 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     modes : Modes
         Modes of this scene: of a critical point, or of `modes`.
     size : float
-        Largest displacement of a node [m]; negative against the mode.
+        Largest displacement of a node [m]; negative against the mode, whose sign follows the rule
+        of `Modes`.
     mode : int
         Number of the mode.
 
@@ -52,7 +54,7 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     >>> load = scene.add_force(column.end, (0, -12.0))
     >>> point, = fb.static(scene, steps=4).critical_points
     >>> crooked = fb.imperfect(scene, point.modes, 0.001)
-    >>> abs(round(crooked.beams[0].node(0.5).x, 6))
+    >>> round(crooked.beams[0].node(0.5).x, 6)
     0.001
     """
     require(is_number(size), "imperfect: size", size, "a finite number [m]")
@@ -87,7 +89,8 @@ def _bend(beam: Beam, X: np.ndarray) -> None:
     places, weights = np.polynomial.legendre.leggauss(6)
     slopes = lagrange_and_slopes(np.linspace(-1, 1, p + 1), places)[1]
     along = np.linalg.norm(np.einsum("gi,eix->egx", slopes, of_elements), axis=2)
-    changes = {"s": np.concatenate([[0.0], np.cumsum(along @ weights)])}
+    fractions = beam.s / beam.length if beam.fractions is None else beam.fractions
+    changes = {"s": np.concatenate([[0.0], np.cumsum(along @ weights)]), "fractions": fractions}
     if p > 1:
         changes["inner"] = of_elements[:, 1:-1].copy()
     for name, values in changes.items():

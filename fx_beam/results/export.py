@@ -46,6 +46,8 @@ def save(solution, path) -> None:
             f"beam{len(beams)}_internal{i}": rows for i, rows in enumerate(internal.values())
         }
         item = {"name": name, "degree": beam.degree, "s": beam.s.tolist()}
+        if beam.fractions is not None:
+            item["fractions"] = beam.fractions.tolist()
         beams.append({**item, "internal": list(internal)})
     joints = {number: list(variables) for number, variables in solution.variables_of_joint.items()}
     for number, variables in solution.variables_of_joint.items():

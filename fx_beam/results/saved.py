@@ -90,7 +90,9 @@ def _read(raw: BinaryIO) -> Solution:
     for i, item in enumerate(meta["beams"]):
         name, numbers = item["name"], data[f"beam{i}_nodes"]
         ends = tuple(node(n) for n in numbers[:: item["degree"]])
-        beams[name] = Beam(name, ends, item["degree"], np.array(item["s"]))
+        fractions = np.array(item["fractions"]) if "fractions" in item else None
+        s = np.array(item["s"])
+        beams[name] = Beam(name, ends, item["degree"], s, fractions=fractions)
         nodes_of_beam[name] = numbers
         if names := item["internal"]:
             internal[name] = {

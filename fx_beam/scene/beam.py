@@ -77,6 +77,8 @@ class Beam:
     inner : (elements, degree - 1, 2) float, optional
         Positions of the nodes inside the elements of a curved beam [m]; None for straight elements.
         Those of degree 3 lie near the curve, not on it.
+    fractions : (elements + 1,) float, optional
+        Fractions by which `node` knows the nodes; by default those of the arc length.
 
     Examples
     --------
@@ -93,12 +95,13 @@ class Beam:
     s: np.ndarray = field(compare=False)
     section: Any = None
     inner: np.ndarray | None = field(compare=False, default=None)
+    fractions: np.ndarray | None = field(compare=False, default=None)
 
     def __repr__(self):
         return f"<Beam {self.name!r}: {self.elements} elements from {self.start} to {self.end}>"
 
     def __post_init__(self):
-        for values in (self.s, self.inner):
+        for values in (self.s, self.inner, self.fractions):
             if values is not None:
                 values.setflags(write=False)
 
@@ -123,7 +126,7 @@ class Beam:
         return float(self.s[-1])
 
     def node(self, fraction: float) -> Node:
-        """Node at a fraction of the arc length.
+        """Node at a fraction of the arc length; in an `imperfect` scene, of that before.
 
         Parameters
         ----------
@@ -140,14 +143,17 @@ class Beam:
         SceneError
             If no element ends there.
         """
-        fractions = self.s / self.length
+        fractions = self.s / self.length if self.fractions is None else self.fractions
         away = abs(fractions - as_float(fraction))
         nearest = int(np.argmin(away))
         if not away[nearest] < 1e-9:
-            ends = np.array2string(fractions, precision=4, threshold=12, separator=", ")
+            above = int(np.searchsorted(fractions, as_float(fraction)))
+            near = fractions[max(above - 3, 0) : above + 3]
+            ends = np.array2string(near, precision=10, separator=", ", max_line_width=200)
             raise SceneError(
                 f"beam {self.name!r} has no node at the fraction {shown(fraction)} of its length; "
-                f"its elements end at {ends}. Use one of these, or change the number of elements"
+                f"elements that are near end at {ends}. Use one of these, or change the number of "
+                "elements"
             )
         return self.nodes[nearest]
 

@@ -1,0 +1,79 @@
+"""Loads at which vibrations begin to grow: Pflueger's column and Ziegler's, and their modes."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+SLENDER = 1e6
+
+
+def column(load, tip_mass, elements, degree):
+    """A cantilever with EI = rhoA = L = 1 under a force along its end, which carries a mass."""
+    section = fb.Section(EA=SLENDER, GA=SLENDER, EI=1.0, rhoA=1.0, rhoI=1 / SLENDER)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (0, 1)], section, elements, degree)
+    scene.clamp(beam.start)
+    if tip_mass:
+        scene.add_mass(beam.end, tip_mass)
+    scene.add_force(beam.end, (0, -load), follower=True)
+    return scene
+
+
+def flutter_load(load, steps, *of):
+    point, *_ = fb.static(column(load, *of), steps=steps).critical_points
+    assert point.kind == "flutter"
+    return load * point.load_factor
+
+
+@pytest.mark.parametrize(("tip_mass", "exact"), [(0, 20.05095), (0.5, 16.06156), (2, 16.71679)])
+def test_pfluegers_column_flutters_at_its_load(tip_mass, exact):
+    # Members that strain and shear by P/EA and P/GA flutter that much before.
+    assert flutter_load(24.0, 5, tip_mass, 6, 3) == pytest.approx(exact, rel=2 * 20 / SLENDER)
+
+
+@pytest.mark.parametrize(("tip_mass", "elements", "degree"), [(0, 8, 3), (0.5, 4, 2), (2, 6, 3)])
+def test_the_load_of_flutter_depends_on_neither_steps_nor_loads(tip_mass, elements, degree):
+    ways = [(30.0, 7), (22.0, 5), (20.6, 4), (24.0, 1)]
+    of = tip_mass, elements, degree
+    loads = [flutter_load(*way, *of) for way in ways]
+    assert loads == pytest.approx(loads[:1] * len(ways), rel=1e-8)
+    for side, grow in ((-1e-8, 0), (1e-8, 1)):
+        path = fb.static(column(loads[0] * (1 + side), *of), steps=2)
+        assert path.unstable_modes[-1] == grow
+
+
+def test_two_equal_columns_flutter_at_one_point_with_two_modes():
+    scene = column(24.0, 0.5, 4, 2)
+    other = scene.add_beam([(1, 0), (1, 1)], scene.beams[0].section, 4, 2)
+    scene.clamp(other.start)
+    scene.add_mass(other.end, 0.5)
+    scene.add_force(other.end, (0, -24.0), follower=True)
+    (point,) = fb.static(scene, steps=4).critical_points
+    assert 24 * point.load_factor == pytest.approx(flutter_load(24.0, 4, 0.5, 4, 2), rel=1e-8)
+    tops = [beam.end.number for beam in scene.beams]
+    across = point.modes.shapes[:, tops, 0]
+    assert abs(np.linalg.det(across / abs(across).max())) > 0.1
+
+
+def test_zieglers_column_flutters_between_two_loads_and_then_diverges():
+    """Two rods, 2 kg and 1 kg at their ends: flutter for |P L/c - 7/2| < sqrt(2)."""
+    scene = fb.Scene()
+    one = scene.add_body((1, 0), 2.0, 1e-12, points={"O": (0, 0), "A": (1, 0)})
+    two = scene.add_body((2, 0), 1.0, 1e-12, points={"A": (1, 0)})
+    scene.add_joint(fb.Revolute(fb.GROUND, one["O"], spring=fb.Spring(1.0)))
+    scene.add_joint(fb.Revolute(one["A"], two["A"], spring=fb.Spring(1.0)))
+    scene.add_force(two.centre, (-6.0, 0), follower=True)
+    path = fb.static(scene, steps=10)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        first, second = path.critical_points
+    loads = [6 * point.load_factor for point in (first, second)]
+    assert loads == pytest.approx([3.5 - np.sqrt(2), 3.5 + np.sqrt(2)], rel=1e-8)
+    # det(K - w^2 M) = 2 w^4 - (7 - 2 P) w^2 + 1 has a double root there.
+    assert first.modes.angular_frequencies**2 == pytest.approx(np.sqrt(0.5), rel=1e-5)
+    assert second.modes.unstable.all()
+    assert second.modes.eigenvalues**2 == pytest.approx(np.sqrt(0.5), rel=1e-5)
+    assert path.unstable_modes[-1] == 2
