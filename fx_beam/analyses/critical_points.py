@@ -39,11 +39,10 @@ class CriticalPoint:
         At a limit point the load factor has an extremum: the loads do work on the mode. At a
         bifurcation it rises or falls, and other paths start. Flutter is a vibration that begins to
         grow, under forces that follow the motion, or one that ends; its two modes may go on growing
-        without vibrating. At the next three the stiffness jumps from one
-        sign to the other, where a contact opens or closes, where members or springs begin to flow
-        or to slip, or at a kink of a law of springs; the load factor may have an extremum there,
-        with a corner of the path. "not located" stands for all that was not found between two
-        rows.
+        without vibrating. At the next three the stiffness jumps from one sign to the other, where a
+        contact opens or closes, where members or springs begin to flow or to slip, or at a kink of
+        a law of springs; the load factor may have an extremum there, with a corner of the path.
+        "not located" stands for all that was not found between two rows.
     load_factor : float
         The load factor; nan if the point was not located.
     row : int

@@ -48,7 +48,7 @@ _FLOWING, _AGAIN = 1e-9, 1e-5
 class Piece:
     """The path between two states, by the distance along its tangent at the first one.
 
-    By that along the way from one to the other where the path may have corners.
+    By that along the way from one to the other where the path may have corners, or branches.
     """
 
     def __init__(self, arc: ArcLength, motions: SmallMotions, first: State, second: State):
@@ -59,16 +59,23 @@ class Piece:
         self._arc, self._motions, self._start = arc, motions, first
         #: Whether measures may jump.
         self.kinked = self.model.may_have_kinks
-        if self.kinked:
+
+        def secant() -> Tangent:
             length = path.length(D, load)
             y = unknowns_of(self.model, D / length)
-            self._tangent = Tangent(y, D / length, load / length)
+            return Tangent(y, D / length, load / length)
+
+        if self.kinked:
+            self._tangent = secant()
         else:
-            self._tangent = path.tangent(none, 0.0, Tangent(none, D, load))
+            try:
+                self._tangent = path.tangent(none, 0.0, Tangent(none, D, load))
+            except StepFailed:  # it is singular: the piece starts at a bifurcation
+                self._tangent = secant()
         self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
         #: Where it begins: at the start itself nothing flows.
         self.first = _FLOWING * self.length if self.model.flows else 0.0
-        self._known: dict[float, State] = {}
+        self._known: dict[float, State] = {} if self.kinked else {0.0: first, self.length: second}
         self._tangents: dict[float, csr_matrix] = {}
         if self.kinked:
             self._check_end(stepper.size(self.at(self.length).q - second.q), stepper.size(D))
