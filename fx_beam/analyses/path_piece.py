@@ -37,7 +37,8 @@ _SMOOTH, _CLOSE = 3.0, 0.01
 # The place of a jump relative to the step, how near to it they are looked
 # at, and how far from zero they are there, relative to their values at the ends.
 _JUMP, _BESIDE, _LARGE = 1e-11, 1e-8, 1e-4
-# Change of the load factor to the next state, relative to that over all of them, which is zero.
+# Change of the load factor from state to state, relative to that over all of them, which is zero;
+# more where it is extrapolated over more than one of their distances.
 _FLAT = 0.01
 # Distance from the end of a step, relative to it, that is no distance.
 _SAME_END = 1e-9
@@ -334,7 +335,7 @@ def _extrapolated(
     state = _combined(states, weights)
     loads = np.array([state.t for state in states])
     slope = np.polynomial.Polynomial.fit(scaled, loads, _STATES - 1).deriv()(place)
-    kind = SMOOTH[int(abs(slope) > _FLAT * np.ptp(loads))]
+    kind = SMOOTH[int(abs(slope) > _FLAT * max(1.0, abs(place)) * np.ptp(loads))]
     if piece.model.flows:
         tangents = [piece.stiffness(distance) for distance in distances]
         K = sum(w * K for w, K in zip(weights, tangents, strict=True))
