@@ -1,4 +1,4 @@
-"""Critical points that are hard to locate: many in a step, beside rounding errors, or not at all."""
+"""Critical points that are hard to locate: many in a step, at a row, or not at all."""
 
 import logging
 

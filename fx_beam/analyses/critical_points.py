@@ -19,7 +19,7 @@ from fx_beam.stepping.newton import StepFailed
 from .branches import Branch
 from .modal import Modes
 from .path_piece import FLUTTER, SAME, SMOOTH, Growth, Piece, Root, end_of, root_of
-from .small_motions import SmallMotions
+from .small_motions import SmallMotions, pairs_and_others
 
 _log = logging.getLogger("fx_beam")
 # How far ahead of the end of a path that has failed one is sought, in lengths of the last step.
@@ -175,17 +175,13 @@ class CriticalPoints:
         points: list[CriticalPoint] = []
         try:
             piece = Piece(self._arc, self._motions, *self._states[row : row + 2])
-            growth = Growth(self._motions, piece)
-            places = growth.places(*counts)
+            places = Growth(self._motions, piece).places(*counts)
         except _FAILURES as failure:
             return points, str(failure)
         reason, last = "" if places else "all modes stay as they are", -np.inf
         for place in places:
             try:
-                if place.flutter:
-                    root = growth.flutter(place.low, place.high)
-                else:
-                    root = root_of(piece, self._eigenvalue(piece, place.few), place)
+                root = root_of(piece, self._eigenvalue(piece, place.few), place)
                 if root.place - last > SAME * piece.length:  # else it is the same one, divided
                     points.append(self._point(root, row, place.many - place.few, max(counts)))
                     last = root.place
@@ -194,16 +190,18 @@ class CriticalPoints:
         return points, reason
 
     def _point(self, root: Root, row: int, several: int, unstable: int) -> CriticalPoint:
-        motions, state, K = self._motions, root.state, root.stiffness
-        if root.kind == FLUTTER or not motions.symmetric(K):
-            square = root.square or float(motions.squares(state)[0].real)
+        motions, state, K, square = self._motions, root.state, root.stiffness, 0.0
+        if root.kind == FLUTTER:
+            square = float(pairs_and_others(motions.squares(state))[0][0].real)
             vectors = motions.shapes(state, square, several)
+        elif not motions.symmetric(K):
+            vectors = motions.shapes(state, float(motions.squares(state)[0].real), several)
         elif root.kind in SMOOTH:
             vectors = self._null_vectors(K, several, unstable)
         else:
             vectors = motions.lowest(K, unstable)[1][:, -several:]
         kind = "bifurcation" if several > 1 and root.kind in SMOOTH else root.kind
-        modes = self._modes(state, vectors, root.square)
+        modes = self._modes(state, vectors, square)
         return CriticalPoint(kind, state.t, row, modes, self._solved(state))
 
     def _null_vectors(self, K: scipy.sparse.csr_matrix, several: int, unstable: int) -> np.ndarray:

@@ -92,13 +92,10 @@ class Modes:
     beams: dict[str, Beam] = field(default_factory=dict)
 
     def __post_init__(self):
-        size = float(np.ptp(self.positions, axis=0).max(initial=0.0)) or 1.0
-        signs = []
-        for shape in self.shapes.real:
-            moved, turns = shape[:, :2].ravel(), shape[:, 2]
-            turning = abs(moved).max() <= 1e-6 * size * abs(turns).max()
-            parts = turns if turning else moved
-            signs.append(-1.0 if parts[first_of_largest(abs(parts))] < 0 else 1.0)
+        size = float(np.ptp(self.positions, axis=0).max()) or 1.0
+        # Rotations count if nothing else moves.
+        parts = (self.shapes.real * (1.0, 1.0, 1e-6 * size)).reshape(len(self), -1)
+        signs = [np.copysign(1.0, part[first_of_largest(abs(part))]) for part in parts]
         object.__setattr__(self, "shapes", np.reshape(signs, (-1, 1, 1)) * self.shapes)
 
     @property

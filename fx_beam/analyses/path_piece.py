@@ -16,7 +16,7 @@ from fx_beam.stepping.branch_step import unknowns_of
 from fx_beam.stepping.newton import StepFailed
 from fx_beam.stepping.path_equations import Tangent
 
-from .small_motions import SmallMotions, pairs_and_others
+from .small_motions import SmallMotions
 
 # Points so near to each other, relative to the step, are one with several modes.
 SAME = 1e-6
@@ -26,7 +26,7 @@ FLUTTER, SMOOTH = "flutter", ("limit point", "bifurcation")
 # near: this part of its distance. Before, the point is known to this part of theirs.
 _APART, _STATES, _OF_GAP, _PLACE = 0.01, 5, 0.1, 0.1
 # The place of flutter, where the tangent is regular, relative to the step.
-_FLUTTER_PLACE = 1e-12
+_FLUTTER = 1e-11
 # Where an interval is divided: hardly ever where a point lies.
 _SPLIT = 0.4871
 # How far beyond the ends of a step one is sought, relative to the step.
@@ -160,8 +160,6 @@ class Root:
     stiffness: csr_matrix
     #: The kind of the point.
     kind: str
-    #: Square of the frequency.
-    square: float = 0.0
 
 
 class Place(NamedTuple):
@@ -171,17 +169,19 @@ class Place(NamedTuple):
     high: float
     #: How far apart states beside it should be; 0 for a jump at the start of the piece.
     apart: float
-    #: The smaller and the larger number of modes that grow without vibrating, or that vibrate.
+    #: The smaller and the larger number of modes that vibrate or diverge, and which of them.
     few: int
     many: int
     flutter: bool = False
+    #: The end at which more vibrate.
+    growing: float = 0.0
 
 
 class Growth:
     """Where the numbers of modes that grow change along a piece."""
 
     def __init__(self, motions: SmallMotions, piece: Piece):
-        self._motions, self._piece = motions, piece
+        self._piece = piece
         self._at = functools.cache(lambda x: motions.growing(piece.at(x), piece.stiffness(x)))
 
     def places(self, before: int, after: int) -> list[Place]:
@@ -201,11 +201,14 @@ class Growth:
             gaps = [max(interval[0] - b, a - interval[1]) for a, b in intervals]
             apart = _OF_GAP * min([gap for gap in gaps if gap > SAME * length], default=length)
             apart = min(apart, _APART * length)
-            for ends in self._intervals(*interval, _PLACE * apart):
+            meet = self._at(interval[0]).vibrating != self._at(interval[1]).vibrating
+            for ends in self._intervals(*interval, _FLUTTER * length if meet else _PLACE * apart):
                 first, last = map(self._at, ends)
                 flutter = first.vibrating != last.vibrating
-                few, many = sorted(growing[0 if flutter else 1] for growing in (first, last))
-                places.append(Place(*ends, apart, few, many, flutter))
+                which = 0 if flutter else 1
+                numbers = {first[which]: ends[0], last[which]: ends[1]}
+                few, many = min(numbers), max(numbers)
+                places.append(Place(*ends, apart, few, many, flutter, numbers[many]))
         return places
 
     def _intervals(self, low: float, high: float, exact: float) -> list[tuple[float, float]]:
@@ -218,36 +221,13 @@ class Growth:
         middle = low + _SPLIT * (high - low)
         return [*self._intervals(low, middle, exact), *self._intervals(middle, high, exact)]
 
-    def flutter(self, low: float, high: float) -> Root:
-        """The point in an interval at which two frequencies meet, or part."""
-        # Imported here: most paths have no critical point, and the import takes time.
-        from scipy.optimize import brentq
-
-        piece, motions = self._piece, self._motions
-        pairs = [pairs_and_others(motions.squares(piece.at(end)))[0] for end in (low, high)]
-        most = max(map(len, pairs))
-        # The pair that is new has the smallest imaginary part.
-        centre = next(pair[0].real for pair in pairs if len(pair) == most)
-
-        @functools.cache
-        def meeting(distance: float) -> tuple[float, float]:
-            """Square of half the distance of both squares, negative for a pair; their mean."""
-            pairs, others = pairs_and_others(motions.squares(piece.at(distance)))
-            if len(pairs) == most:
-                return -(pairs[0].imag ** 2), pairs[0].real
-            above = others[others >= centre].min(initial=centre + abs(centre))
-            below = others[others < centre].max(initial=centre - abs(centre))
-            return ((above - below) / 2) ** 2, (above + below) / 2
-
-        exact = _FLUTTER_PLACE * piece.length
-        place = float(brentq(lambda distance: meeting(distance)[0], low, high, xtol=exact))
-        state, square = piece.at(place), meeting(place)[1]
-        return Root(place, state, piece.stiffness(place), FLUTTER, square)
-
 
 def root_of(piece: Piece, measure: Callable[[float], float], place: Place) -> Root:
     """Where a measure changes its sign."""
     low, high = place.low, place.high
+    if place.flutter:
+        at = place.growing
+        return Root(at, piece.at(at), piece.stiffness(at), FLUTTER)
     if not place.apart:
         return _jump(piece, measure, 0.0, low, high)
     near, apart = (low + high) / 2, -place.apart
@@ -259,7 +239,10 @@ def root_of(piece: Piece, measure: Callable[[float], float], place: Place) -> Ro
     try:
         return _extrapolated(piece, measure, near, apart, _SMOOTH * (high - low))
     except StepFailed:
-        near = _sign_change(measure, low, high, _JUMP * piece.length)
+        # Imported here: most paths have no such point, and the import takes time.
+        from scipy.optimize import brentq
+
+        near = brentq(measure, low, high, xtol=_JUMP * piece.length)
     beside = _BESIDE * piece.length
     low, high = max(near - beside, piece.first), min(near + beside, piece.length)
     sizes = [abs(measure(place)) for place in (*ends, low, high)]
@@ -284,23 +267,6 @@ def end_of(piece: Piece, measure: Callable[[float], float], beyond: float) -> Ro
     except StepFailed:
         return None
     return root if 0 <= root.place / piece.length - 1 + _SAME_END <= beyond + _SAME_END else None
-
-
-def _sign_change(
-    measure: Callable[[float], float], first: float, last: float, exact: float
-) -> float:
-    # Imported here: most paths have no critical point, and the import takes time.
-    from scipy.optimize import brentq
-
-    def value_or_zero(distance: float) -> float:
-        try:
-            return measure(distance)
-        except StepFailed as failure:
-            if failure.kind != "singular":
-                raise
-            return 0.0  # the point itself
-
-    return float(brentq(value_or_zero, first, last, xtol=exact))
 
 
 def _jump(
