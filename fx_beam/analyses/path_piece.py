@@ -191,7 +191,8 @@ class Growth:
         # A row may lie at a point.
         if (behind := sum(self._at(low))) != before:
             if piece.kinked:
-                places.append(Place(low, high, 0.0, *sorted((before, behind))))
+                few, many = sorted((before, behind))
+                places.append(Place(low, high, 0.0, few, many))
             else:
                 low -= _BESIDE_STEP * length
         if sum(self._at(high)) != after and not piece.kinked:
