@@ -99,10 +99,18 @@ class Forms:
             self.beams.refill(scene)
         self.set_load(1.0, 0.0)
 
-    def _at_points(self, scene: Scene) -> tuple[list[PointForce], Followers, MemberContacts | None]:
+    def damp_friction(self, scene: Scene, mobility: np.ndarray) -> None:
+        """Give friction its critical damping, by 1 / mass of degrees of freedom, then of slides."""
+        self.points.refill(*self._at_points(scene, mobility))
+
+    def _at_points(
+        self, scene: Scene, mobility: np.ndarray | None = None
+    ) -> tuple[list[PointForce], Followers, MemberContacts | None]:
         """The forces at points, the values over time of those that follow nodes, and members."""
-        forces = point_forces(scene, self._mesh, self._rates)
-        members, touching = None, members_touching(scene, self._mesh, self._rates.at_rest)
+        if mobility is None:
+            mobility = np.zeros(self.size + scene.joint_count)
+        forces = point_forces(scene, self._mesh, self._rates, mobility)
+        members, touching = None, members_touching(scene, self._mesh, self._rates.at_rest, mobility)
         if touching:
             slots = sum(len(o.points.lengths) for o in scene.obstacles if isinstance(o.shape, Beam))
             members = MemberContacts(touching, self._rule, self._mesh, slots)
