@@ -87,6 +87,8 @@ class Forms:
             self.beams.value_at = self.assembled
         self.points.locate_in(self.stiffness)
         self._force = np.zeros(self.size)
+        #: Least and largest damping [s] of each friction that sticks, by what it belongs to.
+        self.friction_damping: dict[str, list[float]] = {}
         #: In statics the load factor at the end of the step, and its increment in it.
         self.load = 1.0, 0.0
 
@@ -101,7 +103,14 @@ class Forms:
 
     def damp_friction(self, scene: Scene, mobility: np.ndarray) -> None:
         """Give friction its critical damping, by 1 / mass of degrees of freedom, then of slides."""
-        self.points.refill(*self._at_points(scene, mobility))
+        forces, followers, members = self._at_points(scene, mobility)
+        self.points.refill(forces, followers, members)
+        times: dict[str, list[float]] = {}
+        for force in forces:
+            if force.law.sticks:
+                times.setdefault(force.belongs_to, []).append(float(force.numbers[-3]))
+        times |= {} if members is None else members.friction_damping
+        self.friction_damping = {name: [min(of), max(of)] for name, of in times.items()}
 
     def _at_points(
         self, scene: Scene, mobility: np.ndarray | None = None

@@ -53,8 +53,9 @@ class Touching(NamedTuple):
     #: Of a member and itself: places of its nodes, and how far apart they must be to touch.
     arc: np.ndarray
     apart: float = 0.0
-    #: Number of the contact; -1 for the points of its second member.
+    #: Number of the contact; -1 for the points of its second member. The contact as text.
     number: int = -1
+    owner: str = ""
 
 
 def members_touching(
@@ -105,15 +106,15 @@ def _both_ways(
     if not isinstance(a, Beam):
         of_a = numbers(nodes_a, lengths, 1.0)
         parts = nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
-        return [Touching(law, followed, *parts, number=contact.number)]
+        return [Touching(law, followed, *parts, number=contact.number, owner=str(contact))]
     if a is b:
         parts = nodes_a, slots_a, nodes_a, slots_a, numbers(nodes_a, lengths, 0.5), arc(nodes_a)
-        return [Touching(law, followed, *parts, apart=contact.apart, number=contact.number)]
+        return [Touching(law, followed, *parts, contact.apart, contact.number, str(contact))]
     of_a = numbers(nodes_a, lengths, 0.5)
     of_b = numbers(nodes_b, points_of(b).lengths, 0.5)
     parts = nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
     return [
-        Touching(law, followed, *parts, number=contact.number),
+        Touching(law, followed, *parts, number=contact.number, owner=str(contact)),
         Touching(law, followed, nodes_b, slots_b, nodes_a, slots_a, of_b, arc(nodes_a)),
     ]
 
@@ -244,6 +245,12 @@ class MemberContacts:
             known = np.take_along_axis(places, most[..., None, None], axis=2)
             found[one.number] = known[:, :, 0, 1:]
         return found
+
+    @property
+    def friction_damping(self) -> dict[str, list[float]]:
+        """Damping of the friction on the points of first members [s], by the contact as text."""
+        sticking = [one for one in self._touching if one.law.sticks and one.owner]
+        return {one.owner: one.numbers[:, -3].tolist() for one in sticking}
 
     # -- Derivatives ------------------------------------------------------------------------------
 

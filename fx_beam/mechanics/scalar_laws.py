@@ -267,6 +267,7 @@ def joint_friction(kind: Kind) -> PointLaw:
         lambda step: _lost_to_friction(*slips(step)),
         internal=3,
         remembered=REMEMBERED,
+        sticks=True,
     )
 
 
@@ -400,6 +401,7 @@ def _one_sided(
         remembered=REMEMBERED * (loses + sticks),
         own=energy is not None,
         opens=True,
+        sticks=sticks,
     )
 
 
@@ -433,8 +435,10 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     x, still = ratio(step.slip.path, limit), ratio(step.still_slip.path, still_limit)
     bounded, remembered = clipped(x, still, step.motion.remembered[-REMEMBERED:], edge)
     friction = ufl.conditional(ufl.gt(limit, _OPEN), limit * bounded, 0.0)
-    stretched = start + (friction / stiffness - start) / part
-    end = ufl.conditional(ufl.gt(limit, _OPEN), stretched, 0.0)
+    end = start + (friction / stiffness - start) / part
+    # At rest its spring holds no more than the limit: what it lags behind a falling one is lost.
+    most = ufl.conditional(ufl.gt(limit, _OPEN), limit / stiffness, 0.0)
+    end = ufl.conditional(ufl.gt(abs(end), most), most * ufl.sign(end), end)
     path = slipped + step.slip.path - (end - start)
     return friction, [end, ufl.conditional(ufl.gt(normal, 0), path, 0.0)], remembered
 

@@ -130,26 +130,29 @@ class Model:
             self._check_mechanism()
 
     def _damp_friction(self) -> None:
-        """Give friction without a damping of its own the critical one, in the reference."""
+        """Give friction that sticks its damping, by the masses that it holds."""
         coordinates = [c for joint in self.scene.joints for c in (joint.slide, joint.rotation)]
         frictions = [getattr(of, "friction", None) for of in (*self.scene.obstacles, *coordinates)]
-        undamped = any(isinstance(of, Coulomb) and of.damping is None for of in frictions)
-        if self.scheme.rates.at_rest or not undamped:
-            return
+        if any(isinstance(of, Coulomb) for of in frictions) and not self.scheme.rates.at_rest:
+            self.forms.damp_friction(self.scene, self.mobility())
+
+    def mobility(self) -> np.ndarray:
+        """1 / mass that moves with each degree of freedom, then with each slide; 0 without mass.
+
+        By the diagonal of the reduced mass in the reference. Closed loops count as open.
+        """
         reduction, free = self.reduction, self.couplings.free
         reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
         reduction.expand(np.zeros(free), np.zeros(self.couplings.driven))
-        # Of closed loops as if they were open.
         of_tree = JointReduction if isinstance(reduction, JointReduction) else IndexReduction
-        T = of_tree.coupling(reduction)[:, :free]
+        T = of_tree.coupling(reduction)[:, :free]  # type: ignore[arg-type]
         masses = np.asarray(T.multiply(self.mass @ T).sum(axis=0)).ravel()
         of_columns = np.zeros(self.couplings.columns)
         of_columns[np.flatnonzero(masses > 0)] = 1 / masses[masses > 0]
         of_slides = np.zeros(self.scene.joint_count)
         for joint, column in self.couplings.slides.items():
             of_slides[joint] = of_columns[column]
-        of_dofs = T.multiply(T) @ of_columns[:free]
-        self.forms.damp_friction(self.scene, np.concatenate([of_dofs, of_slides]))
+        return np.concatenate([T.multiply(T) @ of_columns[:free], of_slides])
 
     def _refill_reduction(self, last: list[Joint], moved: bool) -> bool:
         """Set the offsets and axes of joints; returns whether these or any nodes are elsewhere."""
