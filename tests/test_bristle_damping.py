@@ -60,7 +60,8 @@ def exact(times):
             t = brentq(beyond, grid[out[0] - 1], grid[out[0]], args=(r,), xtol=1e-14)
         part, slips = slip(t, r, times[-1]), slips + 1
         inside = (times >= t) & (times <= part.t[-1])
-        places[inside] = part.sol(times[inside])[0]
+        if inside.any():
+            places[inside] = part.sol(times[inside])[0]
         t, r = part.t[-1], part.y[0, -1]
         places[times > t] = r
     return places, slips

@@ -96,7 +96,9 @@ def _both_ways(
         rest = np.broadcast_to(fixed, (len(lengths), len(fixed)))
         columns = [rest[:, 0], stiffness, rest[:, 1:]]
         if friction is not None:
-            columns += bristle(friction, share * lengths, mobility[mesh.dofs[nodes, :2]].max(axis=1))
+            columns += bristle(
+                friction, share * lengths, mobility[mesh.dofs[nodes, :2]].max(axis=1)
+            )
         return np.column_stack(columns)
 
     def arc(nodes: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ def point_forces(
 ) -> list[PointForce]:
     """All forces at points; in statics those without rates.
 
-    By the `mobility` friction has critical damping: 1 / mass of all degrees of freedom, then slides.
+    By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
     """
     shapes = [obstacle for obstacle in scene.obstacles if not isinstance(obstacle.shape, Beam)]
     forces = [  # first those of joints, whose internal variables have their places from them
@@ -137,7 +137,9 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
             if on is None or not isinstance(friction := on.friction, Coulomb):
                 continue
             law, dofs = laws.joint_friction(kind), _rotations(joint, mesh)
-            moving = [mesh.dofs.size + joint.number] if kind is SLIDE else [d for d in dofs if d >= 0]
+            moving = (
+                [mesh.dofs.size + joint.number] if kind is SLIDE else [d for d in dofs if d >= 0]
+            )
             tau, mu, stiffness = bristle(friction, 1.0, mobility[moving].sum())
             numbers = [tau, mu * (friction.radius or 1.0), stiffness]
             if kind is ANGLE:

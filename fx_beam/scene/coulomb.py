@@ -98,6 +98,5 @@ def bristle(friction: Coulomb, share: Any, mobility: Any) -> list[Any]:
     mobility, stiffness = np.asarray(mobility, float), friction.stiffness * share
     damping = friction.damping
     if damping is None:
-        held = np.where(mobility > 0, stiffness * mobility, np.inf)
-        damping = 2 / np.sqrt(held)
+        damping = 2 / np.sqrt(np.where(mobility > 0, stiffness * mobility, np.inf))
     return [damping + 0 * mobility, friction.mu + 0 * mobility, stiffness + 0 * mobility]
