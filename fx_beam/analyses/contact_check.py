@@ -99,9 +99,11 @@ def warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
     if len(solution.t) < 4 or len(solution.t) != solution.stats.steps + 1:
         return
     found: list[tuple[int, float, str, Obstacle | Stop]] = []
-    for what, law, gap, closed in _with_losses(solution, joints):
+    for what, law, gap in _with_losses(solution, joints):
+        closed = gap < 0  # a step has a force if it begins or ends behind the obstacle
+        closed[1:] |= closed[:-1]
         begins = closed[2:] & ~closed[1:-1]
-        fast = gap[:-2] - gap[1:-1] > _FAST * law.speed * np.diff(solution.t)[:-1, None]
+        fast = gap[:-2] - gap[1:-1] > _FAST * (law.speed or 0.0) * np.diff(solution.t)[:-1, None]
         for k, i in np.argwhere(begins & fast):
             opens = np.flatnonzero(~closed[k + 2 :, i])
             if len(opens) and opens[0] < _STEPS:
@@ -118,12 +120,11 @@ def warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
 
 def _with_losses(
     solution: Solution, joints: Sequence[Joint]
-) -> Iterator[tuple[str, Obstacle | Stop, np.ndarray, np.ndarray]]:
-    """What can hit with a loss: as text, its law, gaps (n, m), and whether it touches in a step."""
+) -> Iterator[tuple[str, Obstacle | Stop, np.ndarray]]:
+    """What can hit with a loss: as text, its law, and gaps (n, m)."""
     for obstacle in solution.obstacles:
         if obstacle.restitution < 1:
-            contact = Contact(solution, obstacle)
-            yield str(obstacle), obstacle, contact.gap, contact.force.any(axis=-1)
+            yield str(obstacle), obstacle, Contact(solution, obstacle).gap
     for joint in joints:
         for on, name in ((joint.slide, "slide"), (joint.rotation, "angle")):
             stop = None if on is None else on.stop
@@ -131,7 +132,5 @@ def _with_losses(
                 continue
             for sign, limit in ((1, stop.lower), (-1, stop.upper)):
                 if limit is not None:
-                    gap = sign * (getattr(solution.joint(joint), name) - limit)[:, None]
-                    closed = gap < 0
-                    closed[1:] |= closed[:-1]
-                    yield str(joint), stop, gap, closed
+                    gap = sign * (getattr(solution.joint(joint), name) - limit)
+                    yield str(joint), stop, gap[:, None]
