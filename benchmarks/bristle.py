@@ -2,8 +2,8 @@
 
     .venv/bin/python benchmarks/bristle.py
 
-A bead on the swinging rod of tests/test_bristle_damping.py, a block of 1 kg on a plate that is
-shaken by 0.05 m (1 - cos 10 t), and a ball of 1 kg that hits a floor with 1 m/s.
+A bead on the swinging rod of tests/claims/test_bristle_damping.py, a block of 1 kg on a plate that
+is shaken by 0.05 m (1 - cos 10 t), and a ball of 1 kg that hits a floor with 1 m/s.
 """
 
 import sys
@@ -16,6 +16,7 @@ import numpy as np
 import fx_beam as fb
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/claims"))
 
 from test_bristle_damping import END, GRAVITY, bead, exact
 

@@ -167,8 +167,3 @@ def test_derivatives_are_right_with_it(damping):
     assert solution.energy.dissipated[-1] > 0.1
     assert np.diff(solution.energy.dissipated).min() >= 0
     assert abs(solution.energy.balance_error).max() < 1e-11
-
-
-def test_a_damping_out_of_range_is_refused():
-    with pytest.raises(fb.SceneError, match="Coulomb: damping = -1 must be finite and not neg"):
-        fb.Coulomb(0.3, 1e4, damping=-1)
