@@ -15,6 +15,7 @@ from pathlib import Path
 from scipy.optimize import brentq
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/claims"))
 
 from test_stick_and_slip import FORCE, LIMIT, RATE, SPRING, exact
 

@@ -1,20 +1,26 @@
-"""Check of what touches circles: no point may lie deep in one, or have gone through it."""
+"""Checks of contacts: no point may lie deep in a circle; impacts with losses take some steps."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from fx_beam.results.contact import Contact
 from fx_beam.results.solution import Solution
+from fx_beam.scene.joints import Joint
 from fx_beam.scene.obstacles import Circle, Obstacle
+from fx_beam.scene.stop import Stop
 
 _log = logging.getLogger("fx_beam")
 # Depth in a circle, relative to its radius, from which its force says little.
 _DEEP = 0.5
 # Points of all rows that are looked at together.
 _AT_ONCE = 20_000
+# Steps that an impact must take for its restitution, and from which speed on, relative to that
+# below which its loss is viscous.
+_STEPS, _FAST = 10, 10.0
 
 
 def warn_of_depth(solution: Solution, motion: bool = False) -> None:
@@ -83,3 +89,48 @@ def _least_distances(arms: np.ndarray, way: np.ndarray) -> np.ndarray:
     square = np.maximum((way**2).sum(axis=-1), 1e-300)
     part = np.clip(-(arms * way).sum(axis=-1) / square, 0.0, 1.0)
     return np.linalg.norm(arms + part[..., None] * way, axis=-1)
+
+
+def warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
+    """Warn of the restitution whose impacts take the fewest steps, if these are too few.
+
+    Where steps have a length of their own, and each has a row.
+    """
+    if len(solution.t) < 4 or len(solution.t) != solution.stats.steps + 1:
+        return
+    found: list[tuple[int, float, str, Obstacle | Stop]] = []
+    for what, law, gap in _with_losses(solution, joints):
+        closed = gap < 0  # a step has a force if it begins or ends behind the obstacle
+        closed[1:] |= closed[:-1]
+        begins = closed[2:] & ~closed[1:-1]
+        fast = gap[:-2] - gap[1:-1] > _FAST * (law.speed or 0.0) * np.diff(solution.t)[:-1, None]
+        for k, i in np.argwhere(begins & fast):
+            opens = np.flatnonzero(~closed[k + 2 :, i])
+            if len(opens) and opens[0] < _STEPS:
+                found.append((int(opens[0]), float(solution.t[k + 1]), what, law))
+    if found:
+        steps, t, what, law = min(found, key=lambda impact: impact[0])
+        _log.warning(
+            "simulate: %s: the impact at t = %.6g takes %d steps. Its restitution %g holds in "
+            "contacts of %d steps or more, whose time is about pi sqrt(m / k). Take shorter steps "
+            "or a smaller stiffness",
+            *(what, t, steps, law.restitution, _STEPS),
+        )
+
+
+def _with_losses(
+    solution: Solution, joints: Sequence[Joint]
+) -> Iterator[tuple[str, Obstacle | Stop, np.ndarray]]:
+    """What can hit with a loss: as text, its law, and gaps (n, m)."""
+    for obstacle in solution.obstacles:
+        if obstacle.restitution < 1:
+            yield str(obstacle), obstacle, Contact(solution, obstacle).gap
+    for joint in joints:
+        for on, name in ((joint.slide, "slide"), (joint.rotation, "angle")):
+            stop = None if on is None else on.stop
+            if stop is None or stop.restitution == 1:
+                continue
+            for sign, limit in ((1, stop.lower), (-1, stop.upper)):
+                if limit is not None:
+                    gap = sign * (getattr(solution.joint(joint), name) - limit)
+                    yield str(joint), stop, gap[:, None]

@@ -34,7 +34,7 @@ from fx_beam.validation import as_float, is_flag, is_number, require
 
 from .bend_check import warn_of_sharp_bends
 from .changing_scene import ChangingScene
-from .contact_check import warn_of_depth
+from .contact_check import warn_of_depth, warn_of_short_impacts
 from .ending import Condition, Ending, checked_conditions
 from .evaluation import solution_of
 from .kept_setup import kept_setup
@@ -203,7 +203,7 @@ def simulate(
         found = again.of(scene, kept)
         if found is not None:
             if record is None or record.motion:
-                _warn_of_places(found)
+                _warn_of_places(found, scene)
             return found
     scheme = checked_scheme(scene, scheme, "simulate")
     check_options("simulate", newton, max_halvings, record, solver)
@@ -331,7 +331,7 @@ def simulate(
         warn_of_damping(stats, first if control is None else None)
         found = solution()
         if places_known:
-            _warn_of_places(found)
+            _warn_of_places(found, scene)
         if plain and kept.lasts and _repeats(setup, times, record, progress):
             most = halving.most
             kept.repeated = RepeatedMotion(options, times, record, recorder, most)
@@ -373,9 +373,10 @@ def _steps_of_grid(stepper: Stepper, times: np.ndarray, recorder: Recorder, most
     return advance
 
 
-def _warn_of_places(found: Solution) -> None:
+def _warn_of_places(found: Solution, scene: Scene) -> None:
     """Warn of contact where its forces say little."""
     warn_of_depth(found, motion=True)
+    warn_of_short_impacts(found, scene.joints)
     warn_of_sharp_bends(found, motion=True)
 
 

@@ -71,6 +71,7 @@ class RunSetup:
             unknowns=len(model.reduction.independent),
             compiled=model.compiled,
             assembled=model.assembled,
+            friction_damping=model.forms.friction_damping,
         )
         self.forcing = Forcing(model)
         python = PythonLoop(model, self.forcing, options, self.stats)

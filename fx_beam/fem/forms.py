@@ -87,6 +87,8 @@ class Forms:
             self.beams.value_at = self.assembled
         self.points.locate_in(self.stiffness)
         self._force = np.zeros(self.size)
+        #: Least and largest damping [s] of each friction that sticks, by what it belongs to.
+        self.friction_damping: dict[str, list[float]] = {}
         #: In statics the load factor at the end of the step, and its increment in it.
         self.load = 1.0, 0.0
 
@@ -99,10 +101,25 @@ class Forms:
             self.beams.refill(scene)
         self.set_load(1.0, 0.0)
 
-    def _at_points(self, scene: Scene) -> tuple[list[PointForce], Followers, MemberContacts | None]:
+    def damp_friction(self, scene: Scene, mobility: np.ndarray) -> None:
+        """Give friction its critical damping, by 1 / mass of degrees of freedom, then of slides."""
+        forces, followers, members = self._at_points(scene, mobility)
+        self.points.refill(forces, followers, members)
+        times: dict[str, list[float]] = {}
+        for force in forces:
+            if force.law.sticks:
+                times.setdefault(force.belongs_to, []).append(float(force.numbers[-3]))
+        times |= {} if members is None else members.friction_damping
+        self.friction_damping = {name: [min(of), max(of)] for name, of in times.items()}
+
+    def _at_points(
+        self, scene: Scene, mobility: np.ndarray | None = None
+    ) -> tuple[list[PointForce], Followers, MemberContacts | None]:
         """The forces at points, the values over time of those that follow nodes, and members."""
-        forces = point_forces(scene, self._mesh, self._rates)
-        members, touching = None, members_touching(scene, self._mesh, self._rates.at_rest)
+        if mobility is None:
+            mobility = np.zeros(self.size + scene.joint_count)
+        forces = point_forces(scene, self._mesh, self._rates, mobility)
+        members, touching = None, members_touching(scene, self._mesh, self._rates.at_rest, mobility)
         if touching:
             slots = sum(len(o.points.lengths) for o in scene.obstacles if isinstance(o.shape, Beam))
             members = MemberContacts(touching, self._rule, self._mesh, slots)

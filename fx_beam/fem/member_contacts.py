@@ -20,6 +20,7 @@ from fx_beam.mechanics.member_gap import (
 )
 from fx_beam.mechanics.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.coulomb import bristle
 from fx_beam.scene.member_contact import arc_of
 from fx_beam.scene.obstacles import Obstacle, points_of
 from fx_beam.scene.scene import Scene
@@ -52,23 +53,29 @@ class Touching(NamedTuple):
     #: Of a member and itself: places of its nodes, and how far apart they must be to touch.
     arc: np.ndarray
     apart: float = 0.0
-    #: Number of the contact; -1 for the points of its second member.
+    #: Number of the contact; -1 for the points of its second member. The contact as text.
     number: int = -1
+    owner: str = ""
 
 
-def members_touching(scene: Scene, mesh: Mesh, at_rest: bool) -> list[Touching]:
-    """All contacts with members of a scene, both ways between two members."""
+def members_touching(
+    scene: Scene, mesh: Mesh, at_rest: bool, mobility: np.ndarray
+) -> list[Touching]:
+    """All contacts with members of a scene, both ways between two members.
+
+    By the `mobility` of degrees of freedom, 1 / mass, the friction on nodes has critical damping.
+    """
     found: list[Touching] = []
     first = 0
     for contact in scene.obstacles:
         if isinstance(contact.shape, Beam):
-            found += _both_ways(contact, scene, mesh, at_rest, first)
+            found += _both_ways(contact, scene, mesh, at_rest, mobility, first)
             first += len(contact.points.lengths)
     return found
 
 
 def _both_ways(
-    contact: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool, first: int
+    contact: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool, mobility: np.ndarray, first: int
 ) -> list[Touching]:
     a, b = contact.target, contact.shape
     assert isinstance(b, Beam)
@@ -83,13 +90,15 @@ def _both_ways(
     law, followed = (_law(contact, kind, loses) for kind in kinds)
     of_loss = (contact.loss, contact.speed) if loses else ()
 
-    def numbers(lengths: np.ndarray, share: float) -> np.ndarray:
+    def numbers(nodes: np.ndarray, lengths: np.ndarray, share: float) -> np.ndarray:
         fixed = np.array([contact.radii, *of_loss], float)
         stiffness = share * contact.stiffness * lengths
         rest = np.broadcast_to(fixed, (len(lengths), len(fixed)))
         columns = [rest[:, 0], stiffness, rest[:, 1:]]
         if friction is not None:
-            columns += [np.full(len(lengths), friction.mu), share * friction.stiffness * lengths]
+            columns += bristle(
+                friction, share * lengths, mobility[mesh.dofs[nodes, :2]].max(axis=1)
+            )
         return np.column_stack(columns)
 
     def arc(nodes: np.ndarray) -> np.ndarray:
@@ -97,17 +106,17 @@ def _both_ways(
 
     lengths = contact.points.lengths
     if not isinstance(a, Beam):
-        of_a = numbers(lengths, 1.0)
+        of_a = numbers(nodes_a, lengths, 1.0)
         parts = nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
-        return [Touching(law, followed, *parts, number=contact.number)]
+        return [Touching(law, followed, *parts, number=contact.number, owner=str(contact))]
     if a is b:
-        parts = nodes_a, slots_a, nodes_a, slots_a, numbers(lengths, 0.5), arc(nodes_a)
-        return [Touching(law, followed, *parts, apart=contact.apart, number=contact.number)]
-    of_a = numbers(lengths, 0.5)
-    of_b = numbers(points_of(b).lengths, 0.5)
+        parts = nodes_a, slots_a, nodes_a, slots_a, numbers(nodes_a, lengths, 0.5), arc(nodes_a)
+        return [Touching(law, followed, *parts, contact.apart, contact.number, str(contact))]
+    of_a = numbers(nodes_a, lengths, 0.5)
+    of_b = numbers(nodes_b, points_of(b).lengths, 0.5)
     parts = nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
     return [
-        Touching(law, followed, *parts, number=contact.number),
+        Touching(law, followed, *parts, number=contact.number, owner=str(contact)),
         Touching(law, followed, nodes_b, slots_b, nodes_a, slots_a, of_b, arc(nodes_a)),
     ]
 
@@ -238,6 +247,12 @@ class MemberContacts:
             known = np.take_along_axis(places, most[..., None, None], axis=2)
             found[one.number] = known[:, :, 0, 1:]
         return found
+
+    @property
+    def friction_damping(self) -> dict[str, list[float]]:
+        """Damping of the friction on the points of first members [s], by the contact as text."""
+        sticking = [one for one in self._touching if one.law.sticks and one.owner]
+        return {one.owner: one.numbers[:, -3].tolist() for one in sticking}
 
     # -- Derivatives ------------------------------------------------------------------------------
 

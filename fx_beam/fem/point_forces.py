@@ -64,11 +64,11 @@ class PointForce(NamedTuple):
     #: The contact or force between points to which it belongs, as text; empty for a joint.
     owner: str = ""
 
-
-def _owner(force: PointForce) -> str:
-    """What of the scene a force belongs to, as text; a joint by its number."""
-    of_joint = f"joint {force.slide} slide" if force.slide >= 0 else f"joint {force.joint} rotation"
-    return force.owner or of_joint
+    @property
+    def belongs_to(self) -> str:
+        """What of the scene it belongs to, as text; a joint by its number."""
+        joint, name = (self.slide, "slide") if self.slide >= 0 else (self.joint, "rotation")
+        return self.owner or f"joint {joint} {name}"
 
 
 def _without_numbers(force: PointForce) -> tuple:
@@ -503,8 +503,7 @@ class PointForces:
         """What of the scene each internal variable (width,) belongs to, as text."""
         texts = [""] * self.width
         for force, first in zip(self._forces, self._first_internal, strict=True):
-            count = force.law.internal
-            texts[first : first + count] = [_owner(force)] * count
+            texts[first : first + force.law.internal] = [force.belongs_to] * force.law.internal
         return np.array(texts, dtype=str)
 
     @property

@@ -21,7 +21,7 @@ from fx_beam.mechanics.point_laws import PointLaw
 from fx_beam.mechanics.rates import UpdateRule
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate, Friction
-from fx_beam.scene.coulomb import Coulomb
+from fx_beam.scene.coulomb import Coulomb, bristle
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.obstacles import Circle, Obstacle
@@ -32,16 +32,21 @@ from .mesh import Mesh
 from .point_forces import Load, PointForce, Role
 
 
-def point_forces(scene: Scene, mesh: Mesh, rates: UpdateRule) -> list[PointForce]:
-    """All forces at points; in statics those without rates."""
+def point_forces(
+    scene: Scene, mesh: Mesh, rates: UpdateRule, mobility: np.ndarray
+) -> list[PointForce]:
+    """All forces at points; in statics those without rates.
+
+    By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
+    """
     shapes = [obstacle for obstacle in scene.obstacles if not isinstance(obstacle.shape, Beam)]
     forces = [  # first those of joints, whose internal variables have their places from them
         *_of_joints(scene, mesh, rates.at_rest),
         *_between(scene, mesh, rates.at_rest),
         *_followers(scene, mesh),
         *_pulls(scene, mesh),
-        *_frictions(scene, mesh),
-        *(force for o in shapes for force in _contacts(o, scene, mesh, rates.at_rest)),
+        *_frictions(scene, mesh, mobility),
+        *(force for o in shapes for force in _contacts(o, scene, mesh, rates.at_rest, mobility)),
     ]
     return forces if rates.at_rest else [*forces, *_drags(scene, mesh)]
 
@@ -52,7 +57,9 @@ def may_have_forces(scene: Scene) -> bool:
     return any(parts)
 
 
-def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
+def _contacts(
+    obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool, mobility: np.ndarray
+) -> Iterator[PointForce]:
     loses, friction = bool(obstacle.loss) and not at_rest, obstacle.friction
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()
     points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)
@@ -66,7 +73,8 @@ def _contacts(obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool) -> It
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
         numbers = [*relative[i], *of_shape, *weights, obstacle.stiffness * length, *of_loss]
         if friction is not None:
-            numbers += [friction.mu, friction.stiffness * length]
+            moves = mobility[mesh.dofs[of_point, :2]].max() + mobility[carrier[:2]].max(initial=0.0)
+            numbers += bristle(friction, length, moves)
         dofs = [*mesh.dofs[of_point, :2].ravel().tolist(), *carrier]
         dofs += mesh.dofs[of_point, 2].tolist() if thick else []
         yield PointForce(law, numbers, dofs, role=Role.CONTACT, nodes=count, owner=str(obstacle))
@@ -122,14 +130,18 @@ def _of_joints(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
                 yield PointForce(law, numbers, _rotations(joint, mesh), joint=joint.number)
 
 
-def _frictions(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
+def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[PointForce]:
     """Friction of joints that follows their own force."""
     for joint in scene.joints:
         for on, kind in ((joint.slide, SLIDE), (joint.rotation, ANGLE)):
             if on is None or not isinstance(friction := on.friction, Coulomb):
                 continue
             law, dofs = laws.joint_friction(kind), _rotations(joint, mesh)
-            numbers = [friction.mu * (friction.radius or 1.0), friction.stiffness]
+            moving = (
+                [mesh.dofs.size + joint.number] if kind is SLIDE else [d for d in dofs if d >= 0]
+            )
+            tau, mu, stiffness = bristle(friction, 1.0, mobility[moving].sum())
+            numbers = [tau, mu * (friction.radius or 1.0), stiffness]
             if kind is ANGLE:
                 load = Load(joint.number)
                 yield PointForce(law, numbers, dofs, joint=joint.number, load=load)

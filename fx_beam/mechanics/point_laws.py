@@ -114,6 +114,8 @@ class PointLaw:
     own: bool = False
     #: Whether it is one-sided: a contact that opens.
     opens: bool = False
+    #: Whether it has friction that sticks, whose damping, mu and stiffness are its last numbers.
+    sticks: bool = False
     #: Whether Newton's method may go far too far with it, and is shortened.
     overshoots: bool = False
     #: What to say if it is not finite where all coordinates are zero; empty if that may be.

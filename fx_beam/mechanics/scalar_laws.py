@@ -242,7 +242,7 @@ def friction(kind: Kind) -> PointLaw:
 
 @functools.cache
 def joint_friction(kind: Kind) -> PointLaw:
-    """Friction that sticks, of a joint under its own force; numbers: limit of a unit force, kt.
+    """Friction that sticks, of a joint under its own force; numbers: tau, limit of unit force, kt.
 
     Internal variables: stretch and slip as in a contact, and the force, with which the step is
     repeated until it is that of the step (fx_follow_joints).
@@ -261,12 +261,13 @@ def joint_friction(kind: Kind) -> PointLaw:
     return _on(
         kind,
         "friction that sticks",
-        2,
+        3,
         forces,
         lambda step: _in_bristle(step, step.motion.internal[0]),
         lambda step: _lost_to_friction(*slips(step)),
         internal=3,
         remembered=REMEMBERED,
+        sticks=True,
     )
 
 
@@ -312,7 +313,7 @@ def contact(kind: Kind, loses: bool = False) -> PointLaw:
     """A one-sided spring on a gap, k g^2 / 2 where g < 0; number: k.
 
     If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r, speed. If
-    the kind has a slip, there is friction that sticks; more numbers: mu and the stiffness kt.
+    the kind has a slip, there is friction that sticks; more numbers: tau, mu and the stiffness kt.
     """
     return _one_sided(kind, "contact", lambda step: step, loses, 0)
 
@@ -391,7 +392,7 @@ def _one_sided(
     return _on(
         kind,
         name,
-        (3 if loses else 1) + 2 * sticks + more,
+        (3 if loses else 1) + 3 * sticks + more,
         forces,
         stored,
         loss if loses or sticks else None,
@@ -400,24 +401,29 @@ def _one_sided(
         remembered=REMEMBERED * (loses + sticks),
         own=energy is not None,
         opens=True,
+        sticks=sticks,
     )
 
 
 def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[Any], list[Any]]:
     """Friction of a contact against its slip, internal variables at the end, what is remembered.
 
-    The variables are the stretch z of a spring along the surface, of the stiffness kt, whose force
-    is at most mu times the normal one, and how far the contact has slipped since it closed. The
-    normal force is also given without derivatives.
+    The variables are the stretch z of a spring along the surface, of the stiffness kt, with a
+    viscosity kt tau, whose force is at most mu times the normal one, and how far the contact has
+    slipped since it closed. The normal force is also given without derivatives.
     """
     assert step.slip is not None
     assert step.still_slip is not None
-    mu, stiffness = step.numbers[-2:]
+    tau, mu, stiffness = step.numbers[-3:]
     start, slipped = step.motion.internal[:2]
     rule = step.motion.rule
     edge = 1 - _AT_LIMIT if rule.at_rest else 1.0
-    # In steps that only serve to find derivatives as other forces are: by half of the increment.
-    part = 0.5 if rule.instant else 1.0
+    # The force is kt (z0 + part Dz): at the scheme's level with the viscosity, or at the end.
+    part = rule.level + tau / step.motion.dt
+    if rule.at_rest:
+        part = ufl.as_ufl(1.0)
+    elif not rule.instant:  # else derivatives are sought, of the viscosity alone
+        part = ufl.conditional(ufl.gt(part, 1), part, 1.0)
 
     def ratio(path: Any, limit: Any) -> Any:
         return stiffness * (start + part * path) / ufl.conditional(ufl.gt(limit, _OPEN), limit, 1.0)
@@ -429,7 +435,10 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     x, still = ratio(step.slip.path, limit), ratio(step.still_slip.path, still_limit)
     bounded, remembered = clipped(x, still, step.motion.remembered[-REMEMBERED:], edge)
     friction = ufl.conditional(ufl.gt(limit, _OPEN), limit * bounded, 0.0)
-    end = friction / stiffness
+    end = start + (friction / stiffness - start) / part
+    # At rest its spring holds no more than the limit: what it lags behind a falling one is lost.
+    most = ufl.conditional(ufl.gt(limit, _OPEN), limit / stiffness, 0.0)
+    end = ufl.conditional(ufl.gt(abs(end), most), most * ufl.sign(end), end)
     path = slipped + step.slip.path - (end - start)
     return friction, [end, ufl.conditional(ufl.gt(normal, 0), path, 0.0)], remembered
 

@@ -33,6 +33,7 @@ from fx_beam.mechanics.rates import MidPointRates
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.constraints import joints_by_number, slides_at_start
+from fx_beam.scene.coulomb import Coulomb
 from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.law import has_pieces
@@ -85,6 +86,7 @@ class Model:
         #: Weight (size,) [N] of all masses; None without gravity.
         self.weight = self._mass.weight
         self._build_reduction()
+        self._damp_friction()
         self._structure, self._joints = Structure(scene), scene.joints[:]
         self._weightless = scheme.rates.at_rest and not mobile
         #: Why the scene without loads is a mechanism; empty if it is none.
@@ -123,8 +125,34 @@ class Model:
         self._joints = scene.joints[:]
         for name in (*(_OF_MASSES if heavier else ()), *(_OF_POSITIONS if elsewhere else ())):
             self.__dict__.pop(name, None)
+        self._damp_friction()
         if elsewhere or scene.drags:
             self._check_mechanism()
+
+    def _damp_friction(self) -> None:
+        """Give friction that sticks its damping, by the masses that it holds."""
+        coordinates = [c for joint in self.scene.joints for c in (joint.slide, joint.rotation)]
+        frictions = [getattr(of, "friction", None) for of in (*self.scene.obstacles, *coordinates)]
+        if any(isinstance(of, Coulomb) for of in frictions) and not self.scheme.rates.at_rest:
+            self.forms.damp_friction(self.scene, self.mobility())
+
+    def mobility(self) -> np.ndarray:
+        """1 / mass that moves with each degree of freedom, then with each slide; 0 without mass.
+
+        By the diagonal of the reduced mass in the reference. Closed loops count as open.
+        """
+        reduction, free = self.reduction, self.couplings.free
+        reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
+        reduction.expand(np.zeros(free), np.zeros(self.couplings.driven))
+        of_tree = JointReduction if isinstance(reduction, JointReduction) else IndexReduction
+        T = of_tree.coupling(reduction)[:, :free]  # type: ignore[arg-type]
+        masses = np.asarray(T.multiply(self.mass @ T).sum(axis=0)).ravel()
+        of_columns = np.zeros(self.couplings.columns)
+        of_columns[np.flatnonzero(masses > 0)] = 1 / masses[masses > 0]
+        of_slides = np.zeros(self.scene.joint_count)
+        for joint, column in self.couplings.slides.items():
+            of_slides[joint] = of_columns[column]
+        return np.concatenate([T.multiply(T) @ of_columns[:free], of_slides])
 
     def _refill_reduction(self, last: list[Joint], moved: bool) -> bool:
         """Set the offsets and axes of joints; returns whether these or any nodes are elsewhere."""

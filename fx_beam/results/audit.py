@@ -181,6 +181,9 @@ class Stats:
         Compiled forms.
     assembled : list of str
         Matrices and loads of the scene.
+    friction_damping : dict
+        Damping tau [s] of friction that sticks (`Coulomb`): the least and the largest of each
+        contact or joint, by its text. That of two members is that of the first one's nodes.
     failure : Failure, optional
         Why the run failed; none if it did not.
     until : str
@@ -231,6 +234,7 @@ class Stats:
     setup_reason: str = ""
     compiled: list[str] = field(default_factory=list)
     assembled: list[str] = field(default_factory=list)
+    friction_damping: dict[str, list[float]] = field(default_factory=dict)
     failure: Failure | None = None
     until: str = ""
     changes: dict[str, float] = field(default_factory=dict)

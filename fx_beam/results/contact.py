@@ -100,7 +100,7 @@ class Contact:
 
     @property
     def stretch(self) -> np.ndarray:
-        """Stretch z of the friction's springs (n, m) [m]: friction is -kt z."""
+        """Stretch z of the friction's springs (n, m) [m]: friction is -kt (z + tau dz/dt)."""
         return self._of_friction(0)
 
     def _of_friction(self, variable: int) -> np.ndarray:

@@ -43,7 +43,7 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Spring: ("stiffness", "rest"),
     Damper: ("viscosity",),
     Friction: ("force", "speed"),
-    Coulomb: ("mu", "stiffness", "radius"),
+    Coulomb: ("mu", "stiffness", "radius", "damping"),
     Stop: ("lower", "upper", "stiffness", "restitution", "speed"),
     Line: ("point", "normal"),
     Circle: ("centre", "radius"),

@@ -203,6 +203,8 @@ def test_bad_friction_is_named():
         fb.Coulomb(-0.1, 1e5)
     with pytest.raises(fb.SceneError, match="stiffness = 0 must be finite and positive"):
         fb.Coulomb(0.1, 0)
+    with pytest.raises(fb.SceneError, match="Coulomb: damping = -1 must be finite and not neg"):
+        fb.Coulomb(0.1, 1e5, damping=-1)
     with pytest.raises(fb.SceneError, match=r"friction = 0.3 must be an fx_beam.Coulomb"):
         ball(friction=0.3)
     scene, _, contact = ball()

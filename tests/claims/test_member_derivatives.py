@@ -49,8 +49,8 @@ SCENES = {"plain": crossing, "friction": with_friction, "joints": stacked}
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_adjoint_is_the_derivative_of_the_motion(name):
-    found, low, size = both(SCENES[name], dt=2e-3, steps=30, h=1e-4)
-    _, high, _ = both(SCENES[name], dt=2e-3, steps=30, h=2e-4)
+    found, low, size = both(SCENES[name], dt=2e-3, steps=30, h=4e-5)
+    _, high, _ = both(SCENES[name], dt=2e-3, steps=30, h=8e-5)
     assert abs(found - (4 * low - high) / 3) < 2e-8 * size
 
 
@@ -75,7 +75,7 @@ def test_so_they_do_in_closed_loops_and_long_trees_of_joints(count):
 
     forward, backward = forward_and_backward(build, dt=2e-3, steps=30)
     assert forward == pytest.approx(backward, rel=1e-9)
-    found, expected, size = both(build, dt=2e-3, steps=30, h=1e-4)
+    found, expected, size = both(build, dt=2e-3, steps=30, h=2e-4)
     assert abs(found - expected) < 1e-6 * size
     assert size > 1e-3
 

@@ -223,7 +223,7 @@ def test_slip_stretch_and_force_of_friction_are_recorded(turned, tmp_path):
     scene.fix(ball, "rotation")
     scene.prescribe(ball, y=lambda t: -1.1e-3 * min(t / 0.01, 1.0))
     scene.set_velocity(ball, (1.0, 0.0))
-    options = {"stiffness": 1e4, "friction": fb.Coulomb(0.3, 1e4)}
+    options = {"stiffness": 1e4, "friction": fb.Coulomb(0.3, 1e4, damping=0.0)}
     touch = scene.add_contact(ball, bed, radius=(0.03, 0.02), **options)
     fb.simulate(scene, dt=2e-3, t_end=0.5).save(tmp_path / "run.npz")
     solution = fb.load(tmp_path / "run.npz")

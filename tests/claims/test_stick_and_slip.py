@@ -1,4 +1,7 @@
-"""A block that sticks and slips on a rail, against exact motions with and without its spring."""
+"""A block that sticks and slips on a rail, against exact motions with and without its spring.
+
+Friction has no damping of its own here.
+"""
 
 from math import sin
 
@@ -45,7 +48,7 @@ def exact(stiffness, t_end):
 def block(stiffness):
     scene = fb.Scene(gravity=(0, -GRAVITY))
     centre = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
-    own = {"spring": fb.Spring(SPRING), "friction": fb.Coulomb(MU, stiffness)}
+    own = {"spring": fb.Spring(SPRING), "friction": fb.Coulomb(MU, stiffness, damping=0.0)}
     scene.add_joint(fb.Prismatic(fb.GROUND, centre, axis=(1, 0), **own))
     scene.add_force(centre, lambda t: (FORCE * sin(RATE * t), 0.0))
     return scene, centre

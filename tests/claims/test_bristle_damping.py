@@ -1,0 +1,169 @@
+"""Friction that sticks with a damping of its own: a bead on a swinging rod, and what it holds."""
+
+from math import sqrt
+
+import numpy as np
+import pytest
+from derivatives import both, forward_and_backward
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import fx_beam as fb
+
+MU, GRAVITY, PLACE, SWING, RATE, END = 0.4, 9.81, 0.5, 0.7, 4.0, 2.5
+BEAM = fb.Section(EA=1e5, GA=4e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
+
+
+def angle(t):
+    """Of the rod, which swings about the horizontal; its rate and acceleration."""
+    s, c, of_rate = np.sin(RATE * t), np.cos(RATE * t), 3 * SWING * RATE
+    return SWING * s**3, of_rate * s**2 * c, of_rate * RATE * s * (2 * c**2 - s**2)
+
+
+def forces(t, r, rate=0.0):
+    """On a bead of 1 kg along the rod, without friction, and the largest friction."""
+    turn, spin, bend = angle(t)
+    across = r * bend + 2 * rate * spin + GRAVITY * np.cos(turn)
+    return r * spin**2 - GRAVITY * np.sin(turn), MU * abs(across)
+
+
+def slip(t, r, end):
+    """Places and speeds from a time at which the bead begins to slip, until it stops."""
+    sign = np.sign(forces(t, r)[0])
+
+    def rates(t, y):
+        along, most = forces(t, *y)
+        return y[1], along - sign * most
+
+    def stops(t, y):
+        return sign * y[1] + 1e-12
+
+    stops.terminal, stops.direction = True, -1
+    options = {"rtol": 1e-10, "atol": 1e-13, "events": stops, "dense_output": True}
+    return solve_ivp(rates, (t, end), [r, 0.0], **options)
+
+
+def exact(times):
+    """Places of the bead at some times with rigid friction, and how often it begins to slip."""
+
+    def beyond(t, r):
+        along, most = forces(t, r)
+        return abs(along) - most
+
+    t, r, slips, places = 0.0, PLACE, 0, np.full(len(times), PLACE)
+    while t < times[-1]:
+        grid = np.linspace(t, times[-1], 100_001)
+        out = np.flatnonzero(beyond(grid, r) > 0)
+        if not len(out):
+            break
+        if out[0]:
+            t = brentq(beyond, grid[out[0] - 1], grid[out[0]], args=(r,), xtol=1e-14)
+        part, slips = slip(t, r, times[-1]), slips + 1
+        inside = (times >= t) & (times <= part.t[-1])
+        if inside.any():
+            places[inside] = part.sol(times[inside])[0]
+        t, r = part.t[-1], part.y[0, -1]
+        places[times > t] = r
+    return places, slips
+
+
+def bead(stiffness, **damping):
+    scene = fb.Scene(gravity=(0, -GRAVITY))
+    rod = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+    scene.fix(rod, "x", "y")
+    scene.prescribe(rod, rotation=lambda t: angle(t)[0])
+    bead = scene.add_body((PLACE, 0), mass=1.0, inertia=1e-3).centre
+    friction = fb.Coulomb(MU, stiffness, **damping)
+    return scene, scene.add_joint(fb.Prismatic(rod, bead, axis=(1, 0), friction=friction))
+
+
+def error(dt, scheme, stiffness=1e5, **damping):
+    """Largest error of the place of the bead [m], and the solution."""
+    scene, rail = bead(stiffness, **damping)
+    solution = fb.simulate(scene, scheme, dt=dt, t_end=END)
+    places, slips = exact(solution.t)
+    assert slips == 6
+    return abs(solution.slide(rail) - places).max(), solution
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying()], ids=str)
+def test_short_steps_leave_no_error_but_that_of_the_bristle(scheme):
+    soft, solution = error(2.5e-4, scheme)
+    assert soft < 3.5e-4
+    assert error(2.5e-4, scheme, 1e6)[0] < soft / 4
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    assert abs(solution.energy.balance_error).max() < 1e-8
+
+
+def test_a_bristle_vibrates_as_a_damped_spring_with_errors_of_second_order():
+    w, zeta, speed, t = sqrt(1e4), 0.2, 0.01, 0.05
+    free = w * sqrt(1 - zeta**2)
+    expected = speed / free * np.exp(-zeta * w * t) * np.sin(free * t)
+    errors = []
+    for dt in (1e-3, 5e-4, 2.5e-4):
+        scene = fb.Scene(gravity=(0, -GRAVITY))
+        block = scene.add_body((0, 0), mass=1.0, inertia=0.1).centre
+        friction = fb.Coulomb(MU, 1e4, damping=2 * zeta / w)
+        scene.add_joint(fb.Prismatic(fb.GROUND, block, axis=(1, 0), friction=friction))
+        scene.set_velocity(block, (speed, 0.0))
+        solution = fb.simulate(scene, dt=dt, t_end=t)
+        errors.append(abs(solution.displacement(block)[-1, 0] - expected))
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.1)
+    values = np.linalg.eigvals(fb.linearise(scene, at=solution).A)
+    assert abs(values - (-zeta * w + 1j * free)).min() < 1e-6 * w
+
+
+def test_critical_damping_is_that_of_the_mass_which_the_spring_holds():
+    scene, law = fb.Scene(gravity=(0, -GRAVITY)), fb.Coulomb(0.3, 1e4, radius=0.02)
+    bob = scene.add_body((0.5, 0), mass=2.0, inertia=0.05, points={"pin": (0, 0)})
+    pin = scene.add_joint(fb.Revolute(fb.GROUND, bob["pin"], friction=law))
+    cart = scene.add_body((3, 0), mass=5.0, inertia=0.1).centre
+    scene.add_joint(fb.Prismatic(fb.GROUND, cart, axis=(1, 0)))
+    rider = scene.add_body((3, 0), mass=3.0, inertia=0.1).centre
+    rail = fb.Prismatic(cart, rider, axis=(0, 1), friction=fb.Coulomb(0.3, 1e4))
+    rail = scene.add_joint(rail)
+    ball = scene.add_body((6, 1), mass=4.0, inertia=0.1).centre
+    hit = fb.Coulomb(0.3, 1e4)
+    scene.add_contact(ball, fb.Circle(cart, 0.1), stiffness=1e4, friction=hit)
+    given = fb.Coulomb(0.3, 1e4, damping=0.125)
+    scene.add_contact(ball, fb.Line((0, -9), (0, 1)), stiffness=1e4, friction=given)
+    bed = scene.add_beam([(8, 0), (9, 0)], BEAM, elements=4)
+    scene.clamp(bed.start)
+    scene.add_contact(ball, bed, stiffness=1e4, radius=0.1, friction=hit)
+    found = fb.simulate(scene, dt=1e-3, t_end=2e-3).stats.friction_damping
+    # The rider moves with the cart along x; of a cart and a ball the reduced mass counts.
+    masses = [2.0 * 0.5**2 + 0.05, 3.0, 1 / (1 / 4.0 + 1 / 8.0), 1e4 * 0.125**2 / 4, 4.0]
+    expected = [2 * sqrt(mass / 1e4) for mass in masses]
+    assert [low for low, _ in found.values()] == pytest.approx(expected, rel=1e-12)
+    joints = [f"joint {pin.number} rotation", f"joint {rail.number} slide"]
+    assert [*found] == [*joints, *map(str, scene.obstacles)]
+
+
+def rubbing(x, damping):
+    """A pendulum with friction in its pin, whose bob rubs on a plate that a spring holds."""
+    scene = fb.Scene(gravity=(0, -GRAVITY * x))
+    bob = scene.add_body((0.5, 0), mass=2.0 * x, inertia=0.05, points={"pin": (0, 0)})
+    pin = fb.Coulomb(0.3, 1e3 * x, radius=0.05, damping=damping)
+    scene.add_joint(fb.Revolute(fb.GROUND, bob["pin"], friction=pin))
+    plate = scene.add_body((0.4, -0.3), mass=1.0 * x, inertia=0.1).centre
+    scene.fix(plate, "rotation", "y")
+    scene.add_force_between(plate, (2.0, -0.3), spring=fb.Spring(200.0))
+    friction = fb.Coulomb(0.5, 5e3 * x, damping=damping)
+    shape = fb.Line(plate, (0, 1))
+    scene.add_contact(bob.centre, shape, stiffness=2e3 * x, radius=0.05, friction=friction)
+    return scene
+
+
+@pytest.mark.parametrize("damping", [None, 0.02])
+def test_derivatives_are_right_with_it(damping):
+    def build(x):
+        return rubbing(x, damping and damping * x**2)
+
+    found, expected, size = both(build, dt=2e-3, steps=200, h=1e-6)
+    assert abs(found - expected) < 1e-6 * size
+    forward, backward = forward_and_backward(build, dt=2e-3, steps=200)
+    assert forward == pytest.approx(backward, rel=1e-9)
+    solution = fb.simulate(build(1.0), dt=2e-3, t_end=0.4)
+    assert solution.energy.dissipated[-1] > 0.1
+    assert np.diff(solution.energy.dissipated).min() >= 0
+    assert abs(solution.energy.balance_error).max() < 1e-11
