@@ -74,12 +74,12 @@ class PointForce(NamedTuple):
 def _without_numbers(force: PointForce) -> tuple:
     """A force without its numbers; its functions of a user are compared in the scene.
 
-    Nor with the text of its owner, which has positions.
+    Nor with the text of its owner, which has positions, and the axis of its load.
     """
     law: Any = force.law
     if law.own:
         law = law.name, law.size, law.numbers, law.internal, law.remembered
-    return law, *force._replace(owner="")[2:]
+    return law, *force[2:7], force.load.joint, force.load.turn
 
 
 class PointForces:
@@ -254,8 +254,10 @@ class PointForces:
         if list(map(_without_numbers, forces)) != list(map(_without_numbers, known)):
             raise OtherStructureError("forces at points are of other kinds")
         self._forces, self.followers = forces, followers
-        for force, numbers in zip(forces, self._numbers, strict=True):
+        for i, (force, numbers) in enumerate(zip(forces, self._numbers, strict=True)):
             numbers[:] = force.numbers
+            if force.load.joint >= 0:
+                self._all.of[i].load_axis = force.load.axis
         if (members is None) != (self.members is None):
             raise OtherStructureError("other members touch")
         if members is not None and self.members is not None:

@@ -56,8 +56,8 @@ def weights_of_steps(ends: np.ndarray, weights: np.ndarray, later: float, count:
 
     Rows are after `ends` (n,) steps; `later` is the sum of the weights of still later rows.
     """
-    at_ends = np.bincount(ends, weights, count + 1)
-    at_ends[-1] += later
+    # Of no rows `bincount` gives integers, to which parts of numbers cannot be added.
+    at_ends = np.bincount(np.append(ends, count), np.append(weights, later), count + 1)
     return at_ends[::-1].cumsum()[::-1][1:]
 
 

@@ -300,6 +300,18 @@ static void pull_offsets(const Problem *p, const Work *w, const Adjoint *a, cons
   }
 }
 
+/* By the axes across which forces of joints count for friction. */
+static void pull_axes_of_friction(const Problem *p, const Work *w, const Adjoint *a, const Backward *b) {
+  for (int k = 0; k < p->points->all; ++k) {
+    const PointForce *e = p->points->of + k;
+    double slope[5];
+    if (e->load < 0) continue;
+    followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
+    for (int j = 0; j < p->joints; ++j)
+      for (int i = 0; p->slide_of[j] == e->load && i < 2; ++i) a->axis[2 * j + i] += b->of_followed[k] * slope[3 + i];
+  }
+}
+
 /* By the gaps of loops: they hold at the end of the step. */
 static void pull_gaps(const Problem *p, const Work *w, const Backward *b) {
   for (int k = 0; k < p->closures; ++k) {
@@ -463,7 +475,7 @@ static void pull_followed(const Problem *p, const Work *w, const Backward *b) {
   for (int k = 0; k < p->points->all; ++k) {
     const PointForce *e = p->points->of + k;
     if (e->load < 0) continue;
-    double slope[3], weight = b->of_followed[k];
+    double slope[5], weight = b->of_followed[k];
     followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
     for (int i = 0; i < 2; ++i) b->of_joints[3 * e->load + i] += weight * slope[i];
     b->of_turn[k] = weight * slope[2];
@@ -614,6 +626,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, Backward *b, const T
   if (p->joints) {
     add_followers(p, b->start, b->start_columns, b->at_start);
     pull_offsets(p, w, a, b);
+    if (p->friction_follows) pull_axes_of_friction(p, w, a, b);
   }
   memcpy(a->columns, b->start_columns, p->columns * sizeof(double));
   return 1;

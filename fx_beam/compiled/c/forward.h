@@ -434,10 +434,10 @@ static void change_end(const Problem *p, const Work *w, const Adjoint *a, const 
 /* Begins with the changes at the end that driven motions alone give, which are held else. */
 static void begin_ends(const Problem *p, const Work *w, const Adjoint *a, const Group *g, Change *c,
                        const SlideEnds *slides) {
+  memcpy(c->columns + p->free, g->driven, p->driven * sizeof(Ways));
   c->held = !c->moves_joints && !c->moves_paths && !any((long)p->driven * WAYS, (const double *)g->driven);
   if (c->held) return;
-  memset(c->columns, 0, (p->columns + p->ties) * sizeof(Ways));
-  memcpy(c->columns + p->free, g->driven, p->driven * sizeof(Ways));
+  memset(c->columns, 0, p->free * sizeof(Ways));
   change_end(p, w, a, g, c, slides);
 }
 
@@ -507,11 +507,13 @@ static void follow_changes(const Problem *p, const Work *w, const Group *g, cons
   for (int k = 0; p->friction_follows && k < p->points->all; ++k) {
     const PointForce *e = p->points->of + k;
     if (e->load < 0) continue;
-    double slope[3];
+    double slope[5];
     const Ways *change = c->on_joints + 3 * e->load;
     Ways start = change_at(g->q, e->load_turn), end = change_at(c->end, e->load_turn);
     followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
     c->followed[k] = slope[0] * change[0] + slope[1] * change[1] + slope[2] * (start + p->level * (end - start));
+    for (int i = 0; c->moves_joints && i < p->joints; ++i)
+      if (p->slide_of[i] == e->load) c->followed[k] += slope[3] * g->axis[2 * i] + slope[4] * g->axis[2 * i + 1];
     for (int i = 0; i < p->sliders; ++i) {
       const Slider *a = p->slider + i;
       if (a->joint != e->load) continue;

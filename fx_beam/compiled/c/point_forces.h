@@ -105,18 +105,19 @@ void fx_evolve_points(const PointForces *p, const double *D, const double *z, do
   if (p->members) fx_evolve_members(p->members, D, internal);
 }
 
-/* The size of the force of a joint that friction follows, its derivatives by x and y, and by the rotation of the
-   axis. */
+/* The size of the force of a joint that friction follows, and its derivatives: by x and y of the force, by the
+   rotation of the axis, and by x and y of the axis in the reference. */
 static double followed_size(const PointForce *e, const double *joints, const double *q, const double *D, double level,
-                            double slope[3]) {
+                            double slope[5]) {
   const double *F = joints + 3 * e->load, *a = e->load_axis;
   double size = hypot(F[0], F[1]), turn = e->load_turn < 0 ? 0 : q[e->load_turn] + level * D[e->load_turn];
-  slope[2] = 0;
+  slope[2] = slope[3] = slope[4] = 0;
   for (int i = 0; i < 2; ++i) slope[i] = size > 0 ? F[i] / size : 0;
   if (a[0] == 0 && a[1] == 0) return size;
   double c = cos(turn), s = sin(turn), x = c * a[0] - s * a[1], y = s * a[0] + c * a[1];
   double across = x * F[1] - y * F[0], sign = across < 0 ? -1 : 1;
   slope[0] = -sign * y, slope[1] = sign * x, slope[2] = -sign * (y * F[1] + x * F[0]);
+  slope[3] = sign * (c * F[1] - s * F[0]), slope[4] = -sign * (s * F[1] + c * F[0]);
   return fabs(across);
 }
 
@@ -130,7 +131,7 @@ void fx_begin_following(PointForces *p) { begin_fixed_point(&p->followed); }
 int fx_follow_joints(PointForces *p, const double *joints, const double *q, const double *D, double level, int still,
                      double *internal) {
   int n = 0;
-  double slope[3], found[p->all], trial[p->all];
+  double slope[5], found[p->all], trial[p->all];
   for (const PointForce *e = p->of; e < p->of + p->all; ++e)
     if (e->load >= 0) {
       found[n] = followed_size(e, joints, q, D, level, slope);
