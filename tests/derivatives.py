@@ -111,28 +111,30 @@ def _weights(run):
 
 
 def forward_and_backward(build, scheme=None, dt=0.01, steps=20):
-    """Derivatives of a random function of a motion in five random directions of all its numbers.
+    """Derivatives of a random function of a motion in nine random directions of all its numbers.
 
     By changes of the states, of which C follows four directions at once, and by the adjoint;
-    arrays (5,).
+    arrays (9,). Driven motions change in the first half of the steps alone, and not in the directions
+    of the second group.
     """
     rng = np.random.default_rng(0)
     run = Run(build(1.0), scheme or fb.EnergyMomentum(), dt, steps, taped=True)
     tape = run.loop.tape
     at, adjoint = tape.boundaries(run.times), Adjoint(run.loop.problem)
     changes = {
-        name: rng.standard_normal((5, *values.shape)) * abs(values).max(initial=0.0)
+        name: rng.standard_normal((9, *values.shape)) * abs(values).max(initial=0.0)
         for name, values in numbers(run, tape.starts, tape.lengths).items()
     }
+    changes["driven"][4:8] = changes["driven"][:, len(tape) // 2 :] = 0.0
     states = Forward(adjoint).push(tape, changes, at, run.sub_steps)
     weights = _weights(run)
     found = adjoint.pull(tape, weights, at, run.sub_steps)
     forward = [
         sum((weights[name].ravel() * states[name][:, j].ravel()).sum() for name in weights)
-        for j in range(5)
+        for j in range(9)
     ]
     backward = [
         sum((found[name] * change[j]).sum() for name, change in changes.items() if name in found)
-        for j in range(5)
+        for j in range(9)
     ]
     return np.array(forward), np.array(backward)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -22,11 +23,25 @@ Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 #: Arrays by name, of a scene with a change of x[i]: a function of the scene, i and the change.
 NumbersOf = Callable[[Scene, int, float], dict[str, np.ndarray]]
 
-# Largest step in differences of `build`, relative to a number: wide, to keep round-off small. Two
-# numbers of a line are enough; else four are combined, with an error of the step's fourth power.
-_STEP = 2.0**-11
+_log = logging.getLogger("fx_beam")
+_INACCURATE = (
+    "Response: derivatives by x[%d] at %s may have errors of %.1g of their size: two steps of the "
+    "differences of `build` differ by so much in %r of the scene. Look there for values that jump, "
+    "have kinks, or are known to a few digits only"
+)
+# Exponent of the step in differences of `build`, relative to a number: wide, to keep round-off
+# small. Two numbers of a line are enough; else four are combined, with an error of the step's fourth
+# power.
+_STEP = -12
+# A smaller number counts as zero, whose step is that of one.
+_ZERO = 1e-100
+# Difference, relative to a derivative, that half of the step may make before the step is shortened;
+# what is left is smaller by its square. And how often it is shortened, and by which exponent at most.
+_BENT, _TRIES, _SHORTER = 1e-5, 8, 6
 # Error of numbers that depend on x along a line, relative to them.
 _ROUNDING = 8 * np.finfo(float).eps
+# Largest difference of the numbers of two scenes at the same x, relative to them.
+_SAME = 1e-9
 
 
 def checked_numbers(x: Any) -> np.ndarray:
@@ -44,6 +59,8 @@ class BuiltScenes:
         self._build = build
         #: Names of the outputs, from the first scene on.
         self.names: list[str] = []
+        # Numbers of which it was said that differences of `build` are inaccurate.
+        self._told: set[int] = set()
 
     def at(self, x: np.ndarray) -> tuple[Scene, dict[str, Wanted]]:
         """The scene of numbers, and its outputs; SceneError if `build` gives something else."""
@@ -67,10 +84,20 @@ class BuiltScenes:
         require(list(outputs) == self.names, "Response: outputs", list(outputs), wanted)
         return scene, outputs
 
-    def derivatives(self, x: np.ndarray, numbers_of: NumbersOf) -> dict[str, np.ndarray]:
-        """Derivatives (m, ...) by x of the numbers of scenes."""
+    def derivatives(
+        self, x: np.ndarray, known: Scene, numbers_of: NumbersOf
+    ) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
         with calling_with_arrays(ArrayCalls(ROUNDING)):
+            given = numbers_of(known, 0, 0.0)
             here = self._numbers(x, 0, 0.0, numbers_of)
+            for name, values in here.items():
+                gap, size = abs(values - given[name]).max(initial=0.0), abs(values).max(initial=0.0)
+                if gap > _SAME * size:
+                    raise SceneError(
+                        f"Response: build gives other numbers than before at the same x: {name!r} "
+                        f"of the scene differs by {gap:.2g}. They must depend on x alone"
+                    )
             found = {name: np.zeros((len(x), *values.shape)) for name, values in here.items()}
             for i in range(len(x)):
                 for name, values in self._derivative(x, i, here, numbers_of):
@@ -81,7 +108,8 @@ class BuiltScenes:
         self, x: np.ndarray, i: int, here: dict[str, np.ndarray], numbers_of: NumbersOf
     ) -> Iterator[tuple[str, np.ndarray]]:
         """Derivatives (...) by x[i] of those numbers that depend on it."""
-        h = _STEP * (abs(x[i]) or 1.0)
+        size = x[i] if abs(x[i]) > _ZERO else 1.0
+        h = 2.0 ** (np.frexp(size)[1] + _STEP)  # x + h is exact
         low, above = (self._numbers(x, i, change, numbers_of) for change in (-h, h / 2))
         depend = [
             name
@@ -92,10 +120,28 @@ class BuiltScenes:
             for name in depend:
                 yield name, (above[name] - low[name]) / (1.5 * h)
             return
-        below, high = (self._numbers(x, i, change, numbers_of) for change in (-h / 2, h))
-        for name in depend:
-            narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
-            yield name, narrow + (narrow - wide) / 3
+        best: dict[str, tuple[float, np.ndarray]] = {}
+        sizes = dict.fromkeys(depend, np.zeros(()))
+        for _ in range(_TRIES):
+            below, high = (self._numbers(x, i, change, numbers_of) for change in (-h / 2, h))
+            bends = {}
+            for name in depend:
+                narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
+                sizes[name] = np.maximum(sizes[name], _size(name, wide))
+                bends[name] = bend = _largest(narrow - wide, sizes[name])
+                if name not in best or bend < best[name][0]:
+                    best[name] = bend, narrow + (narrow - wide) / 3
+            bent = {name: best[name][0] for name in depend if best[name][0] > _BENT}
+            if not bent or all(bends[name] > 3 * own for name, own in bent.items()):
+                break  # all is well, or round-off begins to grow
+            h *= 2.0 ** -int(np.clip(np.log2(max(bent.values()) / _BENT) / 2 + 1, 1, _SHORTER))
+            low, above = (self._numbers(x, i, change, numbers_of) for change in (-h, h / 2))
+        if bent and i not in self._told:
+            self._told.add(i)
+            name = max(bent, key=bent.__getitem__)
+            _log.warning(_INACCURATE, i, shown(x[i]), bent[name], name)
+        for name, (_, values) in best.items():
+            yield name, values
 
     def _numbers(
         self, x: np.ndarray, i: int, change: float, numbers_of: NumbersOf
@@ -118,6 +164,21 @@ class BuiltScenes:
                 f"Response: the scene at x[{i}] = {there} has another structure than at {here}: "
                 f"{other}. There are no derivatives at {here}"
             ) from None
+
+
+def _size(name: str, values: np.ndarray) -> np.ndarray:
+    """Sizes of derivatives, over time the largest, and none far below the largest of all."""
+    of = abs(values)
+    if name in OF_STEPS:
+        of = of.max(axis=0)
+    return np.maximum(of, 1e-3 * of.max(initial=0.0))
+
+
+def _largest(differences: np.ndarray, sizes: np.ndarray) -> float:
+    """The largest of some differences relative to sizes; these are zero only where both are."""
+    part = np.zeros(differences.shape)
+    np.divide(abs(differences), sizes, out=part, where=sizes > 0)
+    return float(part.max(initial=0.0))
 
 
 def _on_a_line(name: str, low: np.ndarray, here: np.ndarray, above: np.ndarray) -> bool:

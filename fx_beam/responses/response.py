@@ -221,7 +221,11 @@ class Response:
         return rows
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        scene, self._outputs = self._scenes.at(x)
+        self._scene, self._outputs = self._scenes.at(x)
+        return self._motion()
+
+    def _motion(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        scene = self._scene
         if (rows := self._rows_of(scene)) is not None:
             return rows
         with keeping_setup(self._kept):
@@ -245,6 +249,8 @@ class Response:
             return None
         if kept.tapes or scene.obstacles:
             return None  # the end is needed, or what lies deep in them is told
+        if len(scene.nodes) != len(setup.model.scene.nodes):
+            return None  # outputs may be of nodes that the model has not
         if self._reader is None or not self._reader.serve(outputs, setup.model):
             self._reader = RowOutputs(outputs, setup.model)
         if not self._reader.all or (found := again.rows(scene, kept)) is None:
@@ -497,7 +503,7 @@ class Response:
         kept = self._kept
         if not kept.tapes or kept.tape is None:
             kept.tapes = True
-            self._run(self._x)
+            self._motion()
         elif not self._is_set:
             self._set_again()
         setup, tape = kept.last, kept.tape
@@ -571,7 +577,7 @@ class Response:
                 moved = None if start is None else functools.partial(start.at, number=i, by=change)
                 return self._numbers_of(scene, (t0, t1), rates, moved)
 
-            self._known_changes = self._scenes.derivatives(self._x, numbers_of)
+            self._known_changes = self._scenes.derivatives(self._x, self._scene, numbers_of)
         return self._known_changes
 
     def _change_of_start(self) -> StateChange | None:
@@ -582,7 +588,9 @@ class Response:
         if self._path is None or why_not(self._path):
             return None
         of = StaticDerivatives(self._path)
-        changes = self._scenes.derivatives(self._x, lambda scene, i, change: of.numbers_of(scene))
+        changes = self._scenes.derivatives(
+            self._x, self._scene, lambda scene, i, change: of.numbers_of(scene)
+        )
         self._refuse_others(changes, of.names)
         return of.change_of_end(changes)
 

@@ -127,9 +127,9 @@ class StaticResponse(Response):
         return super().__call__(x)
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        scene, self._outputs = self._scenes.at(x)
+        self._scene, self._outputs = self._scenes.at(x)
         with keeping_paths() as paths:
-            solution = static(scene, progress=False, **self._static)
+            solution = static(self._scene, progress=False, **self._static)
         (self._static_path,) = paths
         self.stats, self._t = solution.stats, solution.t
         self._derivatives = self._known_changes = None
@@ -158,6 +158,6 @@ class StaticResponse(Response):
             of = self._derivatives
             assert of is not None  # `_followed` comes first
             self._known_changes = self._scenes.derivatives(
-                self._x, lambda scene, i, by: of.numbers_of(scene)
+                self._x, self._scene, lambda scene, i, by: of.numbers_of(scene)
             )
         return self._known_changes
