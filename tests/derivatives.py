@@ -114,8 +114,8 @@ def forward_and_backward(build, scheme=None, dt=0.01, steps=20):
     """Derivatives of a random function of a motion in nine random directions of all its numbers.
 
     By changes of the states, of which C follows four directions at once, and by the adjoint;
-    arrays (9,). Driven motions change in the first half of the steps alone, and not in the directions
-    of the second group.
+    arrays (9,). Driven motions change in the first half of the steps alone, and not in the
+    directions of the second group.
     """
     rng = np.random.default_rng(0)
     run = Run(build(1.0), scheme or fb.EnergyMomentum(), dt, steps, taped=True)

@@ -1,4 +1,4 @@
-"""Derivatives by many numbers of random scenes with driven motions: forwards, adjoint, differences."""
+"""Derivatives of random scenes with driven motions by many numbers, in three ways."""
 
 import numpy as np
 import pytest

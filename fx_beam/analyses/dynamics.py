@@ -53,8 +53,8 @@ _BLOCK = 500_000
 _BAR = {"unit": "s", "bar_format": "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"}
 _IMPACTS = (
     "%s: losses at impacts (restitution below 1) change forces within a small part of a step of "
-    "order 4. Errors are then far above a small tolerance: 6 times at 1e-4, up to 60 times at "
-    "1e-5. Use order=2 or dt_max"
+    "order 4. Errors are then far above a small tolerance, up to 70 times at 1e-4 and 1e-5. Use "
+    "order=2 or dt_max"
 )
 
 

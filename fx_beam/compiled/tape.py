@@ -332,7 +332,7 @@ class Tape:
         if (inside := abs(found[rows] - times) > 1e-3 * least).any():
             raise SceneError(
                 f"the row at t = {times[inside][0]:.6g} is inside a step, and has no derivative. "
-                "Record at ends of steps; `breaks` are such"
+                "Record at ends of steps: with a tolerance, give the times as `breaks` too"
             )
         return self._sub_steps * rows
 

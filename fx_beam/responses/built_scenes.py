@@ -30,13 +30,12 @@ _INACCURATE = (
     "have kinks, or are known to a few digits only"
 )
 # Exponent of the step in differences of `build`, relative to a number: wide, to keep round-off
-# small. Two numbers of a line are enough; else four are combined, with an error of the step's fourth
-# power.
+# small. On a line two numbers are enough; else four are combined, with an error of fourth order.
 _STEP = -12
 # A smaller number counts as zero, whose step is that of one.
 _ZERO = 1e-100
-# Difference, relative to a derivative, that half of the step may make before the step is shortened;
-# what is left is smaller by its square. And how often it is shortened, and by which exponent at most.
+# Difference relative to a derivative that half of the step may make before the step is shortened;
+# the error is about its square. How often it is shortened, and by which exponent at most.
 _BENT, _TRIES, _SHORTER = 1e-5, 8, 6
 # Error of numbers that depend on x along a line, relative to them.
 _ROUNDING = 8 * np.finfo(float).eps
@@ -89,15 +88,8 @@ class BuiltScenes:
     ) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
         with calling_with_arrays(ArrayCalls(ROUNDING)):
-            given = numbers_of(known, 0, 0.0)
-            here = self._numbers(x, 0, 0.0, numbers_of)
-            for name, values in here.items():
-                gap, size = abs(values - given[name]).max(initial=0.0), abs(values).max(initial=0.0)
-                if gap > _SAME * size:
-                    raise SceneError(
-                        f"Response: build gives other numbers than before at the same x: {name!r} "
-                        f"of the scene differs by {gap:.2g}. They must depend on x alone"
-                    )
+            before, here = numbers_of(known, 0, 0.0), self._numbers(x, 0, 0.0, numbers_of)
+            _check_same(before, here)
             found = {name: np.zeros((len(x), *values.shape)) for name, values in here.items()}
             for i in range(len(x)):
                 for name, values in self._derivative(x, i, here, numbers_of):
@@ -119,21 +111,35 @@ class BuiltScenes:
         if all(_on_a_line(name, low[name], here[name], above[name]) for name in depend):
             for name in depend:
                 yield name, (above[name] - low[name]) / (1.5 * h)
-            return
+        else:
+            yield from self._of_bent(x, i, h, depend, (low, above), numbers_of)
+
+    def _of_bent(
+        self,
+        x: np.ndarray,
+        i: int,
+        h: float,
+        depend: list[str],
+        ends: tuple[dict[str, np.ndarray], dict[str, np.ndarray]],
+        numbers_of: NumbersOf,
+    ) -> Iterator[tuple[str, np.ndarray]]:
+        """The same of numbers on no line, from those at -h and h / 2; h is shortened if need be."""
+        low, above = ends
         best: dict[str, tuple[float, np.ndarray]] = {}
-        sizes = dict.fromkeys(depend, np.zeros(()))
+        sizes, worse = dict.fromkeys(depend, np.zeros(())), 0
         for _ in range(_TRIES):
             below, high = (self._numbers(x, i, change, numbers_of) for change in (-h / 2, h))
-            bends = {}
-            for name in depend:
+            bends = {name: own for name, (own, _) in best.items() if own > _BENT}
+            for name in bends or depend:
                 narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
                 sizes[name] = np.maximum(sizes[name], _size(name, wide))
-                bends[name] = bend = _largest(narrow - wide, sizes[name])
-                if name not in best or bend < best[name][0]:
+                bend, flat = _largest(narrow - wide, sizes[name]), not (narrow.any() or wide.any())
+                if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
                     best[name] = bend, narrow + (narrow - wide) / 3
-            bent = {name: best[name][0] for name in depend if best[name][0] > _BENT}
-            if not bent or all(bends[name] > 3 * own for name, own in bent.items()):
-                break  # all is well, or round-off begins to grow
+            bent = {name: own for name, (own, _) in best.items() if own > _BENT}
+            worse = worse + 1 if bent == bends else 0
+            if not bent or worse == 2:
+                break  # all is well, or round-off grows
             h *= 2.0 ** -int(np.clip(np.log2(max(bent.values()) / _BENT) / 2 + 1, 1, _SHORTER))
             low, above = (self._numbers(x, i, change, numbers_of) for change in (-h, h / 2))
         if bent and i not in self._told:
@@ -164,6 +170,16 @@ class BuiltScenes:
                 f"Response: the scene at x[{i}] = {there} has another structure than at {here}: "
                 f"{other}. There are no derivatives at {here}"
             ) from None
+
+
+def _check_same(before: dict[str, np.ndarray], here: dict[str, np.ndarray]) -> None:
+    for name, values in here.items():
+        gap, size = abs(values - before[name]).max(initial=0.0), abs(values).max(initial=0.0)
+        if gap > _SAME * size:
+            raise SceneError(
+                f"Response: build gives other numbers than before at the same x: {name!r} of the "
+                f"scene differs by {gap:.2g}. They must depend on x alone"
+            )
 
 
 def _size(name: str, values: np.ndarray) -> np.ndarray:

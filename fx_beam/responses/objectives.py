@@ -60,11 +60,11 @@ class Misfit:
         fits = isinstance(measured, Mapping) and len(measured) > 0
         require(fits, what, measured, "a dict of arrays by names of outputs")
         self._run = run
-        self._measured = {name: np.asarray(rows, float) for name, rows in measured.items()}
+        self._measured = {name: _unmasked(rows) for name, rows in measured.items()}
         of_all = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
         same = of_all.keys() == measured.keys()
         require(same, "misfit: scatter", scatter, f"a number, or for each of {[*measured]}")
-        self._scatter = {name: np.asarray(of_all[name], float) for name in measured}
+        self._scatter = {name: _unmasked(of_all[name]) for name in measured}
         for name, values in self._scatter.items():
             positive = bool((np.isfinite(values) & (values > 0)).all())
             require(positive, f"misfit: scatter of {name!r}", of_all[name], "positive")
@@ -97,3 +97,8 @@ class Misfit:
             own = J[name] * np.where(np.isnan(rows), 0.0, 1 / over)[..., None]
             parts.append(own.reshape(-1, own.shape[-1]))
         return np.concatenate(parts)
+
+
+def _unmasked(values: Any) -> np.ndarray:
+    """A copy of numbers, with NaN where they are masked."""
+    return np.ma.array(values, float, copy=True).filled(np.nan)

@@ -432,7 +432,7 @@ class Response:
         Parameters
         ----------
         measured : dict of (n, ...) float
-            Measured values by the names of outputs; NaN where there are none.
+            Measured values by the names of outputs; NaN, or masked, where there are none.
         scatter : float or dict, optional
             Standard deviation of what was measured, or that of each by name: a number or an array.
 

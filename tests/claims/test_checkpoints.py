@@ -86,6 +86,27 @@ def test_steps_whose_increments_are_kept_are_repeated_without_iterations():
     assert sum(kept) <= 5e3
 
 
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4)])
+def test_sums_over_steps_count_in_parts_without_a_recorded_row(scheme):
+    def build(x):
+        scene, _ = loaded(frame(), x)
+        scene.add_drag(scene.beams[0], linear=0.1 * x[0])
+        quantities = "work", "dissipated_energy"
+        return scene, {quantity: fb.Output(quantity, scene) for quantity in quantities}
+
+    options = {"dt": 0.01, "t_end": 0.3, "record": fb.Record(every=15)}
+    gradients = []
+    for limit in (1e9, 3e4):
+        run = fb.Response(build, scheme, memory=limit, **options)
+        _, y = run([1.0, 0.5])
+        weights = {name: np.linspace(0.3, 0.5, len(rows)) for name, rows in y.items()}
+        gradients.append([run.vjp({name: rows}) for name, rows in weights.items()])
+        parts = run._kept.tape.parts(run._kept.last.stepper.integrator.problem)
+    assert any(not len(part.own(run._boundaries(run._kept.tape))) for part in parts)
+    for whole, in_parts in zip(*gradients, strict=True):
+        assert in_parts == pytest.approx(whole, rel=1e-10)
+
+
 def test_the_memory_of_a_gradient_is_bounded():
     def build(x):
         scene = fb.Scene(gravity=(0, -9.81))

@@ -56,6 +56,30 @@ def test_misfits_of_measurements():
     assert abs(other - J).max() > 1e-3 * abs(J).max()
 
 
+def test_steps_of_a_tolerance_that_end_at_measured_times_have_derivatives():
+    times, x = np.linspace(0, 1, 5), np.array([1.0, 4.0])
+    ends = {"breaks": times[1:-1], "record": fb.Record(times=times)}
+    run = fb.Response(pushed, tolerance=1e-4, t_end=1.0, **ends)
+    misfit = run.misfit({"place": run(x)[1]["place"]}, 1e-3)
+    fit = least_squares(misfit, [1.2, 5.0], jac=misfit.jacobian)
+    assert fit.x == pytest.approx(x, rel=1e-6)
+
+
+def test_masked_measurements_do_not_count_and_what_was_given_may_change_afterwards():
+    run, x = fb.Response(pushed, dt=0.05, t_end=1.0), np.array([1.0, 4.0])
+    place = run(x)[1]["place"]
+    masked = np.ma.masked_array(place + 1.0, mask=np.ones(place.shape))
+    masked[4:] = place[4:]
+    scatter = np.full(place.shape, 1e-3)
+    misfit = run.misfit({"place": masked}, {"place": scatter})
+    masked[:], scatter[:] = 7.0, 7.0
+    J = misfit.jacobian(1.1 * x)
+    rows = np.repeat(np.arange(len(place)) < 4, 2)
+    assert not J[rows].any()
+    assert abs(J[~rows]).max() > 1.0
+    assert abs(misfit(x)).max() == 0.0
+
+
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda run: pickle.loads(pickle.dumps(run))])
 def test_copies_know_what_was_given_but_no_motion(duplicate):
     run, x = fb.Response(pushed, dt=0.05, t_end=0.5), [1.0, 4.0]

@@ -1,0 +1,112 @@
+"""The function that builds the scenes of a `Response`: its derivatives, and what is noticed."""
+
+import logging
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+
+def pushed(*forces):
+    """A body under forces over time, and its speed at the end."""
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), 1.0, 1.0)
+    for force in forces:
+        scene.add_force(body.centre, force)
+    return scene, {"speed": fb.Output("velocity", body.centre, "x")}
+
+
+@pytest.mark.parametrize("periods", [10, 100, 3000])
+def test_derivative_by_a_frequency_is_exact_for_many_periods(periods, caplog):
+    """The speed is a sum over the forces at both ends of steps, as its derivative is."""
+    run = fb.Response(lambda x: pushed(lambda t: (np.sin(x[0] * t), 0.0)), dt=0.2, t_end=1e3)
+    frequency = 2 * np.pi * periods / 1e3
+    t, y = run([frequency])
+    rates = t * np.cos(frequency * t)
+    exact = np.append(0.0, 0.2 * np.cumsum((rates[1:] + rates[:-1]) / 2))
+    assert run.jacobian()["speed"][:, 0] == pytest.approx(exact, abs=1e-8 * abs(exact).max())
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3, 1e-6])
+def test_derivative_by_a_number_that_is_zero_is_the_same_in_small_scenes(size):
+    """The rise of an arc, with all lengths scaled."""
+
+    def build(x):
+        scene = fb.Scene()
+        section = fb.Section(EA=1.0, GA=0.4, EI=1e-3 * size**2)
+        curve = fb.arc((0, 0), (size / 2, 0.1 * size + x[0]), (size, 0))
+        beam = scene.add_beam(curve, section, elements=4)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, (0, -1e-4))
+        return scene, {"tip": fb.Output("position", beam.end, "y")}
+
+    run = fb.StaticResponse(build, steps=2)
+    run([0.0])
+    found, h = run.jacobian()["tip"][-1, 0], 1e-4 * size
+    ends = [run([side * h])[1]["tip"][-1] for side in (-2, -1, 1, 2)]
+    expected = (8 * (ends[2] - ends[1]) - (ends[3] - ends[0])) / (12 * h)
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("power", [2, 3])
+def test_a_derivative_that_is_zero_is_not_inaccurate(power, caplog):
+    run = fb.Response(lambda x: pushed((x[0] ** power, 0.0)), dt=0.1, t_end=0.2)
+    run([0.0])
+    assert abs(run.jacobian()["speed"]).max() < 1e-15
+    assert not caplog.records
+
+
+def test_what_differences_lose_is_said(caplog):
+    """The first force is known to four digits only; the second jumps."""
+
+    def build(x):
+        jump = lambda t: (float(x[1] >= 0.05), 0.0)  # noqa: E731
+        return pushed((round(x[0] ** 2, 4), 0.0), jump, (0.0, x[2] ** 2))
+
+    run = fb.Response(build, dt=0.1, t_end=0.2)
+    run([0.7, 0.05, 0.3])
+    with caplog.at_level(logging.WARNING):
+        J = run.jacobian()["speed"]
+        run([0.7, 0.05, 0.3])
+        run.jacobian()
+    said = [record.getMessage() for record in caplog.records]
+    assert [text.split(" may")[0].split("by ")[1] for text in said] == [
+        "x[0] at 0.7",
+        "x[1] at 0.05",
+    ]
+    assert all("of their size" in text and "'loads'" in text for text in said)
+    assert J[-1, 0] == pytest.approx(0.2 * 1.4, rel=0.5)
+
+
+def test_a_build_that_gives_other_numbers_at_the_same_x_is_noticed():
+    pulls = iter(range(100))
+
+    def build(x):
+        return pushed((x[0] + next(pulls), 0.0))
+
+    for ask in (lambda run, y: run.vjp(y), lambda run, y: run.jacobian()):
+        run = fb.Response(build, dt=0.1, t_end=0.2)
+        _, y = run([1.0])
+        with pytest.raises(fb.SceneError, match="gives other numbers than before at the same x"):
+            ask(run, y)
+
+
+@pytest.mark.parametrize("make", [fb.Response, fb.StaticResponse])
+def test_more_elements_than_before_are_set_up_anew(make):
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=0.5)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=int(x[0]))
+        scene.clamp(beam.start)
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    options = {"dt": 0.01, "t_end": 0.05} if make is fb.Response else {"steps": 2}
+    run = make(build, **options)
+    alone = make(build, **options)([6])[1]["tip"]
+    for elements in (4, 4, 6):
+        _, y = run([elements])
+    assert (y["tip"] == alone).all()
+    if make is fb.Response:
+        assert run.stats.setup_reason == "another number of nodes"
