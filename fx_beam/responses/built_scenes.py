@@ -37,6 +37,8 @@ _ZERO = 1e-100
 # Difference relative to a derivative that half of the step may make before the step is shortened;
 # the error is about its square. How often it is shortened, and by which exponent at most.
 _BENT, _TRIES, _SHORTER = 1e-5, 8, 6
+# Round-off of numbers, relative to the largest of a name; that of balances is not known.
+_NOISE, _BALANCES = 1e-12, {"a", "forces of columns", "forces of joints"}
 # Error of numbers that depend on x along a line, relative to them.
 _ROUNDING = 8 * np.finfo(float).eps
 # Largest difference of the numbers of two scenes at the same x, relative to them.
@@ -133,7 +135,9 @@ class BuiltScenes:
             for name in bends or depend:
                 narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
                 sizes[name] = np.maximum(sizes[name], _size(name, wide))
-                bend, flat = _largest(narrow - wide, sizes[name]), not (narrow.any() or wide.any())
+                noise = _NOISE * abs(above[name]).max() / h if name not in _BALANCES else np.inf
+                gap = np.maximum(abs(narrow - wide) - noise, 0.0)
+                bend, flat = _largest(gap, sizes[name]), not (narrow.any() or wide.any())
                 if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
                     best[name] = bend, narrow + (narrow - wide) / 3
             bent = {name: own for name, (own, _) in best.items() if own > _BENT}
@@ -190,10 +194,10 @@ def _size(name: str, values: np.ndarray) -> np.ndarray:
     return np.maximum(of, 1e-3 * of.max(initial=0.0))
 
 
-def _largest(differences: np.ndarray, sizes: np.ndarray) -> float:
-    """The largest of some differences relative to sizes; these are zero only where both are."""
-    part = np.zeros(differences.shape)
-    np.divide(abs(differences), sizes, out=part, where=sizes > 0)
+def _largest(gaps: np.ndarray, sizes: np.ndarray) -> float:
+    """The largest of some gaps relative to sizes; these are zero only where both are."""
+    part = np.zeros(gaps.shape)
+    np.divide(gaps, sizes, out=part, where=sizes > 0)
     return float(part.max(initial=0.0))
 
 

@@ -94,15 +94,15 @@ def test_sums_over_steps_count_in_parts_without_a_recorded_row(scheme):
         quantities = "work", "dissipated_energy"
         return scene, {quantity: fb.Output(quantity, scene) for quantity in quantities}
 
-    options = {"dt": 0.01, "t_end": 0.3, "record": fb.Record(every=15)}
+    options = {"dt": 0.01, "t_end": 0.3, "record": fb.Record(every=30)}
     gradients = []
-    for limit in (1e9, 3e4):
+    for limit in (1e9, 1e4):
         run = fb.Response(build, scheme, memory=limit, **options)
         _, y = run([1.0, 0.5])
         weights = {name: np.linspace(0.3, 0.5, len(rows)) for name, rows in y.items()}
         gradients.append([run.vjp({name: rows}) for name, rows in weights.items()])
-        parts = run._kept.tape.parts(run._kept.last.stepper.integrator.problem)
-    assert any(not len(part.own(run._boundaries(run._kept.tape))) for part in parts)
+    tape, problem = run._kept.tape, run._kept.last.stepper.integrator.problem
+    assert not all(len(part.own(run._boundaries(tape))) for part in tape.parts(problem))
     for whole, in_parts in zip(*gradients, strict=True):
         assert in_parts == pytest.approx(whole, rel=1e-10)
 
