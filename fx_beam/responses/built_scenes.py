@@ -37,8 +37,9 @@ _ZERO = 1e-100
 # Difference relative to a derivative that half of the step may make before the step is shortened;
 # the error is about its square. How often it is shortened, and by which exponent at most.
 _BENT, _TRIES, _SHORTER = 1e-5, 8, 6
-# Round-off of numbers, relative to the largest of a name; that of balances is not known.
-_NOISE, _BALANCES = 1e-12, {"a", "forces of columns", "forces of joints"}
+# Round-off of numbers, relative to the largest of a name. Those that are themselves solutions or
+# differences have more of it: the step is not shortened for these alone.
+_NOISE, _COMPUTED = 1e-12, {"a", "v", "driven rates", "forces of columns", "forces of joints"}
 # Error of numbers that depend on x along a line, relative to them.
 _ROUNDING = 8 * np.finfo(float).eps
 # Largest difference of the numbers of two scenes at the same x, relative to them.
@@ -128,20 +129,22 @@ class BuiltScenes:
         """The same of numbers on no line, from those at -h and h / 2; h is shortened if need be."""
         low, above = ends
         best: dict[str, tuple[float, np.ndarray]] = {}
-        sizes, worse = dict.fromkeys(depend, np.zeros(())), 0
+        sizes, worse, bent = dict.fromkeys(depend, np.zeros(())), 0, dict[str, float]()
         for _ in range(_TRIES):
             below, high = (self._numbers(x, i, change, numbers_of) for change in (-h / 2, h))
-            bends = {name: own for name, (own, _) in best.items() if own > _BENT}
-            for name in bends or depend:
+            for name in depend:
+                if name in best and best[name][0] <= _BENT:
+                    continue
                 narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
                 sizes[name] = np.maximum(sizes[name], _size(name, wide))
-                noise = _NOISE * abs(above[name]).max() / h if name not in _BALANCES else np.inf
-                gap = np.maximum(abs(narrow - wide) - noise, 0.0)
+                gap = np.maximum(abs(narrow - wide) - _NOISE * abs(above[name]).max() / h, 0.0)
                 bend, flat = _largest(gap, sizes[name]), not (narrow.any() or wide.any())
                 if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
                     best[name] = bend, narrow + (narrow - wide) / 3
-            bent = {name: own for name, (own, _) in best.items() if own > _BENT}
-            worse = worse + 1 if bent == bends else 0
+            before, bent = bent, {name: own for name, (own, _) in best.items() if own > _BENT}
+            for name in _COMPUTED & bent.keys():
+                del bent[name]
+            worse = worse + 1 if bent == before else 0
             if not bent or worse == 2:
                 break  # all is well, or round-off grows
             h *= 2.0 ** -int(np.clip(np.log2(max(bent.values()) / _BENT) / 2 + 1, 1, _SHORTER))
