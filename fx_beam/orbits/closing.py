@@ -159,7 +159,7 @@ def close(
             if not small:
                 _log.warning(
                     "%s: round-off leaves the state after a period %.1e of the motion away from "
-                    "that before, where tolerance = %g; a tolerance above it says that this will do",
+                    "that before, where tolerance = %g; a larger tolerance says that this will do",
                     *(shooting.what, now, tolerance),
                 )
             return Closed(period, found.by, *found.slopes, found.matrix, iteration)

@@ -48,9 +48,10 @@ class RecordedHistories(Mapping):
         self._late_accelerations = late_accelerations
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self._known:
-            self._known[name] = self._made(name)
-        return self._known[name]
+        with self._model.reading:
+            if name not in self._known:
+                self._known[name] = self._made(name)
+            return self._known[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys([*HISTORIES, *_OTHERS]))
