@@ -262,9 +262,11 @@ class Motion:
     @property
     @one_thread
     def slides(self) -> np.ndarray:
-        """Present slides of the joints, (joints,) [m]."""
+        """Present slides of the joints, (joints,) [m]; NaN of those that were removed."""
         self._open.settle()
-        return self._open.stepper.steps.now.slides.copy()
+        slides = self._open.stepper.steps.now.slides.copy()
+        slides[self._setup.model.removed_joints] = np.nan
+        return slides
 
     @property
     @one_thread

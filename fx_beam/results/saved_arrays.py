@@ -34,7 +34,7 @@ for _name, _array in ARRAYS.items():
 _KINDS = dict.fromkeys(("end_owners", "end_constraints"), "U")
 _KINDS |= dict.fromkeys(("end_negative_eigenvalues", "past_orders"), "i")
 # A lost motion may have infinite rates, forces and energies, but not these.
-_FINITE = {"t", "X", "q", "slides", "past_ages", "past_differences", "past_slides"}
+_FINITE = {"t", "X", "q", "past_ages", "past_differences", "past_slides"}
 _FINITE |= {f"end_{name}" for name in ("t", "motors", "q", "slides", "parts", "inputs", "length")}
 _FINITE |= {f"end_{name}" for name in ("before", "internal", "spring_internal", "natural")}
 

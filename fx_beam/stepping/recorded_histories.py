@@ -116,6 +116,9 @@ class RecordedHistories(Mapping):
         if name == "q" and self._turns and len(values):
             for first, stop in itertools.pairwise([*self._turns, len(values)]):
                 values[first:stop] += self._turns[first][model.mesh.dofs]
+        if name == "slides" and model.removed_joints:
+            values = values.copy()
+            values[:, model.removed_joints] = np.nan
         if name in _OTHERS and not values.size:
             return None
         return values
