@@ -23,7 +23,5 @@ def test_a_motor_that_starts_with_a_rate_is_named():
 
 @pytest.mark.parametrize("times", [[9.0], [-2.0, -1.0]])
 def test_a_record_with_no_time_in_the_run_is_refused(times):
-    with pytest.raises(
-        fb.SceneError, match="times.* must be in part within"
-    ):
+    with pytest.raises(fb.SceneError, match="times.* must be in part within"):
         fb.simulate(arm(None), dt=0.01, t_end=0.1, record=fb.Record(times=times))

@@ -367,10 +367,12 @@ def _check_joints(
         ):
             if size > worst:
                 worst, text, of = size, f"{joint}: {what}", joint
-    rates = [f"{rate:.3g}" for (number, _), rate in motors.items() if text and number == of.number]
-    if any(map(float, rates)):
+    driving = [
+        f"{rate:.3g}" for (number, _), rate in motors.items() if text and number == of.number
+    ]
+    if any(map(float, driving)):
         raise SceneError(
-            f"the motor of {of} starts with the rate {' and '.join(rates)} [m/s or rad/s], but its "
+            f"the motor of {of} starts with the rate {' and '.join(driving)} [m/s or rad/s], but its "
             "nodes have other initial velocities. Give it a motion that starts at rest, or call "
             "scene.make_velocities_compatible()"
         )
