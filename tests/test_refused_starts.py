@@ -15,7 +15,7 @@ def arm(motor):
 
 def test_a_motor_that_starts_with_a_rate_is_named():
     with pytest.raises(
-        fb.SceneError, match=r"the motor of joint 0.* starts with the rate 2 .*rest"
+        fb.SceneError, match=r"the motor of joint 0.* starts with the rate 2 of its rotation"
     ):
         fb.simulate(arm(lambda t: 2.0 * t), dt=0.01, t_end=0.1)
     fb.simulate(arm(lambda t: 2.0 * t**2), dt=0.01, t_end=0.02)

@@ -367,15 +367,13 @@ def _check_joints(
         ):
             if size > worst:
                 worst, text, of = size, f"{joint}: {what}", joint
-    driving = [
-        f"{rate:.3g}" for (number, _), rate in motors.items() if text and number == of.number
-    ]
-    if any(map(float, driving)):
-        raise SceneError(
-            f"the motor of {of} starts with the rate {' and '.join(driving)} [m/s or rad/s], but its "
-            "nodes have other initial velocities. Give it a motion that starts at rest, or call "
-            "scene.make_velocities_compatible()"
-        )
+    for (number, part), rate in motors.items():
+        if text and number == of.number and rate:
+            raise SceneError(
+                f"the motor of {of} starts with the rate {rate:.3g} of its {part}, but its nodes "
+                "have other initial velocities. Give it a motion that starts at rest, or call "
+                "scene.make_velocities_compatible()"
+            )
     if text:
         raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
 
