@@ -85,7 +85,7 @@ def _first_line(command: list[str]) -> str:
 def _folder(path: Path) -> str:
     files = [file for file in path.glob("*") if file.is_file()]
     size = sum(file.stat().st_size for file in files)
-    return f"{path}, {len(files)} files, {size / 1e6:.0f} MB"
+    return f"{path}, {len(files)} files, {size / 1e6:.0f} MB of {library_cache.LARGEST / 1e6:.0f}"
 
 
 def run(script: str, arguments: list[str]) -> None:

@@ -9,6 +9,7 @@ import os
 import platform
 import re
 import shlex
+import shutil
 import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -114,6 +115,17 @@ def load(
 def compiler() -> list[str]:
     """Command of the C compiler; the same as FFCx uses."""
     return shlex.split(os.environ.get("CC") or "cc")
+
+
+def check_compiler() -> None:
+    """RuntimeError if there is no C compiler."""
+    command = compiler()[0]
+    if shutil.which(command) is None:
+        raise RuntimeError(
+            f"there is no C compiler {command!r}, by which each new kind of scene is compiled. "
+            "Install one, on Debian by apt-get install gcc libc6-dev, or name another in the "
+            "environment variable CC"
+        ) from None
 
 
 def target_flags() -> tuple[str, list[str]]:

@@ -29,13 +29,16 @@ _DIGEST = 16
 _ROOM = 1 << 22
 # Folders in which libraries are built; those of processes that were killed go after so long [s].
 _SCRATCH, _FORGOTTEN = "building-", 86400.0
+#: Largest size of all libraries; those that were not used for longest go first [bytes].
+LARGEST = 1 << 28
 # Write permission of others than the owner.
 _OTHERS_WRITE = 0o022
 
 
 def folder() -> Path:
-    """The cache folder."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache").absolute() / "fx_beam"
+    """The cache folder, without links."""
+    place = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return (place / "fx_beam").resolve()
 
 
 def _folders() -> Iterator[Path]:
@@ -51,7 +54,10 @@ def load(name: str, loader: Callable[[Path], T]) -> T | None:
         path = place / name
         try:
             if _is_ours(place) and _is_ours(path) and _is_complete(path):
-                return loader(path)
+                library = loader(path)
+                with suppress(OSError):
+                    os.utime(path)  # it has been used
+                return library
         except Exception as error:  # whatever is wrong with it, it can be built again
             _log.debug("not loaded: %s", error)
     return None
@@ -69,8 +75,8 @@ def build(name: str, search: Callable[[], T | None], builder: Callable[[Path], T
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether no other user but the administrator can write a file or in a folder."""
-    status = path.stat()
+    """Whether no other user but the administrator can write a file or in a folder; no link is."""
+    status = path.lstat()
     return status.st_uid in (0, os.geteuid()) and not status.st_mode & _OTHERS_WRITE
 
 
@@ -100,7 +106,7 @@ def _writable_folder() -> Path:
 
 def _prepared(place: Path) -> Path:
     place.mkdir(mode=0o755, parents=True, exist_ok=True)
-    status = place.stat()
+    status = place.lstat()
     if status.st_uid == os.geteuid() and status.st_mode & _OTHERS_WRITE:
         place.chmod(status.st_mode & 0o7777 & ~_OTHERS_WRITE)
     if not _is_ours(place):
@@ -147,6 +153,18 @@ def _built(place: Path, name: str, builder: Callable[[Path], T]) -> T:
             complete.write_bytes(content + _checksum(content))
             complete.chmod(0o755)
             complete.replace(place / name)
+            _remove_unused(place)
         except OSError as error:  # this process has what it needs
             _log.debug("not kept: %s", error)
     return library
+
+
+def _remove_unused(place: Path) -> None:
+    """Take away what was not used for longest, if there is too much."""
+    files = [(file, file.stat()) for file in place.glob("*.so")]
+    left = sum(status.st_size for _, status in files)
+    for file, status in sorted(files, key=lambda one: one[1].st_mtime):
+        if left <= LARGEST:
+            break
+        file.unlink(missing_ok=True)
+        left -= status.st_size

@@ -245,6 +245,10 @@ def simulate(
         order_and_constant(scheme)  # refuses a scheme whose local errors are not known
 
     t_end, dt = as_float(t_end), None if dt is None else as_float(dt)
+    if record is not None and record.times is not None:
+        fits = record.times[-1] >= t0 and record.times[0] <= t_end
+        wanted = f"in part within the run, from {t0:g} to {t_end:g} s"
+        require(fits, "simulate: the record's times", record.times, wanted)
     warn_of_equal_work()
     clock = time.perf_counter()
     halving = Halving(max_halvings, dt if control is None else None)

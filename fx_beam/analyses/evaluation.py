@@ -62,9 +62,10 @@ def solution_of(
         beams = model.forms.beams
         assert beams is not None
         check_rates(model, recorder)
-        if not cache:
-            every = recorder.means(beams.resultants(recorder.sub_steps()))
-            cache.append(every[rows])
+        with model.reading:
+            if not cache:
+                every = recorder.means(beams.resultants(recorder.sub_steps()))
+                cache.append(every[rows])
         beam, cells = of_name[name]
         values = cache[0][:, cells]
         s = arc_lengths(beam, gauss_points(beam.degree))

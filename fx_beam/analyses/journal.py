@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import json
+import logging
+import zlib
 from array import array
 from collections.abc import Mapping
 from contextlib import suppress
@@ -15,8 +17,9 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.results.files import writable
 
-# How each line begins.
-_START = b'{"case": '
+_log = logging.getLogger("fx_beam")
+# How each line begins, and the checksum (CRC-32) of what is before it, with which it ends.
+_START, _SUM = b'{"case": ', b', "checksum": '
 
 
 class Journal:
@@ -59,18 +62,31 @@ class Journal:
         """Places of rows by case. A last line that was cut off is taken away."""
         assert self._file is not None
         self._file.seek(0)
-        hashes, places, end = array("q"), array("q"), 0
+        hashes, places, end, damaged = array("q"), array("q"), 0, list[int]()
         for number, line in enumerate(self._file, 1):
             if not line.endswith(b"\n") and (line.startswith(_START) or _START.startswith(line)):
                 break
             try:
                 row = _VALUE(line.decode())
-                hashes.append(hash(key(row["case"])))
+                of = hash(key(row["case"]))
                 _ = row["result"], row["seconds"], row["error"]
-            except (ValueError, LookupError, TypeError) as error:
-                raise SceneError(f"line {number} of {path} is not a row of a sweep") from error
-            places.append(end)
+                whole = _is_whole(line)
+            except (ValueError, LookupError, TypeError, SceneError) as error:
+                if not line.startswith(_START) and _SUM not in line:
+                    text = f"line {number} of {path} is not a row of a sweep"
+                    raise SceneError(text) from error
+                whole = False
+            if whole:
+                hashes.append(of)
+                places.append(end)
+            else:
+                damaged.append(number)
             end += len(line)
+        if damaged:
+            _log.warning(
+                "sweep: %d damaged rows of %s are computed again, as line %d",
+                *(len(damaged), path, damaged[0]),
+            )
         self._file.truncate(end)
         found = np.frombuffer(hashes, dtype=np.int64)
         order = np.argsort(found, kind="stable")
@@ -95,6 +111,7 @@ class Journal:
         self._given[k] = True
         self._file.seek(self._places[k])
         row = _VALUE(self._file.readline().decode())
+        row.pop("checksum", None)
         return row if key(row["case"]) == text else None
 
     def append(self, row: dict) -> dict:
@@ -107,7 +124,8 @@ class Journal:
             refused = f"what the function gives cannot be written to a file: {error}"
             row = row | {"result": None, "error": refused}
             line = _TEXT(row)
-        self._file.write(line.encode() + b"\n")
+        text = line.encode()[:-1]
+        self._file.write(b"%s%s%d}\n" % (text, _SUM, zlib.crc32(text)))
         self._file.flush()
         return _VALUE(line)
 
@@ -116,6 +134,12 @@ class Journal:
         if self._file is not None:
             with suppress(OSError):  # a disk that is full has said so before
                 self._file.close()
+
+
+def _is_whole(line: bytes) -> bool:
+    """Whether a row is as it was written; those of earlier versions have no checksum."""
+    text, mark, checksum = line.rpartition(_SUM)
+    return not mark or checksum == b"%d}\n" % zlib.crc32(text)
 
 
 def key(case: Mapping[str, Any]) -> str:

@@ -175,5 +175,5 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
         inside["internal"] = model.mesh.from_elements(inside["internal"])
     if model.natural:
         inside["natural"] = factor * model.natural.at(t)
-    q, slides = model.from_nodes(state.q[-1]), state.slides[-1]
+    q, slides = model.from_nodes(state.q[-1]), np.nan_to_num(state.slides[-1])
     return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)

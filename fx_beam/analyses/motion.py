@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
+from threading import RLock
 from time import perf_counter
 from typing import Any
 
@@ -16,7 +17,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.outputs import Output, check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.held_inputs import HeldInputs
-from fx_beam.stepping.interrupts import ctrl_c_between_blocks, uninterrupted
+from fx_beam.stepping.interrupts import ctrl_c_between_blocks, one_thread, uninterrupted
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.single_stepper import Grid
@@ -48,6 +49,9 @@ class Motion:
 
     After Ctrl-C, or another exception from a signal, the last step is either complete or not done:
     state, time, inputs and record agree, and the motion can continue.
+
+    A motion is for one thread at a time: while a step or `run` lasts, another thread gets a
+    RuntimeError.
 
     Parameters
     ----------
@@ -115,7 +119,7 @@ class Motion:
         max_halvings: int = 12,
         solver: str = "auto",
     ):
-        clock = perf_counter()
+        clock, self._alone = perf_counter(), RLock()
         scheme = checked_scheme(scene, scheme, "Motion")
         check_options("Motion", newton, max_halvings, record, solver)
         fits = is_number(dt) and as_float(dt) >= 1 / LARGEST
@@ -155,6 +159,7 @@ class Motion:
 
     # -- Steps ------------------------------------------------------------------------------------
 
+    @one_thread
     def step(self, inputs: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Take one step.
 
@@ -183,6 +188,7 @@ class Motion:
         self._setup.stats.seconds += perf_counter() - clock
         return outputs
 
+    @one_thread
     def run(self, t_end: float, controller: Controller | None = None) -> dict[str, Any]:
         """Take steps up to a time.
 
@@ -226,6 +232,7 @@ class Motion:
     # -- What is known ----------------------------------------------------------------------------
 
     @property
+    @one_thread
     def t(self) -> float:
         """Present time [s]."""
         self._open.settle()
@@ -237,6 +244,7 @@ class Motion:
         return self._dt
 
     @property
+    @one_thread
     def q(self) -> np.ndarray:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
         self._open.settle()
@@ -245,18 +253,23 @@ class Motion:
         )
 
     @property
+    @one_thread
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
         self._open.settle()
         return self._setup.model.to_nodes(self._open.now.v)
 
     @property
+    @one_thread
     def slides(self) -> np.ndarray:
-        """Present slides of the joints, (joints,) [m]."""
+        """Present slides of the joints, (joints,) [m]; NaN of those that were removed."""
         self._open.settle()
-        return self._open.stepper.steps.now.slides.copy()
+        slides = self._open.stepper.steps.now.slides.copy()
+        slides[self._setup.model.removed_joints] = np.nan
+        return slides
 
     @property
+    @one_thread
     def inputs(self) -> dict[str, Any]:
         """Present values of the inputs: a number, or an array (2,) of an input without factor."""
         self._open.settle()
@@ -266,12 +279,14 @@ class Motion:
         }
 
     @property
+    @one_thread
     def outputs(self) -> dict[str, Any]:
         """The outputs in the present state; forces are those of the last step, at first zero."""
         self._open.settle()
         return {name: read() for name, read in self._readings.items()}
 
     @property
+    @one_thread
     def stats(self) -> Stats:
         """Statistics of all steps so far."""
         self._open.settle()
@@ -279,6 +294,7 @@ class Motion:
         return copy(self._setup.stats)
 
     @property
+    @one_thread
     def state(self) -> Solution:
         """The present state, a solution of one row: for `start`, `modes`, `linearise`, pictures."""
         recorder = Recorder(self._setup.model, np.array([self.t]), Record())
@@ -286,6 +302,7 @@ class Motion:
         recorder.record(0, end)
         return solution_of(self._setup.model, recorder, self.stats, lambda: end)
 
+    @one_thread
     def solution(self) -> Solution:
         """What was recorded since the start or since the last `restore`.
 
@@ -305,6 +322,7 @@ class Motion:
 
     # -- Snapshots --------------------------------------------------------------------------------
 
+    @one_thread
     def snapshot(self) -> Snapshot:
         """Everything that the next steps depend on, for `restore`; it can be pickled.
 
@@ -315,6 +333,7 @@ class Motion:
         """
         return self._open.snapshot()
 
+    @one_thread
     def restore(self, snapshot: Snapshot) -> dict[str, Any]:
         """Return to a snapshot. The next steps are the same, to round-off; the record begins anew.
 

@@ -25,7 +25,7 @@ from ffcx.ir.analysis.valuenumbering import ValueNumberer
 
 import cffi
 
-from fx_beam import library_cache
+from fx_beam import c_library, library_cache
 
 T = TypeVar("T")
 
@@ -61,7 +61,11 @@ def from_cache(jit: Callable[[Path], T]) -> T:
         return None
 
     def builder(scratch: Path) -> T:
-        made = jit(scratch)
+        try:
+            made = jit(scratch)
+        except Exception:
+            c_library.check_compiler()
+            raise
         built = (scratch / f"{name}{end}" for end in EXTENSION_SUFFIXES)
         next(filter(Path.exists, built)).rename(scratch / _file(name))
         return made

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from threading import RLock
 
 import numpy as np
 import scipy.sparse
@@ -77,6 +78,11 @@ class Model:
         self.forms = Forms(scene, scheme, self.mesh, instant)
         self.size, self.turns = self.forms.size, self.forms.turns
         self._mass = Mass(scene, self.mesh, self.forms, scheme.rates.at_rest)
+        numbers = {joint.number for joint in scene.joints}
+        #: Numbers of joints that were removed, or are not there yet.
+        self.removed_joints = [n for n in range(scene.joint_count) if n not in numbers]
+        #: Held by the thread that makes what solutions have only when it is read.
+        self.reading = RLock()
         #: Names of the compiled forms and of the assembled matrices and vectors.
         self.compiled = [] if self.forms.beams is None else self.forms.beams.names
         self.assembled = self._mass.assembled

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -13,14 +14,18 @@ from fx_beam.results.state import State
 
 from .shooting import Directions, Period, Shooting
 
+_log = logging.getLogger("fx_beam")
+
 # The damping at the begin, and its factors after a success and a failure.
 _DAMPED, _LESS, _MORE = 0.1, 0.1, 10.0
 # Singular values of the equations that are round-off, relative to the largest.
 _ROUNDING = 1e-13
 # Growth of changes in a period above which they say nothing about the next state.
 _USEFUL = 1e9
-# Gaps that are round-off, and motions in which it counts, in units of the scene.
-_LOST, _TINY = 1e-14, 1e-4
+# Gaps that are round-off, in units of the scene.
+_LOST = 1e-14
+#: Gaps, relative to the motion, that are round-off if they have not halved in so many iterations.
+ROUND_OFF, _IDLE = 1e-6, 4
 # Largest change of the parameter's logarithm in an iteration.
 _FAR = 3.0
 
@@ -141,15 +146,23 @@ def close(
             )
         return missing / of.size
 
-    now = cost(period)
+    now, best, idle = cost(period), np.inf, 0
     for iteration in range(most):
         if found is None:
             found = _equations(shooting, period, phase, varies)
             rows = [c.slopes(period, found.by) for c in conditions]
             matrix = np.vstack([found.matrix, *rows])
             gap = np.append(period.gap, errors(period))
-            if now <= max(tolerance, _LOST / period.size):
-                return Closed(period, found.by, *found.slopes, found.matrix, iteration)
+        best, idle = (now, 0) if now < best / 2 else (best, idle + 1)
+        small = now <= max(tolerance, _LOST / period.size)
+        if small or (idle >= _IDLE and now < ROUND_OFF):
+            if not small:
+                _log.warning(
+                    "%s: round-off leaves the state after a period %.1e of the motion away from "
+                    "that before, where tolerance = %g; a larger tolerance says that this will do",
+                    *(shooting.what, now, tolerance),
+                )
+            return Closed(period, found.by, *found.slopes, found.matrix, iteration)
         solve = _damped(matrix, damping)
         step = solve(gap)
         try:
@@ -170,11 +183,8 @@ def close(
         if damping > 1e6:
             break
     advice = ""
-    if period.size < _TINY:
-        advice = (
-            f". The motion is only {period.size:.1e} of the size of the scene, so that round-off "
-            f"counts: try tolerance = {10 * now:.0e}, or larger loads"
-        )
+    if now < 1e-3:
+        advice = f". If that is near enough, as with round-off, give tolerance = {2 * now:.0e}"
     raise NotClosed(
         f"{shooting.what}: no periodic motion was found in {iteration + 1} iterations: the state "
         f"after a period is still {now:.1e} of the motion away from that before{advice}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError, StepError
 
-from .closing import Closed, Condition, NotClosed, close, turning_point
+from .closing import ROUND_OFF, Closed, Condition, NotClosed, close, turning_point
 from .mode_start import ModeStart
 from .periodic_family import Path
 from .shooting import Directions, Period, Shooting
@@ -85,7 +85,7 @@ class ModeFamily:
             return self._at(self._amplitude, self._wanted)
         except (NotClosed, StepError):
             *_, last = itertools.islice(self.followed(STEP), _FAR)
-            if abs(self._error(last)) > self._tolerance:
+            if abs(self._error(last)) > max(self._tolerance, ROUND_OFF):
                 raise NotClosed(
                     f"{self._shooting.what}: no motion with this amplitude or energy was found, "
                     f"nor does the family of the mode come to it in {_FAR} motions. See how far "

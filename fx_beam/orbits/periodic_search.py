@@ -71,7 +71,8 @@ def periodic(
         Time scheme; `EnergyMomentum()` by default.
     tolerance : float
         Largest distance of the states before and after the period, relative to the motion. Of
-        motions below 1e-5 of the scene it is 1e-14 of the scene, which is round-off.
+        motions below 1e-5 of the scene it is 1e-14 of the scene, which is round-off. Where
+        round-off in stiff scenes leaves more, up to 1e-6, a warning says so.
     newton : NewtonOptions, optional
         Convergence criteria of the steps.
 

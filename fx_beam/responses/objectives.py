@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from threading import RLock
 from typing import Any, Protocol
 
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.stepping.interrupts import one_thread
 from fx_beam.validation import require, shown
 
 #: ``function(t, y)`` gives a value, and its derivatives by outputs, by name.
@@ -18,6 +20,7 @@ class Differentiable(Protocol):
     """What a response has."""
 
     stats: Any
+    _alone: RLock
 
     def __call__(self, x: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Times and outputs."""
@@ -39,6 +42,11 @@ class Objective:
         require(callable(function), "objective: function", function, "a function of t and y")
         self._run, self._function = run, function
 
+    @property
+    def _alone(self):
+        return self._run._alone
+
+    @one_thread
     def __call__(self, x: Any) -> tuple[float, np.ndarray]:
         """The value, and its derivatives (m,) by x."""
         found = self._function(*self._run(x))
@@ -71,6 +79,11 @@ class Misfit:
         #: Numbers of the last motion, and its statistics, by which one knows it.
         self._last: tuple[np.ndarray, Any] | None = None
 
+    @property
+    def _alone(self):
+        return self._run._alone
+
+    @one_thread
     def __call__(self, x: Any) -> np.ndarray:
         """Deviations (n,); zero where nothing was measured, which is NaN."""
         _, y = self._run(x)
@@ -85,6 +98,7 @@ class Misfit:
         ]
         return np.concatenate([part.ravel() for part in parts])
 
+    @one_thread
     def jacobian(self, x: Any) -> np.ndarray:
         """Their derivatives (n, m) by x; without another motion if the last one was that of x."""
         last = self._last

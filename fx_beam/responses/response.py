@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from threading import RLock
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import ElsewhereError
+from fx_beam.stepping.interrupts import one_thread
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.substeps import Halving
@@ -179,6 +181,7 @@ class Response:
 
     def _begin(self) -> None:
         """Know of no call yet."""
+        self._alone = RLock()
         self._scenes, self._recording = BuiltScenes(self._build), Recording(self._record)
         self._x: Any = None
         self._reader: RowOutputs | None = None
@@ -200,6 +203,7 @@ class Response:
         vars(self).update(given)
         self._begin()
 
+    @one_thread
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Simulate the scene of some numbers.
 
@@ -277,6 +281,7 @@ class Response:
         self._path = next(own, None)
         return solution
 
+    @one_thread
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
         """Derivatives of a sum of weights times outputs of the last call, by all numbers.
 
@@ -333,6 +338,7 @@ class Response:
         parts += [found.along(changes) for found in direct]
         return sum(parts, np.zeros(len(self._x)))
 
+    @one_thread
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
         """Derivatives of outputs of the last call by all numbers, at all times.
 

@@ -67,13 +67,17 @@ def save(solution, path) -> None:
     meta["parameters"] = solution.names_of_parameters
     meta["obstacles"] = [_described(obstacle) for obstacle in solution.obstacles]
     text = json.dumps(meta, default=_plain)
-    with (
-        replacing(path) as new,
-        zipfile.ZipFile(new, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
-    ):
-        for name, values in {"meta": np.array(text), **arrays}.items():
-            with file.open(f"{name}.npy", "w", force_zip64=True) as part:
-                np.lib.format.write_array(part, np.asarray(values), allow_pickle=False)
+    arrays = {"meta": np.array(text), **arrays}
+    with replacing(path) as new, open(new, "wb") as raw:
+        file = zipfile.ZipFile(raw, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
+        try:
+            for name, values in arrays.items():
+                with file.open(f"{name}.npy", "w", force_zip64=True) as part:
+                    np.lib.format.write_array(part, np.asarray(values), allow_pickle=False)
+            file.close()
+        except BaseException:
+            file.fp = None  # it would complain of a part that Ctrl-C has left open
+            raise
 
 
 def _of_all_beams(solution) -> dict[str, np.ndarray]:

@@ -28,7 +28,7 @@ def then(solution, second):
     For pictures, animations, tables and files of a motion in parts, such as one of a scene that
     changes. The row at which the second motion starts is left out. Members that exist in one of
     them only rest in the other one: before, in their reference shape; later, where they were last.
-    Forces of joints, supports and contacts that do not exist are zero.
+    Forces of joints, supports and contacts that do not exist are zero, slides of joints NaN.
 
     Parameters
     ----------
@@ -143,7 +143,8 @@ class _Joined:
                     two[:, self._gone] = one[-1, self._gone]
             elif history.shape[:1] == ("joints",):
                 most = (max(one.shape[1], two.shape[1]),)
-                one, two = _padded(one, most), _padded(two, most)
+                nothing = np.nan if name == "slides" else 0.0
+                one, two = _padded(one, most, nothing), _padded(two, most, nothing)
             elif name == "contact_forces":
                 one = _of_contacts([*self._contacts.values()], one, obstacles)
                 two = _of_contacts(second.obstacles, two, obstacles)
@@ -256,9 +257,9 @@ def _rows(one: np.ndarray, two: np.ndarray) -> np.ndarray:
     return np.concatenate([one, two[1:]])
 
 
-def _padded(rows: np.ndarray, lengths: tuple[int, ...]) -> np.ndarray:
-    """Rows with zeros behind their values, up to some lengths."""
-    padded = np.zeros((len(rows), *lengths, *rows.shape[1 + len(lengths) :]))
+def _padded(rows: np.ndarray, lengths: tuple[int, ...], nothing: float = 0.0) -> np.ndarray:
+    """Rows with zeros, or something else, behind their values, up to some lengths."""
+    padded = np.full((len(rows), *lengths, *rows.shape[1 + len(lengths) :]), nothing)
     padded[tuple(slice(n) for n in rows.shape[: 1 + len(lengths)])] = rows
     return padded
 

@@ -70,7 +70,10 @@ class State:
     v: np.ndarray = _array("dofs", record="rates", required=True)
     a: np.ndarray = _array("dofs", record="rates", required=True)
     slides: np.ndarray = _array(
-        "joints", record="always", required=True, says="Slides of the joints [m]"
+        "joints",
+        record="always",
+        required=True,
+        says="Slides of the joints [m]; NaN of removed ones",
     )
     #: In the step so far: forces of driven and fixed columns, of joints, and of obstacles; of added
     #: virtual works in its last part [N, N m].

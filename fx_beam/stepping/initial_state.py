@@ -366,7 +366,14 @@ def _check_joints(
             ),
         ):
             if size > worst:
-                worst, text = size, f"{joint}: {what}"
+                worst, text, of = size, f"{joint}: {what}", joint
+    for (number, part), rate in motors.items():
+        if text and number == of.number and rate:
+            raise SceneError(
+                f"the motor of {of} starts with the rate {rate:.3g} of its {part}, but its nodes "
+                "have other initial velocities. Give it a motion that starts at rest, or call "
+                "scene.make_velocities_compatible()"
+            )
     if text:
         raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
 

@@ -1,12 +1,15 @@
-"""Ctrl-C at the right instant: not between changes that belong together."""
+"""Ctrl-C and other threads: not between changes that belong together."""
 
 from __future__ import annotations
 
+import functools
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
+
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class _Blocks:
@@ -89,3 +92,22 @@ def ctrl_c_between_blocks() -> Iterator[None]:
         signal.signal(signal.SIGINT, handler)
         uninterrupted.blocks = outer
         blocks.deliver()
+
+
+def one_thread(method: Method) -> Method:
+    """A method of an object with a `threading.RLock` `_alone`: other threads are refused."""
+
+    @functools.wraps(method)
+    def alone(self, *given, **options):
+        lock = self._alone
+        if not lock.acquire(blocking=False):
+            raise RuntimeError(
+                f"{type(self).__name__}.{method.__name__}: another thread is using this object, "
+                "which has the state of one motion. Give each thread a copy.copy of it"
+            )
+        try:  # after an exception before this line the thread still has the lock, and may go on
+            return method(self, *given, **options)
+        finally:
+            lock.release()
+
+    return alone  # type: ignore[return-value]

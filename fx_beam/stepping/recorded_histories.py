@@ -48,9 +48,10 @@ class RecordedHistories(Mapping):
         self._late_accelerations = late_accelerations
 
     def __getitem__(self, name: str) -> Any:
-        if name not in self._known:
-            self._known[name] = self._made(name)
-        return self._known[name]
+        with self._model.reading:
+            if name not in self._known:
+                self._known[name] = self._made(name)
+            return self._known[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys([*HISTORIES, *_OTHERS]))
@@ -115,6 +116,9 @@ class RecordedHistories(Mapping):
         if name == "q" and self._turns and len(values):
             for first, stop in itertools.pairwise([*self._turns, len(values)]):
                 values[first:stop] += self._turns[first][model.mesh.dofs]
+        if name == "slides" and model.removed_joints:
+            values = values.copy()
+            values[:, model.removed_joints] = np.nan
         if name in _OTHERS and not values.size:
             return None
         return values

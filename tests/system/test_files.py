@@ -97,7 +97,7 @@ def test_an_interrupt_leaves_the_earlier_file(tmp_path):
 
 
 def rows(case):
-    return {"text": "x" * 400}
+    return {"text": "x" * 350}
 
 
 def test_a_sweep_on_a_full_disk_hands_over_its_rows_and_goes_on(tmp_path):

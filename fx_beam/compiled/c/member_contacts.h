@@ -78,7 +78,7 @@ typedef struct {
 
 static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *q, double reach) {
   Grid g = {{HUGE_VAL, HUGE_VAL}, 0, {1, 1}};
-  double high[2] = {-HUGE_VAL, -HUGE_VAL}, longest = 0;
+  double high[2] = {-HUGE_VAL, -HUGE_VAL}, longest = 0, extent = 0;
   if (c->nodes > m->nodes_room) {
     m->nodes_room = c->nodes;
     m->cell_node = grown(m->cell_node, c->nodes, sizeof(int));
@@ -90,8 +90,13 @@ static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *q
     node_at(c, i, q, x);
     for (int a = 0; a < 2; ++a) g.low[a] = fmin(g.low[a], x[a]), high[a] = fmax(high[a], x[a]);
     if (i) longest = fmax(longest, hypot(x[0] - x[-2], x[1] - x[-1]));
+    extent += fabs(x[0]) + fabs(x[1]);
   }
   g.size = reach + longest / 2;
+  if (!isfinite(extent + g.size)) { /* a lost motion: no cells, in which nothing is found */
+    g.count[0] = g.count[1] = 0;
+    return g;
+  }
   /* No more cells than about four for each node. */
   for (double most = 4.0 * c->nodes + 4; (high[0] - g.low[0]) / g.size * ((high[1] - g.low[1]) / g.size) > most;)
     g.size *= 1.4;

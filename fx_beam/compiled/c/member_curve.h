@@ -51,7 +51,8 @@ static inline double rate_of_residual(const Piece *c, double x) {
   return c->f[1] + x * (2 * c->f[2] + 3 * x * c->f[3]);
 }
 
-/* The place between two others that is nearest to the origin: an end, or a zero by Newton's method. */
+/* The place between two others that is nearest to the origin: an end, or a zero by Newton's method. It lies between
+   them also for pieces that are not finite. */
 static inline double nearest_place(const Piece *c, double low, double high) {
   if (residual(c, low) >= 0) return low;
   if (residual(c, high) <= 0) return high;
@@ -63,7 +64,7 @@ static inline double nearest_place(const Piece *c, double low, double high) {
     x -= step;
     if (fabs(step) < 1e-15 || b - a < 1e-15) break;
   }
-  return x < low ? low : x > high ? high : x;
+  return x > low ? (x < high ? x : high) : low;
 }
 
 /* Whether the distance from the origin grows along the member at the joint of the pieces about two nodes. Both

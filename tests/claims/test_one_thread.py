@@ -1,0 +1,96 @@
+"""Motions and responses in several threads, and solutions that these read."""
+
+import copy
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+
+def pendulum(length=1.0):
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=2)
+    scene.pin(beam.start)
+    return scene, {"tip": fb.Output("position", beam.end)}
+
+
+def elsewhere(call):
+    """What a call gives, or raises, in another thread."""
+    given = []
+
+    def target():
+        try:
+            given.append(call())
+        except RuntimeError as error:
+            given.append(error)
+
+    thread = threading.Thread(target=target)
+    thread.start()
+    thread.join()
+    return given[0]
+
+
+def test_a_motion_refuses_a_second_thread_while_it_steps_and_stays_right():
+    scene, outputs = pendulum()
+    motion = fb.Motion(scene, dt=0.01, outputs=outputs, record=fb.Record())
+    uses = ("t", "q", "v", "slides", "inputs", "outputs", "stats", "state")
+    calls = [motion.step, motion.solution, motion.snapshot, lambda: motion.run(1.0)]
+    calls += [lambda name=name: getattr(motion, name) for name in uses]
+    errors = []
+
+    def controller(t, y):
+        errors.extend(elsewhere(call) for call in calls)
+
+    motion.run(0.05, controller)
+    assert len(errors) == 5 * len(calls)
+    assert all("another thread" in str(error) for error in errors)
+    alone = fb.Motion(pendulum()[0], dt=0.01, record=fb.Record())
+    alone.run(0.05)
+    assert np.array_equal(motion.solution().q, alone.solution().q)
+
+
+def test_one_motion_may_be_used_by_threads_in_turn_and_copies_at_once():
+    motion = fb.Motion(pendulum()[0], dt=0.01)
+    other = copy.copy(motion)
+    for _ in range(3):
+        elsewhere(motion.step)
+    motion.run(0.05, lambda t, y: elsewhere(other.step) and None)
+    assert motion.t == pytest.approx(0.05) and other.t == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("kind", [fb.Response, fb.StaticResponse])
+def test_a_response_refuses_a_second_thread_between_a_motion_and_its_derivatives(kind):
+    def build(x):
+        return pendulum(x[0])
+
+    options = {"dt": 0.01, "t_end": 0.03} if kind is fb.Response else {"steps": 1}
+    run, errors = kind(build, **options), []
+    run([1.0])
+
+    def cost(t, y):
+        errors.extend([elsewhere(lambda: run([2.0])), elsewhere(run.jacobian)])
+        return float(y["tip"][-1, 1]), {"tip": np.eye(len(t))[-1][:, None] * (0.0, 1.0)}
+
+    objective = run.objective(cost)
+    slope = objective([1.0])[1]
+    assert len(errors) == 2 and all("another thread" in str(error) for error in errors)
+    assert slope == pytest.approx(run.jacobian("tip")["tip"][-1, 1])
+
+
+def test_a_solution_that_threads_read_at_once_has_the_same_stress_resultants():
+    scene, _ = pendulum()
+    other = scene.add_beam([(1, 0), (2, 0)], scene.beams[0].section, elements=40)
+    scene.add_joint(fb.Revolute(scene.beams[0].end, other.start))
+
+    def forces(threads):
+        solution = fb.simulate(scene, dt=0.01, t_end=0.5)
+        with ThreadPoolExecutor(threads) as executor:
+            return list(executor.map(lambda beam: solution.resultants(beam).M, scene.beams * 4))
+
+    expected = forces(1)
+    for _ in range(5):
+        assert all(map(np.array_equal, forces(8), expected))

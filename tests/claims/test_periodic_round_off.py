@@ -1,0 +1,37 @@
+"""Periodic motions of stiff scenes, whose states after a period are known up to round-off."""
+
+import math
+
+import pytest
+
+import fx_beam as fb
+
+
+def bar(load):
+    """A stiff cantilever with hardly any damping, and a load at its end that repeats itself."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e9, GA=4e8, EI=1e5, rhoA=1.0, rhoI=1e-4, retardation=1e-6)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, lambda t: (0.0, load * math.cos(2 * math.pi * t)))
+    return scene, beam.end
+
+
+def test_the_search_ends_at_round_off_and_says_so(caplog):
+    scene, end = bar(10.0)
+    motion = fb.periodic(scene, period=1.0, steps=101)
+    assert motion.iterations < 20 and motion.error < 1e-6
+    if motion.error > 1e-9:
+        assert "tolerance" in caplog.text and f"{motion.error:.1e}" in caplog.text
+    # The small motion is linear, that of a load 100 times as large nearly so.
+    larger, its_end = bar(1000.0)
+    amplitude = fb.periodic(larger, period=1.0, steps=101).amplitude(its_end)
+    assert 100 * motion.amplitude(end) == pytest.approx(amplitude, rel=1e-3)
+
+
+def test_a_motion_below_round_off_needs_a_tolerance_that_the_error_names(caplog):
+    scene, _ = bar(0.01)
+    with pytest.raises(RuntimeError, match="as with round-off, give tolerance = "):
+        fb.periodic(scene, period=1.0, steps=401)
+    assert 1e-9 < fb.periodic(scene, period=1.0, steps=401, tolerance=1e-2).error <= 1e-2
+    assert not caplog.text

@@ -1,0 +1,27 @@
+"""Runs that are refused before they start, with the reason."""
+
+import pytest
+
+import fx_beam as fb
+
+
+def arm(motor):
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    beam = scene.add_beam([(0, 0), (1, 0)], section)
+    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, motor=motor))
+    return scene
+
+
+def test_a_motor_that_starts_with_a_rate_is_named():
+    with pytest.raises(
+        fb.SceneError, match=r"the motor of joint 0.* starts with the rate 2 of its rotation"
+    ):
+        fb.simulate(arm(lambda t: 2.0 * t), dt=0.01, t_end=0.1)
+    fb.simulate(arm(lambda t: 2.0 * t**2), dt=0.01, t_end=0.02)
+
+
+@pytest.mark.parametrize("times", [[9.0], [-2.0, -1.0]])
+def test_a_record_with_no_time_in_the_run_is_refused(times):
+    with pytest.raises(fb.SceneError, match="times.* must be in part within"):
+        fb.simulate(arm(None), dt=0.01, t_end=0.1, record=fb.Record(times=times))

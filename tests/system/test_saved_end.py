@@ -1,0 +1,62 @@
+"""The last state of a solution in a file: what is damaged is refused, or ends with an error."""
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+
+@pytest.fixture(scope="module")
+def rope():
+    """A stick falls on a rope, with friction."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    cord = fb.Section.circle(diameter=8e-3, E=5e6, rho=1100.0)
+    rope = scene.add_beam([(0, 0), (0.6, 0)], cord, elements=8)
+    scene.pin(rope.start)
+    scene.pin(rope.end)
+    stick = scene.add_beam([(0.25, 0.0081), (0.35, 0.3)], cord, elements=4)
+    friction = fb.Coulomb(0.3, 1e5)
+    scene.add_contact(stick, rope, stiffness=2e5, radius=4e-3, friction=friction)
+    return scene, fb.simulate(scene, dt=1e-3, t_end=5e-3)
+
+
+DAMAGES = {
+    "nan": lambda values: np.full_like(values, np.nan),
+    "text": lambda values: values.astype(str),
+    "scalar": lambda values: np.array(1.0),
+    "longer": lambda values: np.append(values, 0.0),
+}
+ARRAYS = "motors q v a slides spring_internal parts owners constraints".split()
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [(f"end_{name}", damage) for name in ARRAYS for damage in ("text", "scalar")]
+    + [(f"end_{name}", "longer") for name in ("q", "v", "a", "slides", "parts", "owners")]
+    + [(f"end_{name}", "nan") for name in ("t", "q", "spring_internal", "parts", "length")]
+    + [("past_differences", "nan"), ("past_orders", "longer"), ("end_fitted", "longer")],
+)
+def test_a_damaged_last_state_is_refused(name, damage, rope, tmp_path):
+    rope[1].save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as file:
+        arrays = dict(file)
+    arrays[name] = DAMAGES[damage](arrays.get(name, np.zeros(3)))
+    if name in ("end_owners", "end_constraints") and damage == "text":
+        arrays[name] = np.zeros(arrays[name].shape)
+    np.savez(tmp_path / "other.npz", **arrays)
+    with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
+        fb.load(tmp_path / "other.npz")
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("node", [2, 10])
+def test_a_start_that_is_lost_ends_with_an_error_where_members_touch(node, value, rope):
+    scene, start = rope
+    known = start.end.q[node, 0]
+    start.end.q[node, 0] = value
+    try:
+        with pytest.raises((fb.StepError, fb.SceneError)):
+            fb.simulate(scene, dt=1e-3, t_end=7e-3, start=start, max_halvings=1)
+    finally:
+        start.end.q[node, 0] = known
