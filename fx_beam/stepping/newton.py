@@ -235,11 +235,13 @@ class Newton:
             correction = reduction.spread(step)
             if iteration == 1:
                 predicted = -correction
-            step[:free] *= self.shortening(correction)
+            shortening = self.shortening(correction)
+            step[:free] *= shortening
             y = y - step[:free]
             size = float((abs(correction) / model.unit).max())
             self.check_finite(size, residuals)
-            small, stalled = size <= options.tolerance, size > 0.5 * sizes.last
+            # A correction that was shortened is far from the solution, whatever its work.
+            small, stalled = size <= options.tolerance, size > 0.5 * sizes.last and shortening == 1
             gained = float(residual @ step[:free])
             work = abs(gained)
             negligible = NEGLIGIBLE * options.tolerance

@@ -25,3 +25,13 @@ def test_a_motor_that_starts_with_a_rate_is_named():
 def test_a_record_with_no_time_in_the_run_is_refused(times):
     with pytest.raises(fb.SceneError, match="times.* must be in part within"):
         fb.simulate(arm(None), dt=0.01, t_end=0.1, record=fb.Record(times=times))
+
+
+@pytest.mark.parametrize("solver", ["auto", "petsc"])
+@pytest.mark.parametrize("speed", [1e20, 1e40])
+def test_speeds_at_which_no_step_turns_little_enough_end_the_run(speed, solver):
+    # Corrections that are shortened to a small turn do little work, which is no convergence.
+    scene = arm(None)
+    scene.set_velocity(scene.beams[0], lambda x, y: (0.0, speed * x), spin=speed)
+    with pytest.raises(fb.StepError, match="turns by .* rad in one step"):
+        fb.simulate(scene, dt=0.01, t_end=0.02, solver=solver)

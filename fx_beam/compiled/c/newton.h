@@ -254,7 +254,9 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     for (int i = 0; i < free; ++i) w->z[i] -= w->step[i];
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
     double energy_error = gained = along_step(p, w);
-    int small = size <= p->tolerance, stalled = size > 0.5 * sizes.last, floor = 0;
+    /* A correction that was shortened is far from the solution, whatever its work. */
+    int small = size <= p->tolerance, floor = 0;
+    int stalled = size > 0.5 * sizes.last && widest <= p->longest_turn;
     double error = sqrt(fabs(energy_error));
     double next_size = larger(next_after(&sizes, size), rest[0] * size);
     double next_error = larger(next_after(&errors, error), rest[1] * error);
