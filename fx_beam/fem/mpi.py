@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import sys
 from collections.abc import Iterator
@@ -28,6 +29,23 @@ def _no_search_for_networks() -> Iterator[None]:
             del os.environ[_WAY]
 
 
+def _name_missing_folder() -> None:
+    """Warn where Open MPI, which ends the process then, could write no files of its session."""
+    names = "TMPDIR", "TEMP", "TMP"
+    name = next((name for name in names if os.environ.get(name)), None)
+    folder = os.environ[name] if name else "/tmp"
+    there = folder
+    while not os.path.exists(there):  # it makes what is missing
+        there = os.path.dirname(there) or "."
+    if not os.access(there, os.W_OK | os.X_OK):
+        logging.getLogger("fx_beam").warning(
+            "%s cannot be written, and Open MPI needs a folder for its session: set %s to one",
+            folder,
+            name or "TMPDIR",
+        )
+
+
+_name_missing_folder()
 with _no_search_for_networks():
     from mpi4py import MPI
 

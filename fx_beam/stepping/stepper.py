@@ -216,6 +216,11 @@ class Stepper:
             f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
             "check the units of loads, velocities and stiffnesses, or try another scheme"
         )
+        if failure.kind == "large rotation":
+            advice += (
+                ". A moment on a node with almost no inertia, as of a controller, turns it this "
+                "far as well: add_mass(node, 0.0, inertia=...)"
+            )
         if failure.kind == "off the end":
             advice = (
                 "The steps before are kept. Use a longer beam, an earlier t_end, or a stop on the "

@@ -35,3 +35,13 @@ def test_speeds_at_which_no_step_turns_little_enough_end_the_run(speed, solver):
     scene.set_velocity(scene.beams[0], lambda x, y: (0.0, speed * x), spin=speed)
     with pytest.raises(fb.StepError, match="turns by .* rad in one step"):
         fb.simulate(scene, dt=0.01, t_end=0.02, solver=solver)
+
+
+def test_a_moment_on_a_node_with_almost_no_inertia_is_said():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e-3, rhoA=1.0))
+    scene.pin(beam.start)
+    scene.add_moment(beam.start, fb.Input("torque"))
+    motion = fb.Motion(scene, dt=0.01, outputs={"angle": fb.Output("rotation", beam.start)})
+    with pytest.raises(fb.StepError, match=r"turns by .*almost no inertia.*add_mass\(node, 0.0"):
+        motion.run(0.1, lambda t, y: {"torque": 2.0 * (1.0 - y["angle"])})

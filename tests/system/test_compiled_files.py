@@ -55,3 +55,10 @@ def test_a_link_in_the_place_of_the_second_folder_is_not_used(tmp_path, monkeypa
     except OSError as error:
         assert "nothing can be compiled" in str(error)
     assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_folder_that_open_mpi_cannot_write_is_named():
+    call = [sys.executable, "-c", "import fx_beam"]
+    environment = os.environ | {"TMPDIR": "/dev/null/session"}
+    run = subprocess.run(call, env=environment, capture_output=True, text=True)
+    assert "/dev/null/session cannot be written" in run.stderr and "set TMPDIR" in run.stderr
