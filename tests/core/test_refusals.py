@@ -1,0 +1,467 @@
+"""What cannot be right is refused by a sentence that names it: one line for each bad call."""
+
+import datetime
+import math
+from decimal import Decimal
+from fractions import Fraction
+
+import ufl
+
+import numpy as np
+import pytest
+from registry import DATA
+
+import fx_beam as fb
+
+SECTION = fb.Section(**DATA)
+ELSEWHERE = fb.Scene().add_beam([(0, 1), (0, 9)], SECTION, name="arm")
+MASSLESS = fb.Section(EA=1e4, GA=1e4, EI=100.0)
+
+
+class Parts:
+    """Two beams end to end, clamped at both ends, with a body on the first, and calls with them."""
+
+    def __init__(self):
+        self.scene = fb.Scene()
+        self.beam = self.scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2, name="arm")
+        self.other = self.scene.add_beam([(1, 0), (2, 0)], SECTION, elements=2, name="leg")
+        self.body = self.scene.add_body((1, 0), 1.0, 0.1)
+        self.scene.clamp(self.beam.start)
+        self.scene.clamp(self.other.end)
+        self.scene.add_joint(fb.Rigid(self.beam.end, self.body.centre))
+        self.end = self.beam.end
+        self.ends = self.end, self.other.start
+
+    def run(self, scheme=None, **options):
+        return fb.simulate(self.scene, scheme, **{"dt": 0.1, "t_end": 0.1} | options)
+
+    def beam_of(self, points=((0, 1), (1, 1)), section=SECTION, **options):
+        return self.scene.add_beam(points, section, **options)
+
+    def observed(self):
+        return self.scene, {"tip": fb.Output("position", self.end)}
+
+    def joint(self, make=fb.Revolute, **options):
+        return self.scene.add_joint(make(*self.ends, **options))
+
+    def moved(self, velocity=(0.0, 0.0), spin=0.0, of=None):
+        self.scene.set_velocity(of or self.beam, velocity, spin)
+        return self.run()
+
+
+def duffing(force=None, **options):
+    """A body on a guide, with a spring."""
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    spring = {"spring": fb.Spring(1.0)} | options
+    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (1, 0), **spring))
+    if force is not None:
+        scene.add_force(body.centre, lambda t: (force(t), 0.0))
+    return scene
+
+
+def light(*fixed, mass=None):
+    """A beam without mass from (2, 1) to (5, 1) with supports of its start, and its motion."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(2, 1), (5, 1)], MASSLESS, elements=2)
+    if fixed:
+        scene.fix(beam.start, *fixed)
+    if mass:
+        scene.add_mass(getattr(beam, mass), 1.0)
+    return fb.simulate(scene, dt=0.1, t_end=0.1)
+
+
+def with_work(p, term):
+    p.scene.add_virtual_work(term)
+    return p.run()
+
+
+def later(p, add, value, **options):
+    """A load with a bad value, or that raises, from t = 0.35 on."""
+
+    def function(t):
+        if t > 0.35:
+            return value / 0 if value == 1.0 else value
+        return (0.0, 0.0) if add != "add_moment" else 0.0
+
+    getattr(p.scene, add)(p.end, function)
+    return p.run(t_end=1.0, **options)
+
+
+def of_response(p, build=None, **options):
+    return fb.Response(build or (lambda x: p.observed()), **{"dt": 0.1, "t_end": 0.1} | options)(
+        [1.0]
+    )
+
+
+def until(p, condition, **options):
+    return p.run(until=condition, **options)
+
+
+def energy_of(term):
+    return lambda p: fb.Section(strain_energy=term)
+
+
+def of_section(**data):
+    return lambda p: fb.Section(**DATA | data)
+
+
+def in_parts(name, *given, **options):
+    """A call of a method of the scene."""
+    return lambda p: getattr(p.scene, name)(p.end, *given, **options)
+
+
+def stop(**options):
+    return lambda p: fb.Stop(**{"lower": 0.0, "upper": 1.0, "stiffness": 2.0} | options)
+
+
+def line(p):
+    return fb.Line((0, -1), (0, 1))
+
+
+# fmt: off
+REFUSED = {
+    "sections": [
+        (of_section(EA=-1.0), "Section: EA = .*positive and finite"),
+        (of_section(EI=None), "EI is missing"),
+        (of_section(rhoA=-1.0), "rhoA = .*zero or positive and finite"),
+        (of_section(retardation=-1.0), "retardation"),
+        (of_section(internal=3), "internal"),
+        (of_section(EA=lambda s: 0.0), "EA = 0.0 at the fraction 0.5 .* must be positive"),
+        (of_section(EA=lambda s: "stiff"), "fraction 0.5 .*wrong type or shape"),
+        (of_section(EA=lambda: 1.0), "TypeError"),
+        (lambda p: fb.Section.rectangle(0.0, 0.1, E=1.0), "Section: height"),
+        (lambda p: fb.Section.rectangle(0.1, 0.1, E=1.0, nu=0.6), "nu = .* must be a number in"),
+        (lambda p: fb.Section.circle(0, E=1.0), "diameter = 0"),
+        (lambda p: fb.Section.circle(0.1, E="steel"), "E = 'steel' must be"),
+        (lambda p: fb.Section.circle(lambda s: 0.3 - s, E=1.0), "diameter = -0.2 at the fraction"),
+        (lambda p: fb.Section.circle(0.1, E=lambda s: 1 / 0), "E at the fraction .*ZeroDivision"),
+        (lambda p: fb.Section.circle(0.1, E=1.0, rho=lambda s: -s), "rho = -0.5 at the fraction"),
+        (energy_of(lambda e, g, k: np.sqrt(1 + e**2)), "must give a UFL expression"),
+        (energy_of(lambda e, g, k: e**2 if e > 0 else 0 * e), "must give a UFL expression"),
+        (energy_of(lambda e, g, k: math.cosh(e)), "strain_energy"),  # has to come to an end
+        (energy_of(lambda e, g: e**2 + g**2), "must give a UFL expression"),
+        (energy_of(lambda *e: ufl.as_vector(e)), r"a scalar, not of shape \(3,\)"),
+        (energy_of(lambda e, g, k: 1e4 * (e**2 + g**2) - 50 * k**2),
+         "falls as kappa grows .* derivative by kappa is -100, which must be"),
+        (lambda p: fb.InternalVariables(("a", "a"), min), "InternalVariables: names"),
+        (lambda p: fb.InternalVariables(("a",), min, level=0.2), "InternalVariables: level"),
+        (lambda p: fb.Parameter("", 1.0), "Parameter: name"),
+    ],
+    "beams": [
+        (lambda p: p.beam_of([(0, 1), (1, 1), (1, 1)], elements=2), "points 1 and 2 coincide"),
+        (lambda p: p.beam_of([p.end, p.end], name="loop"), "'loop': the points 0 and 1 coincide"),
+        (lambda p: p.beam_of([(1e6, 0), (1e6 * (1 + 2e-16), 0)]), "coincide"),
+        (lambda p: p.beam_of([(0, 0)], name="rod"), "'rod': a beam needs at least two points"),
+        (lambda p: p.beam_of([(0, 0), (1, 0, 0)]), "points must be"),
+        (lambda p: p.beam_of([(0, 0), (math.nan, 0)]), "points must be"),
+        (lambda p: p.beam_of([ELSEWHERE.end, (5, 5)]), "node 1 at .* belongs to another scene"),
+        (lambda p: p.beam_of(elements=2.5), "elements"),
+        (lambda p: p.beam_of(elements=[2, 2]), "2 numbers of elements for 1 straight pieces"),
+        (lambda p: p.beam_of([(0, 0), (1, 0), (1, 1)], elements=1), "too few for 2 straight piec"),
+        (lambda p: p.beam_of(degree=4), "degree = 4 must be 1, 2 or 3"),
+        (lambda p: p.beam_of(degree=2), "degree 2 differs from degree 1 of 'arm'"),
+        (lambda p: p.beam_of(name="arm"), "two beams are called 'arm'"),
+        (lambda p: p.beam_of(section=fb.Section), "section must be an fx_beam.Section"),
+        (lambda p: p.beam.node(0.3), r"'arm' has no node at the fraction 0.3.*\[0. , 0.5, 1. \]"),
+        (lambda p: fb.arc((0, 0), (1, 1), (2, 2)), "on a line"),
+        (lambda p: fb.arc((0, 0), (1, 1), (0, 0)), "coincide"),
+        (lambda p: fb.arc((0, 0), p.end, (6, 4)), "arc: only its ends"),
+        (lambda p: fb.spline([(0, 0)]), "at least two"),
+        (lambda p: fb.spline([(0, 0), p.end, (1, 1)]), "only its ends"),
+        (lambda p: fb.spline(3), "must be points"),
+        (lambda p: p.beam_of(lambda f: f), "wrong type or shape"),
+        (lambda p: p.beam_of(lambda f: (1.0, 2.0)), "no length"),
+        (lambda p: p.beam_of(lambda f: (f, np.nan if f > 0.5 else 0.0)), "not finite"),
+        (lambda p: p.beam_of(lambda f: (f, 1 / 0)), "ZeroDivisionError"),
+        (lambda p: p.beam_of(lambda f: (f, float(f > 0.5))), "jumps at the fraction 0.5;"),
+        (lambda p: p.beam_of(lambda f: (f, float(f == 1))), "jumps at the fraction 1;"),
+        (lambda p: p.beam_of(fb.Curve(lambda f: (f, f), start=p.end)), "away from node 2"),
+        (lambda p: p.beam_of(fb.Curve(lambda f: (f, f), start=(0, 0))), "is not a node"),
+        (lambda p: p.beam_of(fb.Curve(lambda f: (f, f), breaks=[2.0])), "must be fractions"),
+        (lambda p: p.beam_of(fb.arc((0, 0), (1, 1), (2, 0)), elements=[2, 2]), "one positive wh"),
+        (lambda p: p.scene.add_body((0, 0), -1.0), "mass"),
+        (lambda p: p.scene.add_body((0, 0), 1.0, name=3), "add_body: name"),
+        (lambda p: p.body["z"], "has no point 'z'"),
+    ],
+    "supports and loads": [
+        (in_parts("fix", "z"), "'z' must be one of .*'x', 'y', 'rotation'"),
+        (in_parts("fix", "x", "x"), "x of node 2 .* is supported twice"),
+        (lambda p: p.scene.pin(p.beam.start), "is supported twice"),
+        (in_parts("fix"), "support of node 2 .* name the components to fix"),
+        (in_parts("prescribe"), "prescribed motion of node 2 .* give x, y or rotation"),
+        (lambda p: (in_parts("prescribe", x=lambda t: 0.5 + t)(p), p.run()), "is 0.5 at t = 0"),
+        (lambda p: p.scene.clamp(ELSEWHERE.end), r"node 1 at \(0, 9\) belongs to another scene"),
+        (lambda p: p.scene.pin("end"), "'end' is not a node; take one from a beam"),
+        (lambda p: p.scene.add_mass(p.beam, 1.0), "is not a node"),
+        (lambda p: p.scene.add_line_load(p.end, (1.0, 0.0)), "line load: .* is not a beam"),
+        (lambda p: p.scene.add_line_load(ELSEWHERE, (1.0, 0.0)), "'arm' belongs to another sce"),
+        (in_parts("add_force", (1.0, 2.0, 3.0)), "force on .* wrong type or shape.* 2 numbers"),
+        (in_parts("add_force", lambda t: "up"), "force on .* wrong type or shape"),
+        (in_parts("add_force", lambda t, x: (0.0, 0.0)), "force on node 2 .*raised TypeError"),
+        (in_parts("add_force", (0, 1), follower=2), "follower"),
+        (in_parts("add_force", fb.Input("f", factor=1.0)), "1 factors"),
+        (in_parts("add_moment", math.nan), "moment on .* not finite"),
+        (in_parts("add_moment", lambda t: {}["a"]), "moment on .*raised KeyError"),
+        (in_parts("add_mass", -1.0), r"mass.* of node 2 at \(1, 0\)"),
+        (in_parts("add_mass", 1e-320), "mass of node 2"),
+        (in_parts("add_mass", 1.0, inertia="heavy"), "inertia"),
+        (in_parts("add_drag", quadratic=True), "quadratic"),
+        (lambda p: fb.Scene(gravity=9.81), "gravity: .*wrong type or shape"),
+        (lambda p: fb.Input(""), "Input: name"),
+        (lambda p: fb.Input("f", factor=(0, 0)), "different from zero"),
+        (lambda p: fb.thermal("a", 100.0), "thermal"),
+        (lambda p: p.scene.add_natural_strain(p.end, axial=0.1), "is not a beam"),
+        (lambda p: p.scene.add_virtual_work("drag"), "needs a function of the step"),
+        (lambda p: with_work(p, lambda step: step.virtual_u), "virtual work 1: .*must be a scalar"),
+        (lambda p: with_work(p, lambda step: step.psi), "virtual work 1: .*linear in step.virtual"),
+        (lambda p: with_work(p, lambda step: step.virtual_psi**2), "linear in step.virtual_u"),
+        (lambda p: with_work(p, lambda step: step.none), "raised AttributeError"),
+        (lambda p: p.moved(lambda x, y: x), "velocity of beam 'arm': .*it must be 2 numbers"),
+        (lambda p: p.moved(spin=(1.0, 2.0)), "spin of .*wrong type or shape"),
+        (lambda p: p.moved(lambda x, y: (1 / (1 - x), 0.0)), "of beam 'arm'.*ZeroDivisionError"),
+        (lambda p: p.moved(lambda x, y: (math.inf if x > 0.6 else 0.0, 0.0)), "must be finite"),
+        (lambda p: p.moved(spin=1.0, of=p.beam.start), "is supported in rotation, but its initial rate there is 1"),
+        (lambda p: (p.scene.prescribe(p.end, y=lambda t: t), p.moved((0, 5.0), of=p.end)), "node"),
+    ],
+    "joints and contact": [
+        (lambda p: p.scene.add_joint(3), "add_joint"),
+        (lambda p: [p.joint(), p.joint()], "the scene has it already, as joint 1"),
+        (lambda p: fb.Prismatic(*p.ends, axis=(0, 0)), "axis"),
+        (lambda p: fb.Prismatic(*p.ends, axis=(1.0, True)), "axis"),
+        (lambda p: fb.Revolute(*p.ends, offset=MASSLESS), "offset"),
+        (lambda p: fb.Revolute(p.end, "b"), "node"),
+        (lambda p: fb.Rigid(p.end, p.end), "node"),
+        (lambda p: fb.PinInSlot(fb.GROUND, p.end, (1, 0), hinge=3), "hinge"),
+        (lambda p: fb.Slider(p.end, p.other.end), "is not a beam; give the beam that guides"),
+        (lambda p: fb.Sleeve(p.beam, "node"), "is not a node"),
+        (lambda p: fb.Slider(p.beam, p.other.end, fraction=2.0), "Slider: fraction"),
+        (lambda p: fb.Coordinate(spring=3), "spring"),
+        (lambda p: fb.Revolute(*p.ends, motor="fast"), "motor"),
+        (lambda p: fb.Spring(stiffness=-1.0), "Spring: stiffness"),
+        (lambda p: fb.Spring(strain_energy=lambda x: math.sin(x)), "UFL"),
+        (lambda p: fb.Damper(-1.0), "Damper: viscosity"),
+        (lambda p: fb.Friction(1.0, 0.0), "Friction: speed"),
+        (lambda p: fb.Coulomb(-0.1, 1.0), "Coulomb: mu"),
+        (stop(lower=None, upper=None), "Stop: give a lower limit, an upper limit or both"),
+        (stop(stiffness=0.0), "Stop: stiffness"),
+        (stop(restitution=2.0), "Stop: restitution"),
+        (lambda p: fb.Line((0, 0), (0, 0)), "Line: normal = .* has no direction"),
+        (lambda p: line(p).gap("ab"), "positions"),
+        (lambda p: fb.Circle((0, 0), -1.0), "Circle: radius"),
+        (lambda p: fb.Circle((0, 0), 1.0, inside=2), "Circle: inside"),
+        (lambda p: p.scene.add_obstacle(p.beam, 3, 1.0), "needs an fx_beam.Line, an fx_beam.Ci"),
+        (lambda p: p.scene.add_obstacle(p.beam, line(p), -1.0), "stiffness"),
+        (lambda p: p.scene.add_obstacle(p.end, line(p), 1.0, friction=0.3), "friction"),
+        (lambda p: p.scene.add_contact(p.beam, p.end, stiffness=1.0), "beam"),
+        (lambda p: p.scene.add_force_between(p.end, (5, 5), force=lambda r, v, t: math.sin(t)),
+         "force.distance, rate, t. must give a UFL expression.*not math"),
+        (lambda p: fb.Latch(3, 1.0), "Latch: joint"),
+        (lambda p: fb.Fuse(p.joint(), -1.0), "Fuse: force"),
+        (lambda p: p.run(changes={"a": 3}), "changes"),
+        (lambda p: p.scene.lock(p.joint(fb.Rigid)), "joint"),
+    ],
+    "schemes and records": [
+        (lambda p: p.run("Newmark"), r"unknown scheme .*fx_beam.EnergyMomentum\(\)"),
+        (lambda p: p.run(fb.Equilibrium()), "Equilibrium is a scheme for statics.*fx_beam.static"),
+        (lambda p: fb.HHT(alpha=0.1), r"HHT: alpha = 0.1 must lie in [\[(].*\]"),
+        (lambda p: fb.GeneralizedAlpha("none"), "GeneralizedAlpha: rho_inf = 'none' must lie in"),
+        (lambda p: fb.Newmark(beta=0), "Newmark: beta = 0 must lie in"),
+        (lambda p: fb.NewmarkRates(beta=-1.0, gamma=0.5), "NewmarkRates: beta"),
+        (lambda p: fb.MidPoint(order=3), "MidPoint: order = 3 must be 2 or 4"),
+        (lambda p: fb.ModifiedMidPoint(order=3), "order = 3 must be 2 or 4"),
+        (lambda p: fb.EnergyMomentum(order=True), "order = True must be 2 or 4"),
+        (lambda p: fb.EnergyDecaying(damping=-1.0), "EnergyDecaying: damping"),
+        (lambda p: fb.NodalRates(3), "NodalRates: rule"),
+        (lambda p: fb.NodalRates(lambda D, *rest: (D, D, D), level=0.7), "NodalRates: level"),
+        (lambda p: fb.Scheme("mine", 3, fb.MidPointRates()), "Scheme: resultants"),
+        (lambda p: fb.NewtonOptions(tolerance=1.0), "NewtonOptions: tolerance = .* be a number"),
+        (lambda p: fb.NewtonOptions(max_iterations=2.0), "be a whole number from 1 on"),
+        (lambda p: fb.NewtonOptions(max_turn=7), "NewtonOptions: max_turn = .* be a number betwe"),
+        (lambda p: fb.Record(every=0), "Record: every = 0 must be a positive whole number"),
+        (lambda p: fb.Record(motion="no"), "Record: motion = 'no' must be True or False"),
+        (lambda p: fb.Record(times=[1.0, 0.5]), "times"),
+        (lambda p: fb.Record(times=[0.5], motion=False), "times"),
+    ],
+    "motions": [
+        (lambda p: fb.simulate("scene", dt=0.1, t_end=0.1), "simulate needs an fx_beam.Scene"),
+        (lambda p: fb.simulate(fb.Scene(), dt=0.1, t_end=0.1), "the scene has no beams"),
+        (lambda p: p.run(dt=math.nan), "dt = .* must be a finite number"),
+        (lambda p: p.run(dt=-0.1), "dt = -0.1.* must be positive"),
+        (lambda p: p.run(dt=1e-12, t_end=1.0), "dt = .* steps to t_end = 1.0 are more than"),
+        (lambda p: p.run(t_end=0.05), "t_end = 0.05 must be at least one step dt = 0.1"),
+        (lambda p: p.run(dt=None), "or give a tolerance"),
+        (lambda p: p.run(dt=None, tolerance=1.0), "tolerance"),
+        (lambda p: p.run(dt=None, tolerance=1e-3, dt_max=0.0), "dt_max"),
+        (lambda p: p.run(dt=None, tolerance=1e-3, breaks=["now"]), "breaks"),
+        (lambda p: p.run(breaks=[0.5]), "breaks"),
+        (lambda p: p.run(fb.EnergyDecaying(order=1), dt=None, tolerance=1e-3), "order 1"),
+        (lambda p: p.run(newton=1e-8), "simulate: newton = "),
+        (lambda p: p.run(max_halvings=51), "max_halvings = 51 must be a whole number from 0 to 50"),
+        (lambda p: p.run(record=True), "simulate: record = "),
+        (lambda p: p.run(solver="PETSc"), "simulate: solver = "),
+        (lambda p: p.run(progress="yes"), "simulate: progress = "),
+        (lambda p: p.run(start=3), "start.* be a Solution"),
+        (lambda p: p.run(inputs={"a": 1}), "no input 'a'"),
+        (lambda p: until(p, 3), "simulate: until = 3 must be a function"),
+        (lambda p: until(p, lambda t, y: math.nan), "until gives nan at t = 0"),
+        (lambda p: until(p, lambda t, y: True), "until is true at the start, t = 0"),
+        (lambda p: until(p, lambda: 1.0), r"takes 0 positional arguments.*called as until\(t, y\)"),
+        (lambda p: until(p, lambda t, y: y["z"], outputs={}), r"KeyError\('z'\) at t = 0"),
+        (lambda p: p.run(outputs={}), "outputs .* given with `until` only"),
+        (lambda p: fb.Output("slide", p.end), "one of .*position.* for node"),
+        (lambda p: fb.Output("velocity", p.end, "z"), "component"),
+        (lambda p: fb.Output("spin", p.end, "x"), "it is a single number"),
+        (lambda p: fb.Motion("scene", dt=1.0), "Motion needs an fx_beam.Scene"),
+        (lambda p: fb.Motion(p.scene, dt=0.0), "Motion: dt = 0.0 must be a positive number"),
+        (lambda p: fb.Motion(p.scene, dt=1.0, outputs={"a": p.end}), r"outputs\['a'\]"),
+        (lambda p: fb.Motion(p.scene, dt=1.0, outputs={"a": fb.Output("slide", p.joint())}),
+         "a slide"),
+        (lambda p: fb.Motion(p.scene, dt=1.0).solution(), "nothing was recorded"),
+        (lambda p: fb.Motion(p.scene, dt=1.0).restore(None), "Motion.restore"),
+        (lambda p: fb.Motion(p.scene, dt=1.0, record=fb.Record(times=[0.0])), "record at times"),
+        (lambda p: light(), r"beam 'beam 1' can (move|rotate) .* without mass or support"),
+        (lambda p: light("x", "y"), r"can rotate about \(2, 1\) .*without mass or support"),
+        (lambda p: light("y", "rotation"), r"can move along \(-?1, -?0\) .*without mass"),
+        (lambda p: light(mass="end"), r"can rotate about \(5, 1\)"),
+        (lambda p: light("x", "y", mass="start"), r"can rotate about \(2, 1\)"),
+    ],
+    "analyses": [
+        (lambda p: fb.static("scene"), "static needs an fx_beam.Scene"),
+        (lambda p: fb.static(p.scene, steps=-1), "static: steps = -1 must be a whole number"),
+        (lambda p: fb.static(p.scene, continuation="riks"), "continuation = 'riks' must be"),
+        (lambda p: fb.static(p.scene, t="0"), "t = '0' must be a finite number"),
+        (lambda p: fb.static(p.scene, spin=math.inf), "static: spin"),
+        (lambda p: fb.static(p.scene, spin=1.0, pivot=(0, 0, 0)), "static: pivot"),
+        (lambda p: fb.modes(p.beam), "fx_beam.Scene"),
+        (lambda p: fb.modes(p.scene, n=0), "modes: n = 0 must be a whole number from 1"),
+        (lambda p: fb.modes(p.scene, state=3), "must be a solution"),
+        (lambda p: fb.modes(p.scene, damping="no"), "damping = 'no' must be True or False"),
+        (lambda p: fb.modes(p.scene, n=1).shape("nope", 0, 1.0), "'nope' is not a beam of these"),
+        (lambda p: fb.imperfect(p.scene, fb.modes(p.scene, n=1), 0.1, mode=1), "imperfect: mode"),
+        (lambda p: fb.rayleigh((1.0, 1.0), (0.01, 0.05)), "must be positive and different"),
+        (lambda p: fb.rayleigh((1.0, 4.0), (0.01, 0.05)),
+         "negative mass factor alpha .* at most 0.04 at 4 Hz"),
+        (lambda p: fb.rayleigh((4.0, 1.0), (0.01, 0.05)),
+         "negative retardation time tau .* at least 0.0125 at 4 Hz"),
+        (lambda p: fb.linearise(p.scene, inputs=["pull"]), "linearise: inputs: .* no input 'pull'"),
+        (lambda p: fb.linearise(p.scene, at=3.0), "at = 3.0 must be a Solution or a Motion"),
+        (lambda p: fb.linearise(p.scene, outputs={"F": fb.Output("force", p.joint())}),
+         "output 'F' is a force; only position"),
+        (lambda p: fb.linearise(p.scene).deviation("here"), "deviation: of"),
+        (lambda p: fb.frequency_response(p.scene, 3.0, p.end, [1.0]),
+         "must be a node and its amplitudes, such as"),
+        (lambda p: fb.frequency_response(p.scene, (p.end, (1, 0)), 7, [1.0]), "at: 7 is not a nod"),
+        (lambda p: fb.frequency_response(p.scene, (p.end, (1, 0)), p.end, []), "a list of numbers"),
+        (lambda p: fb.frequency_response(p.scene, (p.end, (0, 0)), p.end, [1.0]), "it is zero"),
+        (lambda p: fb.periodic(duffing(), mode=0), "amplitude or the energy"),
+        (lambda p: fb.periodic(duffing(), mode=0, amplitude=-1.0), "positive"),
+        (lambda p: fb.periodic(duffing(), mode=0, amplitude=1.0, energy=1.0), "each sets the oth"),
+        (lambda p: fb.periodic(duffing(), mode=7, amplitude=1.0), "does not vibrate"),
+        (lambda p: fb.periodic(duffing(), mode=0, amplitude=1.0, steps=40), "odd"),
+        (lambda p: fb.periodic(duffing(), mode=0, amplitude=1.0, scheme=fb.HHT()), "no derivat"),
+        (lambda p: fb.periodic(duffing()), "how long a period is"),
+        (lambda p: fb.periodic(duffing(math.cos), period=3.0), "do not repeat"),
+        (lambda p: fb.periodic(duffing(math.cos)), "depend on time"),
+        (lambda p: fb.backbone(duffing(), amplitude=0.0), "amplitude"),
+        (lambda p: fb.forced_response(3, (0.1, 0.2)), "build"),
+        (lambda p: fb.converge(3, len, 1e-2, t_end=1.0), "scene_of"),
+        (lambda p: fb.sweep(3, []), "sweep: function"),
+        (lambda p: of_response(p, lambda x: 3), "build"),
+        (lambda p: of_response(p, dt=None), "tolerance"),
+        (lambda p: fb.StaticResponse(3), "build"),
+        (lambda p: fb.StaticResponse(lambda x: p.observed(), steps=0)([1.0]), "steps"),
+    ],
+    "solutions": [
+        (lambda p: p.run().position(ELSEWHERE.end), "node 1 at .* is not a node of this solution"),
+        (lambda p: p.run().rotation("arm"), "is not a node; take one from a beam"),
+        (lambda p: p.run().position(p.beam), "^<Beam 'arm': .* is not a node; take one"),
+        (lambda p: p.run().shape("boom"), r"'boom' is not a beam of this solution; it has \['arm'"),
+        (lambda p: p.run().resultants(ELSEWHERE), "'arm' is not a beam of this solution"),
+        (lambda p: p.run().internal("arm", "creep"), "internal variable"),
+        (lambda p: p.run().recorded("z"), "must be one of"),
+        (lambda p: p.run().joint(1), "1 is not a joint of this solution; take the one"),
+        (lambda p: p.run().contact(1), "contact|obstacle"),
+        (lambda p: p.run().to_csv(3), "path"),
+        (lambda p: p.run().to_csv("a.csv", [p.end]), "must be a dict of nodes by the names"),
+        (lambda p: p.run().save("nowhere/at/all"), "make the folder .*nowhere.at first"),
+        (lambda p: p.run().load_factor, "over time, without load factors"),
+        (lambda p: p.run().unstable_modes, "over time"),
+        (lambda p: p.run(record=fb.Record(rates=False)).velocity(p.end), "rates not recorded"),
+        (lambda p: fb.load("nowhere.npz"), "nowhere.npz", FileNotFoundError),
+        (lambda p: fb.load(__file__), "test_refusals.py is not a solution saved by fx_beam"),
+    ],
+    "steps that fail": [
+        (lambda p: later(p, "add_force", (math.nan, 0.0)), "force on .* t = 0.4.*not finite"),
+        (lambda p: later(p, "add_moment", 1.0), "moment on .* t = 0.4.*raised ZeroDivision"),
+        (lambda p: later(p, "add_force", (0.0,) * 3, solver="petsc"), "wrong type or shape"),
+        (lambda p: (in_parts("add_moment", 1e9)(p), p.run(max_halvings=1)), "failed"),
+        (lambda p: (in_parts("add_moment", 1e9)(p), fb.static(p.scene, max_cuts=0)), "load fact"),
+        (lambda p: fb.converge(lambda *mesh: p.scene, lambda s: next(COUNT), 1e-3, t_end=0.1,
+                               max_runs=4), "not known"),
+    ],
+}
+# fmt: on
+COUNT = iter(map(float, range(100)))
+KINDS = {"solutions": ValueError, "steps that fail": fb.StepError}
+CALLS = [
+    pytest.param(*given, *[KINDS.get(topic, fb.SceneError)][: 3 - len(given)], id=f"{topic} {i}")
+    for topic, calls in REFUSED.items()
+    for i, given in enumerate(calls)
+]
+
+
+@pytest.mark.exact_times
+@pytest.mark.parametrize(("call", "words", "kind"), CALLS)
+def test_what_cannot_be_right_is_refused_by_name(call, words, kind):
+    with pytest.raises(kind, match=words) as refused:
+        call(Parts())
+    assert len(str(refused.value)) < 700
+    if kind is fb.StepError:
+        assert isinstance(refused.value.failure, fb.Failure)
+
+
+def test_errors_are_of_the_kinds_of_python():
+    assert issubclass(fb.SceneError, ValueError) and issubclass(fb.StepError, RuntimeError)
+
+
+NO_NUMBERS = [None, "1.0", b"1", True, np.True_, math.nan, math.inf, 1e300, 10**400, 10**5000, 1j]
+NO_NUMBERS += [np.datetime64("2020-01-01"), np.timedelta64(1, "s"), datetime.date(2020, 1, 1)]
+NO_NUMBERS += [np.ma.masked, np.arange(3.0), {"a": 1}, [[1, 2], [3]], object()]
+MASKED = np.ma.masked_array([1.0, 2.0], mask=[True, False])
+NO_PAIRS = [["1", "2"], (1.0, True), np.array([True, False]), [np.datetime64("2020-01-01")] * 2]
+NO_PAIRS += [MASKED, (0, 10**400), [ufl.variable(ufl.as_ufl(1.0))] * 2]
+
+
+@pytest.mark.parametrize(
+    ("word", "use"),
+    {
+        "moment": lambda p, x: p.scene.add_moment(p.end, x),
+        "EA": lambda p, x: of_section(EA=x)(p),
+        "radius": lambda p, x: fb.Circle((0, 0), x),
+        "dt": lambda p, x: p.run(dt=x, t_end=1.0),
+    }.items(),
+)
+def test_numbers_of_all_kinds_are_numbers_and_nothing_else_is(word, use):
+    for value in (1, np.float32(1), np.int64(1), np.array(1.0), Fraction(1), Decimal(1)):
+        use(Parts(), value)
+    for value in NO_NUMBERS:
+        with pytest.raises(fb.SceneError, match=word):
+            use(Parts(), value)
+
+
+@pytest.mark.parametrize(
+    ("word", "use"),
+    {
+        "force": lambda p, x: p.scene.add_force(p.end, x),
+        "points": lambda p, x: p.beam_of([(0, 3), x]),
+        "axis": lambda p, x: fb.Prismatic(*p.ends, axis=x),
+        "frequencies": lambda p, x: fb.rayleigh(x, (0.1, 0.1)),
+    }.items(),
+)
+def test_pairs_of_numbers_are_pairs_and_nothing_else_is(word, use):
+    for value in ([np.array(1.0), np.float32(2)], (Fraction(1), Decimal(2)), np.array([1, 2])):
+        use(Parts(), value)
+    for value in NO_PAIRS:
+        with pytest.raises(fb.SceneError, match=word):
+            use(Parts(), value)
