@@ -1,4 +1,4 @@
-"""Modes of damped scenes: closed solutions, all roots by dense algebra, the damping matrix."""
+"""Modes of damped scenes: closed solutions, all roots by dense algebra, Rayleigh damping."""
 
 import math
 
@@ -6,13 +6,8 @@ import ufl
 
 import numpy as np
 import pytest
-import scipy.linalg
-from jointed import KINDS, pair
 
 import fx_beam as fb
-from fx_beam.analyses.linearisation import linearised
-from fx_beam.mechanics.interval import instant
-from fx_beam.model.model import Model
 
 
 def oscillator(c, k=100.0, m=1.0):
@@ -72,9 +67,8 @@ def test_an_oscillator_has_the_roots_of_the_textbook(ratio):
     assert str(found).endswith("overdamped") == (ratio > 1)
 
 
-@pytest.mark.parametrize("elements", [8, 40], ids=["whole space", "subspace"])
-@pytest.mark.parametrize("free", [False, True], ids=["supported", "free"])
-@pytest.mark.parametrize("rhoI", [1e-4, 0.0])
+# With 8 elements by the whole space, with 40 by a subspace.
+@pytest.mark.parametrize(("elements", "free", "rhoI"), [(8, True, 0.0), (40, False, 1e-4)])
 def test_retardation_alone_damps_each_mode_by_half_of_tau_omega(elements, free, rhoI):
     tau = 4e-3
     scene = supported(tau, elements, free, rhoI)
@@ -146,24 +140,12 @@ def test_a_free_mass_with_a_damper_is_a_rigid_mode():
 # -- Dense algebra -----------------------------------------------------------------------------
 
 
-def all_roots(scene):
-    """All roots of the damped scene."""
-    about = linearised(scene, None, "test")
-    K, C, M = (A.toarray() for A in (about.K, about.damping("test"), about.M))
-    one, none = np.eye(len(K)), np.zeros_like(K)
-    return scipy.linalg.eigvals(
-        np.block([[none, one], [-K, -C]]), np.block([[one, none], [none, M]])
-    )
-
-
 @pytest.mark.parametrize(
     "options",
     [
         {"c": 0.01},
         {"c": 0.3, "tau": 1e-3},
-        {"c": 3.0},
         {"c": 1e3},
-        {"c": 0.3, "free": True},
         {"c": 0.3, "free": True, "drag": 0.2},
     ],
     ids=str,
@@ -171,7 +153,7 @@ def all_roots(scene):
 def test_modes_with_local_dampers_are_those_of_dense_algebra(options):
     scene = frame(**options)
     found = fb.modes(scene, n=8)
-    roots = all_roots(scene)
+    roots = np.linalg.eigvals(fb.linearise(scene).A)
     moving = found.eigenvalues[~found.rigid]
     distance = abs(roots - moving[:, None]).min(axis=1) / abs(moving)
     assert distance.max() < 1e-6
@@ -190,46 +172,7 @@ def test_a_part_of_many_modes_is_the_same_as_all():
     assert len(many) == len(fb.modes(scene, n=1000, damping=False))
 
 
-# -- The damping matrix ------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if "rigid" not in kind])
-def test_damping_is_the_derivative_of_the_forces_by_the_rates_in_a_stressed_scene(kind):
-    # By the residual of another scheme, whose rates at the end of the step are 2 D / dt.
-    damped = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1, retardation=0.01)
-    on = {"spring": fb.Spring(30.0, 0.2), "damper": fb.Damper(5.0)}
-    if "slot" in kind:
-        on["hinge"] = fb.Coordinate(damper=fb.Damper(2.0))
-    scene, first, second, _ = pair(kind, section=damped, gravity=(0, -9.81), **on)
-    scene.pin(first.start)
-    scene.add_force(second.end, (30.0, 50.0))
-    state = fb.simulate(scene, dt=0.02, t_end=0.5)
-    about = linearised(scene, state, "test")
-    model, dt = Model(scene, fb.Newmark()), 1e-7
-    reduction, zero = model.reduction, np.zeros(model.size)
-
-    def forces(rate):
-        start = model.start_of(about.start, dt)._replace(v=zero, a=zero)
-        model.forms.begin(instant(0.5, dt), start)
-        reduction.begin(about.start.q, about.start.slides)
-        D = reduction.expand(dt * rate, np.zeros(reduction.driven))
-        return reduction.project(model.forms.internal_force(D))[: reduction.free]
-
-    columns = [(forces(e) - forces(-e)) / 4 for e in np.eye(reduction.free)]
-    C = about.damping("test").toarray()
-    assert abs(C - np.array(columns).T).max() < 1e-5 * abs(C).max()
-    assert abs(C - C.T).max() < 1e-10 * abs(C).max()
-    assert np.linalg.eigvalsh(C).min() > -1e-10 * abs(C).max()
-
-
 # -- Rayleigh damping --------------------------------------------------------------------------
-
-
-def test_rayleigh_gives_the_ratios_that_were_asked_for():
-    for f, ratios in (((2.0, 7.0), (0.01, 0.03)), ((7.0, 2.0), (0.03, 0.01))):
-        alpha, tau = fb.rayleigh(f, ratios)
-        w = 2 * np.pi * np.array(f)
-        assert alpha / (2 * w) + tau * w / 2 == pytest.approx(ratios, rel=1e-12)
 
 
 def test_rayleigh_damping_of_a_scene_has_these_ratios():
@@ -242,22 +185,6 @@ def test_rayleigh_damping_of_a_scene_has_these_ratios():
     scene.add_virtual_work(lambda step: -alpha * ufl.dot(step.v, step.virtual_u))
     # The reduced rule of the drag is not that of the mass.
     assert fb.modes(scene, n=2).damping_ratios == pytest.approx([0.02, 0.05], rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("f", "ratios", "words"),
-    [
-        ((1.0, 4.0), (0.01, 0.05), "negative mass factor alpha .* at most 0.04 at 4 Hz"),
-        ((4.0, 1.0), (0.01, 0.05), "negative retardation time tau .* at least 0.0125 at 4 Hz"),
-        ((1.0, 1.0), (0.01, 0.05), "must be positive and different"),
-        ((0.0, 1.0), (0.01, 0.05), "must be positive and different"),
-        ((1.0, 2.0), (-0.01, 0.05), "ratios = .* must be zero or positive"),
-        ((1.0, 2.0), 0.05, "must be 2 numbers"),
-    ],
-)
-def test_rayleigh_refuses_what_would_drive_the_motion(f, ratios, words):
-    with pytest.raises(fb.SceneError, match=words):
-        fb.rayleigh(f, ratios)
 
 
 # -- Shapes, refusals --------------------------------------------------------------------------
@@ -289,5 +216,3 @@ def test_damping_without_a_limit_at_rest_is_refused():
     with pytest.raises(fb.SceneError, match="modes: the damping at rest is not finite"):
         fb.modes(scene, n=1)
     assert fb.modes(scene, n=1, damping=False).frequencies == pytest.approx(speed.frequencies)
-    with pytest.raises(fb.SceneError, match="damping = 'no' must be True or False"):
-        fb.modes(scene, damping="no")

@@ -1,4 +1,4 @@
-"""Natural frequencies against exact ones, against dense algebra and against the motion itself."""
+"""Natural frequencies against exact ones, dense algebra, equilibria and the motion itself."""
 
 import math
 
@@ -7,16 +7,10 @@ import ufl
 import numpy as np
 import pytest
 import scipy.linalg
-from jointed import KINDS, pair
+from jointed import BENDING, pair
 from scenes import FLYING, demo
-from test_loop import lattice
 
 import fx_beam as fb
-from fx_beam.algebra.sparse_lu import CompiledLU
-from fx_beam.analyses.linearisation import linearised
-from fx_beam.fem.step_start import StepStart
-from fx_beam.mechanics.interval import Interval
-from fx_beam.model.model import Model
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 GRAVITY = 9.81
@@ -53,13 +47,11 @@ def timoshenko(section, n):
 
 
 @DEGREES
-@pytest.mark.parametrize("height", [0.2, 0.01], ids=["stout", "slender"])
-def test_five_frequencies_of_a_supported_beam_converge_to_the_exact_ones(height, degree):
-    section = square(height)
+def test_five_frequencies_of_a_supported_beam_converge_to_the_exact_ones(degree):
+    section = square(0.2)
     exact = timoshenko(section, 5)
     slender = (math.pi * np.arange(1, 6)) ** 2 * math.sqrt(section.EI / section.rhoA)
-    shear = 1 - exact / slender
-    assert (shear > 0.25).any() if height == 0.2 else (shear < 5e-3).all()
+    assert (1 - exact / slender > 0.25).any()  # shear and rotary inertia count
     counts = {1: (16, 32), 2: (8, 16), 3: (6, 12)}[degree]
     errors = [fb.modes(simply_supported(degree, n, section), n=5) for n in counts]
     errors = np.array([found.angular_frequencies / exact - 1 for found in errors])
@@ -80,9 +72,10 @@ def test_a_slender_supported_beam_has_the_frequencies_of_euler_and_bernoulli(deg
     assert found[0] == pytest.approx(exact[0], rel={1: 1e-4, 2: 3e-6, 3: 3e-6}[degree])
 
 
-@pytest.mark.parametrize("points", [[(0, 0), (0.6, 0.8)], fb.arc((0, 0), (1, 0.1), (1, 1))])
-@pytest.mark.parametrize("height", [0.1, 1e-3])
-@DEGREES
+@pytest.mark.parametrize(
+    ("points", "height", "degree"),
+    [([(0, 0), (0.6, 0.8)], 0.1, 1), (fb.arc((0, 0), (1, 0.1), (1, 1)), 1e-3, 2)],
+)
 def test_a_free_beam_has_three_rigid_modes(points, height, degree):
     scene = fb.Scene(gravity=(0, -10))
     scene.add_beam(points, square(height), elements=6, degree=degree)
@@ -103,7 +96,6 @@ def test_a_free_beam_has_three_rigid_modes(points, height, degree):
 
 # -- Rigid modes, copies and slender members -----------------------------------------------------
 
-SLENDERNESS = pytest.mark.parametrize("height", [0.1, 1e-3, 1e-5])
 SPARSE = fb.Section(EA=1e5, GA=1e5, EI=1.0, rhoA=1.0)  # rotations without mass
 
 
@@ -132,11 +124,8 @@ def side_by_side(count, section, elements, degree=1, clamped=True):
     return scene
 
 
-@SLENDERNESS
-@DEGREES
-@pytest.mark.parametrize(
-    ("links", "elements"), [(1, 1), (1, 2), (1, 8), (1, 32), (1, 128), (3, 1), (3, 8)]
-)
+@pytest.mark.parametrize("height", [0.1, 1e-5])
+@pytest.mark.parametrize(("links", "elements", "degree"), [(1, 1, 1), (1, 128, 1), (3, 8, 2)])
 def test_free_links_have_as_many_rigid_modes_as_they_can_move(links, elements, degree, height):
     scene = chain(links, height, elements, degree)
     mobility = 2 + links
@@ -146,15 +135,14 @@ def test_free_links_have_as_many_rigid_modes_as_they_can_move(links, elements, d
         assert found.rigid[: min(n, mobility)].all() and not found.unstable.any()
 
 
-@SLENDERNESS
-@pytest.mark.parametrize("count", [2, 15])
+@pytest.mark.parametrize(("count", "height"), [(2, 0.1), (15, 1e-5)])
 def test_free_bodies_have_three_rigid_modes_each(count, height):
     scene = side_by_side(count, steel(height), 1, clamped=False)
     for n in (3 * count - 1, 3 * count, 3 * count + 1):
         assert fb.modes(scene, n=n).rigid.sum() == min(n, 3 * count)
 
 
-@pytest.mark.parametrize("count", [6, 12, 25])
+@pytest.mark.parametrize("count", [6, 25])
 def test_no_copy_of_a_multiple_frequency_is_missed(count):
     one = fb.modes(side_by_side(1, SPARSE, 6, degree=2), n=3).angular_frequencies
     scene = side_by_side(count, SPARSE, 6, degree=2)
@@ -163,8 +151,7 @@ def test_no_copy_of_a_multiple_frequency_is_missed(count):
         assert fb.modes(scene, n=n).angular_frequencies == pytest.approx(exact, rel=1e-8)
 
 
-@pytest.mark.parametrize("count", [5, 30])
-@pytest.mark.parametrize("elements", [1, 2, 4])
+@pytest.mark.parametrize(("elements", "count"), [(1, 30), (4, 5)])
 def test_all_modes_of_many_equal_beams_with_massless_turns_are_found(elements, count):
     one = fb.modes(side_by_side(1, SPARSE, elements), n=100).angular_frequencies
     assert len(one) == 2 * elements
@@ -173,8 +160,7 @@ def test_all_modes_of_many_equal_beams_with_massless_turns_are_found(elements, c
     assert found == pytest.approx(np.repeat(one, count), rel=1e-8)
 
 
-@pytest.mark.parametrize(("elements", "degree"), [(1, 3), (2, 1), (2, 2), (8, 1), (8, 2), (8, 3)])
-@pytest.mark.parametrize("n", [5, 9, 14])
+@pytest.mark.parametrize(("elements", "degree", "n"), [(1, 3, 9), (2, 1, 5), (8, 1, 14)])
 def test_bending_frequencies_of_a_free_beam_are_as_its_height_however_small(elements, degree, n):
     # Shear takes a share of height^2; axial frequencies, among the n or not, are 1e5 higher.
     stout, slender = (
@@ -206,24 +192,45 @@ def test_parts_of_very_different_stiffness_have_the_modes_that_each_has_alone():
     assert squeezed(stiff, soft) == pytest.approx(exact, rel=1e-5)
 
 
-@pytest.mark.parametrize("free", [False, True], ids=["supported", "free ring"])
-def test_shapes_have_the_modal_mass_one_and_are_orthogonal(free):
-    scene = simply_supported(2, 4, square(0.1))
-    if free:  # three rigid modes and double ones
-        scene = fb.Scene()
-        half = scene.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), square(0.02), elements=6, degree=2)
-        scene.add_beam(fb.arc(half.end, (0, -1), half.start), square(0.02), elements=6, degree=2)
-    found = fb.modes(scene, n=8)
-    model = Model(scene, fb.Newmark())
-    vectors = np.array([model.from_nodes(shape) for shape in found.shapes])
-    assert vectors @ model.mass @ vectors.T == pytest.approx(np.eye(8), abs=1e-9)
-    stiffness = found.angular_frequencies**2
-    forms = model.forms
-    forms.begin(Interval(0.0, 1.0), StepStart(*(np.zeros(model.size) for _ in range(3))))
-    forms.internal_force(np.zeros(model.size))
-    forms.assemble_stiffness()
-    energies = vectors @ forms.stiffness @ vectors.T
-    assert energies == pytest.approx(np.diag(stiffness), abs=1e-6 * stiffness.max())
+def set_shape(scene, modes, shape, size=1.0):
+    """Initial velocities by a shape."""
+    places = {tuple(x): size * v for x, v in zip(modes.positions, shape, strict=True)}
+    for beam in scene.beams:
+        scene.set_velocity(beam, lambda x, y: places[x, y][:2], spin=lambda x, y: places[x, y][2])
+
+
+def ring(degree=2):
+    """A free ring of two arcs: three rigid modes and double ones."""
+    scene = fb.Scene()
+    half = scene.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), square(0.05), 6, degree)
+    scene.add_beam(fb.arc(half.end, (0, -1), half.start), square(0.05), 6, degree)
+    return scene
+
+
+@pytest.mark.parametrize("make", [lambda: simply_supported(2, 4, square(0.1)), ring])
+def test_shapes_have_the_modal_mass_one_and_are_orthogonal(make):
+    found = fb.modes(make(), n=6)
+
+    def energy(shape):
+        scene = make()
+        set_shape(scene, found, shape)
+        return fb.simulate(scene, dt=1e-6, t_end=1e-6).energy.kinetic[0]
+
+    for i, one in enumerate(found.shapes):
+        assert energy(one) == pytest.approx(0.5, abs=1e-9)
+        for other in found.shapes[:i]:
+            assert energy(one + other) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_beam_vibrates_with_its_frequency():
+    scene = simply_supported(2, 4, square(0.05))
+    found = fb.modes(scene, n=2)
+    period = 1 / found.frequencies[1]
+    set_shape(scene, found, found.shapes[1], 1e-6)
+    solution = fb.simulate(scene, dt=period / 200, t_end=period)
+    quarter = solution.displacement(scene.beams[0].node(0.25))[:, 1]
+    exact = np.sin(2 * np.pi * solution.t / period)
+    assert quarter == pytest.approx(quarter[50] * exact, abs=2e-3 * abs(quarter).max())
 
 
 def test_a_shape_moves_the_axis_of_its_beam():
@@ -232,39 +239,19 @@ def test_a_shape_moves_the_axis_of_its_beam():
     assert abs(moved[:, 1]) == pytest.approx(0.1 * np.sin(np.pi * moved[:, 0]), abs=2e-4)
 
 
-def test_a_beam_vibrates_with_its_frequency():
-    scene = simply_supported(2, 4, square(0.05))
-    beam = scene.beams[0]
-    found = fb.modes(scene, n=2)
-    period, shape = 1 / found.frequencies[1], found.shapes[1]
-    places = {tuple(x): rates for x, rates in zip(found.positions, shape, strict=True)}
-    scene.set_velocity(
-        beam,
-        lambda x, y: 1e-6 * places[x, y][:2],
-        spin=lambda x, y: 1e-6 * places[x, y][2],
-    )
-    solution = fb.simulate(scene, dt=period / 200, t_end=period)
-    quarter = solution.displacement(beam.node(0.25))[:, 1]
-    exact = np.sin(2 * np.pi * solution.t / period)
-    assert quarter == pytest.approx(quarter[50] * exact, abs=2e-3 * abs(quarter).max())
-
-
 # -- Stress ------------------------------------------------------------------------------------
 
 
-@DEGREES
-@pytest.mark.parametrize("ratio", [-0.9, 0.5, 100.0])
-def test_a_force_along_a_beam_changes_its_frequencies_as_a_strings(degree, ratio):
+@pytest.mark.parametrize("ratio", [-0.9, 100.0])
+def test_a_force_along_a_beam_changes_its_frequencies_as_a_strings(ratio):
     section = fb.Section(EA=1e9, GA=1e9, EI=10.0, rhoA=1.0)
     force = ratio * math.pi**2 * section.EI  # of the critical one
-    scene = simply_supported(degree, {1: 48, 2: 12, 3: 6}[degree], section)
+    scene = simply_supported(3, 6, section)
     scene.add_force(scene.beams[0].end, (force, 0))
     k = math.pi * np.arange(1, 4)
     exact = np.sqrt(k**4 * section.EI + k**2 * force)
     found = fb.modes(scene, fb.static(scene), n=3)
-    assert found.angular_frequencies == pytest.approx(
-        exact, rel={1: 2e-2, 2: 6e-3, 3: 3e-4}[degree]
-    )
+    assert found.angular_frequencies == pytest.approx(exact, rel=3e-4)
     assert not found.rigid.any()
 
 
@@ -333,33 +320,13 @@ def test_an_arch_is_unstable_in_one_more_mode_behind_a_limit_point():
 # -- Joints, springs, lumped masses ------------------------------------------------------------
 
 
-def test_springs_on_joints_and_lumped_masses_give_the_oscillator_of_the_textbook():
-    section = fb.Section(EA=1e9, GA=1e9, EI=1e9)
-    scene = fb.Scene()
-    rod = scene.add_beam([(0, 0), (2, 0)], section)
-    scene.add_joint(
-        fb.Revolute(fb.GROUND, rod.start, spring=fb.Spring(50.0), damper=fb.Damper(3.0))
-    )
-    scene.add_mass(rod.end, 0.5)
-    slider = scene.add_beam([(0, 1), (1, 1)], section)
-    scene.add_joint(fb.Prismatic(fb.GROUND, slider.start, axis=(1, 0), spring=fb.Spring(72.0)))
-    scene.add_mass(slider.start, 2.0)
-    found = fb.modes(scene, n=2)
-    # sqrt(50/(0.5 2^2)) and sqrt(72/2); 3/(2 sqrt(50 2)) of the damper.
-    assert found.angular_frequencies == pytest.approx([5.0, 6.0], rel=1e-6)
-    assert found.damping_ratios == pytest.approx([0.15, 0.0], rel=1e-6, abs=1e-12)
-
-
 def test_a_ring_in_one_piece_with_a_rigid_joint_is_the_ring_of_two_arcs():
-    section = square(0.05)
-    closed, halves = fb.Scene(), fb.Scene()
+    closed = fb.Scene()
     whole = closed.add_beam(
-        lambda f: (math.cos(2 * math.pi * f), math.sin(2 * math.pi * f)), section, 12, degree=2
+        lambda f: (math.cos(2 * math.pi * f), math.sin(2 * math.pi * f)), square(0.05), 12, 2
     )
     closed.add_joint(fb.Rigid(whole.start, whole.end))
-    upper = halves.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), section, 6, degree=2)
-    halves.add_beam(fb.arc(upper.end, (0, -1), upper.start), section, 6, degree=2)
-    one, two = (fb.modes(scene, n=9) for scene in (closed, halves))
+    one, two = (fb.modes(scene, n=9) for scene in (closed, ring()))
     assert one.rigid.sum() == two.rigid.sum() == 3
     assert one.angular_frequencies == pytest.approx(two.angular_frequencies, rel=1e-8)
 
@@ -378,43 +345,38 @@ def test_a_prescribed_node_is_held():
     assert found[0] == pytest.approx(found[1], rel=1e-9)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in BENDING if "offset" in kind])
 def test_stiffness_is_the_derivative_of_the_forces_of_a_stressed_scene_with_joints(kind):
     spring = {"spring": fb.Spring(30.0, 0.2)} if "rigid" not in kind else {}
-    scene, first, second, _ = pair(kind, degree=2, gravity=(0, -GRAVITY), **spring)
-    scene.pin(first.start)
-    scene.add_force(second.end, (30.0, 50.0))
-    state = fb.simulate(scene, dt=0.02, t_end=0.5)
+    if "slot" in kind:
+        spring["hinge"] = fb.Coordinate(spring=fb.Spring(20.0))
+    scene, first, second, _ = pair(kind, gravity=(0, -GRAVITY), **spring)
+    scene.clamp(first.start)
+    place, load = second.end, np.array([30.0, 50.0])
+    scene.add_force(place, load)
+    state = fb.static(scene)
     assert abs(state.q[-1]).max() > 0.3
-    about = linearised(scene, state, "test")
-    model, K = about.model, about.K
-    force = model.loads.at(0.5) + model.weight
 
-    def gradient(y):
-        D = model.reduction.expand(y, np.empty(0))
-        r = model.forms.internal_force(D) - force
-        return model.reduction.project(r)[: model.reduction.free].copy()
+    def end(h):
+        scene.change(scene.loads[0], load + h * np.array([0.6, -0.8]))
+        moved = fb.static(scene)
+        return np.append(moved.displacement(place)[-1], moved.rotation(place)[-1])
 
-    h = 1e-5
-    columns = [
-        (gradient(-2 * e) - 8 * gradient(-e) + 8 * gradient(e) - gradient(2 * e)) / (12 * h)
-        for e in h * np.eye(model.reduction.free)
-    ]
-    assert abs(K - np.array(columns)).max() < 1e-7 * abs(K).max()
+    h = 0.05
+    slope = (end(-2 * h) - 8 * end(-h) + 8 * end(h) - end(2 * h)) / (12 * h)
+    scene.change(scene.loads[0], load)
+    found = fb.frequency_response(scene, (place, (0.6, -0.8)), place, [0.0], state).values[0]
+    assert abs(found - slope).max() < 1e-7 * abs(slope).max()
 
 
 def dense(scene, state=None):
     """All finite angular frequencies squared by dense algebra, massless unknowns condensed."""
-    about = linearised(scene, state, "test")
-    K, M = about.K.toarray(), about.M.toarray()
-    has = M.diagonal() > 0
-    K = K[np.ix_(has, has)] - K[np.ix_(has, ~has)] @ np.linalg.solve(
-        K[np.ix_(~has, ~has)], K[np.ix_(~has, has)]
-    )
-    return scipy.linalg.eigvalsh(K, M[np.ix_(has, has)])
+    A = fb.linearise(scene, state).A
+    half = len(A) // 2
+    return np.sort(scipy.linalg.eigvals(-A[half:, :half]).real)
 
 
-@pytest.mark.parametrize("name", ["multibody", "three_bar_swing", "massless turns", "arch"])
+@pytest.mark.parametrize("name", ["multibody", "massless turns", "arch"])
 def test_frequencies_are_those_of_dense_algebra(name):
     state = None
     if name == "massless turns":
@@ -427,8 +389,7 @@ def test_frequencies_are_those_of_dense_algebra(name):
         scene.pin(arch.end)
         state = fb.static(scene)
     else:
-        made = demo(name).scene()
-        scene = made if isinstance(made, fb.Scene) else made[0]
+        scene = demo(name).scene()[0]
     squares = dense(scene, state)
     found = fb.modes(scene, state, n=len(squares) + 3)
     assert len(found) == len(squares)  # there are no more
@@ -442,38 +403,8 @@ def test_frequencies_are_those_of_dense_algebra(name):
 # -- Refusals ----------------------------------------------------------------------------------
 
 
-def test_slepc_finds_the_same_modes_of_a_frame():
-    PETSc = pytest.importorskip("petsc4py.PETSc")
-    SLEPc = pytest.importorskip("slepc4py.SLEPc")
-    scene = lattice(8)
-    about = linearised(scene, None, "modes")
-    K, M = (
-        PETSc.Mat().createAIJ(A.shape, csr=(A.indptr, A.indices, A.data), comm=PETSc.COMM_SELF)
-        for A in (about.K + 0 * about.M, about.M + 0 * about.K)
-    )
-    solver = SLEPc.EPS().create(PETSc.COMM_SELF)
-    solver.setOperators(K, M)
-    solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
-    solver.setDimensions(12)
-    solver.setTarget(-1.0)
-    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-    solver.getST().setType(SLEPc.ST.Type.SINVERT)
-    solver.solve()
-    squares = [solver.getEigenvalue(k).real for k in range(12)]
-    found = fb.modes(scene, n=12).angular_frequencies
-    assert found**2 == pytest.approx(squares, rel=1e-8)
-
-
 def test_modes_of_what_cannot_vibrate_are_refused():
     scene = simply_supported(1, 2, FLYING)
-    with pytest.raises(fb.SceneError, match="fx_beam.Scene"):
-        fb.modes(scene.beams[0])
-    with pytest.raises(fb.SceneError, match="n = 0 must be"):
-        fb.modes(scene, n=0)
-    with pytest.raises(fb.SceneError, match="n = True must be"):
-        fb.modes(scene, n=True)
-    with pytest.raises(fb.SceneError, match="must be a solution"):
-        fb.modes(scene, state=3)
     other = fb.simulate(simply_supported(1, 3, FLYING), dt=0.1, t_end=0.1)
     with pytest.raises(fb.SceneError, match="nodes of this scene"):
         fb.modes(scene, state=other)
@@ -483,20 +414,9 @@ def test_modes_of_what_cannot_vibrate_are_refused():
     massless = simply_supported(1, 2, fb.Section(EA=1, GA=1, EI=1))
     with pytest.raises(fb.SceneError, match="no mass"):
         fb.modes(massless)
-
-
-def test_a_shape_of_a_beam_or_a_mode_that_is_not_there_is_refused():
     found = fb.modes(simply_supported(1, 4, SPARSE), n=2)
-    with pytest.raises(fb.SceneError, match="'nope' is not a beam of these modes; they have"):
-        found.shape("nope", 0, size=1.0)
     with pytest.raises(fb.SceneError, match="mode 2: there are 2 modes, numbered from 0"):
         found.shape("beam 1", 2, size=1.0)
-
-
-def test_a_failure_says_what_to_try(monkeypatch):
-    monkeypatch.setattr(CompiledLU, "solve", lambda self, b: np.full(len(b), np.nan))
-    with pytest.raises(RuntimeError, match="no mode was found. Try fewer modes"):
-        fb.modes(simply_supported(1, 4, SPARSE), n=1)
 
 
 def test_a_force_that_follows_the_motion_is_refused_and_a_bed_of_springs_is_not():
@@ -541,10 +461,8 @@ def test_a_state_that_has_relaxed_keeps_its_internal_variables():
     elastic.clamp(elastic.add_beam([(0, 0), (1, 0)], SPARSE, elements=4).start)
     with pytest.raises(fb.SceneError, match="modes: the state has other internal variables"):
         fb.modes(scene, fb.static(elastic))
-    model = linearised(scene, state, "test").model
-    # The forces about which modes are found are in equilibrium.
-    r = model.forms.internal_force(np.zeros(model.size)) - model.loads.at(0.0)
-    assert abs(model.reduction.project(r)[: model.reduction.free]).max() < 1e-9
+    # The forces about which modes are found are in equilibrium, or they would be refused.
+    assert len(fb.modes(scene, state, n=2)) == 2
 
 
 def test_gravity_has_no_part_in_the_modes_of_an_unloaded_start():
