@@ -5,12 +5,10 @@ import math
 import numpy as np
 import pytest
 from numpy.polynomial import Legendre
-from scenes import FLYING, free_flight, relative_drift
+from scenes import FLYING, relative_drift
 from scipy.integrate import quad, simpson
 
 import fx_beam as fb
-from fx_beam.fem import dolfinx_api
-from fx_beam.model.model import Model
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 QUARTER = (0.0, 0.0), (math.sqrt(0.5), 1 - math.sqrt(0.5)), (1.0, 1.0)  # about (0, 1)
@@ -40,7 +38,7 @@ def at_lobatto_points(beam):
 
 
 @DEGREES
-@pytest.mark.parametrize("sweep", [0.02, 1.0, math.pi, 6.2])
+@pytest.mark.parametrize("sweep", [0.02, 6.2])
 @pytest.mark.parametrize("side", [1, -1])
 def test_elements_of_an_arc_divide_its_circle_and_meet_it_at_their_lobatto_points(
     degree, sweep, side
@@ -147,17 +145,9 @@ def test_a_spline_goes_through_its_points_and_follows_a_smooth_curve_with_order_
     assert beams[1].length == pytest.approx(np.pi, rel=1e-4)
 
 
-def test_a_closed_spline_has_no_kink():
-    corners = [(1, 0), (0, 2), (-1, 0), (0, -2), (1, 0)]
-    function = fb.spline(corners).function
-    assert function(0.0, 1) == pytest.approx(function(1.0, 1), abs=1e-12)
-
-
-def test_a_spline_whose_ends_differ_by_rounding_is_closed():
-    angles = np.linspace(0, 2 * np.pi, 9)
-    points = np.column_stack([np.cos(angles), np.sin(angles)])
-    assert points[0, 1] != points[-1, 1]
-    function = fb.spline(points).function
+@pytest.mark.parametrize("closing", [0.0, 1e-16])
+def test_a_spline_that_ends_where_it_begins_up_to_rounding_has_no_kink(closing):
+    function = fb.spline([(1, 0), (0, 2), (-1, 0), (0, -2), (1, closing)]).function
     assert function(0.0, 1) == pytest.approx(function(1.0, 1), abs=1e-12)
 
 
@@ -179,89 +169,26 @@ def test_a_curve_shares_the_nodes_it_is_given(kind):
     assert len(scene.nodes) == 3 + 3 + 2
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda b: fb.arc((0, 0), (1, 1), (2, 2)), "on a line"),
-        (lambda b: fb.arc((0, 0), (1, 1), (0, 0)), "coincide"),
-        (lambda b: fb.arc((0, 0), (1, 1), 3.0), "wrong type or shape"),
-        (lambda b: fb.spline([(0, 0)]), "at least two"),
-        (lambda b: fb.spline([(0, 0), (1, 1), (1, 1)]), "points 1 and 2 coincide"),
-        (lambda b: fb.spline([(0, 0), b.end, (1, 1)]), "only its ends"),
-        (lambda b: fb.spline(3), "must be points"),
-        (lambda b: lambda f: f, "wrong type or shape"),
-        (lambda b: lambda f: (1.0, 2.0), "no length"),
-        (lambda b: lambda f: (f, np.nan if f > 0.5 else 0.0), "not finite"),
-        (lambda b: lambda f: (f, 1 / 0), "ZeroDivisionError"),
-        (lambda b: lambda f: (math.cos(f) ** 2 + math.sin(f) ** 2, 2.0), "no length"),
-        (lambda b: lambda f: (f, 0.0 if f < 0.5 else 1.0), "jumps at the fraction 0.5;"),
-        (lambda b: lambda f: (f, 0.0 if f <= 0.5 else 1.0), "jumps at the fraction 0.5;"),
-        (lambda b: lambda f: (f, 0.0 if f < 1 / 3 else 1e-4), "jumps at the fraction 0.333333;"),
-        (lambda b: lambda f: (f, float(f > 0)), "jumps at the fraction 0;"),
-        (lambda b: lambda f: (f, float(f == 1)), "jumps at the fraction 1;"),
-        (lambda b: fb.Curve(lambda f: (f, float(f > 0.3)), breaks=[0.3]), "jumps at the fract"),
-        (lambda b: lambda f: (f, f * math.sin(1 / f) if f else 0.0), "too many corners"),
-        (lambda b: fb.Curve(lambda f: (f, f), start=b.end), "away from node 1"),
-        (lambda b: fb.Curve(lambda f: (f, f), start=(0, 0)), r"\(0, 0\) is not a node"),
-        (lambda b: fb.Curve(lambda f: (f, f), breaks="ab"), "breaks = 'ab' must be"),
-        (lambda b: fb.Curve(lambda f: (f, f), breaks=[0.5, np.nan]), "must be fractions"),
-        (lambda b: fb.Curve(lambda f: (f, f), breaks=[0.5, 2.0]), "must be fractions"),
-        (lambda b: fb.arc((0, 0), b.end, (6, 4)), "arc: only its ends"),
-    ],
-)
-def test_an_invalid_curve_is_refused_and_leaves_the_scene_as_it_was(make, message, monkeypatch):
+def test_a_curve_with_too_many_corners_is_refused(monkeypatch):
     monkeypatch.setattr("fx_beam.scene.curve._MOST_PIECES", 1000)  # ten times sooner
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (5, 0)], FLYING)
-    with pytest.raises(fb.SceneError, match=message):
-        scene.add_beam(make(beam), FLYING, elements=2)
-    assert len(scene.beams) == 1 and len(scene.nodes) == 2
-
-
-def test_a_curve_takes_one_number_of_elements_and_enough_of_them():
-    with pytest.raises(fb.SceneError, match="one positive whole number"):
-        fb.Scene().add_beam(fb.arc(*QUARTER), FLYING, elements=[2, 2])
-    circle = fb.spline([(1, 0), (0, 1), (-1, 0), (0, -1), (1, 0)])
-    with pytest.raises(fb.SceneError, match="1 elements are too few for its curve"):
-        fb.Scene().add_beam(circle, FLYING, elements=1, degree=2)
-    assert fb.Scene().add_beam(circle, FLYING, elements=2, degree=2).elements == 2
-
-
-# -- What is compiled --------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("degree", [2, 3])
-def test_geometry_is_of_the_elements_degree_where_a_beam_is_curved_and_only_there(degree):
-    def geometry(scene):
-        mesh = Model(scene, fb.EnergyMomentum()).mesh.mesh
-        return dolfinx_api.element_coordinates(mesh).shape[1] // 3 - 1
-
-    straight, _ = free_flight(3, degree)
-    assert geometry(straight) == 1
-    straight.add_beam(fb.arc(*QUARTER), FLYING, elements=2, degree=degree)
-    assert geometry(straight) == degree
-    assert geometry(quarter(degree=1)[0]) == 1
+    with pytest.raises(fb.SceneError, match="too many corners"):
+        fb.Scene().add_beam(lambda f: (f, f * math.sin(1 / f) if f else 0.0), FLYING)
 
 
 # -- Statics -----------------------------------------------------------------------------------
 
 
-def straightened(degree, elements, GA=1e4):
-    """Error of the tip of a quarter of a circle that a moment at its end makes straight."""
-    scene, beam = quarter(degree, elements, fb.Section(EA=2 * GA, GA=GA, EI=1.0))
-    scene.clamp(beam.start)
-    scene.add_moment(beam.end, lambda t: -t)
-    solution = fb.simulate(scene, fb.Newmark(), dt=0.25, t_end=1)
-    assert abs(solution.resultants(beam).N[-1]).max() < 1e-9 * GA
-    return math.dist(solution.position(beam.end)[-1], (math.pi / 2, 0))
-
-
-@DEGREES
-def test_an_arc_is_bent_straight_by_its_own_curvature(degree):
-    meshes = (2, 4, 8) if degree == 3 else (4, 8, 16)
-    errors = np.array([straightened(degree, elements) for elements in meshes])
-    assert (np.log2(errors[:-1] / errors[1:]) > 2 * degree - 0.1).all()
-    assert straightened(degree, meshes[1], GA=1e8) == pytest.approx(errors[1], rel=1e-3)
+@pytest.mark.parametrize("GA", [1e4, 1e8])
+def test_an_arc_is_bent_straight_by_its_own_curvature(GA):
+    errors = []
+    for elements in (4, 8, 16):
+        scene, beam = quarter(2, elements, fb.Section(EA=2 * GA, GA=GA, EI=1.0))
+        scene.clamp(beam.start)
+        scene.add_moment(beam.end, -1.0)
+        solution = fb.static(scene, steps=4)
+        assert abs(solution.resultants(beam).N[-1]).max() < 1e-9 * GA
+        errors.append(math.dist(solution.position(beam.end)[-1], (math.pi / 2, 0)))
+    assert (np.log2(np.divide(errors[:-1], errors[1:])) > 2 * 2 - 0.1).all()
 
 
 # Curves from (0, 0) to x = 1, and their derivatives.
@@ -322,8 +249,7 @@ def tip_per_force(degree, elements, thickness, curve="arc", force=1e-4):
     return found / quad(work, 0, 1, epsabs=1e-13)[0] - 1
 
 
-@DEGREES
-@pytest.mark.parametrize("curve", CURVES)
+@pytest.mark.parametrize(("degree", "curve"), [(1, "arc"), (2, "parabola"), (3, "arc")])
 def test_a_curved_cantilever_bends_under_a_force_with_order_twice_the_degree(degree, curve):
     meshes = (4, 8) if degree == 3 else (4, 8, 16)  # with 16 it is off by rounding
     errors = np.abs([tip_per_force(degree, n, 1.0, curve, force=1e-3) for n in meshes])
@@ -364,11 +290,10 @@ def test_resultants_of_a_curve_stand_at_its_arc_length():
 
 
 @DEGREES
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_a_curved_member_at_rest_stays_at_rest(degree, solver):
+def test_a_curved_member_at_rest_stays_at_rest(degree):
     scene, arch = quarter(degree, section=fb.Section(EA=1e10, GA=1e10, EI=1e3, rhoA=1.0, rhoI=0.1))
     ring = scene.add_beam(fb.spline([arch.end, (2, 2), (2, 1), (1, 0)]), FLYING, 3, degree)
-    solution = fb.simulate(scene, dt=0.1, t_end=2.0, solver=solver)
+    solution = fb.simulate(scene, dt=0.1, t_end=2.0)
     assert abs(solution.q).max() < 1e-15
     # Strain is known to its rounding.
     for beam in (arch, ring):
@@ -392,11 +317,8 @@ def spun(degree, turn=0.0):
 
 
 @DEGREES
-@pytest.mark.parametrize("dt", [0.05, 0.01])
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_a_curved_beam_in_free_spin_keeps_energy_and_momenta(degree, dt, solver):
-    scene, _ = spun(degree)
-    solution = fb.simulate(scene, dt=dt, t_end=3.0, solver=solver)
+def test_a_curved_beam_in_free_spin_keeps_energy_and_momenta(degree):
+    solution = fb.simulate(spun(degree)[0], dt=0.05, t_end=3.0)
     assert solution.energy.strain.max() > 1e-3 * solution.energy.total[0]  # it does bend
     assert relative_drift(solution.energy.total) < 1e-11
     assert relative_drift(solution.angular_momentum) < 1e-11
@@ -404,27 +326,15 @@ def test_a_curved_beam_in_free_spin_keeps_energy_and_momenta(degree, dt, solver)
     assert relative_drift(solution.linear_momentum[:, 1]) < 1e-11
 
 
-@DEGREES
-def test_the_published_scheme_keeps_energy_of_a_curved_beam_the_better_the_higher_the_degree(
-    degree,
-):
-    scene, _ = spun(degree)
-    solution = fb.simulate(scene, fb.ModifiedMidPoint(), dt=0.02, t_end=3.0)
-    assert 1e-13 < relative_drift(solution.energy.total) < {1: 1e-6, 2: 1e-6, 3: 5e-8}[degree]
+def test_the_published_scheme_keeps_energy_of_a_curved_beam_the_better_the_higher_the_degree():
+    for degree, drift in ((1, 1e-6), (3, 5e-8)):
+        solution = fb.simulate(spun(degree)[0], fb.ModifiedMidPoint(), dt=0.02, t_end=3.0)
+        assert 1e-13 < relative_drift(solution.energy.total) < drift
 
 
-@DEGREES
-def test_motion_of_a_curved_beam_turns_with_the_frame(degree):
-    one, other = (fb.simulate(spun(degree, turn)[0], dt=0.02, t_end=0.6) for turn in (0.0, 2.2))
+def test_motion_of_a_curved_beam_turns_with_the_frame():
+    one, other = (fb.simulate(spun(2, turn)[0], dt=0.02, t_end=0.6) for turn in (0.0, 2.2))
     assert abs(one.q[..., 2] - other.q[..., 2]).max() < 1e-10
     assert abs(np.hypot(*(one.q - other.q)[..., :2].T)).max() > 0.1
     lengths = [np.linalg.norm(run.q[..., :2], axis=-1) for run in (one, other)]
     assert abs(lengths[0] - lengths[1]).max() < 1e-10
-
-
-def test_a_curved_beam_is_read_from_a_file_as_it_was(tmp_path):
-    scene, beam = quarter(2)
-    solution = fb.simulate(scene, dt=0.1, t_end=0.1)
-    solution.save(tmp_path / "arc.npz")
-    read = fb.load(tmp_path / "arc.npz").beams[beam.name]
-    assert (read.s == beam.s).all() and read.length == beam.length

@@ -6,11 +6,10 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import FLYING, relative_drift
+from scenes import relative_drift
 from scipy.integrate import quad
 
 import fx_beam as fb
-from fx_beam.model.model import Model
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
 TAPERED = fb.Section(
@@ -28,30 +27,27 @@ def end_of_cantilever(section, force, elements, degree):
     beam = scene.add_beam([(0, 0), (2, 0)], section, elements=elements, degree=degree)
     scene.clamp(beam.start)
     scene.add_force(beam.end, force)
-    solution = fb.simulate(scene, fb.Newmark(), dt=1, t_end=1)
+    solution = fb.static(scene, steps=1)
     return solution.displacement(beam.end)[-1]
 
 
 # -- Statics -----------------------------------------------------------------------------------
 
 
-@DEGREES
-def test_a_tapered_bar_lengthens_by_the_logarithm(degree):
+def test_a_tapered_bar_lengthens_by_the_logarithm():
     root, tip, force = 2.0, 1.0, 1e-3
     section = fb.Section(EA=lambda s: root + (tip - root) * s, GA=1.0, EI=1.0)
     exact = force * 2 * math.log(root / tip) / (root - tip)
-    found = [end_of_cantilever(section, (force, 0), n, degree)[0] for n in (4, 8)]
+    found = [end_of_cantilever(section, (force, 0), n, 2)[0] for n in (4, 8)]
     errors = abs(np.array(found) / exact - 1)
-    assert np.log2(errors[0] / errors[1]) > 2 * degree - 0.2
-    assert errors[1] < {1: 2e-3, 2: 2e-6, 3: 2e-9}[degree]
+    assert np.log2(errors[0] / errors[1]) > 2 * 2 - 0.2
+    assert errors[1] < 2e-6
 
 
 @DEGREES
 def test_a_tapered_cantilever_bends_by_the_integral_of_its_flexibility(degree):
-    force, section = (
-        1e-6,
-        fb.Section(EA=1.0, GA=lambda s: 30 * (2 - s), EI=lambda s: (1 - s / 3) ** 3),
-    )
+    force = 1e-6
+    section = fb.Section(EA=1.0, GA=lambda s: 30 * (2 - s), EI=lambda s: (1 - s / 3) ** 3)
     exact, _ = quad(
         lambda x: force * ((2 - x) ** 2 / section.EI(x / 2) + 1 / section.GA(x / 2)), 0, 2
     )
@@ -64,18 +60,20 @@ def test_a_tapered_cantilever_bends_by_the_integral_of_its_flexibility(degree):
 # -- Data --------------------------------------------------------------------------------------
 
 
-@DEGREES
-def test_mass_and_weight_are_the_integrals_of_the_density(degree):
-    scene = fb.Scene(gravity=(0, -10))
+def test_mass_and_weight_are_the_integrals_of_the_density():
     section = fb.Section(EA=1, GA=1, EI=1, rhoA=lambda s: 3 - 2 * s, rhoI=lambda s: s)
-    beam = scene.add_beam([(1, 0), (5, 3)], section, elements=3, degree=degree)
-    model = Model(scene, fb.EnergyMomentum())
-    across = model.from_nodes(np.tile([0.0, 1.0, 0.0], (len(model.mesh.X), 1)))
-    turned = model.from_nodes(np.tile([0.0, 0.0, 1.0], (len(model.mesh.X), 1)))
-    assert across @ model.mass @ across == pytest.approx(beam.length * 2, rel=1e-14)
-    assert turned @ model.mass @ turned == pytest.approx(beam.length / 2, rel=1e-14)
-    assert across @ model.weight == pytest.approx(-10 * beam.length * 2, rel=1e-14)
-    assert model.weight == pytest.approx(model.mass @ across * -10, abs=1e-13)
+
+    def start(velocity, spin):
+        scene = fb.Scene(gravity=(0, -10))
+        beam = scene.add_beam([(1, 0), (5, 3)], section, elements=3, degree=2)
+        scene.set_velocity(beam, velocity, spin)
+        return fb.simulate(scene, dt=1e-3, t_end=1e-3)
+
+    fall = start((0.0, 1.0), 0.0)
+    assert fall.linear_momentum[0] == pytest.approx([0, 5 * 2], rel=1e-14, abs=1e-14)
+    assert start((0.0, 0.0), 1.0).energy.kinetic[0] == pytest.approx(5 / 2 / 2, rel=1e-14)
+    assert fall.linear_momentum[1, 1] - 10 == pytest.approx(-10 * 10 * 1e-3, rel=1e-10)
+    assert fall.q[1, :, 1] == pytest.approx(1e-3 - 5e-6, abs=1e-13)
 
 
 def test_a_rectangle_of_varying_height_has_the_data_of_each_height():
@@ -114,37 +112,22 @@ def test_a_graded_material_has_the_data_of_each_modulus_and_density():
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("section", "message"),
     [
         (
-            lambda: fb.Section.circle(lambda s: 0.3 - s, E=1.0),
-            "diameter = -0.2 at the fraction 0.5",
+            lambda: fb.Section.circle(lambda s: 0.9 - s, E=1.0),
+            "diameter = -0.037.* at the fract",
         ),
-        (lambda: fb.Section.rectangle(*2 * [lambda s: 0.3 - s], E=1.0), "height = -0.2 at the fr"),
-        (lambda: fb.Section.circle(0.1, E=lambda s: 0.0), "E = 0.0 at the fraction 0.5"),
-        (lambda: fb.Section.circle(0.1, E=1.0, rho=lambda s: -s), "rho = -0.5 at the fraction 0.5"),
-        (lambda: fb.Section.circle(0.1, E=lambda s: 1 / 0), "E at the fraction 0.5 .*ZeroDivision"),
-        (lambda: fb.Section.circle(0.1, E=lambda: 1.0), "E at the fraction 0.5 .*TypeError"),
-        (lambda: fb.Section.circle(0.1, E=10**400), "E = 10* ... must be positive and finite"),
-        (lambda: fb.Section.circle(0.1, E="steel"), "E = 'steel' must be"),
-        (lambda: fb.Section.circle(0.1, E=1.0, rho="steel"), "rho = 'steel' must be zero or"),
-        (lambda: fb.Section.circle(0.1, E=1.0, rho=math.nan), "rho = nan must be zero or"),
-        (lambda: fb.Section.circle(0.1, E=1.0, nu=lambda s: 0.3), "nu = .* must be a number in"),
-        (lambda: fb.Section.circle([0.1, 0.2], E=1.0), "diameter = .* must be positive"),
+        (lambda: fb.Section(lambda s: 1 - 1.1 * s, 1.0, 1.0), "EA = -0.031.* fraction 0.9375"),
+        (lambda: fb.Section(lambda s: math.nan if s > 0.9 else 1.0, 1.0, 1.0), "nan at the fract"),
+        (lambda: fb.Section(1.0, 1.0, 1.0, lambda s: 0.7 - s), "rhoA = -0.*must be zero or"),
     ],
 )
-def test_a_bad_size_or_material_is_named_as_it_was_given(make, message):
-    with pytest.raises(fb.SceneError, match=f"Section: {message}"):
-        make()
-
-
-def test_a_diameter_that_is_negative_only_at_the_tip_is_named_with_its_beam():
-    section = fb.Section.circle(lambda s: 0.9 - s, E=1.0)
+def test_a_value_that_is_bad_only_near_the_tip_is_named_with_its_beam(section, message):
     scene = fb.Scene()
-    scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, elements=8, name="rod").start)
-    message = "beam 'rod': Section: diameter = -0.037.* at the fraction 0.9375"
-    with pytest.raises(fb.SceneError, match=message):
-        Model(scene, fb.EnergyMomentum())
+    scene.clamp(scene.add_beam([(0, 0), (1, 0)], section(), elements=8, name="rod").start)
+    with pytest.raises(fb.SceneError, match=f"beam 'rod': Section: .*{message}"):
+        fb.simulate(scene, dt=0.1, t_end=0.1)
 
 
 def test_functions_of_numpy_of_math_and_of_ufl_are_the_same():
@@ -163,75 +146,31 @@ def test_functions_of_numpy_of_math_and_of_ufl_are_the_same():
     assert abs(ways[0]).max() > 0.1
 
 
-def test_only_a_section_that_varies_brings_a_function_into_the_forms():
-    def coefficients(*sections):
-        scene = fb.Scene()
-        for section in sections:
-            scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, degree=2).start)
-        forms = Model(scene, fb.EnergyMomentum()).forms.beams
-        return len(forms.bound["tangent"][1].form.coefficients())
-
-    assert coefficients(FLYING) == 3  # start, increment and path
-    assert coefficients(TAPERED) == 4
-    assert coefficients(FLYING, TAPERED) == 4
-
-
-@pytest.mark.parametrize(
-    ("datum", "message"),
-    [
-        (lambda s: 1 - 1.1 * s, r"beam 'rod': Section: EA = -0.031.* fraction 0.9375"),
-        (lambda s: math.nan if s > 0.9 else 1.0, r"beam 'rod': .*nan at the fraction 0.9375"),
-        (lambda s: 0.0, r"EA = 0.0 at the fraction 0.5 .* must be positive"),
-        (lambda s: [1.0, 2.0], r"fraction 0.5 .*wrong type or shape"),
-        (lambda s: "stiff", r"fraction 0.5 .*wrong type or shape"),
-        (lambda s: math.sqrt(s - 0.6), r"fraction 0.5 .*ValueError"),
-        (lambda: 1.0, r"TypeError"),
-    ],
-)
-def test_a_bad_value_is_named_with_its_place(datum, message):
-    def make(**data):
-        section = fb.Section(**{"EA": 1.0, "GA": 1.0, "EI": 1.0} | data)
-        scene = fb.Scene()
-        scene.clamp(scene.add_beam([(0, 0), (1, 0)], section, elements=8, name="rod").start)
-        return Model(scene, fb.EnergyMomentum())
-
-    with pytest.raises(fb.SceneError, match=message):
-        make(EA=datum)
-
-
-def test_a_bad_density_is_named_as_well():
-    section = fb.Section(EA=1, GA=1, EI=1, rhoA=lambda s: 0.7 - s)
-    scene = fb.Scene()
-    scene.add_beam([(0, 0), (1, 0)], section, name="rod")
-    with pytest.raises(fb.SceneError, match=r"beam 'rod': Section: rhoA = -0.*must be zero or"):
-        fb.simulate(scene, dt=1, t_end=1)
-
-
 # -- Motion ------------------------------------------------------------------------------------
 
 
-def flight(section, degree, curved=False, **options):
+def flight(section, degree, curved=False):
     scene = fb.Scene()
     points = fb.arc((6, 0), (1, 1), (0, 8)) if curved else [(6, 0), (0, 8)]
     beam = scene.add_beam(points, section, elements=4, degree=degree)
     scene.add_force(beam.start, lambda t: (8.0 * (t < 1), 0.0))
     scene.add_moment(beam.start, lambda t: -40.0 * (t < 1))
-    return fb.simulate(scene, dt=0.05, t_end=4.0, **options)
+    return fb.simulate(scene, dt=0.05, t_end=4.0)
 
 
-@DEGREES
-@pytest.mark.parametrize("curved", [False, True], ids=["straight", "curved"])
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_a_tapered_beam_in_flight_keeps_energy_and_momenta(degree, curved, solver):
-    solution = flight(TAPERED, degree, curved, solver=solver)
+KINDS = pytest.mark.parametrize(("degree", "curved"), [(1, False), (2, True)])
+
+
+@KINDS
+def test_a_tapered_beam_in_flight_keeps_energy_and_momenta(degree, curved):
+    solution = flight(TAPERED, degree, curved)
     after = solution.t > 1 - 1e-6
     assert relative_drift(solution.energy.total[after]) < 1e-11
     assert abs(solution.linear_momentum[after] - (8.0, 0.0)).max() < 8 * 1e-10
     assert relative_drift(solution.angular_momentum[after]) < 1e-10
 
 
-@DEGREES
-@pytest.mark.parametrize("curved", [False, True], ids=["straight", "curved"])
+@KINDS
 def test_a_stepped_member_moves_as_the_two_it_is_made_of(degree, curved):
     thick = fb.Section(EA=1e4, GA=1e4, EI=100, rhoA=1.0, rhoI=10.0)
     thin = fb.Section(EA=5e3, GA=5e3, EI=20, rhoA=0.5, rhoI=3.0)
@@ -259,15 +198,14 @@ def test_a_stepped_member_moves_as_the_two_it_is_made_of(degree, curved):
     assert abs(tips[0] - tips[0][0]).max() > 1
 
 
-@DEGREES
-def test_a_frame_of_all_kinds_keeps_energy_and_angular_momentum(degree):
+def test_a_frame_of_all_kinds_keeps_energy_and_angular_momentum():
     def quartic(eps, gamma, kappa):
         return 5e3 * (eps**2 + gamma**2) + 50 * kappa**2 * ufl.sqrt(1 + kappa**2)
 
     own = fb.Section(strain_energy=quartic, rhoA=lambda s: 1 - s / 2, rhoI=0.1)
     scene = fb.Scene()
-    arch = scene.add_beam(fb.arc((0, 0), (1, 0.8), (2, 0)), own, elements=5, degree=degree)
-    arm = scene.add_beam([arch.end, (3, 1)], TAPERED, elements=3, degree=degree)
+    arch = scene.add_beam(fb.arc((0, 0), (1, 0.8), (2, 0)), own, elements=5)
+    arm = scene.add_beam([arch.end, (3, 1)], TAPERED, elements=3)
     for beam in (arch, arm):
         scene.set_velocity(beam, lambda x, y: (-5 * y + x**2, 5 * x), spin=5)
     solution = fb.simulate(scene, dt=0.02, t_end=2.0)

@@ -15,6 +15,7 @@ import fx_beam as fb
 
 SECTION = fb.Section(**DATA)
 ELSEWHERE = fb.Scene().add_beam([(0, 1), (0, 9)], SECTION, name="arm")
+SQUARE = [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 0)]
 MASSLESS = fb.Section(EA=1e4, GA=1e4, EI=100.0)
 
 
@@ -180,6 +181,7 @@ REFUSED = {
         (lambda p: p.beam_of(fb.Curve(lambda f: (f, f), start=(0, 0))), "is not a node"),
         (lambda p: p.beam_of(fb.Curve(lambda f: (f, f), breaks=[2.0])), "must be fractions"),
         (lambda p: p.beam_of(fb.arc((0, 0), (1, 1), (2, 0)), elements=[2, 2]), "one positive wh"),
+        (lambda p: fb.Scene().add_beam(fb.spline(SQUARE), SECTION, 1, 2), "too few for its curve"),
         (lambda p: p.scene.add_body((0, 0), -1.0), "mass"),
         (lambda p: p.scene.add_body((0, 0), 1.0, name=3), "add_body: name"),
         (lambda p: p.body["z"], "has no point 'z'"),
