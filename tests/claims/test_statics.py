@@ -13,7 +13,6 @@ LENGTH = 10.0
 # integrals of the inextensible beam that is rigid in shear.
 ELASTICA = [
     (1.0, (0.301721, 0.056433, 0.461352)),
-    (2.0, (0.493457, 0.160642, 0.781750)),
     (5.0, (0.713792, 0.387628, 1.215368)),
     (10.0, (0.810609, 0.554996, 1.430286)),
 ]
@@ -49,22 +48,20 @@ def bent(section, elements, degree, load=5.0, steps=5):
 
 
 def test_the_tip_of_a_beam_rolled_to_a_circle_is_exact_to_1e_6():
+    twice, beam, error = rolled_up(turns=2.0, steps=20)
+    assert twice.rotation(beam.end)[-1] == pytest.approx(4 * np.pi, rel=1e-12)
+    assert error[-1] < 1e-12 * LENGTH and error.max() < 1e-5 * LENGTH
     solution, beam, error = rolled_up()
     assert solution.load_factor == pytest.approx(np.arange(11) / 10)
     assert error.max() < 1e-6 * LENGTH  # at all ten moments on the way
     assert np.hypot(*solution.position(beam.end)[-1]) < 1e-12 * LENGTH
     assert solution.resultants(beam).M[-1] == pytest.approx(2 * np.pi * ROLLED.EI / LENGTH)
     assert (solution.stats.steps, solution.stats.halvings) == (10, 0)
+    assert solution.t is solution.load_factor and "load factor 1" in repr(solution)
+    assert not solution.velocity(beam.end).any() and not solution.acceleration(beam.end).any()
 
 
-def test_a_beam_rolls_up_twice():
-    solution, beam, error = rolled_up(turns=2.0, steps=20)
-    assert solution.rotation(beam.end)[-1] == pytest.approx(4 * np.pi, rel=1e-12)
-    assert error[-1] < 1e-12 * LENGTH
-    assert error.max() < 1e-5 * LENGTH
-
-
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("degree", [1, 2])
 def test_the_tip_of_the_roll_up_converges_with_twice_the_degree(degree):
     errors = [rolled_up(0.4, n, degree, steps=4)[2][-1] for n in (2, 4, 8)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
@@ -72,19 +69,18 @@ def test_the_tip_of_the_roll_up_converges_with_twice_the_degree(degree):
 
 
 @pytest.mark.parametrize(("load", "exact"), ELASTICA)
-def test_the_elastica_is_met_to_1e_4(load, exact):
+def test_the_elastica_is_met(load, exact):
     (u, v, turn), _ = bent(fb.Section(EA=1e8, GA=1e8, EI=1.0), 32, 2, load)
-    assert (-v, -u, -turn) == pytest.approx(exact, abs=1e-4)
     assert (-v, -u, -turn) == pytest.approx(exact, abs=2e-6)  # of which 1e-6 is the table's
 
 
-@pytest.mark.parametrize(("degree", "elements"), [(1, 8), (2, 4), (3, 3)])
+@pytest.mark.parametrize(("degree", "elements"), [(1, 8), (2, 4)])
 def test_slenderness_does_not_lock(degree, elements):
     errors = []
     for slenderness in (1e-1, 1e-3, 1e-5):
         EA = 12 / slenderness**2  # of a rectangle with EI = 1
         section = fb.Section(EA=EA, GA=EA * 5 / 6 / 2.6, EI=1.0)
-        fine, _ = bent(section, 24, 3)
+        fine, _ = bent(section, 48, 2)
         errors.append(abs(bent(section, elements, degree)[0] - fine).max())
     assert max(errors) < 2 * min(errors)
 
@@ -130,6 +126,10 @@ def test_weight_is_lowered_in_and_its_potential_counts_in_full():
     energy = solution.energy
     assert energy.potential[-1] < -0.9 * energy.strain[-1]
     assert abs(energy.balance_error).max() < 1e-3 * energy.strain[-1]
+    # Nothing of inertia is compiled or assembled.
+    always = {"internal forces", "tangent", "strain energy", "inverted sections"}
+    assert set(solution.stats.compiled) == {*always, "weight"}
+    assert set(solution.stats.assembled) == {"gravity"}
 
 
 # -- The same scene ------------------------------------------------------------------------------
@@ -147,37 +147,36 @@ def test_prescribed_motion_is_scaled_and_does_the_work():
     assert abs(solution.energy.balance_error).max() < 1e-12 * solution.energy.strain[-1]
 
 
-def supported(kind):
+#: A support of a node, and the joint to the ground that is one.
+SUPPORTS = {
+    "pin": (lambda s, n: s.pin(n), lambda n: fb.Revolute(fb.GROUND, n)),
+    "roller": (lambda s, n: s.fix(n, "y"), lambda n: fb.PinInSlot(fb.GROUND, n, axis=(1, 0))),
+    "guide": (
+        lambda s, n: s.fix(n, "y", "rotation"),
+        lambda n: fb.Prismatic(fb.GROUND, n, axis=(1, 0)),
+    ),
+}
+
+
+def supported(kind, by_joints):
     """Cantilever with a second support, either fixed or made with joints to the ground."""
-    by_joints = kind.endswith("joint")
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), 6)
     scene.add_line_load(beam, (3.0, -20.0))
     scene.add_moment(beam.node(0.5), 2.0)
-    ends = {
-        "pin": (lambda n: scene.pin(n), lambda n: fb.Revolute(fb.GROUND, n)),
-        "roller": (
-            lambda n: scene.fix(n, "y"),
-            lambda n: fb.PinInSlot(fb.GROUND, n, axis=(1, 0)),
-        ),
-        "guide": (
-            lambda n: scene.fix(n, "y", "rotation"),
-            lambda n: fb.Prismatic(fb.GROUND, n, axis=(1, 0)),
-        ),
-    }
-    fix, join = ends[kind.split()[0]]
+    fix, join = SUPPORTS[kind]
     if by_joints:
         scene.add_joint(fb.Rigid(fb.GROUND, beam.start))
         scene.add_joint(join(beam.end))
     else:
         scene.clamp(beam.start)
-        fix(beam.end)
+        fix(scene, beam.end)
     return fb.static(scene, steps=4)
 
 
-@pytest.mark.parametrize("kind", ["pin", "roller", "guide"])
+@pytest.mark.parametrize("kind", SUPPORTS)
 def test_joints_to_the_ground_are_supports(kind):
-    one, other = supported(kind), supported(f"{kind} joint")
+    one, other = supported(kind, False), supported(kind, True)
     assert abs(one.q - other.q).max() < 1e-12
     assert abs(one.energy.work - other.energy.work).max() < 1e-12 * one.energy.work[-1]
     force = other.joint_forces[-1].sum(axis=0)[:2]
@@ -279,33 +278,7 @@ def test_a_force_of_ones_own_is_a_load_by_the_load_factor_and_else_a_spring():
     assert abs(solution.energy.balance_error).max() < 1e-12
 
 
-# -- What statics leaves out, and what it gives --------------------------------------------------
-
-
-def test_nothing_of_inertia_is_compiled_or_assembled():
-    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.1)
-    scene, beam = cantilever(section, 2, gravity=(0.0, -0.1))
-    scene.add_mass(beam.end, 0.1, inertia=2.0)
-    scene.set_velocity(beam.end, (3.0, 0.0))  # which plays no part
-    stats = fb.static(scene, steps=1).stats
-    assert set(stats.compiled) == {
-        "internal forces",
-        "tangent",
-        "strain energy",
-        "inverted sections",
-        "weight",
-    }
-    assert set(stats.assembled) == {"gravity"}
-    bare, beam = cantilever(section, 2)
-    bare.add_moment(beam.end, 1.0)
-    stats = fb.static(bare, steps=1).stats
-    assert set(stats.compiled) == {
-        "internal forces",
-        "tangent",
-        "strain energy",
-        "inverted sections",
-    }
-    assert stats.assembled == [str(bare.loads[0])]
+# -- What statics leaves out ---------------------------------------------------------------------
 
 
 def test_dampers_hold_nothing():
@@ -322,28 +295,6 @@ def test_dampers_hold_nothing():
         fb.SceneError, match="Static analysis is singular: beam 'beam 2' can rotate about"
     ):
         hinged(damper=fb.Damper(1e3))
-
-
-def test_a_static_solution_has_load_factors_and_rests(tmp_path):
-    solution, beam, _ = rolled_up(0.3, 2, steps=3)
-    assert solution.t is solution.load_factor
-    assert "load factor 1" in repr(solution)
-    assert not solution.velocity(beam.end).any()
-    assert not solution.acceleration(beam.end).any()
-    solution.save(tmp_path / "static.npz")
-    again = fb.load(tmp_path / "static.npz")
-    assert (again.load_factor == solution.load_factor).all()
-    assert (again.position(beam.end) == solution.position(beam.end)).all()
-    solution.to_csv(tmp_path / "static.csv")
-    assert (tmp_path / "static.csv").read_text(encoding="utf-8").startswith("load factor,")
-    moving = fb.simulate(_massive(), dt=0.1, t_end=0.1)
-    with pytest.raises(ValueError, match="over time, without load factors"):
-        moving.load_factor  # noqa: B018
-
-
-def _massive():
-    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.1)
-    return cantilever(section, 1)[0]
 
 
 def test_what_hangs_by_its_weight_is_found_as_if_it_were_held_in_a_copy():
@@ -393,7 +344,7 @@ def test_a_step_that_may_be_cut_no_more_ends_in_an_error_with_what_was_found():
         fb.static(scene, steps=2, max_cuts=1)
 
 
-@pytest.mark.parametrize("steps", [1, 4, 25])
+@pytest.mark.parametrize("steps", [1, 25])
 def test_loads_over_a_limit_point_end_in_an_error_that_names_the_continuation(steps):
     # Two bars in a flat triangle, half of it: the limit load of the shallow truss in closed form.
     EA, rise = 1e4, 0.2
@@ -415,7 +366,7 @@ def test_loads_over_a_limit_point_end_in_an_error_that_names_the_continuation(st
     assert (error.solution.position(bar.end)[:, 1] > np.sqrt(at_limit**2 - 1)).all()
 
 
-@pytest.mark.parametrize("overload", [2, 30, 300])
+@pytest.mark.parametrize("overload", [2, 300])
 def test_a_toggle_frame_does_not_jump_through_unseen(overload):
     limit = 5.602763  # found along the arc length, below
     scene = fb.Scene()
@@ -432,7 +383,7 @@ def test_a_toggle_frame_does_not_jump_through_unseen(overload):
     assert path.load_factor[-1] == 1
 
 
-@pytest.mark.parametrize("steps", [1, 5, 10, 20, 50])
+@pytest.mark.parametrize("steps", [1, 10, 50])
 def test_a_snap_much_shorter_than_a_step_does_not_pass_unseen(steps):
     # A shallow arch, pushed off its middle: at 50 steps it snaps within the second one.
     scene = fb.Scene()
@@ -448,7 +399,7 @@ def test_a_snap_much_shorter_than_a_step_does_not_pass_unseen(steps):
     assert caught.value.time < snaps
 
 
-@pytest.mark.parametrize("stiffness", [1e3, 1e6, 1e9])
+@pytest.mark.parametrize("stiffness", [1e3, 1e9])
 def test_a_beam_that_stiffens_as_a_cable_needs_no_short_steps(stiffness):
     # For large loads a string: its two halves of length 1/2 pull with EA (1/cos - 1) sin each.
     scene = fb.Scene()
@@ -466,29 +417,7 @@ def test_a_beam_that_stiffens_as_a_cable_needs_no_short_steps(stiffness):
     assert abs(energy.balance_error[-1]) < 0.1 * energy.strain[-1]
 
 
-# -- Wrong input ---------------------------------------------------------------------------------
-
-
-def test_wrong_input_is_refused_by_name():
-    scene = _massive()
-    with pytest.raises(fb.SceneError, match="static needs an fx_beam.Scene"):
-        fb.static("scene")
-    for option in ("steps", "max_cuts", "max_steps"):
-        with pytest.raises(fb.SceneError, match=f"{option} = -1 must be a whole number"):
-            fb.static(scene, **{option: -1})
-    with pytest.raises(fb.SceneError, match="continuation = 'riks' must be"):
-        fb.static(scene, continuation="riks")
-    for t in (None, np.nan, np.inf, "0"):
-        with pytest.raises(fb.SceneError, match=f"t = {t!r} must be a finite number"):
-            fb.static(scene, t=t)
-    with pytest.raises(fb.SceneError, match="newton = 3 must be an fx_beam.NewtonOptions"):
-        fb.static(scene, newton=3)
-    free = fb.Scene()
-    free.add_beam([(0, 0), (1, 0)], ROLLED)
-    with pytest.raises(fb.SceneError, match="Static analysis is singular: .* can move along"):
-        fb.static(free)
-    with pytest.raises(fb.SceneError, match=r"Equilibrium is a scheme for statics.*fx_beam.static"):
-        fb.simulate(scene, fb.Equilibrium(), dt=0.1, t_end=1.0)
+# -- Errors --------------------------------------------------------------------------------------
 
 
 def test_a_load_that_fails_at_its_time_is_named():
