@@ -44,8 +44,6 @@ class Units:
 
 SI = Units()
 UNITS = {
-    "um": Units(length=1e-6),
-    "um, us, uN": Units(1e-6, 1e-6, 1e-6),
     "nm": Units(length=1e-9),
     "nm, ns, nN": Units(1e-9, 1e-9, 1e-9),
     "km, h, GN": Units(1e3, 3600.0, 1e9),
@@ -105,24 +103,6 @@ def pendulum(u):
     return scene
 
 
-def frame(u):
-    scene = fb.Scene(gravity=u.gravity())
-    section = u.section(1e6, 4e5, 500.0, 2.0, 1e-2)
-    left = scene.add_beam(u.points((0, 0), (0, 1)), section, elements=2)
-    top = scene.add_beam([left.end, *u.points((1.5, 1))], section, elements=2)
-    right = scene.add_beam(u.points((1.5, 1), (1.5, 0)), section, elements=2)
-    scene.clamp(left.start)
-    given = {"spring": u.turning_spring(40.0, 0.1), "damper": u.turning_damper(0.3)}
-    scene.add_joint(fb.Revolute(top.end, right.start, **given))
-
-    def motor(t):
-        return 0.05 * (t * u.time) ** 2 / u.length
-
-    scene.add_joint(fb.Prismatic(fb.GROUND, right.end, axis=(1, 0), motor=motor))
-    scene.add_force(top.node(0.5), u.forces(10.0, -50.0))
-    return scene
-
-
 def braked(u):
     scene = fb.Scene(gravity=u.gravity())
     section = u.section(1e4, 1e4, 100.0, 1.0, 0.1)
@@ -139,8 +119,7 @@ def braked(u):
 
 
 SCENES = {
-    make.__name__: make
-    for make in (cantilever, crank_and_slot, slide_on_a_beam, pendulum, frame, braked)
+    make.__name__: make for make in (cantilever, crank_and_slot, slide_on_a_beam, pendulum, braked)
 }
 
 
@@ -155,10 +134,10 @@ def motion(solution, u):
     )
 
 
-def simulated(solver, scheme=None):
+def simulated(solver):
     def run(scene, u):
         dt, t_end = 0.01 / u.time, 0.3 / u.time
-        return motion(fb.simulate(scene, scheme, dt=dt, t_end=t_end, solver=solver), u)
+        return motion(fb.simulate(scene, dt=dt, t_end=t_end, solver=solver), u)
 
     return run
 
@@ -176,7 +155,6 @@ RUNS = {
     "arc length": loaded("arc-length"),
     "compiled": simulated("compiled"),
     "petsc": simulated("petsc"),
-    "HHT": simulated("compiled", fb.HHT(-0.1)),
     "modes": lambda scene, u: (fb.modes(scene).angular_frequencies / u.time,),
 }
 
@@ -210,7 +188,7 @@ def nanorod(force=0.0):
     return scene, rod
 
 
-def test_a_nanorod_bends_and_vibrates_as_the_theory_of_beams_says():
+def test_a_nanorod_bends_vibrates_and_swings_as_the_theory_of_beams_says():
     force = 1e-3 * 3 * ROD.EI / LENGTH**2
     for continuation in (None, "arc-length"):
         scene, rod = nanorod(force)
@@ -221,21 +199,19 @@ def test_a_nanorod_bends_and_vibrates_as_the_theory_of_beams_says():
         )
     lowest = 3.5160 * np.sqrt(ROD.EI / ROD.rhoA) / LENGTH**2
     assert fb.modes(nanorod()[0], n=1).angular_frequencies[0] == pytest.approx(lowest, rel=0.01)
-
-
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_a_nanorod_swings_without_a_step_halved(solver):
-    scene, rod = nanorod(1e-3 * 3 * ROD.EI / LENGTH**2)
-    period = 2 * np.pi / (3.5160 * np.sqrt(ROD.EI / ROD.rhoA) / LENGTH**2)
-    solution = fb.simulate(scene, dt=period / 100, t_end=period, solver=solver, max_halvings=0)
+    period = 2 * np.pi / lowest
+    swing = fb.simulate(nanorod(force)[0], dt=period / 100, t_end=period, max_halvings=0)
     # A force that comes at once lets the end swing up to about twice its deflection, and back.
-    tip = solution.displacement(rod.end)[:, 1] / (1e-3 * LENGTH)
+    tip = swing.displacement(rod.end)[:, 1] / (1e-3 * LENGTH)
     assert tip.max() == pytest.approx(2.0, abs=0.1)
-    assert solution.t[np.argmax(tip)] == pytest.approx(period / 2, rel=0.1)
-    assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.strain.max()
+    assert swing.t[np.argmax(tip)] == pytest.approx(period / 2, rel=0.1)
+    assert abs(swing.energy.balance_error).max() < 1e-10 * swing.energy.strain.max()
 
 
 # -- Refusals ------------------------------------------------------------------------------------
+
+
+SOME_UNITS = pytest.mark.parametrize("u", [UNITS["nm"], UNITS["large forces"]], ids=["nm", "GN"])
 
 
 def refusal(run, scene):
@@ -244,14 +220,7 @@ def refusal(run, scene):
     return str(error.value)
 
 
-# Each compiles its own virtual work.
-SOME_UNITS = pytest.mark.parametrize(
-    "u", [UNITS["nm"], UNITS["large forces"]], ids=["nm", "large forces"]
-)
-ALL_UNITS = pytest.mark.parametrize("u", UNITS.values(), ids=UNITS)
-
-
-@ALL_UNITS
+@SOME_UNITS
 def test_a_scene_that_can_move_is_refused_in_all_units(u):
     scene = fb.Scene()
     beam = scene.add_beam(u.points((1, 1), (3, 1)), u.section(1e6, 4e5, 80.0))
@@ -275,7 +244,7 @@ def test_a_tangent_that_is_singular_is_told_so_in_all_units(u):
         assert "the tangent is singular" in refusal(run, scene)
 
 
-@ALL_UNITS
+@SOME_UNITS
 def test_velocities_that_differ_at_a_node_are_refused_in_all_units(u):
     scene = fb.Scene()
     section = u.section(1e6, 4e5, 80.0, 1.0, 1e-2)
