@@ -132,7 +132,7 @@ def test_what_is_no_load_place_or_frequency_is_refused():
         ((scene, (beam.end, (1.0, np.nan)), beam.end, f), r"must be \(fx, fy\) or"),
         ((scene, (scene.beams[0].start, (1.0, 0.0)), beam.end, f), "supports take all of it"),
         ((scene, load, other_joint, f), "is not a joint of the scene"),
-        ((rigid_scene, (bodies[1], (1, 0)), rigid, f), "has no free coordinate"),
+        ((rigid_scene, (bodies[1], (0, 1)), rigid, f), "has no free coordinate"),
         ((scene, load, beam.end, [-1.0]), "zero or positive"),
     ):
         with pytest.raises(fb.SceneError, match=words):

@@ -7,13 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 from scipy.special import ellipk
-from test_joint_friction_derivatives import rail
-from test_sliding_derivatives import hanging
 
 import fx_beam as fb
-from fx_beam.fem.pulled_form import PulledForm, WorkOnWeights
-from fx_beam.orbits import mode_family
-from fx_beam.orbits.shooting import Shooting
 
 HARD = fb.Spring(stiffness=1.0, strain_energy=lambda x: x**4 / 4)
 
@@ -110,8 +105,8 @@ def test_the_period_of_a_hardening_spring_has_the_order_of_the_scheme(order):
     assert np.log(errors[0] / errors[1]) / np.log(61 / 31) == pytest.approx(order, abs=0.3)
 
 
-@pytest.mark.parametrize("amplitude", [20.0, 50.0])
-def test_a_period_far_from_that_of_the_mode_is_not_taken_for_several(amplitude):
+def test_a_period_far_from_that_of_the_mode_is_not_taken_for_several():
+    amplitude = 50.0
     scene, body = duffing()
     motion = fb.periodic(scene, mode=0, amplitude=amplitude, steps=101)
     exact = frequency_of_duffing(amplitude) / (2 * math.pi)
@@ -131,7 +126,7 @@ def test_the_period_of_a_pendulum_at_90_degrees():
     assert swing.stable
 
 
-@pytest.mark.parametrize("ratio, known", [(0.5, 1.0231), (1, 1.0892), (2, 1.3178), (3, 1.6257)])
+@pytest.mark.parametrize("ratio, known", [(1, 1.0892), (3, 1.6257)])
 def test_a_beam_between_fixed_hinges_has_the_frequencies_of_woinowsky_krieger(ratio, known):
     # His single mode is that of slender beams; here L / r = 200, where they differ by 1e-3.
     scene, beam = pinned(200.0, elements=4)
@@ -144,11 +139,10 @@ def test_a_beam_between_fixed_hinges_has_the_frequencies_of_woinowsky_krieger(ra
     assert np.ptp(energy.total) < 1e-9 * energy.total[0]
 
 
-@pytest.mark.parametrize("ratio", [1.0, 3.0])
-def test_a_slender_beam_between_fixed_hinges_has_the_frequency_of_its_single_mode(ratio):
+def test_a_slender_beam_between_fixed_hinges_has_the_frequency_of_its_single_mode():
     # Extrapolated in (r / L)^2 to no thickness, where a sine remains one at all amplitudes:
     # a'' + w^2 (1 + (a / r)^2 / 4) a = 0. Woinowsky-Krieger rounds it to four digits.
-    scheme, found = fb.EnergyMomentum(order=4), []
+    ratio, scheme, found = 3.0, fb.EnergyMomentum(order=4), []
     for slenderness in (200.0, 400.0):
         scene, beam = pinned(slenderness, elements=4, degree=3)
         linear = float(fb.modes(scene, n=1).frequencies[0])
@@ -179,20 +173,8 @@ def test_a_motion_has_the_energy_that_is_wanted():
     assert swing.amplitude(body.centre, "x") == pytest.approx(1.0, abs=3e-3)
 
 
-def test_a_backbone_ends_at_its_amplitude_and_is_that_of_single_motions():
-    scene, body = duffing()
-    family = fb.backbone(scene, amplitude=1.0, steps=41)
-    single = fb.periodic(scene, mode=0, amplitude=1.0, steps=41)
-    assert family[-1].frequency == pytest.approx(single.frequency, rel=1e-8)
-    amplitudes = family.amplitudes(body.centre, "x")
-    assert (np.diff(amplitudes) > 0).all() and (np.diff(family.energies) > 0).all()
-    exact = [frequency_of_duffing(a) for a in amplitudes]
-    assert 2 * np.pi * family.frequencies == pytest.approx(exact, rel=4e-3)
-    assert family.stable.all() and family.free and len(family) == len(list(family))
-
-
-@pytest.mark.parametrize("ratio", [1.0, 5.0])
-def test_a_backbone_of_a_beam_begins_at_rest_and_ends_at_its_amplitude(ratio):
+def test_a_backbone_of_a_beam_begins_at_rest_and_ends_at_its_amplitude():
+    ratio = 5.0
     scene, beam = pinned(200.0, elements=2)
     family = fb.backbone(scene, amplitude=ratio / 200, steps=41)
     for motion in family:
@@ -204,8 +186,9 @@ def test_a_backbone_of_a_beam_begins_at_rest_and_ends_at_its_amplitude(ratio):
     assert abs(last.q[:, middle, 1]).max() == pytest.approx(ratio / 200, rel=1e-6)
 
 
-@pytest.mark.parametrize("mode, amplitude", [(0, 0.3), (0, 1.0), (1, 0.3), (1, 1.0)])
-def test_a_backbone_of_bodies_ends_at_its_amplitude(mode, amplitude):
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_backbone_of_bodies_ends_at_its_amplitude(mode):
+    amplitude = 1.0
     scene, two = two_bodies()
     state = fb.static(scene)
     family = fb.backbone(scene, mode, amplitude=amplitude, state=state, steps=41)
@@ -319,12 +302,12 @@ def test_a_pendulum_on_a_shaking_hinge_has_the_multipliers_of_mathieus_equation(
 
 
 def test_the_response_to_small_loads_is_that_of_the_frequency_response():
-    def build(f):
+    def build(f, load=1e-4):
         scene = fb.Scene()
         section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, retardation=5e-3)
         beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
         scene.clamp(beam.start)
-        scene.add_force(beam.end, lambda t: (0.0, 1e-4 * math.cos(2 * math.pi * f * t)))
+        scene.add_force(beam.end, lambda t: (0.0, load * math.cos(2 * math.pi * f * t)))
         build.scene, build.end = scene, beam.end
         return scene
 
@@ -335,18 +318,12 @@ def test_the_response_to_small_loads_is_that_of_the_frequency_response():
     # Steps of a 41st of the period shift the resonance, at 0.56 Hz, by 2e-3.
     assert curve.amplitudes(build.end) == pytest.approx(linear.amplitude[:, 1], rel=0.02)
     assert curve.stable.all() and curve.frequencies[[0, -1]] == pytest.approx([0.3, 0.5])
-
-
-def test_motions_that_are_tiny_beside_the_scene_are_found():
-    def response(load):
-        scene = fb.Scene()
-        section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, retardation=5e-3)
-        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
-        scene.clamp(beam.start)
-        scene.add_force(beam.end, lambda t: (0.0, load * math.cos(0.8 * math.pi * t)))
-        return fb.periodic(scene, period=2.5, steps=41).amplitude(beam.end) / load
-
-    assert response(1e-8) == pytest.approx(response(1e-5), rel=1e-6)
+    # Motions that are tiny beside the scene are found as well.
+    tiny, small = (
+        fb.periodic(build(0.4, load), period=2.5, steps=41).amplitude(build.end) / load
+        for load in (1e-8, 1e-5)
+    )
+    assert tiny == pytest.approx(small, rel=1e-6)
 
 
 def test_a_forced_response_passes_folds_between_which_it_is_unstable():
@@ -388,8 +365,8 @@ def dry_friction(w, steps):
     return motion.amplitude(block.centre, "x")
 
 
-@pytest.mark.parametrize("w", [0.7, 1.4])
-def test_dry_friction_of_a_joint_leaves_the_amplitude_of_den_hartog(w):
+def test_dry_friction_of_a_joint_leaves_the_amplitude_of_den_hartog():
+    w = 1.4
     # Without stops: (1 / (1 - w^2))^2 - (F_f / F)^2 (tan(pi / (2 w)) / w)^2, F_f = mu m g.
     exact = math.sqrt((1 / (1 - w**2)) ** 2 - (0.3 * math.tan(math.pi / (2 * w)) / w) ** 2)
     errors = [dry_friction(w, steps) / exact - 1 for steps in (101, 401)]
@@ -456,71 +433,11 @@ def test_a_spring_that_pulsates_at_rest_has_the_multipliers_of_mathieus_equation
     assert rest.instability == kind
 
 
-# -- The map of a period -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "name, scheme",
-    [
-        ("loop", None),
-        ("loop", fb.EnergyDecaying()),
-        ("beams that slide", None),
-        ("beams that slide", fb.EnergyDecaying()),
-        ("friction", None),
-    ],
-)
-def test_the_monodromy_matrix_is_that_of_differences(name, scheme):
-    scene = {
-        "loop": lambda: four_bar()[0],
-        "beams that slide": lambda: hanging(np.ones(2))[0],
-        "friction": lambda: rail(1.0),
-    }[name]()
-    period = 2 * np.pi / SPEED
-    shooting = Shooting(scene, scheme, 21, None, "test")
-    state = shooting.settled(shooting.first_state(None, period / 21), period, 1)
-    by = shooting.directions(state, period)
-    matrix, _ = shooting.slopes(by, shooting.run(state, period))
-    h, largest = 1e-6, abs(matrix).max()
-    for i in range(0, matrix.shape[1], 5):
-        ends = []
-        for sign in (-1, 1):
-            change = np.zeros(matrix.shape[1])
-            change[i] = sign * h
-            run = shooting.run(shooting.moved(state, by, change), period)
-            ends.append(shooting.rows_of(run.end) / by.scale)
-        apart = (ends[1] - ends[0]) / (2 * h) - matrix[:, i]
-        assert abs(apart).max() < 1e-6 * largest
-
-
 # -- What is refused ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "options, message",
-    [
-        ({"mode": 0}, "amplitude or the energy"),
-        ({"mode": 0, "amplitude": -1.0}, "positive"),
-        ({"mode": 0, "amplitude": 1.0, "energy": 1.0}, "each sets the other"),
-        ({"mode": 0, "amplitude": 1.0, "period": 1.0}, "not from both"),
-        ({"mode": 7, "amplitude": 1.0}, "does not vibrate"),
-        ({"amplitude": 1.0}, "that of a mode"),
-        ({"mode": 0, "amplitude": 1.0, "steps": 40}, "odd"),
-        ({"mode": 0, "energy": -1.0}, "above that at rest"),
-        ({"mode": 0, "amplitude": 1.0, "scheme": fb.HHT()}, "no derivatives"),
-        ({}, "how long a period is"),
-        ({"period": 0.0}, "positive"),
-        ({"period": 1.0, "tolerance": 2.0}, "between 0 and 1"),
-    ],
-)
-def test_what_is_unclear_or_unsuitable_is_refused(options, message):
-    scene, _ = duffing()
-    with pytest.raises(fb.SceneError, match=message):
-        fb.periodic(scene, **options)
-
-
-def test_an_amplitude_that_the_family_of_a_mode_does_not_reach_is_refused(monkeypatch):
-    monkeypatch.setattr(mode_family, "_FAR", 12)
-    scene, two = two_bodies()  # its amplitude turns back at 1.28 m
+def test_an_amplitude_that_the_family_of_a_mode_does_not_reach_is_refused():
+    scene, _ = two_bodies()  # its amplitude turns back at 1.28 m
     with pytest.raises(RuntimeError, match="nor does the family of the mode come to it"):
         fb.periodic(scene, mode=1, amplitude=1.5, state=fb.static(scene), steps=41)
 
@@ -531,16 +448,6 @@ def test_what_takes_energy_from_free_motions_is_refused():
         fb.periodic(scene, mode=0, amplitude=0.1, scheme=fb.EnergyDecaying())
     with pytest.raises(fb.SceneError, match="friction of joints takes energy"):
         fb.periodic(dry_friction(None, steps=None), mode=0, amplitude=0.1)
-
-
-def test_the_period_must_be_that_of_the_loads():
-    scene, _ = duffing(0.1, lambda t: math.cos(2 * t))
-    with pytest.raises(fb.SceneError, match="do not repeat"):
-        fb.periodic(scene, period=3.0)
-    with pytest.raises(fb.SceneError, match="depend on time"):
-        fb.periodic(scene)
-    with pytest.raises(fb.SceneError, match="depend on time"):
-        fb.periodic(scene, mode=0, amplitude=1.0)
 
 
 def test_a_free_motion_that_loses_energy_does_not_repeat_itself():
@@ -558,13 +465,3 @@ def test_a_scene_that_build_changes_in_more_than_numbers_is_refused():
 
     with pytest.raises(fb.SceneError, match="another structure"):
         fb.forced_response(build, (0.1, 0.3), steps=21)
-
-
-def test_forms_are_derived_once_for_all_scenes_of_a_kind(monkeypatch):
-    options = {"mode": 0, "amplitude": 1e-3, "steps": 21}
-    fb.periodic(pinned(200.0, elements=2)[0], **options)
-    derived = []
-    for kind, name in ((PulledForm, "_compile"), (WorkOnWeights, "_derived")):
-        monkeypatch.setattr(kind, name, lambda form, *others: derived.append(form))
-    fb.periodic(pinned(100.0, elements=3)[0], **options)
-    assert not derived

@@ -41,18 +41,15 @@ def order(steps, errors):
 
 
 @functools.cache
-def fine_state(degree):
+def fine_state():
     """Limit of all schemes for small steps: on a mesh they discretise the same equations."""
-    return end_state(fb.EnergyMomentum(), 1 / 12800, degree=degree)
+    return end_state(fb.EnergyMomentum(), 1 / 12800)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
-@pytest.mark.parametrize("degree", [1, 2])
-def test_every_scheme_is_of_second_order_in_time(scheme, degree):
+def test_every_scheme_is_of_second_order_in_time(scheme):
     steps = np.array([1 / 200, 1 / 400, 1 / 800])
-    errors = [
-        np.linalg.norm(end_state(scheme, dt, degree=degree) - fine_state(degree)) for dt in steps
-    ]
+    errors = [np.linalg.norm(end_state(scheme, dt) - fine_state()) for dt in steps]
     assert order(steps, errors) > 1.9
 
 
@@ -116,13 +113,6 @@ def test_frequency_of_axial_vibration_is_exact_for_one_degree_of_freedom():
         solution = fb.simulate(scene, scheme, dt=dt, t_end=5.0)
         exact = 0.1 / omega * np.sin(omega_h * solution.t)
         assert solution.displacement(beam.end)[:, 0] == pytest.approx(exact, abs=1e-12)
-
-
-def test_schemes_agree_on_the_equations_that_they_discretise():
-    ends = [end_state(scheme, 1 / 3200) for scheme in SCHEMES]
-    for end in ends[1:]:
-        # The energy-momentum couple differs by the square of the step only.
-        assert np.linalg.norm(end - ends[0]) < 2e-4
 
 
 @pytest.mark.parametrize(
