@@ -32,9 +32,10 @@ def column(load, elements, degree, k, section=STOUT):
     return scene, (np.sqrt(1 + 4 * c * EI * k**2) - 1) / (2 * c)
 
 
-@pytest.mark.parametrize("k", [np.pi, np.pi / 2])
-@pytest.mark.parametrize(("degree", "order", "elements"), [(1, 2, 8), (2, 4, 4), (3, 6, 2)])
-def test_buckling_loads_converge_with_twice_the_degree(k, degree, order, elements):
+@pytest.mark.parametrize(
+    ("degree", "order", "elements", "k"), [(1, 2, 8, np.pi), (2, 4, 4, np.pi / 2), (3, 6, 2, np.pi)]
+)
+def test_buckling_loads_converge_with_twice_the_degree(degree, order, elements, k):
     errors = []
     for n in (elements, 2 * elements):
         scene, exact = column(1.4 * k**2, n, degree, k)
@@ -105,23 +106,6 @@ def test_a_high_truss_tips_over_before_its_limit_point():
     assert abs(shape[1]) < 1e-6 * abs(shape[0])
 
 
-def test_two_equal_columns_buckle_at_one_point_with_two_modes():
-    scene = fb.Scene()
-    ends = []
-    for x in (0, 1):
-        beam = scene.add_beam([(x, 0), (x, 1)], STOUT, 4, 2)
-        scene.pin(beam.start)
-        scene.fix(beam.end, "x")
-        scene.add_force(beam.end, (0, -14.0))
-        ends.append(beam.node(0.5).number)
-    path = fb.static(scene, steps=4)
-    (point,) = path.critical_points
-    assert point.kind == "bifurcation" and len(point.modes) == 2
-    assert np.diff(path.unstable_modes).max() == 2
-    across = point.modes.shapes[:, ends, 0]
-    assert abs(np.linalg.det(across / abs(across).max())) > 0.1  # one mode for each column
-
-
 def test_columns_that_differ_and_buckle_at_once_are_one_point():
     """The eigenvalues cross each other where they vanish."""
     scene = fb.Scene()
@@ -134,6 +118,8 @@ def test_columns_that_differ_and_buckle_at_once_are_one_point():
     (point,) = fb.static(scene, steps=4).critical_points
     alone = fb.static(column(14.0, 4, 2, np.pi)[0], steps=4).critical_points[0]
     assert len(point.modes) == 2
+    across = point.modes.shapes[:, [beam.node(0.5).number for beam in scene.beams], 0]
+    assert abs(np.linalg.det(across / abs(across).max())) > 0.1  # one mode for each column
     assert point.load_factor == pytest.approx(alone.load_factor, rel=1e-8)
 
 
@@ -164,22 +150,6 @@ def test_becks_column_flutters_at_its_load():
     assert point.modes.angular_frequencies[0] == pytest.approx(11.0157, rel=1e-4)
 
 
-@pytest.mark.parametrize("how", [None, "arc-length"])
-def test_a_rigid_column_on_a_hinge_tips_over_at_c_over_its_length(how):
-    # One unknown, on which the load does no work: P L = c, and P L sin(psi) = c psi behind it.
-    # At 9 steps the method of secants meets the point itself, where the tangent is zero.
-    c, load = 7.0, 15.0
-    scene, top = rigid_column(c, load)
-    path = fb.static(scene, 9, continuation=how)
-    (point,) = path.critical_points
-    assert (point.kind, load * point.load_factor) == ("bifurcation", pytest.approx(c, rel=1e-9))
-    tipped = fb.static(scene, start=point.branch(1), continuation="arc-length")
-    x, y = tipped.position(top).T
-    psi = np.arctan2(abs(x), y)
-    assert tipped.load_factor[-1] == 1 and psi[-1] > 1
-    assert load * tipped.load_factor * np.sin(psi) == pytest.approx(c * psi, abs=1e-9)
-
-
 def test_zieglers_column_flutters_at_its_load():
     # Two rods without mass, 2 kg and 1 kg at their ends: (7/2 - sqrt(2)) c / L (Ziegler 1952).
     scene = fb.Scene()
@@ -204,8 +174,7 @@ def rigid_column(stiffness, load):
     return scene, bar.centre
 
 
-@pytest.mark.parametrize("how", [None, "arc-length"])
-@pytest.mark.parametrize("load", [7.0, 14.0])
+@pytest.mark.parametrize(("load", "how"), [(7.0, None), (14.0, None), (14.0, "arc-length")])
 def test_steps_may_end_exactly_at_a_bifurcation(load, how):
     scene, top = rigid_column(7.0, load)
     path = fb.static(scene, 4, continuation=how)
@@ -280,8 +249,7 @@ def test_a_column_that_leans_on_a_prop_buckles_into_two_waves():
     assert 45 * point.load_factor == pytest.approx(exact, rel=2e-3)
 
 
-@pytest.mark.parametrize("stop", [0.05, 0.0])
-@pytest.mark.parametrize("steps", [8, 10])
+@pytest.mark.parametrize(("stop", "steps"), [(0.05, 8), (0.0, 10)])
 def test_a_truss_becomes_stable_where_it_meets_a_stop(stop, steps):
     """Its load falls down to the stop, where it has a minimum, and rises again."""
     scene = truss(0.2, 20.0)
