@@ -89,8 +89,7 @@ def moving(made):
     return scene
 
 
-@pytest.mark.parametrize("kind", ["array", "list"])
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+@pytest.mark.parametrize(("kind", "solver"), [("array", "compiled"), ("list", "petsc")])
 def test_a_function_of_time_may_fill_and_return_its_own_array(solver, kind):
     run = {"dt": 0.01, "t_end": 0.3, "solver": solver}
     expected = fb.simulate(moving(fresh), **run)

@@ -43,10 +43,9 @@ def differences(a, b):
 # -- Steps -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_steps_with_held_loads_are_those_of_simulate_with_steps_of_time(solver):
+def test_steps_with_held_loads_are_those_of_simulate_with_steps_of_time():
     scene, beam, hinge, outputs = arm()
-    motion = fb.Motion(scene, dt=DT, outputs=outputs, solver=solver)
+    motion = fb.Motion(scene, dt=DT, outputs=outputs)
     for k in range(50):
         found = motion.step({"torque": torque(k * DT), "push": (0.0, float(k % 3))})
     steps = {
@@ -68,9 +67,7 @@ def test_steps_with_held_loads_are_those_of_simulate_with_steps_of_time(solver):
     assert motion.stats.newton_iterations == solution.stats.newton_iterations
 
 
-@pytest.mark.parametrize(
-    "scheme", [fb.EnergyMomentum(), fb.EnergyMomentum(order=4), fb.GeneralizedAlpha(0.8)]
-)
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(order=4), fb.GeneralizedAlpha(0.8)])
 def test_a_motor_follows_its_input_along_straight_lines(scheme):
     scene, beam, hinge, outputs = arm(motor=fb.Input("place"), gravity=None)
     outputs["moment"] = fb.Output("motor_force", hinge)
@@ -120,42 +117,14 @@ def test_functions_of_time_act_beside_inputs():
     assert motion.run(0.3)["tip"] == pytest.approx(solution.position(beam.end)[-1], abs=1e-11)
 
 
-def test_every_output_is_what_a_solution_says():
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    post = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
-    scene.clamp(post.start)
-    rod = scene.add_beam([(1, 0), (2, 0.5)], SECTION, elements=2)
-    slot = scene.add_joint(fb.PinInSlot(post.end, rod.start, axis=(0.8, 0.6), damper=fb.Damper(3)))
-    nodes = {name: fb.Output(name, rod.end) for name in ("displacement", "rotation", "spin")}
-    nodes |= {"a": fb.Output("acceleration", rod.end), "held": fb.Output("reaction", post.start)}
-    nodes["my"] = fb.Output("reaction", post.start, "moment")
-    joints = {name: fb.Output(name, slot) for name in ("slide", "rate", "force")}
-    motion = fb.Motion(scene, dt=DT, outputs=nodes | joints, record=fb.Record())
-    found, solution = motion.run(0.2), motion.solution()
-    joint = solution.joint(slot)
-    expected = {
-        "displacement": solution.displacement(rod.end),
-        "rotation": solution.rotation(rod.end),
-        "spin": solution.spin(rod.end),
-        "a": solution.acceleration(rod.end),
-        "held": solution.reaction(post.start),
-        "my": solution.reaction(post.start)[:, 2],
-        "slide": joint.slide,
-        "rate": joint.rate,
-        "force": joint.force,
-    }
-    for name, rows in expected.items():
-        assert found[name] == pytest.approx(rows[-1], rel=1e-12, abs=1e-12), name
-
-
 def test_what_is_recorded_is_what_simulate_records():
     scene, _, _, _ = arm()
     motion = fb.Motion(scene, dt=DT, record=fb.Record(every=3))
-    motion.run(3000 * DT)  # more steps than rows are planned for at once
+    motion.run(1500 * DT)  # more steps than rows are planned for at once
     mine = motion.solution()
-    theirs = fb.simulate(scene, dt=DT, t_end=2000 * DT, record=fb.Record(every=3))
+    theirs = fb.simulate(scene, dt=DT, t_end=600 * DT, record=fb.Record(every=3))
     first = slice(200)  # before round-off has grown
-    assert len(mine.t) == 1001
+    assert len(mine.t) == 501
     assert mine.t[first] == pytest.approx(theirs.t[first], abs=1e-12)
     assert abs(mine.q[first] - theirs.q[first]).max() < 1e-9
     assert abs(mine.joint_forces[first] - theirs.joint_forces[first]).max() < 1e-5
@@ -179,11 +148,19 @@ def test_a_thousand_returns_to_a_snapshot_give_the_same_episode():
 
     first = episode()
     assert max(differences(first, episode()) for _ in range(1000)) < 1e-13
+    # The record begins anew at a restored state.
+    recorded = fb.Motion(scene, dt=DT, record=fb.Record())
+    recorded.run(10 * DT)
+    there = recorded.snapshot()
+    recorded.run(20 * DT)
+    recorded.restore(there)
+    recorded.run(25 * DT)
+    solution = recorded.solution()
+    assert solution.t == pytest.approx(DT * np.arange(10, 26))
+    assert abs(np.diff(solution.energy.balance_error)).max() < 1e-11
 
 
-@pytest.mark.parametrize(
-    "scheme", [fb.EnergyDecaying(0.1), fb.EnergyMomentum(order=4), fb.HHT(-0.1)]
-)
+@pytest.mark.parametrize("scheme", [fb.EnergyDecaying(), fb.HHT(-0.1)])
 def test_a_snapshot_has_what_a_scheme_remembers(scheme):
     scene, _, _, outputs = arm()
     motion = fb.Motion(scene, scheme, dt=DT, outputs=outputs)
@@ -195,13 +172,12 @@ def test_a_snapshot_has_what_a_scheme_remembers(scheme):
         assert differences(first, other.run(0.04)) < 1e-9
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_a_motion_goes_on_from_snapshots_copies_files_and_solutions(solver, tmp_path):
+def test_a_motion_goes_on_from_snapshots_copies_files_and_solutions(tmp_path):
     scene, _, _, outputs = arm()
-    motion = fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record(), solver=solver)
+    motion = fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record())
     motion.run(0.05, lambda t, y: {"torque": torque(t), "push": (0.0, 1.0)})
     motion.state.save(tmp_path / "state.npz")
-    options = {"dt": DT, "outputs": outputs, "solver": solver}
+    options = {"dt": DT, "outputs": outputs}
     others = [
         copy.deepcopy(motion),
         pickle.loads(pickle.dumps(motion)),
@@ -215,19 +191,6 @@ def test_a_motion_goes_on_from_snapshots_copies_files_and_solutions(solver, tmp_
     for other in others:
         assert differences(expected, other.run(0.1)) < 1e-8
         assert differences({"tip": expected["tip"]}, {"tip": other.outputs["tip"]}) < 1e-12
-
-
-def test_the_record_begins_anew_at_a_restored_state():
-    scene, _, _, _ = arm()
-    motion = fb.Motion(scene, dt=DT, record=fb.Record())
-    motion.run(10 * DT)
-    start = motion.snapshot()
-    motion.run(20 * DT)
-    motion.restore(start)
-    motion.run(25 * DT)
-    solution = motion.solution()
-    assert solution.t == pytest.approx(DT * np.arange(10, 26))
-    assert abs(np.diff(solution.energy.balance_error)).max() < 1e-11
 
 
 def test_full_turns_are_counted_and_kept():
@@ -299,7 +262,15 @@ def test_pd_control_of_the_joint_damps_the_tip():
 # -- Errors ----------------------------------------------------------------------------------------
 
 
-def test_a_failed_step_leaves_the_motion_where_it_was():
+WRONG = [
+    ({"torque": 1.0, "tourqe": 1.0}, "no input 'tourqe'; it has"),
+    ({"torque": (1.0, 2.0)}, "input 'torque'.*must be a number"),
+    ({"torque": 1.0, "push": (0.0, np.nan)}, "input 'push'.*not finite"),
+    ([1.0], "inputs = .* must be a dictionary"),
+]
+
+
+def test_a_failed_or_refused_step_leaves_the_motion_where_it_was():
     scene, _, _, outputs = arm()
     for solver in ("compiled", "petsc"):
         motion = fb.Motion(scene, dt=DT, outputs=outputs, max_halvings=0, solver=solver)
@@ -309,6 +280,10 @@ def test_a_failed_step_leaves_the_motion_where_it_was():
         assert motion.t == pytest.approx(10 * DT)
         assert motion.inputs["torque"] == 0.0
         assert differences(before, motion.outputs) == 0
+        for wrong, words in WRONG:
+            with pytest.raises(fb.SceneError, match=words):
+                motion.step(wrong)
+        assert motion.stats.steps == 10 and motion.inputs["torque"] == 0.0
         motion.step({"torque": 0.0})
         assert motion.stats.steps == 11
 
@@ -324,49 +299,6 @@ def test_steps_that_fail_as_a_whole_are_taken_in_parts():
     motion.restore(again)
     assert motion.run(0.5)["angle"] == pytest.approx(motion.outputs["angle"])
     assert len(last) == 5
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"tourqe": 1.0}, "no input 'tourqe'; it has"),
-        ({"torque": (1.0, 2.0)}, "input 'torque'.*must be a number"),
-        ({"push": 1.0}, "input 'push'.*2 numbers"),
-        ({"push": (0.0, np.nan)}, "input 'push'.*not finite"),
-        ([1.0], "inputs = .* must be a dictionary"),
-    ],
-)
-def test_wrong_inputs_are_refused_before_the_step(given, words):
-    scene, _, _, _ = arm()
-    motion = fb.Motion(scene, dt=DT)
-    with pytest.raises(fb.SceneError, match=words):
-        motion.step({"torque": 1.0, **given} if isinstance(given, dict) else given)
-    assert (motion.t, motion.inputs["torque"]) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda s, b, h: fb.Motion(s, dt=0.0), "Motion: dt = 0.0 must be a positive number"),
-        (lambda s, b, h: fb.Motion("scene", dt=1.0), "Motion needs an fx_beam.Scene"),
-        (lambda s, b, h: fb.Motion(s, dt=1.0, outputs={"a": b.end}), r"outputs\['a'\]"),
-        (lambda s, b, h: fb.Output("slide", b.end), "one of .*position.* for node"),
-        (lambda s, b, h: fb.Output("spin", h, "x"), "it is a single number"),
-        (lambda s, b, h: fb.Motion(s, dt=1.0, outputs={"a": fb.Output("slide", h)}), "a slide"),
-        (lambda s, b, h: fb.Motion(s, dt=1.0, outputs={"a": fb.Output("motor_force", h)}), "motor"),
-        (lambda s, b, h: fb.Motion(s, dt=1.0).solution(), "nothing was recorded"),
-        (lambda s, b, h: fb.Motion(s, dt=1.0).restore(None), "Motion.restore"),
-        (lambda s, b, h: fb.Motion(s, dt=1.0, record=fb.Record(times=[0.0])), "record at times"),
-        (lambda s, b, h: fb.simulate(s, dt=1.0, t_end=1.0, inputs={"a": 1}), "no input 'a'"),
-        (lambda s, b, h: s.add_force(b.end, fb.Input("f", factor=1.0)), "1 factors"),
-        (lambda s, b, h: fb.Input(""), "Input: name"),
-        (lambda s, b, h: fb.Input("f", factor=(0, 0)), "different from zero"),
-    ],
-)
-def test_what_does_not_fit_is_refused_with_its_name(call, words):
-    scene, beam, hinge, _ = arm()
-    with pytest.raises(fb.SceneError, match=words):
-        call(scene, beam, hinge)
 
 
 def test_inputs_of_one_name_must_fit_together():

@@ -5,14 +5,6 @@ import pytest
 
 import fx_beam as fb
 
-SCHEMES = [
-    fb.EnergyMomentum(),
-    fb.EnergyMomentum(order=4),
-    fb.EnergyDecaying(),
-    fb.Newmark(),
-    fb.GeneralizedAlpha(0.6),
-]
-
 
 def ball():
     scene = fb.Scene(gravity=(0, -10.0))
@@ -31,27 +23,27 @@ def pendulum():
     return scene, body, pin, outputs
 
 
-@pytest.mark.parametrize("solver", ["auto", "petsc"])
-@pytest.mark.parametrize("steps", [{"dt": 0.03}, {"tolerance": 1e-4}], ids=["dt", "tolerance"])
-@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: f"{scheme.name}")
-def test_a_falling_ball_ends_on_the_floor_at_the_exact_time(scheme, steps, solver):
+@pytest.mark.parametrize(
+    ("scheme", "options"),
+    [
+        (fb.EnergyMomentum(), {"tolerance": 1e-4}),
+        (fb.EnergyMomentum(order=4), {"dt": 0.03, "solver": "petsc"}),
+        (fb.EnergyMomentum(), {"tolerance": 1e-4, "solver": "petsc"}),
+        (fb.EnergyDecaying(), {"dt": 0.03}),
+        (fb.GeneralizedAlpha(0.6), {"dt": 0.03}),
+    ],
+    ids=str,
+)
+def test_a_falling_ball_ends_on_the_floor_at_the_exact_time(scheme, options):
     scene, body = ball()
     outputs = {"place": fb.Output("position", body.centre)}
-    fall = fb.simulate(
-        scene,
-        scheme,
-        t_end=3.0,
-        solver=solver,
-        outputs=outputs,
-        until=lambda t, y: y["place"][1],
-        **steps,
-    )
+    until = {"outputs": outputs, "until": lambda t, y: y["place"][1]}
+    fall = fb.simulate(scene, scheme, t_end=3.0, **until, **options)
     assert abs(fall.t[-1] - 1.0) < 1e-12
     assert abs(fall.position(body.centre)[-1, 1]) < 1e-11
     assert fall.velocity(body.centre)[-1, 1] == pytest.approx(-10.0, rel=1e-9)
     assert abs(fall.energy.balance_error).max() < 1e-11
-    assert fall.stats.until == "until"
-    assert "by 'until'" in repr(fall)
+    assert fall.stats.until == "until" and "by 'until'" in repr(fall)
 
 
 def test_the_last_step_is_neither_tiny_nor_interpolated():
@@ -139,35 +131,3 @@ def test_a_condition_within_halved_steps():
     )
     assert run.stats.halvings > 0
     assert run.rotation(arm.centre)[-1] == pytest.approx(11.0, abs=1e-10)
-
-
-def test_wrong_conditions_are_refused():
-    scene, body, _, outputs = pendulum()
-    options = {"dt": 0.01, "t_end": 0.1}
-    with pytest.raises(fb.SceneError, match="simulate: until = 3 must be a function"):
-        fb.simulate(scene, until=3, **options)
-    with pytest.raises(fb.SceneError, match="outputs .* given with `until` only"):
-        fb.simulate(scene, outputs=outputs, **options)
-    with pytest.raises(fb.SceneError, match="until gives nan at t = 0"):
-        fb.simulate(scene, until=lambda t, y: float("nan"), **options)
-    with pytest.raises(fb.SceneError, match="until is true at the start, t = 0"):
-        fb.simulate(scene, until=lambda t, y: True, **options)
-    with pytest.raises(fb.SceneError, match="simulate: outputs"):
-        fb.simulate(scene, until=lambda t, y: 1.0, outputs={"x": 3}, **options)
-    other = pendulum()[1]
-    with pytest.raises(fb.SceneError, match="another scene"):
-        of_other = {"x": fb.Output("spin", other.centre)}
-        fb.simulate(scene, until=lambda t, y: 1.0, outputs=of_other, **options)
-
-
-@pytest.mark.parametrize(
-    ("until", "words"),
-    [
-        (lambda: 1.0, r"takes 0 positional arguments.*called as until\(t, y\)"),
-        (lambda t, y: y["z"], r"KeyError\('z'\) at t = 0.*the outputs \['x', 'spin', 'force'\]"),
-    ],
-)
-def test_a_condition_with_other_arguments_or_outputs_is_refused(until, words):
-    scene, _, _, outputs = pendulum()
-    with pytest.raises(fb.SceneError, match=words):
-        fb.simulate(scene, dt=0.1, t_end=1.0, until=until, outputs=outputs)
