@@ -33,24 +33,16 @@ def truss(load):
 # -- Limit points --------------------------------------------------------------------------------
 
 
-def test_both_limit_points_of_a_truss_are_found_to_rounding():
-    scene, bar, exact, top = truss(2.0)
-    solution = fb.static(scene, continuation="arc-length")
-    assert solution.stats.limit_points == pytest.approx([0.5, -0.5], rel=1e-9)
-    rows = [list(solution.load_factor).index(p) for p in solution.stats.limit_points]
-    height = solution.position(bar.end)[:, 1]
-    assert height[rows] == pytest.approx([top, -top], rel=1e-4)
-    assert solution.load_factor == pytest.approx(exact(height), abs=1e-9)
-    assert solution.load_factor[-1] == 1
-    assert (np.diff(height) < 0).all()
-
-
 @pytest.mark.parametrize("steps", [1, 40])
 def test_the_first_step_does_not_decide_what_is_found(steps):
-    scene, bar, exact, _ = truss(1.5)
+    scene, bar, exact, top = truss(1.5)
     solution = fb.static(scene, steps, continuation="arc-length")
     assert solution.stats.limit_points == pytest.approx([1 / 1.5, -1 / 1.5], rel=1e-9)
-    assert solution.load_factor == pytest.approx(exact(solution.position(bar.end)[:, 1]), abs=1e-9)
+    height = solution.position(bar.end)[:, 1]
+    assert solution.load_factor == pytest.approx(exact(height), abs=1e-9)
+    assert solution.load_factor[-1] == 1 and (np.diff(height) < 0).all()
+    rows = [list(solution.load_factor).index(p) for p in solution.stats.limit_points]
+    assert height[rows] == pytest.approx([top, -top], rel=1e-4)
 
 
 def test_a_load_below_the_limit_ends_before_it():
@@ -73,6 +65,14 @@ def test_lees_frame_meets_both_limit_loads_of_shooting():
     for row in (2, 18, 27, -1):
         exact = lee.place_by_shooting(path, row, hinge)
         assert path.position(loaded)[row] == pytest.approx(exact, abs=1e-3 * lee.LEG)
+    # Every row is in equilibrium.
+    far = path.beams["beam"].end
+    load = np.column_stack([0 * path.load_factor, -lee.LOAD * path.load_factor])
+    forces = [(path.reaction(n)[:, :2], path.position(n)) for n in (hinge, far)]
+    forces.append((load, path.position(loaded)))
+    assert abs(sum(force for force, _ in forces)).max() < 1e-9 * lee.LOAD
+    moments = sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0] for f, x in forces)
+    assert abs(moments).max() < 1e-8 * lee.LOAD * lee.LEG
 
 
 def test_a_deep_arch_meets_the_limit_load_of_the_literature():
@@ -97,28 +97,15 @@ def test_a_deep_arch_meets_the_limit_load_of_the_literature():
     assert fine + (fine - coarse) / 3 == pytest.approx(8.97, rel=1e-3)
 
 
-def test_every_row_of_the_path_is_in_equilibrium():
-    lee = demo("lee_frame")
-    frame, loaded, hinge = lee.scene(elements=5, degree=2)
-    path = fb.static(frame, continuation="arc-length")
-    far = path.beams["beam"].end
-    load = np.column_stack([0 * path.load_factor, -lee.LOAD * path.load_factor])
-    forces = [(path.reaction(n)[:, :2], path.position(n)) for n in (hinge, far)]
-    forces.append((load, path.position(loaded)))
-    assert abs(sum(force for force, _ in forces)).max() < 1e-9 * lee.LOAD
-    moments = sum(x[:, 0] * f[:, 1] - x[:, 1] * f[:, 0] for f, x in forces)
-    assert abs(moments).max() < 1e-8 * lee.LOAD * lee.LEG
-
-
 def test_the_balance_closes_to_second_order_through_limit_points_too():
     lee = demo("lee_frame")
     gaps = []
-    for steps in (10, 20, 40):
+    for steps in (10, 40):
         frame, *_ = lee.scene(elements=5, degree=2)
         energy = fb.static(frame, steps, continuation="arc-length").energy
         gaps.append(abs(energy.balance_error[-1]) / energy.strain.max())
     assert gaps[0] < 2e-3
-    assert np.log2(gaps[0] / gaps[2]) / 2 == pytest.approx(2, abs=0.3)
+    assert np.log2(gaps[0] / gaps[1]) / 2 == pytest.approx(2, abs=0.3)
 
 
 def test_steps_along_the_arc_length_are_about_as_many_as_asked_for_and_few_iterations_each():
@@ -145,9 +132,6 @@ def test_a_path_may_go_below_the_loads_reversed_and_come_back():
     path = fb.static(scene, continuation="arc-length")
     assert path.load_factor[-1] == 1
     assert min(path.stats.limit_points) < -1
-    fine = fb.static(scene, 40, continuation="arc-length")
-    assert path.stats.limit_points == pytest.approx(fine.stats.limit_points, rel=1e-6)
-    assert path.q[-1] == pytest.approx(fine.q[-1], abs=1e-8)
 
 
 # -- Joints and driven motion --------------------------------------------------------------------

@@ -110,31 +110,6 @@ def test_the_transfer_function_is_the_frequency_response(rhoI):
             assert response[:, k] == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
-def test_small_motions_of_simulate_approach_the_linear_ones_in_the_amplitude():
-    scene, arm, joint, outputs = hanging()
-    state = fb.static(scene, steps=4)
-    system = fb.linearise(scene, state, outputs=outputs)
-    t = DT * np.arange(401)
-
-    def push(t):
-        return np.array([np.sin(8 * t), -2 * np.sin(13 * t)])
-
-    exact = scipy.signal.lsim(system.state_space(), push(t).T, t)[1]
-    errors = []
-    for size in (1e-1, 1e-2):
-        inputs = {"push": lambda t, size=size: size * push(t)}
-        moved = fb.simulate(scene, dt=DT, t_end=0.4, start=state, inputs=inputs)
-        seen = np.column_stack([moved.q[:, arm.end.number], moved.slides, moved.joint(joint).angle])
-        errors.append(abs((seen - seen[0]) / size - exact).max() / abs(exact).max())
-    assert errors[0] < 2e-2
-    assert errors[1] < 0.2 * errors[0]
-    assert system.deviation(moved)[: len(system.A)] == pytest.approx(
-        system.deviation(state)
-        + size * scipy.signal.lsim(system.state_space(), push(t).T, t)[2][-1],
-        abs=2e-2 * size,
-    )
-
-
 def test_rates_of_motors_and_prescribed_motions_are_inputs():
     scene = fb.Scene(gravity=(0.0, -9.81))
     base = scene.add_beam([(0, 0), (0.5, 0)], section(), elements=2)
@@ -243,6 +218,9 @@ def test_systems_of_the_instant_of_a_closed_loop_in_motion():
     slot = fb.PinInSlot(arm["O"], crank["P"], axis=(0.2, 0.7), damper=fb.Damper(0.1))
     slot = scene.add_joint(slot)
     scene.add_moment(crank.centre, fb.Input("torque"))
+    hanging = fb.static(scene, steps=8)
+    modes = fb.modes(scene, hanging, n=1)
+    assert_has_eigenvalues(fb.linearise(scene, hanging).A, modes.eigenvalues, 1e-9)
     outputs = {
         "turn": fb.Output("rotation", crank.centre),
         "slide": fb.Output("slide", slot),
@@ -251,22 +229,6 @@ def test_systems_of_the_instant_of_a_closed_loop_in_motion():
     _, means = bump(40)
     found = errors_of_systems(scene, outputs, "torque", lambda k: 2.0, 400, means, means)
     assert max(found) < 5e-3
-
-
-def test_eigenvalues_of_a_closed_loop_are_those_of_its_modes():
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    corners, bars = [(0, 0), (0.3, 0.9), (2.0, 1.3), (1.8, 0.0)], []
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
-        bars.append(scene.add_body(np.add(a, b) / 2, 1.0, 0.1, points={"a": a, "b": b}))
-        if len(bars) > 1:
-            scene.add_joint(fb.Revolute(bars[-2]["b"], bars[-1]["a"]))
-    coordinate = {"spring": fb.Spring(40.0), "damper": fb.Damper(1.0)}
-    crank = scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"], **coordinate))
-    scene.add_joint(fb.Revolute(bars[2]["b"], fb.GROUND))
-    state = fb.static(scene, steps=8)
-    system = fb.linearise(scene, state, outputs={"angle": fb.Output("angle", crank)})
-    assert len(system.A) == 2
-    assert_has_eigenvalues(system.A, fb.modes(scene, state, n=1).eigenvalues, 1e-9)
 
 
 def test_a_state_of_motion_is_the_deviation_that_feedback_needs():

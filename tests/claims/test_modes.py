@@ -62,16 +62,6 @@ def test_five_frequencies_of_a_supported_beam_converge_to_the_exact_ones(degree)
     assert (errors[1] < {1: 0.14, 2: 2e-3, 3: 2e-4}[degree]).all()
 
 
-@DEGREES
-def test_a_slender_supported_beam_has_the_frequencies_of_euler_and_bernoulli(degree):
-    section = square(1e-3)
-    exact = (math.pi * np.arange(1, 6)) ** 2 * math.sqrt(section.EI / section.rhoA)
-    counts = {1: 128, 2: 32, 3: 16}[degree]
-    found = fb.modes(simply_supported(degree, counts, section), n=5).angular_frequencies
-    assert found == pytest.approx(exact, rel={1: 1e-2, 2: 2e-4, 3: 6e-5}[degree])
-    assert found[0] == pytest.approx(exact[0], rel={1: 1e-4, 2: 3e-6, 3: 3e-6}[degree])
-
-
 @pytest.mark.parametrize(
     ("points", "height", "degree"),
     [([(0, 0), (0.6, 0.8)], 0.1, 1), (fb.arc((0, 0), (1, 0.1), (1, 1)), 1e-3, 2)],
@@ -135,13 +125,6 @@ def test_free_links_have_as_many_rigid_modes_as_they_can_move(links, elements, d
         assert found.rigid[: min(n, mobility)].all() and not found.unstable.any()
 
 
-@pytest.mark.parametrize(("count", "height"), [(2, 0.1), (15, 1e-5)])
-def test_free_bodies_have_three_rigid_modes_each(count, height):
-    scene = side_by_side(count, steel(height), 1, clamped=False)
-    for n in (3 * count - 1, 3 * count, 3 * count + 1):
-        assert fb.modes(scene, n=n).rigid.sum() == min(n, 3 * count)
-
-
 @pytest.mark.parametrize("count", [6, 25])
 def test_no_copy_of_a_multiple_frequency_is_missed(count):
     one = fb.modes(side_by_side(1, SPARSE, 6, degree=2), n=3).angular_frequencies
@@ -158,18 +141,6 @@ def test_all_modes_of_many_equal_beams_with_massless_turns_are_found(elements, c
     scene = side_by_side(count, SPARSE, elements)
     found = fb.modes(scene, n=len(one) * count + 1).angular_frequencies
     assert found == pytest.approx(np.repeat(one, count), rel=1e-8)
-
-
-@pytest.mark.parametrize(("elements", "degree", "n"), [(1, 3, 9), (2, 1, 5), (8, 1, 14)])
-def test_bending_frequencies_of_a_free_beam_are_as_its_height_however_small(elements, degree, n):
-    # Shear takes a share of height^2; axial frequencies, among the n or not, are 1e5 higher.
-    stout, slender = (
-        fb.modes(chain(1, height, elements, degree), n=n).angular_frequencies[3:] / height
-        for height in (1e-4, 1e-5)
-    )
-    bending = stout * 1e-4 < 1e3
-    assert bending.any()
-    assert slender[bending] == pytest.approx(stout[bending], rel=2e-5)
 
 
 def test_parts_of_very_different_stiffness_have_the_modes_that_each_has_alone():
@@ -242,31 +213,19 @@ def test_a_shape_moves_the_axis_of_its_beam():
 # -- Stress ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("ratio", [-0.9, 100.0])
+@pytest.mark.parametrize("ratio", [-0.9, -4.5, 100.0])
 def test_a_force_along_a_beam_changes_its_frequencies_as_a_strings(ratio):
     section = fb.Section(EA=1e9, GA=1e9, EI=10.0, rhoA=1.0)
     force = ratio * math.pi**2 * section.EI  # of the critical one
-    scene = simply_supported(3, 6, section)
-    scene.add_force(scene.beams[0].end, (force, 0))
-    k = math.pi * np.arange(1, 4)
-    exact = np.sqrt(k**4 * section.EI + k**2 * force)
-    found = fb.modes(scene, fb.static(scene), n=3)
-    assert found.angular_frequencies == pytest.approx(exact, rel=3e-4)
-    assert not found.rigid.any()
-
-
-def test_a_beam_beyond_its_critical_load_is_reported_unstable():
-    section = fb.Section(EA=1e9, GA=1e9, EI=10.0, rhoA=1.0)
     scene = simply_supported(3, 8, section)
-    force = -4.5 * math.pi**2 * section.EI
     scene.add_force(scene.beams[0].end, (force, 0))
-    found = fb.modes(scene, fb.static(scene), n=4)
     k = math.pi * np.arange(1, 5)
     squares = np.sort(k**4 * section.EI + k**2 * force)
+    found = fb.modes(scene, fb.static(scene), n=4)
     exact = np.sign(squares) * np.sqrt(abs(squares))
-    assert found.angular_frequencies == pytest.approx(exact, rel=1e-3)
-    assert found.unstable.tolist() == [True, True, False, False]
-    assert "unstable" in str(found)
+    assert found.angular_frequencies == pytest.approx(exact, rel=3e-4 if ratio > -1 else 1e-3)
+    assert found.unstable.tolist() == (squares < 0).tolist() and not found.rigid.any()
+    assert ("unstable" in str(found)) == (ratio < -1)
 
 
 def test_the_two_small_frequencies_of_a_stiff_double_pendulum_are_those_of_the_rigid_one():
@@ -463,15 +422,6 @@ def test_a_state_that_has_relaxed_keeps_its_internal_variables():
         fb.modes(scene, fb.static(elastic))
     # The forces about which modes are found are in equilibrium, or they would be refused.
     assert len(fb.modes(scene, state, n=2)) == 2
-
-
-def test_gravity_has_no_part_in_the_modes_of_an_unloaded_start():
-    found = []
-    for gravity in (None, (0, -GRAVITY)):
-        scene, *_ = pair("pin in slot with offset", degree=2, gravity=gravity)
-        found.append(fb.modes(scene, n=8))
-    assert (found[0].angular_frequencies == found[1].angular_frequencies).all()
-    assert found[0].rigid.tolist() == [True] * 5 + [False] * 3
 
 
 def test_a_state_that_is_unstable_in_what_has_no_mass_is_refused():

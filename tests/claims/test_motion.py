@@ -43,30 +43,6 @@ def differences(a, b):
 # -- Steps -----------------------------------------------------------------------------------------
 
 
-def test_steps_with_held_loads_are_those_of_simulate_with_steps_of_time():
-    scene, beam, hinge, outputs = arm()
-    motion = fb.Motion(scene, dt=DT, outputs=outputs)
-    for k in range(50):
-        found = motion.step({"torque": torque(k * DT), "push": (0.0, float(k % 3))})
-    steps = {
-        "torque": lambda t: torque(DT * np.floor(t / DT)),
-        "push": lambda t: (0.0, np.floor(t / DT) % 3),
-    }
-    solution = fb.simulate(scene, dt=DT, t_end=0.1, inputs=steps)
-    assert motion.t == pytest.approx(0.1, abs=1e-15)
-    joint = solution.joint(hinge)
-    expected = {
-        "tip": solution.position(beam.end)[-1],
-        "vy": solution.velocity(beam.end)[-1, 1],
-        "angle": joint.angle[-1],
-        "spin": joint.spin[-1],
-    }
-    assert differences(expected, found) < 1e-10
-    assert found["force"] == pytest.approx(joint.force[-1], abs=1e-8)
-    assert motion.stats.steps == 50
-    assert motion.stats.newton_iterations == solution.stats.newton_iterations
-
-
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(order=4), fb.GeneralizedAlpha(0.8)])
 def test_a_motor_follows_its_input_along_straight_lines(scheme):
     scene, beam, hinge, outputs = arm(motor=fb.Input("place"), gravity=None)

@@ -156,23 +156,14 @@ def test_every_beam_lies_at_its_points_and_moves_there_as_a_whole(degree):
                 assert solution.rotation(node)[1] == pytest.approx(w * dt, rel=1e-4)
 
 
-def test_nodes_at_one_place_that_are_not_shared_move_independently():
-    scene = fb.Scene()
-    one = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
-    two = scene.add_beam([(1, 0), (2, 0)], SECTION, elements=2)
-    scene.set_velocity(two, (3.0, 4.0))
-    solution = fb.simulate(scene, dt=0.1, t_end=0.3)
-    assert solution.displacement(one.end) == pytest.approx(np.zeros((4, 2)), abs=1e-14)
-    straight_on = np.outer(solution.t, (3.0, 4.0))
-    assert solution.displacement(two.start) == pytest.approx(straight_on, abs=1e-12)
-
-
 # -- Lumped masses ---------------------------------------------------------------------------
 
 
 def test_masses_and_inertias_at_inner_nodes_count_where_they_are():
     scene = fb.Scene()
     beam = scene.add_beam([(1, 0), (5, 0)], SECTION, elements=4)
+    # Another beam shares the node of the masses: they belong to both, once.
+    scene.add_beam([beam.node(0.25), (2, 1)], fb.Section(EA=1e4, GA=1e4, EI=100.0))
     scene.add_mass(beam.node(0.25), 2.0)
     scene.add_mass(beam.node(0.25), 1.0, inertia=0.3)
     scene.add_mass(beam.node(0.75), 0.0, inertia=0.5)
@@ -184,18 +175,6 @@ def test_masses_and_inertias_at_inner_nodes_count_where_they_are():
     assert solution.linear_momentum[0] == pytest.approx([0, mass * w * lever], abs=1e-12)
     assert solution.angular_momentum[0] == pytest.approx(inertia * w, rel=1e-13)
     assert solution.energy.kinetic[0] == pytest.approx(inertia * w**2 / 2, rel=1e-13)
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-def test_a_mass_at_a_shared_node_belongs_to_all_its_beams_once(degree):
-    scene = fb.Scene()
-    section = fb.Section(EA=1e4, GA=1e4, EI=100.0)
-    one = scene.add_beam([(0, 0), (1, 0)], section, degree=degree)
-    two = scene.add_beam([one.end, (1, 1)], section, degree=degree)
-    scene.add_mass(one.end, 2.0, inertia=1.0)
-    scene.set_velocity(two.start, (3.0, -1.0))
-    solution = fb.simulate(scene, dt=0.1, t_end=0.1)
-    assert solution.linear_momentum == pytest.approx(np.array([(6, -2), (6, -2)]), abs=1e-12)
 
 
 # -- Rigid corners ---------------------------------------------------------------------------
@@ -214,7 +193,7 @@ def test_a_corner_keeps_its_angle():
     leg = scene.add_beam([arm.end, (2, 3)], section, elements=elements)
     scene.clamp(arm.start)
     scene.add_moment(leg.end, moment)
-    solution = fb.simulate(scene, fb.Newmark(), dt=1.0, t_end=1.0)
+    solution = fb.static(scene, steps=1)
 
     def chords(length, start):
         turn = moment * length / EI / elements
@@ -230,17 +209,16 @@ def test_a_corner_keeps_its_angle():
     assert solution.position(leg.end)[1] == pytest.approx(tip, rel=1e-11)
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_a_polyline_moves_as_beams_that_share_its_corner(degree):
+def test_a_polyline_moves_as_beams_that_share_its_corner():
     points = [(0, 0), (2, 0), (2, 1.5)]
     motions = []
     for as_one in (True, False):
         scene = fb.Scene(gravity=(0, -9.81))
         if as_one:
-            beams = [scene.add_beam(points, SECTION, elements=[3, 2], degree=degree)]
+            beams = [scene.add_beam(points, SECTION, elements=[3, 2])]
         else:
-            arm = scene.add_beam(points[:2], SECTION, elements=3, degree=degree)
-            leg = scene.add_beam([arm.end, points[2]], SECTION, elements=2, degree=degree)
+            arm = scene.add_beam(points[:2], SECTION, elements=3)
+            leg = scene.add_beam([arm.end, points[2]], SECTION, elements=2)
             beams = [arm, leg]
         scene.pin(beams[0].start)
         scene.add_force(beams[-1].end, lambda t: (20 * t, 5.0))

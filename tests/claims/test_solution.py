@@ -149,13 +149,12 @@ def test_resultants_are_given_at_the_gauss_points_of_the_elements(degree):
 
 
 def test_tension_is_positive_and_carries_the_weight_that_hangs_below():
-    # The scheme that damps most: the axial swing about rest dies out.
     scene = fb.Scene(gravity=(0.0, -9.81))
     heavy = fb.Section(EA=1e5, GA=1e5, EI=100.0, rhoA=2.0)
     beam = scene.add_beam([(0, 0), (0, -3)], heavy, elements=3)
     scene.pin(beam.start)
     scene.add_mass(beam.end, 5.0)
-    solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.5, t_end=40.0)
+    solution = fb.static(scene, steps=1)
     r = solution.resultants(beam)
     # Constant over a two-node element, at its middle.
     assert r.N[-1] == pytest.approx(9.81 * (5.0 + 2.0 * (3 - r.s)), rel=1e-9)
@@ -169,18 +168,6 @@ def cantilever(direction=(1.0, 0.0), degree=1):
     beam = scene.add_beam([(0, 0), end], MASSLESS, elements=4, degree=degree)
     scene.clamp(beam.start)
     return scene, beam
-
-
-@pytest.mark.parametrize("moment", [5.0, -5.0])
-def test_the_bending_moment_of_an_end_moment_is_that_moment(moment):
-    scene, beam = cantilever()
-    scene.add_moment(beam.end, lambda t: moment * t)
-    solution = fb.simulate(scene, fb.Newmark(), dt=0.25, t_end=1.0)
-    r = solution.resultants(beam)
-    assert r.M == pytest.approx(np.outer(moment * solution.t, np.ones(4)), rel=1e-8)
-    assert abs(r.N).max() + abs(r.Q).max() < 1e-3 * abs(moment)
-    # A positive moment bends to the left of the way along the beam.
-    assert np.sign(solution.displacement(beam.end)[-1, 1]) == np.sign(moment)
 
 
 @pytest.mark.parametrize("angle", [0.0, 2.0])
