@@ -37,21 +37,18 @@ def hanging(rhoI=1e-2, retardation=0.01):
     return scene, arm, joint, outputs
 
 
-def swinging(motor=False):
-    """A block on a rail, on it a turning arm with a slider; the block is pushed or driven."""
+def swinging():
+    """A block that is driven on a rail, on it a turning arm with a slider."""
     scene = fb.Scene(gravity=(0.0, -9.81))
     made = section(retardation=0.0)
     block = scene.add_beam([(0, 0), (0.4, 0)], made)
-    place = fb.Input("place") if motor else None
-    rail = fb.Prismatic(fb.GROUND, block.start, axis=(1, 0), motor=place)
+    rail = fb.Prismatic(fb.GROUND, block.start, axis=(1, 0), motor=fb.Input("place"))
     rail = scene.add_joint(rail)
     arm = scene.add_beam([(0, 0), (0.6, -0.8)], made, elements=2)
     hinge = scene.add_joint(fb.Revolute(block.start, arm.start, damper=fb.Damper(0.1)))
     weight = scene.add_beam([(0.6, -0.8), (0.9, -0.9)], made)
     slot = fb.PinInSlot(arm.end, weight.start, axis=(0.6, -0.8), spring=fb.Spring(300.0))
     slot = scene.add_joint(slot)
-    if not motor:
-        scene.add_force(block.start, fb.Input("push", factor=(1, 0)))
     scene.add_force(arm.end, fb.Input("thrust"), follower=True)
     scene.add_moment(weight.end, fb.Input("torque"))
     scene.add_moment(arm.start, fb.Input("torque", factor=-1))
@@ -193,7 +190,7 @@ def bump(steps):
 
 
 def test_systems_of_the_instant_add_up_to_small_differences_of_a_fast_motion():
-    scene, outputs = swinging(motor=True)
+    scene, outputs = swinging()
     ends, _ = bump(40)
 
     def given(k):
@@ -230,10 +227,10 @@ def test_systems_of_the_instant_of_a_closed_loop_in_motion():
 def test_a_state_of_motion_is_the_deviation_that_feedback_needs():
     scene, outputs = swinging()
     motion = fb.Motion(scene, dt=DT, outputs=outputs)
-    motion.run(0.1, lambda t, y: {"push": 30.0})
+    motion.run(0.1, lambda t, y: {"torque": 3.0})
     system, before = fb.linearise(scene, motion, outputs=outputs), flat(motion.outputs)
     assert abs(system.deviation(motion)).max() < 1e-9
-    motion.step({"push": 30.01})
+    motion.step({"torque": 3.01})
     moved = system.C @ system.deviation(motion)
     seen = flat(motion.outputs) - before
     assert moved == pytest.approx(seen, abs=3e-2 * abs(seen).max())
