@@ -62,23 +62,6 @@ def two_bodies():
 SPEED = 20.0  # [rad/s]
 
 
-def four_bar(damping=0.05):
-    """A crank turns steadily; coupler and rocker are beams that damp their vibrations."""
-    scene = fb.Scene()
-    section = fb.Section(EA=2e5, GA=8e4, EI=20.0, rhoA=0.3, rhoI=1e-5, retardation=1e-3)
-    stiff = fb.Section(EA=2e6, GA=8e5, EI=2e3, rhoA=1.0, rhoI=1e-3, retardation=1e-3)
-    crank = scene.add_beam([(0, 0), (0.2, 0.0)], stiff)
-    coupler = scene.add_beam([(0.2, 0.0), (0.9, 0.35)], section, elements=2)
-    rocker = scene.add_beam([(0.9, 0.35), (0.8, 0)], section, elements=2)
-    motor = fb.Revolute(fb.GROUND, crank.start, motor=lambda t: SPEED * t)
-    scene.add_joint(motor)
-    scene.add_joint(fb.Revolute(crank.end, coupler.start))
-    scene.add_joint(fb.Revolute(coupler.end, rocker.start, damper=fb.Damper(damping)))
-    scene.pin(rocker.end)
-    scene.make_velocities_compatible()
-    return scene, coupler
-
-
 def repeats(scene, motion, scheme=None, periods=2):
     """Largest distance of all nodes from where they were, after periods of a simulation."""
     first = motion.solution
@@ -247,45 +230,6 @@ def test_an_impact_oscillator_repeats_its_impacts():
     assert motion.solution.displacement(body.centre)[:, 0].max() > gap + 0.02
     assert [start, spin] == pytest.approx(exact, abs=2e-3)
     assert by_size(motion.multipliers) == pytest.approx(by_size(multipliers), abs=2e-2)
-
-
-def test_a_mechanism_is_found_in_its_driven_cycle():
-    scene, coupler = four_bar()
-    period = 2 * np.pi / SPEED
-    cycle = fb.periodic(scene, period=period, steps=201)
-    assert cycle.stable and cycle.error < 1e-9 and cycle.iterations < 10
-    assert repeats(scene, cycle) < 1e-8
-    # The work of the motor in a cycle is what dampers take.
-    energy = cycle.solution.energy
-    supplied = energy.work[-1] - energy.work[0]
-    assert supplied == pytest.approx(energy.dissipated[-1], rel=1e-6)
-    assert energy.dissipated[-1] > 1e-3
-    # A long motion tends to it, by the largest multiplier in a cycle.
-    settled = fb.simulate(scene, dt=period / 201, t_end=8 * period)
-    x = settled.position(coupler.end)[::201]
-    apart = np.linalg.norm(x - cycle.solution.position(coupler.end)[0], axis=1)
-    assert apart[-1] < 1e-9 and apart[0] > 100 * apart[-1]
-
-
-def test_a_pendulum_on_a_shaking_hinge_has_the_multipliers_of_mathieus_equation():
-    # theta'' + (g + a'') / L theta = 0 for small angles, with a = A cos(w t) and L = 1 m.
-    g, w = 9.81, 2 * math.sqrt(9.81)
-    for A, unstable in ((0.02, "period doubling"), (0.002, "")):
-        scene = fb.Scene(gravity=(0, -g))
-        bob = scene.add_body((0, -1), mass=1.0, points={"top": (0, 0)})
-        damper = fb.Damper(0.05)
-        support = scene.add_body((0, 0), mass=1.0, inertia=1.0)
-        scene.fix(support.centre, "x", "rotation")
-        scene.prescribe(support.centre, y=lambda t, A=A: A * (math.cos(w * t) - 1))
-        scene.add_joint(fb.Revolute(support.centre, bob["top"], damper=damper))
-        upright = fb.periodic(scene, period=2 * np.pi / w, steps=201)
-
-        def rates(t, x, A=A):
-            return [x[1], -(g - A * w**2 * math.cos(w * t)) * x[0] - 0.05 * x[1]]
-
-        _, exact = exact_orbit(rates, upright.period, [0.0, 0.0])
-        assert by_size(upright.multipliers) == pytest.approx(by_size(exact), abs=2e-3)
-        assert upright.instability == unstable
 
 
 def test_motions_that_are_tiny_beside_the_scene_are_found():
