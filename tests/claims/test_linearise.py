@@ -1,7 +1,5 @@
 """A, B, C and D of a scene: against modes, frequency responses and small differences of motions."""
 
-import copy
-
 import numpy as np
 import pytest
 import scipy.linalg
@@ -246,29 +244,3 @@ def test_the_rate_of_a_massless_node_on_which_an_input_acts_is_refused():
     assert fb.linearise(scene, outputs=outputs).D[0, 0] > 0  # it turns at once
     with pytest.raises(fb.SceneError, match="'spin' is the rate of a node without mass"):
         fb.linearise(scene, outputs={"spin": fb.Output("spin", beam.start)})
-
-
-def test_an_inverted_pendulum_is_kept_upright_by_feedback_of_all_states():
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    rod = scene.add_beam([(0, 0), (0, 1)], section(retardation=1e-3), elements=2)
-    hinge = scene.add_joint(fb.Revolute(fb.GROUND, rod.start))
-    scene.add_moment(rod.start, fb.Input("torque"))
-    held = copy.copy(scene)
-    held.fix(held.beams[0].start, "rotation")
-    outputs = {"angle": fb.Output("angle", hinge), "spin": fb.Output("spin", hinge)}
-    upright = fb.static(held, steps=2)
-    system = fb.linearise(scene, upright, outputs=outputs)
-    assert np.linalg.eigvals(system.A).real.max() == pytest.approx(np.sqrt(1.5 * 9.81), rel=0.02)
-    A, B, Q = system.A, system.B, system.C.T @ system.C
-    K = B.T @ scipy.linalg.solve_continuous_are(A, B, Q + 1e-6 * np.eye(len(A)), np.eye(1))
-    angles = {}
-    for on in (0.0, 1.0):
-        motion = fb.Motion(scene, dt=2e-3, outputs=outputs, start=upright, record=fb.Record())
-        motion.step({"torque": 20.0})
-        for _ in range(999):
-            (torque,) = -on * K @ system.deviation(motion)
-            motion.step({"torque": torque})
-        angles[on] = abs(motion.outputs["angle"])
-        assert abs(motion.solution().energy.balance_error).max() < 1e-11
-    assert angles[0.0] > 0.5
-    assert angles[1.0] < 1e-3
