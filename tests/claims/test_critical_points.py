@@ -118,18 +118,6 @@ def test_becks_column_flutters_at_its_load():
     assert point.modes.angular_frequencies[0] == pytest.approx(11.0157, rel=1e-4)
 
 
-def test_zieglers_column_flutters_at_its_load():
-    # Two rods without mass, 2 kg and 1 kg at their ends: (7/2 - sqrt(2)) c / L (Ziegler 1952).
-    scene = fb.Scene()
-    one = scene.add_body((1, 0), 2.0, 1e-12, points={"O": (0, 0), "A": (1, 0)})
-    two = scene.add_body((2, 0), 1.0, 1e-12, points={"A": (1, 0)})
-    scene.add_joint(fb.Revolute(fb.GROUND, one["O"], spring=fb.Spring(1.0)))
-    scene.add_joint(fb.Revolute(one["A"], two["A"], spring=fb.Spring(1.0)))
-    scene.add_force(two.centre, (-3.0, 0), follower=True)
-    (point,) = fb.static(scene, steps=10).critical_points
-    assert (point.kind, 3 * point.load_factor) == ("flutter", pytest.approx(3.5 - np.sqrt(2)))
-
-
 # -- Where steps meet a point ----------------------------------------------------------------------
 
 
