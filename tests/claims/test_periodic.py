@@ -32,10 +32,10 @@ def frequency_of_duffing(amplitude):
     return math.pi * math.sqrt(1 + e) / (2 * ellipk(e / (2 * (1 + e))))
 
 
-def pinned(slenderness, elements=6, degree=2):
+def pinned(slenderness, elements):
     scene = fb.Scene()
     section = fb.Section(EA=slenderness**2, GA=10 * slenderness**2, EI=1.0, rhoA=1.0)
-    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=degree)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements, degree=2)
     scene.pin(beam.start)
     scene.pin(beam.end)
     return scene, beam
@@ -291,8 +291,8 @@ def test_dry_friction_of_a_joint_leaves_the_amplitude_of_den_hartog():
     assert abs(errors[1]) < 1.5e-3 and abs(errors[0]) < 1e-2
 
 
-@pytest.mark.parametrize("scheme", [None, fb.EnergyDecaying()])
-def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself(scheme):
+def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself():
+    scheme = fb.EnergyDecaying()
     scene = fb.Scene()
     section = fb.Section(EA=2e5, GA=8e4, EI=20.0, rhoA=0.3, rhoI=1e-5, retardation=1e-3)
     stiff = fb.Section(EA=2e6, GA=8e5, EI=2e3, rhoA=1.0, rhoI=1e-3, retardation=1e-3)
