@@ -6,6 +6,8 @@ from scenes import demo
 
 import fx_beam as fb
 
+#: Enough where the bordered tangent is the derivative of the equations; else it takes tens.
+FEW = fb.NewtonOptions(max_iterations=8)
 RISE, EA = 0.2, 1e4
 
 
@@ -100,11 +102,10 @@ def test_steps_along_the_arc_length_are_about_as_many_as_asked_for_and_few_itera
         beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e5, GA=1e5, EI=10.0), 6, 2)
         scene.clamp(beam.start)
         scene.add_force(beam.end, (0.0, -50.0))
-        solution = fb.static(scene, steps, continuation="arc-length")
+        solution = fb.static(scene, steps, continuation="arc-length", newton=FEW)
         assert np.diff(solution.load_factor).max() < 1.2 / steps
         assert solution.stats.steps == pytest.approx(steps, rel=0.2)
-        # A bordered tangent that is not the derivative of the equations takes tens.
-        assert solution.stats.newton_iterations < 6 * solution.stats.steps
+        assert solution.stats.halvings == 0
 
 
 def test_a_path_may_go_below_the_loads_reversed_and_come_back():
@@ -145,11 +146,11 @@ def linkage():
 def test_a_linkage_with_motors_is_driven_to_the_same_place_on_both_ways():
     scene, arm = linkage()
     one = fb.static(scene, 8, t=1.0)
-    other = fb.static(scene, 8, t=1.0, continuation="arc-length")
+    other = fb.static(scene, 8, t=1.0, continuation="arc-length", newton=FEW)
     assert abs(one.q[-1] - other.q[-1]).max() < 1e-9
     assert abs(one.slides[-1] - other.slides[-1]).max() < 1e-9
     assert abs(one.joint_forces[-1] - other.joint_forces[-1]).max() < 1e-7
-    assert other.stats.newton_iterations < 10 * other.stats.steps
+    assert other.stats.halvings == 0
     turned = one.rotation(arm.start) - one.rotation(scene.beams[1].end)
     assert turned == pytest.approx(-0.5 * one.load_factor)
 
