@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-from jointed import KINDS, MEMBER, SLIDING, drift, pair, rotation, throw
+from jointed import KINDS, MEMBER, SLIDING, UNFITTED, drift, momenta, pair, throw
 
 import fx_beam as fb
-from fx_beam.model.model import Model
 
 HINGED = [kind for kind in KINDS if "revolute" in kind]
 SPRUNG = SLIDING + HINGED
 STIFF = fb.Section(EA=1e9, GA=1e9, EI=1e9, rhoA=1.0, rhoI=0.1)
-# HHT differs from the last one in the level only.
-NEWMARK_FAMILY = [fb.Newmark(), fb.GeneralizedAlpha(0.6)]
 
 
 def scale(solution):
@@ -94,14 +91,13 @@ def test_a_spring_pulls_to_its_rest_length():
 def test_springs_and_dampers_accelerate_at_the_start():
     scene, joint = slider(rest=0.7, damper=fb.Damper(3.0), velocity=2.0)
     solution = fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.01)
-    model = Model(scene, fb.Newmark())
-    force = model.to_nodes(model.mass @ model.from_nodes(solution.a[0]))[:, :2].sum(axis=0)
+    force = momenta(solution.a, scene.beams[0], STIFF)[0, :, :2].sum(axis=0)
     assert force @ joint.axis == pytest.approx(50.0 * 0.7 - 3.0 * 2.0, rel=1e-9)
 
 
 def test_a_critically_damped_slider_follows_its_closed_solution():
     # c = 2 sqrt(k m): x = v t exp(-5 t).
-    for scheme in (fb.EnergyMomentum(), *NEWMARK_FAMILY):
+    for scheme in (fb.EnergyMomentum(), fb.GeneralizedAlpha(0.6)):
         scene, joint = slider(velocity=2.0, damper=fb.Damper(20.0))
         solution = fb.simulate(scene, scheme, dt=0.002, t_end=1.0)
         exact = 2.0 * solution.t * np.exp(-5 * solution.t)
@@ -120,14 +116,13 @@ def test_a_slider_sags_by_its_weight_over_the_stiffness():
 # -- Large rotations -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dt", [0.02, 0.005])
 @pytest.mark.parametrize("kind", SPRUNG)
-def test_springs_keep_energy_and_momenta_with_large_rotations(kind, dt):
+def test_springs_keep_energy_and_momenta_with_large_rotations(kind):
     spring = fb.Spring(8.0, rest=0.3)
     hinge = {"hinge": fb.Coordinate(spring=spring)} if "slot" in kind else {}
     scene, first, second, joint = pair(kind, spring=spring, **hinge)
     throw(scene, first, second, joint, spin=6.0)
-    solution = fb.simulate(scene, dt=dt, t_end=2.0)
+    solution = fb.simulate(scene, dt=0.02, t_end=2.0)
     assert drift(solution.energy.total) < 1e-10
     assert drift(solution.linear_momentum) < 1e-10
     assert drift(solution.angular_momentum) < 1e-10
@@ -158,27 +153,6 @@ def test_dampers_only_take_energy_and_leave_the_momenta(kind):
     assert drift(solution.angular_momentum) < 1e-10
 
 
-@pytest.mark.parametrize("scheme", NEWMARK_FAMILY, ids=lambda s: s.name)
-def test_newmarks_family_is_of_second_order_with_springs_and_dampers(scheme):
-    stout = fb.Section(EA=200.0, GA=200.0, EI=20.0, rhoA=1.0, rhoI=0.1)
-
-    def end(dt):
-        scene = fb.Scene(gravity=(0, -9.81))
-        arm = scene.add_beam([(0, 0), (1, 0)], stout, elements=2)
-        sleeve = scene.add_beam([(1.1, 0), (1.3, 0.4)], stout, elements=2)
-        scene.add_joint(fb.Revolute(fb.GROUND, arm.start, damper=fb.Damper(3.0)))
-        spring, damper = fb.Spring(5.0, rest=0.3), fb.Damper(2.0)
-        scene.add_joint(
-            fb.Prismatic(arm.end, sleeve.start, axis=(1, 0), spring=spring, damper=damper)
-        )
-        solution = fb.simulate(scene, scheme, dt=dt, t_end=0.2)
-        return np.append(solution.q[-1].ravel(), solution.slides[-1])
-
-    fine = end(0.2 / 1280)
-    errors = [np.linalg.norm(end(dt) - fine) for dt in (0.0025, 0.00125)]
-    assert np.log2(errors[0] / errors[1]) > 1.8
-
-
 # -- Motors --------------------------------------------------------------------------------------
 
 
@@ -187,14 +161,13 @@ def smooth(size):
     return lambda t: size * np.sin(np.pi * min(t, 0.8) / 1.6) ** 2
 
 
-@pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("kind", [*SPRUNG, "motor in the hinge of a slot"])
-def test_a_motor_between_free_members_does_its_work_and_changes_no_momentum(kind, degree):
+def test_a_motor_between_free_members_does_its_work_and_changes_no_momentum(kind):
     size = 1.7
     options = {"motor": smooth(size)}
     if "motor" in kind:
         kind, options = "pin in slot", {"hinge": fb.Coordinate(**options)}
-    scene, first, second, joint = pair(kind, degree, **options)
+    scene, first, second, joint = pair(kind, **options)
     throw(scene, first, second, joint, slide=0.0 if "hinge" not in options else 1.0, hinge=0.0)
     solution = fb.simulate(scene, dt=0.01, t_end=1.0)
     moved = angle(solution, joint) if "hinge" in options else coordinate(solution, joint)
@@ -206,8 +179,9 @@ def test_a_motor_between_free_members_does_its_work_and_changes_no_momentum(kind
     assert drift(solution.angular_momentum) < 1e-10
 
 
-@pytest.mark.parametrize("swapped", [False, True])
-@pytest.mark.parametrize("kind", ["revolute", "prismatic", "pin in slot"])
+@pytest.mark.parametrize(
+    ("kind", "swapped"), [("revolute", True), ("prismatic", False), ("pin in slot", True)]
+)
 def test_a_motor_against_the_ground_does_its_work(kind, swapped):
     make, _, given = KINDS[kind]
     scene = fb.Scene(gravity=(0, -9.81))
@@ -239,30 +213,13 @@ def test_a_motor_against_a_spring_shows_the_spring_in_the_joint_force_and_in_its
     assert abs(solution.energy.balance_error).max() < 1e-9 * solution.energy.total.max()
 
 
-def test_the_work_of_a_motor_is_that_of_its_force(monkeypatch):
-    # To round-off it is that of the force with which the step is in balance.
-    monkeypatch.setattr(Model, "fits_rates", False)
+def test_the_work_of_a_motor_is_that_of_its_force():
     scene, first, second, joint = pair("revolute", motor=smooth(2.0))
-    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+    solution = fb.simulate(scene, UNFITTED, dt=0.01, t_end=1.0)
     moment = solution.joint(joint).force[1:, 2]
     turns = [2 * np.tan(np.diff(solution.rotation(n)) / 2) for n in (joint.b, joint.a)]
     work = np.cumsum(moment * (turns[0] - turns[1]))
     assert solution.energy.work[1:] == pytest.approx(work, abs=1e-10 * scale(solution))
-
-
-def test_several_actuators_in_a_chain_balance():
-    scene = fb.Scene(gravity=(0, -9.81))
-    beams = [scene.add_beam([(i, 0), (i + 1, 0)], MEMBER, elements=2) for i in range(4)]
-    spring, damper = fb.Spring(20.0, rest=0.1), fb.Damper(0.5)
-    scene.add_joint(fb.Revolute(fb.GROUND, beams[0].start, motor=smooth(1.5), spring=spring))
-    scene.add_joint(fb.Revolute(beams[0].end, beams[1].start, motor=smooth(-2.0)))
-    scene.add_joint(
-        fb.Prismatic(beams[1].end, beams[2].start, axis=(1, 0), spring=spring, damper=damper)
-    )
-    scene.add_joint(fb.Revolute(beams[2].end, beams[3].start, spring=spring, damper=damper))
-    solution = fb.simulate(scene, dt=0.01, t_end=2.0)
-    assert balance(solution) < 1e-9
-    assert abs(solution.rotation(beams[3].end)).max() > 0.5
 
 
 @pytest.mark.parametrize("neighbour", [fb.Rigid, fb.Prismatic])
@@ -276,9 +233,7 @@ def test_a_rigid_joint_does_not_count_the_spring_of_its_neighbour(neighbour):
     hinge = scene.add_joint(fb.Revolute(fb.GROUND, b.start, spring=fb.Spring(5.0, rest=1.0)))
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
     # Moments on b's own beam about its start: rate of its angular momentum about the origin.
-    model = Model(scene, fb.EnergyMomentum())
-    nodes = solution.nodes_of_beam[b.name]
-    p = np.array([model.to_nodes(model.mass @ model.from_nodes(v))[nodes] for v in solution.v])
+    p = momenta(solution.v, b)
     x = solution.shape(b)
     L = np.sum(x[..., 0] * p[..., 1] - x[..., 1] * p[..., 0] + p[..., 2], axis=1)
     moments = solution.joint(joint).force[1:, 2] + solution.joint(hinge).force[1:, 2]
@@ -295,30 +250,3 @@ def test_a_massless_arm_may_hang_on_a_spring():
     # Moment of the force about the hinge over the spring's stiffness.
     psi, x = solution.rotation(arm.start)[-1], solution.position(arm.end)[-1]
     assert 4.0 * psi == pytest.approx(0.1 * x[0], rel=2e-2)
-
-
-@pytest.mark.parametrize("turn", [0.0, 2.1])
-def test_actuators_turn_with_the_scene(turn):
-    R = rotation(turn)
-    results = []
-    for Q in (np.eye(2), R):
-        scene = fb.Scene(gravity=Q @ (0, -9.81))
-        arm = scene.add_beam([Q @ (0, 0), Q @ (1, 0)], MEMBER, elements=2)
-        sleeve = scene.add_beam([Q @ (1.2, 0.1), Q @ (1.5, 1.0)], MEMBER, elements=2)
-        scene.add_joint(fb.Revolute(fb.GROUND, arm.start, motor=smooth(2.0)))
-        joint = scene.add_joint(
-            fb.PinInSlot(
-                arm.end,
-                sleeve.start,
-                axis=Q @ (1, 0),
-                offset=Q @ (0, 0.1),
-                spring=fb.Spring(40.0, rest=0.4),
-                damper=fb.Damper(0.3),
-                hinge=fb.Coordinate(spring=fb.Spring(3.0), damper=fb.Damper(0.2)),
-            )
-        )
-        solution = fb.simulate(scene, dt=0.01, t_end=1.0)
-        force = solution.joint(joint).force
-        results.append((solution.position(sleeve.end) @ Q, solution.slide(joint), force[:, :2] @ Q))
-    for plain, turned in zip(*results, strict=True):
-        assert abs(turned - plain).max() < 1e-9 * max(1.0, abs(plain).max())

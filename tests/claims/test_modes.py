@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from jointed import KINDS, pair
-from scenes import FLYING, demo
-from test_loop import lattice
+from scenes import FLYING, demo, lattice
 
 import fx_beam as fb
 from fx_beam.algebra.sparse_lu import CompiledLU
