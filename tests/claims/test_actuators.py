@@ -195,24 +195,6 @@ def test_a_motor_against_the_ground_does_its_work(kind, swapped):
     assert np.ptp(solution.energy.work) > 1.0
 
 
-def test_a_motor_against_a_spring_shows_the_spring_in_the_joint_force_and_in_its_work():
-    # Both act between the same members: what the motor does is stored in the spring.
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], STIFF, elements=2)
-    other = scene.add_beam([(0, 0), (-1, 0)], STIFF, elements=2)
-    scene.clamp(beam.end)
-    scene.clamp(other.end)
-    joint = scene.add_joint(
-        fb.Prismatic(
-            beam.start, other.start, axis=(1, 0), spring=fb.Spring(10.0), motor=smooth(1e-6)
-        )
-    )
-    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
-    stored = 10.0 / 2 * solution.slide(joint) ** 2
-    assert solution.energy.work[-1] >= stored[-1] > 0
-    assert abs(solution.energy.balance_error).max() < 1e-9 * solution.energy.total.max()
-
-
 def test_the_work_of_a_motor_is_that_of_its_force():
     scene, first, second, joint = pair("revolute", motor=smooth(2.0))
     solution = fb.simulate(scene, UNFITTED, dt=0.01, t_end=1.0)

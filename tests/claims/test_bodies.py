@@ -4,7 +4,6 @@ import copy
 
 import numpy as np
 import pytest
-from scenes import FLYING
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -110,30 +109,6 @@ def test_a_force_beside_the_leg_bends_it_with_its_moment():
     tip = fb.static(scene, steps=1).displacement(body["B"])[-1, 1]
     bending = 1e-6 / LEG.EI * (2**3 / 3 + 2 * 2**2 / 2 + 2)  # L^3/3 + L^2 e + L e^2, e = 1
     assert tip == pytest.approx(bending + 1e-6 * 2 / LEG.GA, rel=1e-6)
-
-
-def with_offset_joint(bodies):
-    """Two beams and a mass, coupled over a gap by a body, or by joints of beams."""
-    scene = fb.Scene(gravity=(0, -G))
-    if bodies:
-        body = scene.add_body((1, 0), 3.0, 0.4, points={"A": (1, 0), "B": (1.5, 0.5)})
-        ends = body["A"], body["B"]
-    else:
-        ends = (1, 0), (1.5, 0.5)
-    first = scene.add_beam([(0, 0), ends[0]], FLYING, elements=2)
-    second = scene.add_beam([ends[1], (2.5, 0.5)], FLYING, elements=2)
-    if not bodies:
-        scene.add_joint(fb.Rigid(first.end, second.start, offset=(0.5, 0.5)))
-        scene.add_mass(first.end, 3.0, 0.4)
-    scene.pin(first.start)
-    return fb.simulate(scene, dt=0.02, t_end=1.0), (first.end, second.end)
-
-
-def test_a_body_equals_beams_joined_by_a_rigid_joint_with_an_offset():
-    (own, nodes), (other, others) = with_offset_joint(True), with_offset_joint(False)
-    assert own.stats.unknowns == other.stats.unknowns
-    for a, b in zip(nodes, others, strict=True):
-        assert own.position(a) == pytest.approx(other.position(b), abs=1e-11)
 
 
 # -- Files, copies, pictures -------------------------------------------------------------------

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from jointed import chain
+from jointed import four_bar as linkage
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -129,27 +131,12 @@ def double_pendulum():
 
 
 def four_bar():
-    scene = fb.Scene(gravity=(0, -G))
-    ends = [(0, 0), (0.3, 0.4), (1.0, 0.5), (1.0, 0)]
-    bars = [
-        scene.add_body((np.array(a) + b) / 2, 1.0, 0.05, points={"a": a, "b": b})
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
-    ]
-    scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"]))
-    for one, other in zip(bars[:-1], bars[1:], strict=True):
-        scene.add_joint(fb.Revolute(one["b"], other["a"]))
-    scene.add_joint(fb.Revolute(fb.GROUND, bars[-1]["b"]))
-    return scene
+    return linkage()[0]
 
 
 def free_chain():
     scene = fb.Scene()
-    bars = [
-        scene.add_body((x + 0.5, 0), 1.0 + x / 3, 0.1, points={"a": (x, 0), "b": (x + 1, 0)})
-        for x in range(3)
-    ]
-    for one, other in zip(bars[:-1], bars[1:], strict=True):
-        scene.add_joint(fb.Revolute(one["b"], other["a"]))
+    bars = chain(scene, [(x, 0) for x in range(4)])
     scene.set_velocity(bars[0], (0, 1), 2.0)
     scene.make_velocities_compatible()
     return scene
@@ -196,19 +183,11 @@ def errors_of_rows(build, order, steps):
     return found
 
 
-@pytest.mark.parametrize("build", SCENES)
-def test_rates_and_forces_of_bodies_are_of_order_two(build):
-    coarse, fine = errors_of_rows(build, 2, (0.005, 0.0025))
-    for name, small in fine.items():
-        if small > 1e-8:  # what is kept, and where round-off remains
-            assert np.log2(coarse[name] / small) > 1.9, name
-
-
 @pytest.mark.parametrize(
     ("build", "dt"),
     [
         (double_pendulum, 0.04),
-        (four_bar, 0.01),
+        (four_bar, 0.04),
         (free_chain, 0.08),
         (slider_crank, 0.04),
         (lambda: pushed_pendulum(True)[0], 0.08),
@@ -216,11 +195,15 @@ def test_rates_and_forces_of_bodies_are_of_order_two(build):
     ],
     ids=["double pendulum", "four-bar", "free chain", "slider crank", "motor", "support"],
 )
-def test_rates_and_forces_of_bodies_are_of_order_four_with_order_four(build, dt):
+def test_rates_and_forces_of_bodies_are_of_order_two_or_four(build, dt):
     coarse, *_, fine = errors_of_rows(build, 4, dt / 2.0 ** np.arange(4))
     for name, small in fine.items():
         round_off = 3e-9 if "forces" in name else 1e-10
         assert small < coarse[name] / 8**3.7 + round_off, name
+    coarse, fine = errors_of_rows(build, 2, (0.005, 0.0025))
+    for name, small in fine.items():
+        if small > 1e-8:  # what is kept, and where round-off remains
+            assert np.log2(coarse[name] / small) > 1.9, name
 
 
 @pytest.mark.parametrize("order", [2, 4])
@@ -298,7 +281,7 @@ def test_points_of_bodies_move_with_their_centres_and_joints_stay_together(build
             assert found.velocity(point) == pytest.approx(v + turned(spin, arm), abs=1e-12)
             assert found.spin(point) == pytest.approx(spin, abs=1e-12)
     for joint in scene.joints:
-        if joint.kind == "Revolute":
+        if joint.kind == "Revolute" and joint.b is not fb.GROUND:
             gap = found.velocity(joint.b)
             if joint.a is not fb.GROUND:
                 arm = found.position(joint.b) - found.position(joint.a)
@@ -323,15 +306,11 @@ def test_rows_of_some_steps_without_motion_have_the_same_forces():
 def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, order, solver):
     scene, scheme = build(), fb.EnergyMomentum(order=order)
     joint, body = scene.joints[-1], scene.bodies[-1]
-    outputs = {
-        "force": fb.Output("force", joint),
-        "velocity": fb.Output("velocity", body.centre),
-        "acceleration": fb.Output("acceleration", body.centre),
-        "spin": fb.Output("spin", joint),
-    }
+    of = {"force": joint, "velocity": body.centre, "acceleration": body.centre, "spin": joint}
+    outputs = {name: fb.Output(name, what) for name, what in of.items()}
     motion = fb.Motion(scene, scheme, dt=0.004, outputs=outputs, record=fb.Record(), solver=solver)
     rows = [motion.outputs, *(motion.step() for _ in range(10))]
-    snapshot, state = motion.snapshot(), motion.state
+    snapshot = motion.snapshot()
     rows += [motion.step() for _ in range(10)]
     found = motion.solution()
     expected = {
@@ -342,8 +321,6 @@ def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, 
     }
     for name, values in expected.items():
         assert np.array([row[name] for row in rows]) == pytest.approx(values, abs=1e-9), name
-    assert state.v[-1] == pytest.approx(found.v[10], abs=1e-9)
-    assert state.joint_forces[-1] == pytest.approx(found.joint_forces[10], abs=1e-9)
     motion.restore(snapshot)
     for row in rows[11:]:
         again = motion.step()
@@ -386,15 +363,11 @@ def jacobian(x):
     return np.array([slopes(x + 1e-30j * unit).imag / 1e-30 for unit in np.eye(4)]).T
 
 
-@pytest.mark.parametrize("stepwise", [False, True])
-def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand(stepwise):
+def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand():
     scene = double_pendulum()
-    if stepwise:
-        motion = fb.Motion(scene, dt=0.004)
-        motion.run(0.4)
-        at, last = motion, motion.state
-    else:
-        at = last = fb.simulate(scene, dt=0.004, t_end=0.4)
+    at = fb.Motion(scene, dt=0.004)
+    at.run(0.4)
+    last = at.state
     first, second = (body.centre for body in scene.bodies)
     outputs = {
         f"{what}{i}": fb.Output(what, node)
@@ -413,4 +386,4 @@ def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand(step
 def test_velocities_that_are_made_compatible_keep_the_momenta_of_free_bodies():
     found = fb.simulate(free_chain(), dt=0.01, t_end=0.01)
     assert found.linear_momentum[0] == pytest.approx([0, 1], abs=1e-13)
-    assert found.angular_momentum[0] == pytest.approx(0.5 * 1 + 0.1 * 2, abs=1e-13)
+    assert found.angular_momentum[0] == pytest.approx(0.5 * 1 + 2 / 12, abs=1e-13)

@@ -168,15 +168,10 @@ def test_rotations_fixed_at_both_ends_of_a_hinge_are_accepted():
 # -- Runs ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fault", [math.nan, "error"])
-def test_a_motor_that_fails_later_keeps_the_steps_before(fault):
-    def motor(t):
-        if t > 0.35:
-            if fault == "error":
-                raise KeyError("no such table")
-            return fault
-        return t**2
-
+@pytest.mark.parametrize(
+    "motor", [lambda t: t**2 if t < 0.35 else math.nan, lambda t: {0: t**2}[int(t > 0.35)]]
+)
+def test_a_motor_that_fails_later_keeps_the_steps_before(motor):
     scene, (a, b, _) = beams()
     scene.pin(a.start)
     scene.add_joint(fb.Revolute(a.start, b.start, motor=motor))
@@ -198,12 +193,8 @@ def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
             history(given)
         with pytest.raises(ValueError, match="not a joint of this solution"):
             history("hinge")
-    other = pair("prismatic with offset")[3]
-    assert other.number == hinge.number
     with pytest.raises(ValueError, match="not a node of this solution"):
-        solution.joint(other)
-    with pytest.raises(ValueError, match="not a node of this solution"):
-        solution.slide(other)
+        solution.slide(pair("prismatic with offset")[3])
 
 
 # -- Mechanisms without mass ---------------------------------------------------------------------
@@ -224,8 +215,7 @@ def test_a_massless_mechanism_is_refused_but_may_carry_a_mass():
     assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
 
 
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.Newmark()])
-def test_massless_links_may_carry_a_member_with_mass(scheme):
+def test_massless_links_may_carry_a_member_with_mass():
     # The three-bar swing: two massless links and a coupler.
     scene = fb.Scene(gravity=(0, -9.81))
     links = [scene.add_beam([(x, 0), (x - 0.5, -1)], STIFF_MASSLESS) for x in (0.0, 2.0)]
@@ -233,7 +223,7 @@ def test_massless_links_may_carry_a_member_with_mass(scheme):
     for link, node in zip(links, (coupler.start, coupler.end), strict=True):
         scene.add_joint(fb.Revolute(fb.GROUND, link.start))
         scene.add_joint(fb.Revolute(link.end, node))
-    solution = run(scene, scheme, dt=0.01, t_end=0.5)
+    solution = run(scene, dt=0.01, t_end=0.5)
     assert abs(solution.rotation(links[0].start)).max() > 0.4
     # A parallelogram of links of length sqrt(5)/2, released from rest: v^2/2 = g (height lost).
     fall = 1 + solution.position(coupler.node(0.5))[-1, 1]
@@ -242,15 +232,15 @@ def test_massless_links_may_carry_a_member_with_mass(scheme):
 
 
 def test_an_arm_without_mass_on_a_slide_is_refused_and_on_a_motor_accepted():
-    for motor in (None, lambda t: 0.1 * t**2):
+    def moved(motor):
         scene = fb.Scene()
         arm = scene.add_beam([(0, 0), (0, 1)], MASSLESS)
         scene.add_joint(fb.Prismatic(fb.GROUND, arm.start, axis=(1, 0), motor=motor))
-        if motor is None:
-            with refused(r"can move along \(-?1, 0\) .*without mass"):
-                run(scene)
-        else:
-            assert run(scene).displacement(arm.end)[-1] == pytest.approx([1e-3, 0.0], abs=1e-12)
+        return run(scene).displacement(arm.end)[-1]
+
+    with refused(r"can move along \(-?1, 0\) .*without mass"):
+        moved(None)
+    assert moved(lambda t: 0.1 * t**2) == pytest.approx([1e-3, 0.0], abs=1e-12)
 
 
 # -- Initial velocities --------------------------------------------------------------------------
@@ -275,16 +265,10 @@ def test_velocities_that_violate_a_joint_are_refused_with_the_violation(kind):
 
 
 def test_a_motor_that_starts_at_speed_needs_compatible_velocities():
-    for given in (False, True):
-        scene, (a, b, _) = beams()
-        scene.pin(a.start)
-        scene.add_joint(fb.Revolute(a.start, b.start, motor=lambda t: math.sin(2.0 * t)))
-        if given:
-            scene.set_velocity(b, lambda x, y: (-2 * y, 2 * x), spin=2.0)
-            solution = run(scene)
-            assert solution.spin(b.end)[0] == pytest.approx(2.0, rel=1e-5)
-        else:
-            with refused(
-                "violate joint 0, Revolute of .*: the rotation rate of node b deviates by -2"
-            ):
-                run(scene)
+    scene, (a, b, _) = beams()
+    scene.pin(a.start)
+    scene.add_joint(fb.Revolute(a.start, b.start, motor=lambda t: math.sin(2.0 * t)))
+    with refused("violate joint 0, Revolute of .*: the rotation rate of node b deviates by -2"):
+        run(scene)
+    scene.set_velocity(b, lambda x, y: (-2 * y, 2 * x), spin=2.0)
+    assert run(scene).spin(b.end)[0] == pytest.approx(2.0, rel=1e-5)

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 from jointed import (
-    AXIS,
     BENDING,
     KINDS,
     MEMBER,
-    OFFSET,
     SLIDING,
     UNFITTED,
     W,
@@ -78,26 +76,6 @@ def test_a_double_pendulum_keeps_its_angular_momentum_about_its_pin():
     assert drift(solution.energy.total) < 1e-10
     assert drift(solution.angular_momentum) < 1e-10
     assert drift(solution.linear_momentum) > 0.1  # the pin pulls
-
-
-def test_a_star_of_three_members_on_one_pin_keeps_energy_and_momenta():
-    scene = fb.Scene()
-    pin, offset = np.array([0.3, 0.4]), (0.1, -0.05)
-    hub = scene.add_beam([(0, 0), pin], MEMBER, elements=2)
-    arms = [
-        scene.add_beam([pin + offset, pin + end], MEMBER, elements=2) for end in ((1, 0), (0, 1))
-    ]
-    for arm, spin in zip(arms, (4.0, -3.0), strict=True):
-        scene.add_joint(fb.Revolute(hub.end, arm.start, offset=offset))
-        center = pin + offset
-        scene.set_velocity(
-            arm, lambda x, y, w=spin, c=center: w * (W @ ((x, y) - c)) + (0.1, 1.0), spin=spin
-        )
-    scene.set_velocity(hub, (0.1, 1.0))
-    solution = fb.simulate(scene, dt=0.01, t_end=3.0)
-    for kept in (solution.energy.total, solution.linear_momentum, solution.angular_momentum):
-        assert drift(kept) < 1e-10
-    assert abs(solution.rotation(arms[0].end) - solution.rotation(arms[1].end)).max() > 5.0
 
 
 def test_gaps_stay_closed_over_10_000_steps_without_stabilisation():
@@ -175,30 +153,6 @@ def motors():
     return scene
 
 
-def machine():
-    """Several joints of all kinds with springs, dampers and motors, in a loop, with a support."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    laws = {"spring": fb.Spring(30.0, rest=0.2), "damper": fb.Damper(4.0)}
-    crank = scene.add_beam([(0, 0), (0, 1)], MEMBER, elements=2)
-    coupler = scene.add_beam([(0, 1), (2, 1.5)], MEMBER, elements=2)
-    rocker = scene.add_beam([(2.2, 1.6), (2, 0)], MEMBER, elements=2)
-    sleeve = scene.add_beam([(1.2, 1.25), (1.2, 3)], MEMBER)
-    slider = scene.add_beam([(1.2, 3), (2, 3)], MEMBER)
-    wheel = scene.add_beam([(2, 3), (2, 4)], MEMBER)
-    scene.add_joint(fb.Revolute(fb.GROUND, crank.start, **laws))
-    scene.add_joint(fb.Revolute(crank.end, coupler.start, **laws))
-    scene.add_joint(
-        fb.Revolute(coupler.end, rocker.start, offset=(0.2, 0.1), spring=laws["spring"])
-    )
-    scene.pin(rocker.end)
-    scene.add_joint(fb.Prismatic(coupler.node(0.5), sleeve.start, axis=(1, 0), **laws))
-    hinge = fb.Coordinate(**laws)
-    scene.add_joint(fb.PinInSlot(slider.start, sleeve.end, axis=AXIS, **laws, hinge=hinge))
-    scene.add_joint(fb.Revolute(slider.end, wheel.start, motor=lambda t: 3 * t**2))
-    scene.add_joint(fb.PinInSlot(wheel.end, fb.GROUND, axis=(1, 0), offset=OFFSET, **laws))
-    return scene
-
-
 OF_PAIRS = ("b pinned", "b clamped", "a clamped", "x of a and y of b", "ground as b")
 ORDERS = {f"{kind}, {place}": (held, place, kind) for kind in BENDING for place in OF_PAIRS}
 ORDERS |= {
@@ -213,7 +167,6 @@ ORDERS |= {
         lambda: row("rigid with offset", "revolute", "pin in slot", first=("y",), last=("x",)),
     ),
     "motors": (motors,),
-    "machine": (machine,),
 }
 
 
@@ -302,31 +255,6 @@ def test_the_impulse_of_the_joint_is_what_changes_the_momenta_of_a_member(kind, 
         twist = dt * (cross(x, sign * force[:, :2]) + moment)
         assert abs(np.diff(linear, axis=0) - impulse).max() < 1e-10 * abs(linear).max()
         assert abs(np.diff(angular) - twist).max() < 1e-10 * abs(angular).max()
-
-
-@pytest.mark.parametrize(("make", "grounded"), [(fb.Revolute, True), (fb.Rigid, False)])
-def test_the_hinges_of_a_hanging_chain_carry_the_weight_below(make, grounded):
-    stiff = fb.Section(EA=1e10, GA=1e10, EI=1e8, rhoA=1.0, rhoI=0.1)
-    scene = fb.Scene(gravity=(0, -9.81))
-    ends = [(0.0, 0.0), (0.0, -1.0), (0.0, -3.0), (0.0, -4.0)]
-    members = [
-        scene.add_beam([a, b], stiff, elements=2) for a, b in zip(ends, ends[1:], strict=False)
-    ]
-    joints = [
-        scene.add_joint(make(a.end, b.start)) for a, b in zip(members, members[1:], strict=False)
-    ]
-    if grounded:
-        joints.append(scene.add_joint(make(fb.GROUND, members[0].start)))
-    else:
-        scene.clamp(members[0].start)
-    # So stiff, and so damped by the scheme, that it hangs at rest.
-    solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.1, t_end=3.0)
-    weights = [3 * 9.81, 9.81, 4 * 9.81]
-    for joint, weight in zip(joints, weights, strict=False):
-        assert solution.joint(joint).force[-1] == pytest.approx([0, weight, 0], abs=1e-6 * weight)
-    if not grounded:
-        reaction = solution.reaction(members[0].start)[-1]
-        assert reaction == pytest.approx([0, 4 * 9.81, 0], abs=1e-4)
 
 
 # -- Accelerations at the start --------------------------------------------------------------------

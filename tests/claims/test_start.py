@@ -11,7 +11,6 @@ from scenes import FLYING, free_flight, pinned_beam
 import fx_beam as fb
 
 HISTORIES = ("t", "t_level", "q", "v", "a", "reactions", "slides", "joint_forces")
-MOMENTA = ("linear_momentum", "angular_momentum")
 
 
 def test_a_thin_file_keeps_all_that_a_continuation_needs(tmp_path):
@@ -35,10 +34,6 @@ def test_the_first_row_of_a_continued_run_is_the_last_of_the_one_before():
     second = fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.2, start=first)
     for history in HISTORIES:
         assert np.array_equal(getattr(second, history)[0], getattr(first, history)[-1]), history
-    # Sums, the last of which the loop has taken and the first numpy, in another order.
-    for history in MOMENTA:
-        one, other = getattr(second, history), getattr(first, history)
-        assert abs(one[0] - other[-1]).max() <= 1e-14 * abs(other).max(), history
     assert second.energy.work[0] == first.energy.work[-1]
     assert abs(second.energy.balance_error[0]) == 0
 
@@ -144,15 +139,12 @@ def arch():
     return scene
 
 
-@pytest.mark.parametrize(
-    "scheme", [fb.EnergyMomentum(), fb.GeneralizedAlpha(0.6)], ids=lambda s: s.name
-)
-def test_a_scene_in_equilibrium_stays_at_rest(scheme):
+def test_a_scene_in_equilibrium_stays_at_rest():
     scene = arch()
     rest = fb.static(scene, steps=4)
     bent = abs(rest.q[-1]).max()
     assert bent > 0.03
-    motion = fb.simulate(scene, scheme, dt=0.01, t_end=0.2, start=rest)
+    motion = fb.simulate(scene, dt=0.01, t_end=0.2, start=rest)
     assert abs(motion.q - rest.q[-1]).max() < 1e-9 * bent
     assert motion.energy.kinetic.max() < 1e-16 * motion.energy.strain.max()
     assert motion.energy.work[0] == rest.energy.work[-1]
@@ -192,34 +184,34 @@ def test_a_static_state_is_one_of_its_time():
         fb.simulate(scene, dt=0.05, t_end=2.0, start=other)
 
 
-@pytest.mark.parametrize(("dt", "scheme"), [(1e-6, fb.EnergyMomentum()), (1e-3, fb.Newmark())])
-def test_nodes_held_where_they_were_moved_to_do_not_accelerate(dt, scheme):
+@pytest.mark.parametrize(
+    ("y", "first", "scheme", "dt"),
+    [
+        (lambda t: 0.07, (0.0, 0.0), fb.EnergyMomentum(), 1e-6),
+        (lambda t: 0.07, (0.0, 0.0), fb.Newmark(), 1e-3),
+        (lambda t: 0.07 + 0.01 * t**2 - 0.02 * np.sin(2 * t), (-0.04, 0.02), None, 1e-2),
+        (lambda t: 0.07 + 0.01 * t**2 - 0.02 * np.sin(2 * t), (-0.04, 0.02), None, 1e-4),
+    ],
+    ids=["held", "held, newmark", "moved on", "moved on in small steps"],
+)
+def test_nodes_held_where_they_were_moved_to_start_with_their_own_rates(y, first, scheme, dt):
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=4)
     scene.clamp(beam.start)
-    scene.prescribe(beam.end, x=lambda t: -0.05, y=lambda t: 0.07)
-    motion = fb.simulate(scene, scheme, dt=dt, t_end=4 * dt, start=fb.static(scene))
-    assert not motion.acceleration(beam.end).any()
-    assert not motion.velocity(beam.end).any()
-    assert abs(motion.a).max() < 1e-7
-
-
-@pytest.mark.parametrize("dt", [1e-2, 1e-4])
-def test_nodes_that_are_moved_on_have_their_acceleration(dt):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=4)
-    scene.clamp(beam.start)
-    scene.prescribe(beam.end, y=lambda t: 0.07 + 0.01 * t**2 - 0.02 * np.sin(2 * t))
-    motion = fb.simulate(scene, dt=dt, t_end=2 * dt, start=fb.static(scene))
-    assert motion.velocity(beam.end)[0] == pytest.approx([0, -0.04], abs=1e-8)
+    scene.prescribe(beam.end, x=lambda t: -0.05, y=y)
+    motion = fb.simulate(scene, scheme, dt=dt, t_end=2 * dt, start=fb.static(scene))
+    assert motion.velocity(beam.end)[0] == pytest.approx([0, first[0]], abs=1e-8)
     # Along x what the equilibrium leaves by rounding: 1e-11 m/s^2.
-    assert motion.acceleration(beam.end)[0] == pytest.approx([0, 0.02], rel=0.01, abs=1e-8)
+    assert motion.acceleration(beam.end)[0] == pytest.approx([0, first[1]], rel=0.01, abs=1e-8)
+    if not any(first):
+        assert not motion.acceleration(beam.end).any() and not motion.velocity(beam.end).any()
+        assert abs(motion.a).max() < 1e-7
 
 
 # -- Wrong starts ----------------------------------------------------------------------------------
 
 
-def test_wrong_starts_are_refused_by_name():
+def test_wrong_starts_are_refused_by_name(tmp_path):
     scene, _ = pinned_beam(4)
     first = fb.simulate(scene, dt=0.01, t_end=0.1)
     with pytest.raises(fb.SceneError, match="start must be a Solution, not 3"):
@@ -233,6 +225,12 @@ def test_wrong_starts_are_refused_by_name():
     jointed.add_joint(fb.PinInSlot(fb.GROUND, beam.end, axis=(1, 0)))
     with pytest.raises(fb.SceneError, match="violates joint 0, PinInSlot .* a gap of"):
         fb.simulate(jointed, dt=0.01, t_end=0.2, start=first)
+    first.save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as file:
+        old = {name: file[name] for name in file if not name.startswith("end_")}
+    np.savez(tmp_path / "old.npz", **old)
+    with pytest.raises(fb.SceneError, match="has no last state"):
+        fb.simulate(scene, dt=0.01, t_end=0.2, start=fb.load(tmp_path / "old.npz"))
 
 
 def bent_pair(kind, **axis):
@@ -270,27 +268,16 @@ def test_a_state_that_a_joint_cannot_be_in_is_refused_and_the_joint_named():
 
 
 @pytest.mark.exact_times
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_a_run_that_broke_off_goes_on_from_its_last_step(solver):
+def test_a_run_that_broke_off_goes_on_from_its_last_step():
     scene, _ = pinned_beam(4)
     scene.add_force(scene.beams[0].end, lambda t: (0.0, 0.0) if t < 0.07 else 1 / 0)
-    options = {"dt": 1 / 64, "t_end": 0.125, "solver": solver}
+    options = {"dt": 1 / 64, "t_end": 0.125}
     with pytest.raises(fb.StepError) as caught:
         fb.simulate(scene, **options)
     rest = fb.simulate(pinned_beam(4)[0], start=caught.value.solution, **options)
     assert rest.t[0] == caught.value.solution.t[-1] == 1 / 16
     whole = fb.simulate(pinned_beam(4)[0], **options)
     np.testing.assert_array_equal(rest.q, whole.q[4:])
-
-
-def test_a_file_without_a_last_state_is_no_start(tmp_path):
-    scene, _ = pinned_beam(4)
-    fb.simulate(scene, dt=0.01, t_end=0.02).save(tmp_path / "new.npz")
-    with np.load(tmp_path / "new.npz") as file:
-        old = {name: file[name] for name in file if not name.startswith("end_")}
-    np.savez(tmp_path / "old.npz", **old)
-    with pytest.raises(fb.SceneError, match="has no last state"):
-        fb.simulate(scene, dt=0.01, t_end=0.1, start=fb.load(tmp_path / "old.npz"))
 
 
 # -- Parts without mass under loads that are there at the start ----------------------------------
@@ -323,14 +310,10 @@ def test_a_massless_member_has_the_rotation_of_its_moment_in_every_row(scheme, s
     assert found.rotation(beam.end) == pytest.approx(np.full(6, 2.0), abs=1e-9)
     assert abs(found.energy.balance_error).max() < 1e-12
     assert found.energy.strain[0] == pytest.approx(20.0)
-
-
-def test_single_steps_start_from_the_same_place():
-    scene, beam = bent()
-    motion = fb.Motion(scene, dt=0.01)
-    assert motion.q[beam.end.number, 2] == pytest.approx(2.0, abs=1e-9)
-    motion.step()
-    assert motion.q[beam.end.number, 2] == pytest.approx(2.0, abs=1e-9)
+    motion = fb.Motion(scene, scheme, dt=0.01)
+    for _ in range(2):
+        assert motion.q[beam.end.number, 2] == pytest.approx(2.0, abs=1e-9)
+        motion.step()
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)

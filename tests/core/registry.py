@@ -313,6 +313,16 @@ def sleeve_on_a_beam(x):
 
 
 @case()
+def body_that_slides_on_a_sliding_bar(x):
+    scene = on_a_rod(x, fb.Sleeve, friction=fb.Friction(0.5 * x[8], 0.5))
+    bar = scene.beams[1]
+    place = (bar.start.x, (bar.start.y + bar.end.y) / 2)
+    body = scene.add_body(place, mass=0.2 * x[3], inertia=0.01)
+    scene.add_joint(fb.Slider(bar, body.centre, spring=fb.Spring(5.0)))
+    return scene
+
+
+@case()
 def force_between_points(x):
     scene, beam = swing(x)
     pull = {"spring": fb.Spring(30 * x[7], rest=0.3), "damper": fb.Damper(0.1 * x[8])}
