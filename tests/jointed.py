@@ -139,16 +139,3 @@ def whirling(degree=1):
     scene.make_velocities_compatible()
     scene.set_velocity(second, lambda x, y: (-60 * y, 60 * (x - 1)), spin=60)
     return scene
-
-
-def linkage():
-    """Revolute, prismatic and pin in slot, an offset and a motor."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    crank = scene.add_beam([(0, 0), (0.5, 0)], MEMBER, elements=2)
-    rod = scene.add_beam([(0.6, 0), (1.6, 0.3)], MEMBER, elements=3)
-    tail = scene.add_beam([(1.6, 0.3), (2.4, 0.3)], MEMBER, elements=2)
-    scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: 1.5 * t**2))
-    scene.add_joint(fb.Revolute(crank.end, rod.start, offset=(0.1, 0)))
-    scene.add_joint(fb.Prismatic(rod.end, tail.start, axis=(1, 0.2)))
-    scene.add_joint(fb.PinInSlot(fb.GROUND, tail.end, axis=(1, 0)))
-    return scene

@@ -293,9 +293,6 @@ def test_rows_are_those_of_the_steps_that_are_recorded():
     at = fb.simulate(scene, tolerance=1e-3, t_end=0.8, record=fb.Record(times=[0.0, 0.33, 0.8]))
     assert abs(at.energy.balance_error).max() < 1e-11 * every.energy.kinetic.max()
     assert abs(at.joint(joints[1]).internal("a")[-1] - of_every[-1]) < 0.02
-    none = fb.simulate(scene, dt=0.02, t_end=0.1, record=fb.Record(motion=False))
-    with pytest.raises(ValueError, match="motion not recorded"):
-        none.joint(joints[1]).internal("a")
 
 
 # -- Refusals --------------------------------------------------------------------------------------

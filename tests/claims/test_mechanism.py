@@ -97,41 +97,6 @@ def test_a_parallelogram_in_line_has_one_motion_more(angle):
             check_static(scene)
 
 
-# -- Trusses -----------------------------------------------------------------------------------
-
-
-def truss(bays, left_out=None):
-    """Hinged truss with one diagonal a bay, on a pin and a roller: statically determinate."""
-    scene = fb.Scene()
-    places = [(x, y) for x in range(bays + 1) for y in (0, 1)]
-    bars = []
-    for x in range(bays):
-        low, high, next_low, next_high = places[2 * x : 2 * x + 4]
-        bars += [(low, high), (low, next_low), (high, next_high), (low, next_high)]
-    bars += [tuple(places[-2:])]
-    hubs = {}
-    for number, ends in enumerate(bars):
-        if number == left_out:
-            continue
-        bar = scene.add_beam(ends, LIGHT)
-        for place, node in zip(ends, (bar.start, bar.end), strict=True):
-            if place in hubs:
-                scene.add_joint(fb.Revolute(hubs[place], node))
-            hubs.setdefault(place, node)
-    scene.pin(hubs[0, 0])
-    scene.fix(hubs[bays, 0], "y")
-    return scene
-
-
-@pytest.mark.parametrize("bays", [1, 12])
-def test_a_truss_holds_and_without_any_of_its_bars_does_not(bays):
-    check_static(truss(bays))
-    check_moving(truss(bays))
-    for left_out in {0, 3, 4 * bays, 4 * (bays // 2) + 2}:
-        with pytest.raises(fb.SceneError, match="can (rotate|move)"):
-            check_static(truss(bays, left_out))
-
-
 # -- What mass holds ---------------------------------------------------------------------------
 
 

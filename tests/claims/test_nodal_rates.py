@@ -62,16 +62,15 @@ def test_the_rules_of_the_package_written_out_are_the_same(kind, solver):
     assert second.stats.newton_iterations <= first.stats.newton_iterations + 2
 
 
-@pytest.mark.parametrize("make", [armero_romero, bathe])
-def test_both_solvers_agree_and_a_run_goes_on(make):
+def test_both_solvers_agree_on_two_stages_and_a_run_goes_on():
     scene, _ = mechanism()
     compiled, petsc = (
-        fb.simulate(scene, make(), dt=0.01, t_end=0.3, solver=solver)
+        fb.simulate(scene, bathe(), dt=0.01, t_end=0.2, solver=solver)
         for solver in ("compiled", "petsc")
     )
     assert abs(compiled.q - petsc.q).max() < 1e-9
-    half = fb.simulate(scene, make(), dt=0.01, t_end=0.15)
-    rest = fb.simulate(scene, make(), dt=0.01, t_end=0.3, start=half)
+    half = fb.simulate(scene, bathe(), dt=0.01, t_end=0.1)
+    rest = fb.simulate(scene, bathe(), dt=0.01, t_end=0.2, start=half)
     assert abs(rest.q[-1] - compiled.q[-1]).max() < 1e-10
 
 
