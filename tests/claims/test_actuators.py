@@ -116,41 +116,31 @@ def test_a_slider_sags_by_its_weight_over_the_stiffness():
 # -- Large rotations -----------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("viscosity", [0.0, 2.0])
 @pytest.mark.parametrize("kind", SPRUNG)
-def test_springs_keep_energy_and_momenta_with_large_rotations(kind):
-    spring = fb.Spring(8.0, rest=0.3)
-    hinge = {"hinge": fb.Coordinate(spring=spring)} if "slot" in kind else {}
-    scene, first, second, joint = pair(kind, spring=spring, **hinge)
+def test_springs_keep_energy_dampers_take_it_and_both_keep_momenta(kind, viscosity):
+    laws = {"spring": fb.Spring(8.0, rest=0.3), "damper": fb.Damper(viscosity)}
+    hinge = {"hinge": fb.Coordinate(**laws)} if "slot" in kind else {}
+    scene, first, second, joint = pair(kind, **laws, **hinge)
     throw(scene, first, second, joint, spin=6.0)
     solution = fb.simulate(scene, dt=0.02, t_end=2.0)
-    assert drift(solution.energy.total) < 1e-10
+    energy = solution.energy
+    assert balance(solution) < 1e-10
+    assert not energy.work.any()
+    if viscosity:
+        assert np.diff(energy.total).max() < 1e-12 * energy.total[0]
+        assert energy.total[-1] < 0.95 * energy.total[0]
+        assert energy.dissipated == pytest.approx(-(energy.total - energy.total[0]), abs=1e-9)
+    else:
+        assert drift(energy.total) < 1e-10
     assert drift(solution.linear_momentum) < 1e-10
     assert drift(solution.angular_momentum) < 1e-10
     assert abs(solution.rotation(joint.a)).max() > 2.0
     stored = 8.0 / 2 * (coordinate(solution, joint) - 0.3) ** 2
     if hinge:
         stored += 8.0 / 2 * (angle(solution, joint) - 0.3) ** 2
-    assert np.ptp(stored) > 1e-2 * scale(solution)
-    assert solution.energy.springs == pytest.approx(stored, abs=1e-10 * scale(solution))
-    assert solution.energy.strain.min() >= 0 == solution.energy.strain[0]
-
-
-@pytest.mark.parametrize("kind", SPRUNG)
-def test_dampers_only_take_energy_and_leave_the_momenta(kind):
-    damper = fb.Damper(2.0)
-    hinge = {"hinge": fb.Coordinate(damper=damper)} if "slot" in kind else {}
-    scene, first, second, joint = pair(kind, damper=damper, **hinge)
-    throw(scene, first, second, joint, spin=3.0)
-    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
-    energy = solution.energy.total
-    assert np.diff(energy).max() < 1e-12 * energy[0]
-    assert energy[-1] < 0.95 * energy[0]
-    assert balance(solution) < 1e-10
-    assert np.diff(solution.energy.dissipated).min() >= 0.0
-    assert not solution.energy.work.any()
-    assert energy[0] - energy == pytest.approx(solution.energy.dissipated, abs=1e-10 * energy[0])
-    assert drift(solution.linear_momentum) < 1e-10
-    assert drift(solution.angular_momentum) < 1e-10
+    assert energy.springs == pytest.approx(stored, abs=1e-10 * scale(solution))
+    assert energy.strain.min() >= 0 == energy.strain[0]
 
 
 # -- Motors --------------------------------------------------------------------------------------
@@ -232,3 +222,90 @@ def test_a_massless_arm_may_hang_on_a_spring():
     # Moment of the force about the hinge over the spring's stiffness.
     psi, x = solution.rotation(arm.start)[-1], solution.position(arm.end)[-1]
     assert 4.0 * psi == pytest.approx(0.1 * x[0], rel=2e-2)
+
+
+# -- Coordinates, rates and power as they are read
+
+BAR = fb.Section(EA=1e6, GA=1e6, EI=1e3, rhoA=1.0, rhoI=1e-3)
+
+
+# Soft enough for the steps below to resolve all of its vibrations.
+RESOLVED = fb.Section(EA=1e4, GA=1e4, EI=1e2, rhoA=1.0, rhoI=1e-2)
+
+
+def arm_with_slider(motor=None, spring=None, section=BAR):
+    """An arm that a motor turns, and a bar that slides along its end."""
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=4, name="arm")
+    bar = scene.add_beam([(1, 0), (1.6, 0.8)], section, elements=2, name="bar")
+    hinge = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, motor=motor))
+    slide = scene.add_joint(fb.PinInSlot(arm.end, bar.start, axis=(0.6, 0.8), spring=spring))
+    return scene, arm, bar, hinge, slide
+
+
+def turning(t):
+    return 0.5 * (1 - np.cos(4 * t))
+
+
+def test_the_angle_of_a_motor_is_what_it_was_told_and_its_rate_the_derivative():
+    scene, arm, _, hinge, _ = arm_with_slider(turning)
+    solution = fb.simulate(scene, dt=1e-3, t_end=0.2)
+    motion = solution.joint(hinge)
+    np.testing.assert_allclose(motion.angle, turning(solution.t), atol=1e-13)
+    np.testing.assert_allclose(motion.rate, 2 * np.sin(4 * solution.t), atol=1e-2)
+    np.testing.assert_array_equal(motion.rate, motion.spin)
+    np.testing.assert_array_equal(motion.angle, solution.rotation(arm.start))
+
+
+def test_the_rate_of_a_slide_is_the_derivative_of_the_slide_on_a_turning_guide():
+    spring = fb.Spring(200.0)
+    scene, arm, _, _, slide = arm_with_slider(turning, spring, RESOLVED)
+    solution = fb.simulate(scene, dt=1e-4, t_end=0.2)
+    motion = solution.joint(slide)
+    assert np.ptp(motion.slide) > 0.01 and np.ptp(motion.angle) > 0.1
+    for found, of in ((motion.rate, motion.slide), (motion.spin, motion.angle)):
+        central = (of[2:] - of[:-2]) / (solution.t[2:] - solution.t[:-2])
+        np.testing.assert_allclose(found[1:-1], central, atol=2e-3 * abs(central).max())
+
+
+def test_the_motors_power_adds_up_to_the_work_and_to_the_energy_gained():
+    dt = 1e-3
+    scene, *_, hinge, slide = arm_with_slider(turning, fb.Spring(200.0))
+    solution = fb.simulate(scene, dt=dt, t_end=0.2)
+    work = np.concatenate([[0], np.cumsum(solution.joint(hinge).motor_power[1:] * dt)])
+    # The only work there is, to second order in a step's angle.
+    np.testing.assert_allclose(work, solution.energy.work, atol=1e-5 * abs(work).max())
+    gained = solution.energy.total - solution.energy.total[0]
+    np.testing.assert_allclose(work, gained, atol=2e-3 * abs(gained).max())
+    with pytest.raises(ValueError, match="has no motor"):
+        solution.joint(slide).motor_power  # noqa: B018
+
+
+def test_the_power_of_a_motor_on_a_slide_is_exact_and_without_its_spring(tmp_path):
+    scene = fb.Scene()
+    bar = scene.add_beam([(0, 0), (1, 0)], BAR, elements=2)
+    joint = scene.add_joint(
+        fb.Prismatic(
+            fb.GROUND, bar.start, (1, 0), motor=lambda t: 0.1 * t**2, spring=fb.Spring(30.0)
+        )
+    )
+    solution = fb.simulate(scene, dt=1e-3, t_end=0.5)
+    solution.save(tmp_path / "run.npz")
+    for found in (solution, fb.load(tmp_path / "run.npz")):
+        motion = found.joint(joint)
+        work = np.cumsum(motion.motor_power * 1e-3)
+        np.testing.assert_allclose(work, solution.energy.work, atol=1e-12 * work.max())
+    # The motor pushes the bar and its spring; the joint is both of them.
+    pushed = solution.joint(joint).motor_force[1:]
+    total = solution.joint(joint).force[1:, 0]
+    middle = (solution.slide(joint)[1:] + solution.slide(joint)[:-1]) / 2
+    np.testing.assert_allclose(pushed - 30.0 * middle, total, atol=1e-9 * abs(pushed).max())
+
+
+def test_what_was_not_recorded_or_is_not_there_is_named():
+    scene, *_, hinge, slide = arm_with_slider(turning)
+    thin = fb.simulate(scene, dt=1e-3, t_end=0.01, record=fb.Record(rates=False, every=5))
+    with pytest.raises(ValueError, match="rates not recorded"):
+        thin.joint(slide).rate  # noqa: B018
+    with pytest.raises(ValueError, match=r"needs every step; simulate with record=Record\(every"):
+        thin.joint(hinge).motor_power  # noqa: B018

@@ -200,7 +200,7 @@ def memory(scene):
     [("chain", 60), ("telescope", 60), ("ring", 60), ("bead", 60), ("four-bars", 15)],
 )
 def test_the_memory_for_long_chains_and_loops_grows_in_proportion_to_the_bodies(made, n):
-    # In proportion it doubles; with sums over all links it is eightfold. The first run fills caches.
+    # In proportion it doubles; with sums over all links it is eightfold. The first fills caches.
     _, few, many = (memory(MADE[made](k)) for k in (n, n, 2 * n))
     assert many < 3 * few
 

@@ -78,28 +78,14 @@ def test_a_double_pendulum_keeps_its_angular_momentum_about_its_pin():
     assert drift(solution.linear_momentum) > 0.1  # the pin pulls
 
 
-def test_gaps_stay_closed_over_10_000_steps_without_stabilisation():
-    # A trolley on a long spring, an eccentric arm, and a sleeve that swings along it.
-    scene = fb.Scene(gravity=(0, -9.81))
-    trolley = scene.add_beam([(0, 0), (0.5, 0)], MEMBER)
-    arm = scene.add_beam([(0.7, -0.1), (0.7, -1.1)], MEMBER)
-    sleeve = scene.add_beam([(0.7, -1.0), (1.0, -1.0)], MEMBER)
-    rail = scene.add_joint(
-        fb.Prismatic(fb.GROUND, trolley.start, axis=(1, 0), spring=fb.Spring(2.0))
-    )
-    pin = scene.add_joint(fb.Revolute(trolley.end, arm.start, offset=(0.2, -0.1)))
-    rod = scene.add_joint(
-        fb.Prismatic(arm.end, sleeve.start, axis=(0, 1), spring=fb.Spring(1.0, rest=0.1))
-    )
-    for beam in (trolley, arm, sleeve):
-        scene.set_velocity(beam, (4.0, 0.0))
+@pytest.mark.parametrize("kind", ["revolute with offset", "prismatic with offset"])
+def test_gaps_stay_closed_over_10_000_steps_without_stabilisation(kind):
+    scene, first, second, joint = pair(kind, spring=fb.Spring(2.0))
+    throw(scene, first, second, joint)
     solution = fb.simulate(scene, dt=0.01, t_end=100.0)
     assert solution.stats.steps == 10_000
-    assert np.ptp(solution.slide(rail)) > 6.0
-    assert np.ptp(solution.slide(rod)) > 5.0
-    for joint in (rail, pin, rod):
-        assert solution.gap(joint).max() < 1e-11
-    assert abs(solution.energy.balance_error).max() < 1e-9 * scale(solution)
+    assert solution.gap(joint).max() < 1e-11
+    assert drift(solution.energy.total) < 1e-9
 
 
 # -- Which node follows which ------------------------------------------------------------------
@@ -294,23 +280,18 @@ def test_the_newmark_family_keeps_linear_momentum_with_joints(kind):
 )
 def test_schemes_are_of_second_order_with_joints_springs_and_dampers(scheme):
     stout = fb.Section(EA=200.0, GA=200.0, EI=20.0, rhoA=1.0, rhoI=0.1)
+    laws = {"spring": fb.Spring(9.0, rest=0.1), "damper": fb.Damper(2.0)}
 
     def end(dt):
-        scene = fb.Scene(gravity=(0, -9.81))
-        arm = scene.add_beam([(0, 0), (1, 0)], stout, elements=2)
-        sleeve = scene.add_beam([(0.7, 0.2), (0.7, 1.0)], stout, elements=2)
-        bob = scene.add_beam([(0.7, 1.0), (1.0, 1.5)], stout)
-        scene.add_joint(
-            fb.Revolute(
-                fb.GROUND, arm.start, spring=fb.Spring(3.0, rest=-0.5), damper=fb.Damper(3.0)
-            )
+        scene, first, second, joint = pair(
+            "prismatic with offset", 1, (0, -9.81), section=stout, **laws
         )
-        laws = {"spring": fb.Spring(9.0, rest=0.1), "damper": fb.Damper(2.0)}
-        slide = fb.Prismatic(arm.end, sleeve.start, axis=(1, 0.5), offset=(-0.7, 0), **laws)
-        scene.add_joint(slide)
-        scene.add_joint(fb.Revolute(sleeve.end, bob.start, offset=(0, 0)))
-        for beam in (arm, sleeve, bob):
-            scene.set_velocity(beam, lambda x, y: 1.5 * (W @ (x, y)), spin=1.5)
+        scene.add_joint(fb.Revolute(fb.GROUND, first.start, **laws))
+        tip = second.end.x, second.end.y
+        bob = scene.add_beam([tip, (tip[0] + 0.3, tip[1] + 0.5)], stout)
+        scene.add_joint(fb.Revolute(second.end, bob.start))
+        for beam in (first, second, bob):
+            scene.set_velocity(beam, lambda x, y: 1.5 * (W @ (x + 1, y)), spin=1.5)
         solution = fb.simulate(scene, scheme, dt=dt, t_end=0.4)
         return np.append(solution.q[-1].ravel(), solution.slides[-1])
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jointed import midpoint
+from jointed import midpoint, pair
 
 import fx_beam as fb
 
@@ -28,12 +28,10 @@ PAIRS = {
 
 def mechanism():
     """Two bars with a joint, a damper, a motor, a mass and a load that is on and off."""
-    scene = fb.Scene(gravity=(0, -9.81))
     section = fb.Section(EA=1e4, GA=1e4, EI=20.0, rhoA=1.0, rhoI=0.01)
-    arm = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
-    bar = scene.add_beam([(1, 0), (1.6, 0.3)], section, elements=2)
+    laws = {"damper": fb.Damper(0.05), "section": section}
+    scene, arm, bar, _ = pair("revolute", gravity=(0, -9.81), **laws)
     scene.add_joint(fb.Revolute(fb.GROUND, arm.start, motor=lambda t: 0.2 * (1 - math.cos(3 * t))))
-    scene.add_joint(fb.Revolute(arm.end, bar.start, damper=fb.Damper(0.05)))
     scene.add_mass(bar.end, 0.5, 0.01)
     scene.add_force(bar.end, lambda t: (0.0, 2.0 * math.cos(5 * t)))
     return scene, bar
