@@ -35,17 +35,6 @@ def chain(n, along=(1.0, 0.0), inertia=1e-3, hang=True, joint=fb.Revolute, **opt
     return scene, ends
 
 
-def telescope(n):
-    """Sleeves that slide in each other, with springs."""
-    held = {"spring": fb.Spring(1e3), "damper": fb.Damper(1.0)}
-    return chain(n, joint=fb.Prismatic, axis=(1, 0), **held)[0]
-
-
-def driven(n):
-    """Links that motors turn."""
-    return chain(n, joint=fb.Revolute, motor=lambda t: 0.1 * t**2)[0]
-
-
 def ring(n, inertia=1e-3, spin=0.0):
     """A closed ring of links that hangs on one of its hinges, and turns about it."""
     scene, radius = fb.Scene(gravity=(0, -GRAVITY)), n * LENGTH / 6
@@ -158,10 +147,11 @@ def chain_with_a_bead(n):
     return scene
 
 
+HELD = {"spring": fb.Spring(1e3), "damper": fb.Damper(1.0)}
 MADE = {
     "chain": lambda n: chain(n)[0],
-    "telescope": telescope,
-    "driven": driven,
+    "telescope": lambda n: chain(n, joint=fb.Prismatic, axis=(1, 0), **HELD)[0],
+    "driven": lambda n: chain(n, motor=lambda t: 0.1 * t**2)[0],
     "ring": lambda n: ring(n, spin=1.5),
     "four-bars": four_bars,
     "bead": chain_with_a_bead,

@@ -161,11 +161,12 @@ def test_whichever_node_follows_energy_is_exact_joints_close_and_newton_converge
     build, *given = ORDERS[order]
     for scheme in (fb.EnergyMomentum(), fb.GeneralizedAlpha(0.6)):
         scene = build(*given)
-        solution = fb.simulate(scene, scheme, dt=0.02, t_end=0.4)
+        tight = fb.NewtonOptions(tolerance=1e-12)
+        solution = fb.simulate(scene, scheme, dt=0.05, t_end=0.3, newton=tight)
         assert np.ptp(solution.q, axis=0).max() > 0.03
         assert max(solution.gap(joint).max() for joint in scene.joints) < 1e-13
-        # A tangent that is not the derivative of the residual takes tens.
-        assert solution.stats.newton_iterations < 5 * solution.stats.steps
+        # Where a term of the tangent that bends with the joint is a tenth off, some take 5 or 6.
+        assert solution.stats.newton_iterations <= 4.5 * solution.stats.steps
         assert solution.stats.halvings == 0
         if scheme.name == "EnergyMomentum":
             assert abs(solution.energy.balance_error).max() < 1e-11 * scale(solution)

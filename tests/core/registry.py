@@ -318,7 +318,7 @@ def body_that_slides_on_a_sliding_bar(x):
     bar = scene.beams[1]
     place = (bar.start.x, (bar.start.y + bar.end.y) / 2)
     body = scene.add_body(place, mass=0.2 * x[3], inertia=0.01)
-    scene.add_joint(fb.Slider(bar, body.centre, spring=fb.Spring(5.0)))
+    scene.add_joint(fb.Slider(bar, body.centre, spring=fb.Spring(100.0, rest=0.2)))
     return scene
 
 
