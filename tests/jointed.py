@@ -1,5 +1,7 @@
 """Scenes with joints that several tests share."""
 
+import ufl
+
 import numpy as np
 
 import fx_beam as fb
@@ -70,3 +72,70 @@ def drift(values, scale=None):
     values = np.asarray(values)
     scale = abs(values[0]).max() if scale is None else scale
     return abs(values - values[0]).max() / scale
+
+
+def momenta(rates, beam, section=MEMBER):
+    """The mass matrix (eq. 21) of a straight beam times rates (rows, nodes, 3), at its nodes."""
+    nodes = beam.nodes
+    length = beam.length / (len(nodes) - 1)
+    matrix = np.zeros((len(nodes),) * 2)
+    for i in range(len(nodes) - 1):
+        matrix[i : i + 2, i : i + 2] += length / 6 * np.array([[2, 1], [1, 2]])
+    return (
+        matrix
+        @ rates[:, [node.number for node in nodes]]
+        * (section.rhoA, section.rhoA, section.rhoI)
+    )
+
+
+def midpoint(D, v0, a0, before, dt):
+    """The nodal rule of the default (eqs 27 to 30)."""
+    path = ufl.as_vector((D[0], D[1], 2 * ufl.tan(D[2] / 2)))
+    v1 = 2 * path / dt - v0
+    a = (v1 - v0) / dt
+    return a, v1, a
+
+
+#: The default with its nodal rule written out. Such rates are not fitted to joints: forces are
+#: those with which steps are in balance to round-off.
+UNFITTED = fb.Scheme("Unfitted", fb.EnergyMomentum().resultants, fb.NodalRates(midpoint))
+
+
+def chain(scene, corners, closed=False):
+    """Bars between corners, hinged to each other."""
+    bars = []
+    for a, b in zip(corners[:-1], corners[1:], strict=True):
+        middle, length = np.add(a, b) / 2, np.hypot(*np.subtract(b, a))
+        bars.append(scene.add_body(middle, length, length**3 / 12, points={"a": a, "b": b}))
+        if len(bars) > 1:
+            scene.add_joint(fb.Revolute(bars[-2]["b"], bars[-1]["a"]))
+    if closed:
+        scene.add_joint(fb.Revolute(bars[-1]["b"], bars[0]["a"]))
+    return bars
+
+
+CORNERS = [(0, 0), (0.3, 0.9), (2.0, 1.3), (1.8, 0.0)]
+
+
+def four_bar(**coordinate):
+    """A four-bar linkage; springs, dampers and motors act at the hinge of its crank."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    bars = chain(scene, CORNERS)
+    crank = scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"], **coordinate))
+    scene.add_joint(fb.Revolute(bars[2]["b"], fb.GROUND))
+    return scene, bars, crank
+
+
+def whirling(degree=1):
+    """Two links thrown so fast that steps of 1/4 s fail every now and then.
+
+    Springs on their hinges count turns, so that none are taken off the rotations on the way.
+    """
+    scene = fb.Scene(gravity=(0, -9.81))
+    first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2, degree=degree)
+    second = scene.add_beam([(1, 0), (1.8, 0.3)], MEMBER, elements=2, degree=degree)
+    for a, b in ((fb.GROUND, first.start), (first.end, second.start)):
+        scene.add_joint(fb.Revolute(a, b, spring=fb.Spring(1.0)))
+    scene.make_velocities_compatible()
+    scene.set_velocity(second, lambda x, y: (-60 * y, 60 * (x - 1)), spin=60)
+    return scene

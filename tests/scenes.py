@@ -57,3 +57,19 @@ def free_flight(elements=5, degree=1, section=FLYING, turn=0.0, shift=(0.0, 0.0)
 def relative_drift(values):
     """Largest deviation from the first value, relative to it."""
     return abs(values - values[0]).max() / abs(values[0])
+
+
+def lattice(cells=5):
+    """A square lattice, whose unknowns no order puts in a narrow band."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    nodes: dict = {}
+    for i in range(cells + 1):
+        for j in range(cells + 1):
+            for end in ((i + 1, j), (i, j + 1)):
+                if max(end) <= cells:
+                    ends = [nodes.get(place, place) for place in ((i, j), end)]
+                    bar = scene.add_beam(ends, FLYING, elements=2)
+                    nodes[i, j], nodes[end] = bar.start, bar.end
+    scene.pin(nodes[0, 0])
+    scene.pin(nodes[cells, 0])
+    return scene

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from derivatives import Run, both, forward_and_backward
 from jointed import KINDS, throw
+from jointed import chain as bars
 from test_internal_variables import ISOTROPIC, PLASTIC, ZENER
-from test_loops import chain as bars
 
 import fx_beam as fb
 from fx_beam.compiled.adjoint import Adjoint

@@ -1,11 +1,9 @@
 """Rigid bodies: against equations in minimal coordinates, with beams, and in all analyses."""
 
 import copy
-import pickle
 
 import numpy as np
 import pytest
-from scenes import FLYING, relative_drift
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
@@ -71,46 +69,12 @@ def test_a_double_pendulum_of_bodies_follows_lagranges_equations_with_order_two(
     assert 3.8 < errors[0] / errors[1] < 4.2
 
 
-@pytest.mark.parametrize(
-    "scheme",
-    [fb.EnergyMomentum(), fb.Newmark(), fb.EnergyMomentum(order=4)],
-    ids=lambda scheme: scheme.name,
-)
-def test_both_solvers_agree_without_any_beam(scheme):
-    found = [
-        fb.simulate(double_pendulum()[0], scheme, dt=0.01, t_end=0.3, solver=solver)
-        for solver in ("petsc", "compiled")
-    ]
-    for name in ("q", "v", "joint_forces"):
-        a, b = (getattr(solution, name) for solution in found)
-        assert b == pytest.approx(a, rel=0, abs=1e-9 * largest(a))
-    assert found[1].stats.solver.startswith("compiled")
-
-
 def test_points_stay_where_the_body_has_them():
     scene, (body, _) = double_pendulum()
     solution = fb.simulate(scene, dt=0.01, t_end=1.0)
     arm = solution.position(body["A"]) - solution.position(body.centre)
     expected = turned(solution.rotation(body.centre), HINGE - R1).T
     assert arm == pytest.approx(expected, abs=1e-13)
-
-
-def test_a_body_in_flight_keeps_energy_and_both_momenta():
-    scene = fb.Scene()
-    body = scene.add_body((1, 2), 3.0, 0.4, points={"A": (2, 2)})
-    other = scene.add_body((2, 3), 1.0, 0.2, points={"A": (2, 2), "B": (3, 3)})
-    scene.add_joint(fb.Revolute(body["A"], other["A"]))
-    tail = scene.add_beam([other["B"], (5, 3)], FLYING, elements=3)
-    # About the origin with 1 rad/s, the first body about its hinge with -2 rad/s.
-    scene.set_velocity(body, (-2, 4), spin=-2.0)
-    scene.set_velocity(other, (-3, 2), spin=1.0)
-    for node in tail.nodes[1:]:
-        scene.set_velocity(node, (-node.y, node.x), spin=1.0)
-    solution = fb.simulate(scene, dt=0.02, t_end=2.0)
-    assert largest(solution.rotation(tail.end)) > 0.5
-    assert relative_drift(solution.energy.total) < 1e-12
-    assert relative_drift(solution.angular_momentum) < 1e-12
-    assert largest(np.ptp(solution.linear_momentum, axis=0)) < 1e-11
 
 
 def test_the_velocity_of_a_body_is_that_of_its_centre():
@@ -126,17 +90,11 @@ def test_the_velocity_of_a_body_is_that_of_its_centre():
 # -- With beams --------------------------------------------------------------------------------
 
 
-def table(degree=3):
-    """A body on two legs without mass."""
+def test_a_body_on_two_legs_sways_as_a_frame_with_a_rigid_girder():
     scene = fb.Scene()
     body = scene.add_body((0.5, 1.0), 2.0, 0.3, points={"L": (0, 1), "R": (1, 1)})
     for x, point in ((0.0, "L"), (1.0, "R")):
-        scene.clamp(scene.add_beam([(x, 0), body[point]], LEG, elements=2, degree=degree).start)
-    return scene, body
-
-
-def test_a_body_on_two_legs_sways_as_a_frame_with_a_rigid_girder():
-    scene, _ = table()
+        scene.clamp(scene.add_beam([(x, 0), body[point]], LEG, elements=2, degree=3).start)
     shear = 1 + 12 * LEG.EI / LEG.GA
     stiffness = 24 * LEG.EI / shear
     assert fb.modes(scene).angular_frequencies[0] ** 2 == pytest.approx(stiffness / 2, rel=1e-5)
@@ -153,68 +111,22 @@ def test_a_force_beside_the_leg_bends_it_with_its_moment():
     assert tip == pytest.approx(bending + 1e-6 * 2 / LEG.GA, rel=1e-6)
 
 
-def with_offset_joint(bodies):
-    """Two beams and a mass, coupled over a gap by a body, or by joints of beams."""
-    scene = fb.Scene(gravity=(0, -G))
-    if bodies:
-        body = scene.add_body((1, 0), 3.0, 0.4, points={"A": (1, 0), "B": (1.5, 0.5)})
-        ends = body["A"], body["B"]
-    else:
-        ends = (1, 0), (1.5, 0.5)
-    first = scene.add_beam([(0, 0), ends[0]], FLYING, elements=2)
-    second = scene.add_beam([ends[1], (2.5, 0.5)], FLYING, elements=2)
-    if not bodies:
-        scene.add_joint(fb.Rigid(first.end, second.start, offset=(0.5, 0.5)))
-        scene.add_mass(first.end, 3.0, 0.4)
-    scene.pin(first.start)
-    return fb.simulate(scene, dt=0.02, t_end=1.0), (first.end, second.end)
-
-
-def test_a_body_equals_beams_joined_by_a_rigid_joint_with_an_offset():
-    (own, nodes), (other, others) = with_offset_joint(True), with_offset_joint(False)
-    assert own.stats.unknowns == other.stats.unknowns
-    for a, b in zip(nodes, others, strict=True):
-        assert own.position(a) == pytest.approx(other.position(b), abs=1e-11)
-
-
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_both_solvers_agree_on_bodies_with_beams_loads_and_drag(degree):
-    found = []
-    for solver in ("petsc", "compiled"):
-        scene, body = table(degree)
-        scene.add_force(body.centre, lambda t: (30 * np.sin(9 * t), 0.0))
-        scene.add_force(body["R"], (0.0, 5.0), follower=True)
-        scene.add_drag(body["L"], linear=0.1, quadratic=0.5, rotation=0.01)
-        found.append(fb.simulate(scene, dt=0.01, t_end=0.2, solver=solver))
-    assert found[1].q == pytest.approx(found[0].q, rel=0, abs=1e-11)
-    assert largest(found[1].energy.balance_error) < 1e-12 * found[1].energy.kinetic.max()
-    assert found[1].energy.dissipated[-1] > 0
-
-
 # -- Files, copies, pictures -------------------------------------------------------------------
 
 
-def test_a_run_continues_from_a_file(tmp_path):
-    scene, (body, _) = double_pendulum()
-    whole = fb.simulate(scene, dt=0.01, t_end=0.4)
-    fb.simulate(scene, dt=0.01, t_end=0.2).save(tmp_path / "run.npz")
+def test_a_file_has_the_bodies(tmp_path):
+    fb.simulate(double_pendulum()[0], dt=0.01, t_end=0.2).save(tmp_path / "run.npz")
     read = fb.load(tmp_path / "run.npz")
     assert list(read.bodies) == ["body 1", "body 2"] and read.bodies["body 1"].mass == 2.0
     assert read.position(read.bodies["body 1"]["A"]).shape == (21, 2)
-    rest = fb.simulate(scene, dt=0.01, t_end=0.4, start=read)
-    assert rest.position(body["A"])[-1] == pytest.approx(whole.position(body["A"])[-1], abs=1e-12)
 
 
-@pytest.mark.parametrize("copied", [copy.copy, lambda scene: pickle.loads(pickle.dumps(scene))])
-def test_a_copied_scene_has_its_own_bodies(copied):
+def test_a_copied_scene_has_its_own_bodies():
     scene, _ = double_pendulum()
-    other = copied(scene)
+    other = copy.copy(scene)
     assert other.bodies[0].centre.scene is other and scene.bodies[0].centre.scene is scene
     other.add_mass(other.bodies[0]["A"], 1.0)
     assert len(scene.masses) == 2 and len(other.masses) == 3
-    assert fb.simulate(copied(scene), dt=0.1, t_end=0.2).q == pytest.approx(
-        fb.simulate(scene, dt=0.1, t_end=0.2).q, abs=1e-14
-    )
 
 
 @pytest.mark.plot
@@ -267,15 +179,12 @@ def test_points_of_other_scenes_and_unknown_names_are_refused():
         scene.add_force(body, (1, 0))
 
 
-def test_a_body_without_inertia_that_can_turn_is_refused():
+def test_a_body_that_turns_without_inertia_and_virtual_works_without_beams_are_refused():
     scene = fb.Scene()
-    scene.add_body((0, 0), 1.0, name="ball")
+    ball = scene.add_body((0, 0), 1.0, name="ball")
     with pytest.raises(fb.SceneError, match="node 0 at .* of ball can rotate about"):
         fb.simulate(scene, dt=0.1, t_end=1.0)
-
-
-def test_virtual_works_need_a_beam():
-    scene, _ = double_pendulum()
+    scene.fix(ball.centre, "rotation")
     scene.add_virtual_work(lambda step: step.virtual_psi)
     with pytest.raises(fb.SceneError, match="the scene has none"):
         fb.simulate(scene, dt=0.1, t_end=1.0)

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from jointed import chain
+from jointed import four_bar as linkage
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb
-from fx_beam.coupling import rate_masses
-from fx_beam.model.model import Model
 
 G = 9.81
-SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 # A rigid pendulum: mass, moment of inertia, distance of the centre from the pin, first spin.
 M, J, A, SPIN = 2.0, 0.3, 0.8, 4.0
 
@@ -131,27 +130,12 @@ def double_pendulum():
 
 
 def four_bar():
-    scene = fb.Scene(gravity=(0, -G))
-    ends = [(0, 0), (0.3, 0.4), (1.0, 0.5), (1.0, 0)]
-    bars = [
-        scene.add_body((np.array(a) + b) / 2, 1.0, 0.05, points={"a": a, "b": b})
-        for a, b in zip(ends[:-1], ends[1:], strict=True)
-    ]
-    scene.add_joint(fb.Revolute(fb.GROUND, bars[0]["a"]))
-    for one, other in zip(bars[:-1], bars[1:], strict=True):
-        scene.add_joint(fb.Revolute(one["b"], other["a"]))
-    scene.add_joint(fb.Revolute(fb.GROUND, bars[-1]["b"]))
-    return scene
+    return linkage()[0]
 
 
 def free_chain():
     scene = fb.Scene()
-    bars = [
-        scene.add_body((x + 0.5, 0), 1.0 + x / 3, 0.1, points={"a": (x, 0), "b": (x + 1, 0)})
-        for x in range(3)
-    ]
-    for one, other in zip(bars[:-1], bars[1:], strict=True):
-        scene.add_joint(fb.Revolute(one["b"], other["a"]))
+    bars = chain(scene, [(x, 0) for x in range(4)])
     scene.set_velocity(bars[0], (0, 1), 2.0)
     scene.make_velocities_compatible()
     return scene
@@ -198,19 +182,11 @@ def errors_of_rows(build, order, steps):
     return found
 
 
-@pytest.mark.parametrize("build", SCENES)
-def test_rates_and_forces_of_bodies_are_of_order_two(build):
-    coarse, fine = errors_of_rows(build, 2, (0.005, 0.0025))
-    for name, small in fine.items():
-        if small > 1e-8:  # what is kept, and where round-off remains
-            assert np.log2(coarse[name] / small) > 1.9, name
-
-
 @pytest.mark.parametrize(
     ("build", "dt"),
     [
         (double_pendulum, 0.04),
-        (four_bar, 0.01),
+        (four_bar, 0.04),
         (free_chain, 0.08),
         (slider_crank, 0.04),
         (lambda: pushed_pendulum(True)[0], 0.08),
@@ -218,11 +194,15 @@ def test_rates_and_forces_of_bodies_are_of_order_two(build):
     ],
     ids=["double pendulum", "four-bar", "free chain", "slider crank", "motor", "support"],
 )
-def test_rates_and_forces_of_bodies_are_of_order_four_with_order_four(build, dt):
+def test_rates_and_forces_of_bodies_are_of_order_two_or_four(build, dt):
     coarse, *_, fine = errors_of_rows(build, 4, dt / 2.0 ** np.arange(4))
     for name, small in fine.items():
         round_off = 3e-9 if "forces" in name else 1e-10
         assert small < coarse[name] / 8**3.7 + round_off, name
+    coarse, fine = errors_of_rows(build, 2, (0.005, 0.0025))
+    for name, small in fine.items():
+        if small > 1e-8:  # what is kept, and where round-off remains
+            assert np.log2(coarse[name] / small) > 1.9, name
 
 
 @pytest.mark.parametrize("order", [2, 4])
@@ -244,151 +224,44 @@ def test_the_kinetic_energy_of_driven_bodies_is_that_of_their_rates_to_order_fou
     assert np.log2(errors[0] / errors[1]) > 3.8
 
 
-@SOLVERS
-def test_the_rates_of_the_first_row_are_those_given_with_all_their_momentum(solver):
+def test_the_rates_of_the_first_row_are_those_given_with_all_their_momentum():
     scene = free_chain()
     two, four = (
-        fb.simulate(scene, fb.EnergyMomentum(order=order), dt=0.02, t_end=0.1, solver=solver)
-        for order in (2, 4)
+        fb.simulate(scene, fb.EnergyMomentum(order=order), dt=0.02, t_end=0.1) for order in (2, 4)
     )
     for name in KINDS[:3]:
         assert getattr(four, name)[0] == pytest.approx(getattr(two, name)[0], abs=1e-14), name
+    # Velocities that are made compatible have the momenta of those that were given.
+    assert four.linear_momentum[0] == pytest.approx([0, 1], abs=1e-13)
+    assert four.angular_momentum[0] == pytest.approx(0.5 * 1 + 2 / 12, abs=1e-13)
     assert four.energy.kinetic[0] == pytest.approx(two.energy.kinetic[0], rel=1e-9)
     assert four.linear_momentum[-1] == pytest.approx(four.linear_momentum[0], abs=1e-12)
     assert four.angular_momentum[-1] == pytest.approx(four.angular_momentum[0], abs=1e-12)
     assert four.stats.substeps == four.stats.steps == 5
 
 
+def turned(spin, arm):
+    """Velocity of the end of an arm about its start."""
+    return spin[:, None] * np.column_stack([-arm[:, 1], arm[:, 0]])
+
+
 @pytest.mark.parametrize("build", SCENES)
 def test_points_of_bodies_move_with_their_centres_and_joints_stay_together(build):
     scene = build()
-    found = fb.simulate(scene, dt=0.01, t_end=0.5)
+    found = fb.simulate(scene, dt=0.01, t_end=0.3)
     for body in scene.bodies:
         v, spin = found.velocity(body.centre), found.spin(body.centre)
         for point in body.points.values():
-            x, y = (found.position(point) - found.position(body.centre)).T
-            expected = v + spin[:, None] * np.column_stack([-y, x])
-            assert found.velocity(point) == pytest.approx(expected, abs=1e-12)
+            arm = found.position(point) - found.position(body.centre)
+            assert found.velocity(point) == pytest.approx(v + turned(spin, arm), abs=1e-12)
             assert found.spin(point) == pytest.approx(spin, abs=1e-12)
     for joint in scene.joints:
-        if joint.kind == "Revolute":
-            ends = [0 if n is fb.GROUND else found.velocity(n) for n in (joint.a, joint.b)]
-            assert abs(ends[1] - ends[0]).max() < 1e-11
-
-
-def sleeves():
-    """Two bodies that slide on a swinging beam, one of which turns with it; a beam on an arm."""
-    scene = fb.Scene(gravity=(0, -G))
-    made = fb.Section(EA=1e3, GA=1e3, EI=10.0, rhoA=1.0, rhoI=1e-2)
-    bar = scene.add_beam([(0, 0), (1, 0)], made, elements=4)
-    scene.pin(bar.start)
-    beads = [scene.add_body((x, 0), 0.5, 0.01) for x in (0.25, 0.5)]
-    scene.add_joint(fb.Sleeve(bar, beads[0].centre, motor=lambda t: t**2))
-    scene.add_joint(fb.Slider(bar, beads[1].centre))
-    tail = scene.add_beam([(1, 0.2), (1.5, 0.2)], made, elements=2)
-    scene.add_joint(fb.Revolute(bar.end, tail.start, offset=(0, 0.2)))
-    return scene
-
-
-def hung_beams():
-    """Beams without rotary inertia on bodies, with offsets."""
-    scene = fb.Scene(gravity=(0, -G))
-    section = fb.Section(EA=1e3, GA=1e3, EI=10.0, rhoA=1.0)
-    body = scene.add_body((0, 0), 1.0, 0.1, points={"p": (0.1, 0.1), "q": (0.2, 0)})
-    scene.fix(body.centre, "x")
-    beam = scene.add_beam([(0.1, 0.1), (1, 0.1)], section, elements=3)
-    scene.add_joint(fb.Revolute(body["p"], beam.start))
-    other = scene.add_beam([(1, 0), (2, 0)], section, elements=2)
-    scene.add_joint(fb.Revolute(beam.end, other.start, offset=(0, -0.1)))
-    scene.add_joint(fb.PinInSlot(body["q"], beam.nodes[2], axis=(1, 0), offset=(0, 0.1)))
-    return scene
-
-
-@pytest.mark.parametrize("build", [sleeves, hung_beams, *SCENES])
-def test_fitted_rates_change_neither_momentum_that_is_free_nor_take_work(build):
-    """c = v* - v is orthogonal in the mass to all rates that joints and supports allow."""
-    scene = build()
-    model = Model(scene, fb.EnergyMomentum())
-    found = fb.simulate(scene, dt=0.01, t_end=0.12)
-    q, fits = model.from_nodes(found.q[-1]), model.fitted_rates
-    v = np.cos(np.arange(model.size) ** 2)
-    driven = np.ones((1, model.reduction.driven))
-    fit = fits.fit(q[None], v[None], found.slides[-1:], driven)
-    model.reduction.begin(q, found.slides[-1])
-    model.reduction.expand(np.zeros(model.reduction.free), np.zeros(model.reduction.driven))
-    T, free = model.reduction.coupling(), model.reduction.free
-    own = model.reduction.independent
-    assert abs(T.T @ (model.mass @ fit.corrections[0]))[own].max(initial=0.0) < 1e-10
-    w = np.linalg.lstsq(T.toarray(), fit.rates[0], rcond=None)[0]
-    assert T @ w == pytest.approx(fit.rates[0], abs=1e-9)
-    assert w[free : free + model.reduction.driven] == pytest.approx(driven[0], abs=1e-8)
-
-
-def ways_to_fit(scene, monkeypatch):
-    """Rates by bands where masses are lumped, by full matrices, and by sparse ones."""
-    ways = [Model(scene, fb.EnergyMomentum()).fitted_rates]
-    monkeypatch.setattr(rate_masses, "_WIDEST", 0)
-    ways.append(Model(scene, fb.EnergyMomentum()).fitted_rates)
-    monkeypatch.setattr(rate_masses, "_MOST", (0, 0))
-    ways.append(Model(scene, fb.EnergyMomentum()).fitted_rates)
-    return ways
-
-
-def thrown_body():
-    scene = fb.Scene(gravity=(0, -G))
-    scene.add_body((0, 0), 1.0, 0.1, points={"p": (1, 0), "q": (0, 1)})
-    return scene
-
-
-@pytest.mark.parametrize(
-    "build",
-    [*SCENES, sleeves, hung_beams, thrown_body, lambda: pushed_pendulum(True)[0]],
-)
-def test_all_ways_to_fit_rates_agree(build, monkeypatch):
-    model = Model(build(), fb.EnergyMomentum())
-    shape = 3, model.size
-    q = 0.1 * np.sin(np.arange(3 * model.size)).reshape(shape)
-    v = np.cos(np.arange(3 * model.size)).reshape(shape)
-    slides = np.array([joint.start()[0] for joint in model.scene.joints]) + np.full((3, 1), 0.01)
-    driven = np.ones((3, model.reduction.driven))
-    driven[0] = np.nan  # they are those of v
-    ways = ways_to_fit(model.scene, monkeypatch)
-    *others, expected = (way.fit(q, v, slides, driven) for way in ways)
-    for other in others:
-        for one, two in zip(expected, other, strict=True):
-            assert two == pytest.approx(one, abs=1e-9 * (1 + abs(one).max(initial=0.0)))
-
-
-def test_the_rates_of_a_long_chain_are_fitted_by_bands(monkeypatch):
-    scene = fb.Scene(gravity=(0, -G))
-    before = None
-    for i in range(40):
-        body = scene.add_body((i + 0.5, 0), 1.0, 0.1, points={"a": (i, 0), "b": (i + 1, 0)})
-        scene.add_joint(fb.Revolute(before["b"] if before else fb.GROUND, body["a"]))
-        before = body
-    by_bands, too_many, expected = ways_to_fit(scene, monkeypatch)
-    assert [way.in_c for way in (by_bands, too_many)] == [True, False]
-    size = Model(scene, fb.EnergyMomentum()).size
-    given = np.zeros((1, size)), np.cos(np.arange(size))[None], np.zeros((1, 40)), np.empty((1, 0))
-    for one, two in zip(expected.fit(*given), by_bands.fit(*given), strict=True):
-        assert two == pytest.approx(one, abs=1e-9)
-
-
-@SOLVERS
-@pytest.mark.parametrize("order", [2, 4])
-def test_a_restart_from_a_file_has_the_rates_and_forces_of_an_unbroken_run(order, solver, tmp_path):
-    def run(t_end, start=None):
-        scheme = fb.EnergyMomentum(order=order)
-        return fb.simulate(
-            slider_crank(), scheme, dt=0.004, t_end=t_end, solver=solver, start=start
-        )
-
-    whole = run(0.2)
-    run(0.1).save(tmp_path / "half.npz")
-    rest = run(0.2, fb.load(tmp_path / "half.npz"))
-    for name in ("q", "v", "a", *KINDS[1:]):
-        ours, theirs = getattr(rest, name), getattr(whole, name)[25:]
-        assert ours == pytest.approx(theirs, abs=1e-8), name
+        if joint.kind == "Revolute" and joint.b is not fb.GROUND:
+            gap = found.velocity(joint.b)
+            if joint.a is not fb.GROUND:
+                arm = found.position(joint.b) - found.position(joint.a)
+                gap = gap - found.velocity(joint.a) - turned(found.spin(joint.a), arm)
+            assert abs(gap).max() < 1e-11
 
 
 def test_rows_of_some_steps_without_motion_have_the_same_forces():
@@ -402,21 +275,17 @@ def test_rows_of_some_steps_without_motion_have_the_same_forces():
         assert getattr(some, name) == pytest.approx(rows, abs=1e-9), name
 
 
-@SOLVERS
-@pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("build", [double_pendulum, slider_crank])
+@pytest.mark.parametrize(
+    ("build", "order", "solver"), [(double_pendulum, 4, "petsc"), (slider_crank, 2, "compiled")]
+)
 def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, order, solver):
     scene, scheme = build(), fb.EnergyMomentum(order=order)
     joint, body = scene.joints[-1], scene.bodies[-1]
-    outputs = {
-        "force": fb.Output("force", joint),
-        "velocity": fb.Output("velocity", body.centre),
-        "acceleration": fb.Output("acceleration", body.centre),
-        "spin": fb.Output("spin", joint),
-    }
+    of = {"force": joint, "velocity": body.centre, "acceleration": body.centre, "spin": joint}
+    outputs = {name: fb.Output(name, what) for name, what in of.items()}
     motion = fb.Motion(scene, scheme, dt=0.004, outputs=outputs, record=fb.Record(), solver=solver)
     rows = [motion.outputs, *(motion.step() for _ in range(10))]
-    snapshot, state = motion.snapshot(), motion.state
+    snapshot = motion.snapshot()
     rows += [motion.step() for _ in range(10)]
     found = motion.solution()
     expected = {
@@ -427,8 +296,6 @@ def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, 
     }
     for name, values in expected.items():
         assert np.array([row[name] for row in rows]) == pytest.approx(values, abs=1e-9), name
-    assert state.v[-1] == pytest.approx(found.v[10], abs=1e-9)
-    assert state.joint_forces[-1] == pytest.approx(found.joint_forces[10], abs=1e-9)
     motion.restore(snapshot)
     for row in rows[11:]:
         again = motion.step()
@@ -471,15 +338,11 @@ def jacobian(x):
     return np.array([slopes(x + 1e-30j * unit).imag / 1e-30 for unit in np.eye(4)]).T
 
 
-@pytest.mark.parametrize("stepwise", [False, True])
-def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand(stepwise):
+def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand():
     scene = double_pendulum()
-    if stepwise:
-        motion = fb.Motion(scene, dt=0.004)
-        motion.run(0.4)
-        at, last = motion, motion.state
-    else:
-        at = last = fb.simulate(scene, dt=0.004, t_end=0.4)
+    at = fb.Motion(scene, dt=0.004)
+    at.run(0.4)
+    last = at.state
     first, second = (body.centre for body in scene.bodies)
     outputs = {
         f"{what}{i}": fb.Output(what, node)
@@ -493,9 +356,3 @@ def test_a_double_pendulum_of_bodies_with_a_damper_is_linearised_as_by_hand(step
     found = system.C @ system.A @ np.linalg.inv(system.C)
     assert found == pytest.approx(jacobian(x), abs=1e-9)
     assert abs(system.deviation(at)).max() < 1e-9
-
-
-def test_velocities_that_are_made_compatible_keep_the_momenta_of_free_bodies():
-    found = fb.simulate(free_chain(), dt=0.01, t_end=0.01)
-    assert found.linear_momentum[0] == pytest.approx([0, 1], abs=1e-13)
-    assert found.angular_momentum[0] == pytest.approx(0.5 * 1 + 0.1 * 2, abs=1e-13)

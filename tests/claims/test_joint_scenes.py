@@ -1,16 +1,10 @@
-"""Whole scenes with joints: invariance, equivalence, loops, initial rates, Newton, and files."""
+"""Whole scenes with joints: invariance, equivalence, loops, initial rates and accelerations."""
 
 import numpy as np
 import pytest
-from jointed import KINDS, MEMBER, SLIDING, W, drift, pair, rotation, throw, thrown
+from jointed import KINDS, MEMBER, W, momenta, pair, rotation, throw
 
 import fx_beam as fb
-from fx_beam.model.model import Model
-
-
-def balance(solution):
-    return abs(solution.energy.balance_error).max() / solution.energy.kinetic.max()
-
 
 # -- Invariance ----------------------------------------------------------------------------------
 
@@ -22,12 +16,14 @@ def swing(Q=None, order=(0, 1, 2, 3), swapped=False):
     scene = fb.Scene(gravity=Q @ (0, -9.81))
     lines = [((0, 0), (1, 0)), ((1.2, 0.1), (2, 1)), ((2, 1), (2.5, 0)), ((2.5, 0), (3, 1))]
     arm, sleeve, rod, bob = (scene.add_beam([Q @ p, Q @ q], MEMBER, elements=2) for p, q in lines)
+    laws = {"spring": fb.Spring(3.0), "damper": fb.Damper(0.1)}
+    hinge = fb.Coordinate(**laws)
     ends = (rod.start, sleeve.end) if swapped else (sleeve.end, rod.start)
     joints = [
         fb.Revolute(fb.GROUND, arm.start, motor=lambda t: sign * np.sin(np.pi * t) ** 2),
         fb.Prismatic(arm.end, sleeve.start, axis=Q @ (1, 0), offset=Q @ (0, 0.1)),
         fb.Revolute(*ends, spring=fb.Spring(5.0, rest=(-sign if swapped else sign) * 0.2)),
-        fb.PinInSlot(rod.end, bob.start, axis=Q @ (1, 1)),
+        fb.PinInSlot(rod.end, bob.start, axis=Q @ (1, 1), damper=laws["damper"], hinge=hinge),
     ]
     made = {i: scene.add_joint(joints[i]) for i in order}
     solution = fb.simulate(scene, dt=0.01, t_end=0.6)
@@ -42,7 +38,10 @@ def swing(Q=None, order=(0, 1, 2, 3), swapped=False):
 
 @pytest.fixture(scope="module")
 def plain_swing():
-    return swing()
+    results = _, psi, slides, forces, _ = swing()
+    assert np.ptp(psi) > 1.0 and np.ptp(slides, axis=1).min() > 0.3
+    assert abs(forces).max(axis=(1, 2)).min() > 1.0
+    return results
 
 
 def assert_same(results, expected):
@@ -50,28 +49,15 @@ def assert_same(results, expected):
         assert abs(value - plain).max() < 1e-9 * max(1.0, abs(plain).max())
 
 
-def test_the_swing_moves(plain_swing):
-    _, psi, slides, forces, moments = plain_swing
-    assert np.ptp(psi) > 1.0
-    assert np.ptp(slides, axis=1).min() > 0.3
-    assert abs(forces).max(axis=(1, 2)).min() > 1.0
-    assert abs(moments).max() > 1.0
-
-
-@pytest.mark.parametrize("mirror", [False, True])
-@pytest.mark.parametrize("turn", [0.0, 2.1, -np.pi / 2])
+@pytest.mark.parametrize(("turn", "mirror"), [(2.1, False), (0.0, True), (-np.pi / 2, True)])
 def test_a_turned_or_mirrored_scene_has_the_turned_or_mirrored_motion(plain_swing, turn, mirror):
     Q = rotation(turn) @ np.diag([1.0, -1.0 if mirror else 1.0])
     assert_same(swing(Q), plain_swing)
 
 
-@pytest.mark.parametrize("order", [(3, 2, 1, 0), (2, 0, 3, 1)])
-def test_the_order_of_the_joints_does_not_matter(plain_swing, order):
-    assert_same(swing(order=order), plain_swing)
-
-
-def test_swapping_the_nodes_of_a_hinge_does_not_matter(plain_swing):
-    assert_same(swing(swapped=True), plain_swing)
+@pytest.mark.parametrize("options", [{"order": (2, 0, 3, 1)}, {"swapped": True}])
+def test_the_order_of_joints_and_of_their_nodes_does_not_matter(plain_swing, options):
+    assert_same(swing(**options), plain_swing)
 
 
 # -- Equivalence ---------------------------------------------------------------------------------
@@ -108,6 +94,7 @@ STILL = {"motor": lambda t: 0.0}
     [
         (fixed("x", "y", "rotation"), grounded(fb.Rigid)),
         (fixed("x", "y"), grounded(fb.Revolute)),
+        (fixed("x", "y"), grounded(fb.Revolute, swapped=True)),
         (fixed("x", "y"), grounded(fb.PinInSlot, (1, 2), **STILL)),
         (fixed("y"), grounded(fb.PinInSlot, (1, 0))),
         (fixed("x"), grounded(fb.PinInSlot, (0, -3))),
@@ -120,43 +107,18 @@ def test_a_joint_on_the_ground_is_the_support_of_the_same_freedom(support, joint
     (q, reaction), (same, force) = loaded(support), loaded(joint)
     assert np.ptp(q) > 0.01
     assert abs(same - q).max() < 1e-10
-    assert abs(force - reaction).max() < 1e-8 * abs(reaction).max()
+    # On the ground as b the force is that on the ground.
+    error = min(abs(force - reaction).max(), abs(force + reaction).max())
+    assert error < 1e-8 * abs(reaction).max()
 
 
-def test_a_hinge_of_the_ground_may_be_given_either_way():
-    (q, force), (same, other) = (
-        loaded(grounded(fb.Revolute, swapped=swapped)) for swapped in (False, True)
-    )
-    assert abs(same - q).max() < 1e-10
-    assert abs(force + other).max() < 1e-8 * abs(force).max()  # the action on the ground
-
-
-@pytest.mark.parametrize("grounded_joint", [False, True])
-def test_a_slot_whose_slide_is_locked_is_a_hinge(grounded_joint):
-    motions = []
-    for kind, options in (("revolute", {}), ("pin in slot", STILL)):
-        scene, first, second, joint = pair("revolute")
-        make, _, given = KINDS[kind]
-        scene.joints.clear()
-        joint = scene.add_joint(make(first.end, second.start, **given | options))
-        if grounded_joint:
-            scene.add_joint(fb.Revolute(fb.GROUND, first.start))
-        throw(scene, first, second, joint, velocity=(0, 2), spin=2.0, slide=0.0)
-        solution = fb.simulate(scene, dt=0.01, t_end=0.5)
-        motions.append((solution.q, solution.joint(joint).force))
-    (q, force), (same, other) = motions
-    assert abs(same - q).max() < 1e-10
-    assert abs(other - force).max() < 1e-8 * abs(force).max()
-
-
-@pytest.mark.parametrize("degree", [1, 2])
-def test_a_rigid_joint_at_a_shared_point_is_the_continuous_beam(degree):
+def test_a_rigid_joint_at_a_shared_point_is_the_continuous_beam():
     motions = []
     for joined in (False, True):
         scene = fb.Scene(gravity=(0, -9.81))
-        first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2, degree=degree)
+        first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
         point = (1, 0) if joined else first.end
-        second = scene.add_beam([point, (2, 1)], MEMBER, elements=2, degree=degree)
+        second = scene.add_beam([point, (2, 1)], MEMBER, elements=2)
         if joined:
             scene.add_joint(fb.Rigid(first.end, second.start))
         scene.pin(first.start)
@@ -165,154 +127,106 @@ def test_a_rigid_joint_at_a_shared_point_is_the_continuous_beam(degree):
     assert abs(motions[1] - motions[0]).max() < 1e-10
 
 
-def test_a_rigid_joint_with_offset_is_a_stiff_short_beam():
+def test_a_rigid_joint_with_offset_and_a_body_are_a_stiff_short_beam():
     motions = []
-    for stiff in (False, True):
+    for how in ("joint", "beam", "body"):
         scene = fb.Scene(gravity=(0, -9.81))
         first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
-        if stiff:
-            rod = fb.Section(EA=1e9, GA=1e9, EI=1e9)
-            link = scene.add_beam([first.end, (1, 0.3)], rod)
-        start = link.end if stiff else (1, 0.3)
+        start = 1, 0.3
+        if how == "beam":
+            start = scene.add_beam([first.end, start], fb.Section(EA=1e9, GA=1e9, EI=1e9)).end
+        if how == "body":
+            start = scene.add_body((1, 0.3), 0.0, points={"a": first.end}).centre
         second = scene.add_beam([start, (2, 0.3)], MEMBER, elements=2)
-        if not stiff:
+        if how == "joint":
             scene.add_joint(fb.Rigid(first.end, second.start, offset=(0, 0.3)))
         scene.clamp(first.start)
         solution = fb.simulate(scene, dt=0.01, t_end=0.5)
         motions.append(np.hstack([solution.shape(first), solution.shape(second)]))
     assert np.ptp(motions[0], axis=0).max() > 0.05
     assert abs(motions[1] - motions[0]).max() < 1e-6
+    assert abs(motions[2] - motions[0]).max() < 1e-11
 
 
 # -- Loops ---------------------------------------------------------------------------------------
 
 
-def four_bars(order=None, section=MEMBER, loops=1):
-    """Four-bar linkages side by side; the rocker of one is the crank of the next."""
+def test_closed_loops_of_flexible_members_keep_energy_and_stay_closed():
+    # Four-bar linkages side by side; the rocker of one is the crank of the next.
     scene = fb.Scene(gravity=(0, -9.81))
-    posts = [
-        scene.add_beam([(2 * i, 0), (2 * i + 0.3 * i, 1 + 0.2 * i)], section, elements=2)
-        for i in range(loops + 1)
-    ]
-    joints = []
-    for i, post in enumerate(posts):
-        if i % 2:
-            scene.pin(post.start)
-        else:
-            joints.append(fb.Revolute(fb.GROUND, post.start))
+    tops = [(0, 1), (2.3, 1.2), (4.6, 1.4)]
+    posts = [scene.add_beam([(2 * i, 0), top], MEMBER, elements=2) for i, top in enumerate(tops)]
+    for post in posts:
+        scene.add_joint(fb.Revolute(fb.GROUND, post.start))
     for left, right in zip(posts, posts[1:], strict=False):
-        ends = [(n.x, n.y) for n in (left.end, right.end)]
-        coupler = scene.add_beam(ends, section, elements=2)
-        joints.append(fb.Revolute(left.end, coupler.start))
-        joints.append(fb.Revolute(coupler.end, right.end))
-    for i in order or range(len(joints)):
-        scene.add_joint(joints[i])
-    crank = posts[0]
-    scene.set_velocity(crank, lambda x, y: 2.0 * (W @ (x, y)), spin=2.0)
+        ends = [(node.x, node.y) for node in (left.end, right.end)]
+        coupler = scene.add_beam(ends, MEMBER, elements=2)
+        scene.add_joint(fb.Revolute(left.end, coupler.start))
+        scene.add_joint(fb.Revolute(coupler.end, right.end))
+    scene.set_velocity(posts[0], lambda x, y: 2.0 * (W @ (x, y)), spin=2.0)
     scene.make_velocities_compatible()
-    return scene, posts
-
-
-@pytest.mark.parametrize("loops", [1, 2])
-def test_closed_loops_of_flexible_members_keep_energy_and_stay_closed(loops):
-    scene, posts = four_bars(loops=loops)
     solution = fb.simulate(scene, dt=0.01, t_end=2.0)
-    assert balance(solution) < 1e-10
+    assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
     assert max(solution.gap(joint).max() for joint in scene.joints) < 1e-12
     assert np.ptp(solution.rotation(posts[-1].start)) > 0.5
-    nodes = 3 * (loops + 1 + loops)
-    hinges = (loops + 1) + 2 * loops
-    assert solution.stats.unknowns == 3 * nodes - 2 * hinges
-
-
-def test_the_order_of_the_hinges_of_two_loops_does_not_matter():
-    one, two = (
-        fb.simulate(four_bars(order, loops=2)[0], dt=0.01, t_end=0.5)
-        for order in (None, (5, 2, 0, 4, 1, 3))
-    )
-    assert abs(one.q - two.q).max() < 1e-9
-
-
-def test_a_loop_with_a_slide_and_supports_at_jointed_nodes_keeps_energy():
-    # Slider and crank with a slotted link on the same crank pin.
-    scene = fb.Scene(gravity=(0, -9.81))
-    crank = scene.add_beam([(0, 0), (0.5, 0.5)], MEMBER, elements=2)
-    rod = scene.add_beam([(0.5, 0.5), (2, 0)], MEMBER, elements=2)
-    block = scene.add_beam([(2, 0), (2.3, 0)], MEMBER)
-    link = scene.add_beam([(1, -1), (0.75, -0.25)], MEMBER, elements=2)
-    scene.pin(crank.start)
-    scene.pin(link.start)
-    scene.add_joint(fb.Revolute(rod.end, block.start))
-    scene.add_joint(fb.Prismatic(fb.GROUND, block.end, axis=(1, 0)))
-    slot = scene.add_joint(fb.PinInSlot(link.end, crank.end, axis=(-1, 3)))
-    scene.add_joint(fb.Revolute(crank.end, rod.start))
-    scene.set_velocity(crank, lambda x, y: 3.0 * (W @ (x, y)), spin=3.0)
-    scene.make_velocities_compatible()
-    solution = fb.simulate(scene, dt=0.005, t_end=1.0)
-    assert balance(solution) < 1e-10
-    assert np.ptp(solution.slide(slot)) > 0.2
-    assert max(solution.gap(joint).max() for joint in scene.joints) < 1e-12
+    assert solution.stats.unknowns == 3 * 5 * 3 - 2 * len(scene.joints)
 
 
 # -- Initial rates -------------------------------------------------------------------------------
 
 
-def relative_rates(solution, joint):
-    """Velocity of b against its place on a at the start, and relative spin."""
-    x = [solution.position(n)[0] for n in (joint.a, joint.b)]
-    v = [solution.velocity(n)[0] for n in (joint.a, joint.b)]
-    w = [solution.spin(n)[0] for n in (joint.a, joint.b)]
+def relative_rates(solution, joint, row):
+    """Velocity of b against its place on a in a row, and relative spin."""
+    x = [solution.position(n)[row] for n in (joint.a, joint.b)]
+    v = [solution.velocity(n)[row] for n in (joint.a, joint.b)]
+    w = [solution.spin(n)[row] for n in (joint.a, joint.b)]
     gap = v[1] - v[0] - w[0] * (W @ (x[1] - x[0]))
     if joint.axis is not None:
-        gap -= (gap @ joint.axis) * joint.axis
+        axis = rotation(solution.rotation(joint.a)[row]) @ joint.axis
+        gap -= (gap @ axis) * axis
     return [*gap, (w[1] - w[0]) * joint.turns_together]
 
 
-@pytest.mark.parametrize("massless", [False, True])
-@pytest.mark.parametrize("kind", KINDS)
-def test_projected_velocities_satisfy_the_joint_and_are_the_nearest(kind, massless):
-    scene, first, second, joint = pair(kind)
-    bar = fb.Section(EA=1e4, GA=1e4, EI=100.0)
+FIELDS = (
+    lambda x, y: (np.sin(3 * x) + y, np.cos(2 * x) - y),
+    lambda x, y: (x * y, 1 + np.sin(y + 2 * x)),
+)
+
+
+def projected(kind, massless, field):
+    """Velocities of a pair before and after they are made compatible; with a tail of members."""
+    scene, *beams, joint = pair(kind)
+    joints = [joint]
     if massless:
-        third = scene.add_beam([second.end, (2, 0)], bar, elements=2)
-        tail = scene.add_beam([(2, 0), (3, 0)], MEMBER)
-        other = scene.add_joint(fb.Revolute(third.end, tail.start))
-
-    def given(x, y):
-        return np.sin(3 * x) + y, np.cos(2 * x) - y
-
-    scene.set_velocity(second, given, spin=lambda x, y: x + 2)
+        bar = fb.Section(EA=1e4, GA=1e4, EI=100.0)
+        third = scene.add_beam([beams[1].end, (2, 0)], bar, elements=2)
+        beams.append(scene.add_beam([(2, 0), (3, 0)], MEMBER))
+        joints.append(scene.add_joint(fb.Revolute(third.end, beams[2].start)))
+    given = np.zeros((1, len(scene.nodes), 3))
+    for node in beams[1].nodes:
+        given[0, node.number] = *field(node.x, node.y), node.x + 2
+    scene.set_velocity(beams[1], field, spin=lambda x, y: x + 2)
     scene.make_velocities_compatible()
     solution = fb.simulate(scene, dt=0.01, t_end=0.01)
-    assert relative_rates(solution, joint) == pytest.approx([0, 0, 0], abs=1e-13)
-    if massless:
-        assert relative_rates(solution, other) == pytest.approx([0, 0, 0], abs=1e-13)
+    for each in joints:
+        assert relative_rates(solution, each, 0) == pytest.approx([0, 0, 0], abs=1e-13)
+        assert relative_rates(solution, each, -1) == pytest.approx([0, 0, 0], abs=1e-9)
+    return beams, given - solution.v[:1], solution.v[:1]
 
-    model = Model(scene, fb.EnergyMomentum())
-    model.reduction.begin(np.zeros(model.size), np.array([j.start()[0] for j in scene.joints]))
-    model.reduction.expand(np.zeros(model.reduction.free), np.zeros(0))
-    v = np.zeros((len(model.mesh.X), 3))
-    for n in solution.nodes_of_beam[second.name]:
-        x, y = model.mesh.X[n]
-        v[n] = *given(x, y), x + 2
-    change = model.from_nodes(solution.v[0] - v)
-    # What is taken away is orthogonal in the mass norm to all motions that the joint allows.
-    allowed = model.reduction.coupling()[:, : model.reduction.free]
-    assert abs(allowed.T @ (model.mass @ change)).max() < 1e-8 * abs(change).max()
-    assert change @ (model.mass @ change) > 1e-3
 
-    again, *beams = pair(kind)[:3]
-    if massless:
-        beams += [again.add_beam([beams[1].end, (2, 0)], bar, elements=2)]
-        beams += [again.add_beam([(2, 0), (3, 0)], MEMBER)]
-        again.add_joint(fb.Revolute(beams[2].end, beams[3].start))
-    for node, rate in zip(again.nodes, solution.v[0], strict=True):
-        again.set_velocity(node, rate[:2], spin=rate[2])
-    for projects in (False, True):
-        if projects:
-            again.make_velocities_compatible()
-        repeated = fb.simulate(again, dt=0.01, t_end=0.01)
-        assert abs(repeated.v[0] - solution.v[0]).max() < 1e-9
+@pytest.mark.parametrize(
+    ("kind", "massless"), [*((kind, False) for kind in KINDS), ("prismatic with offset", True)]
+)
+def test_rates_satisfy_the_joint_and_projected_ones_are_the_nearest(kind, massless):
+    # What is taken away has no momentum along any motion that the joint allows.
+    (beams, change, v), (_, _, allowed) = (projected(kind, massless, field) for field in FIELDS)
+    for rates in (v, allowed):
+        work = [
+            (momenta(change, beam) * rates[:, [node.number for node in beam.nodes]]).sum()
+            for beam in beams
+        ]
+        assert abs(sum(work)) < 1e-9 * abs(change).max() * abs(rates).max()
+    assert abs(change).max() > 0.1
 
 
 def test_compatible_velocities_are_not_changed_by_the_projection():
@@ -336,63 +250,3 @@ def test_a_mass_on_a_massless_arm_falls_freely_at_the_start():
     solution = fb.simulate(scene, fb.Newmark(), dt=0.001, t_end=0.01)
     for node in (bob.start, bob.end):
         assert solution.acceleration(node)[0] == pytest.approx([0, -9.81], abs=1e-10)
-
-
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.Newmark()], ids=lambda s: s.name)
-def test_units_do_not_matter_to_joints(scheme):
-    def run(metre):
-        section = fb.Section(
-            EA=1e4 * metre, GA=1e4 * metre, EI=100 * metre**3, rhoA=1 / metre, rhoI=0.1 * metre
-        )
-        scene = fb.Scene()
-        first = scene.add_beam([(-metre, 0), (0, 0)], section, elements=2)
-        second = scene.add_beam([(0.5 * metre, 0.5 * metre), (metre, 0)], section, elements=2)
-        options = {"axis": (0.6, 0.8), "offset": (0.2 * metre, 0.1 * metre)}
-        joint = scene.add_joint(fb.PinInSlot(first.end, second.start, **options))
-        along = 2 * metre * joint.axis
-        scene.set_velocity(first, lambda x, y: W @ (x, y), spin=1.0)
-        scene.set_velocity(second, lambda x, y: W @ (x, y) + along, spin=1.0)
-        solution = fb.simulate(scene, scheme, dt=0.01, t_end=0.3)
-        return np.vstack([solution.position(second.end), solution.acceleration(joint.b)]) / metre
-
-    plain = run(1.0)
-    for metre in (1e-6, 1e4):
-        assert abs(run(metre) - plain).max() < 1e-7 * abs(plain).max()
-
-
-# -- Newton's method, and files ------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_newton_takes_no_more_iterations_with_joints(kind):
-    scene, _ = thrown(kind, gravity=(0, -9.81))
-    solution = fb.simulate(scene, dt=0.02, t_end=1.0)
-    assert solution.stats.newton_iterations / solution.stats.steps < 5
-    assert solution.stats.halvings == 0
-
-
-@pytest.mark.parametrize("kind", SLIDING)
-def test_convergence_is_quadratic_with_joints(kind):
-    iterations = []
-    for tolerance in (1e-4, 1e-8):
-        scene, _ = thrown(kind, slide=6.0, spin=3.0)
-        options = fb.NewtonOptions(tolerance=tolerance)
-        solution = fb.simulate(scene, dt=0.02, t_end=1.0, newton=options)
-        iterations.append(solution.stats.newton_iterations)
-    # Twice the digits for one more iteration in each of 50 steps, now and then two.
-    assert iterations[1] - iterations[0] <= 75
-
-
-def test_a_saved_solution_keeps_slides_forces_and_gaps(tmp_path):
-    scene, joint = thrown("prismatic with offset")
-    hinge = scene.add_joint(fb.Revolute(fb.GROUND, scene.beams[0].start))
-    scene.make_velocities_compatible()
-    solution = fb.simulate(scene, dt=0.01, t_end=0.2)
-    solution.save(tmp_path / "run.npz")
-    read = fb.load(tmp_path / "run.npz")
-    assert np.ptp(read.slide(joint)) > 0.1
-    assert (read.slide(joint) == solution.slide(joint)).all()
-    for own in (joint, hinge):
-        assert (read.joint(own).force == solution.joint(own).force).all()
-        assert (read.gap(own) == solution.gap(own)).all()
-    assert drift(read.energy.total) < 1e-10

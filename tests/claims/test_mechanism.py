@@ -1,37 +1,32 @@
 """Mechanisms without mass or support: chains, loops, trusses, singular positions, in all units."""
 
-import itertools
+import re
 
 import numpy as np
 import pytest
-import scipy.sparse
 
 import fx_beam as fb
-from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
-from fx_beam.fem.mesh import build_mesh
-from fx_beam.mechanics.schemes import Equilibrium
-from fx_beam.model.model import Model
 
 STIFF = {"EA": 1e6, "GA": 1e6, "EI": 1e3}
 LIGHT, HEAVY = fb.Section(**STIFF), fb.Section(**STIFF, rhoA=1.0, rhoI=0.01)
 
 
 def check_static(scene):
-    """What `static` checks before it computes."""
-    Model(scene, Equilibrium())
+    """An equilibrium, for which no part may move freely."""
+    fb.static(scene, steps=1)
 
 
 def check_moving(scene):
-    """What `simulate` checks before it computes."""
-    Model(scene, fb.EnergyMomentum())
+    """A step, for which parts without mass may not move freely."""
+    fb.simulate(scene, dt=0.01, t_end=0.01)
 
 
-def chain(places, section=LIGHT, ends=(True, True), **joint):
+def chain(places, section=LIGHT, ends=(True, True), spring=lambda k: None):
     """Links from place to place, hinged to one another and, at held ends, to the ground."""
     scene = fb.Scene()
     links = [scene.add_beam([a, b], section) for a, b in zip(places[:-1], places[1:], strict=True)]
-    for first, second in zip(links[:-1], links[1:], strict=True):
-        scene.add_joint(fb.Revolute(first.end, second.start, **joint))
+    for k, (first, second) in enumerate(zip(links[:-1], links[1:], strict=True), start=1):
+        scene.add_joint(fb.Revolute(first.end, second.start, spring=spring(k)))
     if ends[0]:
         scene.pin(links[0].start)
     if ends[1]:
@@ -44,16 +39,17 @@ def chain(places, section=LIGHT, ends=(True, True), **joint):
 
 def test_a_three_hinged_arch_holds_and_in_line_it_does_not():
     for size in (1e-9, 1.0, 1e9):
-        arch, _ = chain([(0, 0), (size, size), (2 * size, 0)])
+        section = fb.Section(**STIFF | {"EI": 1e3 * size**2})
+        arch, _ = chain([(0, 0), (size, size), (2 * size, 0)], section)
         check_static(arch)
         check_moving(arch)
-        flat, _ = chain([(0, 0), (size, 0), (2 * size, 0)])
+        flat, _ = chain([(0, 0), (size, 0), (2 * size, 0)], section)
         for check in (check_static, check_moving):
             with pytest.raises(fb.SceneError, match=r"can rotate about \((0|2e?[-+0-9]*), 0\)"):
                 check(flat)
 
 
-@pytest.mark.parametrize("links", [3, 40, 400])
+@pytest.mark.parametrize("links", [3, 100])
 def test_a_chain_without_mass_between_two_pins_is_refused_and_with_it_accepted(links):
     angles = np.linspace(0, np.pi, links + 1)
     places = np.column_stack([-np.cos(angles), np.sin(angles)])
@@ -65,28 +61,20 @@ def test_a_chain_without_mass_between_two_pins_is_refused_and_with_it_accepted(l
         check_static(chain(places, HEAVY)[0])
 
 
-@pytest.mark.parametrize("free", [0, 150, 298])
+@pytest.mark.parametrize("free", [None, 1, 50, 98])
 def test_in_a_long_cantilever_of_springs_the_one_free_hinge_is_found(free):
-    # All rates but one are held, over 300 joints in a row.
-    places = np.column_stack([np.arange(300.0), np.zeros(300)])
-    spring = fb.Spring(stiffness=1.0)
-    held, _ = chain(places, ends=(True, False), spring=spring)
-    held.fix(held.beams[0].start, "rotation")
-    check_static(held)
-    scene, links = chain(places[: free + 1], ends=(False, False), spring=spring)
-    last = links[-1].end if links else None
-    more, start = [], free
-    for a, b in zip(places[start:-1], places[start + 1 :], strict=True):
-        more.append(scene.add_beam([a, b], LIGHT))
-    for first, second in zip(more[:-1], more[1:], strict=True):
-        scene.add_joint(fb.Revolute(first.end, second.start, spring=spring))
-    if last is None:
-        scene.pin(more[0].start)
-    else:
-        scene.clamp(links[0].start)
-        scene.add_joint(fb.Revolute(last, more[0].start))
-    with pytest.raises(fb.SceneError, match=rf"can rotate about \({free}, 0\) as a rigid body"):
+    # All rates but one are held, over 99 joints in a row.
+    def spring(k):
+        return None if k == free else fb.Spring(1.0)
+
+    places = np.column_stack([np.arange(100.0), np.zeros(100)])
+    scene, links = chain(places, ends=(False, False), spring=spring)
+    scene.clamp(links[0].start)
+    if free is None:
         check_static(scene)
+    else:
+        with pytest.raises(fb.SceneError, match=rf"can rotate about \({free}, 0\) as a rigid"):
+            check_static(scene)
 
 
 @pytest.mark.parametrize("angle", [1.0, 1e-3, 0.0])
@@ -109,46 +97,10 @@ def test_a_parallelogram_in_line_has_one_motion_more(angle):
             check_static(scene)
 
 
-# -- Trusses -----------------------------------------------------------------------------------
-
-
-def truss(bays, left_out=None):
-    """Hinged truss with one diagonal a bay, on a pin and a roller: statically determinate."""
-    scene = fb.Scene()
-    places = [(x, y) for x in range(bays + 1) for y in (0, 1)]
-    bars = []
-    for x in range(bays):
-        low, high, next_low, next_high = places[2 * x : 2 * x + 4]
-        bars += [(low, high), (low, next_low), (high, next_high), (low, next_high)]
-    bars += [tuple(places[-2:])]
-    hubs = {}
-    for number, ends in enumerate(bars):
-        if number == left_out:
-            continue
-        bar = scene.add_beam(ends, LIGHT)
-        for place, node in zip(ends, (bar.start, bar.end), strict=True):
-            if place in hubs:
-                scene.add_joint(fb.Revolute(hubs[place], node))
-            hubs.setdefault(place, node)
-    scene.pin(hubs[0, 0])
-    scene.fix(hubs[bays, 0], "y")
-    return scene
-
-
-@pytest.mark.parametrize("bays", [1, 4, 40])
-def test_a_truss_holds_and_without_any_of_its_bars_does_not(bays):
-    check_static(truss(bays))
-    check_moving(truss(bays))
-    for left_out in {0, 3, 4 * bays, 4 * (bays // 2) + 2}:
-        with pytest.raises(fb.SceneError, match="can (rotate|move)"):
-            check_static(truss(bays, left_out))
-
-
 # -- What mass holds ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mass", [1e-30, 1.0, 1e30])
-@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize(("mass", "size"), [(1e-30, 1e-9), (1.0, 1.0), (1e30, 1e9)])
 def test_a_mass_counts_whatever_its_unit(mass, size):
     # One that is light beside another one, and inertia on an arm that turns about its pin.
     scene = fb.Scene()
@@ -186,6 +138,15 @@ def test_the_beams_of_the_body_that_moves_are_named():
 
 
 # -- Against another algorithm -----------------------------------------------------------------
+
+
+def is_refused(check, scene):
+    """Whether a check refuses a scene."""
+    try:
+        check(scene)
+    except fb.SceneError as error:
+        return bool(re.search("can (rotate|move)", str(error)))
+    return False
 
 
 def random_mechanism(rng):
@@ -241,29 +202,13 @@ def can_move(scene, at_rest):
     return np.linalg.matrix_rank(np.array(rows), tol=1e-8) < columns
 
 
-def is_refused(scene, at_rest):
-    """Whether the check refuses a scene, without the forms that a model compiles."""
-    mesh = build_mesh(scene)
-    mass, pairs = np.zeros(mesh.dofs.size), []
-    for beam, nodes in zip(scene.beams, mesh.nodes, strict=True):
-        pairs += list(itertools.product(mesh.dofs[nodes].ravel(), repeat=2))
-        mass[mesh.dofs[nodes]] = beam.section.rhoA
-    ones = np.ones(len(pairs)), np.array(pairs).T
-    joined, mass = scipy.sparse.csr_matrix(ones), scipy.sparse.diags(mass, format="csr")
-    try:
-        check_no_massless_mechanism(scene, mesh, joined, None if at_rest else mass)
-    except fb.SceneError:
-        return True
-    return False
-
-
-@pytest.mark.parametrize("at_rest", [True, False])
-def test_random_mechanisms_are_refused_where_dense_algebra_finds_a_motion(at_rest):
+@pytest.mark.parametrize("check", [check_static, check_moving])
+def test_random_mechanisms_are_refused_where_dense_algebra_finds_a_motion(check):
     rng = np.random.default_rng(10)
     moving = 0
     for _ in range(50):
         scene = random_mechanism(rng)
-        expected = can_move(scene, at_rest)
-        assert is_refused(scene, at_rest) == expected
+        expected = can_move(scene, check is check_static)
+        assert is_refused(check, scene) == expected
         moving += expected
     assert 5 < moving < 45

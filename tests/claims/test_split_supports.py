@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from jointed import KINDS, MEMBER, W, pair
+from jointed import KINDS, MEMBER, SLIDING, W, momenta, pair
 
 import fx_beam as fb
-from fx_beam.model.model import Model
 
-every_kind = pytest.mark.parametrize("kind", KINDS)
-every_solver = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 RUN = {"dt": 0.01, "t_end": 0.3}
 
 
@@ -26,30 +23,28 @@ def pinned(*held):
     return scene, bars, joints
 
 
-@every_solver
-@pytest.mark.parametrize(("x", "y"), [(0, 1), (1, 0), (0, 2), (2, 0), (1, 2)])
-def test_a_pin_may_be_held_at_any_of_its_nodes(x, y, solver):
+@pytest.mark.parametrize(("x", "y"), [(1, 1), (0, 1), (2, 0), (1, 2)])
+def test_a_pin_may_be_held_at_any_of_its_nodes(x, y):
     together, bars, _ = pinned((0, "x"), (0, "y"))
-    expected = fb.simulate(together, **RUN, solver=solver)
+    expected = fb.simulate(together, **RUN)
     apart, own, _ = pinned((x, "x"), (y, "y"))
-    found = fb.simulate(apart, **RUN, solver=solver)
+    found = fb.simulate(apart, **RUN)
     assert abs(expected.q).max() > 0.3
     assert found.q == pytest.approx(expected.q, rel=0, abs=1e-8)
     scale = 1e-7 * abs(expected.reactions).max()
     for i, bar in ((0, x), (1, y)):
         held, reference = found.reaction(own[bar].start), expected.reaction(bars[0].start)
         assert held[:, i] == pytest.approx(reference[:, i], rel=0, abs=scale)
-        assert not held[:, 1 - i].any()
+        assert x == y or not held[:, 1 - i].any()
 
 
-@every_solver
-@every_kind
-def test_forces_balance_where_x_of_a_and_y_of_b_are_held(kind, solver):
+@pytest.mark.parametrize("kind", KINDS)
+def test_forces_balance_where_x_of_a_and_y_of_b_are_held(kind):
     scene, first, second, joint = pair(kind, gravity=(0.0, -9.81))
     scene.fix(first.end, "x")
     scene.fix(second.start, "y")
     scene.add_force(second.end, (3.0, 2.0))
-    solution = fb.simulate(scene, **RUN, solver=solver)
+    solution = fb.simulate(scene, **RUN)
     assert abs(solution.q).max() > 0.1
     assert abs(solution.gap(joint)).max() < 1e-12
     assert abs(solution.displacement(first.end)[:, 0]).max() == 0
@@ -57,38 +52,29 @@ def test_forces_balance_where_x_of_a_and_y_of_b_are_held(kind, solver):
     assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
 
     # What the joint and the support do to the second beam moves it, along x and y and about b.
-    model = Model(scene, fb.EnergyMomentum())
-    nodes = solution.nodes_of_beam["beam 2"]
-    x = solution.X + solution.q[:, :, :2]
-    middle = (x[1:] + x[:-1]) / 2
-    b, tip = second.start.number, second.end.number
-    on_b = solution.joint(joint).force + solution.reaction(second.start)
+    on_b = (solution.joint(joint).force + solution.reaction(second.start))[1:]
     scale = 1e-8 * abs(on_b).max()
-    for k, a in enumerate(solution.a[1:]):
-        inertia = model.to_nodes(model.mass @ model.from_nodes(a))
-        weight = model.to_nodes(model.weight)
-        wanted = (inertia - weight)[nodes]
-        wanted[nodes == tip, :2] -= (3.0, 2.0)
-        assert on_b[k + 1, :2] == pytest.approx(wanted[:, :2].sum(axis=0), rel=0, abs=scale)
-        levers = (middle[k, nodes] - middle[k, b]) @ W.T
-        moment = np.sum(levers * wanted[:, :2]) + wanted[:, 2].sum()
-        assert on_b[k + 1, 2] == pytest.approx(moment, rel=0, abs=scale)
+    wanted = momenta(solution.a, second)[1:]
+    wanted[..., 1] += 9.81 * second.length / 2 * np.array([0.5, 1, 0.5])
+    wanted[:, -1, :2] -= (3.0, 2.0)
+    assert on_b[:, :2] == pytest.approx(wanted[..., :2].sum(axis=1), rel=0, abs=scale)
+    x = solution.shape(second)
+    middle = (x[1:] + x[:-1]) / 2
+    levers = (middle - middle[:, :1]) @ W.T
+    moment = np.sum(levers * wanted[..., :2], axis=(1, 2)) + wanted[..., 2].sum(axis=1)
+    assert on_b[:, 2] == pytest.approx(moment, rel=0, abs=scale)
 
 
-@every_kind
+@pytest.mark.parametrize("kind", ["rigid", *SLIDING])
 def test_both_may_be_moved(kind):
-    def run(solver):
-        scene, first, second, joint = pair(kind)
-        scene.prescribe(first.end, x=lambda t: t**2)
-        scene.prescribe(second.start, y=lambda t: -0.5 * t**2)
-        return fb.simulate(scene, **RUN, solver=solver), first.end, second.start, joint
-
-    solution, a, b, joint = run("compiled")
-    assert solution.displacement(a)[:, 0] == pytest.approx(solution.t**2)
-    assert solution.displacement(b)[:, 1] == pytest.approx(-0.5 * solution.t**2)
+    scene, first, second, joint = pair(kind)
+    scene.prescribe(first.end, x=lambda t: t**2)
+    scene.prescribe(second.start, y=lambda t: -0.5 * t**2)
+    solution = fb.simulate(scene, **RUN)
+    assert solution.displacement(first.end)[:, 0] == pytest.approx(solution.t**2)
+    assert solution.displacement(second.start)[:, 1] == pytest.approx(-0.5 * solution.t**2)
     assert abs(solution.gap(joint)).max() < 1e-12
     assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.total.max()
-    assert run("petsc")[0].q == pytest.approx(solution.q, rel=0, abs=1e-8)
 
 
 def test_the_equilibrium_is_that_of_one_support():

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from jointed import drift, pair, throw
-from test_loops import four_bar
+from jointed import drift, four_bar, pair, throw
 
 import fx_beam as fb
 

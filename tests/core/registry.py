@@ -214,9 +214,9 @@ def prescribed_motion(x):
 # -- Joints ----------------------------------------------------------------------------------------
 
 
-def hung(x, make, place=(0.0, 0.0), turn=0.0, **data):
+def hung(x, make, place=(0.0, 0.0), turn=0.0, base=None, **data):
     """A second beam on the swinging arm, by a joint, where it turns faster; x[8] moves its end."""
-    scene, first = swing(x)
+    scene, first = base or swing(x)
     start = np.array([first.end.x, first.end.y]) + place
     second = scene.add_beam([start, start + (0.8, -0.6 * x[8])], section(x), 2)
     scene.add_joint(make(first.end, second.start, **data))
@@ -313,10 +313,69 @@ def sleeve_on_a_beam(x):
 
 
 @case()
+def body_that_slides_on_a_sliding_bar(x):
+    scene = on_a_rod(x, fb.Sleeve, friction=fb.Friction(0.5 * x[8], 0.5))
+    bar = scene.beams[1]
+    place = (bar.start.x, (bar.start.y + bar.end.y) / 2)
+    body = scene.add_body(place, mass=0.2 * x[3], inertia=0.01)
+    scene.add_joint(fb.Slider(bar, body.centre, spring=fb.Spring(100.0, rest=0.2)))
+    return scene
+
+
+@case()
 def force_between_points(x):
     scene, beam = swing(x)
     pull = {"spring": fb.Spring(30 * x[7], rest=0.3), "damper": fb.Damper(0.1 * x[8])}
     scene.add_force_between(beam.end, (2, 0.5), force=lambda r, rate, t: 2 * ufl.sin(t) / r, **pull)
+    return scene
+
+
+@case(free=True)
+def free_pair_on_a_guide(x):
+    return hung(x, fb.Prismatic, base=arm(x, fb.Scene()), axis=(0.6, 0.8), spring=fb.Spring(50.0))
+
+
+@case()
+def hinge_that_relaxes(x):
+    def update(old, angle0, angle, dt):
+        return [(old[0] + dt / 0.5 * angle[0]) / (1 + dt / 0.5)]
+
+    internal = fb.InternalVariables(("dashpot",), update)
+    energy = {"strain_energy": lambda angle, a: 10 * (2 * angle**2 + (angle - a[0]) ** 2)}
+    return hung(x, fb.Revolute, turn=4.0, spring=fb.Spring(**energy, internal=internal))
+
+
+def links(x, corners, motor=None):
+    """Rigid bars between corners, hinged to the ground at the first and to each other."""
+    scene, bars = fb.Scene(gravity=GRAVITY), []
+    for a, b in zip(corners[:-1], corners[1:], strict=True):
+        ends = {"mass": x[3], "inertia": 0.05 * x[4], "points": {"a": a, "b": b}}
+        bars.append(scene.add_body(np.add(a, b) / 2, **ends))
+        before = bars[-2]["b"] if len(bars) > 1 else fb.GROUND
+        laws = {} if bars[1:] else {"motor": motor}
+        scene.add_joint(fb.Revolute(before, bars[-1]["a"], **laws))
+    return scene, bars
+
+
+@case()
+def long_chain_of_bodies(x):
+    return links(x, [(0.1 * k, 0.05 * x[5] * (k % 2)) for k in range(20)])[0]
+
+
+@case()
+def driven_chain_of_bodies(x):
+    return links(x, [(0, 0), (0.3, x[5]), (1, 1), (1.5, 0.5)], lambda t: 3 * x[7] * t**2)[0]
+
+
+@case()
+def loop_of_bodies_with_a_slot(x):
+    scene, (arm,) = links(x, [(0, -0.2), (0.3 * x[5], 0.8)])
+    points = {"O": (0, 0.5), "P": (0.2, 0.5)}
+    crank = scene.add_body((0.1, 0.5), mass=1.0, inertia=0.01, points=points)
+    scene.add_joint(fb.Revolute(fb.GROUND, crank["O"]))
+    damper = fb.Damper(0.1 * x[8])
+    scene.add_joint(fb.PinInSlot(arm["a"], crank["P"], axis=(0.2, 0.7), damper=damper))
+    scene.add_moment(crank.centre, 0.5 * x[7])
     return scene
 
 

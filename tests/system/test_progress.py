@@ -5,8 +5,8 @@ import signal
 
 import numpy as np
 import pytest
+from jointed import whirling
 from scenes import FLYING
-from test_start import whirling
 
 import fx_beam as fb
 from fx_beam.compiled.loop import CompiledLoop
