@@ -15,6 +15,8 @@ from fx_beam.errors import SceneError
 
 # Largest error of a vector in its iteration.
 _EXACT = 1e-12
+# Share of a vector that is left of it where a basis is complete: more than its rounding errors.
+_ROUNDING = 1e-10
 # Sizes of parts of a mode that differ by less, relative to the largest, are equal.
 _EQUAL = 1e-3
 
@@ -168,7 +170,7 @@ class _Pencil:
             left = self._length(x)
             if not np.isfinite(left):
                 raise _failure()
-            complete = left <= _EXACT * length
+            complete = left <= _ROUNDING * length
             if complete or m == len(basis):
                 values, parts = _ritz(diagonal, beside)
                 lowest = np.argsort(-abs(values))[:n]
