@@ -65,14 +65,14 @@ def test_numbers_of_numpy_are_numbers(options):
 # -- simulate ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["dt", "t_end"])
-def test_times_are_finite_numbers(name):
+@pytest.mark.parametrize(("name", "kind"), [("dt", "positive"), ("t_end", "finite")])
+def test_times_are_finite_numbers(name, kind):
     for value in NO_NUMBERS:
         given = {"dt": 0.1, "t_end": 1.0} | {name: value}
         refuses(
             lambda given=given: fb.simulate(cantilever(), **given),
             f"{name} = ",
-            "be a finite number",
+            f"be a {kind} number",
         )
 
 
@@ -82,9 +82,8 @@ def test_a_fraction_is_a_number():
 
 
 def test_more_steps_than_can_be_taken_are_refused():
-    for dt in (1e-300, 5e-324, 1e-12):
-        with pytest.raises(fb.SceneError, match=r"dt = .* steps to t_end = 1.0 are more than"):
-            fb.simulate(cantilever(), dt=dt, t_end=1.0)
+    with pytest.raises(fb.SceneError, match=r"dt = .* steps to t_end = 1.0 are more than"):
+        fb.simulate(cantilever(), dt=1e-12, t_end=1.0)
 
 
 WRONG = {
