@@ -13,20 +13,19 @@ _NOW: ContextVar[ArrayCalls | None] = ContextVar("array calls", default=None)
 _LEAST = 24
 # Number of values of a known function that are compared.
 _SAMPLES = 4
-#: Error of values in terms of the largest one: powers and sines of arrays may be rounded otherwise.
-ROUNDING = 16 * float(np.finfo(float).eps)
+# Error of values in terms of the largest one: powers and sines of arrays may be rounded otherwise.
+_ROUNDING = 16 * float(np.finfo(float).eps)
 
 
 class ArrayCalls:
     """What is known of functions: whether they give, for columns of numbers, the values at each.
 
     All values of the first function made by a line of the user's code are compared with those of
-    calls one by one, and some of each later one. They may differ by an error.
+    calls one by one, and some of each later one. They may differ by round-off.
     """
 
-    def __init__(self, error: float = 0.0):
+    def __init__(self):
         self._fit: dict[Any, bool] = {}
-        self._error = error
 
     def values(
         self, function: Callable, size: int, arguments: np.ndarray, what: str, one_by_one: Callable
@@ -38,16 +37,12 @@ class ArrayCalls:
         found, is_first = _at_once(function, size, arguments), key not in self._fit
         if is_first:
             known = one_by_one(arguments)
-            self._fit[key] = found is not None and self._agree(found, known)
+            self._fit[key] = found is not None and _agree(found, known)
             return known
         some = np.linspace(0, len(arguments) - 1, _SAMPLES).astype(int)
-        if found is None or not self._agree(found[some], one_by_one(arguments[some])):
+        if found is None or not _agree(found[some], one_by_one(arguments[some])):
             return one_by_one(arguments)
         return found
-
-    def _agree(self, found: np.ndarray, known: np.ndarray) -> bool:
-        """Whether values (n, size) differ by the error at most."""
-        return bool((abs(found - known) <= self._error * abs(known).max(axis=0)).all())
 
 
 def array_calls() -> ArrayCalls | None:
@@ -66,6 +61,11 @@ class calling_with_arrays:  # noqa: N801  # a block, which costs less than one b
 
     def __exit__(self, *_) -> None:
         _NOW.reset(self._before)
+
+
+def _agree(found: np.ndarray, known: np.ndarray) -> bool:
+    """Whether values (n, size) differ by round-off at most."""
+    return bool((abs(found - known) <= _ROUNDING * abs(known).max(axis=0)).all())
 
 
 def _at_once(function: Callable, size: int, arguments: np.ndarray) -> np.ndarray | None:

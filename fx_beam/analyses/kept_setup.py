@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any
 
+from fx_beam.array_calls import ArrayCalls, calling_with_arrays
 from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.compiled.tape import LIMIT, Tape
 from fx_beam.mechanics.schemes import Scheme
@@ -29,6 +30,8 @@ class KeptSetup:
         self._setup: RunSetup | None = None
         self._options: tuple = ()
         self._lent: Callable[[], Any] = lambda: None
+        #: What is known of the functions of its scenes.
+        self.calls = ArrayCalls()
         #: Why the last scene was set up anew; empty if it was not.
         self.reason = ""
         #: How the last motion goes on for scenes with other numbers, if it may.
@@ -113,10 +116,14 @@ def kept_setup() -> KeptSetup:
 
 @contextmanager
 def keeping_setup(kept: KeptSetup | None = None) -> Iterator[KeptSetup]:
-    """Motions of this block use the set-up of the last one where the structure is the same."""
+    """Motions of this block use the set-up of the last one where the structure is the same.
+
+    Functions are called with arrays where they accept them.
+    """
     kept = kept or _KEPT.get() or KeptSetup()
     kept.lasts, before = True, _KEPT.set(kept)
     try:
-        yield kept
+        with calling_with_arrays(kept.calls):
+            yield kept
     finally:
         _KEPT.reset(before)

@@ -6,7 +6,6 @@ import time
 
 import numpy as np
 
-from fx_beam.array_calls import ArrayCalls, calling_with_arrays
 from fx_beam.compiled.loop import CompiledLoop
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
@@ -26,7 +25,7 @@ class RepeatedMotion:
     """The plan of a motion without options that may change: its steps, and what is recorded.
 
     All that `simulate` does only for other options, for steps that fail and for long runs is left
-    out; what is computed is the same, to the last digit.
+    out; what is computed is the same, but for the rounding of functions that take arrays.
     """
 
     def __init__(
@@ -42,8 +41,6 @@ class RepeatedMotion:
         self.record = record
         self._ends, self._recorder = times[1:], recorder.again()
         self._most_halvings = most_halvings
-        #: Functions that give the same for arrays, to the last digit.
-        self._calls = ArrayCalls()
 
     def serves(self, options: tuple) -> bool:
         """Whether a motion has the same options."""
@@ -82,12 +79,6 @@ class RepeatedMotion:
         return Halving(self._most_halvings, float(self._ends[0]))
 
     def _run(
-        self, scene: Scene, kept: KeptSetup, recorder: Recorder, halving: Halving
-    ) -> RunSetup | None:
-        with calling_with_arrays(self._calls):
-            return self._called(scene, kept, recorder, halving)
-
-    def _called(
         self, scene: Scene, kept: KeptSetup, recorder: Recorder, halving: Halving
     ) -> RunSetup | None:
         clock, dt = time.perf_counter(), float(self._ends[0])

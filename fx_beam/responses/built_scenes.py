@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.array_calls import ROUNDING, ArrayCalls, calling_with_arrays
 from fx_beam.errors import SceneError
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
@@ -90,13 +89,12 @@ class BuiltScenes:
         self, x: np.ndarray, known: Scene, numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
-        with calling_with_arrays(ArrayCalls(ROUNDING)):
-            before, here = numbers_of(known, 0, 0.0), self._numbers(x, 0, 0.0, numbers_of)
-            _check_same(before, here)
-            found = {name: np.zeros((len(x), *values.shape)) for name, values in here.items()}
-            for i in range(len(x)):
-                for name, values in self._derivative(x, i, here, numbers_of):
-                    found[name][i] = values
+        before, here = numbers_of(known, 0, 0.0), self._numbers(x, 0, 0.0, numbers_of)
+        _check_same(before, here)
+        found = {name: np.zeros((len(x), *values.shape)) for name, values in here.items()}
+        for i in range(len(x)):
+            for name, values in self._derivative(x, i, here, numbers_of):
+                found[name][i] = values
         return found
 
     def _derivative(

@@ -6,7 +6,7 @@ import functools
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from threading import RLock
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from fx_beam.analyses.kept_setup import KeptSetup, keeping_setup
 from fx_beam.analyses.mpi_ranks import waiting_team
 from fx_beam.analyses.run_setup import RunSetup, checked_scheme
 from fx_beam.analyses.static_path import StaticPath, keeping_paths
+from fx_beam.array_calls import calling_with_arrays
 from fx_beam.compiled.adjoint import Adjoint, Weights
 from fx_beam.compiled.forward import Forward
 from fx_beam.compiled.loop import CompiledLoop
@@ -54,6 +55,20 @@ _CHAOTIC = (
 )
 # What pickles and copies keep: what was given.
 _GIVEN = {"_build", "_memory", "_start", "_record", "_options", "_static"}
+_P, _Result = ParamSpec("_P"), TypeVar("_Result")
+
+
+def _with_arrays(
+    method: Callable[Concatenate[Response, _P], _Result],
+) -> Callable[Concatenate[Response, _P], _Result]:
+    """A method in which functions are called with arrays where they accept them."""
+
+    @functools.wraps(method)
+    def call(self: Response, *arguments: _P.args, **named: _P.kwargs) -> _Result:
+        with calling_with_arrays(self._kept.calls):
+            return method(self, *arguments, **named)
+
+    return call
 
 
 class Response:
@@ -61,10 +76,10 @@ class Response:
 
     ``t, y = run(x)`` builds the scene of the numbers x and simulates it. The first call sets the
     scene up; the next ones only set the numbers: all that is given as a number, a position, or a
-    function of time or place. Results are those of `simulate`, to the last digit. A scene with
-    other beams, elements, joints, supports or kinds of loads is set up anew, and so is one whose
-    functions in UFL give other expressions, in which a `Parameter` is no number;
-    ``run.stats.setup_reason`` says why.
+    function of time or place. Results are those of `simulate`, to the last digit unless functions
+    of time or place round otherwise for arrays. A scene with other beams, elements, joints,
+    supports or kinds of loads is set up anew, and so is one whose functions in UFL give other
+    expressions, in which a `Parameter` is no number; ``run.stats.setup_reason`` says why.
 
     Parameters
     ----------
@@ -204,6 +219,7 @@ class Response:
         self._begin()
 
     @one_thread
+    @_with_arrays
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Simulate the scene of some numbers.
 
@@ -282,6 +298,7 @@ class Response:
         return solution
 
     @one_thread
+    @_with_arrays
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
         """Derivatives of a sum of weights times outputs of the last call, by all numbers.
 
@@ -339,6 +356,7 @@ class Response:
         return sum(parts, np.zeros(len(self._x)))
 
     @one_thread
+    @_with_arrays
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
         """Derivatives of outputs of the last call by all numbers, at all times.
 
