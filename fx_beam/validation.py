@@ -109,6 +109,34 @@ def require(fits: bool, what: str, value, wanted: str) -> None:
         raise SceneError(f"{what} = {shown(value)} must be {wanted}")
 
 
+def positive(value, what: str, wanted: str = "a positive number") -> float:
+    """A positive number with which one can compute; SceneError for others."""
+    number, least = as_float(value), 1 / LARGEST
+    wanted += f", at least {least:g}" if 0 < number < least else ""
+    require(least <= number <= LARGEST, what, value, wanted)
+    return number
+
+
+def array_of(value, what: str, wanted: str = "an array of numbers") -> np.ndarray:
+    """New array of real numbers of any shape, finite or not; SceneError for others."""
+    array = numbers(value)
+    require(array.shape != (0, 0), what, value, wanted)
+    return array
+
+
+def check_takes(function, names: str, what: str) -> None:
+    """Refuse what is no function of arguments such as "t, y"."""
+    require(callable(function), what, function, f"a function of ({names})")
+    try:
+        takes = inspect.signature(function)
+    except (TypeError, ValueError):  # of compiled code, which says nothing
+        return
+    try:
+        takes.bind(*names.split(", "))
+    except TypeError:
+        raise SceneError(f"{what} takes {takes}; it must take ({names})") from None
+
+
 def vector(value, size: int, what: str) -> np.ndarray:
     """Read-only array of `size` finite numbers."""
     array = shaped(value, size, what)

@@ -11,7 +11,7 @@ from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.mechanics.schemes import Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import as_float, is_number, is_whole, numbers, require
+from fx_beam.validation import check_takes, is_whole, numbers, positive, require
 
 from .dynamics import simulate
 
@@ -152,10 +152,10 @@ def converge(
     >>> converged.error < 1e-4
     True
     """
+    check_takes(scene_of, "elements, degree", "converge: scene_of")
+    check_takes(quantity, "solution", "converge: quantity")
+    tolerance = positive(tolerance, "converge: tolerance")
     for name, given, fits, wanted in (
-        ("scene_of", scene_of, callable(scene_of), "a function of elements and degree"),
-        ("quantity", quantity, callable(quantity), "a function of the solution"),
-        ("tolerance", tolerance, is_number(tolerance) and as_float(tolerance) > 0, "positive"),
         ("elements", elements, is_whole(elements, 1, _MOST), f"a whole number from 1 to {_MOST}"),
         ("degree", degree, is_whole(degree, 1, 3), "1, 2 or 3"),
         ("max_runs", max_runs, is_whole(max_runs, 4), "a whole number from 4 on"),
@@ -163,7 +163,7 @@ def converge(
         require(fits, f"converge: {name}", given, wanted)
     runs = _Runs(scene_of, quantity, int(degree), max_runs, t_end, scheme, breaks)
     try:
-        return _refined(runs, int(elements), as_float(tolerance))
+        return _refined(runs, int(elements), tolerance)
     except BaseException as stop:
         stop.values = runs.values  # type: ignore[attr-defined]
         raise

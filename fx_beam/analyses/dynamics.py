@@ -30,7 +30,7 @@ from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.stepper import Stepper, equal_steps
 from fx_beam.stepping.substeps import Halving
 from fx_beam.stepping.tolerance import Tolerance
-from fx_beam.validation import as_float, is_flag, is_number, require
+from fx_beam.validation import as_float, is_flag, is_number, positive, require
 
 from .bend_check import warn_of_sharp_bends
 from .changing_scene import ChangingScene
@@ -387,11 +387,9 @@ def _warn_of_places(found: Solution, scene: Scene) -> None:
 def _time_grid(dt: float | None, t_end: float, t0: float, goes_on: bool) -> np.ndarray:
     """Ends of steps; a motion that goes on may end with a part of a step, as events do."""
     choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
-    require(is_number(dt), "dt", dt, f"a finite number{choice}")
+    dt = positive(dt, "dt", f"a positive number{choice}")
     require(is_number(t_end), "t_end", t_end, "a finite number")
-    dt, t_end = as_float(dt), as_float(t_end)
-    if dt <= 0:
-        raise SceneError(f"dt = {dt:g} must be positive")
+    t_end = as_float(t_end)
     if t_end - t0 < dt * (1e-6 if goes_on else 1 - 1e-6):
         least = f"after the start at t = {t0:g}" if goes_on else f"at least one step dt = {dt!r}"
         raise SceneError(f"t_end = {t_end!r} must be {least}")

@@ -57,6 +57,7 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     >>> round(crooked.beams[0].node(0.5).x, 6)
     0.001
     """
+    require(isinstance(scene, Scene), "imperfect: scene", scene, "an fx_beam.Scene")
     require(is_number(size), "imperfect: size", size, "a finite number [m]")
     fits = isinstance(modes, Modes) and is_whole(mode, 0, len(modes) - 1)
     require(fits, "imperfect: mode", mode, "the number of one of the modes")

@@ -22,7 +22,7 @@ from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record, Recorder
 from fx_beam.stepping.single_stepper import Grid
 from fx_beam.stepping.substeps import Halving
-from fx_beam.validation import LARGEST, as_float, is_number, require
+from fx_beam.validation import as_float, check_takes, is_number, positive, require
 
 from .evaluation import solution_of
 from .measurement import reading
@@ -122,8 +122,7 @@ class Motion:
         clock, self._alone = perf_counter(), RLock()
         scheme = checked_scheme(scene, scheme, "Motion")
         check_options("Motion", newton, max_halvings, record, solver)
-        fits = is_number(dt) and as_float(dt) >= 1 / LARGEST
-        require(fits, "Motion: dt", dt, "a positive number")
+        positive(dt, "Motion: dt")
         if record is not None and record.times is not None:
             raise SceneError("Motion: a record at times is not possible; use Record(every=...)")
         if record is not None and record.file is not None:
@@ -218,8 +217,8 @@ class Motion:
         wanted = f"a finite number, at most {MOST_STEPS:.0e} steps away"
         require(fits, "Motion.run: t_end", t_end, wanted)
         last = as_float(t_end) - 1e-6 * self._dt
-        fits = controller is None or callable(controller)
-        require(fits, "Motion.run: controller", controller, "a function of time and outputs")
+        if controller is not None:
+            check_takes(controller, "t, outputs", "Motion.run: controller")
         outputs = self.outputs
         with ctrl_c_between_blocks():
             motion = self._open

@@ -11,7 +11,7 @@ from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.results import tables
-from fx_beam.validation import is_whole, require, shown
+from fx_beam.validation import check_takes, is_whole, require, shown
 
 from . import workers
 from .journal import Journal
@@ -93,7 +93,7 @@ def sweep(
     >>> print(table["error"][2])
     beam 'beam 1': the points 0 and 1 coincide at (0, 0). Remove one of them
     """
-    require(callable(function), "sweep: function", function, "a function of a case")
+    check_takes(function, "case", "sweep: function")
     if chunksize is None:
         (table,) = _tables(function, [_listed(cases)], executor, results)
         return table

@@ -13,7 +13,7 @@ from .mode_family import STEP, ModeFamily
 from .mode_start import mode_start
 from .periodic_family import PeriodicFamily
 from .periodic_motion import motion_of
-from .periodic_search import check_path, check_target, check_tolerance
+from .periodic_search import check_tolerance, longest_step, target
 from .shooting import Shooting
 
 
@@ -90,9 +90,9 @@ def backbone(
     array([1.  , 1.32])
     """
     what = "backbone"
-    check_target(what, amplitude, energy)
+    amplitude, energy = target(what, amplitude, energy)
     check_tolerance(what, tolerance)
-    check_path(what, step, most)
+    step = longest_step(what, step, most)
     shooting = Shooting(scene, scheme, steps, newton, what)
     family = ModeFamily(mode_start(shooting, scene, state, mode), amplitude, energy, tolerance)
     found = itertools.islice(family.followed(step), most)

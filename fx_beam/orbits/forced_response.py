@@ -14,13 +14,13 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.substeps import Halving
-from fx_beam.validation import is_whole, numbers, require, shown
+from fx_beam.validation import LARGEST, check_takes, is_whole, numbers, require, shown
 
 from .closing import Closed
 from .mode_family import STEP
 from .periodic_family import Path, PeriodicFamily
 from .periodic_motion import motion_of
-from .periodic_search import check_path, check_tolerance, of_period
+from .periodic_search import check_tolerance, longest_step, of_period
 from .shooting import Period, Shooting
 
 Build = Callable[[float], Scene]
@@ -139,12 +139,13 @@ def forced_response(
     'fold'
     """
     what = "forced_response"
-    require(callable(build), f"{what}: build", build, "a function of the frequency of the loads")
+    check_takes(build, "f", f"{what}: build")
     ends = numbers(frequencies)
-    fits = ends.shape == (2,) and bool((ends > 0).all()) and ends[0] != ends[1]
+    fits = ends.shape == (2,) and ends[0] != ends[1]
+    fits = fits and all(1 / LARGEST <= f <= LARGEST for f in ends)
     require(fits, f"{what}: frequencies", frequencies, "the first and the last one, positive [Hz]")
     require(is_whole(periods, 1), f"{what}: periods", periods, "a whole number from 1 on")
-    check_path(what, step, most)
+    step = longest_step(what, step, most)
     check_tolerance(what, tolerance)
     first, last = map(float, ends)
     shooting = _OverFrequency(build, first, periods, (scheme, steps, newton, what))

@@ -11,7 +11,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.validation import as_float, is_number, is_whole, require
+from fx_beam.validation import as_float, is_number, is_whole, positive, require
 
 from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close
 from .mode_family import ModeFamily, holds_energy
@@ -107,9 +107,9 @@ def periodic(
     (True, 1.18)
     """
     what = "periodic"
-    check_target(what, amplitude, energy)
-    fits = period is None or (is_number(period) and as_float(period) > 0)
-    require(fits, f"{what}: period", period, "a positive number of seconds")
+    amplitude, energy = target(what, amplitude, energy)
+    if period is not None:
+        period = positive(period, f"{what}: period", "a positive number of seconds")
     check_tolerance(what, tolerance)
     shooting = Shooting(scene, scheme, steps, newton, what)
     if mode is None:
@@ -127,26 +127,29 @@ def periodic(
     return motion_of(shooting, family.last(), True)
 
 
-def check_target(what: str, amplitude: float | None, energy: float | None) -> None:
-    """Refuse an amplitude or an energy that is none, and both of them."""
-    fits = amplitude is None or (is_number(amplitude) and as_float(amplitude) > 0)
-    require(fits, f"{what}: amplitude", amplitude, "a positive number")
+def target(
+    what: str, amplitude: float | None, energy: float | None
+) -> tuple[float | None, float | None]:
+    """An amplitude or an energy as numbers; SceneError for others, and for both of them."""
     require(energy is None or is_number(energy), f"{what}: energy", energy, "a number of joules")
-    if amplitude is not None and energy is not None:
+    if amplitude is None:
+        return None, None if energy is None else as_float(energy)
+    if energy is not None:
         raise SceneError(f"{what}: give the amplitude or the energy: each sets the other")
+    return positive(amplitude, f"{what}: amplitude"), None
 
 
 def check_tolerance(what: str, tolerance: float) -> None:
     """Refuse a tolerance that is none."""
-    fits = is_number(tolerance) and 0 < as_float(tolerance) < 1
+    fits = 0 < as_float(tolerance) < 1
     require(fits, f"{what}: tolerance", tolerance, "a number between 0 and 1")
 
 
-def check_path(what: str, step: float, most: int) -> None:
-    """Refuse a longest step or a number of motions that is none."""
-    fits = is_number(step) and 0 < as_float(step) <= 1
-    require(fits, f"{what}: step", step, "a number between 0 and 1")
+def longest_step(what: str, step: float, most: int) -> float:
+    """The longest step; SceneError for one, or a number of motions, that is none."""
+    require(0 < as_float(step) <= 1, f"{what}: step", step, "a number between 0 and 1")
     require(is_whole(most, 1), f"{what}: most", most, "a whole number from 1 on")
+    return as_float(step)
 
 
 def _from_state(

@@ -40,6 +40,7 @@ class Page:
     """
 
     def __init__(self, text: str):
+        require(isinstance(text, str), "Page: text", text, "a page in HTML, see plot.interactive")
         self.text = text
 
     def __repr__(self):
@@ -139,7 +140,7 @@ def interactive(
             {"points": _points(drawing, [drawing.arrow(*load, k) for k in drawing.rows])}
             for load in drawing.forces
         ],
-        "traces": _traces(drawing, [trace] if isinstance(trace, Node) else list(trace)),
+        "traces": _traces(drawing, trace),
         "series": _series(drawing, series, scene_unit),
     }
     # No text of the user's may end the element that holds the data.
@@ -261,7 +262,8 @@ def _between(drawing: Drawing) -> list[dict[str, Any]]:
     return entries
 
 
-def _traces(drawing: Drawing, nodes: list[Node]) -> list[str]:
+def _traces(drawing: Drawing, trace: Node | Sequence[Node]) -> list[str]:
+    nodes = trace if isinstance(trace, Sequence) else [trace]
     for node in nodes:
         drawing.solution.position(node)  # refuses what is no node of the solution
     return [_points_of(drawing, [node.number]) for node in nodes]

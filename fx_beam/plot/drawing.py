@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from fx_beam.results.fields import nodes_of_elements
+from fx_beam.results.lookup import scene_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
 from fx_beam.scene.obstacles import Circle, Line
-from fx_beam.validation import as_float, is_number, is_whole, numbers, require
+from fx_beam.validation import as_float, is_whole, numbers, positive, require
 
 from .digits import three_digits, time_unit
 from .obstacles import Outline, outline, outlines
@@ -73,8 +74,7 @@ class Drawing:
     @property
     def scene(self):
         """The scene; None for a solution that was read from a file."""
-        nodes = [beam.start for beam in self.solution.beams.values()]
-        return (nodes + [body.centre for body in self.solution.bodies.values()])[0].scene
+        return scene_of(self.solution)
 
     @property
     def _q(self) -> np.ndarray:
@@ -256,8 +256,7 @@ class Drawing:
         fits = numbers(self.rows).ndim == 1 and all(is_whole(k, 0, rows - 1) for k in self.rows)
         wanted = f"rows of the solution, such as range(0, {rows}, {max(1, rows // 10)})"
         require(fits and len(self.rows) > 0, "steps", self.rows, wanted)
-        fits = is_number(self.magnify) and as_float(self.magnify) > 0
-        require(fits, "magnify", self.magnify, "a positive number")
+        positive(self.magnify, "magnify")
 
 
 def checked_drawing(solution: Solution, steps: Sequence[int], magnify: float) -> Drawing:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from matplotlib.path import Path as Area
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
-from fx_beam.validation import is_flag, is_name, require, shown
+from fx_beam.validation import is_flag, is_name, is_one_of, require, shown
 
 from .colouring import SIGNED, words_for
 from .digits import three_digits, time_unit
@@ -77,8 +77,10 @@ def diagrams(
     Drawing(solution, [row], 1.0).check()
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
-    names = [quantities] if isinstance(quantities, str) else list(quantities)
-    if not names or any(name not in RESULTANTS for name in names):
+    names = list(quantities) if isinstance(quantities, Iterable) else []
+    if isinstance(quantities, str):
+        names = [quantities]
+    if not names or not all(is_one_of(name, RESULTANTS) for name in names):
         raise ValueError(
             f"quantities = {shown(quantities)} must be some of {', '.join(RESULTANTS)}"
         )

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from fx_beam.results.solution import Solution
-from fx_beam.validation import require
+from fx_beam.validation import as_float, check_takes, is_number, require
 
-from .time_curves import Figure, figure, save
+from .time_curves import Figure, curve, figure, save
 
 _STABLE: dict[str, Any] = {"color": "#0072B2", "linewidth": 2.0, "label": "stable"}
 _UNSTABLE: dict[str, Any] = {
@@ -59,7 +59,9 @@ def equilibrium_paths(
     """
     static = isinstance(solution, Solution) and solution.stats.static
     require(static, "solution", solution, "what fx_beam.static returned")
-    require(callable(value), "value", value, "a function of a solution")
+    check_takes(value, "solution", "value")
+    require(is_number(load), "load", load, "a number")
+    load = as_float(load)
     fig, axes = figure(1, 1, height=4.0)
     ax = axes[0, 0]
     marks: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKS}
@@ -96,19 +98,24 @@ def _with_points(
     marks: dict[str, list[tuple[float, float]]],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values and load factors (m,) of rows and points; whether lines between are stable."""
-    values, factors, stable = value(solution), solution.load_factor, solution.stable
+    values, factors, stable = _values(value, solution), solution.load_factor, solution.stable
     places, lines = list[tuple[float, float]](), list[bool]()
     points = [point for point in solution.critical_points if point.solution is not None]
     for row, place in enumerate(zip(values.tolist(), factors.tolist(), strict=True)):
         places.append(place)
         inside = [point for point in points if point.row == row]
         for number, point in enumerate(inside):
-            places.append((float(value(point.solution)[-1]), point.load_factor))
+            places.append((_values(value, point.solution)[-1], point.load_factor))
             marks[point.kind].append(places[-1])
             lines.append(number == 0 and bool(stable[row]))
         lines.append(bool(stable[row + 1] if inside else stable[row]))
     x, y = np.array(places).T
     return x, y, np.array(lines[:-1])
+
+
+def _values(value: Callable[[Solution], np.ndarray], solution: Solution) -> np.ndarray:
+    """Values (n,) in the rows of a solution."""
+    return curve(value(solution), solution.t, "value(solution)")
 
 
 def _pieces(stable: np.ndarray) -> Iterator[tuple[int, int, bool]]:

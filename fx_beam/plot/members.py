@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.obstacles import Obstacle
-from fx_beam.validation import as_float, is_number, require
+from fx_beam.validation import as_float, positive
 
 from .drawing import Drawing
 
@@ -34,8 +34,7 @@ class Members:
         elements = sum(beam.elements for beam in beams)
         self.pieces = max(1, min(_PIECES, _MANY // max(elements, 1)))
         if thickness is not None:
-            fits = is_number(thickness) and as_float(thickness) > 0
-            require(fits, "thickness", thickness, "a positive factor on the depth, or None")
+            positive(thickness, "thickness", "a positive factor on the depth, or None")
             fractions = np.arange(self.pieces + 1) / self.pieces
             touching = _contact_depths(drawing.solution.obstacles)
             depths = [

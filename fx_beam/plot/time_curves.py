@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fx_beam.results.files import replacing
 from fx_beam.results.solution import Solution
+from fx_beam.validation import array_of, check_takes, is_whole, numbers, positive, require
 
 # Colours of Okabe and Ito, safe for colour-blind readers; line styles differ in grey prints.
 _STYLES: dict[str, dict] = {
@@ -69,6 +71,9 @@ def figure(rows: int, columns: int, height: float = 2.5):
     axes : (rows, columns) array of matplotlib.axes.Axes
         Its panels.
     """
+    for name, number in (("rows", rows), ("columns", columns)):
+        require(is_whole(number, 1), f"figure: {name}", number, "a whole number from 1 on")
+    height = positive(height, "figure: height")
     fig = Figure(figsize=(7.5, rows * height + 0.5), layout="constrained")
     axes = fig.subplots(rows, columns, squeeze=False)
     for ax in axes.flat:
@@ -102,13 +107,19 @@ def curves(
         ``times(solution)`` gives the times (n,) of the values [s], such as `Solution.t_level` for
         stress resultants.
     """
+    _check(axes, solutions, "solutions")
+    for label, solution in solutions.items():
+        require(isinstance(solution, Solution), f"solutions[{label!r}]", solution, "a Solution")
+    check_takes(value, "solution", "value")
+    check_takes(times, "solution", "times")
     drawn: dict[str, int] = {}
     cross = {"marker": "X", "markersize": 9, "markeredgecolor": "white", "linestyle": ""}
     for label, solution in solutions.items():
         scheme = solution.stats.scheme
         look = style(scheme) | _marked(drawn.get(scheme, 0))
         drawn[scheme] = drawn.get(scheme, 0) + 1
-        t, y = times(solution), value(solution)
+        t = array_of(times(solution), "times(solution)")
+        y = curve(value(solution), t, "value(solution)")
         axes.plot(t, y, label=label, **look)
         if solution.stats.failure and t[-1] <= axes.get_xlim()[1]:
             edge = np.clip(y[-1], *axes.get_ylim())
@@ -138,8 +149,27 @@ def quantities(axes, t: np.ndarray, values: dict[str, np.ndarray]) -> None:
     values : dict
         Quantities (n,) by their labels in the legend.
     """
-    for (label, y), look in zip(values.items(), itertools.cycle(_QUANTITY_STYLES), strict=False):
+    _check(axes, values, "values")
+    t = array_of(t, "t")
+    for (label, given), look in zip(
+        values.items(), itertools.cycle(_QUANTITY_STYLES), strict=False
+    ):
+        y = curve(given, t, f"values[{label!r}]")
         axes.plot(t, y, label=label, linewidth=1.5, **look)
+
+
+def _check(axes: Any, curves: Any, what: str) -> None:
+    """Refuse axes that draw nothing, and curves without labels."""
+    wanted = "axes of matplotlib, such as fx_beam.plot.figure(1, 1)[1][0, 0]"
+    require(isinstance(axes, Axes), "axes", axes, wanted)
+    require(isinstance(curves, Mapping), what, curves, "a dict by labels in the legend")
+
+
+def curve(given: Any, t: np.ndarray, what: str) -> np.ndarray:
+    """Values (n,) over times or load factors (n,)."""
+    values = numbers(given)
+    require(values.shape == t.shape, what, given, f"{len(t)} numbers, one for each row or time")
+    return values
 
 
 def save(figure: Figure, path: Path | str) -> None:
@@ -152,6 +182,7 @@ def save(figure: Figure, path: Path | str) -> None:
     path : str or path
         File to write; its ending gives the format.
     """
+    require(isinstance(figure, Figure), "figure", figure, "a figure, as of fx_beam.plot.figure")
     handles: dict = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):

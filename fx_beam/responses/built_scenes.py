@@ -12,7 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.validation import all_of, numbers, require, shown
+from fx_beam.validation import all_of, check_takes, numbers, require, shown
 
 from .numbers import OF_STEPS
 from .output_values import Wanted
@@ -80,6 +80,7 @@ class BuiltScenes:
             else:
                 wanted = "an fx_beam.Output, or a function of the solution"
                 require(callable(output), what, output, wanted)
+                check_takes(output, "solution", what)
         self.names = self.names or list(outputs)
         wanted = f"as in the first call, {self.names}"
         require(list(outputs) == self.names, "Response: outputs", list(outputs), wanted)

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.stepping.interrupts import one_thread
-from fx_beam.validation import require, shown
+from fx_beam.validation import array_of, check_takes, numbers, require, shown
 
 #: ``function(t, y)`` gives a value, and its derivatives by outputs, by name.
 Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]
@@ -39,7 +39,7 @@ class Objective:
     """A number of a whole motion, and its derivatives by x."""
 
     def __init__(self, run: Differentiable, function: Cost):
-        require(callable(function), "objective: function", function, "a function of t and y")
+        check_takes(function, "t, y", "objective: function")
         self._run, self._function = run, function
 
     @property
@@ -51,13 +51,33 @@ class Objective:
         """The value, and its derivatives (m,) by x."""
         found = self._function(*self._run(x))
         fits = isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Mapping)
-        if not fits or np.ndim(found[0]):
+        if not fits or numbers(found[0]).shape:
             raise SceneError(
                 "objective: function(t, y) must give a number and its derivatives by outputs, a "
                 f"dict of arrays by names, not {shown(found)}"
             )
         value, weights = found
         return float(value), self._run.vjp(weights)
+
+
+def _measured(given: Any, what: str) -> np.ndarray:
+    masked = isinstance(given, np.ma.MaskedArray)
+    values = array_of(given.data if masked else given, what)
+    if masked:
+        values[np.ma.getmaskarray(given)] = np.nan
+    require(not np.isinf(values).any(), what, given, "finite, or NaN where nothing was measured")
+    return values
+
+
+def _scatter(given: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
+    values = array_of(given, what)
+    require(bool((np.isfinite(values) & (values > 0)).all()), what, given, "positive")
+    try:
+        return np.broadcast_to(values, shape)
+    except ValueError:
+        raise SceneError(
+            f"{what} has the shape {values.shape}, which does not fit {shape}"
+        ) from None
 
 
 class Misfit:
@@ -68,14 +88,16 @@ class Misfit:
         fits = isinstance(measured, Mapping) and len(measured) > 0
         require(fits, what, measured, "a dict of arrays by names of outputs")
         self._run = run
-        self._measured = {name: _unmasked(rows) for name, rows in measured.items()}
+        self._measured = {
+            name: _measured(rows, f"{what}[{name!r}]") for name, rows in measured.items()
+        }
         of_all = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
         same = of_all.keys() == measured.keys()
         require(same, "misfit: scatter", scatter, f"a number, or for each of {[*measured]}")
-        self._scatter = {name: _unmasked(of_all[name]) for name in measured}
-        for name, values in self._scatter.items():
-            positive = bool((np.isfinite(values) & (values > 0)).all())
-            require(positive, f"misfit: scatter of {name!r}", of_all[name], "positive")
+        self._scatter = {
+            name: _scatter(of_all[name], rows.shape, f"misfit: scatter of {name!r}")
+            for name, rows in self._measured.items()
+        }
         #: Numbers of the last motion, and its statistics, by which one knows it.
         self._last: tuple[np.ndarray, Any] | None = None
 
@@ -107,12 +129,6 @@ class Misfit:
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         for name, rows in self._measured.items():
-            over = np.broadcast_to(self._scatter[name], rows.shape)
-            own = J[name] * np.where(np.isnan(rows), 0.0, 1 / over)[..., None]
+            own = J[name] * np.where(np.isnan(rows), 0.0, 1 / self._scatter[name])[..., None]
             parts.append(own.reshape(-1, own.shape[-1]))
         return np.concatenate(parts)
-
-
-def _unmasked(values: Any) -> np.ndarray:
-    """A copy of numbers, with NaN where they are masked."""
-    return np.ma.array(values, float, copy=True).filled(np.nan)

@@ -13,7 +13,7 @@ import numpy as np
 from fx_beam.analyses.dynamics import simulate
 from fx_beam.analyses.kept_setup import KeptSetup, keeping_setup
 from fx_beam.analyses.mpi_ranks import waiting_team
-from fx_beam.analyses.run_setup import RunSetup, checked_scheme
+from fx_beam.analyses.run_setup import RunSetup, check_options, checked_scheme
 from fx_beam.analyses.static_path import StaticPath, keeping_paths
 from fx_beam.array_calls import calling_with_arrays
 from fx_beam.compiled.adjoint import Adjoint, Weights
@@ -34,7 +34,7 @@ from fx_beam.stepping.interrupts import one_thread
 from fx_beam.stepping.newton import NewtonOptions
 from fx_beam.stepping.recorder import Record
 from fx_beam.stepping.substeps import Halving
-from fx_beam.validation import as_float, is_number, require
+from fx_beam.validation import array_of, check_takes, is_one_of, positive, require
 
 from .built_scenes import Build, BuiltScenes, checked_numbers
 from .gradient import Gradient, along
@@ -55,7 +55,8 @@ _CHAOTIC = (
 )
 # What pickles and copies keep: what was given.
 _GIVEN = {"_build", "_memory", "_start", "_record", "_options", "_static"}
-_P, _Result = ParamSpec("_P"), TypeVar("_Result")
+_P = ParamSpec("_P")
+_Result = TypeVar("_Result")
 
 
 def _with_arrays(
@@ -164,12 +165,11 @@ class Response:
         inputs: Mapping[str, Any] | None = None,
         memory: float = LIMIT,
     ):
-        require(callable(build), "Response: build", build, "a function of an array of numbers")
-        fits = is_number(memory) and as_float(memory) > 0
-        require(fits, "Response: memory", memory, "a positive number of bytes")
-        self._memory = as_float(memory)
-        fits = record is None or isinstance(record, Record)
-        require(fits, "Response: record", record, "an fx_beam.Record")
+        check_takes(build, "x", "Response: build")
+        if callable(start):
+            check_takes(start, "scene", "Response: start")
+        self._memory = positive(memory, "Response: memory", "a positive number of bytes")
+        check_options("Response", newton, max_halvings, record, solver)
         if record is not None and record.file is not None:
             raise SceneError("Response: a record to a file is not possible; use simulate")
         self._build = build
@@ -323,10 +323,10 @@ class Response:
             output, a scheme or a part of the scene that has no derivatives.
         """
         model, tape, adjoint = self._followed("vjp")
-        outputs = self._checked_weights(weights)
+        given = self._checked_weights(weights)
+        outputs = self._differentiable(given, "Response.vjp: weights")
         boundaries, direct = self._boundaries(tape), list[Gradient]()
         check_outputs(model, tape, outputs, why_no_sums(self._path))
-        given = {name: np.asarray(rows, float) for name, rows in weights.items()}
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
             counting |= values.reshape(len(values), -1).any(axis=1)
@@ -551,26 +551,29 @@ class Response:
             self._adjoint = loop, slides, Adjoint(loop.problem)
         return self._adjoint[2]
 
-    def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, Output]:
+    def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         what = "Response.vjp: weights"
         require(isinstance(weights, Mapping), what, weights, "a dict by names of outputs")
-        outputs = self._differentiable(weights, what)
-        for name in outputs:
-            shape, given = self._shapes[name], np.shape(weights[name])
-            require(given == shape, f"{what}[{name!r}]", given, f"of the shape {shape}")
-            wrong = np.argwhere(~np.isfinite(np.asarray(weights[name], float)))
+        given = {}
+        for name in self._differentiable(weights, what):
+            given[name] = values = array_of(weights[name], f"{what}[{name!r}]")
+            shape = self._shapes[name]
+            require(
+                values.shape == shape, f"{what}[{name!r}]", values.shape, f"of the shape {shape}"
+            )
+            wrong = np.argwhere(~np.isfinite(values))
             if len(wrong):
                 row, at = wrong[0][0], "".join(f"[{i}]" for i in wrong[0])
                 raise SceneError(
                     f"{what}[{name!r}]{at} is no finite number, at t = {self._t[row]:.6g}. Give "
                     "rows without one, such as those that were not measured, the weight 0"
                 )
-        return outputs
+        return given
 
     def _differentiable(self, names: Iterable[str], what: str) -> dict[str, Output]:
         """Outputs by names; SceneError for functions."""
         given = list(names)
-        fits = all(name in self._outputs for name in given)
+        fits = all(is_one_of(name, self._outputs) for name in given)
         require(fits, what, given, f"names of outputs, of {self._scenes.names}")
         outputs: dict[str, Output] = {}
         for name in given:

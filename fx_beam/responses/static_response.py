@@ -13,7 +13,7 @@ from fx_beam.compiled.adjoint import Adjoint
 from fx_beam.compiled.tape import Tape
 from fx_beam.model.model import Model
 from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.validation import require
+from fx_beam.validation import check_takes
 
 from .built_scenes import Build
 from .response import Response
@@ -92,7 +92,7 @@ class StaticResponse(Response):
         max_steps: int = 1000,
         inputs: Mapping[str, Any] | None = None,
     ):
-        require(callable(build), "StaticResponse: build", build, "a function of numbers")
+        check_takes(build, "x", "StaticResponse: build")
         self._build = build
         self._static: dict[str, Any] = {
             "steps": steps,

@@ -11,11 +11,16 @@ from pathlib import Path
 from fx_beam.validation import shown
 
 
+def named(path: Path | str) -> Path:
+    """The path of a file; ValueError for what is no name."""
+    if not isinstance(path, str | Path) or not str(path) or "\0" in str(path):
+        raise ValueError(f"path = {shown(path)} must be the name of a file, or a Path")
+    return Path(path)
+
+
 def writable(path: Path | str, endings: Sequence[str] = ()) -> Path:
     """The path of a file to be written; ValueError for a missing folder or an unknown ending."""
-    if not isinstance(path, str | Path) or not str(path):
-        raise ValueError(f"path = {shown(path)} must be the name of a file, or a Path")
-    file = Path(path)
+    file = named(path)
     if not file.parent.is_dir():
         raise ValueError(f"cannot write {file}: make the folder {file.parent} first")
     if endings and file.suffix.lower().lstrip(".") not in endings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 from fx_beam.scene.beam import Beam, Node
@@ -17,10 +18,25 @@ def node_number(solution: Any, node: Node) -> int:
             f"{shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
             "beam.node(fraction)"
         )
-    X = solution.X
-    if node.number >= len(X) or X[node.number].tolist() != [node.x, node.y]:
+    X, own = solution.X, scene_of(solution)
+    known = node.number < len(X) and X[node.number].tolist() == [node.x, node.y]
+    if not known or (own and node.scene and node.scene is not own and _differ(own, node.scene)):
         raise ValueError(f"{node} is not a node of this solution; take a node of its scene")
     return node.number
+
+
+def _differ(scene: Any, other: Any) -> bool:
+    """Whether nodes lie elsewhere; those of scenes that are copied or built again do not."""
+    pairs = zip(scene.nodes, other.nodes, strict=False)
+    return any((a.x, a.y) != (b.x, b.y) for a, b in pairs)
+
+
+def scene_of(solution: Any) -> Any:
+    """The scene of a solution; None for one that was read from a file."""
+    members = itertools.chain(solution.beams.values(), solution.bodies.values())
+    first = next(members, None)
+    node = first.start if isinstance(first, Beam) else getattr(first, "centre", None)
+    return getattr(node, "scene", None)
 
 
 def joint_number(solution: Any, joint: Joint) -> int:
@@ -58,7 +74,11 @@ def beam_name(solution: Any, beam: Beam | str) -> str:
             "force, and internal(variable) of its spring"
         )
     name, beams = beam.name if isinstance(beam, Beam) else beam, solution.beams
-    known = is_one_of(name, beams)
-    if not known or (isinstance(beam, Beam) and beam.nodes != beams[name].nodes):
+    if isinstance(beam, Beam) and name in beams and beam.nodes != beams[name].nodes:
+        raise ValueError(
+            f"{shown(name)} is not a beam of this solution, whose beam of this name has other "
+            "nodes; take the beam of its scene, or give the name"
+        )
+    if not is_one_of(name, beams):
         raise ValueError(f"{shown(name)} is not a beam of this solution; it has {list(beams)}")
     return name

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 from dataclasses import fields
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -15,10 +14,10 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.coulomb import Coulomb
 from fx_beam.scene.obstacles import Circle, Line, Obstacle
-from fx_beam.validation import shown
 
 from .audit import BeamResultants, Energy, Stats
 from .export import FORMAT
+from .files import named
 from .histories import HISTORIES
 from .saved_arrays import check_arrays
 from .solution import Solution
@@ -59,8 +58,8 @@ def load(path) -> Solution:
     >>> len(solution.t), list(solution.beams)
     (6, ['arm'])
     """
-    if not isinstance(path, str | Path) or not str(path):
-        raise ValueError(f"path = {shown(path)} must be the name of a file, or a Path")
+    if named(path).is_dir():
+        raise ValueError(f"{path} is a folder; give the name of a file in it")
     # Opened here: NumPy leaves a damaged file open.
     with open(path, "rb") as raw:
         try:

@@ -11,7 +11,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.scene.scene import Scene
 from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.validation import is_number, require
+from fx_beam.validation import positive
 
 from .verdict import FEWEST, Drift, Verdict
 
@@ -53,8 +53,7 @@ class Case:
         if not callable(self.scene):
             raise SceneError(f"{self.name}: scene must be a function that makes the scene")
         for name, value in (("dt", self.dt), ("t_end", self.t_end)):
-            fits = is_number(value) and value > 0
-            require(fits, f"{self.name}: {name}", value, "a positive number")
+            positive(value, f"{self.name}: {name}")
         fewest, what = (FEWEST, "the law of a drift") if self.drifts else (1, "a run")
         if (given := self.t_end / self.dt) < fewest * (1 - 1e-6):
             raise SceneError(f"{self.name}: {what} needs {fewest} or more steps, not {given:.3g}")

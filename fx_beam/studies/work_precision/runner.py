@@ -21,7 +21,7 @@ from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.studies import candidates
-from fx_beam.validation import is_number, is_whole, require
+from fx_beam.validation import check_takes, is_number, is_whole, positive, require
 
 from . import accuracy
 from .accuracy import Exact, History, Quantity
@@ -112,7 +112,7 @@ def study(
         its attribute `precision`.
     """
     exact = exact or {}
-    require(callable(scene), "scene", scene, "a function scene(elements, degree)")
+    check_takes(scene, "elements, degree", "scene")
     _check(quantities, exact, t_end, steps, meshes, repetitions)
     labelled, grid = candidates.labelled(schemes), [Mesh(*mesh) for mesh in meshes]
     motion = _Motion(scene, start, t_end, quantities, labelled)
@@ -158,11 +158,10 @@ def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
     require(isinstance(quantities, Mapping), "quantities", quantities, "a dict by name")
     require(isinstance(exact, Mapping), "exact", exact, "a dict by name of a quantity")
     for name in candidates.several("quantities", list(quantities)):
-        if not callable(quantities[name]):
-            raise SceneError(f"quantity {name!r} must be a function of the solution")
+        check_takes(quantities[name], "solution", f"quantity {name!r}")
     if unknown := [name for name in exact if name not in quantities]:
         raise SceneError(f"exact value of {unknown[0]!r}, which is none of {list(quantities)}")
-    require(is_number(t_end) and t_end > 0, "t_end", t_end, "a positive number")
+    positive(t_end, "t_end")
     require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
     for dt in candidates.several("steps", steps):
         fits = is_number(dt) and 0 < dt <= t_end

@@ -1,0 +1,158 @@
+"""Odd inputs: each error names the thing and says what it must be."""
+
+from decimal import Decimal
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+STEPS = {"dt": 0.1, "t_end": 0.3}
+
+
+def bar(length=1.0):
+    scene = fb.Scene(gravity=(0, -9.81))
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=1e-3)
+    beam = scene.add_beam([(0, 0), (length, 0)], section)
+    scene.pin(beam.start)
+    return scene, beam
+
+
+def build(x):
+    scene, beam = bar()
+    scene.add_mass(beam.end, x[0])
+    return scene, {"tip": fb.Output("position", beam.end)}
+
+
+def oscillator(f):
+    """A body on a spring; for a frequency with a damper and a force."""
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    spring, damper = fb.Spring(1.0), fb.Damper(0.1 if f else 0.0)
+    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (1, 0), spring=spring, damper=damper))
+    if f:
+        scene.add_force(body.centre, lambda t: (0.3 * np.cos(2 * np.pi * float(f) * t), 0))
+    return scene
+
+
+@pytest.fixture(scope="module")
+def my(tmp_path_factory):
+    """A response, solutions, handles of another scene, and a folder."""
+    scene, beam = bar()
+    run = fb.Response(build, **STEPS)
+    return SimpleNamespace(
+        run=run,
+        tip=run([1.0])[1]["tip"],
+        scene=scene,
+        beam=beam,
+        fall=fb.simulate(scene, **STEPS),
+        bent=fb.static(scene, steps=1),
+        other=bar(2.0)[1],
+        axes=fb.plot.figure(1, 1)[1][0, 0],
+        folder=str(tmp_path_factory.mktemp("odd")),
+    )
+
+
+def no_arguments():
+    return None
+
+
+def cost(value, **weights):
+    return lambda t, y: (value, weights or {"tip": np.zeros_like(y["tip"])})
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        # Functions of numbers
+        (lambda my: my.run.misfit({"tip": "abc"}), r"measured\['tip'\] = 'abc' must be an array"),
+        (lambda my: my.run.misfit({"tip": my.tip * 1j}), r"measured\['tip'\] .* array of numbers"),
+        (lambda my: my.run.misfit({"tip": 10**400}), r"measured\['tip'\] .* array of numbers"),
+        (lambda my: my.run.misfit({"tip": [[1], [1, 2]]}), r"measured\['tip'\] .* of numbers"),
+        (
+            lambda my: my.run.misfit({"tip": my.tip / 0.0}),
+            r"measured\['tip'\] .* be finite, or NaN",
+        ),
+        (lambda my: my.run.misfit({"tip": my.tip}, "a"), "scatter of 'tip' = 'a' must be an array"),
+        (
+            lambda my: my.run.misfit({"tip": my.tip}, np.ones(7)),
+            r"has the shape \(7,\), which does",
+        ),
+        (lambda my: my.run.objective(cost(None))([1.0]), "must give a number and its derivatives"),
+        (lambda my: my.run.objective(cost("a"))([1.0]), "must give a number and its derivatives"),
+        (lambda my: my.run.objective(cost(1.0, tip="a"))([1.0]), r"weights\['tip'\] = 'a' must be"),
+        (lambda my: my.run.objective(no_arguments), r"function takes \(\); it must take \(t, y\)"),
+        (lambda my: my.run.jacobian(["tip"]), r"names = \[\['tip'\]\] must be names of outputs"),
+        (lambda my: my.run.vjp({"tip": my.tip * 1j}), r"weights\['tip'\] .* an array of numbers"),
+        (lambda my: fb.Response(no_arguments, **STEPS), r"build takes \(\); it must take \(x\)"),
+        (lambda my: fb.Response(build, **STEPS, start=no_arguments), r"must take \(scene\)"),
+        (
+            lambda my: fb.Response(build, **STEPS, solver=np.array(["auto", "lu"], object)),
+            'solver = .* must be "auto"',
+        ),
+        (
+            lambda my: fb.Response(lambda x: (bar()[0], {"a": no_arguments}), **STEPS)([1.0]),
+            r"the output 'a' takes \(\); it must take \(solution\)",
+        ),
+        # Times
+        (
+            lambda my: fb.simulate(my.scene, dt=1e-320, t_end=1e-319),
+            "dt = 1e-320 must .* least 1e-75",
+        ),
+        (
+            lambda my: fb.periodic(oscillator(0.2), period=1e-300),
+            "period = 1e-300 .* least 1e-75",
+        ),
+        (lambda my: fb.forced_response(oscillator, [1e300, 2e300]), "frequencies = .* positive"),
+        (lambda my: fb.forced_response(no_arguments, [1, 2]), r"it must take \(f\)"),
+        (lambda my: fb.converge(bar, len, 1e-3, t_end=1.0), r"must take \(elements, degree\)"),
+        (lambda my: fb.Motion(my.scene, dt=0.1).run(1.0, no_arguments), r"take \(t, outputs\)"),
+        (lambda my: fb.sweep(no_arguments, [{"a": 1}]), r"it must take \(case\)"),
+        # Solutions
+        (lambda my: fb.imperfect(1, None, 1e-3), r"scene = 1 must be an fx_beam.Scene"),
+        (lambda my: my.fall.resultants(my.other), "whose beam of this name has other nodes"),
+        (lambda my: my.fall.position(my.other.start), r"node 0 .* is not a node of this solution"),
+        (lambda my: my.fall.save(f"{my.folder}/a\0.npz"), "path = .* must be the name of a file"),
+        (lambda my: my.fall.to_csv(f"{my.folder}/a\0.csv"), "path = .* must be the name of a file"),
+        (lambda my: fb.load("a\0.npz"), "path = .* must be the name of a file"),
+        (lambda my: fb.load(my.folder), "is a folder"),
+        # Pictures
+        (lambda my: fb.plot.equilibrium_paths(my.bent, lambda s: None), r"= None must be \d+ num"),
+        (lambda my: fb.plot.equilibrium_paths(my.bent, no_arguments), r"must take \(solution\)"),
+        (
+            lambda my: fb.plot.equilibrium_paths(my.bent, lambda s: s.t, load="a"),
+            "load = 'a' must be a number",
+        ),
+        (lambda my: fb.plot.interactive(my.fall, trace=1.0), "1.0 is not a node"),
+        (lambda my: fb.plot.Page(1), "text = 1 must be a page"),
+        (lambda my: fb.plot.diagrams(my.fall, 1, quantities=1), "quantities = 1 must be some of"),
+        (lambda my: fb.plot.curves(my.fall, "a.png", len), "axes = .* must be axes of matplotlib"),
+        (lambda my: fb.plot.curves(my.axes, my.fall, len), "solutions = .* must be a dict"),
+        (lambda my: fb.plot.curves(my.axes, {"a": 1}, len), r"solutions\['a'\] = 1 must be a Sol"),
+        (lambda my: fb.plot.quantities(my.axes, [0, 1], {"a": 1}), r"values\['a'\] = 1 must be 2"),
+        (lambda my: fb.plot.figure(1.5, 1), "rows = 1.5 must be a whole number"),
+        (lambda my: fb.plot.save(my.axes, "a.png"), "must be a figure"),
+    ],
+)
+def test_what_does_not_fit_is_named_with_what_it_must_be(call, message, my):
+    with (
+        np.errstate(divide="ignore", invalid="ignore"),
+        pytest.raises(ValueError, match=f"(?s){message}"),
+    ):
+        call(my)
+
+
+def test_the_nodes_of_a_scene_that_was_built_again_are_those_of_the_solution(my):
+    assert np.array_equal(my.fall.position(bar()[1].end), my.fall.position(my.beam.end))
+
+
+def test_decimals_are_numbers_of_periodic_motions():
+    one, hundredth = Decimal(1), Decimal("0.01")
+    free, options = oscillator(0), {"steps": 21, "tolerance": Decimal("1e-8")}
+    swing = fb.periodic(free, mode=0, amplitude=hundredth, **options)
+    family = fb.backbone(free, energy=hundredth, step=one, **options)
+    forced = fb.periodic(oscillator(0.2), period=5 * one, **options)
+    curve = fb.forced_response(oscillator, [one / 5, one / 4], step=one, **options)
+    assert 1 / swing.period == pytest.approx(family.frequencies[-1]) == pytest.approx(0.159, 1e-2)
+    assert 1 / forced.period == pytest.approx(curve.frequencies[0]) == pytest.approx(0.2)
