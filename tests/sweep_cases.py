@@ -67,3 +67,14 @@ def short(case):
     if case["number"] == 77:
         os.kill(os.getpid(), signal.SIGKILL)
     return (lambda: None) if case["number"] == 50 else 2 * case["number"]
+
+
+def waits(case):
+    """Leave a file, and wait until so many others have left theirs; at most 60 s."""
+    until, seen = time.monotonic() + 60, 0
+    while seen < case["others"] and time.monotonic() < until:
+        time.sleep(0.05)
+        seen = len(os.listdir(case["folder"]))
+    with open(os.path.join(case["folder"], str(case["number"])), "w"):
+        pass
+    return {"seen": seen, "worker": os.getpid()}

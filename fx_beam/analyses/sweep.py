@@ -11,7 +11,7 @@ from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.results import tables
-from fx_beam.validation import check_takes, is_whole, require, shown
+from fx_beam.validation import check_takes, is_whole, positive, require, shown
 
 from . import workers
 from .journal import Journal
@@ -27,6 +27,7 @@ def sweep(
     executor: Executor | int | None = None,
     results: Path | str | None = None,
     chunksize: int | None = None,
+    timeout: float | None = None,
 ):
     """Call a function for each case, several at a time, and collect the results in a table.
 
@@ -56,6 +57,9 @@ def sweep(
         when it is asked for: of a million cases, only those of one table are in memory. `cases` may
         be a generator. Workers wait for the last case of each table: choose many more cases than
         workers.
+    timeout : float, optional
+        Longest time for a case [s], that in which its forms are compiled included. A case that
+        takes longer fails, and its process is ended. Not with an executor of your own.
 
     Returns
     -------
@@ -94,19 +98,21 @@ def sweep(
     beam 'beam 1': the points 0 and 1 coincide at (0, 0). Remove one of them
     """
     check_takes(function, "case", "sweep: function")
+    if timeout is not None:
+        timeout = positive(timeout, "sweep: timeout", "a positive number of seconds")
     if chunksize is None:
-        (table,) = _tables(function, [_listed(cases)], executor, results)
+        (table,) = _tables(function, [_listed(cases)], executor, results, timeout)
         return table
     require(is_whole(chunksize, 1), "sweep: chunksize", chunksize, "a whole number from 1 on")
-    return _tables(function, _chunks(cases, int(chunksize)), executor, results)
+    return _tables(function, _chunks(cases, int(chunksize)), executor, results, timeout)
 
 
-def _tables(function, chunks: Iterable[list[dict]], executor, results) -> Iterator:
+def _tables(function, chunks: Iterable[list[dict]], executor, results, timeout) -> Iterator:
     """The table of each chunk of cases."""
     executor = workers.cores() if executor is None else executor
     journal = Journal(results)
     try:
-        with closing(workers.open_workers(function, executor)) as crew:
+        with closing(workers.open_workers(function, executor, timeout)) as crew:
             for cases in chunks:
                 yield _table_of(cases, crew, journal)
     finally:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import atexit
 import logging
+import math
 import multiprocessing
 import os
 import pickle
+import selectors
 import signal
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from concurrent.futures import wait as wait_for
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from multiprocessing import connection
-from multiprocessing.process import BaseProcess
-from multiprocessing.queues import SimpleQueue
+from multiprocessing.connection import Connection
+from statistics import median
 from time import monotonic, perf_counter
 from typing import Any, NamedTuple, Protocol
 
@@ -34,8 +37,8 @@ _THREAD = threading.local()
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 # Largest number of processes.
 _MOST = 10_000
-# Time of the items that a process is given at once [s].
-_AT_ONCE = 0.02
+# Time of the items that a process is given at once, and of one that lets the others wait [s].
+_AT_ONCE, _LONG = 0.02, 0.1
 # Time for processes to end by themselves before they are killed [s].
 _GRACE = 2.0
 _DIED = "its worker process died: it was killed, ran out of memory or crashed"
@@ -64,14 +67,9 @@ def call(function: Callable, item: Any) -> Outcome:
     try:
         with without_bars(), keeping_setup(_kept_here()):
             value = function(item)
-    except Exception as raised:
+    except (Exception, SystemExit) as raised:
         error = _sentence(raised)
     return Outcome(value, perf_counter() - clock, error)
-
-
-def _call_each(function: Callable, items: list) -> list[bytes]:
-    """Call the function for some items, in the worker: outcomes as they are sent."""
-    return [_sent(call(function, item)) for item in items]
 
 
 def _sent(outcome: Outcome) -> bytes:
@@ -91,26 +89,26 @@ class Workers(Protocol):
         """End all that was started."""
 
 
-def open_workers(function: Callable, executor: Executor | int | None) -> Workers:
+def open_workers(
+    function: Callable, executor: Executor | int | None, timeout: float | None = None
+) -> Workers:
     """Workers of an executor; None: here, one after another; a number: so many processes.
 
-    The first item of all runs alone, so that it compiles for all. Nothing is started before it.
+    The first item of all runs alone, so that it compiles for all. Nothing is started before it. An
+    item that takes longer than `timeout` [s] is ended, with its process.
     """
     if executor is None:
         return _Here(function)
     if is_whole(executor, 1, _MOST):
-        if reason := _no_locks():
-            _log.warning(
-                "worker processes cannot start (%s): they need a /dev/shm that can be written. The "
-                "cases run in this process, one after another",
-                reason,
-            )
-            return _Here(function)
-        return _OnProcesses(int(executor), function)  # type: ignore[arg-type]
+        return _OnProcesses(int(executor), function, timeout)  # type: ignore[arg-type]
     if isinstance(executor, int) or not hasattr(executor, "submit"):
         raise SceneError(
             f"executor = {shown(executor)} must be an executor of concurrent.futures, or the "
             "number of processes"
+        )
+    if timeout is not None:
+        raise SceneError(
+            f"timeout = {timeout:g} needs processes of this machine: give executor their number"
         )
     return _OnExecutor(executor, function)
 
@@ -141,15 +139,6 @@ class _Here:
         vars(_THREAD).clear()
 
 
-def _no_locks() -> str:
-    """Why processes cannot share locks; empty if they can."""
-    try:
-        multiprocessing.get_context("spawn").Lock()
-    except OSError as error:
-        return str(error)
-    return ""
-
-
 def cores() -> int:
     """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
@@ -159,6 +148,18 @@ def _sentence(error: BaseException) -> str:
     if isinstance(error, SceneError | StepError):
         return str(error)
     return f"{type(error).__name__}: {error}".rstrip(": ")
+
+
+def _check_can_start(function: Callable, items: Sequence) -> None:
+    """Refuse what processes cannot be sent, and to start some within others."""
+    _check_pickles(function, items)
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        sys.exit(1)  # a worker that imports a script without a main guard; the parent says so
+    if mpi.under_mpirun():
+        raise SceneError(
+            "under mpirun give executor=mpi4py.futures.MPIPoolExecutor(), and start the script "
+            "by `mpirun -n 3 python -m mpi4py.futures script.py`"
+        )
 
 
 def _check_pickles(function: Callable, items: Sequence) -> None:
@@ -186,13 +187,6 @@ def _outcome(future: Future) -> Outcome:
     if isinstance(error, BrokenExecutor | KeyboardInterrupt):
         raise error
     return Outcome(None, np.nan, _sentence(error))  # such as a value that cannot be pickled
-
-
-def _outcomes(future: Future) -> list[Outcome]:
-    """Outcomes of some items, or of one that could not be sent."""
-    if future.exception() is not None:
-        return [_outcome(future)]
-    return [pickle.loads(sent) for sent in future.result()]
 
 
 # -- An executor of the user ---------------------------------------------------------------------
@@ -229,169 +223,213 @@ class _OnExecutor:
 
 
 class _OnProcesses:
-    """A pool of processes, which ends with any of them: then another one goes on.
+    """Processes of this machine; each is given the next items when it has none.
 
-    Items that may have run in the process that died run again, one by one. One whose process dies
-    again is the cause.
+    An item whose process dies runs again after all others, alone, as memory may have been short.
+    If its process dies again, it is the cause.
     """
 
-    def __init__(self, number: int, function: Callable):
-        self._number, self._function = number, function
-        self._pool: _Pool | None = None
-        self._idle = True
+    def __init__(self, number: int, function: Callable, timeout: float | None):
+        self._number, self._function, self._timeout = number, function, timeout or math.inf
+        # Each worker has a core of its own: some kernels leave two on one for seconds.
+        cpus = os.sched_getaffinity(0)
+        self._cpus: list[int | None] = [*cpus] if number == len(cpus) else [None] * number
+        self._workers: list[_Worker] = []
+        self._news = selectors.DefaultSelector()
+        self._begun, self._idle, self._numbered = False, True, 0
+        #: Times of the last items [s], and numbers of those whose process died.
+        self._seconds: deque[float] = deque(maxlen=64)
+        self._died: set[int] = set()
 
     def run(self, items: Sequence) -> Outcomes:
-        self._idle = False
-        left, alone = dict(enumerate(items)), []
-        if left and self._pool is None:
-            self._pool = self._started(items)
-            alone = [0]
-        seconds: list[float] = []
-        while left:
-            assert self._pool is not None
-            batch, size = alone[:1] or list(left), 1
-            del alone[:1]
-            if len(batch) > 1 and not seconds:
-                batch = batch[: 4 * self._number]  # tells how long items take
-            elif len(batch) > 1:
-                size = self._together(seconds, len(batch))
-            parts = [batch[k : k + size] for k in range(0, len(batch), size)]
-            futures = self._pool.submit(self._function, left, parts)
-            for future in as_completed(futures):
-                error, part = future.exception(), futures[future]
-                if isinstance(error, BrokenExecutor):
-                    continue
-                if error is not None and len(part) > 1:  # such as one that cannot be sent
-                    alone += part
-                    continue
-                for index, outcome in zip(part, _outcomes(future), strict=True):
-                    del left[index]
-                    if len(batch) > 1 and np.isfinite(outcome.seconds):
-                        seconds.append(outcome.seconds)
-                    yield index, outcome
-            if not self._pool.broken(futures, parts):
-                continue
-            self._pool.stop()
-            self._pool = _Pool(self._number)
-            if len(batch) == 1:
-                del left[batch[0]]
-                yield batch[0], Outcome(None, np.nan, _DIED)
-            else:
-                # Those that ran, and those that a pool holds ready: the first in order.
-                alone = list(left)[: (2 * self._number + 1) * size]
+        if items and not self._workers:
+            _check_can_start(self._function, items)
+            atexit.register(self.close)
+        self._idle, first = False, self._numbered
+        self._numbered += len(items)  # over all runs, as one may be sent when it is not awaited
+        left, again = deque(range(first, self._numbered)), deque[int]()
+        while left or again or self._is_busy():
+            if len(self._workers) < min(self._number, len(left) + len(again)):
+                self._start(min(self._number, len(left) + len(again)))
+            done = self._hand_out(lambda number: items[number - first], left or again)
+            if not done:
+                for worker in self._with_news():
+                    done += self._read(worker, left, again)
+            yield from ((number - first, outcome) for number, outcome in done)
         self._idle = True
 
-    def _together(self, seconds: list[float], number: int) -> int:
-        """How many of so many items a process is given at once: sending each costs 0.3 ms."""
-        usual = max(float(np.median(seconds)), 1e-5)
-        return max(1, min(int(_AT_ONCE / usual), number // (8 * self._number)))
-
-    def _started(self, items: Sequence) -> _Pool:
-        """A pool whose processes have the function."""
-        _check_pickles(self._function, items)
-        if getattr(multiprocessing.current_process(), "_inheriting", False):
-            sys.exit(1)  # a worker that imports a script without a main guard; the parent says so
-        if mpi.under_mpirun():
-            raise SceneError(
-                "under mpirun give executor=mpi4py.futures.MPIPoolExecutor(), and start the script "
-                "by `mpirun -n 3 python -m mpi4py.futures script.py`"
-            )
-        pool = _Pool(self._number)
-        try:
-            pool.start(self._function, min(self._number, len(items)))
-        except BaseException:
-            pool.stop()
-            raise
-        return pool
-
-    def close(self) -> None:
-        if self._pool is not None:
-            if self._idle:
-                self._pool.close()
-            self._pool.stop()
-
-
-class _Pool:
-    """A pool of processes, which `spawn` starts: a fork would share what MPI and PETSc hold."""
-
-    def __init__(self, number: int):
-        self._own: set[BaseProcess] = set()
-        spawn, level = multiprocessing.get_context("spawn"), _log.getEffectiveLevel()
-        cpus = None
-        if number == cores():
-            # Each worker has a core of its own: some kernels leave two on one for seconds.
-            cpus = spawn.SimpleQueue()
-            for cpu in os.sched_getaffinity(0):
-                cpus.put(cpu)
-        self._executor = ProcessPoolExecutor(number, spawn, _begin, (level, cpus))
-
-    def start(self, function: Callable, number: int) -> None:
-        """Start so many processes, and wait for the first one to have the function."""
-        with self._starting():
-            ready = [self._executor.submit(_has, function) for _ in range(number)]
-        (first, *_), _ = wait_for(ready, return_when="FIRST_COMPLETED")
-        if isinstance(first.exception(), BrokenExecutor):
-            raise SceneError(_NO_START)
-
-    @contextmanager
-    def _starting(self) -> Iterator[None]:
-        """Note the processes that start meanwhile. Ctrl-C is not theirs; it waits for the end."""
-        others = set(multiprocessing.active_children())
+    def _start(self, number: int) -> None:
+        """Have so many processes. Ctrl-C is not theirs; it waits for the end."""
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             with _environment(_ONE_THREAD):
-                yield
+                while len(self._workers) < number:
+                    worker = _Worker(self._function, self._cpus.pop())
+                    self._workers.append(worker)
+                    for source in (worker.pipe, worker.process.sentinel):
+                        self._news.register(source, selectors.EVENT_READ, worker)
         finally:
-            self._own |= set(multiprocessing.active_children()) - others
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
-    def submit(
-        self, function: Callable, items: dict[int, Any], parts: list[list[int]]
-    ) -> dict[Future, list[int]]:
-        """Submit calls for parts of the items, each part in one process.
-
-        A pool that breaks takes no more. It starts further processes as needed.
-        """
-        futures: dict[Future, list[int]] = {}
-        with self._starting():
-            for part in parts:
-                own = [items[index] for index in part]
+    def _hand_out(self, item: Callable[[int], Any], queue: deque[int]) -> list[tuple[int, Outcome]]:
+        """Give items to workers that have none, or soon. Returns those that cannot be sent."""
+        done = []
+        usual = median(self._seconds) if self._seconds else math.inf
+        for worker in sorted(self._workers, key=lambda worker: len(worker.awaited)):
+            if not queue:
+                break
+            # The first of all compiles for the others; those whose process died are the last.
+            alone = not self._begun or queue[0] in self._died
+            soon = len(worker.awaited) == 1 and max(usual, worker.seconds()) < _LONG
+            if not worker.ready or (self._is_busy() if alone else worker.awaited and not soon):
+                continue
+            # Sending each costs 0.1 ms.
+            size = min(int(_AT_ONCE / max(usual, 1e-5)), len(queue) // (8 * self._number))
+            size = 1 if alone else max(1, size)
+            part: list[tuple[int, bytes]] = []
+            while queue and len(part) < size:
+                number = queue.popleft()
                 try:
-                    futures[self._executor.submit(_call_each, function, own)] = part
-                except BrokenExecutor:
-                    break
-        return futures
+                    part.append((number, pickle.dumps(item(number))))
+                except Exception as error:
+                    done.append((number, Outcome(None, np.nan, _sentence(error))))
+            if part:
+                worker.give(part)
+        return done
 
-    def broken(self, futures: dict[Future, list[int]], parts: list[list[int]]) -> bool:
-        """Whether a process died before all was done."""
-        broken = any(isinstance(future.exception(), BrokenExecutor) for future in futures)
-        return broken or len(futures) < len(parts)
+    def _is_busy(self) -> bool:
+        return any(worker.awaited for worker in self._workers)
+
+    def _with_news(self) -> set[_Worker]:
+        """Wait for workers that sent something, died, or take long."""
+        left = {worker: self._patience(worker) - worker.seconds() for worker in self._workers}
+        wait = min(left.values(), default=math.inf)
+        ready = self._news.select(None if wait == math.inf else max(wait, 0.0))
+        late = {worker for worker, seconds in left.items() if seconds <= wait < math.inf}
+        return late | {key.data for key, _ in ready}
+
+    def _patience(self, worker: _Worker) -> float:
+        """How long it may be busy with an item before something is done [s]."""
+        if not worker.awaited:
+            return math.inf
+        return min(self._timeout, _LONG if len(worker.awaited) > 1 else math.inf)
+
+    def _read(
+        self, worker: _Worker, left: deque[int], again: deque[int]
+    ) -> list[tuple[int, Outcome]]:
+        """What a worker has done. What it does not do any more goes back."""
+        lives = worker.process.is_alive()  # asked first: then all that it sent is there
+        done = worker.outcomes()
+        if done:
+            times = [outcome.seconds for _, outcome in done if self._begun]
+            self._seconds += filter(math.isfinite, times)
+            self._begun = True
+        if lives and len(worker.awaited) > 1 and worker.seconds() > _LONG:
+            left += worker.take_back()
+        if lives and not (worker.awaited and worker.seconds() > self._timeout):
+            return done
+        if not worker.ready:
+            raise SceneError(_NO_START)
+        if worker.awaited:
+            number = worker.awaited.popleft()
+            if lives:
+                late = f"it took longer than timeout = {self._timeout:g} s, and was ended"
+                done.append((number, Outcome(None, worker.seconds(), late)))
+            elif number in self._died:
+                done.append((number, Outcome(None, np.nan, _DIED)))
+            else:
+                self._died.add(number)
+                again.append(number)
+        left += worker.awaited
+        for source in (worker.pipe, worker.process.sentinel):
+            self._news.unregister(source)
+        worker.end()
+        self._workers.remove(worker)
+        self._cpus.append(worker.cpu)
+        return done
 
     def close(self) -> None:
-        """Wait for the processes to end; they have nothing to do."""
-        self._executor.shutdown()
-
-    def stop(self) -> None:
-        """End all processes, whatever they do."""
-        self._executor.shutdown(wait=False, cancel_futures=True)
-        for process in self._own:
-            process.terminate()
+        """Let processes end that have nothing to do; end others, whatever they do."""
+        atexit.unregister(self.close)
+        for worker in self._workers:
+            if not self._idle:
+                worker.process.terminate()
+            worker.pipe.close()
         until = monotonic() + _GRACE
-        for process in self._own:
-            process.join(max(until - monotonic(), 0))
-            process.kill()
-            process.join()
+        for worker in self._workers:
+            worker.process.join(max(until - monotonic(), 0))
+            worker.end()
+        self._workers.clear()
 
 
-def _has(function: Callable) -> None:
-    """Nothing: a worker that is called has imported the function."""
+class _Worker:
+    """A process, which `spawn` starts: a fork would share what MPI and PETSc hold."""
+
+    def __init__(self, function: Callable, cpu: int | None):
+        self.cpu = cpu
+        #: Whether it has the function; numbers of the items that it was given and has not done.
+        self.ready, self.awaited = False, deque[int]()
+        self._since = 0.0
+        spawn = multiprocessing.get_context("spawn")
+        self.pipe, its_end = spawn.Pipe()
+        arguments = its_end, function, cpu, _log.getEffectiveLevel()
+        self.process = spawn.Process(target=_work, args=arguments)
+        self.process.start()
+        its_end.close()
+
+    def seconds(self) -> float:
+        """How long it has been busy with an item [s]."""
+        return monotonic() - self._since
+
+    def give(self, part: list[tuple[int, bytes]]) -> None:
+        """Give it pickled items, with their numbers."""
+        self.awaited.extend(number for number, _ in part)
+        self._since = monotonic()
+        self._send(part)
+
+    def take_back(self) -> list[int]:
+        """Numbers of the items that it shall not begin any more."""
+        first, *others = self.awaited
+        self.awaited = deque([first])
+        # By their numbers: it may not have begun the first one either.
+        self._send(set(others))
+        return others
+
+    def _send(self, part: list[tuple[int, bytes]] | set[int]) -> None:
+        with suppress(OSError):  # of a process that died, which is seen later
+            self.pipe.send(part)
+
+    def outcomes(self) -> list[tuple[int, Outcome]]:
+        """What it has sent, by the numbers of the items."""
+        done = []
+        with suppress(EOFError, OSError):
+            while self.pipe.poll():
+                number, sent = self.pipe.recv()
+                self.ready, self._since = True, monotonic()
+                if number in self.awaited:
+                    self.awaited.remove(number)
+                    done.append((number, _received(sent)))
+        return done
+
+    def end(self) -> None:
+        """End the process, whatever it does."""
+        self.pipe.close()
+        self.process.kill()
+        self.process.join()
 
 
-def _begin(log_level: int, cpus: SimpleQueue | None) -> None:
-    """Prepare a worker: it ends with its parent, even if that is killed."""
+def _received(sent: bytes) -> Outcome:
+    try:
+        return pickle.loads(sent)
+    except Exception as error:
+        return Outcome(None, np.nan, _sentence(error))
+
+
+def _work(pipe: Connection, function: Callable, cpu: int | None, log_level: int) -> None:
+    """Call the function for items that come, in a worker; it ends with its parent."""
     _log.setLevel(log_level)
-    if cpus is not None:
-        os.sched_setaffinity(0, {cpus.get()})
+    if cpu is not None:
+        os.sched_setaffinity(0, {cpu})
     signal.signal(signal.SIGTERM, _end)
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -401,6 +439,26 @@ def _begin(log_level: int, cpus: SimpleQueue | None) -> None:
         _end()
 
     threading.Thread(target=watch, daemon=True).start()
+    items: deque[tuple[int, bytes]] = deque()
+    with suppress(EOFError, OSError):
+        pipe.send((-1, b""))  # it has the function
+        while True:
+            while not items or pipe.poll():
+                got = pipe.recv()
+                if isinstance(got, set):  # of items that others do
+                    items = deque(item for item in items if item[0] not in got)
+                else:
+                    items.extend(got)
+            number, pickled = items.popleft()
+            pipe.send((number, _sent(_call_pickled(function, pickled))))
+
+
+def _call_pickled(function: Callable, pickled: bytes) -> Outcome:
+    try:
+        item = pickle.loads(pickled)
+    except Exception as error:
+        return Outcome(None, np.nan, _sentence(error))
+    return call(function, item)
 
 
 def _end(*_) -> None:
