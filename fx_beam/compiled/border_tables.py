@@ -33,7 +33,7 @@ def ones_of(reduction: Reduction, at: np.ndarray) -> np.ndarray:
     """Storage indices of diagonals of slides in the factorised tangent, which are 1."""
     if not isinstance(reduction, JointReduction) or (sliders := reduction.sliders) is None:
         return at[:0]
-    return at[reduction.open_entries()[sliders.bordered.ones]]
+    return at[np.append(reduction.open_entries()[sliders.bordered.ones], reduction.ones)]
 
 
 def on_borders(
@@ -81,7 +81,8 @@ class BorderTables:
         tables = self._tables(sliders, len(outside))
         longest = [table.pop("longest") for table in tables]
         own = [table["components"] + table["products"] for table in tables]
-        borders = len(outside) + sum(own) + sum(table["anchors"] for table in tables)
+        guides = len(outside) + sum(own) + sum(table["anchors"] for table in tables)
+        borders = guides + len(self._reduction.ones)
         entries = sum(n * (1 + k) for n, k in zip(longest, own, strict=True))
         return {
             "row_at": rows,
@@ -93,8 +94,12 @@ class BorderTables:
             "beside_column": bordered.columns,
             "beside_at": self._at[bordered.beside],
             "borders": borders,
+            "guide_border": guides,
             "block": -(-(1 + borders) // _LANES) * _LANES,
-            "most_border_entries": entries + len(bordered.beside) + 3 * len(tables),
+            "most_border_entries": entries
+            + len(bordered.beside)
+            + 3 * len(tables)
+            + self._reduction.gap_entries,
         }
 
     def _tables(self, sliders: Sliders, border: int) -> list[dict[str, Any]]:

@@ -35,24 +35,31 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     """
     held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
     sliding = hold_sliding_nodes(scene.joints, held)
+    on_beams = [{node for joint in sliding for _, node, k in joint.carried if k == i} for i in range(3)]
     joints = [joint for joint in scene.joints if joint not in sliding]
     turning = [joint for joint in joints if joint.turns_together]
     grown = [
-        _forest(scene, joints, held[0], held[1], "displacement in x"),
-        _forest(scene, joints, held[1], held[0], "displacement in y"),
-        _forest(scene, turning, held[2], set(), "rotation"),
+        _forest(scene, joints, held[0], held[1], on_beams[0], "displacement in x"),
+        _forest(scene, joints, held[1], held[0], on_beams[1], "displacement in y"),
+        _forest(scene, turning, held[2], set(), on_beams[2], "rotation"),
     ]
     forests, closing = zip(*grown, strict=True)
     return list(forests), list(closing)
 
 
 def _forest(
-    scene: Scene, joints: Iterable[Joint], supported: set[int], preferred: set[int], what: str
+    scene: Scene,
+    joints: Iterable[Joint],
+    supported: set[int],
+    preferred: set[int],
+    on_beams: set[int],
+    what: str,
 ) -> tuple[list[Branch], list[Joint]]:
     """Joints as branches of trees, parents first; a supported node or the ground is a root.
 
     Otherwise the root is a preferred node, or the one with the smallest number. Also the joints
-    that close loops with an arm that turns or slides; other loops are over-constrained.
+    that close loops with an arm that turns or slides, or with a node on a beam; other loops are
+    over-constrained.
     """
     neighbours: dict[int, list[tuple[int, Joint]]] = {}
     trees: dict[int, int] = {}
@@ -70,8 +77,11 @@ def _forest(
         closed = tree(a) == tree(b)
         loop = [*_path(neighbours, a, b), joint] if closed else []
         if not closed and tree(a) in anchors and tree(b) in anchors:
-            loop = [*_path(neighbours, anchors[tree(a)], a), joint]
-            loop += _path(neighbours, b, anchors[tree(b)])
+            ends = anchors[tree(a)], anchors[tree(b)]
+            loop = [*_path(neighbours, ends[0], a), joint, *_path(neighbours, b, ends[1])]
+            if on_beams.intersection(ends) and (joint.rotation is None or what != "rotation"):
+                closing.append(joint)
+                continue
         if what != "rotation" and not all(other.is_index for other in loop):
             closing.append(joint)
             continue

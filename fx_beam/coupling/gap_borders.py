@@ -24,6 +24,8 @@ class ClosedSystem(NamedTuple):
     pattern: tuple[np.ndarray, np.ndarray]
     open_entries: np.ndarray
     tables: LoopTables
+    #: Positions of entries that are 1: of forces that border the system.
+    ones: np.ndarray
 
 
 class GapBorders:
@@ -36,13 +38,18 @@ class GapBorders:
         columns: np.ndarray,
         pattern: tuple[np.ndarray, np.ndarray],
         unit: np.ndarray,
+        guided: np.ndarray | tuple[int, ...] = (),
     ):
         self._gap, self._column, self._value_at, self._sign = entries
         #: Row and column of each entry in the linear system; -1 if it belongs to no unknown.
         self._rows, self._columns = rows[self._column], columns[self._column]
+        # Those of loops with nodes on beams border the system (c/borders.h).
+        outside, self._guided = np.isin(self._gap, guided), np.array(guided, dtype=int)
+        self._rows[outside] = self._columns[outside] = -1
         self._count = int(self._gap.max()) + 1
         moves = np.flatnonzero(self._columns >= 0)
-        of_gap = scipy.sparse.csr_matrix((np.ones(len(moves)), (moves, self._gap[moves])))
+        shape = len(self._gap), self._count
+        of_gap = scipy.sparse.csr_matrix((np.ones(len(moves)), (moves, self._gap[moves])), shape)
         #: Pairs of entries of one gap.
         self._left, self._right = (of_gap @ of_gap.T).nonzero()
         indptr, indices = pattern
@@ -78,10 +85,11 @@ class GapBorders:
         n, on = self._n, np.flatnonzero(self._columns >= 0)
         indptr, indices = self.pattern
         of_forces = n + self._gap[on]
-        rows = [np.repeat(np.arange(n), np.diff(indptr)), of_forces, self._rows[on]]
-        columns = [indices, self._columns[on], of_forces]
+        rows = [np.repeat(np.arange(n), np.diff(indptr)), of_forces, self._rows[on], n + self._guided]
+        columns = [indices, self._columns[on], of_forces, n + self._guided]
         pattern, position = sparsity(np.concatenate(rows), np.concatenate(columns), n + self._count)
-        inner, equation, balance = np.split(position, np.cumsum([len(indices), len(on)]))
+        cuts = np.cumsum([len(indices), len(on), len(on)])
+        inner, equation, balance, ones = np.split(position, cuts)
         values = {
             "gap_unknowns": len(on),
             "gap_entry": on,
@@ -90,6 +98,8 @@ class GapBorders:
             "stiff_right": self._right,
             "scales": len(self._diagonal),
             "scale_unit": self._unit,
+            "guided": len(self._guided),
+            "guided_closure": self._guided,
         }
         at = {
             "gap_equation": equation,
@@ -97,4 +107,4 @@ class GapBorders:
             "stiff_to": inner[self._pairs],
             "scale_at": inner[self._diagonal],
         }
-        return ClosedSystem(pattern, inner[self.open_entries], LoopTables(values, at))
+        return ClosedSystem(pattern, inner[self.open_entries], LoopTables(values, at), ones)

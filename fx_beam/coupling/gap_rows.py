@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
 
 from .graph import Closure, Couplings, Entry
+from .sliders import Slide
 
 
 class GapRow(NamedTuple):
@@ -20,24 +22,43 @@ class GapRow(NamedTuple):
     ties: list[int]
 
 
-def gap_rows(couplings: Couplings, arms: int) -> list[GapRow]:
+def gap_rows(couplings: Couplings, arms: int, slides: Sequence[Slide]) -> list[GapRow]:
     """Of each closure. What is common to both ends of a loop goes out.
 
-    `arms` is the number of values of entries.
+    `arms` is the number of values of entries. A node on a beam may be at all places of it.
     """
     # Numbers that do not cancel by chance.
-    values = np.random.default_rng(0).uniform(1.0, 2.0, arms).tolist()
+    random = np.random.default_rng(0)
+    values = random.uniform(1.0, 2.0, arms).tolist()
     values[0] = 1.0
     starts = np.cumsum([0, *(len(tie.entries) for tie in couplings.ties)]).tolist()
-    return [_row(one, couplings, values, starts) for one in couplings.closures]
+    beams = dict[int, list[Entry]]()
+    for slide in slides:
+        dofs = slide.dofs.ravel().tolist()
+        near = {entry[0] for dof in dofs for entry in couplings.entries(dof)}
+        below = {entry[0] for column in near for entry in beams.get(column, ())}
+        near = {slide.column, *near, *below} - set(beams)
+        for column in slide.columns.tolist():
+            beams[column] = [(other, 0, random.uniform(1.0, 2.0)) for other in sorted(near)]
+    return [_row(one, couplings, values, starts, beams) for one in couplings.closures]
 
 
-def _row(one: Closure, couplings: Couplings, values: list[float], starts: list[int]) -> GapRow:
+def _row(
+    one: Closure,
+    couplings: Couplings,
+    values: list[float],
+    starts: list[int],
+    beams: dict[int, list[Entry]],
+) -> GapRow:
     first, row, used = couplings.columns, dict[int, float](), list[int]()
     waiting: list[int] = []
 
     def add(entry: Entry, factor: float) -> None:
         column, position, sign = entry
+        if column in beams:
+            for other in beams[column]:
+                add(other, factor * sign * values[position])
+            return
         if column not in row:
             row[column] = 0.0
             if column >= first:

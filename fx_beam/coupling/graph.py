@@ -29,10 +29,10 @@ _GROUND = ("ground",)
 
 @dataclass(frozen=True)
 class Closure:
-    """A joint that closes a loop in x or y: an equation between columns, gap = 0."""
+    """A joint that closes a loop in a component: an equation between columns, gap = 0."""
 
     joint: Joint
-    #: 0 for x, 1 for y.
+    #: 0 for x, 1 for y; 2 for the rotation, only in loops with a sleeve.
     component: int
     #: Entries of the gap: the displacement of b minus that of the point of a where it is.
     entries: list[Entry]
@@ -179,7 +179,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         forests=forests,
         sliding=sliding_joints(scene.joints),
         carried=columns.carried,
-        closures=[sums.closure(joint, i) for i in (0, 1) for joint in closing[i]],
+        closures=[sums.closure(joint, i) for i in range(3) for joint in closing[i]],
     )
     return with_order(scene, mesh, couplings) if couplings.sliding else couplings
 

@@ -111,7 +111,7 @@ class Reduction(Protocol):
         """Nodal forces with those of the joints that close loops, as of separate nodes."""
 
     def closing(self) -> np.ndarray | None:
-        """Forces (joints, 2) [N] of these joints on their nodes b, as `closed` found them."""
+        """Forces (joints, 3) of these joints on their nodes b, as `closed` found them."""
 
     def spread(self, z: np.ndarray) -> np.ndarray:
         """Small change of all degrees of freedom from a small change of all columns: T z."""

@@ -151,6 +151,9 @@ class JointReduction(WithoutLoops):
         """Rows and columns of the linear system for all columns and ties; -1 for none."""
         return self._row_index, self._index
 
+    #: Positions in `factored` of forces in loops with nodes on beams; number of entries of gaps.
+    ones, gap_entries = np.empty(0, int), 0
+
     def open_entries(self) -> np.ndarray:
         """Positions of the entries of `factored` with open loops in that with closed ones."""
         return np.arange(len(self.factored[1]))
@@ -194,7 +197,7 @@ class JointReduction(WithoutLoops):
         self._psi0 = np.where(guide >= 0, q[guide], 0.0) if len(guide) else np.empty(0)
         self._arm_steps = np.zeros(2 * len(guide))
         self._d0 = slides[[joint.number for joint in self._moving]]
-        self._rho0 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
+        self._rho0 = self._rho1 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
         self._t0 = _turn(self._psi0, self._axis)
         if self.sliders is not None:
             self.sliders.begin(q, slides)
@@ -292,18 +295,23 @@ class JointReduction(WithoutLoops):
 
     def coupling(self):
         """The matrix of `spread`."""
-        values = self._values[self._value_at] * self._sign
-        shape = (self._size, self.columns + len(self.ties))
-        T = scipy.sparse.csr_matrix((values, (self._row, self._col)), shape)
+        T = self._of_columns(self._values)
         if len(self.ties):
             T = (T @ self.ties.completion(self._values)).tocsr()
-        return self._with_slides(T, [slide.relation.T for slide in self._sliding])
+        return self._with_slides(T, self._values)
 
-    def _with_slides(self, T, maps):
-        """A matrix T or Tv with the columns of nodes that slide by those of their beams."""
-        before = T
-        for slide, of in zip(self._sliding[::-1], maps[::-1], strict=True):
-            local, row = slide.local_dofs(slide.relation.nodes.start), np.arange(len(slide.columns))
+    def _of_columns(self, values):
+        """T (size, columns and ties), or Tv, of the trees."""
+        shape, at = (self._size, self.columns + len(self.ties)), (self._row, self._col)
+        return scipy.sparse.csr_matrix((values[self._value_at] * self._sign, at), shape)
+
+    def _with_slides(self, T, values):
+        """A matrix by columns with those of nodes on beams by those of the beams; for T or Tv."""
+        before = self._of_columns(values)
+        for slide in self._sliding[::-1]:
+            rule = slide.relation
+            of = rule.virtual_map if values is self._virtual_map else rule.T
+            local, row = slide.local_dofs(rule.nodes.start), np.arange(len(slide.columns))
             own = scipy.sparse.csr_matrix(of[:, :-1]) @ before[local]
             along = of[:, -1], (row, np.full(len(row), slide.column))
             own += scipy.sparse.csr_matrix(along, own.shape)
@@ -361,13 +369,10 @@ class JointReduction(WithoutLoops):
 
     def reduced(self, matrix):
         """The part Tv^T A T of the linear system, without loops."""
-        shape, entries = (self._size, self.columns + len(self.ties)), (self._row, self._col)
         T, Tv = (
-            scipy.sparse.csr_matrix((values[self._value_at] * self._sign, entries), shape)
+            self._with_slides(self._of_columns(values), values)
             for values in (self._values, self._virtual_map)
         )
-        T = self._with_slides(T, [slide.relation.T for slide in self._sliding])
-        Tv = self._with_slides(Tv, [slide.relation.virtual_map for slide in self._sliding])
         A, n = (Tv.T @ matrix @ T).tocoo(), self.ties.unknowns
         row, column = self._row_index[A.row], self._index[A.col]
         on = (row >= 0) & (column >= 0) & (row < n) & (column < n)

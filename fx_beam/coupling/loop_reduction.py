@@ -54,15 +54,15 @@ class LoopReduction(JointReduction):
         self._closures, self._free_columns = couplings.closures, couplings.free_columns
         rows = [(k, *entry) for k, one in enumerate(self._closures) for entry in one.entries]
         k, columns, value_at, signs = np.array(rows, dtype=float).reshape(-1, 4).T
-        if ((columns >= couplings.independent) & (columns < couplings.columns)).any():
-            names = "; ".join(dict.fromkeys(str(one.joint) for one in self._closures))
-            raise SceneError(
-                f"{names}: a closed loop of rigid members contains a node that slides on a beam. "
-                "Put a beam in place of one of the members"
-            )
+        on_beam = (columns >= couplings.independent) & (columns < couplings.columns)
+        #: Closures of loops with nodes on beams: their forces border the compiled loop's tangent.
+        self._guided = np.unique(k[on_beam]).astype(int)
         self._gap_entries = k.astype(int), columns.astype(int), value_at.astype(int), signs
-        self.unit, self._size_of_scene = unit, float(unit.max())
-        self._rows = gap_rows(couplings, len(self._values))
+        self.unit = unit
+        #: Largest gap of closed loops; some are angles.
+        self._tolerance = _CLOSED * max(unit.max(), max(k.component == 2 for k in self._closures))
+        slides = [] if sliders is None else sliders.all
+        self._rows = gap_rows(couplings, len(self._values), slides)
         used_columns = np.unique([column for row in self._rows for column in row.columns])
         #: Unknowns of the loops, and other columns on which their gaps depend.
         self.loop = used_columns[used_columns < self.free].astype(int)
@@ -90,7 +90,7 @@ class LoopReduction(JointReduction):
                     rows.append(k)
                     columns.append(int(self._dofs[node.number, one.component]))
                     signs.append(sign)
-            if one.joint.number in number:
+            if one.component < 2 and one.joint.number in number:
                 arms.append((k, number[one.joint.number], one.component))
         shape = len(self._closures), self._size
         #: Gaps (closures, size) of displacements.
@@ -112,8 +112,9 @@ class LoopReduction(JointReduction):
         closure, *parts = self._gap_entries
         by_block = np.argsort(order[closure], kind="stable")
         self._entries = tuple(part[by_block] for part in (order[closure], *parts))
-        index = self._row_index, self._index
-        return GapBorders(self._entries, *index, self._opened_factored, self.unit).system()
+        index, guided = (self._row_index, self._index), order[self._guided]
+        borders = GapBorders(self._entries, *index, self._opened_factored, self.unit, guided)
+        return borders.system()
 
     def _close(self, pattern: tuple[np.ndarray, np.ndarray]) -> ClosedPattern | GapBorders:
         if len(self.ties):
@@ -130,6 +131,16 @@ class LoopReduction(JointReduction):
     def factored(self):
         """The same without what slides."""
         return self._system.pattern
+
+    @property
+    def ones(self) -> np.ndarray:
+        """Positions in `factored` of entries that are 1."""
+        return self._system.ones
+
+    @property
+    def gap_entries(self) -> int:
+        """Number of entries of the gaps."""
+        return len(self._gap_entries[0])
 
     @property
     def independent(self) -> np.ndarray:
@@ -163,7 +174,7 @@ class LoopReduction(JointReduction):
 
     def expand(self, y, driven):
         """Increment of all degrees of freedom; corrects the unknowns that close the loops."""
-        d, last, closed = self._following, np.inf, _CLOSED * self._size_of_scene
+        d, last, closed = self._following, np.inf, self._tolerance
         for _ in range(_CORRECTIONS):
             gap = self.gap(y, driven)
             size = abs(gap).max()
@@ -189,6 +200,8 @@ class LoopReduction(JointReduction):
         k, columns, value_at, signs = self._gap_entries
         G = np.zeros((len(self._closures), self.columns + len(self.ties)))
         np.add.at(G, (k, columns), values[value_at] * signs)
+        if len(self._guided):
+            G = self._with_slides(scipy.sparse.csr_matrix(G), values).toarray()
         return self.ties.by_columns(G, values) if len(self.ties) else G
 
     def _ratios(self, values: np.ndarray) -> np.ndarray:
@@ -253,9 +266,18 @@ class LoopReduction(JointReduction):
         self.project(r)
         return r - self._ends.T @ self._forces
 
+    def carried(self, r):
+        """Forces with those of nodes on beams, to which loops add; for forces of `closed`."""
+        if self.sliders is None:
+            return r
+        (k, columns, value_at, signs), on_ends = self._gap_entries, self._ends.T @ self._forces
+        forces = self._on_slides(self.columns + len(self.ties))
+        np.add.at(forces, columns, -signs * self._virtual_map[value_at] * self._forces[k])
+        return self.sliders.carry(r + on_ends, self._virtual_map, forces) - on_ends
+
     def closing(self):
-        """Forces (joints, 2) [N] of the closing joints on b, by the joint's number."""
-        forces = np.zeros((1 + max(one.joint.number for one in self._closures), 2))
+        """Forces and moments (joints, 3) of the closing joints on b, by the joint's number."""
+        forces = np.zeros((1 + max(one.joint.number for one in self._closures), 3))
         for one, force in zip(self._closures, self._forces, strict=True):
             forces[one.joint.number, one.component] = force
         return forces
@@ -382,7 +404,7 @@ class LoopReduction(JointReduction):
             "block_column": _starts(widths),
             "block_part": _starts(sizes**2),
             "arm_at_rest": self._rho_at_rest,
-            "gap_closed": _CLOSED * self._size_of_scene,
+            "gap_closed": self._tolerance,
         }
         for name, (parts, start) in of_rows.items():
             values_of[name] = np.concatenate([np.empty(0, int), *parts]).astype(int)

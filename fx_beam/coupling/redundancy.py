@@ -75,9 +75,9 @@ def _rank_near_by(reduction: LoopReduction, motions: np.ndarray) -> int:
 
 
 def _forces(scene: Scene, couplings: Couplings, left: np.ndarray) -> np.ndarray:
-    """Forces (joints, 2, n) of the joints that no load causes, for closing forces (n, closures)."""
+    """Forces (joints, 3, n) of the joints that no load causes, for closing forces (n, closures)."""
     n = len(scene.nodes)
-    forces, on_nodes = np.zeros((scene.joint_count, 2, len(left))), np.zeros((n + 1, 2, len(left)))
+    forces, on_nodes = (np.zeros((count, 3, len(left))) for count in (scene.joint_count, n + 1))
     for own, one in zip(left.T, couplings.closures, strict=True):
         forces[one.joint.number, one.component] += own
         on_nodes[one.joint.b.number, one.component] -= own
@@ -91,7 +91,7 @@ def _forces(scene: Scene, couplings: Couplings, left: np.ndarray) -> np.ndarray:
 
 def _slide(joint: Joint, forces: np.ndarray) -> str:
     """A slide along the force that a joint transmits without load."""
-    u, _, _ = np.linalg.svd(forces)
+    u, _, _ = np.linalg.svd(forces[:2])
     axis = np.round(u[:, 0] * np.sign(u[np.argmax(abs(u[:, 0])), 0]), 3) + 0.0
     kind = "Prismatic" if joint.turns_together else "PinInSlot"
     return f"a slide, such as a {kind} with axis=({axis[0]:g}, {axis[1]:g}) for {joint}"

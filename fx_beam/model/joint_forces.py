@@ -54,7 +54,7 @@ class JointForces:
         out = np.zeros((model.scene.joint_count, 3))
         _pass(self.displacements, r, out)
         if (closing := reduction.closing()) is not None:
-            out[: len(closing), :2] += closing
+            out[: len(closing)] += closing
         # Joints with an offset or a slide exert a moment on their guiding node, which is no moment
         # of another joint.
         carried = reduction.guide_moments(out[:, :2])

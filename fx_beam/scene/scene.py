@@ -27,6 +27,7 @@ from .obstacles import Circle, Line, Obstacle, check_start, checked_obstacle
 from .parameters import Parameter, Parameters
 from .removal import locked, own_joint, remove_beam, remove_body, remove_joint, unlocked
 from .section import Section
+from .sliders import SlidingJoint
 from .stop import Stop
 from .summary import facts
 
@@ -329,6 +330,11 @@ class Scene(Geometry):
         for node in (joint.a, joint.b):
             if node is not GROUND:
                 loads.check_node(self, node, joint.kind)
+        guide = None
+        if isinstance(joint, SlidingJoint) and self._holds(joint.b):
+            guide = joint.b
+            (node,) = self._nodes_at([joint.place_of_guide()], str(joint))
+            joint = replace(joint, b=node)
         if at is None:
             joint.check_start(self._size)
         else:
@@ -340,7 +346,13 @@ class Scene(Geometry):
         self.joint_count += 1
         self._couplings[joint.coupling] = joint
         self.joints.append(joint)
+        if guide is not None:
+            self.add_joint(Rigid(guide, joint.b))
         return joint
+
+    def _holds(self, node: Node) -> bool:
+        """Whether a node is the ground, or a component of it is supported or driven."""
+        return node is GROUND or any((node.number, i) in self.fixed | self.prescribed.keys() for i in range(3))
 
     def add_parameter(self, parameter: Parameter) -> None:
         """Add a parameter that no function in the scene has, as the damping of a scheme.

@@ -104,6 +104,13 @@ class SlidingJoint(Joint):
         angle = self.path.over(self.path.angles()[None], np.array([self.start()[0]]))
         return np.array([self.b.x, self.b.y, angle[0]])
 
+    def place_of_guide(self) -> tuple[float, float]:
+        """Where a guide is: the position of b, or on the ground that of the fraction [m]."""
+        if self.b is not GROUND:
+            return self.b.x, self.b.y
+        x, y = self.path.position(self.fraction * self.path.length)
+        return float(x), float(y)
+
     def _off_the_beam(self) -> str:
         """What is wrong with a node that is not on the beam."""
         s, gap = self.path.nearest(np.array([self.b.x, self.b.y]))
@@ -291,10 +298,10 @@ def sliding_joints(joints: Iterable[Joint]) -> list[SlidingJoint]:
 def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
     if not isinstance(beam, Beam):
         raise SceneError(f"{kind}: {beam!r} is not a beam; give the beam that guides the node")
-    if node is GROUND:
+    if node is GROUND and fraction is None:
         raise SceneError(
-            f"{kind}: the ground cannot slide. Let the beam slide: join its end to the ground by "
-            "PinInSlot or Prismatic"
+            f"{kind}: a guide on the ground needs its place at the start, as a fraction of the "
+            "length of the beam"
         )
     if not isinstance(node, Node):
         raise SceneError(f"{kind}: {node!r} is not a node; take one from another beam or a body")

@@ -424,8 +424,9 @@ static void return_forces(const Problem *p, int first, int end, double *on_nodes
   }
 }
 
-/* From derivatives of J by nodal forces with those that sliding nodes exert, to those by nodal forces and levers. */
-static void pull_carried(const Problem *p, const Work *w, const Backward *b) {
+/* From derivatives of J by nodal forces with those that sliding nodes exert, to those by nodal forces, levers and
+   closing forces. */
+static void pull_carried(const Problem *p, const Work *w, const Backward *b, double *closing) {
   double *nodes = b->of_forces;
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     for (int c = 0; c < a->components; ++c) {
@@ -435,6 +436,14 @@ static void pull_carried(const Problem *p, const Work *w, const Backward *b) {
         int row = a->entry_row[k], value = a->entry_value[k];
         b->of_levers[value] += a->entry_sign[k] * by_force * w->loaded[row];
         nodes[row] += a->entry_sign[k] * by_force * w->virtual_map[value];
+      }
+      for (int i = 0; i < p->guided; ++i) {
+        int of = p->guided_closure[i];
+        for (int k = p->gap_entry_start[of]; k < p->gap_entry_start[of + 1]; ++k) {
+          if (p->gap_column[k] != a->carried[c]) continue;
+          closing[of] -= p->gap_sign[k] * by_force * w->virtual_map[p->gap_value[k]];
+          b->of_levers[p->gap_value[k]] -= p->gap_sign[k] * by_force * w->closing[of];
+        }
       }
     }
 }
@@ -457,7 +466,7 @@ static void pull_joint_forces(const Problem *p, const Work *w, const Backward *b
     if (p->gap_b[k] >= 0) closing[k] -= nodes[p->gap_b[k]];
     if (p->gap_a[k] >= 0) closing[k] += nodes[p->gap_a[k]];
   }
-  pull_carried(p, w, b);
+  pull_carried(p, w, b, closing);
 }
 
 /* The derivatives of the force across the axis of a beam (followed_size) by the axis. */

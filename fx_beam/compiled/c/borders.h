@@ -97,11 +97,23 @@ static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
   }
 }
 
+/* The forces that close loops with nodes on beams: the gaps are derived by columns of these nodes. */
+static void border_gaps(const Problem *p, const Work *w) {
+  for (int i = 0; i < p->guided; ++i) {
+    int k = p->guided_closure[i], force = ON_BORDER - p->guide_border - i;
+    for (int e = p->gap_entry_start[k]; e < p->gap_entry_start[k + 1]; ++e) {
+      add_at(p, w, force, p->unknown_at[p->gap_column[e]], p->gap_sign[e] * w->values[p->gap_value[e]]);
+      add_at(p, w, p->row_at[p->gap_column[e]], force, p->gap_sign[e] * w->virtual_map[p->gap_value[e]]);
+    }
+  }
+}
+
 /* The borders for the tangent of a step. */
 static void fill_borders(const Problem *p, const Work *w) {
   begin_borders(p, w);
   for (int i = 0; i < p->sliders; ++i)
     border_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);
+  border_gaps(p, w);
   for (int k = 0; k < p->beside; ++k)
     add_at(p, w, p->row_at[p->beside_row[k]], p->unknown_at[p->beside_column[k]], w->tangent[p->beside_at[k]]);
 }
@@ -156,6 +168,7 @@ static void factorise_corner(const Problem *p, const Work *w) {
     for (int j = a->border; j < a->border + a->components; ++j) soft = fmax(soft, fabs(D[j * m + j]));
   for (const Slider *a = p->slider; soft > 0 && a < p->slider + p->sliders; ++a)
     for (int j = a->border; j < a->border + a->components + a->products; ++j) unit[j] = 1 / soft;
+  for (int j = p->guide_border; soft > 0 && j < m; ++j) unit[j] = 1 / soft;
   for (int i = 0; i < m; ++i) {
     double most = 0;
     for (int j = 0; j < m; ++j) most = fmax(most, fabs(D[i * m + j] *= unit[j]));

@@ -128,11 +128,6 @@ static void spread(const Problem *p, const Work *w, double *z, double *out) {
   }
 }
 
-static void push_columns(const Problem *p, double *out) {
-  for (int i = p->points->nodal; i < p->points->all; ++i)
-    out[p->points->of[i].column] += p->points->of[i].results[0];
-}
-
 /* Adds Tv^T r. */
 INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *out) {
   for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
@@ -141,6 +136,7 @@ INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *
 }
 
 static void project(const Problem *p, const Work *w, const double *r, double *out) {
+  const double *on_nodes = r;
   memset(out, 0, (p->columns + p->ties) * sizeof *out);
   if (p->sliders) {
     push_columns(p, out);
@@ -152,6 +148,7 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
   if (!p->sliders) push_columns(p, out);
   if (p->ties) collect_ties(p, w->virtual_map, out);
   if (p->closures) close_residual(p, w, out);
+  if (p->guided) carry_in_loops(p, w, on_nodes);
 }
 
 /* Nodal forces of the last residual, with those of sliding nodes on their beams. */

@@ -328,9 +328,6 @@ static void change_rows_of_map(const Problem *p, const Work *w, const Change *c,
     int row = p->entry_row[k], value = p->entry_value[k];
     out[p->entry_column[k]] += p->entry_sign[k] * (w->virtual_map[value] * c->force[row] + c->map[value] * r[row]);
   }
-  for (int i = 0; i < p->closures; ++i)
-    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
-      out[p->gap_column[k]] -= p->gap_sign[k] * c->map[p->gap_value[k]] * w->closing[i];
   for (int k = p->tie_entries - 1; p->ties && k >= 0; --k)
     out[p->tie_column[k]] += p->tie_sign[k] * (c->map[p->tie_value[k]] * on_ties[p->columns + p->tie_of[k]] +
                                                w->virtual_map[p->tie_value[k]] * out[p->columns + p->tie_of[k]]);
@@ -376,6 +373,8 @@ static void change_borders(const Problem *p, const Work *w, const Change *c) {
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     if (a->column < p->free) /* the slide is an unknown of the other equations that is its right side there */
       g[ON_BORDER - p->row_at[a->column]] = c->block[p->order[a->column]];
+  for (int i = 0; i < p->guided; ++i) /* and so are the forces of guides */
+    g[p->guide_border + i] = c->block[p->order[p->unknowns - p->closures + p->guided_closure[i]]];
   for (const BorderEntry *e = w->border_entry; e < w->border_entry + *w->border_entries; ++e)
     g[e->border] -= e->value * c->block[e->column];
   solve_corner(p, w, g);
@@ -477,6 +476,9 @@ static void change_residual(const Problem *p, const Work *w, const Adjoint *a, c
       c->force[p->load_dof[i]] -= p->load_force[i] * more + g->load_force[i] * now;
   }
   if (p->joints) change_map(p, w, g, c, end, columns);
+  for (int i = 0; i < p->closures; ++i)
+    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
+      c->reduced[p->gap_column[k]] -= p->gap_sign[k] * c->map[p->gap_value[k]] * w->closing[i];
   for (int j = 0; p->sliders && j < WAYS; ++j)
     carry_changes(p, w, b->slides, in_way(c->map, j), (const double *[]){in_way(g->q, j), in_way(end, j)},
                   (const double *[]){in_way(g->columns, j), in_way(columns, j)}, paths_of(p, g, c, j),
@@ -528,6 +530,22 @@ static void follow_changes(const Problem *p, const Work *w, const Group *g, cons
   }
 }
 
+/* Adds to forces on nodes what the changes of closing forces add to those of nodes on beams (carry_in_loops). */
+static void carry_closing_changes(const Problem *p, const Work *w, const Change *c, Ways *on_nodes) {
+  double force[3];
+  for (int j = 0; p->guided && j < WAYS; ++j) {
+    memset(w->scratch, 0, p->dofs * sizeof(double)), memset(w->columns, 0, (p->columns + p->ties) * sizeof(double));
+    for (int i = 0; i < p->closures; ++i)
+      for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
+        w->columns[p->gap_column[k]] -= p->gap_sign[k] * w->virtual_map[p->gap_value[k]] * c->closing[i][j];
+    for (const Slider *a = p->slider + p->sliders - 1; a >= p->slider; --a) {
+      find_held_force(a, w->virtual_map, w->scratch, w->columns, force, 1);
+      push_beam(a, a->virtual_map, force, w->scratch, w->columns, 1);
+    }
+    for (int i = 0; i < p->dofs; ++i) on_nodes[i][j] += w->scratch[i];
+  }
+}
+
 /* The changes of the forces of driven and fixed columns, and of joints, from those of the solution. */
 static void change_forces(const Problem *p, const Work *w, const Directions *d, const Group *g, const Change *c,
                           long at, long first) {
@@ -545,6 +563,7 @@ static void change_forces(const Problem *p, const Work *w, const Directions *d, 
     if (p->gap_b[i] >= 0) on_nodes[p->gap_b[i]] -= closing[i];
     if (p->gap_a[i] >= 0) on_nodes[p->gap_a[i]] += closing[i];
   }
+  carry_closing_changes(p, w, c, on_nodes);
   if (at >= 0) store_rows(c->reduced + p->free, constrained, g->count, d->constraint_rows + row * constrained);
   if (!joints) return;
   memset(on_joints, 0, joints * sizeof(Ways));

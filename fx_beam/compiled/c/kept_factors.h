@@ -181,6 +181,8 @@ static int solve_bordered(Problem *p, const Work *w) {
     int column = p->slider[i].column, row = p->row_at[column];
     if (row < -1) w->step[column] = w->border_right[ON_BORDER - row];
   }
+  for (int i = 0; i < p->guided; ++i)
+    w->y[order[n - p->closures + p->guided_closure[i]]] = w->border_right[p->guide_border + i];
   return 1;
 }
 

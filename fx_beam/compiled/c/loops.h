@@ -3,11 +3,26 @@
 
 #pragma once
 
+#include "sliders.h"
 #include "ties.h"
 
 /* Largest number of corrections that close the loops, and least ratio of pivots. */
 enum { CLOSINGS = 30 };
 static const double LEAST_PIVOT = 1e-6;
+
+/* Derivatives by columns of nodes on beams, by those of the beams and slides. */
+static void derive_by_beams(const Problem *p, const Work *w, const double *values, double *row) {
+  for (const Slider *a = p->slider + p->sliders - 1; a >= p->slider && p->sliders; --a)
+    for (int c = 0, s = a->components * a->width; c < a->components; ++c) {
+      const double *T = values == w->virtual_map ? a->virtual_map[c] : a->T[c];
+      double of = row[a->carried[c]];
+      row[a->carried[c]] = 0;
+      row[a->column] += of * T[s];
+      for (int l = 0; l < s && of != 0; ++l)
+        for (int dof = 3 * (a->first + l % a->width) + l / a->width, e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
+          row[a->part_column[e]] += of * T[l] * a->part_sign[e] * values[a->part_value[e]];
+    }
+}
 
 /* Derivatives G of the gaps by the loops' columns, in compressed rows, for values of T or Tv. */
 static void derive_gaps(const Problem *p, const Work *w, const double *values, double *G) {
@@ -16,12 +31,16 @@ static void derive_gaps(const Problem *p, const Work *w, const double *values, d
     int first = p->gap_entry_start[i], end = p->gap_entry_start[i + 1];
     int first_tie = p->gap_tie_start[i], last_tie = p->gap_tie_start[i + 1];
     for (int k = first; k < end; ++k) row[p->gap_column[k]] += p->gap_sign[k] * values[p->gap_value[k]];
+    if (p->guided) derive_by_beams(p, w, values, row);
     for (int k = first_tie; k < last_tie; ++k) {
       int t = p->gap_tie[k];
       double of_tie = row[p->columns + p->tie_of[t]];
       row[p->tie_column[t]] += p->tie_sign[t] * values[p->tie_value[t]] * of_tie;
     }
-    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k) G[k] = row[p->loop_column[p->gap_near[k]]];
+    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k) {
+      double *of = row + p->loop_column[p->gap_near[k]];
+      G[k] = *of, *of = 0;
+    }
     for (int k = first; k < end; ++k) row[p->gap_column[k]] = 0;
     for (int k = first_tie; k < last_tie; ++k) {
       row[p->columns + p->tie_of[p->gap_tie[k]]] = 0;
@@ -166,6 +185,11 @@ static int begin_loops(const Problem *p, const Work *w) {
     value[0] = -w->rho0[2 * j + 1], value[1] = w->rho0[2 * j];
     value[2] = w->t0[2 * j], value[3] = w->t0[2 * j + 1];
   }
+  if (p->guided) memset(w->D, 0, p->dofs * sizeof(double));
+  for (Slider *a = p->slider; p->guided && a < p->slider + p->sliders; ++a) {
+    a->s0 = a->s1 = p->slides[a->joint];
+    slide_on(a, p->q, w->D, 0);
+  }
   derive_gaps(p, w, w->values, w->G);
   return choose_following(p, w);
 }
@@ -224,6 +248,17 @@ static void close_residual(const Problem *p, const Work *w, double *R) {
     for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k)
       R[p->loop_column[p->gap_near[k]]] -= w->G_virtual[k] * w->closing[i];
   for (int k = 0; k < p->closures; ++k) R[p->loop_column[p->following[k]]] = 0;
+}
+
+/* Forces with those of nodes on beams, to which loops add, after `close_residual` of r. */
+static void carry_in_loops(const Problem *p, const Work *w, const double *r) {
+  memset(w->columns, 0, (p->columns + p->ties) * sizeof(double));
+  push_columns(p, w->columns);
+  for (int i = 0; i < p->closures; ++i)
+    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
+      w->columns[p->gap_column[k]] -= p->gap_sign[k] * w->virtual_map[p->gap_value[k]] * w->closing[i];
+  memcpy(w->loaded, r, p->dofs * sizeof(double));
+  carry(p, w, w->loaded, w->columns);
 }
 
 /* Nodal forces with those of the closing joints, of the last residual. */

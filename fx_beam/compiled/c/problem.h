@@ -185,7 +185,7 @@ typedef struct {
   /* What borders it (borders.h): their number, that of the columns of a block of right sides, and of the
      positions in the elimination; most entries of their rows. Row and column of the system for each column
      of the scene: a position, -1 for none, or a border; entries of the tangent on borders. */
-  struct { int borders, block, most_border_entries, *row_at, *unknown_at; };
+  struct { int borders, guide_border, block, most_border_entries, *row_at, *unknown_at; };
   int positions;
   struct { int beside, *beside_row, *beside_column, *beside_at; };
   int direct, coupled, geometric;
@@ -211,6 +211,7 @@ typedef struct {
        balance. Products of two entries, by a stiffness from the diagonals at these storage indices, with a unit
        of each unknown. */
     int gap_unknowns, *gap_entry, *gap_equation, *gap_balance;
+    int guided, *guided_closure; /* those with nodes on beams, whose forces are borders from guide_border on */
     int stiffened, *stiff_to, *stiff_left, *stiff_right, scales, *scale_at;
     double *scale_unit;
   };

@@ -41,6 +41,12 @@ static void push_beam(const Slider *a, const double (*T)[LOCAL], const double *f
   }
 }
 
+/* Adds the forces on slides. */
+static void push_columns(const Problem *p, double *out) {
+  for (int i = p->points->nodal; i < p->points->all; ++i)
+    out[p->points->of[i].column] += p->points->of[i].results[0];
+}
+
 /* Adds the forces of all sliding nodes. */
 static void carry(const Problem *p, const Work *w, double *r, double *out) {
   for (int i = p->sliders - 1; i >= 0; --i) {
