@@ -86,6 +86,8 @@ def _forces(scene: Scene, couplings: Couplings, left: np.ndarray) -> np.ndarray:
         for branch in reversed(couplings.forests[i]):
             forces[branch.joint.number, i] += branch.sign * on_nodes[branch.node, i]
             on_nodes[branch.parent, i] += on_nodes[branch.node, i]
+    for joint in couplings.sliding:
+        forces[joint.number] += on_nodes[joint.b.number]
     return forces
 
 

@@ -32,7 +32,7 @@ def hold_sliding_nodes(joints: Iterable[Joint], held: list[set[int]]) -> list[Sl
             if node in held[i]:
                 raise SceneError(
                     f"over-constrained: {joint}: {COMPONENTS[i]} of the node is supported, but the "
-                    "beam moves it. Remove the support, or join a supported node to it by a beam"
+                    "beam moves it. Support the node before this joint is added: then it is a guide"
                 )
     for joint in sliding:
         for _, node, i in joint.carried:
