@@ -33,7 +33,7 @@ def ones_of(reduction: Reduction, at: np.ndarray) -> np.ndarray:
     """Storage indices of diagonals of slides in the factorised tangent, which are 1."""
     if not isinstance(reduction, JointReduction) or (sliders := reduction.sliders) is None:
         return at[:0]
-    return at[np.append(reduction.open_entries()[sliders.bordered.ones], reduction.ones)]
+    return at[np.append(reduction.open_entries()[sliders.bordered.ones], reduction.guides()[0])]
 
 
 def on_borders(
@@ -82,7 +82,7 @@ class BorderTables:
         longest = [table.pop("longest") for table in tables]
         own = [table["components"] + table["products"] for table in tables]
         guides = len(outside) + sum(own) + sum(table["anchors"] for table in tables)
-        borders = guides + len(self._reduction.ones)
+        alone, gap_entries = self._reduction.guides()
         entries = sum(n * (1 + k) for n, k in zip(longest, own, strict=True))
         return {
             "row_at": rows,
@@ -93,13 +93,13 @@ class BorderTables:
             "beside_row": bordered.rows,
             "beside_column": bordered.columns,
             "beside_at": self._at[bordered.beside],
-            "borders": borders,
+            "borders": guides + len(alone),
             "guide_border": guides,
-            "block": -(-(1 + borders) // _LANES) * _LANES,
+            "block": -(-(1 + guides + len(alone)) // _LANES) * _LANES,
             "most_border_entries": entries
             + len(bordered.beside)
             + 3 * len(tables)
-            + self._reduction.gap_entries,
+            + 2 * gap_entries,
         }
 
     def _tables(self, sliders: Sliders, border: int) -> list[dict[str, Any]]:

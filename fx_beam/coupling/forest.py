@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from fx_beam.errors import SceneError
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.sliders import sliding_joints
 
 from .sliding_order import hold_sliding_nodes
 
@@ -35,7 +34,8 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     """
     held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
     sliding = hold_sliding_nodes(scene.joints, held)
-    on_beams = [{node for joint in sliding for _, node, k in joint.carried if k == i} for i in range(3)]
+    carried = [key for joint in sliding for key in joint.carried]
+    on_beams = [{node for _, node, part in carried if part == i} for i in range(3)]
     joints = [joint for joint in scene.joints if joint not in sliding]
     turning = [joint for joint in joints if joint.turns_together]
     grown = [
@@ -144,8 +144,6 @@ def _path(neighbours, start: int, end: int) -> list[Joint]:
 
 def _refuse(scene: Scene, joints, reason: str) -> None:
     names = "; ".join(str(joint) for joint in joints)
-    if sliding_joints(scene.joints) and "both supported" in reason:
-        reason += ", where a beam supports the node that slides on it"
     raise SceneError(
         f"over-constrained: {names}: {reason}. Remove one of them, or release a degree of freedom "
         "by a slide, a free rotation, or a beam between the nodes"

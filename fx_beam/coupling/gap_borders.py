@@ -85,8 +85,9 @@ class GapBorders:
         n, on = self._n, np.flatnonzero(self._columns >= 0)
         indptr, indices = self.pattern
         of_forces = n + self._gap[on]
-        rows = [np.repeat(np.arange(n), np.diff(indptr)), of_forces, self._rows[on], n + self._guided]
-        columns = [indices, self._columns[on], of_forces, n + self._guided]
+        row, alone = np.repeat(np.arange(n), np.diff(indptr)), n + self._guided
+        rows = [row, of_forces, self._rows[on], alone]
+        columns = [indices, self._columns[on], of_forces, alone]
         pattern, position = sparsity(np.concatenate(rows), np.concatenate(columns), n + self._count)
         cuts = np.cumsum([len(indices), len(on), len(on)])
         inner, equation, balance, ones = np.split(position, cuts)

@@ -151,8 +151,9 @@ class JointReduction(WithoutLoops):
         """Rows and columns of the linear system for all columns and ties; -1 for none."""
         return self._row_index, self._index
 
-    #: Positions in `factored` of forces in loops with nodes on beams; number of entries of gaps.
-    ones, gap_entries = np.empty(0, int), 0
+    def guides(self) -> tuple[np.ndarray, int]:
+        """None."""
+        return np.empty(0, int), 0
 
     def open_entries(self) -> np.ndarray:
         """Positions of the entries of `factored` with open loops in that with closed ones."""

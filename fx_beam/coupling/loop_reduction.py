@@ -17,7 +17,6 @@ import functools
 import numpy as np
 import scipy.sparse
 
-from fx_beam.errors import SceneError
 from fx_beam.fem.point_forces import PointForces
 from fx_beam.mechanics.rates import UpdateRule
 
@@ -132,15 +131,9 @@ class LoopReduction(JointReduction):
         """The same without what slides."""
         return self._system.pattern
 
-    @property
-    def ones(self) -> np.ndarray:
-        """Positions in `factored` of entries that are 1."""
-        return self._system.ones
-
-    @property
-    def gap_entries(self) -> int:
-        """Number of entries of the gaps."""
-        return len(self._gap_entries[0])
+    def guides(self) -> tuple[np.ndarray, int]:
+        """Positions in `factored` of forces that border it, which are 1; entries of all gaps."""
+        return self._system.ones, len(self._gap_entries[0])
 
     @property
     def independent(self) -> np.ndarray:

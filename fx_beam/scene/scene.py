@@ -352,7 +352,8 @@ class Scene(Geometry):
 
     def _holds(self, node: Node) -> bool:
         """Whether a node is the ground, or a component of it is supported or driven."""
-        return node is GROUND or any((node.number, i) in self.fixed | self.prescribed.keys() for i in range(3))
+        held = {number for number, _ in (*self.fixed, *self.prescribed)}
+        return node is GROUND or node.number in held
 
     def add_parameter(self, parameter: Parameter) -> None:
         """Add a parameter that no function in the scene has, as the damping of a scheme.

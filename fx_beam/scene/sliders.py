@@ -106,7 +106,7 @@ class SlidingJoint(Joint):
 
     def place_of_guide(self) -> tuple[float, float]:
         """Where a guide is: the position of b, or on the ground that of the fraction [m]."""
-        if self.b is not GROUND:
+        if self.b is not GROUND or self.fraction is None:
             return self.b.x, self.b.y
         x, y = self.path.position(self.fraction * self.path.length)
         return float(x), float(y)
@@ -184,9 +184,11 @@ def Slider(
         The beam that guides.
     node : Node
         The node that slides, of another beam or of a body. It must lie on the beam at the start.
+        On `GROUND`, or on a node that is supported or driven already, the beam slides through a
+        guide: the joint has a node b of its own there, which a rigid joint holds.
     fraction : float, optional
         Its place at the start, as a fraction of the beam's length; by default the nearest point.
-        Needed where the beam crosses itself.
+        Needed where the beam crosses itself, and on the ground.
     spring, damper : Spring, Damper, optional
         On the arc length. The `rest` of the spring is an arc length.
     motor : callable, optional
@@ -204,7 +206,8 @@ def Slider(
     Raises
     ------
     SceneError
-        For a node that belongs to the beam, or a fraction that is not between 0 and 1.
+        For a node that belongs to the beam, a fraction that is not between 0 and 1, or the ground
+        without a fraction.
         `Scene.add_joint` refuses a node that is not on the beam.
 
     Examples
@@ -250,6 +253,8 @@ def Sleeve(
         The beam that guides; it has no corners.
     node : Node
         The node that slides, of another beam or of a body. It must lie on the beam at the start.
+        On `GROUND`, or on a node that is supported or driven already, the beam slides through a
+        guide: the joint has a node b of its own there, which a rigid joint holds.
     fraction : float, optional
         Its place at the start, as a fraction of the beam's length; by default the nearest point.
     spring, damper : Spring, Damper, optional
