@@ -96,10 +96,7 @@ class BorderTables:
             "borders": guides + len(alone),
             "guide_border": guides,
             "block": -(-(1 + guides + len(alone)) // _LANES) * _LANES,
-            "most_border_entries": entries
-            + len(bordered.beside)
-            + 3 * len(tables)
-            + 2 * gap_entries,
+            "most_border_entries": entries + len(bordered.beside) + 3 * len(tables) + gap_entries,
         }
 
     def _tables(self, sliders: Sliders, border: int) -> list[dict[str, Any]]:

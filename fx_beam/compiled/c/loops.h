@@ -18,9 +18,11 @@ static void derive_by_beams(const Problem *p, const Work *w, const double *value
       double of = row[a->carried[c]];
       row[a->carried[c]] = 0;
       row[a->column] += of * T[s];
-      for (int l = 0; l < s && of != 0; ++l)
-        for (int dof = 3 * (a->first + l % a->width) + l / a->width, e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
+      for (int l = 0; l < s && of != 0; ++l) {
+        int dof = 3 * (a->first + l % a->width) + l / a->width;
+        for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
           row[a->part_column[e]] += of * T[l] * a->part_sign[e] * values[a->part_value[e]];
+      }
     }
 }
 
