@@ -313,6 +313,17 @@ def sleeve_on_a_beam(x):
 
 
 @case()
+def sleeve_on_the_ground(x):
+    scene = fb.Scene(gravity=(0.5, -9.81 * x[5]))
+    rod = scene.add_beam([(0, 0), (1, 0.3)], section(x), 4)
+    spring = fb.Spring(20.0 * x[7], rest=0.4)
+    scene.add_joint(fb.Sleeve(rod, fb.GROUND, fraction=0.6, spring=spring))
+    tip = scene.add_body((1, 0.3), 0.5 * x[6], 0.02 * x[8])
+    scene.add_joint(fb.Rigid(rod.end, tip.centre))
+    return scene
+
+
+@case()
 def body_that_slides_on_a_sliding_bar(x):
     scene = on_a_rod(x, fb.Sleeve, friction=fb.Friction(0.5 * x[8], 0.5))
     bar = scene.beams[1]
