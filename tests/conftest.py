@@ -122,10 +122,7 @@ _DEMOS = {path.stem for path in (Path(__file__).parents[1] / "demos").glob("*.py
 # Groups that take longest, which start first: otherwise one process would end with them alone.
 _SLOWEST = (
     "test_stability_report",
-    "test_adjoint",
     "test_processes",
-    "test_sliding_derivatives",
-    "test_member_derivatives",
     "test_periodic",
     "test_sweep",
     "test_sliders",

@@ -139,3 +139,80 @@ def whirling(degree=1):
     scene.make_velocities_compatible()
     scene.set_velocity(second, lambda x, y: (-60 * y, 60 * (x - 1)), spin=60)
     return scene
+
+
+# -- Scenes with many kinds of numbers -----------------------------------------------------------
+
+
+def frame():
+    """Curved and tapered beams without joints that turn, with loads and drag of all kinds."""
+    scene = fb.Scene(gravity=(0.3, -9.81))
+    tapered = fb.Section(
+        EA=lambda s: 2e4 * (1 - s / 3),
+        GA=8e3,
+        EI=lambda s: 30 * (1 - s / 2),
+        rhoA=lambda s: 1.2 - s / 4,
+        rhoI=2e-3,
+    )
+    plain = fb.Section(EA=1e4, GA=7e3, EI=20.0, rhoA=0.8, rhoI=1e-3)
+    post = scene.add_beam([(0, 0), (0.1, 1)], plain, elements=2, degree=2)
+    bow = scene.add_beam(fb.arc((0.1, 1), (0.6, 1.3), (1.2, 1.1)), tapered, elements=3, degree=2)
+    scene.add_joint(fb.Revolute(post.end, bow.start, spring=fb.Spring(3.0, rest=0.1)))
+    scene.clamp(post.start)
+    scene.add_mass(bow.end, 0.3, 0.02)
+    scene.add_force(bow.end, lambda t: (1 + t, 2.0))
+    scene.add_force(bow.end, (0.2, 0.3), follower=True)
+    scene.add_moment(bow.end, lambda t: 0.4 * t)
+    scene.add_line_load(post, (0.3, 0.1))
+    scene.add_line_load(bow, lambda s: (0.1 + s, 0.2), of="arc length")
+    scene.add_drag(bow, linear=(0.1, 0.2), quadratic=0.05, rotation=0.01)
+    scene.add_drag(post, linear=0.1)
+    scene.add_drag(post.end, linear=0.2, quadratic=0.3, rotation=0.05)
+    scene.add_obstacle(bow, fb.Line((1.203, 1.1), normal=(-1, 0.2)), stiffness=1e3)
+    scene.add_obstacle(bow.end, fb.Circle((1.3, 0.5), 0.6), 1e3, restitution=0.5, speed=0.1)
+    scene.add_force_between(
+        bow.end, (1.5, 1.6), spring=fb.Spring(20.0, rest=0.4), damper=fb.Damper(0.3)
+    )
+    scene.set_velocity(bow, lambda x, y: (y - 1, 0.1 - x), spin=-0.2)
+    scene.set_velocity(post, (0.0, 0.0))
+    scene.make_velocities_compatible()
+    return scene
+
+
+def linkage():
+    """Bodies, offsets, slides with springs, friction, stops and motors, a prescribed motion."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    times = {"retardation": (1e-3, 2e-3, 3e-3)}
+    section = fb.Section(EA=1e4, GA=7e3, EI=20.0, rhoA=0.8, rhoI=1e-3, **times)
+    rod = scene.add_beam([(0.5, 0.1), (1.5, 0.2)], section, elements=2)
+    body = scene.add_body(
+        (0.2, 0.1), mass=2.0, inertia=0.1, points={"pin": (0, 0), "end": (0.5, 0.1)}
+    )
+    scene.add_joint(
+        fb.Revolute(
+            fb.GROUND, body["pin"], damper=fb.Damper(0.2), friction=fb.Friction(0.3, speed=0.1)
+        )
+    )
+    scene.add_joint(fb.Revolute(body["end"], rod.start, stop=fb.Stop(-0.5, 1e-4, 50.0)))
+    block = scene.add_body((1.6, 0.3), mass=1.0, inertia=0.05)
+    scene.add_joint(
+        fb.Prismatic(
+            rod.end,
+            block.centre,
+            axis=(1, 0.2),
+            offset=(0.1 - 0.05, 0.1 - 0.01),
+            spring=fb.Spring(40.0, rest=0.1),
+            damper=fb.Damper(0.5),
+            friction=fb.Friction(0.2, speed=0.05),
+            stop=(-0.4, 0.055, 1e3),
+        )
+    )
+    wheel = scene.add_body((2.0, 0.6), mass=0.5, inertia=0.02)
+    scene.add_joint(fb.Revolute(fb.GROUND, wheel.centre, motor=lambda t: 3 * t**2))
+    driven = scene.add_body((0.0, 1.0), mass=0.5, inertia=0.02)
+    scene.prescribe(driven.centre, x=lambda t: 0.1 * t**2)
+    scene.fix(driven.centre, "y")
+    scene.add_force_between(driven.centre, body["end"], spring=fb.Spring(30.0, rest=0.8))
+    scene.set_velocity(block.centre, (4.0, 0.3), spin=0.1)
+    scene.make_velocities_compatible()
+    return scene

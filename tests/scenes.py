@@ -3,6 +3,8 @@
 import importlib.util
 from pathlib import Path
 
+import ufl
+
 import numpy as np
 
 import fx_beam as fb
@@ -73,3 +75,43 @@ def lattice(cells=5):
     scene.pin(nodes[0, 0])
     scene.pin(nodes[cells, 0])
     return scene
+
+
+# -- Materials with internal variables -------------------------------------------------------------
+
+EA, GA, EI, HARDENING, YIELD = 2e4, 8e3, 6.0, 1.5, 0.3
+STIFF, SOFT, TAU = 4.0, 2.0, 0.5
+
+
+def zener_energy(eps, gamma, kappa, a):
+    """A spring beside a spring with a dashpot, in bending; a[0] is the dashpot's curvature."""
+    stretch = EA / 2 * eps**2 + GA / 2 * gamma**2
+    return stretch + STIFF / 2 * kappa**2 + SOFT / 2 * (kappa - a[0]) ** 2
+
+
+def zener_flow(old, strains0, strains, dt):
+    """With the relaxation time TAU."""
+    return [(old[0] + dt / TAU * strains[2]) / (1 + dt / TAU)]
+
+
+def plastic_energy(eps, gamma, kappa, a):
+    """Kinematic hardening: a[0] is the plastic curvature."""
+    elastic = EA / 2 * eps**2 + GA / 2 * gamma**2 + EI / 2 * (kappa - a[0]) ** 2
+    return elastic + HARDENING / 2 * a[0] ** 2
+
+
+def plastic_flow(old, strains0, strains, dt):
+    """Return to the yield surface."""
+    trial = EI * (strains[2] - old[0]) - HARDENING * old[0]
+    excess = ufl.max_value(abs(trial) - YIELD, 0)
+    return [old[0] + ufl.sign(trial) * excess / (EI + HARDENING)]
+
+
+def with_variables(energy, update, names=("a",), **data):
+    """A section with internal variables."""
+    return fb.Section(strain_energy=energy, internal=fb.InternalVariables(names, update), **data)
+
+
+INERTIA = {"rhoA": 1.0, "rhoI": 0.01}
+ZENER = with_variables(zener_energy, zener_flow, ("dashpot",), **INERTIA)
+PLASTIC = with_variables(plastic_energy, plastic_flow, ("plastic curvature",), **INERTIA)

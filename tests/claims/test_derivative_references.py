@@ -2,13 +2,22 @@
 
 import numpy as np
 import pytest
-from derivatives import Run
-from test_adjoint import DATA, SCHEMES
+from derivatives import EXACT, assert_derivatives
+from jointed import MEMBER
+from scenes import PLASTIC
 
 import fx_beam as fb
-from fx_beam.responses import response
 
-OF_ALL_SCHEMES = pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
+SCHEMES = [
+    fb.EnergyMomentum(),
+    fb.EnergyMomentum(order=4),
+    fb.MidPoint(),
+    fb.MidPoint(order=4),
+    fb.ModifiedMidPoint(),
+    fb.ModifiedMidPoint(order=4),
+    fb.EnergyDecaying(),
+]
+DATA = {"EA": 1e4, "GA": 1e4, "EI": 100.0, "rhoA": 1.0, "rhoI": 0.1}
 
 
 def gradients(run, y):
@@ -26,7 +35,7 @@ def gradients(run, y):
 # -- Complex steps through an oscillator of its own ------------------------------------------------
 
 OSCILLATOR = np.array([2.0, 50.0, 0.8, 1.5, -9.81])  # mass, stiffness, rest, speed, gravity
-DT, STEPS = 0.02, 100
+DT, STEPS = 0.02, 50
 
 
 def mass_on_spring(x):
@@ -59,10 +68,7 @@ def oscillator(x, fractions):
     return np.concatenate([r0, v0])
 
 
-ORDER_FOUR = [fb.MidPoint(order=4), fb.ModifiedMidPoint(order=4)]
-
-
-@pytest.mark.parametrize("scheme", [*SCHEMES, *ORDER_FOUR], ids=lambda scheme: scheme.name)
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
 def test_derivatives_are_those_of_an_oscillator_by_complex_steps(scheme):
     run = fb.Response(mass_on_spring, scheme, dt=DT, t_end=DT * STEPS)
     _, y = run(OSCILLATOR)
@@ -86,26 +92,25 @@ def mass_on_bar(x):
     return scene, {"place": fb.Output("displacement", bar.end, "x")}
 
 
-def damped_oscillator(x, order):
+def damped_oscillator(x):
     """Its displacement at the end: each step is a linear equation for the increment."""
     stiffness, mass, damping = x
     u, v, before = np.array([0.0, 0.1, 0.0], x.dtype)
     for _ in range(STEPS):
-        held = stiffness * damping / 2 * before if order == 2 else 0.0
+        held = stiffness * damping / 2 * before
         K = 2 * mass / DT**2 + stiffness * (1 + damping) / 2
         D = (2 * mass / DT * v - stiffness * u + held) / K
         u, v, before = u + D, 2 * D / DT - v, D
     return u
 
 
-@pytest.mark.parametrize("order", [1, 2])
-def test_derivative_by_the_damping_of_a_scheme_is_that_by_complex_steps(order):
+def test_derivative_by_the_damping_of_a_scheme_is_that_by_complex_steps():
     x, h = np.array([50.0, 0.8, 0.4]), 1e-30
-    scheme = fb.EnergyDecaying(damping=fb.Parameter("damping", 0.1), order=order)
+    scheme = fb.EnergyDecaying(damping=fb.Parameter("damping", 0.1))
     run = fb.Response(mass_on_bar, scheme, dt=DT, t_end=DT * STEPS)
     _, y = run(x)
-    assert y["place"][-1] == pytest.approx(damped_oscillator(x, order), rel=1e-10)
-    ends = [damped_oscillator(x + 1j * h * e, order) for e in np.eye(3)]
+    assert y["place"][-1] == pytest.approx(damped_oscillator(x), rel=1e-10)
+    ends = [damped_oscillator(x + 1j * h * e) for e in np.eye(3)]
     expected = np.array([ends]).imag / h
     for found in gradients(run, y):
         assert found == pytest.approx(expected, rel=0, abs=1e-9 * abs(expected).max())
@@ -129,9 +134,8 @@ def test_the_damping_of_a_scheme_as_a_parameter_must_be_a_number_of_the_scene():
 def two_loads(x):
     """Two small forces at A and B on a bent frame with a hinge and a body, at rest before."""
     scene = fb.Scene(gravity=(0, -9.81))
-    section = fb.Section(**DATA)
-    first = scene.add_beam([(0, 0), (1, 0)], section, elements=3)
-    second = scene.add_beam([(1, 0), (1.8, 0.4)], section, elements=3)
+    first = scene.add_beam([(0, 0), (1, 0)], MEMBER, elements=2)
+    second = scene.add_beam([(1, 0), (1.8, 0.4)], MEMBER, elements=2)
     body = scene.add_body((1.9, 0.4), 1.0, 0.1, points={"arm": (1.8, 0.4)})
     scene.clamp(first.start)
     scene.add_joint(fb.Revolute(first.end, second.start, spring=fb.Spring(40.0)))
@@ -142,10 +146,10 @@ def two_loads(x):
     return scene, {"a": fb.Output("position", a, "y"), "b": fb.Output("position", b, "x")}
 
 
-@OF_ALL_SCHEMES
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying()])
 def test_a_place_answers_to_a_load_elsewhere_as_that_place_to_a_load_here(scheme):
     start = {"start": lambda scene: fb.static(scene, steps=2)}
-    run = fb.Response(two_loads, scheme, dt=0.02, t_end=1.0, **start)
+    run = fb.Response(two_loads, scheme, dt=0.02, t_end=0.6, **start)
     _, y = run(np.zeros(2))
     assert np.ptp(y["b"]) < 1e-9  # it stays at rest
     J = run.jacobian()
@@ -155,70 +159,103 @@ def test_a_place_answers_to_a_load_elsewhere_as_that_place_to_a_load_here(scheme
     assert abs(J["a"][:, 0] - J["b"][:, 1]).max() > 0.1 * abs(here).max()
 
 
-# -- Roll-up ---------------------------------------------------------------------------------------
-
-LENGTH, ELEMENTS = 2.0, 40
+# -- What motions conserve -------------------------------------------------------------------------
 
 
-def roll_up(x):
+def free(x):
     scene = fb.Scene()
-    section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(0, 0), (LENGTH, 0)], section, elements=ELEMENTS)
-    scene.clamp(beam.start)
-    scene.add_moment(beam.end, np.pi * 100.0 / LENGTH * x[0])
-    return scene, {"tip": fb.Output("position", beam.end)}
+    beam = scene.add_beam([(0, 0), (1, 0.3)], MEMBER, elements=4)
+    scene.set_velocity(beam, lambda X, Y: (3 * x[0] * np.sin(5 * Y), 2 * x[1] * X * X), spin=2.0)
+    return scene
 
 
-def test_tip_of_a_beam_bent_to_half_a_circle_by_its_load():
-    start = {"start": lambda scene: fb.static(scene, steps=8)}
-    run = fb.Response(roll_up, dt=0.01, t_end=0.2, **start)
-    _, y = run([1.0])
-    tips = run.jacobian()["tip"][..., 0]
-
-    # Elements are straight between their ends, each turned by the same angle.
-    def tip(load):
-        turn = np.pi * load
-        bent = np.sin(turn / 2) / np.sin(turn / (2 * ELEMENTS)) * np.exp(1j * turn / 2)
-        return LENGTH / ELEMENTS * np.array([bent.real, bent.imag])
-
-    h = 1e-5
-    assert y["tip"][0] == pytest.approx(tip(1.0), abs=1e-9)
-    discrete = (tip(1 + h) - tip(1 - h)) / (2 * h)
-    assert tips[0] == pytest.approx(discrete, abs=1e-6)
-    assert discrete == pytest.approx([-LENGTH, -2 * LENGTH / np.pi], rel=2e-3)
-    # The start and the load change together, so that it stays in equilibrium.
-    assert tips == pytest.approx(np.tile(discrete, (len(tips), 1)), abs=1e-5)
-    weights = np.zeros_like(y["tip"])
-    weights[-1] = 1.0
-    assert run.vjp({"tip": weights}) == pytest.approx([discrete.sum()], abs=1e-5)
-
-
-# -- Angular momentum ------------------------------------------------------------------------------
-
-
-def angular_momentum_derivatives(model, state):
-    """Derivatives by q and v of the angular momentum about the origin."""
-    nodes = len(model.mesh.X)
-    places = model.mesh.X[:, :2] + model.mesh.to_nodes(state.q)[:, :2]
-    p = model.mesh.to_nodes(model.mass @ state.v)
-    turn = np.column_stack([-places[:, 1], places[:, 0], np.ones(nodes)])
-    by_q = np.column_stack([p[:, 1], -p[:, 0], np.zeros(nodes)])
-    return {"q": model.from_nodes(by_q), "v": model.mass @ model.from_nodes(turn)}
-
-
-@OF_ALL_SCHEMES
-def test_angular_momentum_at_the_end_depends_on_the_start_as_at_the_start(scheme):
+def touching(x):
+    """Two beams; one falls with its tip on the other and slides along it."""
     scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0.3)], fb.Section(**DATA), elements=4)
-    scene.set_velocity(beam, lambda x, y: (3 * np.sin(5 * y), 2 * x * x), spin=2.0)
-    run = Run(scene, scheme, 0.01, 300, taped=True)
-    last = angular_momentum_derivatives(run.model, run.end)
-    found = run.adjoint({name: row[None] for name, row in last.items()}, np.array([300]))
-    expected = angular_momentum_derivatives(run.model, run.start)
-    assert abs(last["q"] - expected["q"]).max() > 0.1  # it has moved
-    size = abs(expected["v"]).max()
-    for name in expected:
-        assert found[name] == pytest.approx(expected[name], rel=0, abs=1e-7 * size)
+    below = scene.add_beam([(0, 0), (2, 0)], MEMBER, elements=4)
+    above = scene.add_beam([(0.7, 0.11), (1.1, 1.2)], MEMBER, elements=2)
+    friction = fb.Coulomb(0.2, 1e3)
+    scene.add_contact(above, below, stiffness=1e4 * x[1], radius=0.05, friction=friction)
+    scene.set_velocity(above, (0.3, -2.0 * x[0]))
+    return scene
+
+
+def passing(x, make):
+    """A bead, a small beam, that passes elements of a rod."""
+    scene = fb.Scene()
+    rod = scene.add_beam([(0, 0), (6, 0)], MEMBER, elements=12)
+    bead = scene.add_beam([(0, 0), (0, 0.3)], MEMBER)
+    joint = scene.add_joint(make(rod, bead.start))
+    scene.set_velocity(rod, lambda X, Y: (0.2 - 0.3 * Y, 0.5 + 0.3 * (X - 3)), spin=0.3 * x[1])
+    scene.set_velocity(bead, (8 * x[0], 1.0), spin=1.0)
+    scene.make_velocities_compatible()
+    return scene, joint
+
+
+def momenta(scene, y, J):
+    """Derivatives (n, 3, m) of both momenta by numbers, from those of places and rates of nodes.
+
+    Elements of degree 1 have the mass matrix L/6 [2 1; 1 2], by components.
+    """
+    linear, angular = 0.0, 0.0
+    for beam in scene.beams:
+        names = [f"node {scene.nodes.index(node)}" for node in beam.nodes]
+        size = np.hypot(beam.end.x - beam.start.x, beam.end.y - beam.start.y) / beam.elements
+        for ends in zip(names[:-1], names[1:], strict=True):
+            for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+                mass, place, rate = size * (1 + (i == j)) / 6, f"{ends[i]} p", f"{ends[j]} v"
+                linear = linear + mass * J[rate]
+                by_place = np.einsum("ti,tim->tm", y[rate][:, ::-1] * (1, -1), J[place])
+                by_rate = np.einsum("ti,tim->tm", y[place][:, ::-1] * (-1, 1), J[rate])
+                angular = angular + mass * (by_place + by_rate + 0.1 * J[f"{ends[j]} w"])
+    return np.concatenate([linear, angular[:, None]], axis=1)
+
+
+FREE = {
+    "beam": (free, 0.01),
+    "contact with friction": (touching, 2e-3),
+    "slider": (lambda x: passing(x, fb.Slider)[0], 0.01),
+    "sleeve": (lambda x: passing(x, fb.Sleeve)[0], 0.01),
+}
+
+
+def in_flight(name, scheme=None, steps=60):
+    """Derivatives of momenta and energy of a motion at all times."""
+    build, dt = FREE[name]
+    scenes = []
+
+    def observed(x):
+        scene = build(x)
+        scenes.append(scene)
+        of = {"p": "position", "v": "velocity", "w": "spin"}
+        nodes = {
+            f"node {k} {key}": fb.Output(quantity, node)
+            for k, node in enumerate(scene.nodes)
+            for key, quantity in of.items()
+        }
+        lost = {"lost": fb.Output("dissipated_energy", scene)}
+        return scene, nodes | lost | {"energy": fb.Output("total_energy", scene)}
+
+    run = fb.Response(observed, scheme, dt=dt, t_end=steps * dt, newton=EXACT)
+    _, y = run([1.1, 0.9])
+    J = run.jacobian()
+    assert run.stats.halvings == 0
+    return momenta(scenes[0], y, J), J["energy"] + J["lost"]
+
+
+@pytest.mark.parametrize("name", FREE)
+def test_derivatives_of_momenta_and_energy_are_constant_in_free_flight(name):
+    by_momenta, by_energy = in_flight(name)
+    assert abs(by_energy[0]).max() > 0.1
+    assert abs(by_momenta[0]).max() > 0.1
+    assert abs(by_energy - by_energy[0]).max() < 1e-9 * abs(by_energy).max()
+    assert abs(by_momenta - by_momenta[0]).max() < 1e-9 * abs(by_momenta).max()
+
+
+def test_the_derivative_of_the_energy_is_not_constant_with_the_mid_point_rule():
+    by_momenta, by_energy = in_flight("beam", fb.MidPoint(), 200)
+    assert abs(by_momenta - by_momenta[0]).max() < 1e-8 * abs(by_momenta).max()
+    assert np.ptp(by_energy, axis=0).max() > 1e-3 * abs(by_energy[0]).max()
 
 
 # -- Exact solutions -------------------------------------------------------------------------------
@@ -276,18 +313,356 @@ def test_derivatives_of_a_vibrating_bar_converge_with_order_two():
     assert (fine < 0.05).all()
 
 
-# -- Numbers without derivatives -------------------------------------------------------------------
+# -- Nodes that slide ------------------------------------------------------------------------------
 
 
-def test_numbers_that_derivatives_do_not_know_are_refused_by_both_ways(monkeypatch):
-    run = fb.Response(mass_on_spring, dt=DT, t_end=5 * DT)
-    _, y = run(OSCILLATOR)
-    known = response.numbers_of
+def test_a_bead_on_a_turning_rod_has_the_derivatives_of_cosh():
+    """Its place s0 cosh(w t) by s0 and w; the error of the steps is of order 2."""
 
-    def more(setup, state, t0, t1):
-        return known(setup, state, t0, t1) | {"colour": setup.model.mass.data[:1].copy()}
+    def build(x):
+        scene = fb.Scene()
+        stiff = fb.Section(EA=1e9, GA=1e9, EI=1e8, rhoA=1e-3, rhoI=1e-4)
+        rod = scene.add_beam([(0, 0), (4, 0)], stiff, elements=4)
+        scene.add_joint(fb.Revolute(fb.GROUND, rod.start, motor=lambda t: x[1] * t))
+        bead = scene.add_body((x[0], 0), mass=1.0, inertia=0.1)
+        joint = scene.add_joint(fb.Slider(rod, bead.centre))
+        scene.set_velocity(rod, lambda a, b: (-x[1] * b, x[1] * a), spin=x[1])
+        scene.set_velocity(bead.centre, (0.0, x[0] * x[1]))
+        return scene, {"slide": fb.Output("slide", joint)}
 
-    monkeypatch.setattr(response, "numbers_of", more)
-    for derive in (run.jacobian, lambda: run.vjp(y)):
-        with pytest.raises(fb.SceneError, match=r"x\[0\] changes 'colour'"):
-            derive()
+    s0, w, errors = 0.7, 2.0, []
+    exact = np.array([np.cosh(w), s0 * np.sinh(w)])
+    for dt in (0.04, 0.02):
+        run = fb.Response(build, fb.EnergyMomentum(), dt=dt, t_end=1.0)
+        run([s0, w])
+        errors.append(run.jacobian()["slide"][-1] / exact - 1)
+    assert errors[0] / errors[1] == pytest.approx([4, 4], abs=0.2)
+    assert abs(errors[1]).max() < 8e-3
+
+
+def on_straight_elements(x):
+    """A bead runs over several straight elements of an arc."""
+    scene = fb.Scene(gravity=(0, -2 * x[1]))
+    section = fb.Section(EA=1e4 * x[0], GA=1e4, EI=50 * x[1], rhoA=x[1], rhoI=0.01)
+    rod = scene.add_beam(fb.arc((0, 0), (3, 0.8), (6, 0)), section, elements=12)
+    bead = scene.add_body((0, 0), mass=0.8 * x[0], inertia=0.05)
+    joint = scene.add_joint(fb.Slider(rod, bead.centre))
+    scene.set_velocity(bead, (8 * x[1], 2.5))
+    scene.make_velocities_compatible()
+    place, slide = fb.Output("position", bead.centre), fb.Output("slide", joint)
+    return scene, {"place": place, "slide": slide}
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying()])
+def test_a_bead_that_passes_the_corners_of_straight_elements_has_derivatives(scheme):
+    """In no step it begins where two elements meet."""
+    run = fb.Response(on_straight_elements, scheme, dt=0.01, t_end=0.15, newton=EXACT)
+    _, y = run([1.1, 0.9])
+    assert y["slide"][-1] > 1.0
+    assert_derivatives(run, [1.1, 0.9])
+
+
+# -- Rates and forces ------------------------------------------------------------------------------
+
+
+def test_rate_of_a_driven_body_without_joints():
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        scene.prescribe(body.centre, x=lambda t: x[0] * t * t)
+        return scene, {"rate": fb.Output("velocity", body.centre, "x")}
+
+    run = fb.Response(build, dt=0.1, t_end=1.0)
+    t, y = run([3.0])
+    assert run.jacobian()["rate"][:, 0] == pytest.approx(2 * t, abs=1e-9)
+    assert run.vjp({"rate": np.ones_like(t)}) == pytest.approx([2 * t.sum()], abs=1e-8)
+
+
+def cantilever(x):
+    scene = fb.Scene()
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0, rhoA=1.0, rhoI=0.01)
+    beam = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, x[0]))
+    tip, root = fb.Output("position", beam.end, "x"), fb.Output("reaction", beam.start)
+    return scene, {"tip": tip, "root": root}
+
+
+def test_reaction_of_a_cantilever_by_its_load():
+    """At rest it is minus the load, and its moment minus the load times where the tip is."""
+    load = 2.0
+    static = fb.StaticResponse(cantilever, steps=3)
+    start = {"start": lambda scene: fb.static(scene, steps=3)}
+    moving = fb.Response(cantilever, dt=0.01, t_end=0.05, **start)
+    for run, factors in ((static, static([load])[0]), (moving, np.ones(6))):
+        _, y = run([load])
+        J = run.jacobian()
+        root, tip = J["root"][..., 0], J["tip"][:, 0]
+        assert abs(root[:, 0]).max() < 1e-8
+        assert abs(root[:, 1] + factors).max() < 1e-8
+        moment = -factors * y["tip"] - factors * load * tip
+        assert root[1:, 2] == pytest.approx(moment[1:], abs=1e-7)
+
+
+def pendulum(x):
+    """A rigid pendulum that is let go at the angle x[0], with the mass x[1]."""
+    scene, c, s = fb.Scene(gravity=(0.0, -9.81)), np.cos(x[0]), np.sin(x[0])
+    body = scene.add_body((s, -c), x[1], 1e-9, points={"pin": (0, 0)})
+    pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
+    outputs = {"pin": fb.Output("force", pin), "a": fb.Output("acceleration", body.centre)}
+    return scene, outputs | {"speed": fb.Output("velocity", body.centre)}
+
+
+def test_force_of_a_pendulums_pin():
+    """Balance of momentum in each step, and m g (3 - 2 cos x) where it is lowest."""
+    run, x = fb.Response(pendulum, dt=0.01, t_end=0.8), np.array([1.0, 2.0])
+    _, y = run(x)
+    J = run.jacobian()
+    assert J["pin"][1:, :2, 0] == pytest.approx(x[1] * J["a"][1:, :, 0], abs=1e-7)
+    by_mass = y["a"][1:] + (0, 9.81) + x[1] * J["a"][1:, :, 1]
+    assert J["pin"][1:, :2, 1] == pytest.approx(by_mass, abs=1e-7)
+    lowest = np.argmax(y["pin"][:, 1])
+    assert y["pin"][lowest, 1] == pytest.approx(x[1] * 9.81 * (3 - 2 * np.cos(x[0])), rel=1e-3)
+    assert J["pin"][lowest, 1, 0] == pytest.approx(x[1] * 9.81 * 2 * np.sin(x[0]), rel=2e-2)
+    # The energy at any time is that of the start.
+    fastest = np.argmax(y["speed"][:, 0] ** 2)
+    speed = y["speed"][fastest] @ J["speed"][fastest, :, 0]
+    assert speed == pytest.approx(9.81 * np.sin(x[0]), rel=2e-2)
+
+
+def test_rows_without_weight_change_nothing():
+    run = fb.Response(pendulum, dt=0.01, t_end=0.1)
+    _, y = run([1.0, 2.0])
+    for name in y:
+        J, none = run.jacobian(name)[name], np.zeros_like(y[name])
+        assert (run.vjp({name: none}) == 0).all()
+        one = none.copy()
+        one[4] = 1.0
+        expected = J[4].sum(axis=0)
+        assert run.vjp({name: one}) == pytest.approx(expected, rel=1e-9, abs=1e-9 * abs(J).max())
+    assert (run.vjp({}) == 0).all()
+
+
+# -- Work and losses -------------------------------------------------------------------------------
+
+
+def with_work(build):
+    """The same scene with its work, dissipated and total energy as outputs."""
+
+    def observed(x):
+        scene = build(x)
+        quantities = {"work": "work", "lost": "dissipated_energy", "total": "total_energy"}
+        return scene, {name: fb.Output(of, scene) for name, of in quantities.items()}
+
+    return observed
+
+
+def test_work_on_a_free_body_and_what_its_drag_takes():
+    """W = F^2 t^2 / 2m; and of steps with drag the factor of the speed, (1 - a)/(1 + a)."""
+
+    def build(x):
+        scene = fb.Scene()
+        pushed = scene.add_body((0, 0), mass=x[0], inertia=1.0)
+        scene.add_force(pushed.centre, (x[1], 0.0))
+        slowed = scene.add_body((0, 1), mass=x[0], inertia=1.0)
+        scene.set_velocity(slowed.centre, (0.0, 2.0))
+        scene.add_drag(slowed.centre, linear=x[2])
+        return scene
+
+    m, F, c = x = np.array([2.0, 3.0, 0.5])
+    run = fb.Response(with_work(build), dt=0.1, t_end=2.0)
+    t, y = run(x)
+    J, n = run.jacobian(), np.arange(len(t))
+    work = F**2 * t**2 / (2 * m)
+    assert y["work"] == pytest.approx(work, abs=1e-9)
+    expected = np.column_stack([-work / m, 2 * work / F, 0 * t])
+    assert J["work"] == pytest.approx(expected, abs=1e-9)
+    a = c * 0.1 / (2 * m)
+    left = ((1 - a) / (1 + a)) ** (2 * n)
+    assert y["lost"] == pytest.approx(2 * m * (1 - left), abs=1e-9)
+    by_a = 8 * n * m * left / (1 - a**2)
+    expected = np.column_stack([2 * (1 - left) - by_a * a / m, 0 * t, by_a * a / c])
+    assert J["lost"] == pytest.approx(expected, abs=1e-8)
+
+
+def damped(x):
+    """A beam and a body on a damped hinge, with drag, under loads that vary."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2)
+    beam = scene.add_beam([(0, 0), (x[2], 0.2)], section, elements=2)
+    scene.pin(beam.start)
+    place = {"pin": (x[2], 0.2)}
+    body = scene.add_body((x[2] + 0.2, 0.0), mass=x[1], inertia=0.02, points=place)
+    scene.add_joint(fb.Revolute(beam.end, body["pin"], damper=fb.Damper(0.3 * x[0])))
+    scene.add_drag(body.centre, linear=0.2 * x[2], quadratic=0.1)
+    scene.add_force(beam.end, lambda t: (20 * t, 5 * x[1]))
+    return scene
+
+
+def driven(x, follower=False):
+    """The same, and a body with a motor on one that is moved."""
+    scene = damped(x)
+    base = scene.add_body((0, 3), mass=1.0, inertia=0.1)
+    scene.prescribe(base.centre, x=lambda t: x[0] * t * t)
+    scene.fix(base.centre, "y")
+    scene.fix(base.centre, "rotation")
+    arm = scene.add_body((0.3, 2.6), mass=x[1], inertia=0.05, points={"pin": (0, 3)})
+    scene.add_joint(fb.Revolute(base.centre, arm["pin"], motor=lambda t: 6 * x[2] * t * t))
+    if follower:
+        scene.add_force(arm.centre, (0.0, 0.0), follower=True)
+    return scene
+
+
+X = np.array([1.1, 0.9, 1.05])
+
+
+def test_losses_summed_over_the_steps_are_those_that_the_balance_of_energy_leaves():
+    """With a follower force of zero other work is possible, and each step's losses are derived."""
+    builds = driven, lambda x: driven(x, follower=True)
+    balance, sums = (fb.Response(with_work(of), dt=0.01, t_end=0.1) for of in builds)
+    balance(X), sums(X)
+    expected, found = (run.jacobian("lost")["lost"] for run in (balance, sums))
+    assert abs(found - expected).max() < 1e-11 * abs(expected).max()
+
+
+def test_work_goes_on_from_a_solution_that_does_not_depend_on_x():
+    def build(x):
+        return damped([*x, X[2]])
+
+    first = fb.simulate(build(X[:2]), dt=0.01, t_end=0.05, progress=False)
+    whole = fb.Response(with_work(build), dt=0.01, t_end=0.1)
+    rest = fb.Response(with_work(build), dt=0.01, t_end=0.1, start=first)
+    y, y_rest = whole(X[:2])[1], rest(X[:2])[1]
+    for key in ("work", "lost"):
+        assert y_rest[key] == pytest.approx(y[key][5:], abs=1e-12)
+        J, h = rest.jacobian(key)[key], 1e-4
+        assert (J[0] == 0).all()
+        low, high = (rest([X[0] + side * h, X[1]])[1][key] for side in (-1, 1))
+        assert J[:, 0] == pytest.approx((high - low) / (2 * h), abs=1e-6 * abs(J).max())
+        rest(X[:2])
+
+
+def lossy(x):
+    """All kinds of losses at once, while a follower force and a parameter do work."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2, retardation=1e-3)
+    beam = scene.add_beam([(0, 0), (x[2], 0.1)], section, elements=2)
+    law = fb.Damper(law=lambda rate: 0.1 * rate + 0.02 * rate**3)
+    friction = fb.Friction(0.2 * x[0], speed=0.1)
+    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, damper=law, friction=friction))
+    scene.add_drag(beam, linear=0.1 * x[2], quadratic=0.05 * x[0], rotation=0.02)
+    contact = {"stiffness": 500 * x[1], "restitution": 0.5, "speed": 0.3}
+    contact["friction"] = fb.Coulomb(0.3 * x[0], stiffness=100.0)
+    scene.add_obstacle(beam.end, fb.Line((0, -0.02 * x[2]), normal=(-0.1, 1)), **contact)
+    scene.add_force(beam.end, (0, 2 * x[1]), follower=True)
+    pull = fb.Parameter("pull", lambda t: 10 * x[2] * (1 + t))
+    spring = fb.Spring(strain_energy=lambda r: pull * (r - 0.5) ** 2)
+    scene.add_force_between(beam.end, (0.5, 1.0), spring=spring)
+    scene.set_velocity(beam.end, (0, -6 * x[0]))
+    return scene
+
+
+def yielding(x):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (x[2], 0)], PLASTIC, elements=3)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, lambda t: (0, 30 * x[0] * np.sin(6 * x[1] * t)))
+    return scene
+
+
+@pytest.mark.parametrize("build", [lossy, yielding])
+def test_all_kinds_of_work_and_losses_at_once_have_derivatives(build):
+    run = fb.Response(with_work(build), dt=0.01, t_end=0.1, newton=EXACT)
+    assert run(X)[1]["lost"][-1] > 1e-3
+    assert_derivatives(run, X)
+
+
+def rubbing(x):
+    """An arm on a pin with friction that follows the force there."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    arm = scene.add_body((0.4, 0), x[0], 0.2, points={"pin": (0, 0)})
+    friction = fb.Coulomb(0.3 * x[1], 300.0, radius=0.1)
+    scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"], friction=friction))
+    return scene
+
+
+def followed(x):
+    """A body that a follower force pushes."""
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), x[0], 0.2)
+    scene.add_force(body.centre, (x[1], x[2]), follower=True)
+    scene.set_velocity(body, (0.0, 0.0), spin=1.0)
+    return scene
+
+
+def bending(x):
+    """A cantilever that bends itself."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(**DATA | {"EI": 10 * x[0]}), elements=2)
+    scene.clamp(beam.start)
+    scene.add_natural_strain(beam, curvature=x[1])
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("build", "options", "key", "message"),
+    [
+        (followed, {"scheme": fb.MidPoint()}, "work", "not exact with MidPoint"),
+        (rubbing, {"scheme": fb.MidPoint()}, "lost", "the force of a joint. Use EnergyM"),
+        (damped, {"scheme": fb.EnergyDecaying(), "memory": 1e3}, "lost", "more memory"),
+        (bending, {"start": fb.static}, "work", "has none where natural strains do work"),
+    ],
+)
+def test_work_and_losses_without_derivatives_are_refused_by_their_names(
+    build, options, key, message
+):
+    run = fb.Response(with_work(build), **({"dt": 0.01, "t_end": 0.1} | options))
+    _, y = run(X)
+    with pytest.raises(fb.SceneError, match=message):
+        run.vjp({key: np.ones_like(y[key])})
+    with pytest.raises(fb.SceneError, match=message):
+        run.jacobian(key)
+    assert run.jacobian("total")["total"].shape == (len(y["total"]), 3)
+
+
+# -- What is said, and refused ---------------------------------------------------------------------
+
+
+def growth(t_end):
+    """Growth of the derivatives of the end of a double pendulum that is released horizontally."""
+
+    def build(x):
+        scene, last = fb.Scene(gravity=(0, -9.81)), None
+        for k in range(2):
+            ends = {"a": (k, 0.0), "b": (k + 1, 0.0)}
+            link = scene.add_body((k + 0.5, 0.0), x[0], 0.1, points=ends)
+            scene.add_joint(fb.Revolute(last or fb.GROUND, link["a"]))
+            last = link["b"]
+        return scene, {"end": fb.Output("position", last)}
+
+    run = fb.Response(build, dt=0.01, t_end=t_end)
+    _, y = run([1.0])
+    weights = np.zeros_like(y["end"])
+    weights[-1] = 1.0
+    run.vjp({"end": weights})
+    return run.stats.gradient_growth
+
+
+def test_growth_of_derivatives_shows_a_chaotic_motion(caplog):
+    assert growth(1.0) < 100
+    assert "chaotic" not in caplog.text
+    assert growth(30.0) > 1e6
+    assert "the motion is chaotic" in caplog.text
+
+
+def test_contact_of_members_beside_a_node_that_slides_is_refused():
+    def build(x):
+        scene = touching([x[0], 1.0])
+        bead = scene.add_body((0.3, 0.0), 0.1 * x[0], 0.01)
+        scene.add_joint(fb.Slider(scene.beams[0], bead.centre))
+        return scene, {"bead": fb.Output("position", bead.centre)}
+
+    run = fb.Response(build, dt=2e-3, t_end=4e-3)
+    t, _ = run([1.0])
+    with pytest.raises(fb.SceneError, match="in a scene with nodes that slide on beams"):
+        run.vjp({"bead": np.ones((len(t), 2))})

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import ufl
 
 import numpy as np
+from scenes import with_variables, zener_energy, zener_flow
 
 import fx_beam as fb
 
@@ -106,8 +107,10 @@ def spline_of_degree_three(x):
 
 @case()
 def material_of_ones_own(x):
+    k = fb.Parameter("k", lambda t: 50 * x[2] * (1 + 2 * t))
+
     def energy(eps, gamma, kappa):
-        return 5e3 * (eps**2 + gamma**2) + 2e6 * eps**4 + 50 * kappa**2 + 20 * kappa**4
+        return 5e3 * (eps**2 + gamma**2) + 2e6 * eps**4 + k * kappa**2 + 20 * kappa**4
 
     material = fb.Section(strain_energy=energy, rhoA=x[3], rhoI=0.1 * x[4])
     return swing(x, material=material)[0]
@@ -118,21 +121,10 @@ def retarded_material(x):
     return swing(x, material=section(x, retardation=(1e-3 * x[7], 2e-3, 3e-3)))[0]
 
 
-def zener(eps, gamma, kappa, a):
-    """A spring beside a spring with a dashpot, in bending."""
-    return 5e3 * (eps**2 + gamma**2) + 40.0 * kappa**2 + 10.0 * (kappa - a[0]) ** 2
-
-
-def relax(old, strains0, strains, dt):
-    """The dashpot's curvature, with the relaxation time 0.5 s."""
-    return [(old[0] + dt / 0.5 * strains[2]) / (1 + dt / 0.5)]
-
-
 @case()
 def material_with_a_memory(x):
-    internal = fb.InternalVariables(("dashpot",), relax)
-    material = fb.Section(strain_energy=zener, internal=internal, rhoA=x[3], rhoI=0.1 * x[4])
-    return swing(x, material=material)[0]
+    mass = {"rhoA": x[3], "rhoI": 0.1 * x[4]}
+    return swing(x, material=with_variables(zener_energy, zener_flow, **mass))[0]
 
 
 @case()
@@ -197,7 +189,7 @@ def natural_strains(x):
 @case()
 def virtual_work_with_a_parameter(x):
     scene, beam = swing(x)
-    pull = fb.Parameter("pull", 100.0 * x[7])
+    pull = fb.Parameter("pull", lambda t: 100.0 * x[7] * (1 + t))
     scene.add_virtual_work(lambda step: -pull * ufl.dot(step.u, step.virtual_u), beam)
     return scene
 
@@ -334,6 +326,72 @@ def body_that_slides_on_a_sliding_bar(x):
 
 
 @case()
+def sleeve_on_an_arc(x):
+    """It starts at a node of the arc, the shape of which follows numbers."""
+    scene = fb.Scene(gravity=GRAVITY)
+    curve = fb.arc((0, 0), (1, 0.3 * x[5]), (2 * x[8], 0))
+    taper = fb.Section(**DATA | {"EI": lambda f: 100 * x[2] * (1 - 0.5 * f)})
+    rod = scene.add_beam(curve, taper, elements=4, degree=2)
+    scene.pin(rod.start)
+    at = rod.nodes[2]
+    bead = scene.add_body((at.x, at.y), mass=0.8 * x[3], inertia=0.05)
+    scene.add_joint(fb.Sleeve(rod, bead.centre, spring=fb.Spring(40.0 * x[7], rest=1.0)))
+    scene.set_velocity(bead, (8.0 * x[6], 1.0), spin=1.0)
+    scene.make_velocities_compatible()
+    return scene
+
+
+@case(dt=2e-3)
+def slider_with_friction_that_follows_its_force(x):
+    return on_a_rod(x, fb.Slider, friction=fb.Coulomb(0.3 * x[8], 2000.0))
+
+
+@case()
+def slide_with_friction_that_follows_its_force(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    arm = scene.add_body((0.4, 0), x[3], 0.2 * x[4], points={"pin": (0, 0)})
+    block = scene.add_body((0.5, 0), 0.5, 0.01)
+    scene.add_joint(fb.Revolute(fb.GROUND, arm["pin"]))
+    friction = fb.Coulomb(0.3 * x[7], 300.0)
+    scene.add_joint(fb.Prismatic(arm.centre, block.centre, axis=(1, 0), friction=friction))
+    return scene
+
+
+@case()
+def motor_of_a_slider(x):
+    """It moves a beam along a bridge, and a body slides along that beam."""
+    scene = fb.Scene(gravity=GRAVITY)
+    bridge = scene.add_beam([(0, 0.2 * x[8]), (4 * x[5], 0)], section(x), elements=8)
+    scene.pin(bridge.start)
+    scene.fix(bridge.end, "y")
+    at = np.array([0.8 * x[5], 0.16 * x[8]])
+    rod = scene.add_beam([at, at + (0.5, -x[5])], section(x), elements=4)
+    scene.add_joint(fb.Sleeve(bridge, rod.start, motor=lambda t: 2 * t + x[7] * t * t))
+    bead = scene.add_body(at + (0.1, -0.2 * x[5]), mass=0.3, inertia=0.01)
+    scene.add_joint(fb.Slider(rod, bead.centre))
+    scene.set_velocity(rod, (2.0, 0.0))
+    scene.make_velocities_compatible()
+    return scene
+
+
+@case()
+def sleeve_beside_a_hinge_with_a_motor(x):
+    """The rotation where both are is the sum of two."""
+    scene = fb.Scene(gravity=GRAVITY)
+    hub = scene.add_body((0, 0), 2.0, 0.5 * x[7])
+    scene.add_joint(fb.Revolute(fb.GROUND, hub.centre))
+    rod = scene.add_beam([(0, 0), (3, 0)], section(x), elements=6)
+    scene.add_joint(fb.Revolute(hub.centre, rod.start, motor=lambda t: x[8] * t * t))
+    bead = scene.add_beam([(0.2, 0), (0.2, 0.3)], section(x))
+    scene.add_joint(fb.Sleeve(rod, bead.start))
+    for turning in (rod, bead):
+        scene.set_velocity(turning, lambda X, Y: (-2 * Y, 2 * X), spin=2.0)
+    scene.set_velocity(hub, spin=2.0)
+    scene.make_velocities_compatible()
+    return scene
+
+
+@case()
 def force_between_points(x):
     scene, beam = swing(x)
     pull = {"spring": fb.Spring(30 * x[7], rest=0.3), "damper": fb.Damper(0.1 * x[8])}
@@ -381,11 +439,11 @@ def driven_chain_of_bodies(x):
 @case()
 def loop_of_bodies_with_a_slot(x):
     scene, (arm,) = links(x, [(0, -0.2), (0.3 * x[5], 0.8)])
-    points = {"O": (0, 0.5), "P": (0.2, 0.5)}
+    points = {"O": (0, 0.5), "P": (0.2 * x[8], 0.5)}
     crank = scene.add_body((0.1, 0.5), mass=1.0, inertia=0.01, points=points)
     scene.add_joint(fb.Revolute(fb.GROUND, crank["O"]))
     damper = fb.Damper(0.1 * x[8])
-    scene.add_joint(fb.PinInSlot(arm["a"], crank["P"], axis=(0.2, 0.7), damper=damper))
+    scene.add_joint(fb.PinInSlot(arm["a"], crank["P"], axis=(0.2 * x[8], 0.7), damper=damper))
     scene.add_moment(crank.centre, 0.5 * x[7])
     return scene
 
@@ -428,6 +486,32 @@ def member_contact(x):
     return scene
 
 
+def with_a_beam_that_touches(x, scene, member, at):
+    """A free beam moves down with its tip on the middle of a member."""
+    above = scene.add_beam([at + (0, 0.105), at + (0.2, 0.8 * x[5])], section(x), elements=2)
+    scene.set_velocity(above, (0.3, -2.0 * x[6]))
+    friction = fb.Coulomb(0.2 * x[8], 1e3)
+    scene.add_contact(above, member, stiffness=1e4 * x[7], radius=0.05, friction=friction)
+    return scene
+
+
+@case(dt=2e-3)
+def loop_of_which_a_member_is_touched(x):
+    scene = closed_loop(x)
+    coupler = scene.beams[1]
+    middle = np.array([(coupler.start.x + coupler.end.x) / 2, 1.1])
+    return with_a_beam_that_touches(x, scene, coupler, middle)
+
+
+@case(dt=2e-3)
+def long_chain_of_which_the_end_is_touched(x):
+    scene = long_chain_of_bodies(x)
+    last = scene.bodies[-1]["b"]
+    tip = scene.add_beam([(last.x, last.y), (last.x + 1.0, last.y)], section(x), elements=2)
+    scene.add_joint(fb.Rigid(last, tip.start))
+    return with_a_beam_that_touches(x, scene, tip, np.array([last.x + 0.55, last.y]))
+
+
 # -- Schemes ---------------------------------------------------------------------------------------
 
 SCHEMES = {
@@ -441,3 +525,7 @@ SCHEMES = {
 }
 for _name, _scheme in SCHEMES.items():
     SCENES[_name] = Case(_name, lambda x: hung(x, fb.Revolute), scheme=_scheme)
+# Its first step is predicted by the rates, else it takes tens of iterations and is halved.
+SCENES["sleeve by order four"] = Case(
+    "sleeve by order four", sleeve_on_an_arc, SCHEMES["order four"], steps=8
+)
