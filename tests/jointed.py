@@ -139,3 +139,12 @@ def whirling(degree=1):
     scene.make_velocities_compatible()
     scene.set_velocity(second, lambda x, y: (-60 * y, 60 * (x - 1)), spin=60)
     return scene
+
+
+def pendulum_with_friction(mu, radius=0.05):
+    """A body of 2 kg and 0.05 kg m^2 that hangs by a pin with friction, at first level with it."""
+    scene = fb.Scene(gravity=(0, -9.81))
+    body = scene.add_body((0.5, 0), mass=2.0, inertia=0.05, points={"pin": (0, 0)})
+    friction = fb.Coulomb(mu, 1e4, radius=radius)
+    pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"], friction=friction))
+    return scene, body.centre, pin

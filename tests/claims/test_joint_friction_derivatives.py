@@ -2,7 +2,7 @@
 
 import pytest
 from derivatives import both, forward_and_backward
-from test_joint_friction import pendulum
+from jointed import pendulum_with_friction as pendulum
 
 import fx_beam as fb
 
