@@ -101,7 +101,9 @@ def test_a_bounce_has_the_time_depth_and_momentum_of_the_closed_solution(kind):
     assert inside[-1] - inside[0] == pytest.approx(math.pi / math.sqrt(k), abs=2e-4)
     assert y.min() == pytest.approx(-v / math.sqrt(k), rel=1e-4)
     assert solution.velocity(node)[-1, 1] == pytest.approx(v, rel=1e-12)
-    force = solution.joint(it).force[:, 1] if kind == "stop" else solution.contact(it).force[:, 0, 1]
+    force = (
+        solution.joint(it).force[:, 1] if kind == "stop" else solution.contact(it).force[:, 0, 1]
+    )
     # The force of a row is the mean over its step, and of what the gap is on the way.
     assert abs(force.sum()) * 1e-4 == pytest.approx(2 * v, rel=1e-10)
     way = y[:-1, None] + np.diff(y)[:, None] * np.linspace(0, 1, 2001)
