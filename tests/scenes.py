@@ -73,3 +73,12 @@ def lattice(cells=5):
     scene.pin(nodes[0, 0])
     scene.pin(nodes[cells, 0])
     return scene
+
+
+def spinner(spin):
+    """A free stout beam that spins about its middle."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
+    beam = scene.add_beam([(-1, 0), (1, 0)], section, elements=2)
+    scene.set_velocity(beam, lambda x, y: (-spin * y, spin * x), spin=spin)
+    return scene, beam
