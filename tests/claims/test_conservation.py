@@ -6,31 +6,16 @@ from scenes import FLYING, free_flight, pendulum, pinned_beam, relative_drift
 
 import fx_beam as fb
 
-CONSERVING = [fb.EnergyMomentum(), fb.ModifiedMidPoint(), fb.MidPoint()]
-NEWMARK_FAMILY = [fb.Newmark(), fb.HHT(), fb.GeneralizedAlpha(0.8)]
-
-
-def by_name(scheme):
-    return scheme.name
-
-
 # -- Pinned beam -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dt", [0.04, 0.02, 0.01, 0.001])
-def test_energy_and_angular_momentum_of_the_pinned_beam_are_kept(dt):
-    scene, _ = pinned_beam()
-    solution = fb.simulate(scene, dt=dt, t_end=10.0)
-    assert solution.angular_momentum[0] == pytest.approx(75_000)
-    assert relative_drift(solution.energy.total) < 1e-10
-    assert relative_drift(solution.angular_momentum) < 1e-10
-
-
-@pytest.mark.parametrize("degree", [2, 3])
-@pytest.mark.parametrize("dt", [0.04, 0.01, 0.002])
-def test_energy_and_angular_momentum_are_kept_for_higher_degree(degree, dt):
-    scene, _ = pinned_beam(elements=4, degree=degree)
-    solution = fb.simulate(scene, dt=dt, t_end=4.0)
+@pytest.mark.parametrize(
+    ("degree", "dt"), [(1, 0.04), (1, 0.01), (1, 0.001), (2, 0.04), (2, 0.002), (3, 0.01)]
+)
+def test_energy_and_angular_momentum_of_the_pinned_beam_are_kept(degree, dt):
+    scene, _ = pinned_beam(elements=8 if degree == 1 else 4, degree=degree)
+    solution = fb.simulate(scene, dt=dt, t_end=10.0 if degree == 1 else 4.0)
+    assert solution.angular_momentum[0] == pytest.approx(75_000, rel=1e-6 if degree == 1 else 0.1)
     assert relative_drift(solution.energy.total) < 1e-10
     assert relative_drift(solution.angular_momentum) < 1e-10
 
@@ -96,43 +81,25 @@ def test_tip_of_the_pinned_beam_converges_to_the_fine_solution():
 # -- Pendulum ----------------------------------------------------------------------------------
 
 
-def swing(dt, t_end, scheme=None):
-    scene, beam = pendulum()
-    return fb.simulate(scene, scheme, dt=dt, t_end=t_end), beam
-
-
-def period(t, x):
-    """Mean period from the upward zero crossings, the start being one."""
-    k = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
-    crossings = t[k] - x[k] * (t[k + 1] - t[k]) / (x[k + 1] - x[k])
-    return crossings[-1] / len(crossings)
-
-
 @pytest.mark.parametrize(("dt", "exact"), [(0.01, 1.47547), (0.1, 1.50252)])
-def test_period_of_the_pendulum_is_that_of_the_conserving_mid_point_rule(dt, exact):
-    solution, beam = swing(dt, 20.0)
-    assert period(solution.t, solution.displacement(beam.end)[:, 0]) == pytest.approx(
-        exact, abs=1e-4
-    )
-
-
-@pytest.mark.parametrize("dt", [0.1, 0.01, 0.001])
-def test_energy_of_the_stiff_pendulum_is_kept(dt):
-    solution, _ = swing(dt, 10.0 if dt > 0.001 else 2.0)
+def test_energy_and_period_of_the_pendulum_are_those_of_the_conserving_mid_point_rule(dt, exact):
+    scene, beam = pendulum()
+    solution = fb.simulate(scene, dt=dt, t_end=20.0)
+    t, x = solution.t, solution.displacement(beam.end)[:, 0]
+    k = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))  # upward zero crossings; the start is one
+    crossings = t[k] - x[k] * (t[k + 1] - t[k]) / (x[k + 1] - x[k])
+    assert crossings[-1] / len(crossings) == pytest.approx(exact, abs=1e-4)
     assert solution.energy.total[0] == pytest.approx(1.695**2 / 2)
     assert relative_drift(solution.energy.total) < 1e-11
     assert solution.stats.halvings == 0
 
 
-def test_axial_force_of_the_pendulum_is_that_of_the_rigid_one():
-    solution, beam = swing(0.01, 5.0)
+def test_force_and_swing_of_the_pendulum_are_those_of_the_rigid_one():
+    scene, beam = pendulum()
+    solution = fb.simulate(scene, dt=0.01, t_end=5.0)
     N = solution.resultants(beam).N[1:, 0]
     assert N.max() == pytest.approx(15.557, rel=0.01)
     assert N.min() == pytest.approx(6.937, rel=0.01)
-
-
-def test_swing_of_the_pendulum_is_that_of_the_rigid_one():
-    solution, beam = swing(0.01, 5.0)
     assert abs(solution.displacement(beam.end)[:, 0]).max() == pytest.approx(0.35355, rel=1e-3)
     assert solution.displacement(beam.end)[:, 1].max() == pytest.approx(0.14645, rel=1e-3)
 
@@ -140,8 +107,11 @@ def test_swing_of_the_pendulum_is_that_of_the_rigid_one():
 # -- Free flight -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
-@pytest.mark.parametrize("scheme", CONSERVING, ids=by_name)
+@pytest.mark.parametrize(
+    ("scheme", "degree"),
+    [(fb.EnergyMomentum(), 2), (fb.ModifiedMidPoint(), 1), (fb.MidPoint(), 1)],
+    ids=["EnergyMomentum", "ModifiedMidPoint", "MidPoint"],
+)
 def test_momenta_are_kept_in_free_flight(scheme, degree):
     scene, _ = free_flight(degree=degree)
     solution = fb.simulate(scene, scheme, dt=0.05, t_end=8.0)
@@ -161,7 +131,7 @@ def test_a_load_that_ends_with_a_step_gives_its_whole_impulse(dt, last):
     assert abs(solution.linear_momentum[-1] - (20.0, 0.0)).max() < 20 * 1e-10
 
 
-@pytest.mark.parametrize("scheme", NEWMARK_FAMILY, ids=by_name)
+@pytest.mark.parametrize("scheme", [fb.Newmark(), fb.HHT()], ids=lambda s: s.name)
 def test_the_newmark_family_keeps_linear_momentum(scheme):
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0.5), (2, 0)], FLYING, elements=6)

@@ -417,6 +417,20 @@ def member_contact(x):
     return scene
 
 
+@case(dt=2e-3, steps=40)
+def friction_that_follows_with_a_damping_of_its_own(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    bob = scene.add_body((0.5, 0), mass=2.0 * x[3], inertia=0.05, points={"pin": (0, 0)})
+    pin = fb.Coulomb(0.3, 1e3, radius=0.05, damping=0.02 * x[7])
+    scene.add_joint(fb.Revolute(fb.GROUND, bob["pin"], friction=pin))
+    plate = scene.add_body((0.4, -0.06), mass=1.0, inertia=0.1).centre
+    scene.fix(plate, "rotation", "y")
+    scene.add_force_between(plate, (2.0, -0.06), spring=fb.Spring(200.0 * x[8]))
+    law = {"stiffness": 2e3, "friction": fb.Coulomb(0.5, 5e3, damping=0.02 * x[7])}
+    scene.add_contact(bob.centre, fb.Line(plate, (0, 1)), radius=0.05, **law)
+    return scene
+
+
 # -- Schemes ---------------------------------------------------------------------------------------
 
 SCHEMES = {
