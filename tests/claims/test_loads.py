@@ -253,13 +253,6 @@ def test_impulse_of_reactions_and_loads_is_the_change_of_momentum():
 # -- Scenes without mass: every step is an equilibrium -----------------------------------------
 
 
-def test_a_bar_stretches_by_force_over_axial_stiffness():
-    scene, beam = cantilever(2.0, 3, 2)
-    scene.add_force(beam.end, lambda t: (3e3 * t, 0.0))
-    solution = static(scene, 3)
-    stretch = 1 + 3e3 * solution.t / STIFFNESS["EA"]
-    even = np.linspace(0, 2, 7)
-    assert solution.shape(beam)[..., 0] == pytest.approx(np.outer(stretch, even), rel=STATIC)
 
 
 def test_a_short_cantilever_deflects_by_bending_and_shear():
@@ -463,19 +456,6 @@ def test_in_statics_the_load_is_that_at_the_given_time():
     assert still.reaction(beam.end)[-1, 1] == pytest.approx(total / 2)
 
 
-def test_a_motion_step_by_step_takes_such_a_load():
-    def wave(s, t):
-        return 0.0, LOAD * np.sin(4 * s - 30 * t)
-
-    scene, beam = simply_supported(wave, elements=4)
-    whole = fb.simulate(scene, dt=0.01, t_end=0.2)
-    motion = fb.Motion(scene, dt=0.01)
-    for _ in range(20):
-        motion.step()
-    place = motion.state.displacement(beam.node(0.5))
-    np.testing.assert_allclose(
-        np.ravel(place)[-2:], whole.displacement(beam.node(0.5))[-1], rtol=0, atol=1e-12
-    )
 
 
 @pytest.mark.parametrize(

@@ -35,22 +35,6 @@ def test_two_magnets_turn_back_as_the_closed_form_says_with_order_two():
     assert abs(solution.energy.balance_error).max() < 1e-12
 
 
-def test_a_force_between_bodies_keeps_energy_and_both_momenta():
-    """Of two balls that fly past each other."""
-    scene, left, right = balls()
-    scene.set_velocity(left, (0.2, 0.3))
-    scene.set_velocity(right, (-0.5, 0.1))
-    scene.add_force_between(
-        left, right, fb.Spring(30.0, 0.8, lambda x: 5 * x**4), stop=(0.7, 1.4, 1e4)
-    )
-    solution = fb.simulate(scene, dt=0.01, t_end=3.0)
-    energy = solution.energy
-    assert np.ptp(energy.springs) > 0.1
-    assert np.ptp(energy.total) < 1e-12 * energy.total[0]
-    assert np.ptp(solution.angular_momentum) < 1e-12
-    assert np.ptp(solution.linear_momentum, axis=0).max() < 1e-12
-
-
 def test_a_muscle_lifts_a_mass_as_its_law_says():
     # A pull F (1 - shortening rate / w): m v' = F (1 - v / w) - m g from rest.
     scene = fb.Scene(gravity=(0, -10))
