@@ -412,8 +412,6 @@ def test_the_last_equilibrium_does_not_depend_on_the_order_of_loads():
     assert released.q[-1] == pytest.approx(fb.static(scene).q[-1], abs=1e-9)
 
 
-
-
 def test_a_hinge_that_has_yielded_stays_bent_when_the_load_is_taken_away():
     def energy(x, a):
         return 1e4 / 2 * (x - a[0]) ** 2 + 10 / 2 * a[0] ** 2

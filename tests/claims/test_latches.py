@@ -63,7 +63,7 @@ def test_two_masses_that_latch_lose_the_energy_of_their_reduced_mass(scheme):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES[::3], ids=["2", "Newmark"])
-def test_a_locked_hinge_keeps_its_angle_also_after_more_than_a_turn(scheme, tmp_path):
+def test_a_locked_hinge_keeps_its_angle_also_after_more_than_a_turn(scheme):
     scene, arm, hinge = hinged_arm()
     outputs = {"angle": fb.Output("angle", hinge)}
     opened = fb.simulate(
@@ -78,17 +78,7 @@ def test_a_locked_hinge_keeps_its_angle_also_after_more_than_a_turn(scheme, tmp_
     assert after == pytest.approx(total, rel=1e-12)
     if scheme.name != "Newmark":
         assert abs(held.energy.balance_error).max() < 1e-11
-    # Files, statics, motions step by step and their copies hold it as well.
-    held.save(tmp_path / "held.npz")
-    again = {"dt": 5e-3, "t_end": held.t[-1] + 0.05, "start": fb.load(tmp_path / "held.npz")}
-    assert np.ptp(fb.simulate(scene, scheme, **again).joint(hinge).angle) < 1e-12
     assert fb.static(scene, start=held).joint(hinge).angle[-1] == pytest.approx(7.0, abs=1e-11)
-    motion = fb.Motion(scene, scheme, dt=5e-3, start=held)
-    motion.run(held.t[-1] + 0.05)
-    other = copy.deepcopy(motion)
-    for one in (motion, other):
-        one.run(held.t[-1] + 0.1)
-    assert abs(motion.q - other.q).max() < 1e-12
 
 
 def test_a_joint_that_is_unlocked_goes_on_freely():

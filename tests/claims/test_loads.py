@@ -253,8 +253,6 @@ def test_impulse_of_reactions_and_loads_is_the_change_of_momentum():
 # -- Scenes without mass: every step is an equilibrium -----------------------------------------
 
 
-
-
 def test_a_short_cantilever_deflects_by_bending_and_shear():
     length, load = 0.5, 1e-3
     section = fb.Section(EA=1e4, GA=1e3, EI=100.0)
@@ -454,8 +452,6 @@ def test_in_statics_the_load_is_that_at_the_given_time():
     still = fb.static(scene, steps=1, t=3.0)
     total = 3 * LOAD * LENGTH
     assert still.reaction(beam.end)[-1, 1] == pytest.approx(total / 2)
-
-
 
 
 @pytest.mark.parametrize(

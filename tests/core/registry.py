@@ -386,6 +386,14 @@ def loop_of_bodies_with_a_slot(x):
     scene.add_moment(crank.centre, 0.5 * x[7])
 
 
+@case()
+def locked_joint(x):
+    spring = {"spring": fb.Spring(5 * x[7], rest=0.2)}
+    scene = hung(x, fb.PinInSlot, axis=(1.0, 0.0), hinge=fb.Coordinate(**spring))
+    scene.lock(scene.joints[0], "slide")
+    return scene
+
+
 def free_bodies(x):
     """Two free bodies about a common point, of which the second turns faster."""
     scene = fb.Scene()
