@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from jointed import chain
 
 import fx_beam as fb
 
@@ -45,14 +46,7 @@ def jointed(count, closed, friction=None):
     scene = fb.Scene()
     angle = 2 * np.pi * np.arange(count + closed) / count
     corners = np.column_stack([np.cos(angle), np.sin(angle)])
-    bars = []
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
-        middle, length = (a + b) / 2, np.hypot(*(b - a))
-        bars.append(scene.add_body(middle, length, length**3 / 12, points={"a": a, "b": b}))
-        if len(bars) > 1:
-            scene.add_joint(fb.Revolute(bars[-2]["b"], bars[-1]["a"]))
-    if closed:
-        scene.add_joint(fb.Revolute(bars[-1]["b"], bars[0]["a"]))
+    bars = chain(scene, corners, closed)
     out = corners[-1]
     along = np.array([-out[1], out[0]])
     horn = scene.add_beam([tuple(out), tuple(1.8 * out)], SECTION, elements=5)
