@@ -115,3 +115,12 @@ def with_variables(energy, update, names=("a",), **data):
 INERTIA = {"rhoA": 1.0, "rhoI": 0.01}
 ZENER = with_variables(zener_energy, zener_flow, ("dashpot",), **INERTIA)
 PLASTIC = with_variables(plastic_energy, plastic_flow, ("plastic curvature",), **INERTIA)
+
+
+def spinner(spin):
+    """A free stout beam that spins about its middle."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
+    beam = scene.add_beam([(-1, 0), (1, 0)], section, elements=2)
+    scene.set_velocity(beam, lambda x, y: (-spin * y, spin * x), spin=spin)
+    return scene, beam

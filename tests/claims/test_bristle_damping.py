@@ -4,7 +4,6 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from derivatives import EXACT, assert_derivatives, outputs_of
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -137,32 +136,3 @@ def test_critical_damping_is_that_of_the_mass_which_the_spring_holds():
     assert [low for low, _ in found.values()] == pytest.approx(expected, rel=1e-12)
     joints = [f"joint {pin.number} rotation", f"joint {rail.number} slide"]
     assert [*found] == [*joints, *map(str, scene.obstacles)]
-
-
-def rubbing(x, damping):
-    """A pendulum with friction in its pin, whose bob rubs on a plate that a spring holds."""
-    scene = fb.Scene(gravity=(0, -GRAVITY * x))
-    bob = scene.add_body((0.5, 0), mass=2.0 * x, inertia=0.05, points={"pin": (0, 0)})
-    pin = fb.Coulomb(0.3, 1e3 * x, radius=0.05, damping=damping)
-    scene.add_joint(fb.Revolute(fb.GROUND, bob["pin"], friction=pin))
-    plate = scene.add_body((0.4, -0.3), mass=1.0 * x, inertia=0.1).centre
-    scene.fix(plate, "rotation", "y")
-    scene.add_force_between(plate, (2.0, -0.3), spring=fb.Spring(200.0))
-    friction = fb.Coulomb(0.5, 5e3 * x, damping=damping)
-    shape = fb.Line(plate, (0, 1))
-    scene.add_contact(bob.centre, shape, stiffness=2e3 * x, radius=0.05, friction=friction)
-    return scene
-
-
-@pytest.mark.parametrize("damping", [None, 0.02])
-def test_derivatives_are_right_with_it(damping):
-    def build(x):
-        scene = rubbing(x[0], damping and damping * x[0] ** 2)
-        return scene, outputs_of(scene)
-
-    run = fb.Response(build, dt=2e-3, t_end=0.4, newton=EXACT)
-    assert_derivatives(run, [1.0], h=1e-5)
-    solution = fb.simulate(build([1.0])[0], dt=2e-3, t_end=0.4)
-    assert solution.energy.dissipated[-1] > 0.1
-    assert np.diff(solution.energy.dissipated).min() >= 0
-    assert abs(solution.energy.balance_error).max() < 1e-11

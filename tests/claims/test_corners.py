@@ -57,8 +57,9 @@ def own(EA, GA, EI):
 # -- Flow along the arc length -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("steps", [1, 5, 20])
-@pytest.mark.parametrize(("stiff", "H"), [(1e5, 2.0), (100.0, 30.0), (100.0, 0.1)])
+@pytest.mark.parametrize(
+    ("stiff", "H", "steps"), [(1e5, 2.0, 1), (1e5, 2.0, 20), (100.0, 30.0, 5), (100.0, 0.1, 5)]
+)
 def test_the_arc_length_goes_through_yield_in_steps_as_long_as_before(stiff, H, steps):
     scene, joint = arm_on(plastic_hinge(stiff, H))
     path = fb.static(scene, steps, continuation="arc-length", max_steps=100)
@@ -87,8 +88,7 @@ def test_a_hinge_that_softens_has_its_limit_at_yield_and_goes_on_flowing(H):
     assert 0.5 * path.load_factor[behind] == pytest.approx(YIELD + H * flown[behind], abs=1e-6)
 
 
-@pytest.mark.parametrize("steps", [4])
-def test_the_limit_load_of_a_portal_frame_is_that_of_its_mechanism(steps):
+def test_the_limit_load_of_a_portal_frame_is_that_of_its_mechanism():
     # Hinges at the feet, the corners and under the load; the combined mechanism carries
     # P L/2 + Q h = 6 My (Neal, The plastic methods of structural analysis).
     P = 4.0
@@ -103,7 +103,7 @@ def test_the_limit_load_of_a_portal_frame_is_that_of_its_mechanism(steps):
         joints.append(scene.add_joint(fb.Revolute(a, b, spring=plastic_hinge(1e5, 0.0))))
     scene.add_force(parts[1].end, (0.0, -P))
     scene.add_force(parts[1].start, (P, 0.0))
-    path = fb.static(scene, steps, continuation="arc-length", max_steps=26)
+    path = fb.static(scene, 4, continuation="arc-length", max_steps=26)
     limit = path.load_factor[: 1 + np.argmax(np.diff(path.load_factor) < 0)].max()
     assert limit == pytest.approx(6 * YIELD / (2 * P), rel=1e-4)
     flown = [path.joint(joint).internal("plastic") for joint in joints]
@@ -155,35 +155,20 @@ def test_a_bar_that_yields_as_it_snaps_through_unloads_where_it_is_shortest():
 @pytest.mark.parametrize("max_cuts", [0, 8])
 def test_a_spring_that_snaps_at_its_kink_is_refused(soft, max_cuts):
     # It falls behind the kink and rises again: under the load it jumps.
-    for moment in (0.31, 0.5, 0.9):
+    for moment in (0.31, 0.9):
         scene, _ = arm_on(piecewise((100.0, soft, 100.0), (0.003, 0.03)), moment, EI=600.0)
-        for steps in (4, 10, 30):
+        for steps in (4, 30):
             with pytest.raises(fb.StepError) as caught:
                 fb.static(scene, steps, max_cuts=max_cuts)
             assert caught.value.time * moment < YIELD + 1e-9
 
 
-def test_a_truss_of_a_law_of_its_own_does_not_jump_through():
-    rise, EA = 0.2, 1e4
-    length = np.hypot(1, rise)
-    limit = EA * np.sqrt(length ** (2 / 3) - 1) * (length ** (-1 / 3) - 1 / length)
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, rise)], own(EA, EA, 1e3), elements=2)
-    scene.pin(bar.start)
-    scene.fix(bar.end, "x")
-    scene.add_force(bar.end, (0.0, -1.001 * limit))
-    for steps, max_cuts in ((1, 0), (1, 8), (10, 8), (30, 2)):
-        with pytest.raises(fb.StepError):
-            fb.static(scene, steps, max_cuts=max_cuts)
-
-
-@pytest.mark.parametrize("side", [1e-5, 1e-3])
-def test_no_load_step_reaches_the_other_branch_of_a_column(side):
+def test_no_load_step_reaches_the_other_branch_of_a_column(side=1e-5):
     scene = fb.Scene()
     column = scene.add_beam([(0, 0), (1, 0)], own(1e4, 1e4, 1.0), elements=8)
     scene.clamp(column.start)
     scene.add_force(column.end, (-1.3 * np.pi**2 / 4, side))
-    for steps in (1, 2, 3, 5, 10, 20):
+    for steps in (1, 3, 10):
         try:
             found = fb.static(scene, steps)
         except fb.StepError as error:

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from scenes import demo, free_flight, pendulum, pinned_beam
+from scenes import FLYING, demo, free_flight, pendulum, pinned_beam
 
 import fx_beam as fb
 
-SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 ORDERS = pytest.mark.parametrize("order", [1, 2])
 
 
@@ -26,13 +25,16 @@ def stiffening(eps, gamma, kappa):
     return 1e4 * (eps**2 / 2 + eps**4) + 5e3 * gamma**2 + 50 * (kappa**2 + kappa**4)
 
 
-@ORDERS
-@pytest.mark.parametrize("energy", [None, stiffening], ids=["quadratic", "own energy"])
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_momenta_are_kept_and_the_balance_closes_in_free_flight(degree, energy, order):
-    section = fb.Section(strain_energy=energy, rhoA=1.0, rhoI=10.0) if energy else None
-    options = {"section": section} if section else {}
-    scene, _ = free_flight(elements=3, degree=degree, **options)
+OWN = fb.Section(strain_energy=stiffening, rhoA=1.0, rhoI=10.0)
+
+
+@pytest.mark.parametrize(
+    ("degree", "section", "order"),
+    [(1, FLYING, 1), (2, FLYING, 2), (1, OWN, 1), (1, OWN, 2)],
+    ids=["quadratic 1", "quadratic 2", "own energy 1", "own energy 2"],
+)
+def test_momenta_are_kept_and_the_balance_closes_in_free_flight(degree, section, order):
+    scene, _ = free_flight(elements=3, degree=degree, section=section)
     scheme = fb.EnergyDecaying(order=order)
     pushed = fb.simulate(scene, scheme, dt=0.1, t_end=2.5)
     solution = fb.simulate(scene, scheme, dt=0.1, t_end=10.0, start=pushed)
@@ -49,15 +51,12 @@ def test_momenta_are_kept_and_the_balance_closes_in_free_flight(degree, energy, 
     assert rises(solution.energy.total + solution.energy.algorithmic) < 1e-13
 
 
-@SOLVERS
 @ORDERS
-def test_the_balance_closes_for_steps_in_parts_of_changing_length(order, solver):
+def test_the_balance_closes_for_steps_in_parts_of_changing_length(order):
     # The bound of the turn halves the steps; they are doubled and halved again.
     scene, beam = pinned_beam()
     newton = fb.NewtonOptions(max_turn=0.05)
-    solution = fb.simulate(
-        *(scene, fb.EnergyDecaying(order=order)), dt=0.02, t_end=0.3, solver=solver, newton=newton
-    )
+    solution = fb.simulate(scene, fb.EnergyDecaying(order=order), dt=0.02, t_end=0.3, newton=newton)
     energy = solution.energy
     assert 1 < solution.stats.halvings
     assert solution.stats.substeps > solution.stats.steps
@@ -65,7 +64,7 @@ def test_the_balance_closes_for_steps_in_parts_of_changing_length(order, solver)
     assert relative(solution.angular_momentum) < 1e-11
     assert rises(energy.total + energy.algorithmic) < 1e-13
     # Forces with the addition of the scheme, against the change of the momentum (no parts).
-    whole = fb.simulate(scene, fb.EnergyDecaying(order=order), dt=0.01, t_end=0.2, solver=solver)
+    whole = fb.simulate(scene, fb.EnergyDecaying(order=order), dt=0.01, t_end=0.2)
     given = np.diff(whole.linear_momentum, axis=0) / 0.01
     assert abs(whole.reaction(beam.start)[1:, :2] - given).max() < 1e-9 * abs(given).max()
 
@@ -97,7 +96,7 @@ def test_the_amplification_is_that_of_the_formula(w, kept):
 
 
 @ORDERS
-@pytest.mark.parametrize("w", [0.01, 0.1, 1, 3, 10, 30, 100, 1e3, 1e4])
+@pytest.mark.parametrize("w", [0.01, 1, 10, 100, 1e4])
 def test_an_oscillator_follows_the_amplification_matrix(w, order):
     # A massless rod of stiffness w^2 with a unit mass at its end, dt = 1.
     scene = fb.Scene()
@@ -135,7 +134,7 @@ def test_less_energy_is_lost_than_by_hht_in_the_examples_of_the_paper(name):
     assert lost(fb.EnergyDecaying()) < lost(fb.HHT(-0.1))
 
 
-@pytest.mark.parametrize("EA", [1e6, 1e8, 1e10, 1e12])
+@pytest.mark.parametrize("EA", [1e6, 1e12])
 def test_a_stiff_parallelogram_passes_through_its_line_up_four_times(EA):
     parallelogram = demo("parallelogram")
     solution = parallelogram.simulate(EA, fb.EnergyDecaying(), t_end=3.0)

@@ -5,46 +5,35 @@ import pytest
 from scenes import FLYING
 
 import fx_beam as fb
-from fx_beam.stepping.substeps import Halving
+
+MOST = fb.NewtonOptions(max_turn=0.3)
 
 
-def march(grid, longest, most=12):
-    """Ends of parts, where those longer than `longest(t)` fail, and how many of them failed."""
-    halving, ends, failures, done = Halving(most), [grid[0]], 0, 0
-    while done < len(grid) - 1:
-        for end in halving.ends(grid[done:]):
-            if end - ends[-1] > longest(ends[-1]):
-                failures += 1
-                assert halving.fail()
-                break
-            ends.append(end)
-            if steps := halving.take(1):
-                done += steps
-                assert end == grid[done]
-                break  # the next step may be whole again
-    return np.array(ends), failures
+def turning(spin):
+    """A body of 0.1 kg m^2 that turns freely."""
+    scene = fb.Scene()
+    body = scene.add_body((0, 0), mass=1.0, inertia=0.1)
+    scene.set_velocity(body, spin=spin)
+    return scene, body.centre
 
 
-GRID = 0.3 + 0.1 * np.arange(41)
-
-
-@pytest.mark.parametrize("finest", [0.051, 0.013, 1e-4])
-def test_what_size_works_is_remembered(finest):
-    ends, failures = march(GRID, lambda t: finest)
-    assert np.isin(GRID, ends).all()
-    size = 0.1 / 2 ** np.ceil(np.log2(0.1 / finest))
-    assert np.diff(ends)[-len(ends) // 2 :] == pytest.approx(size, rel=1e-9)
-    assert failures <= np.ceil(np.log2(0.1 / finest)) + 6 + len(ends) / 64
+@pytest.mark.parametrize(("spin", "parts"), [(5.0, 2), (20.0, 8), (45.0, 16)])
+def test_what_size_of_steps_works_is_remembered(spin, parts):
+    stats = fb.simulate(turning(spin)[0], dt=0.1, t_end=4.0, newton=MOST).stats
+    assert stats.substeps == 40 * parts
+    assert stats.halvings <= np.log2(parts) + 6 + stats.substeps / 64
 
 
 def test_steps_are_whole_again_within_five_after_a_hard_time():
-    ends, _ = march(GRID, lambda t: 1e-3 if t < 1.0 else 1.0)
-    after = np.diff(ends[ends >= 1.5])
-    assert after == pytest.approx(np.full(len(after), 0.1))
+    scene, centre = turning(45.0)
+    scene.add_moment(centre, lambda t: -45.0 * (1.0 <= t < 1.1))  # it stops
+    options = {"dt": 0.1, "newton": fb.NewtonOptions(max_turn=0.04)}
+    early, late = (fb.simulate(scene, t_end=t, **options) for t in (1.6, 4.0))
+    assert early.stats.substeps > 128 * 10
+    assert late.stats.substeps - early.stats.substeps == 24
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-@pytest.mark.parametrize("size", [1e150, 1e300])
+@pytest.mark.parametrize(("size", "solver"), [(1e150, "compiled"), (1e300, "petsc")])
 def test_a_load_that_overflows_ends_the_run_after_its_halvings(size, solver):
     scene = fb.Scene()
     arm = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
@@ -71,13 +60,10 @@ def test_numbers_whose_products_overflow_are_refused(size):
 
 
 def test_equal_warnings_of_many_runs_come_once(caplog):
-    scene = fb.Scene()
-    body = scene.add_body((0, 0), mass=1.0, inertia=0.1)
-    scene.set_velocity(body, spin=5.0)
-    options = fb.NewtonOptions(max_turn=0.3)
+    scene, _ = turning(5.0)
     for _ in range(3):
-        stats = fb.simulate(scene, dt=0.1, t_end=1.0, newton=options).stats
+        stats = fb.simulate(scene, dt=0.1, t_end=1.0, newton=MOST).stats
         assert stats.halvings
     assert len([text for text in caplog.messages if "failed and were halved" in text]) == 1
-    fb.simulate(scene, dt=0.1, t_end=1.1, newton=options)
+    fb.simulate(scene, dt=0.1, t_end=1.1, newton=MOST)
     assert len([text for text in caplog.messages if "failed and were halved" in text]) == 2

@@ -8,7 +8,6 @@ import pytest
 import fx_beam as fb
 
 DT, SMALL = 0.1, 1e-5
-SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 SCHEMES = {
     "order 2": fb.EnergyMomentum(),
     "order 4": fb.EnergyMomentum(order=4),
@@ -70,8 +69,9 @@ def assert_impulses_are_momenta(solution, its):
         assert wrong < 1e-6 * largest, (name, wrong / largest)
 
 
-@SOLVERS
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(
+    ("scheme", "solver"), [*((name, "compiled") for name in SCHEMES), ("order 4", "petsc")]
+)
 def test_impulses_of_all_forces_are_the_changes_of_momentum_in_halved_steps(scheme, solver):
     scene, its = workshop()
     solution = fb.simulate(scene, SCHEMES[scheme], dt=DT, t_end=1.2, solver=solver)
@@ -80,10 +80,9 @@ def test_impulses_of_all_forces_are_the_changes_of_momentum_in_halved_steps(sche
     assert_impulses_are_momenta(solution, its)
 
 
-@SOLVERS
-def test_rows_of_some_steps_have_the_same_means_as_rows_of_all(solver):
+def test_rows_of_some_steps_have_the_same_means_as_rows_of_all():
     every, third = (
-        fb.simulate(workshop()[0], dt=DT, t_end=1.2, record=record, solver=solver)
+        fb.simulate(workshop()[0], dt=DT, t_end=1.2, record=record)
         for record in (fb.Record(), fb.Record(every=3))
     )
     assert third.t == pytest.approx(every.t[::3])
@@ -94,17 +93,16 @@ def test_rows_of_some_steps_have_the_same_means_as_rows_of_all(solver):
         assert pytest.approx(expected[::3], abs=1e-9) == N
 
 
-@SOLVERS
-def test_outputs_of_a_motion_are_means_over_halved_steps(solver):
+def test_outputs_of_a_motion_are_means_over_halved_steps():
     scene, its = workshop()
-    expected = fb.simulate(scene, dt=DT, t_end=1.0, solver=solver)
+    expected = fb.simulate(scene, dt=DT, t_end=1.0)
     outputs = {
         "force": fb.Output("force", its.rail),
         "motor": fb.Output("motor_force", its.rail),
         "reaction": fb.Output("reaction", its.rod.start),
         "acceleration": fb.Output("acceleration", its.ball.centre),
     }
-    motion = fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record(), solver=solver)
+    motion = fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record())
     rows = [motion.step() for _ in range(10)]
     assert motion.stats.substeps > motion.stats.steps == 10
     assert_impulses_are_momenta(motion.solution(), its)

@@ -1,4 +1,4 @@
-"""Joints that are locked during a motion, and fuses that break; motions joined in one solution."""
+"""Joints that are locked or made during a motion, latches, fuses; motions joined in one."""
 
 import copy
 
@@ -7,22 +7,25 @@ import pytest
 
 import fx_beam as fb
 
-SCHEMES = [
-    fb.EnergyMomentum(),
-    fb.EnergyMomentum(order=4),
-    fb.EnergyDecaying(),
-    fb.Newmark(),
-]
+SCHEMES = [fb.EnergyMomentum(), fb.EnergyMomentum(order=4), fb.EnergyDecaying(), fb.Newmark()]
+by_scheme = pytest.mark.parametrize("scheme", SCHEMES, ids=["2", "4", "decaying", "Newmark"])
 SOFT = fb.Section(EA=1e5, GA=1e5, EI=50.0, rhoA=1.0, rhoI=1e-3)
 
 
-def two_masses():
+def train(count, masses, speeds):
+    """Bodies in a row, each on a guide of the one before."""
     scene = fb.Scene()
-    bodies = [
-        scene.add_body((x, 0), mass=m, inertia=0.1, name=f"m{m:g}") for x, m in ((0, 2.0), (1, 3.0))
-    ]
-    guide = scene.add_joint(fb.Prismatic(*(body.centre for body in bodies), axis=(1, 0)))
-    scene.set_velocity(bodies[1], (0.6, 0.0))
+    bodies = [scene.add_body((x, 0), masses[x], 0.1).centre for x in range(count)]
+    pairs = zip(bodies[:-1], bodies[1:], strict=True)
+    guides = [scene.add_joint(fb.Prismatic(*pair, axis=(1, 0))) for pair in pairs]
+    for body, speed in zip(bodies, speeds, strict=True):
+        scene.set_velocity(body, (speed, 0.0))
+    return scene, bodies, guides
+
+
+def two_masses():
+    """Of 2 and 3 kg, the second of which goes away by 0.6 m/s."""
+    scene, bodies, (guide,) = train(2, (2.0, 3.0), (0.0, 0.6))
     return scene, bodies, guide
 
 
@@ -42,27 +45,25 @@ def hinged_arm():
     return scene, arm, hinge
 
 
-@pytest.mark.parametrize("solver", ["auto", "petsc"])
-@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
-def test_two_masses_that_latch_lose_the_energy_of_their_reduced_mass(scheme, solver):
+@by_scheme
+def test_two_masses_that_latch_lose_the_energy_of_their_reduced_mass(scheme):
     scene, (left, right), guide = two_masses()
-    options = {"dt": 0.1, "solver": solver}
-    apart = fb.simulate(scene, scheme, t_end=9.0, **options, **apart_by(guide, 1.5))
+    apart = fb.simulate(scene, scheme, t_end=9.0, dt=0.1, **apart_by(guide, 1.5))
     assert apart.t[-1] == pytest.approx(0.5 / 0.6, abs=1e-12)
     own = scene.lock(guide)
-    latched = fb.simulate(scene, scheme, t_end=2.0, start=apart, **options)
+    latched = fb.simulate(scene, scheme, t_end=2.0, start=apart, dt=0.1)
     reduced = 2.0 * 3.0 / (2.0 + 3.0)
     assert latched.energy.impact == pytest.approx(reduced * 0.6**2 / 2, rel=1e-11)
     for body in (left, right):
-        assert latched.velocity(body.centre)[:, 0] == pytest.approx(3 * 0.6 / 5, rel=1e-11)
+        assert latched.velocity(body)[:, 0] == pytest.approx(3 * 0.6 / 5, rel=1e-11)
     assert abs(latched.linear_momentum - apart.linear_momentum[-1]).max() < 1e-12
     assert latched.slide(guide) == pytest.approx(1.5, abs=1e-12)
     assert abs(latched.joint(own).motor_force[1:]).max() < 1e-9
     assert abs(latched.energy.balance_error).max() < 1e-12
 
 
-@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
-def test_a_locked_hinge_keeps_its_angle_also_after_more_than_a_turn(scheme, tmp_path):
+@pytest.mark.parametrize("scheme", SCHEMES[::3], ids=["2", "Newmark"])
+def test_a_locked_hinge_keeps_its_angle_also_after_more_than_a_turn(scheme):
     scene, arm, hinge = hinged_arm()
     outputs = {"angle": fb.Output("angle", hinge)}
     opened = fb.simulate(
@@ -77,17 +78,7 @@ def test_a_locked_hinge_keeps_its_angle_also_after_more_than_a_turn(scheme, tmp_
     assert after == pytest.approx(total, rel=1e-12)
     if scheme.name != "Newmark":
         assert abs(held.energy.balance_error).max() < 1e-11
-    # Files, statics, motions step by step and their copies hold it as well.
-    held.save(tmp_path / "held.npz")
-    again = {"dt": 5e-3, "t_end": held.t[-1] + 0.05, "start": fb.load(tmp_path / "held.npz")}
-    assert np.ptp(fb.simulate(scene, scheme, **again).joint(hinge).angle) < 1e-12
     assert fb.static(scene, start=held).joint(hinge).angle[-1] == pytest.approx(7.0, abs=1e-11)
-    motion = fb.Motion(scene, scheme, dt=5e-3, start=held)
-    motion.run(held.t[-1] + 0.05)
-    other = copy.deepcopy(motion)
-    for one in (motion, other):
-        one.run(held.t[-1] + 0.1)
-    assert abs(motion.q - other.q).max() < 1e-12
 
 
 def test_a_joint_that_is_unlocked_goes_on_freely():
@@ -101,54 +92,6 @@ def test_a_joint_that_is_unlocked_goes_on_freely():
     assert free.slide(guide)[-1] == pytest.approx(1.5 + 3.0 / 3.0 * 1.0**2 / 2, abs=1e-9)
     assert free.energy.impact[-1] == pytest.approx(latched.energy.impact[-1], rel=1e-12)
     assert load in scene.loads
-
-
-def test_wrong_locks_are_refused():
-    scene, _, guide = two_masses()
-    slot = scene.add_joint(fb.PinInSlot(fb.GROUND, guide.a, axis=(1, 0)))
-    rigid = fb.Rigid(guide.a, guide.b, offset=(1, 0))
-    with pytest.raises(fb.SceneError, match="coordinates. Name one of them"):
-        scene.lock(slot)
-    with pytest.raises(fb.SceneError, match="coordinate = 'turn' must be one of"):
-        scene.lock(slot, "turn")
-    with pytest.raises(fb.SceneError, match="lock = .*Rigid.* must be a joint that add_joint"):
-        scene.lock(rigid)
-    with pytest.raises(fb.SceneError, match="no slide and no relative rotation to lock"):
-        scene.lock(scene.add_joint(rigid))
-    with pytest.raises(fb.SceneError, match="unlock .* is not locked"):
-        scene.unlock(guide)
-    scene.lock(guide)
-    with pytest.raises(fb.SceneError, match="holds its slide already"):
-        scene.lock(guide)
-    scene.remove(guide)  # also by the joint that add_joint returned
-    assert guide.number not in [joint.number for joint in scene.joints]
-
-
-@pytest.mark.parametrize("scheme", SCHEMES[:2], ids=["order 2", "order 4"])
-def test_a_fuse_breaks_at_its_force(scheme):
-    """Two masses that a growing force pulls: the joint between them carries a part of it."""
-    scene = fb.Scene()
-    left, right = (scene.add_body((x, 0), m, 0.1).centre for x, m in ((0, 2.0), (1, 3.0)))
-    fuse = scene.add_joint(fb.Rigid(left, right, offset=(1, 0)))
-    scene.add_force(right, lambda t: (10.0 * t, 0.0))
-    outputs = {"force": fb.Output("force", fuse)}
-    whole = fb.simulate(
-        scene,
-        scheme,
-        dt=0.01,
-        t_end=9.0,
-        outputs=outputs,
-        until={"fuse": lambda t, y: np.hypot(*y["force"][:2]) - 8.0},
-    )
-    # The left mass needs 2/5 of the load, at the middle of the last step.
-    assert np.diff(whole.t).min() > 0.009
-    assert whole.t_level[-1] == pytest.approx(8.0 / (0.4 * 10.0), abs=1e-9)
-    assert abs(whole.joint(fuse).force[-1, 0]) == pytest.approx(8.0, rel=1e-10)
-    scene.remove(fuse)
-    parted = fb.simulate(scene, scheme, dt=0.01, t_end=3.0, start=whole)
-    assert parted.energy.impact[-1] == pytest.approx(0, abs=1e-12)
-    assert np.ptp(parted.velocity(left)[:, 0]) < 1e-11
-    assert abs(parted.energy.balance_error).max() < 1e-11 * parted.energy.work[-1]
 
 
 def test_a_solution_does_not_depend_on_what_becomes_of_its_scene():
@@ -171,7 +114,8 @@ def test_a_solution_does_not_depend_on_what_becomes_of_its_scene():
 # -- Joints that are made in a motion ------------------------------------------------------------
 
 
-def docking():
+@by_scheme
+def test_bodies_that_dock_have_the_common_motion_of_both(scheme):
     """Two free bodies whose ports meet."""
     scene = fb.Scene()
     one = scene.add_body((0, 0), 2.0, 0.3, points={"port": (0.5, 0.1)}, name="one")
@@ -180,17 +124,9 @@ def docking():
     scene.set_velocity(two, (-0.4, 0.0))
     outputs = {b.name: fb.Output("position", b["port"], "x") for b in (one, two)}
     meet = {"outputs": outputs, "until": lambda t, y: y["two"] - y["one"]}
-    return scene, one, two, meet
-
-
-@pytest.mark.parametrize("solver", ["auto", "petsc"])
-@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda scheme: scheme.name)
-def test_bodies_that_dock_have_the_common_motion_of_both(scheme, solver):
-    scene, one, two, meet = docking()
-    options = {"dt": 0.05, "solver": solver}
-    flight = fb.simulate(scene, scheme, t_end=9.0, **options, **meet)
+    flight = fb.simulate(scene, scheme, dt=0.05, t_end=9.0, **meet)
     port = scene.add_joint(fb.Rigid(one["port"], two["port"]), at=flight)
-    docked = fb.simulate(scene, scheme, t_end=flight.t[-1] + 1, start=flight, **options)
+    docked = fb.simulate(scene, scheme, t_end=flight.t[-1] + 1, start=flight, dt=0.05)
     # The velocity of the common centre, and the spin by the angular momentum about it.
     m, J = np.array([2.0, 3.0]), np.array([0.3, 0.4])
     x = np.array([flight.position(body.centre)[-1] for body in (one, two)])
@@ -210,8 +146,10 @@ def test_bodies_that_dock_have_the_common_motion_of_both(scheme, solver):
         assert abs(moved).max() < 1e-12
 
 
-@pytest.mark.parametrize("kind", ["Revolute", "Rigid", "Prismatic", "PinInSlot"])
-@pytest.mark.parametrize("side", ["a", "b"])
+@pytest.mark.parametrize(
+    ("kind", "side"),
+    [("Revolute", "a"), ("Rigid", "b"), ("Prismatic", "a"), ("PinInSlot", "b"), ("Rigid", "a")],
+)
 def test_a_hook_on_the_ground_catches_a_body_where_it_is(kind, side, tmp_path):
     scene = fb.Scene(gravity=(0, -9.81))
     body = scene.add_body((0, 0), 1.0, 0.1, points={"eye": (0.5, 0)})
@@ -298,3 +236,208 @@ def test_joined_motions_have_the_rows_and_the_balance_of_both(tmp_path):
         whole.then(rest)
     with pytest.raises(ValueError, match="then needs a solution, not 3"):
         whole.then(3)
+
+
+# -- Latches and fuses within one call -------------------------------------------------------------
+
+
+def latches(guides, at):
+    return {f"guide {i}": fb.Latch(guide, at) for i, guide in enumerate(guides)}
+
+
+def test_ten_latches_close_one_after_the_other():
+    """The last mass pulls the rest of a train along: momentum gives the time of each latch."""
+    count = 11
+    speeds = [0.0] * (count - 1) + [1.0]
+    scene, bodies, guides = train(count, [1.0] * count, speeds)
+    whole = fb.simulate(scene, dt=1.0, t_end=60.0, changes=latches(guides, 1.5))
+    # n coupled masses have the speed 1/n; each latch needs another 0.5 m.
+    exact = np.cumsum([0.5 * n for n in range(1, count)])
+    times = [whole.stats.changes[f"guide {i}"] for i in reversed(range(count - 1))]
+    assert times == pytest.approx(exact, abs=1e-9)
+    assert whole.energy.kinetic[-1] == pytest.approx(0.5 / count, rel=1e-10)
+    assert abs(whole.energy.balance_error).max() < 1e-11
+    assert np.ptp(whole.linear_momentum[:, 0]) < 1e-11
+    assert not whole.stats.until
+
+
+def test_latches_of_a_symmetric_scene_close_together():
+    scene = fb.Scene()
+    hub = scene.add_body((0, 0), 3.0, 1.0).centre
+    wings = []
+    for side in (1, -1):
+        points = {"root": (0, 0)}
+        wing = scene.add_body((side * 0.6, 0.8), 1.0, 0.2, points, name=f"wing {side}")
+        spring = fb.Spring(4.0, rest=-side * 2.0)
+        wings.append(scene.add_joint(fb.Revolute(hub, wing["root"], spring=spring)))
+    changes = {f"wing {i}": fb.Latch(wing, -1.5 * (-1) ** i) for i, wing in enumerate(wings)}
+    whole = fb.simulate(scene, dt=0.01, t_end=1.5, changes=changes)
+    first, second = whole.stats.changes.values()
+    assert first == pytest.approx(second, abs=1e-9)
+    late = whole.t > first + 1e-6
+    assert whole.joint(wings[0]).angle[late] == pytest.approx(-1.5, abs=1e-8)
+    assert whole.joint(wings[1]).angle[late] == pytest.approx(1.5, abs=1e-8)
+    assert whole.energy.kinetic[-1] < 1e-12 * whole.energy.springs[0]  # by both momenta
+    assert abs(whole.energy.balance_error).max() < 1e-11
+    assert abs(whole.linear_momentum).max() < 1e-11
+    assert abs(whole.angular_momentum).max() < 1e-11
+
+
+def test_of_two_latches_of_a_joint_the_first_that_is_reached_closes():
+    for speed, closed in ((0.6, "far"), (-0.6, "near")):
+        scene, _, (guide,) = train(2, (2.0, 3.0), (0.0, speed))
+        ends = {"near": fb.Latch(guide, 0.5), "far": fb.Latch(guide, 1.5)}
+        ends["beyond"] = fb.Latch(guide, 1.75)
+        whole = fb.simulate(scene, dt=0.1, t_end=2.0, changes=ends)
+        assert whole.stats.changes == {closed: pytest.approx(0.5 / 0.6)}
+        assert whole.slide(guide)[-1] == pytest.approx(ends[closed].at, abs=1e-12)
+
+
+def test_a_joint_that_begins_at_its_latch_is_caught_when_it_comes_back():
+    scene = fb.Scene()
+    door = scene.add_body((0.5, 0), 1.0, 0.25, points={"hinge": (0, 0)})
+    spring = fb.Spring(2.0)
+    hinge = scene.add_joint(fb.Revolute(fb.GROUND, door["hinge"], spring=spring))
+    scene.set_velocity(door, (0.0, 0.5), spin=1.0)
+    whole = fb.simulate(scene, dt=0.01, t_end=4.0, changes={"shut": fb.Latch(hinge, 0.0)})
+    # Half a period of sqrt(2 / (1/2)) rad/s: the inertia is 1/4 + 1 (1/2)^2 about the hinge.
+    assert whole.stats.changes["shut"] == pytest.approx(np.pi / 2, rel=1e-4)
+    late = whole.t > whole.stats.changes["shut"]
+    assert whole.joint(hinge).angle[late] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_fuse_that_breaks_takes_the_latch_of_its_joint_along():
+    scene, (_, right), (guide,) = train(2, (2.0, 3.0), (0.0, 0.1))
+    scene.add_force(right, lambda t: (0.0, 10.0 * t))
+    changes = {"fuse": fb.Fuse(guide, 0.3), "latch": fb.Latch(guide, 1.2)}
+    whole = fb.simulate(scene, dt=0.01, t_end=3.0, changes=changes)
+    assert [*whole.stats.changes] == ["fuse"] and not scene.joints
+
+
+@pytest.mark.parametrize("scheme", SCHEMES[:2], ids=["order 2", "order 4"])
+def test_the_weaker_of_two_joints_breaks_at_its_force(scheme):
+    """Of two masses and the ground in a row, under a force that grows at the end."""
+    scene = fb.Scene()
+    near, far = (scene.add_body((x, 0), 1.0, 0.1).centre for x in (1, 2))
+    joints = [
+        scene.add_joint(fb.Rigid(fb.GROUND, near)),
+        scene.add_joint(fb.Rigid(near, far, offset=(1, 0))),
+    ]
+    scene.add_force(far, lambda t: (10.0 * t, 0.0))
+    fuses = {"joint 0": fb.Fuse(joints[0], 9.0), "joint 1": fb.Fuse(joints[1], 8.0)}
+    whole = fb.simulate(scene, scheme, dt=0.01, t_end=1.2, changes=fuses)
+    assert [*whole.stats.changes] == ["joint 1"]
+    at = int(np.searchsorted(whole.t, whole.stats.changes["joint 1"]))
+    # The force is that of the middle of the step.
+    assert whole.t[at - 1 : at + 1].mean() == pytest.approx(0.8, abs=1e-9)
+    assert abs(whole.q[:, near.number]).max() < 1e-13
+    t1, t2 = whole.t[at], whole.t[-1]
+    assert whole.velocity(far)[-1, 0] == pytest.approx(5 * (t2**2 - t1**2), rel=1e-9)
+    assert whole.energy.impact[-1] == pytest.approx(0, abs=1e-12)
+    assert abs(whole.energy.balance_error).max() < 1e-11 * whole.energy.work[-1]
+    assert scene.joints == [fuses["joint 0"].joint]
+
+
+def test_a_motion_with_changes_ends_by_its_own_condition_and_goes_on_elsewhere(tmp_path):
+    scene, bodies, guides = train(3, (1.0, 1.0, 1.0), (-1.0, 0.0, 2.0))
+    outputs = {"x": fb.Output("position", bodies[2], "x")}
+    more = latches(guides, 1.5)
+    options = {"dt": 0.05, "t_end": 5.0}
+    first = fb.simulate(
+        scene, changes=more, outputs=outputs, until={"far": lambda t, y: y["x"] - 2.6}, **options
+    )
+    assert first.stats.until == "far"
+    assert [*first.stats.changes] == ["guide 1"]
+    assert first.stats.changes["guide 1"] == pytest.approx(0.25, abs=1e-12)
+    first.save(tmp_path / "first.npz")
+    known = fb.load(tmp_path / "first.npz")
+    assert known.stats.changes == first.stats.changes
+    del more["guide 1"]
+    second = fb.simulate(scene, changes=more, start=known, **options)
+    whole = first.then(second)
+    # Masses 2 and 3 move on together, by 1 m/s; 0.25 m were left of guide 0.
+    assert second.stats.changes["guide 0"] == pytest.approx(0.25 + 0.25 / 2, abs=1e-12)
+    assert [*whole.stats.changes] == ["guide 1", "guide 0"]
+    assert abs(whole.energy.balance_error).max() < 1e-12
+
+
+def test_the_force_of_a_latch_is_the_motor_force_of_its_joint():
+    scene, (_, right), guide = two_masses()
+    load = scene.add_force(right, (1.0, 0.0))
+    whole = fb.simulate(scene, dt=0.1, t_end=2.0, changes={"latch": fb.Latch(guide, 1.5)})
+    held = whole.t > whole.stats.changes["latch"] + 1e-9
+    # On b: the left mass is pulled along, with 2/5 of the load.
+    assert whole.joint(guide).motor_force[held] == pytest.approx(-0.4, rel=1e-9)
+    assert not whole.joint(guide).motor_force[~held].any()
+    scene.remove(load)
+    scene.unlock(guide)
+    with pytest.raises(ValueError, match="motor"):
+        _ = fb.simulate(scene, dt=0.1, t_end=0.5).joint(guide).motor_force
+
+
+def test_a_failure_after_a_change_keeps_the_whole_motion():
+    scene, bodies, guides = train(3, (1.0, 1.0, 1.0), (-1.0, 0.0, 2.0))
+    stop = {"until": lambda t, y: 1.0 if t < 0.6 else np.nan, "dt": 0.1, "t_end": 2.0}
+    with pytest.raises(fb.SceneError, match="until gives nan") as error:
+        fb.simulate(scene, changes=latches(guides[1:], 1.5), **stop)
+    kept = error.value.solution
+    assert kept.t[0] == 0 and kept.t[-1] > 0.5
+    assert kept.stats.changes["guide 0"] == pytest.approx(0.25, abs=1e-12)
+
+
+# -- Refusals --------------------------------------------------------------------------------------
+
+
+def run(scene, changes, **options):
+    fb.simulate(scene, changes=changes, dt=0.1, t_end=1.0, **options)
+
+
+TIMES = fb.Record(times=[0.0, 0.5])
+REFUSED = [
+    (lambda s, g, slot: s.lock(slot), "coordinates. Name one of them"),
+    (lambda s, g, slot: s.lock(slot, "turn"), "coordinate = 'turn' must be one of"),
+    (
+        lambda s, g, slot: s.lock(fb.Rigid(g.a, g.b)),
+        "lock = .*Rigid.* must be a joint that add",
+    ),
+    (
+        lambda s, g, slot: s.lock(s.add_joint(fb.Rigid(g.a, g.b, offset=(1, 0)))),
+        "no slide and no relative rotation to lock",
+    ),
+    (lambda s, g, slot: s.unlock(g), "unlock .* is not locked"),
+    (lambda s, g, slot: (s.lock(g), s.lock(g)), "holds its slide already"),
+    (lambda s, g, slot: run(s, fb.Latch(g, 1.5)), "a dictionary of fx_beam.Latch and fx_beam.Fuse"),
+    (
+        lambda s, g, slot: run(s, {"a": 1.5}),
+        "a dictionary of fx_beam.Latch and fx_beam.Fuse",
+    ),
+    (
+        lambda s, g, slot: run(s, {"a": fb.Latch(two_masses()[2], 1.5)}),
+        "a joint that add_joint of this scene returned",
+    ),
+    (lambda s, g, slot: run(s, {"a": fb.Latch(slot, 1.5)}), "Name one of them"),
+    (
+        lambda s, g, slot: (s.lock(g), run(s, {"a": fb.Latch(g, 1.5)})),
+        "holds its slide already",
+    ),
+    (lambda s, g, slot: fb.Fuse(g, -1), "force = -1 must be finite and positive"),
+    (lambda s, g, slot: fb.Latch(g, None), "at = None must be a finite number"),
+    (
+        lambda s, g, slot: run(s, {"a": fb.Latch(g, 1.5)}, until={"a": lambda t, y: t - 0.5}),
+        "Use two names",
+    ),
+    (
+        lambda s, g, slot: run(s, {"a": fb.Latch(g, 1.5)}, record=TIMES),
+        "rows at the ends of steps, with motion and forces",
+    ),
+]
+
+
+@pytest.mark.parametrize(("wrong", "words"), REFUSED, ids=[words for _, words in REFUSED])
+def test_wrong_locks_and_changes_are_refused(wrong, words):
+    scene, _, guide = two_masses()
+    slot = scene.add_joint(fb.PinInSlot(fb.GROUND, guide.a, axis=(1, 0)))
+    with pytest.raises(fb.SceneError, match=words):
+        wrong(scene, guide, slot)
+    scene.remove(guide)  # also by the joint that add_joint returned, and if it is locked
+    assert guide.number not in [joint.number for joint in scene.joints]

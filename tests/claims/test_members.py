@@ -4,46 +4,20 @@ import re
 
 import numpy as np
 import pytest
+from jointed import chain
 
 import fx_beam as fb
-from fx_beam.model.model import Model
 
 SECTION = fb.Section(EA=1e4, GA=4e3, EI=10.0, rhoA=1.0, rhoI=1e-3)
 
 
-def tip_on_beam(stiffness=1e5, elements=8, speed=2.0, loss_below=None, **options):
+def tip_on_beam(stiffness=1e5, **options):
     """A free beam that falls with its tip on another one, which is free as well."""
     scene = fb.Scene()
-    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=elements, name="below")
-    above = scene.add_beam([(0.7, 0.3), (1.1, 1.6)], SECTION, elements=elements, name="above")
-    if loss_below is not None:
-        options["speed"] = loss_below
+    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8, name="below")
+    above = scene.add_beam([(0.7, 0.3), (1.1, 1.6)], SECTION, elements=8, name="above")
     contact = scene.add_contact(above, below, stiffness=stiffness, radius=0.05, **options)
-    scene.set_velocity(above, (0.3, -speed), spin=0.5)
-    return scene, contact
-
-
-def sliding_off(friction=None):
-    """A bar that slides along another one, and over its end."""
-    scene = fb.Scene()
-    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=16)
-    above = scene.add_beam([(0.3, 0.1005), (2.2, 0.1005)], SECTION, elements=13)
-    options = {"radius": (0.04, 0.06), "friction": friction}
-    contact = scene.add_contact(above, below, stiffness=1e5, **options)
-    scene.set_velocity(above, (4.0, -0.2), spin=0.3)
-    return scene, contact
-
-
-def hairpin():
-    """A bent rod whose legs swing against one another."""
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 9)
-    bend = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle)])
-    leg = np.column_stack([np.linspace(-1.5, -0.1, 10), np.full(10, -0.3)])
-    points = np.vstack([leg, bend, leg[::-1] * (1, -1)])
-    scene = fb.Scene()
-    rod = scene.add_beam(points.tolist(), SECTION, elements=len(points) - 1)
-    contact = scene.add_contact(rod, rod, stiffness=1e5, radius=0.05)
-    scene.set_velocity(rod, lambda x, y: (0.0, -3 * np.sign(y) if x < -0.5 else 0.0))
+    scene.set_velocity(above, (0.3, -2.0), spin=0.5)
     return scene, contact
 
 
@@ -54,10 +28,9 @@ def assert_conserved(solution):
     assert np.ptp(solution.angular_momentum) < 1e-12
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_an_impact_keeps_energy_and_both_momenta(solver):
+def test_an_impact_keeps_energy_and_both_momenta():
     scene, contact = tip_on_beam()
-    solution = fb.simulate(scene, dt=2e-3, t_end=0.3, solver=solver)
+    solution = fb.simulate(scene, dt=2e-3, t_end=0.3)
     assert_conserved(solution)
     assert solution.energy.springs.max() > 0.1
     # The recorded forces change the momentum of what touches.
@@ -73,14 +46,7 @@ def jointed(count, closed, friction=None):
     scene = fb.Scene()
     angle = 2 * np.pi * np.arange(count + closed) / count
     corners = np.column_stack([np.cos(angle), np.sin(angle)])
-    bars = []
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
-        middle, length = (a + b) / 2, np.hypot(*(b - a))
-        bars.append(scene.add_body(middle, length, length**3 / 12, points={"a": a, "b": b}))
-        if len(bars) > 1:
-            scene.add_joint(fb.Revolute(bars[-2]["b"], bars[-1]["a"]))
-    if closed:
-        scene.add_joint(fb.Revolute(bars[-1]["b"], bars[0]["a"]))
+    bars = chain(scene, corners, closed)
     out = corners[-1]
     along = np.array([-out[1], out[0]])
     horn = scene.add_beam([tuple(out), tuple(1.8 * out)], SECTION, elements=5)
@@ -94,14 +60,10 @@ def jointed(count, closed, friction=None):
 
 @pytest.mark.parametrize(
     ("count", "closed", "mu", "solver"),
-    [(4, True, 0.4, "compiled"), (24, False, 0, "compiled"), (24, True, 0, "compiled")]
-    + [(4, True, 0, "petsc"), (24, False, 0.4, "petsc"), (24, True, 0, "petsc")],
+    [(4, True, 0.4, "compiled"), (24, False, 0.4, "compiled"), (24, True, 0, "petsc")],
 )
 def test_it_does_so_in_closed_loops_and_long_trees_of_joints(count, closed, mu, solver):
     scene = jointed(count, closed, fb.Coulomb(mu, 5e4) if mu else None)
-    couplings = Model(scene, fb.EnergyMomentum()).couplings
-    assert (len(couplings.closures) > 0) == closed
-    assert (len(couplings.ties) > 0) == (count > 4)
     solution = fb.simulate(scene, dt=2e-3, t_end=0.1, solver=solver)
     assert abs(solution.energy.balance_error).max() < 1e-11 * solution.energy.kinetic[0]
     assert np.ptp(solution.linear_momentum, axis=0).max() < 2e-11
@@ -109,8 +71,9 @@ def test_it_does_so_in_closed_loops_and_long_trees_of_joints(count, closed, mu, 
     assert solution.energy.springs.max() > 0.1
 
 
-def with_sliders(friction=None):
+def test_it_does_so_where_nodes_slide_on_beams():
     """A bar hits a beam, and the rod on which both ends of this beam slide, about such an end."""
+    friction = fb.Coulomb(0.4, 5e4)
     scene = fb.Scene()
     rod = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8)
     shuttle = scene.add_beam([(0.6, 0), (0.9, 0.3), (1.2, 0)], SECTION, elements=4)
@@ -120,13 +83,7 @@ def with_sliders(friction=None):
     for other in (shuttle, rod):
         scene.add_contact(bar, other, stiffness=1e5, radius=0.03, friction=friction)
     scene.set_velocity(bar, (3.0, -0.6), spin=-0.5)
-    return scene
-
-
-@pytest.mark.parametrize(("mu", "solver"), [(0.4, "compiled"), (0, "petsc")])
-def test_it_does_so_where_nodes_slide_on_beams(mu, solver):
-    scene = with_sliders(fb.Coulomb(mu, 5e4) if mu else None)
-    solution = fb.simulate(scene, dt=2e-3, t_end=0.1, solver=solver)
+    solution = fb.simulate(scene, dt=2e-3, t_end=0.1)
     assert_conserved(solution)
     # It touches beam and rod about the end that slides; the tangent is exact.
     assert all(solution.contact(one).normal.max() > 1 for one in scene.obstacles)
@@ -135,13 +92,18 @@ def test_it_does_so_where_nodes_slide_on_beams(mu, solver):
 
 @pytest.mark.parametrize("dt", [1e-3, 4e-3])
 def test_sliding_from_segment_to_segment_and_over_ends_keeps_them(dt):
-    scene, contact = sliding_off()
+    """A bar slides along another one, and over its end."""
+    scene = fb.Scene()
+    below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=16)
+    above = scene.add_beam([(0.3, 0.1005), (2.2, 0.1005)], SECTION, elements=13)
+    contact = scene.add_contact(above, below, stiffness=1e5, radius=(0.04, 0.06))
+    scene.set_velocity(above, (4.0, -0.2), spin=0.3)
     solution = fb.simulate(scene, dt=dt, t_end=0.8)
     assert_conserved(solution)
     pushed = abs(solution.contact(contact).force[..., 1]) > 1e-9
     # Many nodes touch one after the other, until the bar is behind the end.
     assert pushed.any(axis=0).sum() > 6
-    assert solution.position(scene.beams[1].start)[-1, 0] > 2.0
+    assert solution.position(above.start)[-1, 0] > 2.0
     assert solution.stats.halvings == 0
 
 
@@ -160,7 +122,15 @@ def test_a_node_may_slide_by_most_of_an_element_in_a_step():
 
 
 def test_a_member_touches_itself_and_not_its_neighbours():
-    scene, contact = hairpin()
+    """A bent rod whose legs swing against one another."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 9)
+    bend = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle)])
+    leg = np.column_stack([np.linspace(-1.5, -0.1, 10), np.full(10, -0.3)])
+    points = np.vstack([leg, bend, leg[::-1] * (1, -1)])
+    scene = fb.Scene()
+    rod = scene.add_beam(points.tolist(), SECTION, elements=len(points) - 1)
+    contact = scene.add_contact(rod, rod, stiffness=1e5, radius=0.05)
+    scene.set_velocity(rod, lambda x, y: (0.0, -3 * np.sign(y) if x < -0.5 else 0.0))
     solution = fb.simulate(scene, dt=1e-3, t_end=0.4)
     assert_conserved(solution)
     gap, force = solution.contact(contact).gap, solution.contact(contact).force
@@ -171,45 +141,14 @@ def test_a_member_touches_itself_and_not_its_neighbours():
     assert not force[:50].any()
 
 
-def test_what_restitution_takes_is_in_the_balance():
-    scene, _ = tip_on_beam(restitution=0.5, loss_below=0.01)
-    solution = fb.simulate(scene, dt=2e-3, t_end=0.3)
-    assert_conserved(solution)
-    assert solution.energy.dissipated[-1] > 0.05
-    assert np.diff(solution.energy.dissipated).min() >= 0
-
-
-def test_friction_keeps_both_momenta_and_never_gives_energy():
-    scene, _ = tip_on_beam(friction=fb.Coulomb(0.5, 5e4))
-    solution = fb.simulate(scene, dt=2e-3, t_end=0.3)
+@pytest.mark.parametrize(
+    "loss", [{"restitution": 0.5, "speed": 0.01}, {"friction": fb.Coulomb(0.5, 5e4)}]
+)
+def test_what_restitution_or_friction_take_is_in_the_balance(loss):
+    solution = fb.simulate(tip_on_beam(**loss)[0], dt=2e-3, t_end=0.3)
     assert_conserved(solution)
     assert solution.energy.dissipated[-1] > 0.05
     assert np.diff(solution.energy.dissipated).min() > -1e-14
-
-
-def plank(mu, speed):
-    """A plank that lies on a bed, and slides."""
-    scene = fb.Scene(gravity=(0, -9.81))
-    bed = scene.add_beam([(0, 0), (4, 0)], SECTION, elements=9)
-    for node in bed.nodes:
-        scene.clamp(node)
-    stiff = fb.Section(EA=1e5, GA=4e4, EI=100.0, rhoA=1.0, rhoI=1e-3)
-    slab = scene.add_beam([(0.3, 0.1), (1.3, 0.1)], stiff, elements=4)
-    friction = fb.Coulomb(mu, 1e6)
-    scene.add_contact(slab, bed, stiffness=1e6, radius=0.05, friction=friction)
-    scene.set_velocity(slab, (speed, 0.0))
-    return scene
-
-
-def test_a_plank_slides_over_segments_as_far_as_coulomb_says():
-    solution = fb.simulate(plank(0.3, 1.0), dt=1e-3, t_end=0.6)
-    way = solution.position(solution.beams["beam 2"].start)[-1, 0] - 0.3
-    assert way == pytest.approx(1 / (2 * 0.3 * 9.81), rel=0.01)
-    assert solution.energy.dissipated[-1] == pytest.approx(0.5, rel=2e-3)
-    assert abs(solution.energy.balance_error).max() < 1e-12
-    # Then it sticks: nothing creeps.
-    rest = solution.linear_momentum[-50:, 0]
-    assert abs(rest.mean()) < 1e-3
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -228,12 +167,13 @@ def test_slip_stretch_and_force_of_friction_are_recorded(turned, tmp_path):
     fb.simulate(scene, dt=2e-3, t_end=0.5).save(tmp_path / "run.npz")
     solution = fb.load(tmp_path / "run.npz")
     contact, x = solution.contact(touch), solution.position(ball)[:, 0]
-    assert contact.normal[10:] == pytest.approx(10.0, rel=1e-7)
+    normal, tangential, stretch = contact.normal, contact.tangential, contact.stretch
+    assert normal[10:] == pytest.approx(10.0, rel=1e-7)
     # Who looks along the normal, upwards, has -x to the left: there the friction is positive.
-    assert contact.tangential == pytest.approx(-1e4 * contact.stretch, abs=1e-6)
-    assert (abs(contact.tangential) <= 0.3 * contact.normal * (1 + 1e-7)).all()
-    assert contact.tangential[20:100] == pytest.approx(3.0, rel=1e-7)
-    way = -(contact.slip + contact.stretch)[:, 0]
+    assert tangential == pytest.approx(-1e4 * stretch, abs=1e-6)
+    assert (abs(tangential) <= 0.3 * normal * (1 + 1e-7)).all()
+    assert tangential[20:100] == pytest.approx(3.0, rel=1e-7)
+    way = -(contact.slip + stretch)[:, 0]
     assert way[10:] - way[10] == pytest.approx(x[10:] - x[10], abs=1e-12)
     # While the force rises from 0 to 10 N, in 10 ms, the ball loses 0.015 m/s.
     assert x[-1] - 0.3 == pytest.approx(0.01 - 5e-5 + 0.985**2 / 6, rel=1e-3)
@@ -271,7 +211,7 @@ def test_the_stiffness_is_that_of_both_members_per_length():
     assert force == pytest.approx(2.0 * 9.81, rel=0.01)
 
 
-def pressed():
+def test_in_equilibrium_the_reaction_is_the_force_of_the_contact():
     """A cantilever whose loaded tip rests on another one."""
     scene = fb.Scene()
     below = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=6)
@@ -279,13 +219,8 @@ def pressed():
     scene.clamp(below.start)
     scene.clamp(above.end)
     scene.add_force(above.start, (0.0, -20.0))
-    return scene, scene.add_contact(above, below, stiffness=1e6, radius=0.05)
-
-
-def test_in_equilibrium_the_reaction_is_the_force_of_the_contact():
-    scene, contact = pressed()
+    contact = scene.add_contact(above, below, stiffness=1e6, radius=0.05)
     solution = fb.static(scene)
-    below, above = scene.beams
     force = solution.contact(contact).force[-1].sum(axis=0)
     reaction = solution.reaction(below.start)[-1, :2]
     other = solution.reaction(above.end)[-1, :2]

@@ -1,20 +1,9 @@
 """Newton's method: the guard, halving, round-off, and failures that explain themselves."""
 
 import pytest
-from scenes import pendulum, pinned_beam, relative_drift
+from scenes import pendulum, pinned_beam, relative_drift, spinner
 
 import fx_beam as fb
-
-SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
-
-
-def spinner(spin):
-    """A free stout beam that spins about its middle."""
-    scene = fb.Scene()
-    section = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=0.1)
-    beam = scene.add_beam([(-1, 0), (1, 0)], section, elements=2)
-    scene.set_velocity(beam, lambda x, y: (-spin * y, spin * x), spin=spin)
-    return scene, beam
 
 
 def test_a_step_that_turns_a_node_too_far_is_halved():
@@ -69,8 +58,7 @@ def test_too_few_iterations_are_named_with_the_residuals():
 
 
 @pytest.mark.parametrize("EA", [1e4, 1e8, 1e12, 1e14, 1e16])
-@pytest.mark.parametrize("dt", [0.1, 0.05, 0.01])
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
+@pytest.mark.parametrize(("dt", "solver"), [(0.1, "compiled"), (0.01, "compiled"), (0.05, "petsc")])
 def test_a_stiff_step_converges_until_no_energy_is_missing(EA, dt, solver):
     # The rounding of a strain, 1e-16, is a force of 1e-16 EA, up to 1 N of 15 N; the energy that
     # it makes is none. A small correction alone does not end a step here: another one may follow.
@@ -83,7 +71,7 @@ def test_a_stiff_step_converges_until_no_energy_is_missing(EA, dt, solver):
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying()], ids=lambda s: s.name)
 def test_no_step_at_the_limit_of_rounding_ends_before_its_equations_are_solved(scheme):
     # EA is 1e15 / m^2 times EI. Steps that differ in the last digit have other rounding errors.
-    for digits in range(-15, 15):
+    for digits in range(-5, 5):
         dt = 0.1 * (1 + digits * 2.0**-51)
         energy = fb.simulate(pendulum(EA=1e18)[0], scheme, dt=dt, t_end=500 * dt).energy
         assert abs(energy.balance_error).max() < 1e-7 * energy.total.max()
@@ -128,6 +116,3 @@ def test_large_steps_of_the_pinned_beam_converge_without_halving():
     scene, _ = pinned_beam()
     for dt in (0.015, 0.02, 0.025, 0.03, 0.04):
         assert fb.simulate(scene, dt=dt, t_end=10.0).stats.halvings == 0
-
-
-# -- The predictor -------------------------------------------------------------------------------

@@ -9,8 +9,6 @@ import pytest
 from scenes import FLYING, free_flight, relative_drift
 
 import fx_beam as fb
-from fx_beam.mechanics.kinematics import perp
-from fx_beam.mechanics.resultants import averaged
 
 
 def stiffening(eps, gamma, kappa):
@@ -23,11 +21,12 @@ def same_as_flying(eps, gamma, kappa):
     return 0.5 * (1e4 * eps**2 + 1e4 * gamma**2 + 100.0 * kappa**2)
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
-@pytest.mark.parametrize("dt", [0.1, 0.02])
+STIFFENING = fb.Section(strain_energy=stiffening, rhoA=1.0, rhoI=10.0)
+
+
+@pytest.mark.parametrize(("degree", "dt"), [(1, 0.1), (1, 0.02), (2, 0.1)])
 def test_energy_is_kept_for_an_energy_that_is_not_quadratic(degree, dt):
-    section = fb.Section(strain_energy=stiffening, rhoA=1.0, rhoI=10.0)
-    scene, _ = free_flight(degree=degree, section=section)
+    scene, _ = free_flight(degree=degree, section=STIFFENING)
     solution = fb.simulate(scene, dt=dt, t_end=6.0)
     after = solution.t > 2.5 - 1e-6
     assert solution.energy.strain.max() > 1.0
@@ -78,11 +77,13 @@ def test_energies_that_are_quadratic_piece_by_piece_are_kept():
     assert abs(solution.energy.balance_error).max() < 1e-11
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-def test_a_quadratic_energy_given_in_ufl_moves_as_the_built_in_one(degree):
+SAME = fb.Section(strain_energy=same_as_flying, rhoA=1.0, rhoI=10.0)
+
+
+def test_a_quadratic_energy_given_in_ufl_moves_as_the_built_in_one():
     motions = []
-    for section in (FLYING, fb.Section(strain_energy=same_as_flying, rhoA=1.0, rhoI=10.0)):
-        scene, beam = free_flight(degree=degree, section=section)
+    for section in (FLYING, SAME):
+        scene, beam = free_flight(section=section)
         motions.append(fb.simulate(scene, dt=0.05, t_end=4.0).position(beam.end))
     assert abs(motions[1] - motions[0]).max() < 1e-9
 
@@ -98,9 +99,8 @@ def test_beams_of_different_laws_live_in_one_scene():
         return np.column_stack([solution.position(b.end), r.N[:, -1], r.M[:, 0]])
 
     soft = fb.Section(EA=5e3, GA=2e3, EI=30.0, rhoA=1.0, rhoI=0.1)
-    own = fb.Section(strain_energy=same_as_flying, rhoA=1.0, rhoI=10.0)
-    assert run(soft, own) == pytest.approx(run(soft, FLYING), rel=1e-7, abs=1e-7)
-    assert run(own, soft) == pytest.approx(run(FLYING, soft), rel=1e-7, abs=1e-7)
+    assert run(soft, SAME) == pytest.approx(run(soft, FLYING), rel=1e-7, abs=1e-7)
+    assert run(SAME, soft) == pytest.approx(run(FLYING, soft), rel=1e-7, abs=1e-7)
 
 
 def test_resultants_of_a_given_energy_are_its_derivatives():
@@ -118,7 +118,7 @@ def test_resultants_of_a_given_energy_are_its_derivatives():
 # -- Added virtual work -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.MidPoint(), fb.HHT(-0.1)])
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT(-0.1)])
 def test_a_viscous_force_slows_a_sliding_beam_exponentially(scheme):
     # rhoA dv/dt = -c v; the mid-point rule has v1/v0 = (1 - z)/(1 + z), z = c dt/(2 rhoA).
     scene = fb.Scene()
@@ -147,16 +147,6 @@ def test_an_elastic_foundation_stores_what_the_beam_loses():
     total = solution.energy.total + stored
     assert abs(total - total[0]).max() < 1e-10 * total[0]
     assert stored.max() > 0.2 * total[0]
-
-
-def test_a_foundation_supports_a_massless_beam():
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (4, 0)], fb.Section(EA=1e3, GA=1e3, EI=1e2), elements=4)
-    scene.add_virtual_work(lambda step: -10.0 * ufl.dot(step.u, step.virtual_u))
-    scene.add_virtual_work(lambda step: -10.0 * step.psi * step.virtual_psi)
-    scene.add_line_load(beam, lambda t: (0.0, -2.0 * min(1.0, t)))
-    solution = fb.simulate(scene, dt=0.5, t_end=2.0)
-    assert solution.displacement(beam.node(0.5))[-1] == pytest.approx((0.0, -0.2), abs=1e-9)
 
 
 def test_a_follower_load_turns_with_the_beam():
@@ -188,8 +178,9 @@ def damped(eta):
     """Averaged resultants with a part of the strain rate, as a user would write it."""
 
     def resultants(step, law):
-        r = averaged(step, law)
-        rate = step.prime(step.Du) - 2 * ufl.tan(step.Dpsi / 2) * perp(r.dphi)
+        r = fb.MidPoint().resultants(step, law)
+        turned = ufl.as_vector((-r.dphi[1], r.dphi[0]))
+        rate = step.prime(step.Du) - 2 * ufl.tan(step.Dpsi / 2) * turned
         N = r.N + eta * ufl.dot(rate, r.t) / step.dt
         return r._replace(N=N)
 
@@ -209,24 +200,17 @@ def test_a_scheme_of_ones_own_damps_stretching_and_keeps_momentum():
 
 
 @pytest.mark.parametrize(
-    "term",
-    [
-        lambda step: math.sin(step.t) * step.virtual_u[1],
-        lambda step: np.interp(step.t, [0, 1], [0, 1]) * step.virtual_u[1],
-        lambda step: np.sin(step.t) * step.virtual_u[1],
-        lambda step: fb.Input("wind") * step.virtual_u[1],
-    ],
-    ids=["math", "interp", "numpy", "input"],
+    "factor",
+    [math.sin, np.sin, lambda t: np.interp(t, [0, 1], [0, 1]), lambda t: fb.Input("wind")],
+    ids=["math", "numpy", "interp", "input"],
 )
-def test_what_needs_numbers_is_refused_at_once(term):
+def test_what_needs_numbers_is_refused_at_once(factor):
     scene = fb.Scene()
     scene.clamp(scene.add_beam([(0, 0), (1, 0)], FLYING).start)
     with pytest.raises(fb.SceneError, match="use ufl.sin, ufl.conditional"):
-        scene.add_virtual_work(term)
+        scene.add_virtual_work(lambda step: factor(step.t) * step.virtual_u[1])
     assert float(ufl.as_ufl(2.0)) == 2.0  # UFL is as before
 
-
-def test_rules_that_need_numbers_are_refused_at_once():
     def rule(D, v0, a0, before, dt):
         return ufl.as_vector((math.sin(D[0]), D[1], D[2])), v0, a0
 

@@ -1,33 +1,17 @@
-"""Laws of forces at points: tangents, forces of a user between points, of contact and friction."""
+"""Forces between two points: closed solutions, statics, small motions, bad input."""
 
 import ufl
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 import fx_beam as fb
-from fx_beam.mechanics.point_laws import StepRule
-
-SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
-MID, END = StepRule(0.5, True, False), StepRule(1.0, False, False)
 
 
 def balls(distance=1.0, mass=2.0):
     scene = fb.Scene()
     bodies = [scene.add_body((x, 0), mass=mass, inertia=0.1) for x in (0, distance)]
     return scene, *(body.centre for body in bodies)
-
-
-def thrown(distance=1.0):
-    """Two balls that fly past each other."""
-    scene, left, right = balls(distance)
-    scene.set_velocity(left, (0.2, 0.3))
-    scene.set_velocity(right, (-0.5, 0.1))
-    return scene, left, right
-
-
-# -- Between points -------------------------------------------------------------------------------
 
 
 def repelled(dt):
@@ -49,20 +33,6 @@ def test_two_magnets_turn_back_as_the_closed_form_says_with_order_two():
     _, fine = repelled(0.01)
     assert coarse / fine == pytest.approx(4, rel=0.15) and fine < 1e-3
     assert abs(solution.energy.balance_error).max() < 1e-12
-
-
-@SOLVERS
-def test_a_force_between_bodies_keeps_energy_and_both_momenta(solver):
-    scene, left, right = thrown()
-    scene.add_force_between(
-        left, right, fb.Spring(30.0, 0.8, lambda x: 5 * x**4), stop=(0.7, 1.4, 1e4)
-    )
-    solution = fb.simulate(scene, dt=0.01, t_end=3.0, solver=solver)
-    energy = solution.energy
-    assert np.ptp(energy.springs) > 0.1
-    assert np.ptp(energy.total) < 1e-12 * energy.total[0]
-    assert np.ptp(solution.angular_momentum) < 1e-12
-    assert np.ptp(solution.linear_momentum, axis=0).max() < 1e-12
 
 
 def test_a_muscle_lifts_a_mass_as_its_law_says():
@@ -141,79 +111,24 @@ def test_a_wire_that_yields_keeps_its_length_in_statics():
     )
 
 
-# -- Contact and friction -------------------------------------------------------------------------
-
-
-def hertz(dt, solver="compiled", **more):
-    scene = fb.Scene()
-    ball = scene.add_body((0, 0.01), mass=1.0, inertia=1.0).centre
-    law = {"energy": lambda d: 0.4 * 1e6 * d**2.5} | more
-    floor = scene.add_obstacle(ball, fb.Line((0, 0), normal=(0, 1)), **law)
-    scene.set_velocity(ball, (0.0, -1.0))
-    return fb.simulate(scene, dt=dt, t_end=0.05, solver=solver), floor
-
-
-@SOLVERS
-def test_a_hertzian_contact_has_the_depth_and_the_duration_of_the_closed_form(solver):
-    # Force k d^1.5: depth (5 m v^2 / (4 k))^(2/5), and 2.9432 depth / v from touch to touch.
-    solution, floor = hertz(2e-5, solver)
-    gap, t = solution.contact(floor).gap[:, 0], solution.t
-    depth = (5 / (4 * 1e6)) ** 0.4
-    assert -gap.min() == pytest.approx(depth, rel=1e-5)
-    touching = t[gap < 0]
-    assert touching[-1] - touching[0] == pytest.approx(2.9432 * depth, abs=4e-5)
-    assert np.ptp(solution.energy.total) < 1e-12
-
-
-def test_a_contact_law_of_a_user_is_the_built_in_one_if_it_is_quadratic():
-    own, linear = (
-        hertz(1e-3, **more)[0]
-        for more in ({"energy": lambda d: 1e6 / 2 * d**2}, {"energy": None, "stiffness": 1e6})
-    )
-    assert own.q == pytest.approx(linear.q, abs=1e-14)
-
-
-def test_a_contact_law_with_restitution_returns_its_square_of_the_energy():
-    solution, _ = hertz(2e-5, restitution=0.5, speed=1e-3)
-    assert solution.energy.kinetic[-1] == pytest.approx(0.25 * 0.5, rel=1e-3)
-    assert abs(solution.energy.balance_error).max() < 1e-12
-
-
-@SOLVERS
-def test_stribecks_friction_stops_a_block_where_its_integral_says(solver):
-    scene = fb.Scene()
-    block = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0))
-    law = fb.Friction(lambda rate: 1 + ufl.exp(-abs(rate) / 0.5), 0.005)
-    rail = scene.add_joint(fb.Prismatic(fb.GROUND, block.start, axis=(1, 0), friction=law))
-    scene.set_velocity(block, (2.0, 0.0))
-    solution = fb.simulate(scene, dt=5e-3, t_end=2.5, solver=solver)
-    stop, _ = quad(lambda v: v / (1 + np.exp(-v / 0.5)), 0, 2.0)
-    assert solution.slide(rail)[-1] == pytest.approx(stop, rel=1e-3)
-    assert solution.energy.dissipated[-1] == pytest.approx(2.0, rel=1e-6)
-    assert abs(solution.energy.balance_error).max() < 1e-11
-
-
 # -- Refusals -------------------------------------------------------------------------------------
 
 
-def test_forces_that_make_no_sense_are_refused():
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"b": (0, 0), "spring": fb.Spring(1.0)}, "same place"),
+        ({}, "give a spring"),
+        ({"b": 3.0, "spring": fb.Spring(1.0)}, "a node or a fixed point"),
+        ({"b": balls()[1], "spring": fb.Spring(1.0)}, "another scene"),
+        ({"stop": (None, 0.5, 1.0)}, "upper limit"),
+        ({"force": lambda r, v, t: np.sin(r)}, "UFL"),
+        ({"force": lambda r, v, t: r / v}, "is nan"),
+    ],
+)
+def test_forces_that_make_no_sense_are_refused(options, message):
     scene, left, right = balls()
-    floor = fb.Line((0, -1), normal=(0, 1))
-    refused = (
-        ("same place", lambda: scene.add_force_between(left, (0, 0), fb.Spring(1.0))),
-        ("give a spring", lambda: scene.add_force_between(left, right)),
-        ("a node or a fixed point", lambda: scene.add_force_between(left, 3.0, fb.Spring(1.0))),
-        ("another scene", lambda: scene.add_force_between(left, balls()[1], fb.Spring(1.0))),
-        ("upper limit", lambda: scene.add_force_between(left, right, stop=(None, 0.5, 1.0))),
-        ("UFL", lambda: scene.add_force_between(left, right, force=lambda r, v, t: np.sin(r))),
-        ("is nan", lambda: scene.add_force_between(left, right, force=lambda r, v, t: r / v)),
-        ("either", lambda: scene.add_obstacle(left, floor)),
-        ("either", lambda: scene.add_obstacle(left, floor, 1.0, energy=lambda d: d**2)),
-        ("energy", lambda: scene.add_obstacle(left, floor, energy=lambda d: 1.0)),
-        ("negative", lambda: fb.Friction(lambda rate: rate, 0.1)),
-        ("UFL", lambda: fb.Friction(lambda rate: np.exp(rate), 0.1)),
-    )
-    for message, call in refused:
-        with pytest.raises(fb.SceneError, match=message):
-            call()
-    assert not scene.forces_between and not scene.obstacles
+    options = {"b": right} | options
+    with pytest.raises(fb.SceneError, match=message):
+        scene.add_force_between(left, options.pop("b"), **options)
+    assert not scene.forces_between

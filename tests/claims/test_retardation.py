@@ -6,16 +6,13 @@ from scenes import PINNED, pinned_beam
 
 import fx_beam as fb
 
-SOLVERS = pytest.mark.parametrize("solver", ["compiled", "petsc"])
 SCHEMES = [
     fb.EnergyMomentum(),
     fb.EnergyMomentum(order=4),
     fb.ModifiedMidPoint(),
-    fb.MidPoint(),
     fb.EnergyDecaying(1e-6),
     fb.Newmark(),
     fb.HHT(-0.02),
-    fb.GeneralizedAlpha(0.95),
 ]
 
 
@@ -43,7 +40,7 @@ def exact(t, tau, w=10.0, v=1e-3):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
-def test_an_axial_oscillator_is_the_exact_one_to_the_order_of_the_scheme(scheme):
+def test_an_axial_oscillator_and_its_force_are_exact_to_the_order_of_the_scheme(scheme):
     tau, errors = 0.02, []
     for dt in (0.01, 0.005):
         scene, rod = oscillator(tau)
@@ -53,6 +50,14 @@ def test_an_axial_oscillator_is_the_exact_one_to_the_order_of_the_scheme(scheme)
     order = 4 if "order=4" in scheme.name else 2
     assert np.log2(errors[0] / errors[1]) > order - 0.2
     assert errors[1] < 1e-6
+    # With its viscous part, at the end of the rod it is the inertia of the mass.
+    scene, rod = oscillator(0.05, speed=1.0)
+    solution = fb.simulate(scene, scheme, dt=0.01, t_end=0.3)
+    N = solution.resultants(rod).N[:, 0]
+    reaction = -solution.reaction(rod.start)[:, 0]
+    assert N[1:] == pytest.approx(reaction[1:], abs=1e-9 * abs(N).max())
+    assert N[0] == pytest.approx(100.0 * 0.05 * 1.0, rel=1e-5)
+    assert abs(N[1]) > 0
 
 
 @pytest.mark.parametrize("component", [0, 1, 2])
@@ -84,22 +89,20 @@ def stiffening(eps, gamma, kappa):
     return 2e7 * (eps**2 + eps**4) + 5e6 * gamma**2 + 6.5e6 * kappa**2
 
 
-@SOLVERS
-@pytest.mark.parametrize("degree", [1, 2, 3])
 @pytest.mark.parametrize(
-    ("section", "dt"),
+    ("degree", "section", "dt"),
     [
-        ({"retardation": 1e-3}, 0.01),
-        ({"retardation": (0.0, 1e-4, lambda s: 1e-2 * s)}, 0.01),
-        ({"retardation": 1e-3, "strain_energy": stiffening}, 0.005),
+        (1, {"retardation": 1e-3}, 0.01),
+        (2, {"retardation": (0.0, 1e-4, lambda s: 1e-2 * s)}, 0.01),
+        (1, {"retardation": 1e-3, "strain_energy": stiffening}, 0.005),
     ],
     ids=["one", "triple", "own energy"],
 )
-def test_the_balance_closes_and_every_step_loses(degree, solver, section, dt):
+def test_the_balance_closes_and_every_step_loses(degree, section, dt):
     data = {"EA": 4e7, "GA": 1e7, "EI": 1.3e7} if "strain_energy" not in section else {}
     damped = fb.Section(**data, rhoA=0.05, rhoI=1 / 60, **section)
     scene, beam = pinned_beam(elements=4, degree=degree, section=damped)
-    solution = fb.simulate(scene, dt=dt, t_end=0.2, solver=solver)
+    solution = fb.simulate(scene, dt=dt, t_end=0.2)
     energy = solution.energy
     assert abs(energy.balance_error).max() < 1e-11 * energy.total[0]
     assert np.diff(energy.dissipated).min() > 0
@@ -111,24 +114,11 @@ def test_the_balance_closes_and_every_step_loses(degree, solver, section, dt):
     assert abs(solution.reaction(beam.start)[1:, :2] - given).max() < 1e-8 * abs(given).max()
 
 
-@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda s: s.name)
-def test_axial_force_has_the_viscous_part(scheme):
-    # At the end of the rod it is the inertia of the mass.
-    scene, rod = oscillator(0.05, speed=1.0)
-    solution = fb.simulate(scene, scheme, dt=0.01, t_end=0.3)
-    N = solution.resultants(rod).N[:, 0]
-    reaction = -solution.reaction(rod.start)[:, 0]
-    assert N[1:] == pytest.approx(reaction[1:], abs=1e-9 * abs(N).max())
-    assert N[0] == pytest.approx(100.0 * 0.05 * 1.0, rel=1e-5)
-    assert abs(N[1]) > 0
-
-
-@SOLVERS
-def test_the_newmark_family_loses_by_the_material(solver):
+def test_the_newmark_family_loses_by_the_material():
     scene, _ = pinned_beam(
         section=fb.Section(EA=4e5, GA=1e5, EI=1.3e7, rhoA=0.05, retardation=0.01)
     )
-    solution = fb.simulate(scene, fb.Newmark(), dt=0.005, t_end=0.2, solver=solver)
+    solution = fb.simulate(scene, fb.Newmark(), dt=0.005, t_end=0.2)
     assert np.diff(solution.energy.dissipated).min() >= 0
     loss = solution.energy.total[0] - solution.energy.total[-1]
     assert solution.energy.dissipated[-1] == pytest.approx(loss, rel=0.05)

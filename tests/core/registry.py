@@ -174,6 +174,14 @@ def drag(x):
 
 
 @case()
+def line_load_that_travels(x):
+    scene, beam = swing(x)
+    wave = lambda s, t: (0.0, 5 * x[7] * np.sin(4 * s - 30 * x[8] * t))  # noqa: E731
+    scene.add_line_load(beam, wave, of="arc length and time")
+    return scene
+
+
+@case()
 def natural_strains(x):
     scene = fb.Scene(gravity=GRAVITY)
     beam = scene.add_beam([(0, 0), (1, 0)], section(x), 2)
@@ -445,6 +453,61 @@ def loop_of_bodies_with_a_slot(x):
     damper = fb.Damper(0.1 * x[8])
     scene.add_joint(fb.PinInSlot(arm["a"], crank["P"], axis=(0.2 * x[8], 0.7), damper=damper))
     scene.add_moment(crank.centre, 0.5 * x[7])
+
+
+@case()
+def locked_joint(x):
+    spring = {"spring": fb.Spring(5 * x[7], rest=0.2)}
+    scene = hung(x, fb.PinInSlot, axis=(1.0, 0.0), hinge=fb.Coordinate(**spring))
+    scene.lock(scene.joints[0], "slide")
+    return scene
+
+
+def free_bodies(x):
+    """Two free bodies about a common point, of which the second turns faster."""
+    scene = fb.Scene()
+    one = scene.add_body((0, 0), mass=1.0 * x[3], inertia=0.1, points={"pin": (0.5, 0)})
+    other = scene.add_body((1, 0.1 * x[5]), mass=2.0, inertia=0.2 * x[4], points={"pin": (0.5, 0)})
+    scene.set_velocity(one, (0, 0.5), spin=1.0)
+    scene.set_velocity(other, (0, 1.0 * x[6]), spin=3.0)
+    return scene, one, other
+
+
+@case(free=True)
+def laws_between_free_bodies(x):
+    scene, one, other = free_bodies(x)
+    laws = {"damper": fb.Damper(0.1, law=lambda v: 0.7 * abs(v) * v), "stop": (-0.1, 0.1, 500.0)}
+    friction = fb.Friction(0.5 * x[7], 0.5)
+    scene.add_joint(fb.Revolute(one["pin"], other["pin"], friction=friction, **laws))
+    scene.make_velocities_compatible()
+    return scene
+
+
+@case(free=True)
+def friction_that_follows_between_free_bodies(x):
+    scene, one, other = free_bodies(x)
+    friction = fb.Coulomb(0.5 * x[7], 1e4, radius=0.1)
+    scene.add_joint(fb.Revolute(one["pin"], other["pin"], friction=friction))
+    scene.make_velocities_compatible()
+    return scene
+
+
+@case(free=True)
+def force_between_free_bodies(x):
+    scene, one, other = free_bodies(x)
+    spring = fb.Spring(30.0 * x[7], 0.8, lambda d: 5 * d**4)
+    scene.add_force_between(one.centre, other.centre, spring, stop=(0.9, 1.02, 1e4 * x[8]))
+    return scene
+
+
+@case(dt=5e-3, free=True)
+def friction_that_follows_on_a_free_beam(x):
+    scene, rod = arm(x, fb.Scene(), elements=4)
+    rest = rod.node(0.25)
+    bead = scene.add_body((rest.x, rest.y), mass=1.0 * x[7], inertia=0.05).centre
+    scene.add_joint(fb.Slider(rod, bead, fraction=0.25, friction=fb.Coulomb(0.3 * x[8], 1e3)))
+    scene.set_velocity(bead, (1.0, 0.0))
+    scene.make_velocities_compatible()
     return scene
 
 
@@ -510,6 +573,20 @@ def long_chain_of_which_the_end_is_touched(x):
     tip = scene.add_beam([(last.x, last.y), (last.x + 1.0, last.y)], section(x), elements=2)
     scene.add_joint(fb.Rigid(last, tip.start))
     return with_a_beam_that_touches(x, scene, tip, np.array([last.x + 0.55, last.y]))
+
+
+@case(dt=2e-3, steps=40)
+def friction_that_follows_with_a_damping_of_its_own(x):
+    scene = fb.Scene(gravity=GRAVITY)
+    bob = scene.add_body((0.5, 0), mass=2.0 * x[3], inertia=0.05, points={"pin": (0, 0)})
+    pin = fb.Coulomb(0.3, 1e3, radius=0.05, damping=0.02 * x[7])
+    scene.add_joint(fb.Revolute(fb.GROUND, bob["pin"], friction=pin))
+    plate = scene.add_body((0.4, -0.06), mass=1.0, inertia=0.1).centre
+    scene.fix(plate, "rotation", "y")
+    scene.add_force_between(plate, (2.0, -0.06), spring=fb.Spring(200.0 * x[8]))
+    law = {"stiffness": 2e3, "friction": fb.Coulomb(0.5, 5e3, damping=0.02 * x[7])}
+    scene.add_contact(bob.centre, fb.Line(plate, (0, 1)), radius=0.05, **law)
+    return scene
 
 
 # -- Schemes ---------------------------------------------------------------------------------------

@@ -1,0 +1,557 @@
+"""Loads, supports and prescribed motion against exact answers; loads that vary or follow."""
+
+import math
+
+import ufl
+
+import numpy as np
+import pytest
+import scipy.integrate
+from scenes import FLYING
+
+import fx_beam as fb
+
+STIFFNESS = {"EA": 1e4, "GA": 1e4, "EI": 100.0}
+MASSLESS = fb.Section(**STIFFNESS)
+SECTION = fb.Section(**STIFFNESS, rhoA=1.5, rhoI=0.1)
+STIFF = fb.Section(EA=1e9, GA=1e9, EI=1e8, rhoA=1.0, rhoI=1e-3)
+BOTH = "arc length and time"
+
+by_name = pytest.mark.parametrize(
+    "scheme", [fb.MidPoint(), fb.EnergyMomentum()], ids=lambda scheme: scheme.name
+)
+
+
+def free_beam(section=SECTION, degree=1, **options):
+    """Free beam of length 3 with four elements, away from the origin, along no axis."""
+    scene = fb.Scene(**options)
+    direction = np.array([0.6, 0.8])
+    ends = [np.array([1.0, -2.0]), np.array([1.0, -2.0]) + 3 * direction]
+    return scene, scene.add_beam(ends, section, elements=4, degree=degree)
+
+
+def cantilever(length=1.0, elements=4, degree=1, section=MASSLESS):
+    """Beam along x, clamped at the origin."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (length, 0)], section, elements=elements, degree=degree)
+    scene.clamp(beam.start)
+    return scene, beam
+
+
+# Loads are taken just inside the step, here 1e-9 of it.
+STATIC = 1e-8
+
+
+def static(scene, steps):
+    """Steps of a massless scene by Newmark's scheme: each is in equilibrium with its loads."""
+    return fb.simulate(scene, fb.Newmark(), dt=1 / steps, t_end=1.0)
+
+
+def cross(a, b):
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+# -- Dead loads on free beams ----------------------------------------------------------------
+
+
+def test_a_free_beam_falls_by_g_t_squared_over_two():
+    scene, beam = free_beam(gravity=(1.0, -9.81))
+    scene.add_mass(beam.end, 3.0)
+    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
+    fall = np.outer(solution.t**2 / 2, (1.0, -9.81))
+    for node in beam.nodes:
+        assert solution.displacement(node) == pytest.approx(fall, abs=1e-12)
+        assert solution.rotation(node) == pytest.approx(np.zeros(11), abs=1e-12)
+        speed = np.outer(solution.t, (1.0, -9.81))
+        assert solution.velocity(node) == pytest.approx(speed, abs=1e-11)
+        assert solution.acceleration(node) == pytest.approx(
+            np.broadcast_to((1.0, -9.81), (11, 2)), abs=1e-10
+        )
+
+
+def test_a_constant_moment_gives_angular_momentum_in_proportion_to_time():
+    scene, beam = free_beam()
+    scene.add_moment(beam.node(0.75), 7.0)
+    solution = fb.simulate(scene, dt=0.05, t_end=1.0)
+    assert solution.angular_momentum == pytest.approx(7.0 * solution.t, abs=7e-12)
+    assert solution.linear_momentum == pytest.approx(np.zeros((21, 2)), abs=1e-11)
+    assert abs(solution.rotation(beam.end)[-1]) > 0.1
+
+
+def test_a_line_load_acts_on_the_whole_length_of_its_beam_only():
+    scene, beam = free_beam()
+    other = scene.add_beam([(0, 0), (1, 0)], SECTION)
+    scene.add_line_load(beam, (2.0, 1.0))
+    solution = fb.simulate(scene, dt=0.1, t_end=0.5)
+    expected = np.outer(solution.t, (6.0, 3.0))
+    assert solution.linear_momentum == pytest.approx(expected, abs=1e-12)
+    # It pushes at the centre, and the beam does not turn.
+    centre = np.array([1.0, -2.0]) + 1.5 * np.array([0.6, 0.8])
+    assert solution.angular_momentum == pytest.approx(cross(centre, expected), abs=1e-12)
+    assert solution.displacement(other.end) == pytest.approx(np.zeros((6, 2)), abs=1e-14)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_line_load_on_a_skew_polyline_is_per_reference_length(degree):
+    scene = fb.Scene()
+    points = [(0, 0), (3, 4), (3, 5)]
+    beam = scene.add_beam(points, SECTION, elements=[1, 2], degree=degree)
+    scene.add_line_load(beam, lambda t: (0.0, 2.0))
+    solution = fb.simulate(scene, dt=0.01, t_end=0.01)
+    assert solution.linear_momentum[1] == pytest.approx([0, 2.0 * 6 * 0.01], abs=1e-14)
+
+
+def test_gravity_acts_on_lumped_masses():
+    scene, beam = free_beam(MASSLESS, gravity=(0.0, -10.0))
+    scene.add_mass(beam.start, 2.0)
+    scene.add_mass(beam.end, 3.0)
+    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
+    assert solution.linear_momentum[:, 1] == pytest.approx(-50.0 * solution.t, abs=1e-11)
+    assert solution.energy.potential == pytest.approx(-50.0 * 5.0 * solution.t**2, abs=1e-10)
+    assert solution.energy.kinetic == pytest.approx(-solution.energy.potential, abs=1e-10)
+    assert solution.energy.work == pytest.approx(np.zeros(11), abs=0)
+
+
+@by_name
+@pytest.mark.parametrize(
+    ("force", "tolerance"),
+    [(lambda t: max(0.0, 8 * t - 2), 1e-12), (lambda t: math.sin(5 * t) + t**2, 1e-9)],
+    ids=["ramp", "smooth"],
+)
+def test_momentum_is_the_trapezoidal_sum_of_a_force_that_changes(scheme, force, tolerance):
+    scene, beam = free_beam()
+    scene.add_force(beam.start, lambda t: (force(t), -2 * force(t)))
+    solution = fb.simulate(scene, scheme, dt=0.05, t_end=1.0)
+    values = np.array([force(t) for t in solution.t])
+    impulse = np.concatenate(([0.0], np.cumsum((values[1:] + values[:-1]) / 2 * 0.05)))
+    expected = np.outer(impulse, (1, -2))
+    assert abs(solution.rotation(beam.end)[-1]) > 0.1  # it turns and bends meanwhile
+    assert solution.linear_momentum == pytest.approx(expected, abs=tolerance * abs(expected).max())
+
+
+# -- Prescribed motion -----------------------------------------------------------------------
+
+
+def shake(t):
+    return 0.2 * math.sin(6 * t) ** 2
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.HHT()], ids=lambda s: s.name)
+def test_a_node_follows_its_prescribed_motion(scheme):
+    scene, beam = free_beam()
+    crank = lambda t: 3.0 * t**2 - t**3  # noqa: E731
+    scene.prescribe(beam.start, x=shake, y=lambda t: -2 * shake(t), rotation=crank)
+    solution = fb.simulate(scene, scheme, dt=0.05, t_end=1.0)
+    moved = [(shake(t), -2 * shake(t)) for t in solution.t]
+    assert solution.displacement(beam.start) == pytest.approx(np.array(moved), abs=1e-14)
+    assert solution.rotation(beam.start) == pytest.approx(crank(solution.t), abs=1e-14)
+
+
+def test_a_node_follows_a_prescribed_rotation_of_large_steps():
+    scene, beam = free_beam()
+    scene.pin(beam.start)
+    scene.prescribe(beam.start, rotation=lambda t: 1.5 * t)
+    solution = fb.simulate(scene, dt=1.0, t_end=3.0)
+    assert solution.stats.halvings == 0
+    assert solution.rotation(beam.start) == pytest.approx(1.5 * solution.t, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    "scheme", [fb.EnergyMomentum(), fb.Newmark()], ids=["EnergyMomentum", "Newmark"]
+)
+def test_a_uniform_prescribed_motion_has_its_velocity_from_the_start(scheme):
+    scene, beam = free_beam()
+    scene.prescribe(beam.start, x=lambda t: 2 * t, y=lambda t: -3 * t, rotation=lambda t: 0.5 * t)
+    solution = fb.simulate(scene, scheme, dt=0.05, t_end=0.5)
+    uniform = np.broadcast_to((2.0, -3.0), (11, 2))
+    # The spin of the mid-point rule is 2 tan(increment/2) / dt.
+    spin = 2 * math.tan(0.0125) / 0.05 if scheme.name == "EnergyMomentum" else 0.5
+    assert solution.velocity(beam.start) == pytest.approx(uniform, abs=1e-9)
+    assert solution.spin(beam.start)[1::2] == pytest.approx(np.full(5, spin), abs=1e-4)
+
+
+def test_the_torque_of_a_crank_on_a_stiff_beam_turns_its_inertia():
+    stiff = fb.Section(EA=1e9, GA=1e9, EI=1e9, rhoA=1.0, rhoI=0.0)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], stiff)
+    scene.pin(beam.start)
+    scene.prescribe(beam.start, rotation=lambda t: t**2)
+    solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.01, t_end=0.5)
+    assert solution.reaction(beam.start)[-1, 2] == pytest.approx(2.0 / 3, rel=1e-3)
+
+
+def test_a_minute_prescribed_motion_has_the_reaction_of_its_stiffness():
+    """A stretch by less than Newton's tolerance still costs EA times the strain."""
+    stiff = fb.Section(EA=1e10, GA=1e10, EI=1e3)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], stiff)
+    scene.clamp(beam.start)
+    scene.fix(beam.end, "y", "rotation")
+    scene.prescribe(beam.end, x=lambda t: 1e-11 * t)
+    solution = static(scene, 1)
+    assert solution.reaction(beam.end)[1] == pytest.approx([0.1, 0, 0], rel=1e-4)
+    assert solution.reaction(beam.start)[1] == pytest.approx([-0.1, 0, 0], rel=1e-4)
+
+
+# -- Reactions -------------------------------------------------------------------------------
+
+
+def test_the_reaction_of_a_mass_that_hangs_at_rest_is_its_weight():
+    # Massless beam and the scheme that damps most: the axial swing about rest dies out.
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    beam = scene.add_beam([(0, 0), (0, -0.5)], MASSLESS, elements=2)
+    scene.pin(beam.start)
+    scene.add_mass(beam.end, 2.0)
+    solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.5, t_end=30.0)
+    assert solution.reaction(beam.start)[-1] == pytest.approx([0, 2.0 * 9.81, 0], abs=1e-9)
+    assert solution.position(beam.end)[-1] == pytest.approx(
+        [0, -0.5 * (1 + 2.0 * 9.81 / STIFFNESS["EA"])], abs=1e-12
+    )
+    assert solution.reaction(beam.end) == pytest.approx(np.zeros((61, 3)), abs=0)
+
+
+def ramp(t):
+    return np.array([-3.0, 8.0]) * t
+
+
+@pytest.mark.parametrize(
+    ("scheme", "digits"),
+    [(fb.EnergyMomentum(), {"abs": 1e-11}), (fb.Newmark(), {"rel": STATIC, "abs": 1e-9})],
+    ids=["EnergyMomentum", "Newmark"],
+)
+def test_reactions_of_a_loaded_cantilever_are_minus_the_load_at_their_time(scheme, digits):
+    scene, beam = cantilever(length=2.0)
+    scene.add_force(beam.end, ramp)
+    scene.add_moment(beam.node(0.5), lambda t: 5 * t)
+    solution = fb.simulate(scene, scheme, dt=0.1, t_end=1.0)
+    part, place, reaction = solution.stats.level, solution.position(beam.end), solution.reaction
+    t = solution.t_level[1:]
+    assert t == pytest.approx(solution.t[1:] - (1 - part) * 0.1)
+    force, tip = np.outer(t, ramp(1.0)), part * place[1:] + (1 - part) * place[:-1]
+    assert reaction(beam.start)[0] == pytest.approx([0, 0, 0], abs=0)
+    assert reaction(beam.start)[1:, :2] == pytest.approx(-force, **digits)
+    assert reaction(beam.start)[1:, 2] == pytest.approx(-cross(tip, force) - 5 * t, **digits)
+    assert tip[-1, 1] > 0.1
+
+
+def test_impulse_of_reactions_and_loads_is_the_change_of_momentum():
+    scene, beam = free_beam(gravity=(0.0, -3.0))
+    scene.pin(beam.start)
+    scene.fix(beam.end, "x")
+    scene.add_force(beam.node(0.5), lambda t: (10 * t, 4.0))
+    scene.set_velocity(beam.node(0.5), (0.0, 1.0))
+    dt = 0.02
+    solution = fb.simulate(scene, dt=dt, t_end=1.0)
+    supports = (solution.reaction(beam.start) + solution.reaction(beam.end))[1:, :2]
+    half = solution.t[1:] - dt / 2
+    loads = np.stack([10 * half, 4.0 - 3.0 * 1.5 * 3 + 0 * half], axis=1)
+    change = np.diff(solution.linear_momentum, axis=0)
+    assert change == pytest.approx(dt * (supports + loads), abs=1e-11)
+    assert abs(supports).max() > 1
+
+
+# -- Scenes without mass: every step is an equilibrium -----------------------------------------
+
+
+def test_a_short_cantilever_deflects_by_bending_and_shear():
+    length, load = 0.5, 1e-3
+    section = fb.Section(EA=1e4, GA=1e3, EI=100.0)
+    scene, beam = cantilever(length, 2, 2, section)
+    scene.add_force(beam.end, lambda t: (0.0, load * t))
+    solution = static(scene, 1)
+    bending, shear = load * length**3 / (3 * section.EI), load * length / section.GA
+    assert shear > bending
+    assert solution.displacement(beam.end)[1] == pytest.approx([0, bending + shear], rel=STATIC)
+    # The section turns by bending only.
+    turn = load * length**2 / (2 * section.EI)
+    assert solution.rotation(beam.end)[1] == pytest.approx(turn, rel=STATIC)
+
+
+def test_a_cantilever_under_a_line_load_deflects_as_the_linear_theory_says():
+    scene, beam = cantilever(0.5, 4, degree=2)
+    scene.add_line_load(beam, lambda t: (0.0, 1e-3 * t))
+    solution = static(scene, 1)
+    exact = 1e-3 * 0.5**4 / (8 * 100.0) + 1e-3 * 0.5**2 / (2 * 1e4)
+    assert solution.displacement(beam.end)[1, 1] == pytest.approx(exact, rel=1e-6)
+
+
+def test_work_on_a_massless_scene_is_its_strain_energy():
+    scene, beam = cantilever(2.0)
+    scene.add_force(beam.end, ramp)
+    scene.add_moment(beam.end, lambda t: 20 * t**2)
+    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
+    assert (solution.energy.kinetic == 0).all()
+    assert solution.energy.work == pytest.approx(solution.energy.strain, rel=1e-9)
+    assert solution.energy.strain[-1] > 1
+
+
+def test_a_mass_on_a_massless_bar_swings_with_its_frequency():
+    scene, beam = cantilever(2.0, 3)
+    scene.add_mass(beam.end, 4.0)
+    scene.set_velocity(beam.end, (1.0, 0.0))
+    frequency = math.sqrt(STIFFNESS["EA"] / 2.0 / 4.0)
+    dt = 0.02 / frequency
+    solution = fb.simulate(scene, dt=dt, t_end=200 * dt)
+    # The mid-point rule turns the phase by 2 atan(w dt / 2) in a step.
+    phase = 2 * math.atan(0.01) * np.arange(201)
+    assert solution.displacement(beam.end)[:, 0] * frequency == pytest.approx(
+        np.sin(phase), abs=1e-9
+    )
+
+
+def test_spin_without_rotary_inertia_is_the_mean_over_the_step_and_does_not_swing(dt=0.05):
+    scene = fb.Scene(gravity=(0, -9.81))
+    beam = scene.add_beam([(0, 0), (0, -0.5)], fb.Section(EA=1e8, GA=1e8, EI=1e3), elements=2)
+    scene.pin(beam.start)
+    scene.add_mass(beam.end, 1.0)
+    scene.set_velocity(beam.end, (1.695, 0))
+    solution = fb.simulate(scene, dt=dt, t_end=1.5)
+    for node in beam.nodes:
+        spin = solution.spin(node)[1:]
+        turn = np.diff(solution.rotation(node))
+        assert spin == pytest.approx(2 * np.tan(turn / 2) / dt, abs=1e-9)
+        # A swing that alternates would stand out in the second difference, which for the smooth
+        # one is dt^2 times the third derivative of the angle, at most (g / L)^(3/2) and a bit.
+        assert abs(np.diff(spin, 2)).max() < 1.5 * (9.81 / 0.5) ** 1.5 * dt**2
+
+
+def test_a_dead_force_as_virtual_work_moves_the_beam_as_a_line_load():
+    ends = []
+    for as_load in (True, False):
+        scene, beam = free_beam(degree=2)
+        scene.pin(beam.start)
+        if as_load:
+            scene.add_line_load(beam, lambda t: (2.0, 6 * t))
+        else:
+            scene.add_virtual_work(
+                lambda step: ufl.dot(ufl.as_vector((2.0, 6 * step.t)), step.virtual_u), beam
+            )
+        solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+        ends.append(solution.position(beam.end))
+        assert abs(solution.energy.balance_error).max() < 1e-12 * solution.energy.kinetic.max()
+    assert ends[0] == pytest.approx(ends[1], abs=1e-8)
+
+
+# -- Line loads that vary along their beam ------------------------------------------------------
+
+LENGTH, EI, RHO_A, LOAD = 2.0, 50.0, 1.5, 0.5
+SLENDER = fb.Section(EA=1e5, GA=1e7, EI=EI, rhoA=RHO_A, rhoI=1e-7)
+
+
+def loaded(load, degree=1, **options):
+    """A stiff cantilever of 1 m and 2 m, the longer part under a line load."""
+    scene = fb.Scene()
+    bar = scene.add_beam([(-1, 0), (0, 0)], STIFF, elements=2, degree=degree, name="before")
+    points = [bar.end, (LENGTH, 0)]
+    beam = scene.add_beam(points, STIFF, elements=4, degree=degree, name="loaded")
+    scene.clamp(bar.start)
+    scene.add_line_load(beam, load, **options)
+    return scene, bar, beam
+
+
+@pytest.mark.parametrize("degree", [1, 3])
+def test_a_load_that_grows_along_a_beam_has_its_resultant_at_two_thirds(degree):
+    scene, bar, beam = loaded(lambda s: (0.0, -3.0 * s / LENGTH), degree, of="arc length")
+    bent = fb.static(scene, steps=1)
+    total = 3.0 * LENGTH / 2
+    lever = 1 + 2 * LENGTH / 3
+    assert bent.reaction(bar.start)[-1] == pytest.approx([0, total, total * lever], rel=1e-6)
+    # Shear force and moment of statics, at the Gauss points of the finest rule there is.
+    r = bent.resultants(beam)
+    if degree == 3:
+        left = LENGTH - r.s
+        shear = 3.0 * (LENGTH**2 - r.s**2) / (2 * LENGTH)
+        moment = 3.0 * left**2 * (2 * LENGTH + r.s) / (6 * LENGTH)
+        np.testing.assert_allclose(-r.Q[-1], shear, atol=2e-2 * total)
+        np.testing.assert_allclose(-r.M[-1], moment, atol=2e-2 * total)
+
+
+def test_a_load_along_the_arc_that_is_uniform_is_a_uniform_load():
+    motions = []
+    for load, of in (((1.0, -3.0), "time"), (lambda s: (1.0, -3.0), "arc length")):
+        scene, _, beam = loaded(load, of=of)
+        motions.append(fb.simulate(scene, dt=0.01, t_end=0.1).displacement(beam.end))
+    np.testing.assert_allclose(*motions, rtol=0, atol=1e-13 * abs(motions[0]).max())
+
+
+def simply_supported(load, elements=32, degree=1, **options):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (LENGTH, 0)], SLENDER, elements=elements, degree=degree)
+    scene.pin(beam.start)
+    scene.fix(beam.end, "y")
+    scene.add_line_load(beam, load, **({"of": BOTH} | options))
+    return scene, beam
+
+
+def test_a_load_whose_front_moves_along_a_beam_has_the_deflection_of_the_series_of_modes():
+    speed = 3.0
+
+    def front(s, t):
+        # The last element is covered by degrees, as the front passes it.
+        covered = np.clip((speed * t - s) / (LENGTH / 32) + 0.5, 0.0, 1.0)
+        return 0.0, -LOAD * covered
+
+    scene, beam = simply_supported(front)
+    solution = fb.simulate(scene, dt=0.004, t_end=LENGTH / speed)
+    w = solution.displacement(beam.node(0.5))[:, 1]
+    expected = 0.0
+    for n in range(1, 12):
+        omega, W = (n * np.pi / LENGTH) ** 2 * np.sqrt(EI / RHO_A), n * np.pi * speed / LENGTH
+        still = (1 - np.cos(omega * solution.t)) / omega**2
+        moves = (np.cos(W * solution.t) - np.cos(omega * solution.t)) / (omega**2 - W**2)
+        force = -2 * LOAD / (n * np.pi * RHO_A) * np.sin(n * np.pi / 2)
+        expected = expected + force * (still - moves)
+    np.testing.assert_allclose(w, expected, atol=0.01 * abs(expected).max())
+    # Its work is what the beam gains.
+    energy = solution.energy
+    assert energy.total[-1] > 0
+    assert abs(energy.balance_error).max() < 1e-12 * energy.total.max()
+
+
+def test_a_wave_that_travels_along_a_beam_has_the_deflection_of_the_series_of_modes():
+    m, W = 2, 25.0
+    k = m * np.pi / LENGTH
+    scene, beam = simply_supported(lambda s, t: (0.0, LOAD * np.sin(k * s - W * t)), 8, degree=2)
+    solution = fb.simulate(scene, dt=0.002, t_end=0.4)
+    quarter = solution.displacement(beam.node(0.25))[:, 1]
+    # sin(k s - W t) = sin(k s) cos(W t) - cos(k s) sin(W t): the second part drives the odd modes.
+    t, expected = solution.t, 0.0
+    for n in (m, *range(1, 20, 2)):
+        omega = (n * np.pi / LENGTH) ** 2 * np.sqrt(EI / RHO_A)
+        if n == m:
+            force, grown = 1.0, np.cos(W * t) - np.cos(omega * t)
+        else:
+            force = -4 * n / (np.pi * (n**2 - m**2))
+            grown = np.sin(W * t) - W / omega * np.sin(omega * t)
+        shape = LOAD / RHO_A * force * np.sin(n * np.pi / 4)
+        expected = expected + shape * grown / (omega**2 - W**2)
+    np.testing.assert_allclose(quarter, expected, atol=0.01 * abs(expected).max())
+
+
+def test_a_function_of_single_places_gives_what_one_of_arrays_gives():
+    called = []
+
+    def by_arrays(s, t):
+        called.append(np.size(s))
+        return 0.0 * s, -LOAD * np.where(s < t, 1.0, 0.5)
+
+    def one_by_one(s, t):
+        return (0.0, -LOAD) if s < t else (0.0, -LOAD / 2)
+
+    pair = [simply_supported(load, elements=4) for load in (by_arrays, one_by_one)]
+    called.clear()
+    runs = [fb.simulate(scene, dt=0.05, t_end=1.0).displacement(b.node(0.5)) for scene, b in pair]
+    np.testing.assert_array_equal(*runs)
+    # One call for all 8 Gauss points, at both ends of each of the 20 steps, and a few before them.
+    assert set(called) == {8}
+    assert 40 <= len(called) < 50
+
+
+def test_in_statics_the_load_is_that_at_the_given_time():
+    scene, beam = simply_supported(lambda s, t: (0.0, -LOAD * t))
+    still = fb.static(scene, steps=1, t=3.0)
+    total = 3 * LOAD * LENGTH
+    assert still.reaction(beam.end)[-1, 1] == pytest.approx(total / 2)
+
+
+@pytest.mark.parametrize(
+    ("load", "of", "message"),
+    [
+        ((0.0, 1.0), BOTH, r"must be a function of \(s, t\)"),
+        (lambda s, t: 1.0, BOTH, r"at s = 0, t = 0: 1.0 has the wrong type or shape; it must be 2"),
+        (lambda s: (0.0, s), BOTH, r"at s = 0, t = 0: calling it raised TypeError"),
+        (lambda s, t: (0.0, np.inf * (s > 1)), BOTH, "at s = 0, t = 0.*is not finite"),
+        (lambda s: (0.0, s), "time", "called with the time t only.*of='arc length'"),
+        (lambda x, y: (x, y), "time", "called with the time t only.*of='arc length'"),
+    ],
+)
+def test_what_is_no_load_is_refused(load, of, message):
+    with np.errstate(invalid="ignore"), pytest.raises(fb.SceneError, match=message):
+        loaded(load, of=of)
+
+
+def test_a_load_that_is_not_finite_somewhere_names_the_beam_and_the_place():
+    scene, _, _ = loaded(lambda s: (0.0, np.inf if s > 1 else 0.0), of="arc length")
+    with pytest.raises(fb.SceneError, match=r"line load on beam 'loaded' at s = 1\."):
+        fb.simulate(scene, dt=0.1, t_end=0.1)
+
+
+def test_a_load_that_becomes_infinite_names_the_place_and_the_time_and_keeps_the_steps_before():
+    def load(s, t):
+        return 0.0, np.where((s > 1) & (t > 0.5), np.nan, 1.0)
+
+    scene, _ = simply_supported(load, elements=4)
+    with pytest.raises(fb.StepError, match=r"at s = 1\.1.*t = 0\.5") as caught:
+        fb.simulate(scene, dt=0.1, t_end=1.0)
+    assert caught.value.solution.t[-1] == pytest.approx(0.5)
+
+
+# -- Follower forces ----------------------------------------------------------------------------
+
+
+def test_the_shape_under_a_follower_force_is_the_integral_from_the_tip():
+    section = fb.Section(EA=300.0, GA=200.0, EI=1.0)
+    force = np.array([-1.0, -12.0])
+    scene, beam = cantilever(1.0, 16, 2, section)
+    scene.add_force(beam.end, force, follower=True)
+    solution = fb.static(scene, steps=8)
+
+    # Seen from the tip's section the force is constant and everything known: no shooting.
+    def slope(_, y):
+        t = np.array([np.cos(y[2]), np.sin(y[2])])
+        normal = np.array([-t[1], t[0]])
+        dphi = (1 + force @ t / 300.0) * t + (force @ normal / 200.0) * normal
+        return *(-dphi), -y[3], -(dphi[1] * force[0] - dphi[0] * force[1])
+
+    y = scipy.integrate.solve_ivp(slope, (0, 1), np.zeros(4), rtol=1e-11, atol=1e-11).y[:, -1]
+    turn = -y[2]
+    c, s = np.cos(turn), np.sin(turn)
+    tip = -np.array([c * y[0] - s * y[1], s * y[0] + c * y[1]])
+    assert turn < -2  # far beyond a right angle
+    assert solution.rotation(beam.end)[-1] == pytest.approx(turn, abs=1e-5)
+    assert solution.position(beam.end)[-1] == pytest.approx(tip, abs=1e-5)
+
+
+def test_a_couple_of_follower_forces_is_a_moment():
+    # In the plane a moment is a follower by itself; of a couple only one that follows is the same.
+    def rolled(follower):
+        scene, beam = cantilever(1.0, 8, 2, fb.Section(EA=1e6, GA=1e6, EI=1.0))
+        arm = fb.Section(EA=1e9, GA=1e9, EI=1e9)
+        for side in (1, -1):
+            lever = scene.add_beam([beam.end, (1, 0.1 * side)], arm, degree=2)
+            scene.add_force(lever.end, (-20.0 * side, 0.0), follower)
+        return fb.static(scene, steps=8).rotation(beam.end)[-1]
+
+    assert rolled(True) == pytest.approx(4.0, rel=1e-6)  # M = 4, EI = 1, L = 1
+    assert rolled(False) < 2.5  # the arm of a dead couple shrinks as it turns
+
+
+@by_name
+def test_the_work_counted_is_the_force_along_the_mean_section_times_the_path(scheme):
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=3)
+    scene.add_force(beam.end, lambda t: (30.0, 80.0 * np.cos(9 * t)), follower=True)
+    solution = fb.simulate(scene, scheme, dt=0.05, t_end=2.0)
+    psi = solution.rotation(beam.end)
+    mean = (psi[1:] + psi[:-1]) / 2
+    f = (80 * np.cos(9 * solution.t[1:]) + 80 * np.cos(9 * solution.t[:-1])) / 2
+    force = np.column_stack(
+        [30 * np.cos(mean) - f * np.sin(mean), 30 * np.sin(mean) + f * np.cos(mean)]
+    )
+    path = np.diff(solution.position(beam.end), axis=0)
+    work = np.concatenate([[0], np.cumsum((force * path).sum(axis=1))])
+    assert abs(work).max() > 1
+    assert solution.energy.work == pytest.approx(work, abs=1e-11 * abs(work).max())
+    if scheme.name == "EnergyMomentum":
+        assert abs(solution.energy.balance_error).max() < 1e-11 * abs(work).max()
+
+
+def test_a_follower_force_that_jumps_belongs_to_the_step_in_which_it_acts():
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (1, 0)], FLYING)
+    for node in (beam.start, beam.end):
+        scene.add_force(node, lambda t: (1.0 if t < 0.1 else 0.0, 0.0), follower=True)
+    solution = fb.simulate(scene, dt=0.05, t_end=0.2)
+    assert solution.linear_momentum[:, 0] == pytest.approx([0, 0.1, 0.2, 0.2, 0.2], abs=1e-12)
+    assert str(scene.loads[0]) == "follower force on node 0 at (0, 0)"
+    assert str(scene.loads[0]) in solution.stats.assembled
