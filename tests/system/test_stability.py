@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pytest import approx
-from scenes import pendulum
-from test_reports import benchmark
+from scenes import benchmark, pendulum
 
 import fx_beam as fb
 from fx_beam import stability

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from test_reports import benchmark
+from scenes import benchmark
 
 from fx_beam import stability
 from fx_beam.studies.stability import report as stability_report
