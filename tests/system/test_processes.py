@@ -53,6 +53,14 @@ def said(process):
             os.killpg(process.pid, signal.SIGKILL)
 
 
+def finished(folder, number, text, code=0):
+    """What a script on several processes has written, once it ended with a code."""
+    process = started(folder, number, text)
+    text = said(process)
+    assert process.returncode == code, text
+    return text
+
+
 # -- What three processes give ---------------------------------------------------------------
 
 #: What a solution has over time beside its energies and resultants.
@@ -99,9 +107,7 @@ with open("refused", "a") as file:
 def three(tmp_path_factory):
     """The folder in which three processes have run."""
     folder = tmp_path_factory.mktemp("three")
-    process = started(folder, 3, THREE)
-    text = said(process)
-    assert process.returncode == 0, text
+    finished(folder, 3, THREE)
     return folder
 
 
@@ -251,10 +257,7 @@ def two(tmp_path_factory):
     folder = tmp_path_factory.mktemp("two")
     scene = process_cases.loaded(lambda t: (0.0, 1.0))
     fb.simulate(scene, dt=0.01, t_end=0.05).save(folder / "half.npz")
-    process = started(folder, 2, TWO)
-    text = said(process)
-    assert process.returncode == 1, text
-    return folder, text
+    return folder, finished(folder, 2, TWO, code=1)
 
 
 @pytest.mark.parametrize(
@@ -389,13 +392,8 @@ def test_an_error_of_one_process_while_others_wait_for_it_ends_all(tmp_path, ran
 
 def test_petsc_options_choose_another_solver(tmp_path, monkeypatch):
     monkeypatch.setenv("PETSC_OPTIONS", "-fx_beam_pc_type bddc")
-    process = started(
-        tmp_path,
-        2,
-        'from process_cases import CASES; CASES["equilibrium"]().save("equilibrium.npz")',
-    )
-    text = said(process)
-    assert process.returncode == 0, text
+    script = 'from process_cases import CASES; CASES["equilibrium"]().save("equilibrium.npz")'
+    finished(tmp_path, 2, script)
     shared, alone = fb.load(tmp_path / "equilibrium.npz"), CASES["equilibrium"]()
     assert shared.stats.solver == "PETSc on 2 processes, BDDC"
     assert shared.stats.newton_iterations == alone.stats.newton_iterations
