@@ -137,16 +137,16 @@ _SLOWEST = (
     "test_interrupts",
     "test_chains",
     "test_library_cache",
-    "test_demo_pendulum",
+    "demo: pendulum",
     "test_modes",
-    "test_demo_multibody",
+    "demo: multibody",
     "test_continuation",
-    "test_demo_parallelogram",
-    "test_demo_moving_mass",
-    "test_demo_whip_stop",
-    "test_demo_damping_scan",
-    "test_demo_three_bar_swing",
-    "test_demo_lee_frame",
+    "demo: parallelogram",
+    "demo: moving_mass",
+    "demo: whip_stop",
+    "demo: damping_scan",
+    "demo: three_bar_swing",
+    "demo: lee_frame",
 )
 
 
@@ -156,8 +156,10 @@ def group(nodeid):
     file, case = Path(path).stem, test.partition("[")[2].removesuffix("]")
     if file in ("test_invariants", "test_derivatives"):
         return f"core: {case}"
-    of_demo = file in ("test_demos", "test_paper") and case in _DEMOS
-    return f"test_demo_{case}" if of_demo else file
+    if file.startswith("test_demo") or file == "test_paper":
+        for demo in _DEMOS.intersection(case.split("-")):
+            return f"demo: {demo}"
+    return file
 
 
 def pytest_collection_modifyitems(items):

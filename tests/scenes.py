@@ -1,6 +1,7 @@
 """The scenes that several tests share, built small and without pictures."""
 
 import importlib.util
+import sys
 from pathlib import Path
 
 import ufl
@@ -15,12 +16,26 @@ PINNED = fb.Section(EA=4e7, GA=1e7, EI=1.3e7, rhoA=0.05, rhoI=1 / 60)
 FLYING = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=10.0)
 
 
-def demo(name):
-    """A demo as a module."""
-    spec = importlib.util.spec_from_file_location(f"demo_{name}", DEMOS[name])
+def _module(name, path):
+    spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def demo(name):
+    """A demo as a module."""
+    return _module(f"demo_{name}", DEMOS[name])
+
+
+def benchmark(name):
+    """A script of benchmarks/ as a module; what they share is beside them."""
+    folder = Path(__file__).parents[1] / "benchmarks"
+    sys.path.insert(0, str(folder))
+    try:
+        return _module(name, folder / f"{name}.py")
+    finally:
+        sys.path.pop(0)
 
 
 def pinned_beam(elements=8, degree=1, section=PINNED):

@@ -1,12 +1,11 @@
 """Each demo runs once, draws its pictures, and its numbers are those it claims."""
 
 import ast
-import importlib
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -61,24 +60,6 @@ def test_all_scripts_start_in_the_same_way():
         assert ast.unparse(start).startswith("script.run("), name
 
 
-@pytest.mark.parametrize("argument", [[], ["somewhere"]])
-def test_results_go_to_a_folder_named_after_the_demo_or_to_the_one_given(
-    monkeypatch, caplog, argument
-):
-    given = []
-    caplog.set_level("INFO", "fx_beam")  # is restored afterwards, as the next one
-    caplog.set_level("INFO", "fx_beam.demo")
-    script = importlib.import_module("shared.script")
-    monkeypatch.setattr(script, "main", lambda demo, folder: given.append((demo, folder)))
-    monkeypatch.setattr(script.logging, "basicConfig", lambda **_: None)
-    ring = SimpleNamespace(__file__=str(DEMOS["ring"]))
-    monkeypatch.setitem(sys.modules, "__main__", ring)
-    monkeypatch.setattr(sys, "argv", ["ring.py", *argument])
-    script.run()
-    usual = DEMOS["ring"].resolve().parents[1] / "results" / "ring"
-    assert given == [(ring, Path("somewhere") if argument else usual)]
-
-
 def test_a_demo_runs_as_a_script(tmp_path):
     # The quickest; the others differ in what main does, which the tests above have run.
     command = [sys.executable, DEMOS["relaxation"], tmp_path]
@@ -86,3 +67,20 @@ def test_a_demo_runs_as_a_script(tmp_path):
     assert script.returncode == 0, script.stderr
     assert (tmp_path / "summary.json").exists()
     assert (tmp_path / "printed.txt").read_text() == script.stdout
+
+
+DEMO = """from shared import script
+def compute(): return {"x": 1}, ()
+def report(numbers): print(numbers)
+def draw(results): pass
+if __name__ == "__main__": script.run()
+"""
+
+
+def test_results_go_to_a_folder_named_after_the_demo_or_to_the_one_given(tmp_path):
+    shutil.copytree(DEMOS["ring"].parent / "shared", tmp_path / "demos" / "shared")
+    (tmp_path / "demos" / "one.py").write_text(DEMO)
+    for given in ("somewhere", "results/one"):
+        command = [sys.executable, "demos/one.py", *([given] if given == "somewhere" else [])]
+        subprocess.run(command, cwd=tmp_path, check=True)
+        assert json.loads((tmp_path / given / "summary.json").read_text()) == {"x": 1}

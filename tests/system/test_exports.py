@@ -28,8 +28,9 @@ def fall(degree=2, **options):
 # -- Fields along members ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
-@pytest.mark.parametrize(("curved", "off"), [(False, 1e-9), (True, 5e-3)])
+@pytest.mark.parametrize(
+    ("curved", "off", "degree"), [(False, 1e-9, 1), (False, 1e-9, 2), (True, 5e-3, 2)]
+)
 def test_the_stored_energy_along_the_members_adds_up_to_that_of_the_solution(curved, off, degree):
     scene = fb.Scene(gravity=(0.0, -9.81))
     points = fb.arc((0, 0), (1, 0.2), (2, 0)) if curved else [(0, 0), (1, 0.2), (2, 0)]
@@ -58,7 +59,7 @@ def test_an_own_stored_energy_is_evaluated_along_the_members():
     assert found[0] == pytest.approx(found[1], rel=1e-6)
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("degree", [1, 2])
 def test_fields_pass_through_the_nodes_and_the_gauss_points(degree):
     solution, rows = fall(degree), range(11)
     ends = along(solution, "leg", "speed", rows, np.array([0.0, 1.0]))
@@ -79,8 +80,7 @@ def test_the_energy_along_members_of_a_saved_solution_is_refused(tmp_path):
 
 
 @pytest.mark.plot
-@pytest.mark.parametrize("degree", [1, 2, 3])
-@pytest.mark.parametrize("source", ["computed", "saved"])
+@pytest.mark.parametrize(("source", "degree"), [("computed", 3), ("saved", 1)])
 def test_paraview_files_hold_what_the_solution_has(degree, source, tmp_path):
     pv = pytest.importorskip("pyvista")
     solution = fall(degree)
@@ -95,11 +95,9 @@ def test_paraview_files_hold_what_the_solution_has(degree, source, tmp_path):
         (grid,) = reader.read()
         assert grid.n_cells == 7 and grid.n_points == 7 * (degree + 1)
         assert sorted(set(grid.cell_data["beam"])) == [0, 1]
-        nodes = [
-            [n[degree * e + i] for e in range((len(n) - 1) // degree) for i in range(degree + 1)]
-            for n in solution.nodes_of_beam.values()
-        ]
-        nodes = np.concatenate(nodes)
+        pieces = np.arange(0, 12, degree)[:, None] + np.arange(degree + 1)
+        ends = (n[pieces[: (len(n) - 1) // degree]] for n in solution.nodes_of_beam.values())
+        nodes = np.concatenate([*map(np.ravel, ends)])
         np.testing.assert_array_equal(grid.points[:, :2], solution.X[nodes])
         data = grid.point_data
         np.testing.assert_array_equal(data["displacement"][:, :2], solution.q[k][nodes, :2])

@@ -20,11 +20,8 @@ def script(tmp_path):
 
     def run(code, **environment):
         (tmp_path / "script.py").write_text(code)
-        known = {
-            name: os.environ[name]
-            for name in ("PATH", "HOME", "XDG_CACHE_HOME")
-            if name in os.environ
-        }
+        names = "PATH", "HOME", "XDG_CACHE_HOME"
+        known = {name: os.environ[name] for name in names if name in os.environ}
         done = subprocess.run(
             [sys.executable, tmp_path / "script.py"],
             cwd=tmp_path,

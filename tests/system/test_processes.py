@@ -2,7 +2,6 @@
 
 import json
 import os
-import pickle
 import shutil
 import signal
 import subprocess
@@ -17,8 +16,6 @@ import pytest
 from process_cases import CASES
 
 import fx_beam as fb
-from fx_beam.parallel.own_functions import packed
-from fx_beam.results.histories import HISTORIES
 
 HERE = Path(__file__).parents[1]
 # A deadlock is an error, a slow machine is none [s].
@@ -56,13 +53,40 @@ def said(process):
             os.killpg(process.pid, signal.SIGKILL)
 
 
+def finished(folder, number, text, code=0):
+    """What a script on several processes has written, once it ended with a code."""
+    process = started(folder, number, text)
+    text = said(process)
+    assert process.returncode == code, text
+    return text
+
+
 # -- What three processes give ---------------------------------------------------------------
 
+#: What a solution has over time beside its energies and resultants.
+HISTORIES = ["t", "t_level", "q", "v", "a", "reactions", "joint_forces", "motor_forces"]
+HISTORIES += ["contact_forces", "slides"]
+
 THREE = """
-import json
+import json, math
+import numpy as np
 import fx_beam as fb
 import process_cases as cases
 
+size = 3.0
+
+def falling(n):
+    return falling(n - 1) if n else 1.0
+
+def root(x):
+    return size * math.sqrt(x) * falling(3)
+
+def made(power):
+    def curvature(f, t, more=0.1):
+        return t * (root(f) ** power + more + np.sum([1.0 for i in range(int(size))]))
+    return curvature
+
+fb.simulate(cases.curved(made(2)), dt=0.01, t_end=0.02).save("own functions.npz")
 for name, case in cases.CASES.items():
     case().save(name + ".npz")
 for name in cases.WRITTEN:
@@ -83,9 +107,7 @@ with open("refused", "a") as file:
 def three(tmp_path_factory):
     """The folder in which three processes have run."""
     folder = tmp_path_factory.mktemp("three")
-    process = started(folder, 3, THREE)
-    text = said(process)
-    assert process.returncode == 0, text
+    finished(folder, 3, THREE)
     return folder
 
 
@@ -95,15 +117,16 @@ def scale(values):
 
 def differences(shared, alone):
     """Largest differences of all that two solutions have, relative to the second one."""
-    pairs = {name: (getattr(shared, name), getattr(alone, name)) for name in HISTORIES}
-    energies = shared.energy, alone.energy
-    pairs |= {name: (getattr(energies[0], name), of) for name, of in vars(energies[1]).items()}
-    for name in alone.beams:
-        for part in "NQM":
-            of = (getattr(solution.resultants(name), part) for solution in (shared, alone))
-            pairs[f"{part} of {name}"] = tuple(of)
-    pairs = {name: pair for name, pair in pairs.items() if np.size(pair[1])}
-    return {name: abs(x - y).max() / scale(y) for name, (x, y) in pairs.items()}
+
+    def arrays(solution):
+        yield from ((name, getattr(solution, name)) for name in HISTORIES)
+        yield from vars(solution.energy).items()
+        for name in alone.beams:
+            yield from ((f"{n} of {name}", getattr(solution.resultants(name), n)) for n in "NQM")
+
+    ours = dict(arrays(shared))
+    pairs = ((name, ours[name], of) for name, of in arrays(alone) if np.size(of))
+    return {name: abs(one - of).max() / scale(of) for name, one, of in pairs}
 
 
 @pytest.mark.parametrize("name", sorted(set(CASES) - {"flung with a tolerance"}))
@@ -126,6 +149,13 @@ def test_steps_that_a_tolerance_chooses_are_the_same(three):
     shared, alone = fb.load(three / f"{name}.npz"), CASES[name]()
     assert abs(shared.q[-1] - alone.q[-1]).max() < 1e-4
     assert abs(len(shared.t) - len(alone.t)) < 3
+
+
+def test_functions_of_a_script_arrive_with_what_they_refer_to(three):
+    shared = fb.load(three / "own functions.npz")
+    scene = process_cases.curved(lambda f, t: t * (9 * f + 3.1))
+    alone = fb.simulate(scene, dt=0.01, t_end=0.02)
+    assert abs(shared.q[-1] - alone.q[-1]).max() < 1e-10 * abs(alone.q[-1]).max()
 
 
 @pytest.mark.plot
@@ -227,23 +257,20 @@ def two(tmp_path_factory):
     folder = tmp_path_factory.mktemp("two")
     scene = process_cases.loaded(lambda t: (0.0, 1.0))
     fb.simulate(scene, dt=0.01, t_end=0.05).save(folder / "half.npz")
-    process = started(folder, 2, TWO)
-    text = said(process)
-    assert process.returncode == 1, text
-    return folder, text
+    return folder, finished(folder, 2, TWO, code=1)
 
 
-def test_a_load_that_fails_on_one_ends_all_and_keeps_the_steps(two):
-    assert "failed after 0.05 function" in two[1]
-
-
-def test_what_fails_on_another_process_is_said_on_the_first(two):
-    assert "EA at the fraction" in two[1]
-    assert "division by zero') fx_beam: on process 1 of 2" in two[1]
-
-
-def test_a_step_that_fails_ends_all(two):
-    assert "failed after 0.0 large rotation" in two[1]
+@pytest.mark.parametrize(
+    "words",
+    [
+        "failed after 0.05 function",  # a load, on one of them
+        "EA at the fraction",  # on another, said on the first
+        "division by zero') fx_beam: on process 1 of 2",
+        "failed after 0.0 large rotation",
+    ],
+)
+def test_a_failure_on_any_ends_all_is_said_and_keeps_the_steps(two, words):
+    assert words in two[1]
 
 
 def test_ctrl_c_keeps_the_steps_and_another_run_goes_on(two):
@@ -362,59 +389,12 @@ def test_an_error_of_one_process_while_others_wait_for_it_ends_all(tmp_path, ran
 
 # -- Options of PETSc ------------------------------------------------------------------------
 
-IN_PARTS = """
-import process_cases as cases
-cases.CASES["equilibrium"]().save("equilibrium.npz")
-"""
-
 
 def test_petsc_options_choose_another_solver(tmp_path, monkeypatch):
     monkeypatch.setenv("PETSC_OPTIONS", "-fx_beam_pc_type bddc")
-    process = started(tmp_path, 3, IN_PARTS)
-    text = said(process)
-    assert process.returncode == 0, text
+    script = 'from process_cases import CASES; CASES["equilibrium"]().save("equilibrium.npz")'
+    finished(tmp_path, 2, script)
     shared, alone = fb.load(tmp_path / "equilibrium.npz"), CASES["equilibrium"]()
-    assert shared.stats.solver == "PETSc on 3 processes, BDDC"
+    assert shared.stats.solver == "PETSc on 2 processes, BDDC"
     assert shared.stats.newton_iterations == alone.stats.newton_iterations
     assert differences(shared, alone)["q"] < 1e-10
-
-
-# -- Parts -----------------------------------------------------------------------------------
-
-
-def test_functions_of_a_script_arrive_with_what_they_refer_to(tmp_path):
-    text = """
-import math, pickle, sys
-import numpy as np
-from fx_beam.parallel import linear_system
-from fx_beam.parallel.accuracy import Accuracy
-from fx_beam.parallel.own_functions import packed
-
-size = 3.0
-
-def factor(x):
-    return size * math.sqrt(x)
-
-def made(power):
-    def function(x, more=1.0):
-        return [factor(x) ** power + more + np.sum([i for i in range(int(size))])]
-    return function
-
-def falling(n):
-    return falling(n - 1) if n else "done"
-
-open("bytes", "wb").write(packed({"a": made(2), "b": falling}))
-"""
-    (tmp_path / "script.py").write_text(text)
-    env = os.environ | {"PYTHONPATH": str(HERE.parent)}
-    subprocess.run([sys.executable, "script.py"], cwd=tmp_path, env=env, check=True)
-    found = pickle.loads((tmp_path / "bytes").read_bytes())
-    assert found["a"](4.0) == [36.0 + 1.0 + 3.0]
-    assert found["b"](5) == "done"
-    assert pickle.loads(packed(np.sum)) is np.sum
-
-
-# -- How exact corrections are -----------------------------------------------------------------
-
-
-# -- The linear system, on one process -------------------------------------------------------

@@ -5,18 +5,17 @@ import signal
 
 import numpy as np
 import pytest
+from interrupting import call_stopped_at
 from jointed import whirling
 from scenes import FLYING
 
 import fx_beam as fb
-from fx_beam.compiled.loop import CompiledLoop
-from fx_beam.stepping.arc_length import ArcLength
-from fx_beam.stepping.load_steps import LoadStepper
-from fx_beam.stepping.recorder import Recorder
-from fx_beam.stepping.single_stepper import SingleStepper
+
+# Without rounding, so that two runs may be equal to the last digit.
+DT = 1 / 16
 
 
-def arm(stop_at, how, follower=False):
+def arm(stop_at=9.0, how=None, follower=False):
     """A clamped arm whose load brings an interrupt when it is evaluated at some time."""
     calls = []
 
@@ -50,81 +49,34 @@ def signalled():
     os.kill(os.getpid(), signal.SIGINT)
 
 
-@pytest.mark.parametrize("follower", [False, True], ids=["dead", "follower"])
-@pytest.mark.parametrize("how", [raised, signalled])
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_an_interrupted_motion_hands_over_its_steps(solver, how, follower):
-    scene, beam = arm(0.22, how, follower)
-    with pytest.raises(KeyboardInterrupt) as stop:
-        fb.simulate(scene, dt=0.05, t_end=0.5, solver=solver)
-    kept = stop.value.solution
-    whole = fb.simulate(arm(9.0, raised, follower)[0], dt=0.05, t_end=0.5, solver=solver)
-    rows = len(kept.t)
-    assert 0.14 < kept.t[-1] < 0.21
-    np.testing.assert_array_equal(kept.t, whole.t[:rows])
-    np.testing.assert_array_equal(kept.displacement(beam.end), whole.displacement(beam.end)[:rows])
-    assert kept.stats.failure.kind == "interrupted"
-    assert kept.stats.steps == rows - 1
-    assert kept.resultants(beam).M.shape == (rows, 3)
-
-
-# -- Going on ----------------------------------------------------------------------------------
-
-# Without rounding, so that two runs may be equal to the last digit.
-DT = 1 / 16
-
-
 @pytest.mark.exact_times
-@pytest.mark.parametrize("follower", [False, True], ids=["dead", "follower"])
+@pytest.mark.parametrize(("how", "follower"), [(raised, False), (signalled, True)])
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_an_interrupted_motion_goes_on_as_if_it_had_not_ended(solver, follower, tmp_path):
+def test_an_interrupted_motion_hands_over_its_steps_and_goes_on_as_if_it_had_not_ended(
+    solver, how, follower, tmp_path
+):
     options = {"dt": DT, "t_end": 1.0, "solver": solver}
     with pytest.raises(KeyboardInterrupt) as stop:
-        fb.simulate(arm(0.4, signalled, follower)[0], **options)
-    stop.value.solution.save(tmp_path / "kept.npz")
-    kept = fb.load(tmp_path / "kept.npz")
-    scene, _ = arm(9.0, raised, follower)
-    whole, rest = fb.simulate(scene, **options), fb.simulate(scene, start=kept, **options)
-    assert kept.t[-1] == rest.t[0] == 0.375
+        fb.simulate(arm(0.4, how, follower)[0], **options)
+    (note,) = stop.value.__notes__
+    assert "attribute `solution`" in note and "sys.last_value.solution" in note
+    assert "start=solution" in note
+    first = stop.value.solution
+    assert first.stats.failure.kind == "interrupted"
+    assert first.stats.steps == len(first.t) - 1
+    first.save(tmp_path / "run.npz")
+    first = fb.load(tmp_path / "run.npz")
+    assert first.stats.failure.kind == "interrupted"
+    scene, beam = arm(follower=follower)
+    assert first.resultants(beam).M.shape == (len(first.t), 3)
+    whole, rest = fb.simulate(scene, **options), fb.simulate(scene, start=first, **options)
+    assert first.t[-1] == rest.t[0] == 0.375
     for name in ("t", "q", "v", "a"):
-        both = np.concatenate([getattr(kept, name), getattr(rest, name)[1:]])
+        both = np.concatenate([getattr(first, name), getattr(rest, name)[1:]])
         np.testing.assert_array_equal(both, getattr(whole, name))
-    assert kept.stats.newton_iterations + rest.stats.newton_iterations == (
-        whole.stats.newton_iterations
-    )
+    iterations = [solution.stats.newton_iterations for solution in (first, rest, whole)]
+    assert iterations[0] + iterations[1] == iterations[2]
     assert rest.energy.work[-1] == pytest.approx(whole.energy.work[-1], rel=1e-12)
-
-
-@pytest.mark.parametrize("tolerance", [None, 1e-3], ids=["grid", "tolerance"])
-@pytest.mark.parametrize(
-    ("solver", "taker", "method"),
-    [("compiled", CompiledLoop, "_run"), ("petsc", Recorder, "record")],
-)
-def test_steps_that_end_when_ctrl_c_comes_are_not_lost(
-    solver, taker, method, tolerance, monkeypatch
-):
-    scene, _ = arm(9.0, raised)
-    done = getattr(taker, method)
-
-    def interrupted(self, *arguments):
-        found = done(self, *arguments)
-        recorder = self if isinstance(self, Recorder) else arguments[-1]
-        if recorder.rows > 4:
-            signalled()
-        return found
-
-    monkeypatch.setattr(taker, method, interrupted)
-    options = {"solver": solver, "tolerance": tolerance, "t_end": 1.0}
-    options |= {"dt": DT} if tolerance is None else {}
-    with pytest.raises(KeyboardInterrupt) as stop:
-        fb.simulate(scene, **options)
-    monkeypatch.undo()
-    kept = stop.value.solution
-    assert kept.end.t == kept.t[-1] and len(kept.t) == kept.stats.steps + 1 >= 5
-    if kept.t[-1] < 1.0:  # else C has taken all steps at once
-        rest = fb.simulate(scene, start=kept, **options)
-        assert (rest.q[0] == kept.q[-1]).all()
-        assert rest.energy.balance_error[-1] == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.exact_times
@@ -151,63 +103,30 @@ def test_an_interrupted_part_of_a_step_goes_on_after_it(solver):
     assert rest.energy.total == pytest.approx(kept.energy.total[0], rel=1e-9)
 
 
-@pytest.mark.exact_times
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_ctrl_c_stops_a_motion_between_two_steps(solver, monkeypatch):
-    take = SingleStepper.take
-
-    def interrupted(self, *arguments):
-        take(self, *arguments)
-        if self.number == 5:
-            signalled()
-
-    options = {"dt": DT, "solver": solver, "record": fb.Record()}
-    whole = fb.Motion(arm(9.0, raised)[0], **options)
-    whole.run(0.5)
-    motion = fb.Motion(arm(9.0, raised)[0], **options)
-    monkeypatch.setattr(SingleStepper, "take", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        motion.run(0.5)
-    assert motion.t == 5 * DT
-    motion.run(0.5)
-    np.testing.assert_array_equal(motion.solution().q, whole.solution().q)
-
-
-def test_an_interrupt_says_where_the_steps_are(tmp_path):
-    with pytest.raises(KeyboardInterrupt) as stop:
-        fb.simulate(arm(0.22, raised)[0], dt=0.05, t_end=0.5)
-    (note,) = stop.value.__notes__
-    assert "attribute `solution`" in note and "sys.last_value.solution" in note
-    assert "start=solution" in note
-    stop.value.solution.save(tmp_path / "run.npz")
-    assert fb.load(tmp_path / "run.npz").stats.failure.kind == "interrupted"
-
-
-@pytest.mark.parametrize(
-    ("continuation", "taker", "method"),
-    [(None, LoadStepper, "step"), ("arc-length", ArcLength, "step")],
-)
-def test_an_interrupted_path_hands_over_its_equilibria(continuation, taker, method, monkeypatch):
+def loaded():
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=3)
     scene.clamp(beam.start)
     scene.add_force(beam.end, (0.0, 50.0))
-    whole = fb.static(scene, steps=5, continuation=continuation)
-    step = getattr(taker, method)
+    return scene
 
-    def stopped(self, state, *arguments):
-        if state.t > 0.5:
-            raise KeyboardInterrupt
-        return step(self, state, *arguments)
 
-    monkeypatch.setattr(taker, method, stopped)
-    with pytest.raises(KeyboardInterrupt) as stop:
-        fb.static(scene, steps=5, continuation=continuation)
-    kept = stop.value.solution
-    rows = len(kept.t)
-    assert 1 < rows < len(whole.t)
-    np.testing.assert_array_equal(kept.q, whole.q[:rows])
-    assert kept.stats.failure.kind == "interrupted" and stop.value.__notes__
+@pytest.mark.parametrize("continuation", [None, "arc-length"])
+def test_an_interrupted_path_hands_over_its_equilibria(continuation):
+    def path():
+        return fb.static(loaded(), steps=5, continuation=continuation)
+
+    whole, rows, place, ended = path(), [], 1000, False
+    while not ended:  # at ever later lines of Python
+        try:
+            ended = not call_stopped_at(place, path, how=raised)
+        except KeyboardInterrupt as stop:
+            if (first := stop.solution) is not None:
+                rows.append(len(first.t))
+                np.testing.assert_array_equal(first.q, whole.q[: rows[-1]])
+                assert first.stats.failure.kind == "interrupted" and stop.__notes__
+        place += place // 5
+    assert any(1 < count < len(whole.t) for count in rows)
 
 
 # -- Bars --------------------------------------------------------------------------------------
@@ -215,12 +134,8 @@ def test_an_interrupted_path_hands_over_its_equilibria(continuation, taker, meth
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
 def test_a_path_shows_its_load_factor_to_those_who_ask(continuation, capfd):
-    scene = fb.Scene()
-    beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=3)
-    scene.clamp(beam.start)
-    scene.add_force(beam.end, (0.0, 5.0))
-    fb.static(scene, steps=2, continuation=continuation, progress=True)
+    fb.static(loaded(), steps=2, continuation=continuation, progress=True)
     out, err = capfd.readouterr()
     assert out == "" and "load factor" in err
-    fb.static(scene, steps=2, continuation=continuation)
+    fb.static(loaded(), steps=2, continuation=continuation)
     assert capfd.readouterr() == ("", "")

@@ -29,19 +29,18 @@ def grids(file):
 
 
 OPTIONS = {
-    "jointed": {"record": {}},
-    "decaying": {"record": {"every": 3}},
-    "flung": {"record": {"rates": False}},
-    "flung with a tolerance": {"record": {}},
-    "yielding": {"record": {}},
-    "warmed": {"record": {}},
+    "jointed": {},
+    "decaying": {"every": 3},
+    "flung": {"rates": False},
+    "flung with a tolerance": {},
+    "yielding": {},
 }
 
 
 @pytest.mark.plot
 @pytest.mark.parametrize("name", OPTIONS)
 def test_files_have_the_rows_and_the_solution_all_else(name, few, tmp_path):
-    kinds = OPTIONS[name]["record"]
+    kinds = OPTIONS[name]
     whole = CASES[name](record=fb.Record(**kinds))
     whole.to_paraview(tmp_path / "whole.pvd")
     found = CASES[name](record=fb.Record(file=tmp_path / "rows.pvd", **kinds))

@@ -32,33 +32,34 @@ done
 
 
 @pytest.fixture
-def call(tmp_path):
-    """`./run demos one` in a clone of its own, on a system with a version of dolfinx."""
+def clone(tmp_path):
+    """A folder with what `./run` needs, a demo, and a place for programs that are called first."""
     (tmp_path / "demos").mkdir()
     (tmp_path / "demos" / "one.py").write_text("")
     for name in ("run", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
-    stubs = tmp_path / "stubs"
-    stubs.mkdir()
-    for name, script in SYSTEM.items():
-        (stubs / name).write_text(f"#!/bin/sh\n{script}\n")
-        (stubs / name).chmod(0o755)
-    calls = tmp_path / "calls"
+    (tmp_path / "stubs").mkdir()
+    return tmp_path
+
+
+def stub(clone, scripts):
+    """Put scripts in the place of programs; returns the environment."""
+    for name, script in scripts.items():
+        (clone / "stubs" / name).write_text(f"#!/bin/sh\n{script}\n")
+        (clone / "stubs" / name).chmod(0o755)
+    return os.environ | {"PATH": f"{clone / 'stubs'}:{os.environ['PATH']}"}
+
+
+@pytest.fixture
+def call(clone):
+    """`./run demos one` on a system with a version of dolfinx."""
+    environment, calls = stub(clone, SYSTEM), clone / "calls"
     calls.touch()
 
     def run(offered):
-        environment = os.environ | {
-            "PATH": f"{stubs}:{os.environ['PATH']}",
-            "OFFERED": offered,
-            "CALLS": str(calls),
-        }
-        done = subprocess.run(
-            [tmp_path / "run", "demos", "one"],
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        more = {"OFFERED": offered, "CALLS": str(calls)}
+        command = [clone / "run", "demos", "one"]
+        done = subprocess.run(command, env=environment | more, capture_output=True, text=True)
         return done, calls.read_text()
 
     return run
@@ -66,7 +67,7 @@ def call(tmp_path):
 
 @pytest.mark.parametrize(
     ("offered", "version"),
-    [("1:0.7.3-4", "0.7.3"), ("1:0.10.0-1", "0.10.0"), ("0.3.0-9", "0.3.0"), ("2:0.50-1", "0.50")],
+    [("1:0.7.3-4", "0.7.3"), ("0.3.0-9", "0.3.0"), ("2:0.50-1", "0.50")],
 )
 def test_a_version_that_is_not_served_is_named_and_nothing_is_installed(call, offered, version):
     done, calls = call(offered)
@@ -116,18 +117,14 @@ def test_only_the_documentation_has_sphinx_installed():
     [
         ("demos --quick", "no demo '--quick'; there are:"),
         ("demos one nothing", "no demo 'nothing'; there are:"),
-        ("report", "no report ''"),
         ("report everything", "no report 'everything'"),
         ("docs --fast", "no option '--fast'"),
-        ("lint --fix", "no option '--fix'"),
         ("build", "no command 'build'"),
         ("--quick", "no command '--quick'"),
     ],
 )
-def test_what_is_not_known_gets_a_sentence_and_the_usage(call, tmp_path, command, reason):
-    done = subprocess.run(
-        [tmp_path / "run", *command.split()], capture_output=True, text=True, check=False
-    )
+def test_what_is_not_known_gets_a_sentence_and_the_usage(clone, command, reason):
+    done = subprocess.run([clone / "run", *command.split()], capture_output=True, text=True)
     assert done.returncode == 2 and done.stdout == ""
     first, *others = done.stderr.splitlines()
     assert first == f"run: {reason}"
@@ -138,7 +135,7 @@ def test_what_is_not_known_gets_a_sentence_and_the_usage(call, tmp_path, command
 # -- A set-up that is interrupted ------------------------------------------------------------------
 
 # In the place of Debian's Python: it makes a .venv, whose pip waits if there is a file for that.
-PYTHON = r"""#!/bin/sh
+PYTHON = r"""
 case $* in *" venv "*) ;; *) exit ;; esac
 mkdir -p .venv/bin .venv/lib/python3/site-packages
 cat >.venv/bin/python <<'END'
@@ -153,24 +150,15 @@ chmod +x .venv/bin/python
 
 
 @pytest.fixture
-def set_up(tmp_path):
+def set_up(clone):
     """Starts `./run` with a command, in a clone of its own with the packages of Debian."""
-    (tmp_path / "demos").mkdir()
-    (tmp_path / "demos" / "one.py").write_text("")
-    shutil.copy(ROOT / "pyproject.toml", tmp_path)
-    python, script = tmp_path / "python3", tmp_path / "run"
-    script.write_text((ROOT / "run").read_text().replace("/usr/bin/python3", str(python)))
+    script = clone / "run"
+    script.write_text(script.read_text().replace("/usr/bin/python3", f"{clone}/stubs/python3"))
     query = 'case $* in *Version*) echo "1:0.9.0-1" ;; *) echo installed ;; esac'
-    stubs = {python: PYTHON, tmp_path / "dpkg-query": f"#!/bin/sh\n{query}\n", script: None}
-    stubs[tmp_path / "apt-get"] = "#!/bin/sh\n"
-    for path, text in stubs.items():
-        if text is not None:
-            path.write_text(text)
-        path.chmod(0o755)
+    environment = stub(clone, {"python3": PYTHON, "dpkg-query": query, "apt-get": ""})
 
     def start(*command):
-        environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
-        how = {"env": environment, "cwd": tmp_path, "preexec_fn": heed_ctrl_c}
+        how = {"env": environment, "cwd": clone, "preexec_fn": heed_ctrl_c}
         return subprocess.Popen([script, *command], **how)
 
     return start

@@ -6,15 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pytest import approx
-from scenes import pendulum
-from test_reports import benchmark
+from scenes import benchmark, pendulum
 
 import fx_beam as fb
 from fx_beam import stability
 from fx_beam.studies.stability.picture import telling
-
-OURS = "EnergyMomentum"
-
 
 # -- Verdicts ----------------------------------------------------------------------------------
 
@@ -38,35 +34,30 @@ def history(ratio, failure="", t_end=1.0, kinetic=2.0, work=0.0, potential=0.0):
         ([1, 1 - 2e-8, 1], "lost"),
         ([1, 1 + 2e-8, 1], "gained"),
         ([1, 1.01, 0.98], "lost"),
-        ([1, 1.02, 0.99], "gained"),
         ([1, 9.9, 1], "gained"),
         ([1, 10.1, 1], "blew up"),
-        ([1, np.inf, 1], "blew up"),
         ([1, np.nan, 1], "blew up"),
         ([1, -0.5, 1], "lost"),
     ],
 )
 def test_verdict_on_a_run_that_ends(ratio, kind):
-    verdict = stability.classify(history(ratio), 1.0)
-    assert verdict.kind == kind
-    assert (verdict.time, verdict.reached, verdict.reason) == (1.0, 1.0, "")
-    assert verdict.steps == 2
+    found = stability.classify(history(ratio), 1.0)
+    assert (found.kind, found.time, found.reached, found.reason) == (kind, 1.0, 1.0, "")
+    assert found.steps == 2
 
 
 @pytest.mark.parametrize(
-    ("ratio", "kind"), [([1, 1], "failed"), ([1, 3], "failed"), ([1, 30], "blew up")]
+    ("ratio", "kinetic", "kind"),
+    [([1, 3], 2.0, "failed"), ([1, 30], 2.0, "blew up"), ([1, 1], 0.0, "failed")],
+    ids=["failed", "blew up", "before anything moved"],
 )
-def test_verdict_on_a_run_that_breaks_off(ratio, kind):
+def test_verdict_on_a_run_that_breaks_off(ratio, kinetic, kind):
     error = fb.StepError(fb.Failure("no convergence", "no convergence", 0.5))
-    error.solution = history(ratio, "no convergence")
-    verdict = stability.classify(error, 1.0)
-    assert (verdict.kind, verdict.reason) == (kind, "no convergence")
-    assert (verdict.time, verdict.reached) == (0.5, 0.5)
-
-
-def test_a_run_that_breaks_off_before_anything_moved_has_failed_as_well():
-    verdict = stability.classify(history([1], "no convergence", kinetic=0.0), 1.0)
-    assert (verdict.kind, verdict.highest, verdict.lowest) == ("failed", 1, 1)
+    error.solution = history(ratio, "no convergence", kinetic=kinetic)
+    found = stability.classify(error, 1.0)
+    assert (found.kind, found.reason) == (kind, "no convergence")
+    assert (found.time, found.reached) == (0.5, 0.5)
+    assert kinetic or (found.highest, found.lowest) == (1, 1)
 
 
 def test_work_and_weight_are_no_error_of_the_energy():
@@ -75,16 +66,20 @@ def test_work_and_weight_are_no_error_of_the_energy():
     assert abs(ratio - 1).max() < 1e-15
 
 
-def test_ratio_is_to_the_most_kinetic_and_strain_energy_that_should_be_there():
-    error = np.array([1, 1, 1.5])  # 1 J too much in the end, of 2 J at the start
-    assert stability.energy_ratio(history(error))[-1] == approx(1.5)
-    loaded = history(error, work=np.array([0, 2, 0.0]))
-    assert stability.energy_ratio(loaded)[-1] == approx(1.25)
-    falling = history(error, potential=np.array([0, -6, -2.0]))
-    assert stability.energy_ratio(falling)[-1] == approx(1.125)
-    # What brakes or lifts takes none of what was there at the start.
-    braked = history(error, work=np.array([0, -1, -2.0]), potential=np.array([0, 1, 0.0]))
-    assert stability.energy_ratio(braked)[-1] == approx(1.5)
+@pytest.mark.parametrize(
+    ("acts", "ratio"),
+    [
+        ({}, 1.5),  # 1 J too much in the end, of 2 J at the start
+        ({"work": [0, 2, 0]}, 1.25),
+        ({"potential": [0, -6, -2]}, 1.125),
+        # What brakes or lifts takes none of what was there at the start.
+        ({"work": [0, -1, -2], "potential": [0, 1, 0]}, 1.5),
+    ],
+    ids=["alone", "loaded", "falling", "braked"],
+)
+def test_ratio_is_to_the_most_kinetic_and_strain_energy_that_should_be_there(acts, ratio):
+    acts = {name: np.array(values, dtype=float) for name, values in acts.items()}
+    assert stability.energy_ratio(history([1, 1, 1.5], **acts))[-1] == approx(ratio)
 
 
 def test_what_the_scheme_takes_and_holds_counts_as_lost_and_what_dampers_take_does_not():
@@ -114,7 +109,6 @@ def test_a_scene_at_rest_has_no_energy_to_judge():
     ("given", "reason"),
     [
         ({"dt": -0.1}, "dt = -0.1 must be a positive number"),
-        ({"dt": np.nan}, "dt = nan must be"),
         ({"dt": "0.1"}, "dt = '0.1' must be"),
         ({"t_end": np.inf}, "t_end = inf must be"),
         ({"dt": 2.0}, "a run needs 1 or more steps, not 0.5"),
@@ -153,29 +147,27 @@ def test_drift_finds_the_law_of_made_up_errors(errors, exponent, law):
     assert sum(drift.law == law for drift in drifts) > 0.9 * len(drifts)
 
 
-def test_drift_needs_enough_errors():
+@pytest.mark.parametrize("errors", [np.zeros(99), np.full(200, np.nan)], ids=["few", "no number"])
+def test_drift_needs_enough_errors(errors):
     with pytest.raises(fb.SceneError, match="100 finite errors"):
-        stability.drift_of(np.zeros(99))
-    with pytest.raises(fb.SceneError, match="100 finite errors"):
-        stability.drift_of(np.full(200, np.nan))
+        stability.drift_of(errors)
 
 
 # -- A study of one's own ----------------------------------------------------------------------
 
 
-def own_study():
+@pytest.fixture(scope="module")
+def cells():
+    """Those of a stiff and of a very stiff pendulum."""
     schemes = {"ours": fb.EnergyMomentum(), "theirs": fb.Newmark()}
-    return stability.study(
-        schemes,
-        [
-            stability.Case("EA", f"{EA:g}", lambda EA=EA: pendulum(EA)[0], dt=0.1, t_end=5.0)
-            for EA in (1e4, 1e10)
-        ],
-    )
+    cases = [
+        stability.Case("EA", f"{EA:g}", lambda EA=EA: pendulum(EA)[0], dt=0.1, t_end=5.0)
+        for EA in (1e4, 1e10)
+    ]
+    return stability.study(schemes, cases)
 
 
-def test_a_study_has_a_cell_for_every_scheme_in_every_case(tmp_path):
-    cells = own_study()
+def test_a_study_has_a_cell_for_every_scheme_in_every_case(cells, tmp_path):
     assert [(cell.case.label, cell.scheme) for cell in cells] == [
         (EA, scheme) for EA in ("10000", "1e+10") for scheme in ("ours", "theirs")
     ]
@@ -186,13 +178,8 @@ def test_a_study_has_a_cell_for_every_scheme_in_every_case(tmp_path):
     stability.write(tmp_path / "new" / "arm", cells, "an arm", "## More\n")
     page = (tmp_path / "new" / "arm.md").read_text()
     assert page.startswith("# Stability: an arm\n") and "## More\n" in page
-    assert {path.name for path in (tmp_path / "new").iterdir()} == {
-        "arm.csv",
-        "arm.json",
-        "arm.md",
-        "arm.png",
-        "arm_curves.png",
-    }
+    written = {path.name.removeprefix("arm") for path in (tmp_path / "new").iterdir()}
+    assert written == {".csv", ".json", ".md", ".png", "_curves.png"}
 
 
 def arm(label, scene=lambda: pendulum(1e4)[0]):
@@ -226,25 +213,16 @@ def broken():
 
 
 def test_a_case_that_cannot_be_computed_is_a_cell_that_says_why(tmp_path):
-    cases = [
-        arm("fine"),
-        arm("empty", fb.Scene),
-        arm("at rest", at_rest),
-        arm("broken", broken),
-        arm("fine too"),
-    ]
-    cells = stability.study([fb.EnergyMomentum()], cases)
-    kinds = [cell.verdict.kind for cell in cells]
-    assert kinds == ["kept", "no verdict", "no verdict", "no verdict", "kept"]
-    reasons = [cell.verdict.reason for cell in cells]
-    for part, reason in zip(
-        ["", "has no beams", "no energy moves", "no such file", ""], reasons, strict=True
-    ):
-        assert part in reason
-    stability.write(tmp_path / "arm", cells, "an arm")
+    makers = {"has no beams": fb.Scene, "no energy moves": at_rest, "no such file": broken}
+    cases = [arm("fine"), *(arm(*case) for case in makers.items()), arm("fine too")]
+    fine, *wrong, fine_too = stability.study([fb.EnergyMomentum()], cases)
+    assert fine.verdict.kind == fine_too.verdict.kind == "kept"
+    for cell in wrong:
+        assert cell.verdict.kind == "no verdict" and cell.case.label in cell.verdict.reason
+    stability.write(tmp_path / "arm", [fine, *wrong], "an arm")
     page = (tmp_path / "arm.md").read_text()
     assert "no such file" in page and "| no verdict" in page and "nan" not in page
-    assert stability.counts(cells)["EnergyMomentum"]["no verdict"] == 3
+    assert stability.counts(wrong)["EnergyMomentum"]["no verdict"] == 3
 
 
 def test_an_interrupt_carries_the_cells_that_were_found():
@@ -282,8 +260,7 @@ def test_a_number_that_rounding_turns_is_marked_by_the_farthest_other(one, other
     assert cell.other is (None if apart is None else others[apart])
 
 
-def test_what_is_not_kept_is_repeated_with_other_rounding():
-    cells = own_study()
+def test_what_is_not_kept_is_repeated_with_other_rounding(cells):
     for cell in cells:
         assert bool(cell.others) == (cell.verdict.kind != "kept" or cell.halved_often)
     # A pendulum's loss by HHT is none of rounding.
@@ -378,28 +355,19 @@ def test_the_most_telling_cases_are_those_on_which_schemes_differ():
     assert shown == [all_kinds, wider, wide]
 
 
-def labelled(label, ratios):
-    """A cell for each scheme and ratio."""
-    case = arm(label)
-    return [stability.Cell(case, scheme, "HHT", verdict(ratio)) for scheme, ratio in ratios.items()]
-
-
 def test_the_report_says_from_which_tolerance_on_verdicts_stay_and_how_large_errors_are():
     rows = {"1e-2": (1 + 1e-5, 0.9), "1e-4": (1 + 1e-6, 1.1), "1e-6": (1 + 2**-43, 1.1)}
     cells = [
-        c
-        for label, row in rows.items()
-        for c in labelled(label, dict(zip((OURS, "B"), row, strict=True)))
+        stability.Cell(arm(label), scheme, "HHT", verdict(ratio))
+        for label, ratios in rows.items()
+        for scheme, ratio in zip("AB", ratios, strict=True)
     ]
-    page = benchmark("stability").tolerances_page(cells)
-    head, _, *found = [
-        [cell.strip() for cell in line.split("|")[1:-1]]
-        for line in page.splitlines()
-        if line.startswith("|")
-    ]
+    lines = benchmark("stability").tolerances_page(cells).splitlines()
+    table = [line.strip("|").split("|") for line in lines if line.startswith("|")]
+    head, _, *found = [[cell.strip() for cell in row] for row in table]
     assert head[2:] == [f"largest error, {label}" for label in rows]
     assert found == [
-        [OURS, "1e-6", "1e-05", "1e-06", "1.14e-13"],
+        ["A", "1e-6", "1e-05", "1e-06", "1.14e-13"],
         ["B", "1e-4", "0.1", "0.1", "0.1"],
     ]
 

@@ -4,8 +4,6 @@ import cffi
 import numpy as np
 import pytest
 
-from fx_beam import c_library
-from fx_beam.compiled import build
 from fx_beam.structs import Structs
 
 DECLARED = """
@@ -48,9 +46,3 @@ def test_a_pointer_that_is_not_set_is_named(frame):
     structs.set(c, dofs=[0])
     with pytest.raises(ValueError, match="Frame: not set: mass"):
         structs.check(c)
-
-
-def test_a_problem_without_data_is_refused():
-    ffi, _ = build.load_library()
-    with pytest.raises(ValueError, match=r"Problem: not set: .*\bmass\b.*\bq\b"):
-        Structs(ffi, c_library.declarations("problem.h")).check(ffi.new("Problem *"))

@@ -1,0 +1,591 @@
+"""Pictures: what they draw is what there is, where it is, whole and in its colours."""
+
+import importlib.util
+import re
+
+import numpy as np
+import pytest
+from pytest import approx
+from scenes import FLYING
+
+import fx_beam as fb
+
+plot = pytest.importorskip("fx_beam.plot")
+Figure = pytest.importorskip("matplotlib.figure").Figure
+Image = pytest.importorskip("PIL.Image")
+pytestmark = pytest.mark.plot
+SPAN, LOAD = 4.0, 1000.0
+
+
+def cantilever(end=(1, 0), force=None, section=FLYING, elements=4):
+    """A clamped beam under its weight, or a force at its end."""
+    scene = fb.Scene(gravity=None if force else (0, -9.81))
+    beam = scene.add_beam([(0, 0), end], section, elements)
+    scene.clamp(beam.start)
+    if force:
+        scene.add_force(beam.end, force)
+    return scene, beam
+
+
+@pytest.fixture(scope="module")
+def swing():
+    """A bar on a pin, a mass on a spring that slides along it, and a follower force; its motion."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    bar = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4, name="bar")
+    bead = scene.add_beam([(0.5, 0), (0.6, 0)], FLYING, name="bead")
+    scene.pin(bar.start)
+    spring = fb.Spring(50.0, rest=0.0)
+    scene.add_joint(fb.Prismatic(bar.node(0.5), bead.start, axis=(1, 0), spring=spring))
+    scene.add_force(bar.end, (0.0, 5.0), follower=True)
+    scene.add_mass(bead.end, 0.1)
+    return scene, bar, fb.simulate(scene, dt=0.01, t_end=0.1)
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """A cantilever under a force at its end: about M = -1 at the clamp, and 0 at the end."""
+    section = fb.Section(EA=1e4, GA=1e4, EI=1.0)
+    return fb.static(cantilever(force=(0, -1.0), section=section, elements=10)[0], steps=1)
+
+
+@pytest.fixture(scope="module")
+def girder():
+    """A girder under a line load: M = q l^2/8 in its middle, Q = q l/2 at its ends."""
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (SPAN, 0)], FLYING, elements=16, degree=2, name="girder")
+    scene.pin(beam.start)
+    scene.fix(beam.end, "y")
+    scene.add_line_load(beam, (0, -LOAD * 1e-6))
+    return fb.static(scene, steps=1)
+
+
+def crane():
+    """A scene with one of each: supports, joints, springs, loads, motors and motions."""
+    scene = fb.Scene(gravity=(0.0, -9.81))
+    girder = scene.add_beam([(0, 0), (4, 0)], FLYING, 8, name="girder")
+    strut = scene.add_beam([(1, 0), (1, 1.5)], FLYING, 4, name="strut")
+    boom = scene.add_beam([(4, 0), (6, 1)], FLYING, 4, name="boom")
+    finger = scene.add_beam([(6, 1), (6.1, 1)], FLYING, name="finger")
+    roof = scene.add_beam([(4.5, 2), (7, 2)], FLYING, 4, name="roof")
+    scene.pin(girder.start)
+    scene.fix(girder.end, "y")
+    scene.fix(roof.start, "x", "rotation")
+    scene.clamp(roof.end)
+    scene.prescribe(roof.start, y=lambda t: t)
+    parts = {"spring": fb.Spring(1.0), "damper": fb.Damper(1.0), "friction": fb.Friction(1.0, 0.01)}
+    scene.add_joint(fb.Revolute(girder.node(0.25), strut.start, **parts))
+    scene.add_joint(fb.Revolute(girder.end, boom.start, motor=lambda t: t))
+    scene.add_joint(fb.Prismatic(boom.end, finger.start, axis=(1, 0), **parts))
+    scene.add_drag(roof, linear=0.5)
+    scene.add_drag(finger.end, quadratic=0.5)
+    scene.add_line_load(girder, lambda s: (0, -1 - s), of="arc length")
+    scene.add_line_load(roof, (0, -3.0))
+    scene.add_force(strut.end, (3.0, 4.0), follower=True)
+    scene.add_force(finger.end, lambda t: (0.0, max(0.0, t - 1)))
+    scene.add_moment(boom.node(0.5), -30.0)
+    scene.add_mass(finger.end, 2.5, 0.1)
+    scene.set_velocity(girder, lambda x, y: (0.0, x * (4 - x)))
+    return scene, girder
+
+
+def words(figure):
+    """What is written in the drawing."""
+    return {text.get_text() for text in figure.axes[0].texts} - {""}
+
+
+def rings(ax):
+    """Positions (n, 2) of the white rings of supports and hinges."""
+    lines = [line for line in ax.lines if line.get_marker() == "o"]
+    white = [line.get_xydata() for line in lines if line.get_markerfacecolor() == "white"]
+    return np.concatenate([np.empty((0, 2)), *white])
+
+
+def painted(figure):
+    """The coloured members of a picture, one collection for each row."""
+    return [of for of in figure.axes[0].collections if of.get_paths() and hasattr(of, "norm")]
+
+
+def holds(figure):
+    """Whether all that is written lies inside the figure."""
+    box, frame = figure.get_tightbbox(), figure.bbox_inches
+    return (box.min >= frame.min - 0.01).all() and (box.max <= frame.max + 0.01).all()
+
+
+# -- Members ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("degree", [1, 3])
+def test_what_is_drawn_goes_through_the_nodes_and_between_them_along_the_polynomial(degree):
+    x = np.linspace(-1, 2, 3 * degree + 1)  # of three elements
+    nodes = np.array([np.column_stack([x, factor * x**degree]) for factor in (1.0, -2.0)])
+    drawn = plot.axis(nodes, degree)
+    assert drawn[..., 1] == approx([[1], [-2]] * drawn[..., 0] ** degree, abs=1e-13)
+    lines = (drawn.shape[1] - 1) // (3 * degree)
+    assert lines * 3 * degree == drawn.shape[1] - 1
+    np.testing.assert_array_equal(drawn[:, ::lines], nodes)
+    assert (np.diff(drawn[..., 0]) > 0).all()
+    np.testing.assert_array_equal(plot.axis(nodes[1], degree), drawn[1])
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_a_curve_is_drawn_round_and_before_it_moves_where_its_motion_starts(degree):
+    def off_the_circle(points):
+        """Largest distance of the lines between points from the circle of radius 1."""
+        middles = (points[1:] + points[:-1]) / 2
+        return max(abs(np.hypot(*part.T) - 1).max() for part in (points, middles))
+
+    scene = fb.Scene()
+    arch = scene.add_beam(fb.arc((1, 0), (0, 1), (-1, 0)), FLYING, elements=3, degree=degree)
+    leg = scene.add_beam([arch.end, (-1, -1), (0, -2)], FLYING, elements=4, degree=degree)
+    solution = fb.simulate(scene, dt=0.1, t_end=0.1)
+    nodes = solution.shape(arch)[0]
+    assert off_the_circle(nodes) > 0.01
+    # As round as the elements are.
+    assert off_the_circle(plot.axis(nodes, degree)) < {2: 5e-3, 3: 2e-3}[degree]
+    drawn = np.concatenate([line.get_xydata() for line in plot.scene(scene).axes[0].lines])
+    for place in (*nodes, *solution.shape(leg)[0]):
+        assert np.nanmin(np.hypot(*(drawn - place).T)) < 1e-14
+
+
+def test_magnified_shapes_move_the_nodes_by_that_factor(swing):
+    figures = [plot.shapes(swing[2], [0, 10], colour="M", magnify=factor) for factor in (1.0, 5.0)]
+    (start, plain), (_, large) = (
+        [np.array(row.get_segments()) for row in painted(figure)] for figure in figures
+    )
+    np.testing.assert_allclose(large - start, 5 * (plain - start), atol=1e-12)
+    assert ["x 5" in figure.axes[0].get_title() for figure in figures] == [False, True]
+
+
+@pytest.mark.parametrize(("degree", "factor"), [(1, 3.0), (3, 1.0)])
+def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, factor):
+    scene = fb.Scene()
+    depth = lambda f: 0.2 - 0.1 * f  # noqa: E731
+    steel = fb.Section.rectangle(height=depth, width=0.1, E=210e9, rho=7850.0)
+    beam = scene.add_beam([(0, 0), (2, 0)], steel, 4, degree, name="arm")
+    scene.pin(beam.start)
+    scene.set_velocity(beam, lambda x, y: (0, x), spin=1.0)
+    solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    (bands,) = painted(plot.shapes(solution, [10], colour="N", thickness=factor))
+    corners = np.array([path.vertices[:4] for path in bands.get_paths()])
+    across = corners[:, 0] - corners[:, 3]
+    ends = np.arange(len(corners)) / len(corners)
+    assert np.hypot(*across.T) == approx(factor * depth(ends), rel=1e-9)
+    psi = np.interp(ends * 2, beam.s, solution.q[10][[node.number for node in beam.nodes], 2])
+    assert np.arctan2(*across.T) == approx(-psi, abs=1e-4)
+    middles = (corners[:, 0] + corners[:, 3]) / 2
+    assert np.hypot(*middles.T) == approx(2 * ends, rel=1e-3)
+
+
+def test_lines_are_thinner_where_members_are_dense():
+    def widest_line_and_cell(count):
+        scene, nodes = fb.Scene(), {}
+        for i in range(count + 1):
+            for j in range(count + 1):
+                for end in ((i + 1, j), (i, j + 1)):
+                    if max(end) <= count:
+                        bar = scene.add_beam([nodes.get(at, at) for at in ((i, j), end)], FLYING)
+                        nodes[i, j], nodes[end] = bar.start, bar.end
+        figure = plot.scene(scene)
+        widest = max(line.get_linewidth() for line in figure.axes[0].lines)
+        return widest, figure.axes[0].bbox.width * 72 / figure.dpi / (1.2 * count)
+
+    assert widest_line_and_cell(2)[0] == approx(2.5)
+    dense, cell = widest_line_and_cell(24)
+    assert dense < 0.15 * cell
+
+
+# -- Symbols ---------------------------------------------------------------------------------------
+
+
+def test_supports_are_where_their_nodes_are_in_each_row():
+    scene = fb.Scene()
+    arm = scene.add_beam([(0, 0), (0, 1)], FLYING, 2)
+    rod = scene.add_beam([(0, 1), (2.0, 0)], FLYING, 2)
+    scene.pin(arm.start)
+    scene.add_joint(fb.Revolute(arm.end, rod.start))
+    scene.fix(rod.end, "y")
+    scene.prescribe(rod.end, x=lambda t: -0.5 * t * t)
+    solution = fb.simulate(scene, dt=0.05, t_end=1.0)
+    for k in (0, 10, 20):
+        found = rings(plot.shapes(solution, [k]).axes[0])
+        for node in (arm.start, arm.end, rod.end):
+            assert np.hypot(*(found - solution.position(node)[k]).T).min() < 1e-9
+    assert solution.position(rod.end)[20, 0] == approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("ends", "wall"), [([(1, 1)], (1, -1)), ([(0, 1), (1, 1.5)], (1, 0))], ids=["single", "braced"]
+)
+def test_a_clamp_is_across_a_single_member_and_along_an_axis_under_several(ends, wall):
+    scene, start = fb.Scene(), (0, 0)
+    for end in ends:
+        start = scene.add_beam([start, end], FLYING).start
+    scene.clamp(start)
+    (stroke,) = (line for line in plot.scene(scene).axes[0].lines if len(line.get_xydata()) == 3)
+    one, other, _ = stroke.get_xydata()
+    assert np.cross(one - other, wall) == approx(0)
+
+
+@pytest.mark.parametrize(
+    ("law", "fixed"),
+    [
+        ({"spring": fb.Spring(5.0)}, False),
+        ({"damper": fb.Damper(1.0)}, True),
+        ({"friction": fb.Friction(1.0, 0.01)}, False),
+        ({"force": lambda distance, rate, t: 1.0 + 0 * distance}, True),
+    ],
+    ids=["spring", "damper", "friction", "force"],
+)
+def test_a_force_between_points_is_drawn_between_them_before_and_in_the_motion(law, fixed):
+    scene = fb.Scene()
+    left, right = (scene.add_beam([(x, 0), (x, 1)], FLYING) for x in (0.0, 2.0))
+    for beam in (left, right):
+        scene.pin(beam.end)
+    other = (1.0, -1.0) if fixed else right.start
+    scene.add_force_between(left.start, other, **law)
+    solution = fb.simulate(scene, dt=0.05, t_end=0.5)
+    for figure, k in (plot.scene(scene), 0), (plot.shapes(solution, [0, 10]), 10):
+        a = solution.position(left.start)[k]
+        b = np.array(other) if fixed else solution.position(right.start)[k]
+        lines = [line.get_xydata() for line in figure.axes[0].lines]
+        near = [max(np.nanmin(np.hypot(*(p - q).T)) for p in (a, b)) for q in lines if len(q)]
+        assert min(near) < 1e-9, "a line has both ends"
+        low, high = np.transpose([figure.axes[0].get_xlim(), figure.axes[0].get_ylim()])
+        assert (b > low).all() and (b < high).all()
+
+
+def test_shapes_that_nodes_carry_move_and_turn_with_them():
+    scene = fb.Scene()
+    wheel, ball = (scene.add_body((x, 1.0), mass=1.0, inertia=0.1).centre for x in (0, 3))
+    scene.add_contact(ball, fb.Circle(wheel, 0.5), stiffness=1e3)
+    scene.add_contact(ball, fb.Line(wheel, (1, 0)), stiffness=1e3)
+    scene.set_velocity(wheel, (1.0, 0.0), spin=np.pi / 2)
+    solution = fb.simulate(scene, dt=0.01, t_end=1.0)
+
+    def carried(k):
+        """The pieces of the shapes, each within a line of the picture; without their hatching."""
+        ax = plot.shapes(solution, [k]).axes[0]
+        lines = [one.get_xydata() for one in ax.lines if one.get_linewidth() == 1.4]
+        ends = np.flatnonzero(np.isnan(lines[0][:, 0]))
+        circle, line = (part[~np.isnan(part[:, 0])] for part in np.split(lines[0], ends[:1]))
+        return ax, circle, line
+
+    ax, circle, line = carried(100)
+    assert circle[:-1].mean(axis=0) == approx([1.0, 1.0], abs=0.01)
+    assert np.hypot(*(circle - (1.0, 1.0)).T) == approx(0.5, abs=1e-4)
+    assert line[:, 1] == approx(1.0, abs=1e-4)
+    assert np.ptp(carried(0)[2][:, 0]) == approx(0, abs=1e-12)
+    assert ax.get_xlim()[1] >= circle[:, 0].max() and ax.get_ylim()[1] >= circle[:, 1].max()
+
+
+def arrow(figure):
+    """The last arrow of a picture."""
+    return [of for of in figure.axes[0].collections if hasattr(of, "U")][-1]
+
+
+def test_a_force_is_drawn_in_the_window_and_with_the_section_that_it_follows(swing):
+    _, bar, solution = swing
+    psi, drawn = solution.rotation(bar.end)[10], arrow(plot.shapes(solution, [10]))
+    direction = np.array([drawn.U[0], drawn.V[0]])
+    assert direction / np.hypot(*direction) == approx([-np.sin(psi), np.cos(psi)])
+    scene, _ = cantilever(force=(-5.0, 0))
+    drawn = arrow(plot.shapes(fb.static(scene, steps=1), [1]))
+    assert 1.1 < drawn.X[0] < drawn.axes.get_xlim()[1]
+
+
+def test_modes_have_supports_at_rest_equal_panels_and_the_numbers_of_modes():
+    scene = fb.Scene()
+    column = scene.add_beam([(0, 0), (0, 3)], FLYING, 4)
+    beam = scene.add_beam([column.end, (4, 3)], FLYING, 4)
+    other = scene.add_beam([(4, 3), (4, 0)], FLYING, 4)
+    scene.add_joint(fb.Revolute(beam.end, other.start))
+    scene.clamp(column.start)
+    scene.pin(other.end)
+    modes = fb.modes(scene, n=7)
+    figure = plot.modes(modes)
+    figure.canvas.draw()
+    assert len(figure.axes) == 7 and len(plot.modes(modes, count=3).axes) == 3
+    for mode, ax in enumerate(figure.axes):
+        assert ax.get_title().startswith(f"mode {mode}: ")
+        assert abs(rings(ax) - (4, 0)).max(axis=1).min() == 0  # the pin
+        moved = modes.shape(other, mode, 0.15 * 4)[0]
+        assert abs(rings(ax) - moved).max(axis=1).min() < 1e-12  # the hinge
+    sizes = [ax.get_window_extent().size for ax in figure.axes]
+    assert np.ptp(sizes, axis=0) == approx([0, 0], abs=1)
+    assert holds(figure)
+
+
+# -- Words -----------------------------------------------------------------------------------------
+
+
+def test_all_that_a_scene_has_is_written_in_its_units():
+    scene, girder = crane()
+    found = words(plot.scene(scene, dimensions=True, marks={"A": girder.node(0.5)}))
+    assert {"girder", "strut", "boom", "finger", "roof", "A"} <= found
+    assert {"F = 5 N, follower", "F(t)", "M = -30 N m", "q(s)", "q = 3 N/m"} <= found
+    assert {"m = 2.5 kg, J = 0.1 kg m$^2$", "g = 9.81 m/s$^2$", "v(0)"} <= found
+    assert {"drag", "y(t)", r"motor $\psi$(t)", "1", "3"} <= found
+    assert {"F = 5, follower", "M = -30"} <= words(plot.scene(scene, scene_unit="in"))
+
+
+def test_numbers_have_three_digits_or_all_before_the_point():
+    values = {0.0598561: "0.0599", 9.80665: "9.81", 1234.0: "1234", 999.9: "1000"}
+    for value, text in (values | {45678.9: "45679", 2.1e11: "2.1e+11"}).items():
+        scene, beam = cantilever()
+        scene.add_moment(beam.end, -value)
+        assert f"M = -{text} N m" in words(plot.scene(scene))
+
+
+def test_labels_lie_in_the_frame_and_apart_from_each_other_and_nothing_is_cut_off():
+    figure = plot.scene(crane()[0], dimensions=True)
+    ax, renderer = figure.axes[0], figure.canvas.get_renderer()
+    boxes = [text.get_window_extent(renderer) for text in ax.texts if text.get_text()]
+    for i, box in enumerate(boxes):
+        assert (box.min > ax.bbox.min).all() and (box.max < ax.bbox.max).all()
+        assert not any(box.overlaps(other) for other in boxes[:i])
+    points = np.concatenate([line.get_xydata() for line in ax.lines])
+    for (low, high), values in zip((ax.get_xlim(), ax.get_ylim()), points.T, strict=True):
+        assert low < np.nanmin(values) and np.nanmax(values) < high
+
+
+ENDS = pytest.mark.parametrize("end", [(1, 0), (1, 1), (1, 20), (1e4, -9e3)], ids=str)
+
+
+@ENDS
+def test_labels_lie_in_figures_that_fit_a_page(end):
+    scene, _ = cantilever(end)
+    solution = fb.simulate(scene, dt=0.001, t_end=0.002)
+    assert holds(plot.scene(scene, dimensions=True))
+    for colour in (None, "M"):
+        figure = plot.shapes(solution, [0, 2], colour=colour)
+        assert holds(figure) and (figure.get_size_inches() <= (6.4 + 1e-9, 5.6 + 1e-9)).all()
+
+
+@ENDS
+def test_titles_of_frames_do_not_cover_each_other(end, tmp_path):
+    axes = []
+    solution = fb.simulate(cantilever(end)[0], dt=0.001, t_end=0.002)
+    scenery = lambda ax, k: axes.append(ax) or []  # noqa: E731
+    plot.animate(solution, [0, 2], tmp_path / "film.gif", scenery=scenery)
+    figure = axes[0].figure
+    first, second = (text.get_window_extent() for text in axes[0].texts[:2])
+    assert holds(figure) and not first.overlaps(second)
+    for box in (first, second):
+        assert (box.min > 0).all() and (box.max < figure.bbox.max).all()
+
+
+def test_a_scene_of_many_members_is_drawn_without_names_and_says_once_what_is_equal():
+    scene = fb.Scene()
+    for k in range(600):
+        beam = scene.add_beam([(0.0, 0.1 * k), (1.0, 0.1 * k)], FLYING)
+        if k % 20 == 0:
+            scene.add_force(beam.end, (3.0, 0.0))
+    texts = [text.get_text() for text in plot.scene(scene).axes[0].texts]
+    assert texts.count("F = 3 N") == 1
+    assert not any("beam" in text for text in texts)
+
+
+# -- Diagrams --------------------------------------------------------------------------------------
+
+
+def rows_of_colours(solution, folder, name):
+    """Mean rows of red and of blue pixels below the axis of the girder; None without any."""
+    plot.diagrams(solution, 1, folder / "girder.png", [name], deformed=False)
+    pixels = np.asarray(Image.open(folder / "girder.png").convert("RGB")).astype(int)
+    red = pixels[..., 0] - pixels[..., 2] > 25
+    blue = pixels[..., 2] - pixels[..., 0] > 25
+    # The axis is a line three times as thick as the frame of the panel.
+    black = (pixels.max(axis=2) < 30).sum(axis=1) > pixels.shape[1] / 3
+    axis = np.convolve(black, np.ones(6), mode="same").argmax()
+    return [np.nonzero(one)[0].mean() - axis if one.sum() > 500 else None for one in (red, blue)]
+
+
+def test_diagrams_have_a_panel_and_the_extreme_values_of_each_quantity(girder, tmp_path):
+    plot.diagrams(girder, 1, tmp_path / "girder.svg")
+    # Texts of a picture in SVG are beside their outlines.
+    texts = re.findall("<!-- (.*?) -->", (tmp_path / "girder.svg").read_text("utf-8"))
+    for name in ("axial force", "shear force", "bending moment"):
+        assert any(name in text for text in texts)
+    for exact in (LOAD * 1e-6 * SPAN**2 / 8, LOAD * 1e-6 * SPAN / 2):
+        assert f"{exact:g}" in {text.lstrip("-\u2212") for text in texts}
+
+
+def test_a_moment_is_drawn_on_the_side_in_tension_and_a_shear_force_changes_its_side(
+    girder, tmp_path
+):
+    red, blue = rows_of_colours(girder, tmp_path, "M")
+    assert blue is None and red > 0
+    red, blue = rows_of_colours(girder, tmp_path, "Q")
+    assert red < 0 < blue
+
+
+# -- Colours ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quantity", ["N", "Q", "M", "strain energy", "speed"])
+def test_members_are_coloured_by_what_is_in_them(swing, quantity):
+    _, bar, solution = swing
+    _, row = painted(plot.shapes(solution, [5, 10], colour=quantity))
+    pieces = len(row.get_array()) * 4 // 5  # those of the bar come before those of the bead
+    values = np.asarray(row.get_array())[:pieces]
+    middles = np.array(row.get_segments()).mean(axis=1)[:pieces]
+    # From the pin along the bar.
+    assert (np.diff(np.hypot(*middles.T)) > 0).all()
+    if quantity in "NQM":
+        exact = getattr(solution.resultants(bar), quantity)[10].ravel()
+        assert values == approx(np.repeat(exact, pieces // 4), rel=1e-12)
+    elif quantity == "speed":
+        speeds = np.hypot(*np.array([solution.velocity(node)[10] for node in bar.nodes]).T)
+        assert values[0] < 0.05 * speeds[-1] and values[-1] == approx(speeds[-1], rel=0.05)
+    else:
+        assert 0 < values.min() and values.mean() < solution.energy.strain[10]
+    low, high = row.get_clim()
+    assert high > 0 and low == (-high if quantity in "NQM" else 0)
+    assert high >= row.get_array().max() and low <= row.get_array().min()
+
+
+@pytest.mark.parametrize(
+    ("options", "ends", "extend"),
+    [
+        ({"colour": "M", "colour_limits": (-0.5, 2.0)}, (-0.5, 2.0), "min"),
+        ({"colour": "M", "colour_limits": (-0.5, 0.5)}, (-0.5, 0.5), "min"),
+        ({"colour": "strain energy", "colour_limits": (0.01, 0.2)}, (0.01, 0.2), "both"),
+        ({"colour": "M", "colour_scale": "log", "colour_limits": (0.1, 10)}, (-10, 10), "neither"),
+    ],
+)
+def test_limits_are_the_ends_of_the_colours_and_arrows_show_what_is_beyond(
+    bent, options, ends, extend
+):
+    figure = plot.shapes(bent, [1], **options)
+    (row,), bar = painted(figure), figure.axes[1]
+    assert row.get_clim() == ends
+    # The axis of a logarithmic scale goes there and back through the logarithm.
+    shown = bar.get_ylim() if bar.get_ylabel() else bar.get_xlim()
+    assert shown == approx(ends, rel=1e-12)
+    assert len(bar.patches) == {"neither": 0, "min": 1, "both": 2}[extend]
+
+
+def test_a_log_scale_tells_weak_values_apart(bent):
+    parts = {}
+    for scale in ("linear", "log"):
+        options = {"colour": "strain energy", "colour_scale": scale}
+        rest, row = painted(plot.shapes(bent, [0, 1], **options))
+        parts[scale] = row.norm(row.get_array())
+        at_rest = rest.norm(rest.get_array())
+        assert not np.ma.is_masked(at_rest) and not at_rest.any(), "zero has the lowest colour"
+    weak = parts["linear"] < 0.1
+    assert np.ptp(parts["linear"][weak]) < 0.1 < 0.3 < np.ptp(parts["log"][weak])
+
+
+# -- Files and films -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["scene", "shapes", "diagrams", "modes"])
+def test_pictures_are_returned_and_written_into_files_of_the_same_kinds(name, swing, tmp_path):
+    scene, bar, solution = swing
+    given = {"scene": (scene,), "shapes": (solution, [0, 2]), "diagrams": (solution, 2)}
+    draw, given = getattr(plot, name), given.get(name) or (fb.modes(scene, n=2),)
+    assert isinstance(draw(*given), Figure)
+    for ending in ("png", "svg", "pdf", "webp") if name == "scene" else ("png", "svg"):
+        assert isinstance(draw(*given, tmp_path / f"picture.{ending}"), Figure)
+        assert (tmp_path / f"picture.{ending}").stat().st_size > 1000
+    with pytest.raises(ValueError, match="its name must end with .*png.*svg"):
+        draw(*given, tmp_path / "picture.doc")
+
+
+def test_axes_have_the_unit_of_the_scene(swing):
+    for unit in ("m", "mm"):
+        assert plot.shapes(swing[2], [0], scene_unit=unit).axes[0].get_xlabel() == f"$x$ [{unit}]"
+
+
+def test_a_film_has_marks_scenery_and_colours_and_is_white_elsewhere(swing, tmp_path):
+    _, bar, solution = swing
+    drawn = []
+
+    def scenery(axes, k):
+        drawn.append(k)
+        return axes.plot([0, 1], [-1, -1])
+
+    more = {"marks": {"tip": bar.end}, "scenery": scenery}
+    for colour in (None, "speed"):
+        plot.animate(solution, [0, 5, 10], tmp_path / f"{colour}.gif", colour=colour, **more)
+    assert drawn == [0, 5, 10] * 2
+    plain, coloured = ((tmp_path / f"{colour}.gif").read_bytes() for colour in (None, "speed"))
+    assert plain != coloured and min(len(plain), len(coloured)) > 5e3
+    with Image.open(tmp_path / "speed.gif") as film:
+        assert film.convert("RGB").getpixel((2, 2)) == (255, 255, 255)
+
+
+def test_films_have_all_rows_their_speed_and_the_size_that_is_asked_for(swing, tmp_path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    plot.animate(swing[2], range(11), tmp_path / "film.mp4", fps=5, size=(301, 407))
+    frames, seconds = ffmpeg.count_frames_and_secs(str(tmp_path / "film.mp4"))
+    assert frames == 11 and seconds == approx(11 / 5)
+    reader = ffmpeg.read_frames(str(tmp_path / "film.mp4"))
+    assert next(reader)["size"] == (300, 406)  # even
+    reader.close()
+    for size in ((1920, 1080), (301, 407)):
+        plot.animate(swing[2], [0, 1, 2], tmp_path / "film.gif", size=size)
+        with Image.open(tmp_path / "film.gif") as film:
+            assert film.size == size and film.n_frames == 3
+
+
+# -- What is refused -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("draw", "options", "words"),
+    [
+        ("animate", {"path": "motion.avi"}, "motion.avi: its name must end with .gif, .mp4"),
+        ("shapes", {"path": "nowhere/shapes.png"}, "make the folder nowhere first"),
+        ("shapes", {"magnify": 0}, "magnify = 0 must be a positive number"),
+        ("shapes", {"thickness": -1}, "thickness = -1 must be a positive factor"),
+        ("shapes", {"colour": "T"}, "colour = 'T' must be one of 'N', 'Q', 'M', 'strain en"),
+        ("animate", {"colour": "T", "path": "a.gif"}, "colour = 'T' must be one of 'N'"),
+        ("shapes", {"colour_limits": (1, 1)}, "colour_limits = (1, 1) must be two finite numbers"),
+        ("shapes", {"colour_limits": 3}, "colour_limits = 3 must be two finite numbers"),
+        ("shapes", {"colour_limits": (0, 1), "colour_scale": "log"}, "both positive, on a log"),
+        ("shapes", {"colour_scale": "cubic"}, "colour_scale = 'cubic' must be 'linear' or 'log'"),
+        ("diagrams", {"steps": 99}, "rows of the solution"),
+        ("diagrams", {"quantities": ["N", "speed"]}, "must be some of N, Q, M"),
+        ("diagrams", {"quantities": []}, "must be some of N, Q, M"),
+        ("diagrams", {"deformed": "yes"}, "True or False"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_before_a_file_is_begun(
+    swing, draw, options, words, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    options = {"steps": 1 if draw == "diagrams" else [0], "path": "a.png"} | options
+    if "colour_limits" in options or "colour_scale" in options:
+        options["colour"] = "M"
+    steps, path = options.pop("steps"), options.pop("path")
+    with pytest.raises(ValueError, match=re.escape(words)):
+        getattr(plot, draw)(swing[2], steps, path, **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_scenes_that_cannot_be_drawn_are_refused():
+    scene, _ = crane()
+    with pytest.raises(fb.SceneError, match="the scene has no beams; add one"):
+        plot.scene(fb.Scene())
+    with pytest.raises(fb.SceneError, match="needs an fx_beam.Scene, not 'scene'"):
+        plot.scene("scene")
+    with pytest.raises(fb.SceneError, match="mark 'A': Node.* is not a node of the scene"):
+        plot.scene(scene, marks={"A": crane()[1].end})
+    energy = lambda eps, gamma, kappa: eps**2 + gamma**2 + kappa**2  # noqa: E731
+    scene = fb.Scene()
+    scene.clamp(scene.add_beam([(0, 0), (2, 0)], fb.Section(strain_energy=energy, rhoA=1)).start)
+    solution = fb.simulate(scene, dt=0.05, t_end=0.05)
+    with pytest.raises(ValueError, match="needs EA and EI, or rhoA and rhoI, in the section of 'b"):
+        plot.shapes(solution, [0], thickness=1.0)
+
+
+def test_a_film_without_what_writes_it_and_curves_without_a_folder_are_refused(
+    swing, tmp_path, monkeypatch
+):
+    with pytest.raises(ValueError, match="make the folder .*nowhere first"):
+        plot.save(plot.figure(1, 1)[0], tmp_path / "nowhere" / "curves.png")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(RuntimeError, match="MP4 needs imageio-ffmpeg: pip install imageio-ffmpeg"):
+        plot.animate(swing[2], "all", tmp_path / "motion.mp4")
