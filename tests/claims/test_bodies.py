@@ -1,7 +1,5 @@
 """Rigid bodies: against equations in minimal coordinates, with beams, and in all analyses."""
 
-import copy
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -112,21 +110,6 @@ def test_a_force_beside_the_leg_bends_it_with_its_moment():
 
 
 # -- Files, copies, pictures -------------------------------------------------------------------
-
-
-def test_a_file_has_the_bodies(tmp_path):
-    fb.simulate(double_pendulum()[0], dt=0.01, t_end=0.2).save(tmp_path / "run.npz")
-    read = fb.load(tmp_path / "run.npz")
-    assert list(read.bodies) == ["body 1", "body 2"] and read.bodies["body 1"].mass == 2.0
-    assert read.position(read.bodies["body 1"]["A"]).shape == (21, 2)
-
-
-def test_a_copied_scene_has_its_own_bodies():
-    scene, _ = double_pendulum()
-    other = copy.copy(scene)
-    assert other.bodies[0].centre.scene is other and scene.bodies[0].centre.scene is scene
-    other.add_mass(other.bodies[0]["A"], 1.0)
-    assert len(scene.masses) == 2 and len(other.masses) == 3
 
 
 @pytest.mark.plot

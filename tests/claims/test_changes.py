@@ -238,34 +238,6 @@ def test_internal_variables_of_members_that_stay_are_kept():
     assert abs(second.energy.balance_error).max() < 1e-11
 
 
-def test_friction_of_contacts_that_stay_keeps_its_stretch():
-    """A block rests on two feet, pushed sideways; then something else, and a foot, are removed."""
-    scene = fb.Scene(gravity=(0, -10.0))
-    block = scene.add_body((0, 0.5), 1.0, 0.1, points={"l": (-0.3, 0), "r": (0.3, 0)}, name="block")
-    law = {"stiffness": 1e4, "restitution": 0.2, "speed": 0.01, "friction": fb.Coulomb(0.5, 1e4)}
-    floor = fb.Line((0, 0), normal=(0, 1))
-    left, right = (scene.add_contact(block[point], floor, **law) for point in "lr")
-    scene.add_force(block.centre, (2.0, 0.0))
-    other = scene.add_body((3, 3), 1.0, 0.1)
-    scene.add_joint(fb.Revolute(fb.GROUND, other.centre))
-    first = fb.simulate(scene, dt=2e-3, t_end=0.4)
-    scene.remove(other)
-    second = fb.simulate(scene, dt=2e-3, t_end=0.5, start=first)
-    scene.remove(left)
-    third = fb.simulate(scene, dt=2e-3, t_end=0.51, start=second)
-    for contact in (left, right):
-        before, after = (run.variables_of_contact[contact.number] for run in (first, second))
-        assert np.array_equal(before[-1], after[0])
-        assert abs(after[0, 0, 0]) > 1e-5
-    before, after = (run.variables_of_contact[right.number] for run in (second, third))
-    assert np.array_equal(before[-1], after[0])
-    whole = first.then(second).then(third)
-    assert abs(whole.energy.balance_error).max() < 1e-11
-    assert whole.contact(left).force.shape == whole.contact(right).force.shape
-    assert not whole.contact(left).force[-1].any()
-    assert abs(whole.contact(right).force[250] - second.contact(right).force[-1]).max() == 0
-
-
 def wheels(places):
     """Wheels that roll and slip on a bar between two clamps, each with its contact, by places."""
     scene, contacts = fb.Scene(gravity=(0.5, -9.81)), {}
@@ -399,19 +371,6 @@ def test_a_motion_notices_a_change(way):
 # -- Equilibria one after the other ----------------------------------------------------------------
 
 
-def test_the_last_equilibrium_does_not_depend_on_the_order_of_loads():
-    scene, beam = cantilever()
-    pull = scene.add_force(beam.end, (400.0, 0.0), follower=True)
-    first = fb.static(scene)
-    scene.add_force(beam.end, (0.0, -200.0))
-    both = fb.static(scene, start=first)
-    assert both.q[0] == pytest.approx(first.q[-1], abs=1e-12)
-    assert both.q[-1] == pytest.approx(fb.static(scene).q[-1], abs=1e-9)
-    scene.remove(pull)
-    released = fb.static(scene, start=both)
-    assert released.q[-1] == pytest.approx(fb.static(scene).q[-1], abs=1e-9)
-
-
 def test_a_hinge_that_has_yielded_stays_bent_when_the_load_is_taken_away():
     def energy(x, a):
         return 1e4 / 2 * (x - a[0]) ** 2 + 10 / 2 * a[0] ** 2
@@ -469,19 +428,6 @@ def test_arc_length_goes_on_from_a_prestressed_state():
     again = fb.static(arch, start=path)
     assert abs(again.q - path.q[-1]).max() < 1e-8
     assert abs(path.energy.balance_error).max() < 0.02 * abs(path.energy.work).max()
-
-
-def test_a_motion_starts_from_the_end_of_a_sequence():
-    scene, beam = cantilever()
-    scene.add_force(beam.end, (500.0, 0.0))
-    first = fb.static(scene)
-    across = scene.add_force(beam.end, (0.0, -100.0))
-    bent = fb.static(scene, start=first)
-    still = fb.simulate(scene, dt=1e-3, t_end=0.05, start=bent)
-    assert abs(still.q - bent.q[-1]).max() < 1e-9
-    scene.remove(across)
-    swing = fb.simulate(scene, dt=1e-3, t_end=0.05, start=bent)
-    assert abs(swing.q[-1] - bent.q[-1]).max() > 1e-3
 
 
 def test_a_start_that_does_not_fit_is_refused():

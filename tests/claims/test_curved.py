@@ -289,18 +289,6 @@ def test_resultants_of_a_curve_stand_at_its_arc_length():
 # -- Motion ------------------------------------------------------------------------------------
 
 
-@DEGREES
-def test_a_curved_member_at_rest_stays_at_rest(degree):
-    scene, arch = quarter(degree, section=fb.Section(EA=1e10, GA=1e10, EI=1e3, rhoA=1.0, rhoI=0.1))
-    ring = scene.add_beam(fb.spline([arch.end, (2, 2), (2, 1), (1, 0)]), FLYING, 3, degree)
-    solution = fb.simulate(scene, dt=0.1, t_end=2.0)
-    assert abs(solution.q).max() < 1e-15
-    # Strain is known to its rounding.
-    for beam in (arch, ring):
-        assert abs(solution.resultants(beam).N).max() <= 1e10 * 1e-15
-        assert abs(solution.resultants(beam).M).max() <= 1e10 * 1e-15
-
-
 def spun(degree, turn=0.0):
     """A free quarter of a circle that is thrown and bent."""
     c, s = math.cos(turn), math.sin(turn)
@@ -330,11 +318,3 @@ def test_the_published_scheme_keeps_energy_of_a_curved_beam_the_better_the_highe
     for degree, drift in ((1, 1e-6), (3, 5e-8)):
         solution = fb.simulate(spun(degree)[0], fb.ModifiedMidPoint(), dt=0.02, t_end=3.0)
         assert 1e-13 < relative_drift(solution.energy.total) < drift
-
-
-def test_motion_of_a_curved_beam_turns_with_the_frame():
-    one, other = (fb.simulate(spun(2, turn)[0], dt=0.02, t_end=0.6) for turn in (0.0, 2.2))
-    assert abs(one.q[..., 2] - other.q[..., 2]).max() < 1e-10
-    assert abs(np.hypot(*(one.q - other.q)[..., :2].T)).max() > 0.1
-    lengths = [np.linalg.norm(run.q[..., :2], axis=-1) for run in (one, other)]
-    assert abs(lengths[0] - lengths[1]).max() < 1e-10

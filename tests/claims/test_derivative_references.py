@@ -252,12 +252,6 @@ def test_derivatives_of_momenta_and_energy_are_constant_in_free_flight(name):
     assert abs(by_momenta - by_momenta[0]).max() < 1e-9 * abs(by_momenta).max()
 
 
-def test_the_derivative_of_the_energy_is_not_constant_with_the_mid_point_rule():
-    by_momenta, by_energy = in_flight("beam", fb.MidPoint(), 200)
-    assert abs(by_momenta - by_momenta[0]).max() < 1e-8 * abs(by_momenta).max()
-    assert np.ptp(by_energy, axis=0).max() > 1e-3 * abs(by_energy[0]).max()
-
-
 # -- Exact solutions -------------------------------------------------------------------------------
 
 
@@ -340,42 +334,7 @@ def test_a_bead_on_a_turning_rod_has_the_derivatives_of_cosh():
     assert abs(errors[1]).max() < 8e-3
 
 
-def on_straight_elements(x):
-    """A bead runs over several straight elements of an arc."""
-    scene = fb.Scene(gravity=(0, -2 * x[1]))
-    section = fb.Section(EA=1e4 * x[0], GA=1e4, EI=50 * x[1], rhoA=x[1], rhoI=0.01)
-    rod = scene.add_beam(fb.arc((0, 0), (3, 0.8), (6, 0)), section, elements=12)
-    bead = scene.add_body((0, 0), mass=0.8 * x[0], inertia=0.05)
-    joint = scene.add_joint(fb.Slider(rod, bead.centre))
-    scene.set_velocity(bead, (8 * x[1], 2.5))
-    scene.make_velocities_compatible()
-    place, slide = fb.Output("position", bead.centre), fb.Output("slide", joint)
-    return scene, {"place": place, "slide": slide}
-
-
-@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying()])
-def test_a_bead_that_passes_the_corners_of_straight_elements_has_derivatives(scheme):
-    """In no step it begins where two elements meet."""
-    run = fb.Response(on_straight_elements, scheme, dt=0.01, t_end=0.15, newton=EXACT)
-    _, y = run([1.1, 0.9])
-    assert y["slide"][-1] > 1.0
-    assert_derivatives(run, [1.1, 0.9])
-
-
 # -- Rates and forces ------------------------------------------------------------------------------
-
-
-def test_rate_of_a_driven_body_without_joints():
-    def build(x):
-        scene = fb.Scene()
-        body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
-        scene.prescribe(body.centre, x=lambda t: x[0] * t * t)
-        return scene, {"rate": fb.Output("velocity", body.centre, "x")}
-
-    run = fb.Response(build, dt=0.1, t_end=1.0)
-    t, y = run([3.0])
-    assert run.jacobian()["rate"][:, 0] == pytest.approx(2 * t, abs=1e-9)
-    assert run.vjp({"rate": np.ones_like(t)}) == pytest.approx([2 * t.sum()], abs=1e-8)
 
 
 def cantilever(x):
@@ -428,19 +387,6 @@ def test_force_of_a_pendulums_pin():
     fastest = np.argmax(y["speed"][:, 0] ** 2)
     speed = y["speed"][fastest] @ J["speed"][fastest, :, 0]
     assert speed == pytest.approx(9.81 * np.sin(x[0]), rel=2e-2)
-
-
-def test_rows_without_weight_change_nothing():
-    run = fb.Response(pendulum, dt=0.01, t_end=0.1)
-    _, y = run([1.0, 2.0])
-    for name in y:
-        J, none = run.jacobian(name)[name], np.zeros_like(y[name])
-        assert (run.vjp({name: none}) == 0).all()
-        one = none.copy()
-        one[4] = 1.0
-        expected = J[4].sum(axis=0)
-        assert run.vjp({name: one}) == pytest.approx(expected, rel=1e-9, abs=1e-9 * abs(J).max())
-    assert (run.vjp({}) == 0).all()
 
 
 # -- Work and losses -------------------------------------------------------------------------------
@@ -626,33 +572,6 @@ def test_work_and_losses_without_derivatives_are_refused_by_their_names(
 
 
 # -- What is said, and refused ---------------------------------------------------------------------
-
-
-def growth(t_end):
-    """Growth of the derivatives of the end of a double pendulum that is released horizontally."""
-
-    def build(x):
-        scene, last = fb.Scene(gravity=(0, -9.81)), None
-        for k in range(2):
-            ends = {"a": (k, 0.0), "b": (k + 1, 0.0)}
-            link = scene.add_body((k + 0.5, 0.0), x[0], 0.1, points=ends)
-            scene.add_joint(fb.Revolute(last or fb.GROUND, link["a"]))
-            last = link["b"]
-        return scene, {"end": fb.Output("position", last)}
-
-    run = fb.Response(build, dt=0.01, t_end=t_end)
-    _, y = run([1.0])
-    weights = np.zeros_like(y["end"])
-    weights[-1] = 1.0
-    run.vjp({"end": weights})
-    return run.stats.gradient_growth
-
-
-def test_growth_of_derivatives_shows_a_chaotic_motion(caplog):
-    assert growth(1.0) < 100
-    assert "chaotic" not in caplog.text
-    assert growth(30.0) > 1e6
-    assert "the motion is chaotic" in caplog.text
 
 
 def test_contact_of_members_beside_a_node_that_slides_is_refused():

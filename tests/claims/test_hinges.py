@@ -208,22 +208,6 @@ def test_free_flight_loses_what_the_spring_takes_and_keeps_the_momenta(kind, spr
         assert abs(momentum - momentum[0]).max() < 1e-11
 
 
-@pytest.mark.parametrize("scheme", [fb.EnergyDecaying(), fb.HHT(-0.2)], ids=lambda s: s.name)
-def test_both_solvers_agree(scheme):
-    scene, joints = swung(PLASTIC)
-    runs = [fb.simulate(scene, scheme, dt=0.02, t_end=0.8, solver=s) for s in ("compiled", "petsc")]
-    assert [run.stats.solver.partition(",")[0] for run in runs] == ["compiled", "petsc lu"]
-    assert runs[0].q == pytest.approx(runs[1].q, abs=1e-9)
-    for part in ("dissipated", "springs"):
-        a, b = (getattr(run.energy, part) for run in runs)
-        assert a == pytest.approx(b, abs=1e-8)
-    for joint in joints:
-        assert runs[0].joint(joint).force == pytest.approx(runs[1].joint(joint).force, abs=1e-6)
-        a, b = (run.joint(joint).internal("a") for run in runs)
-        assert a == pytest.approx(b, abs=1e-10) and abs(a).max() > 0.01
-    assert np.diff(runs[0].energy.dissipated).min() >= -1e-14
-
-
 # -- Steps in parts, restarts, records -------------------------------------------------------------
 
 
@@ -253,33 +237,6 @@ def test_no_step_fails_where_hinges_unload_that_have_flowed():
     assert solution.energy.dissipated[-1] > 0
     balance = abs(solution.energy.balance_error).max()
     assert balance < 1e-11 * solution.energy.dissipated[-1]
-
-
-def test_a_failed_part_leaves_no_trace():
-    scene, joints = swung(PLASTIC)
-    options = fb.NewtonOptions(max_turn=0.1)
-    solution = fb.simulate(scene, dt=0.08, t_end=0.8, newton=options)
-    assert solution.stats.halvings > 0
-    energy = solution.energy
-    assert abs(energy.balance_error).max() < 1e-11 * energy.kinetic.max()
-    # What was taken belongs to the plastic angles that remain: the yield moment on their paths,
-    # but for the steps in which flow begins.
-    a = np.array([solution.joint(joint).internal("a") for joint in joints])
-    path = abs(np.diff(a)).sum()
-    assert path > 1 and energy.dissipated[-1] == pytest.approx(YIELD * path, rel=0.05)
-
-
-def test_a_file_has_the_internal_variables_and_other_springs_do_not_go_on_from_it(tmp_path):
-    scene, joints = swung(PLASTIC)
-    half = fb.simulate(scene, dt=0.02, t_end=0.4)
-    half.save(tmp_path / "half.npz")
-    read = fb.load(tmp_path / "half.npz")
-    for joint in joints:
-        assert (read.joint(joint).internal("a") == half.joint(joint).internal("a")).all()
-    with pytest.raises(fb.SceneError, match="other internal variables than the springs"):
-        fb.simulate(swung(STIFFENING)[0], dt=0.02, t_end=0.8, start=read)
-    with pytest.raises(ValueError, match=r"has no internal variable 'b'; it has \['a'\]"):
-        half.joint(joints[0]).internal("b")
 
 
 def test_rows_are_those_of_the_steps_that_are_recorded():

@@ -1,8 +1,6 @@
 """Internal variables: closed solutions, balances, restarts, and refusals."""
 
-import copy
 import math
-import pickle
 
 import ufl
 
@@ -176,21 +174,6 @@ def test_free_flight_loses_what_the_material_takes(material, degree):
         assert abs(momentum - momentum[0]).max() < 1e-11
 
 
-@pytest.mark.parametrize("scheme", [fb.EnergyDecaying(), fb.Newmark()])
-def test_other_schemes_agree_with_their_other_solver(scheme):
-    scene, bar = spinning_bar(PLASTIC, 1)
-    compiled, petsc = (
-        fb.simulate(scene, scheme, dt=0.02, t_end=0.6, solver=solver)
-        for solver in ("compiled", "petsc")
-    )
-    assert abs(compiled.internal(bar, NAME)).max() > 0.1
-    assert abs(compiled.internal(bar, NAME) - petsc.internal(bar, NAME)).max() < 1e-9
-    assert abs(compiled.resultants(bar).M - petsc.resultants(bar).M).max() < 1e-7
-    for part in ("dissipated", "strain"):
-        a, b = (getattr(solution.energy, part) for solution in (compiled, petsc))
-        assert abs(a - b).max() < 1e-8 * compiled.energy.kinetic[0]
-
-
 def test_the_flow_does_not_depend_on_the_frame():
     angle, found = 0.7, []
     c, s = math.cos(angle), math.sin(angle)
@@ -246,20 +229,6 @@ def test_a_failed_part_leaves_no_trace(solver):
     assert energy.dissipated[-1] > 0.1 * energy.kinetic[0]
 
 
-def test_a_motion_goes_on_from_what_was_saved(tmp_path):
-    scene, beam = swung()
-    whole = fb.simulate(scene, dt=0.02, t_end=1.0)
-    half = fb.simulate(scene, dt=0.02, t_end=0.5)
-    half.save(tmp_path / "half.npz")
-    loaded = fb.load(tmp_path / "half.npz")
-    assert (loaded.internal("arm", NAME) == half.internal(beam, NAME)).all()
-    for start in (loaded, copy.deepcopy(half), pickle.loads(pickle.dumps(half))):
-        rest = fb.simulate(scene, dt=0.02, t_end=1.0, start=start)
-        assert abs(rest.internal(beam, NAME)[-1] - whole.internal(beam, NAME)[-1]).max() < 1e-12
-    with pytest.raises(fb.SceneError, match="other internal variables"):
-        fb.simulate(swung(ELASTIC)[0], dt=0.02, t_end=1.0, start=half)
-
-
 def test_rows_are_those_of_the_steps_that_are_recorded():
     scene, beam = swung()
     every, some = (
@@ -301,11 +270,6 @@ def test_the_variable_may_be_left_out_if_there_is_one_and_joints_are_named():
     assert (solution.internal(arm) == solution.internal(arm, NAME)).all()
     with pytest.raises(ValueError, match=r"is no beam. What belongs to it is in solution.joint"):
         solution.internal(fb.Revolute(fb.GROUND, arm.end))
-
-
-def test_scenes_without_internal_variables_have_no_form_for_them():
-    scene, _ = swung(ELASTIC)
-    assert "internal variables" not in fb.simulate(scene, dt=0.1, t_end=0.2).stats.compiled
 
 
 # -- Refusals --------------------------------------------------------------------------------------

@@ -283,16 +283,6 @@ def test_latches_of_a_symmetric_scene_close_together():
     assert abs(whole.angular_momentum).max() < 1e-11
 
 
-def test_of_two_latches_of_a_joint_the_first_that_is_reached_closes():
-    for speed, closed in ((0.6, "far"), (-0.6, "near")):
-        scene, _, (guide,) = train(2, (2.0, 3.0), (0.0, speed))
-        ends = {"near": fb.Latch(guide, 0.5), "far": fb.Latch(guide, 1.5)}
-        ends["beyond"] = fb.Latch(guide, 1.75)
-        whole = fb.simulate(scene, dt=0.1, t_end=2.0, changes=ends)
-        assert whole.stats.changes == {closed: pytest.approx(0.5 / 0.6)}
-        assert whole.slide(guide)[-1] == pytest.approx(ends[closed].at, abs=1e-12)
-
-
 def test_a_joint_that_begins_at_its_latch_is_caught_when_it_comes_back():
     scene = fb.Scene()
     door = scene.add_body((0.5, 0), 1.0, 0.25, points={"hinge": (0, 0)})

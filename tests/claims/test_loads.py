@@ -112,23 +112,6 @@ def test_gravity_acts_on_lumped_masses():
     assert solution.energy.work == pytest.approx(np.zeros(11), abs=0)
 
 
-@by_name
-@pytest.mark.parametrize(
-    ("force", "tolerance"),
-    [(lambda t: max(0.0, 8 * t - 2), 1e-12), (lambda t: math.sin(5 * t) + t**2, 1e-9)],
-    ids=["ramp", "smooth"],
-)
-def test_momentum_is_the_trapezoidal_sum_of_a_force_that_changes(scheme, force, tolerance):
-    scene, beam = free_beam()
-    scene.add_force(beam.start, lambda t: (force(t), -2 * force(t)))
-    solution = fb.simulate(scene, scheme, dt=0.05, t_end=1.0)
-    values = np.array([force(t) for t in solution.t])
-    impulse = np.concatenate(([0.0], np.cumsum((values[1:] + values[:-1]) / 2 * 0.05)))
-    expected = np.outer(impulse, (1, -2))
-    assert abs(solution.rotation(beam.end)[-1]) > 0.1  # it turns and bends meanwhile
-    assert solution.linear_momentum == pytest.approx(expected, abs=tolerance * abs(expected).max())
-
-
 # -- Prescribed motion -----------------------------------------------------------------------
 
 
@@ -275,16 +258,6 @@ def test_a_cantilever_under_a_line_load_deflects_as_the_linear_theory_says():
     assert solution.displacement(beam.end)[1, 1] == pytest.approx(exact, rel=1e-6)
 
 
-def test_work_on_a_massless_scene_is_its_strain_energy():
-    scene, beam = cantilever(2.0)
-    scene.add_force(beam.end, ramp)
-    scene.add_moment(beam.end, lambda t: 20 * t**2)
-    solution = fb.simulate(scene, dt=0.1, t_end=1.0)
-    assert (solution.energy.kinetic == 0).all()
-    assert solution.energy.work == pytest.approx(solution.energy.strain, rel=1e-9)
-    assert solution.energy.strain[-1] > 1
-
-
 def test_a_mass_on_a_massless_bar_swings_with_its_frequency():
     scene, beam = cantilever(2.0, 3)
     scene.add_mass(beam.end, 4.0)
@@ -366,14 +339,6 @@ def test_a_load_that_grows_along_a_beam_has_its_resultant_at_two_thirds(degree):
         np.testing.assert_allclose(-r.M[-1], moment, atol=2e-2 * total)
 
 
-def test_a_load_along_the_arc_that_is_uniform_is_a_uniform_load():
-    motions = []
-    for load, of in (((1.0, -3.0), "time"), (lambda s: (1.0, -3.0), "arc length")):
-        scene, _, beam = loaded(load, of=of)
-        motions.append(fb.simulate(scene, dt=0.01, t_end=0.1).displacement(beam.end))
-    np.testing.assert_allclose(*motions, rtol=0, atol=1e-13 * abs(motions[0]).max())
-
-
 def simply_supported(load, elements=32, degree=1, **options):
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (LENGTH, 0)], SLENDER, elements=elements, degree=degree)
@@ -406,26 +371,6 @@ def test_a_load_whose_front_moves_along_a_beam_has_the_deflection_of_the_series_
     energy = solution.energy
     assert energy.total[-1] > 0
     assert abs(energy.balance_error).max() < 1e-12 * energy.total.max()
-
-
-def test_a_wave_that_travels_along_a_beam_has_the_deflection_of_the_series_of_modes():
-    m, W = 2, 25.0
-    k = m * np.pi / LENGTH
-    scene, beam = simply_supported(lambda s, t: (0.0, LOAD * np.sin(k * s - W * t)), 8, degree=2)
-    solution = fb.simulate(scene, dt=0.002, t_end=0.4)
-    quarter = solution.displacement(beam.node(0.25))[:, 1]
-    # sin(k s - W t) = sin(k s) cos(W t) - cos(k s) sin(W t): the second part drives the odd modes.
-    t, expected = solution.t, 0.0
-    for n in (m, *range(1, 20, 2)):
-        omega = (n * np.pi / LENGTH) ** 2 * np.sqrt(EI / RHO_A)
-        if n == m:
-            force, grown = 1.0, np.cos(W * t) - np.cos(omega * t)
-        else:
-            force = -4 * n / (np.pi * (n**2 - m**2))
-            grown = np.sin(W * t) - W / omega * np.sin(omega * t)
-        shape = LOAD / RHO_A * force * np.sin(n * np.pi / 4)
-        expected = expected + shape * grown / (omega**2 - W**2)
-    np.testing.assert_allclose(quarter, expected, atol=0.01 * abs(expected).max())
 
 
 def test_a_function_of_single_places_gives_what_one_of_arrays_gives():
@@ -510,20 +455,6 @@ def test_the_shape_under_a_follower_force_is_the_integral_from_the_tip():
     assert turn < -2  # far beyond a right angle
     assert solution.rotation(beam.end)[-1] == pytest.approx(turn, abs=1e-5)
     assert solution.position(beam.end)[-1] == pytest.approx(tip, abs=1e-5)
-
-
-def test_a_couple_of_follower_forces_is_a_moment():
-    # In the plane a moment is a follower by itself; of a couple only one that follows is the same.
-    def rolled(follower):
-        scene, beam = cantilever(1.0, 8, 2, fb.Section(EA=1e6, GA=1e6, EI=1.0))
-        arm = fb.Section(EA=1e9, GA=1e9, EI=1e9)
-        for side in (1, -1):
-            lever = scene.add_beam([beam.end, (1, 0.1 * side)], arm, degree=2)
-            scene.add_force(lever.end, (-20.0 * side, 0.0), follower)
-        return fb.static(scene, steps=8).rotation(beam.end)[-1]
-
-    assert rolled(True) == pytest.approx(4.0, rel=1e-6)  # M = 4, EI = 1, L = 1
-    assert rolled(False) < 2.5  # the arm of a dead couple shrinks as it turns
 
 
 @by_name

@@ -93,20 +93,6 @@ def test_functions_of_time_act_beside_inputs():
     assert motion.run(0.3)["tip"] == pytest.approx(solution.position(beam.end)[-1], abs=1e-11)
 
 
-def test_what_is_recorded_is_what_simulate_records():
-    scene, _, _, _ = arm()
-    motion = fb.Motion(scene, dt=DT, record=fb.Record(every=3))
-    motion.run(1500 * DT)  # more steps than rows are planned for at once
-    mine = motion.solution()
-    theirs = fb.simulate(scene, dt=DT, t_end=600 * DT, record=fb.Record(every=3))
-    first = slice(200)  # before round-off has grown
-    assert len(mine.t) == 501
-    assert mine.t[first] == pytest.approx(theirs.t[first], abs=1e-12)
-    assert abs(mine.q[first] - theirs.q[first]).max() < 1e-9
-    assert abs(mine.joint_forces[first] - theirs.joint_forces[first]).max() < 1e-5
-    assert abs(mine.energy.balance_error).max() < 1e-11
-
-
 # -- Snapshots -------------------------------------------------------------------------------------
 
 

@@ -2,7 +2,6 @@
 
 import copy
 import operator
-import pickle
 
 import ufl
 
@@ -150,20 +149,6 @@ def test_functions_are_compared_by_what_they_give():
     assert [bool(reason) for reason in reasons] == [True, False, True, False, True]
 
 
-def test_forms_do_not_depend_on_the_order_in_which_parameters_are_made(monkeypatch):
-    def build(*parameters):
-        by_name = {parameter.name: parameter for parameter in parameters}
-        a, b = by_name["a"], by_name["b"]
-        scene, _ = swinging(elements=1)
-        scene.add_virtual_work(lambda step: -a * step.psi * step.virtual_psi)
-        scene.add_virtual_work(lambda step: -b * step.omega * step.virtual_psi)
-        return scene
-
-    moved(build(fb.Parameter("a", 1.0), fb.Parameter("b", 1.0)))
-    monkeypatch.setattr(library_cache, "build", lambda *_: pytest.fail("compiled"))
-    moved(build(fb.Parameter("b", 2.0), fb.Parameter("a", 2.0)))
-
-
 # -- Functions of time ---------------------------------------------------------------------------
 
 
@@ -221,14 +206,6 @@ def test_a_spring_that_stiffens_in_time_swings_as_by_its_equation():
     energy = fb.simulate(scene, dt=0.01, t_end=20.0).energy
     mean = np.convolve(energy.total + energy.work[0], np.ones(60) / 60, "valid")
     assert mean[-1] / mean[0] == pytest.approx(2.0, rel=0.03)
-
-
-def test_a_tolerance_chooses_steps_by_the_functions_of_time():
-    scene, arm = swinging(energy_of(fb.Parameter("k", pulse)))
-    solution = fb.simulate(scene, tolerance=1e-5, t_end=0.3)
-    exact = fb.simulate(scene, dt=2e-4, t_end=0.3)
-    assert abs(solution.position(arm.end)[-1] - exact.position(arm.end)[-1]).max() < 1e-3
-    assert abs(solution.energy.balance_error).max() < 1e-10
 
 
 def test_resultants_are_those_of_the_values_in_the_run():
@@ -301,53 +278,10 @@ def test_linear_systems_have_the_derivative_by_inputs_that_set_parameters():
 # -- Statics and modes -----------------------------------------------------------------------------
 
 
-def test_statics_take_the_values_at_their_time():
-    scene, arm = swinging(energy_of(fb.Parameter("k", lambda t: 1 + t)))
-    scene.fix(arm.start, "rotation")
-    at_one = fb.static(scene, t=1.0).displacement(arm.end)[-1]
-    fixed, other = swinging(energy_of(2.0))
-    fixed.fix(other.start, "rotation")
-    assert at_one == pytest.approx(fb.static(fixed).displacement(other.end)[-1], abs=1e-12)
-
-
-def test_frequencies_grow_with_the_root_of_the_stiffness():
-    scene, arm = swinging(energy_of(fb.Parameter("k", 1.0)))
-    scene.gravity = None
-    scene.fix(arm.start, "rotation")
-    first = fb.modes(scene, n=3).frequencies
-    scene.parameters["k"] = 4.0
-    assert fb.modes(scene, n=3).frequencies == pytest.approx(2 * first, rel=1e-9)
-
-
 # -- Scenes and solutions ------------------------------------------------------------------------
 
 
 SHARED = fb.Parameter("shared", 1.0)
-
-
-def shared_energy(e, g, c):
-    return SHARED / 2 * (EA * e**2 + GA * g**2 + EI * c**2)
-
-
-def test_a_copy_has_values_of_its_own():
-    scene, _ = swinging(fb.Section(strain_energy=shared_energy, **INERTIA))
-    scene.parameters["shared"] = 2.0
-    motion = moved(scene)
-    for copied in (copy.copy, copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))):
-        other = copied(scene)
-        assert moved(other) == pytest.approx(motion, abs=1e-14)
-        other.parameters["shared"] = 3.0
-        assert scene.parameters["shared"] == 2.0
-        assert abs(moved(other) - motion).max() > 1e-5
-
-
-def test_a_file_has_the_values(tmp_path):
-    scene, _ = swinging(energy_of(fb.Parameter("k", pulse)))
-    solution = fb.simulate(scene, dt=0.01, t_end=0.1)
-    solution.save(tmp_path / "run.npz")
-    assert (fb.load(tmp_path / "run.npz").parameter("k") == solution.parameter("k")).all()
-    with pytest.raises(ValueError, match="no parameter 'q'; it has \\['k'\\]"):
-        solution.parameter("q")
 
 
 def test_the_strain_energy_along_members_has_the_values_of_each_row():
@@ -356,15 +290,6 @@ def test_the_strain_energy_along_members_has_the_values_of_each_row():
     rows = range(len(solution.t))
     total = energy_density(solution, [arm.name], rows).sum(axis=(1, 2)) / arm.elements
     assert total == pytest.approx(solution.energy.strain, abs=1e-12)
-
-
-def test_a_scene_lists_its_parameters():
-    scene, _ = swinging(energy_of(fb.Parameter("k", 2)))
-    scene.add_virtual_work(lambda step: fb.Parameter("c", pulse) * step.virtual_psi)
-    scene.add_virtual_work(lambda step: fb.Parameter("u", fb.Input("valve")) * step.virtual_psi)
-    assert list(scene.parameters) == ["k", "c", "u"]
-    assert str(scene.parameters) == "k = 2, c = a function of time, u = input 'valve'"
-    assert "parameters k = 2" in repr(scene)
 
 
 K = fb.Parameter("k", 2.0)

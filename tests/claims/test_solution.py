@@ -5,13 +5,11 @@ import csv
 import inspect
 import json
 import math
-import time
 
 import numpy as np
 import pytest
 from jointed import MEMBER as SECTION
 from jointed import pair
-from scenes import pendulum, pinned_beam
 
 import fx_beam as fb
 
@@ -333,32 +331,6 @@ def test_springs_and_beams_have_their_energies_apart():
 
 # -- Statistics: only what the scene needs ---------------------------------------------------
 
-ALWAYS = {"internal forces", "tangent", "strain energy", "inverted sections"}
-
-
-def test_only_what_a_scene_has_is_compiled_and_assembled():
-    hung = fb.simulate(pendulum()[0], dt=0.01, t_end=0.05).stats
-    assert set(hung.compiled) == ALWAYS
-    assert set(hung.assembled) == {"lumped mass", "gravity"}
-    assert hung.unknowns == 3 * 2 - 2
-    pinned = fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.05).stats
-    assert set(pinned.compiled) == ALWAYS | {"mass"}
-    assert set(pinned.assembled) == {"distributed mass", "distributed rotary inertia"}
-    scene, arm, leg = frame(1)
-    scene.add_line_load(leg, (1.0, 0.0))
-    scene.add_virtual_work(lambda step: -0.1 * step.omega * step.virtual_psi)
-    stats = fb.simulate(scene, dt=0.01, t_end=0.01).stats
-    assert {"added virtual work", "mass"} < set(stats.compiled)
-    own = {"gravity", f"force on {leg.end}", "line load on beam 'leg'"}
-    assert set(stats.assembled) == set(pinned.assembled) | own
-
-
-def test_unknowns_are_three_for_each_node_less_the_supported_components():
-    scene, beam = cantilever()
-    scene.fix(beam.end, "y")
-    scene.prescribe(beam.end, rotation=lambda t: t)
-    assert fb.static(scene, steps=1).stats.unknowns == 3 * 5 - 3 - 1 - 1
-
 
 def test_iterations_and_solves_are_counted_also_of_halved_steps(framed):
     stats = framed[0].stats
@@ -378,56 +350,3 @@ def test_iterations_and_solves_are_counted_also_of_halved_steps(framed):
 
 
 # -- Runs that break off, and words ----------------------------------------------------------
-
-
-def test_a_failed_run_keeps_the_beginning_of_a_successful_one(tmp_path):
-    def run(bad_after):
-        scene, arm, leg = frame(degree=1)
-        scene.add_moment(leg.end, lambda t: t if t < bad_after else math.nan)
-        return fb.simulate(scene, dt=0.05, t_end=0.5)
-
-    whole = run(math.inf)
-    with pytest.raises(fb.StepError) as caught:
-        run(0.32)
-    part = caught.value.solution
-    assert len(part.t) == 7 and part.stats.steps == 6
-    for name in HISTORIES:
-        np.testing.assert_array_equal(getattr(part, name), getattr(whole, name)[:7])
-    for name in ENERGIES:
-        np.testing.assert_array_equal(getattr(part.energy, name), getattr(whole.energy, name)[:7])
-    assert (part.shape("leg") == whole.shape("leg")[:7]).all()
-    assert (part.resultants("arm").M == whole.resultants("arm").M[:7]).all()
-    part.save(tmp_path / "part.npz")
-    np.testing.assert_array_equal(fb.load(tmp_path / "part.npz").q, part.q)
-
-
-@pytest.mark.exact_times
-def test_an_interrupt_keeps_the_steps_before_it():
-    def force(t):
-        if t > 0.22:
-            raise KeyboardInterrupt
-        return 0.0, t
-
-    scene, _, leg = frame(degree=1)
-    scene.add_force(leg.end, force)
-    with pytest.raises(KeyboardInterrupt) as caught:
-        fb.simulate(scene, dt=0.05, t_end=0.5)
-    solution = caught.value.solution
-    assert solution.t == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2], abs=1e-15)
-    assert abs(solution.displacement(leg.end)[-1]).max() > 0
-
-
-def test_progress_is_written_to_terminals_and_to_those_who_ask(capfd):
-    scene = fb.Scene(gravity=(0, -9.81))
-    body = scene.add_body((0, 0), 1.0, 0.1)
-    fb.simulate(scene, dt=0.01, t_end=0.05, progress=True)
-    out, err = capfd.readouterr()
-    assert out == "" and "5" in err
-    # Longer than the two seconds after which a bar may appear.
-    scene.add_force(body.centre, lambda t: time.sleep(0.22) or (0.0, 0.0))
-    assert fb.simulate(scene, dt=0.1, t_end=0.5).stats.seconds > 2
-    assert capfd.readouterr() == ("", "")
-
-
-def test_a_solution_says_what_it_is(framed):
-    assert "EnergyMomentum" in repr(framed[0]) and "10 steps to t = 0.5" in repr(framed[0])

@@ -27,16 +27,6 @@ def test_a_thin_file_keeps_all_that_a_continuation_needs(tmp_path):
     assert iterations == pytest.approx(whole.stats.newton_iterations, abs=1)
 
 
-def test_the_first_row_of_a_continued_run_is_the_last_of_the_one_before():
-    scene, _ = thrown("pin in slot with offset", gravity=(0, -9.81))
-    first = fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.1)
-    second = fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.2, start=first)
-    for history in HISTORIES:
-        assert np.array_equal(getattr(second, history)[0], getattr(first, history)[-1]), history
-    assert second.energy.work[0] == first.energy.work[-1]
-    assert abs(second.energy.balance_error[0]) == 0
-
-
 # -- Steps taken in parts --------------------------------------------------------------------------
 
 
@@ -63,33 +53,6 @@ def test_parts_of_steps_go_on_as_if_the_motion_had_not_ended(solver, scheme, tmp
         assert (part.q[1:] == whole.q[cut + 1 : end + 1]).all()
         assert (part.t_level[1:] == whole.t_level[cut + 1 : end + 1]).all()
     assert substeps == whole.stats.substeps
-
-
-def test_parts_are_not_taken_over_to_steps_of_another_length():
-    first = fb.simulate(whirling(), dt=1 / 4, t_end=1.0)
-    assert first.stats.halvings
-    finer = fb.simulate(whirling(), dt=1 / 1024, t_end=1.0 + 1 / 64, start=first)
-    assert finer.stats.substeps == finer.stats.steps == 16
-    # Nor by a run that may not halve steps as often.
-    with pytest.raises(fb.StepError):
-        fb.simulate(whirling(), dt=1 / 4, t_end=6.0, start=first, max_halvings=0)
-
-
-@pytest.mark.parametrize(
-    ("dt", "max_turn", "large", "solver"),
-    [(1 / 4, 2.0, True, "compiled"), (1 / 4, 2.0, True, "petsc"), (1 / 512, 0.05, False, "auto")],
-)
-def test_the_log_says_when_steps_in_parts_are_too_large_for_the_motion(
-    solver, dt, max_turn, large, caplog
-):
-    newton = fb.NewtonOptions(max_turn=max_turn)
-    with caplog.at_level(logging.WARNING, logger="fx_beam"):
-        run = fb.simulate(whirling(), dt=dt, t_end=16 * dt, solver=solver, newton=newton)
-    assert run.stats.halvings
-    assert (run.stats.too_large > 0) == large
-    assert run.stats.too_large <= run.stats.substeps
-    (message,) = [record.message for record in caplog.records]
-    assert ("is too large for this motion" in message) == large
 
 
 # -- Other steps, schemes, loads -------------------------------------------------------------------
@@ -340,14 +303,6 @@ def test_a_massless_slide_starts_where_its_spring_balances_the_force():
     assert abs(found.energy.balance_error).max() < 1e-12
 
 
-def test_a_massless_member_with_damping_starts_where_it_is_and_creeps():
-    scene, beam = bent(retardation=0.02)
-    found = fb.simulate(scene, dt=1e-3, t_end=0.1)
-    angle = found.rotation(beam.end)
-    assert abs(angle[0]) < 1e-6
-    assert angle == pytest.approx(2 * (1 - np.exp(-found.t / 0.02)), abs=2e-3)
-
-
 def test_a_load_that_begins_at_zero_finds_the_start_as_it_is():
     scene, beam = bent()
     scene.loads.clear()
@@ -355,17 +310,6 @@ def test_a_load_that_begins_at_zero_finds_the_start_as_it_is():
     found = fb.simulate(scene, dt=0.01, t_end=0.1)
     assert not found.q[0].any()
     assert found.rotation(beam.end) == pytest.approx(2 * found.t, abs=2e-5)  # of second order
-
-
-def test_a_massless_hinge_with_a_soft_spring_starts_where_its_moment_is_that_of_the_load():
-    # The moment of the spring is 10 x / sqrt(1 + x^2).
-    law = fb.Spring(strain_energy=lambda turn: 10 * ((1 + turn**2) ** 0.5 - 1))
-    scene, _ = bent()
-    flap = scene.add_beam([(0, -1), (1, -1)], LIGHT, elements=1)
-    hinge = scene.add_joint(fb.Revolute(fb.GROUND, flap.start, spring=law))
-    scene.add_moment(flap.end, 8.0)
-    found = fb.simulate(scene, dt=0.01, t_end=0.05)
-    assert found.joint(hinge).angle == pytest.approx(np.full(6, 8 / 6), abs=1e-8)
 
 
 def test_a_load_without_equilibrium_is_named_before_the_step_fails(caplog):

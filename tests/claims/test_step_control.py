@@ -211,25 +211,6 @@ def test_rows_at_the_ends_of_steps_are_those_of_the_steps():
     assert rows.reactions[1:] == pytest.approx(steps.reactions[5::5])
 
 
-def test_a_run_with_a_tolerance_continues_an_earlier_one():
-    scene, beam = pendulum()
-    first = fb.simulate(scene, t_end=0.7, tolerance=1e-4)
-    second = fb.simulate(scene, t_end=1.4, tolerance=1e-4, start=first)
-    whole = fb.simulate(scene, t_end=1.4, tolerance=1e-5)
-    assert second.t[0] == 0.7 and second.t[-1] == 1.4
-    gap = second.displacement(beam.end)[-1] - whole.displacement(beam.end)[-1]
-    assert np.hypot(*gap) < 5e-4 * 0.5
-
-
-def test_the_steps_before_a_failing_load_are_kept():
-    scene, beam = pendulum()
-    scene.add_force(beam.end, lambda t: (1.0, 0.0) if t < 0.5 else (np.nan, 0.0))
-    for solver in ("compiled", "petsc"):
-        with pytest.raises(fb.StepError, match="not finite") as raised:
-            fb.simulate(scene, t_end=1.0, tolerance=1e-3, solver=solver)
-        assert 0.4 < raised.value.solution.t[-1] < 0.5
-
-
 def test_newmarks_scheme_follows_a_tolerance_and_schemes_of_order_one_are_refused():
     scene, _ = pendulum(EA=1e4)
     exact = reference(scene, 1.0, 1000)

@@ -6,7 +6,6 @@ import ufl
 
 import numpy as np
 import pytest
-from scenes import relative_drift
 from scipy.integrate import quad
 
 import fx_beam as fb
@@ -139,25 +138,7 @@ def test_functions_of_numpy_of_math_and_of_ufl_are_the_same():
 # -- Motion ------------------------------------------------------------------------------------
 
 
-def flight(section, degree, curved=False):
-    scene = fb.Scene()
-    points = fb.arc((6, 0), (1, 1), (0, 8)) if curved else [(6, 0), (0, 8)]
-    beam = scene.add_beam(points, section, elements=4, degree=degree)
-    scene.add_force(beam.start, lambda t: (8.0 * (t < 1), 0.0))
-    scene.add_moment(beam.start, lambda t: -40.0 * (t < 1))
-    return fb.simulate(scene, dt=0.05, t_end=4.0)
-
-
 KINDS = pytest.mark.parametrize(("degree", "curved"), [(1, False), (2, True)])
-
-
-@KINDS
-def test_a_tapered_beam_in_flight_keeps_energy_and_momenta(degree, curved):
-    solution = flight(TAPERED, degree, curved)
-    after = solution.t > 1 - 1e-6
-    assert relative_drift(solution.energy.total[after]) < 1e-11
-    assert abs(solution.linear_momentum[after] - (8.0, 0.0)).max() < 8 * 1e-10
-    assert relative_drift(solution.angular_momentum[after]) < 1e-10
 
 
 def test_a_stepped_member_moves_as_the_two_it_is_made_of():

@@ -149,25 +149,3 @@ def test_a_missing_package_is_named_with_what_to_do(package, monkeypatch):
 
 
 # -- HTML --------------------------------------------------------------------------------------
-
-
-def test_unknowns_of_slides_and_motors_are_counted():
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], FLYING, 4)
-    bead, cart = (scene.add_beam([(x, 0), (x, 1)], FLYING) for x in (0.5, 1.0))
-    scene.prescribe(bar.start, x=lambda t: t**2)
-    scene.fix(bar.start, "y")
-    scene.add_joint(fb.Prismatic(bar.node(0.5), bead.start, axis=(1, 0)))
-    scene.add_joint(fb.PinInSlot(bar.end, cart.start, axis=(1, 0), motor=lambda t: t**2))
-    unknowns = fb.simulate(scene, dt=0.01, t_end=0.01).stats.unknowns
-    assert f"<th>unknowns</th><td>{unknowns}</td>" in scene._repr_html_()
-
-
-def test_a_solution_says_how_far_it_came_and_how_well():
-    text = fall()._repr_html_()
-    assert "0 to 0.2, 11 rows" in text and "EnergyMomentum" in text
-    assert "largest energy error" in text and "ended early" not in text
-    scene = fb.Scene(gravity=(0.0, -9.81))
-    scene.clamp(scene.add_beam([(0, 0), (1, 0)], FLYING, 4).start)
-    path = fb.static(scene, steps=2)
-    assert "<th>load factor</th><td>0 to 1, 3 rows</td>" in path._repr_html_()

@@ -92,31 +92,6 @@ def ctrl_c():
     signal.signal(signal.SIGINT, before)
 
 
-def test_ctrl_c_while_c_takes_a_step_leaves_the_step_taken(ctrl_c):
-    motion, twin = (
-        fb.Motion(scene, dt=DT, outputs=outputs, record=fb.Record())
-        for scene, outputs in (whirling(), whirling())
-    )
-    run = motion._open.stepper.steps._run
-
-    def interrupted(*arguments):
-        try:
-            return run(*arguments)
-        finally:
-            ctrl_c()
-
-    for _ in range(20):
-        motion._open.stepper.steps._run = interrupted
-        with pytest.raises(KeyboardInterrupt):
-            motion.step()
-        motion._open.stepper.steps._run = run
-        twin.step()
-        agree(motion, twin)
-        motion.step()
-        twin.step()
-    np.testing.assert_array_equal(motion.solution().q, twin.solution().q)
-
-
 @pytest.mark.parametrize("solver", ["compiled", "petsc"])
 def test_what_a_controller_remembers_agrees_with_the_steps_after_ctrl_c(solver, ctrl_c):
     motion, twin = (
@@ -175,21 +150,6 @@ def test_a_motion_returns_to_a_snapshot_also_if_it_is_interrupted():
         else:
             assert motion.t == DT
     assert place > 50
-
-
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_functions_of_time_keep_their_times_after_halved_steps(solver):
-    scene = fb.Scene()
-    bar = scene.add_beam([(0, 0), (1, 0)], SECTION)
-    scene.add_force(bar.start, lambda t: (4 * t, 0.0))
-    motion = fb.Motion(scene, dt=DT, solver=solver)
-    motion.run(3 * DT)
-    halving = motion._setup.stepper.halving
-    halving.resume(np.array([DT, 2, 16, 0, 0]))  # as after failures: quarters of steps, 16 of them
-    motion.run(0.75)
-    assert motion.stats.substeps > 55 and not halving.times
-    # The mean of a force that grows evenly is its impulse.
-    assert motion.state.linear_momentum[-1, 0] == pytest.approx(2 * 0.75**2, rel=1e-12)
 
 
 # -- Whole runs --------------------------------------------------------------------------------

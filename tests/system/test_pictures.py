@@ -176,24 +176,6 @@ def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, facto
     assert np.hypot(*middles.T) == approx(2 * ends, rel=1e-3)
 
 
-def test_lines_are_thinner_where_members_are_dense():
-    def widest_line_and_cell(count):
-        scene, nodes = fb.Scene(), {}
-        for i in range(count + 1):
-            for j in range(count + 1):
-                for end in ((i + 1, j), (i, j + 1)):
-                    if max(end) <= count:
-                        bar = scene.add_beam([nodes.get(at, at) for at in ((i, j), end)], FLYING)
-                        nodes[i, j], nodes[end] = bar.start, bar.end
-        figure = plot.scene(scene)
-        widest = max(line.get_linewidth() for line in figure.axes[0].lines)
-        return widest, figure.axes[0].bbox.width * 72 / figure.dpi / (1.2 * count)
-
-    assert widest_line_and_cell(2)[0] == approx(2.5)
-    dense, cell = widest_line_and_cell(24)
-    assert dense < 0.15 * cell
-
-
 # -- Symbols ---------------------------------------------------------------------------------------
 
 
@@ -348,32 +330,6 @@ def test_labels_lie_in_the_frame_and_apart_from_each_other_and_nothing_is_cut_of
         assert low < np.nanmin(values) and np.nanmax(values) < high
 
 
-ENDS = pytest.mark.parametrize("end", [(1, 0), (1, 1), (1, 20), (1e4, -9e3)], ids=str)
-
-
-@ENDS
-def test_labels_lie_in_figures_that_fit_a_page(end):
-    scene, _ = cantilever(end)
-    solution = fb.simulate(scene, dt=0.001, t_end=0.002)
-    assert holds(plot.scene(scene, dimensions=True))
-    for colour in (None, "M"):
-        figure = plot.shapes(solution, [0, 2], colour=colour)
-        assert holds(figure) and (figure.get_size_inches() <= (6.4 + 1e-9, 5.6 + 1e-9)).all()
-
-
-@ENDS
-def test_titles_of_frames_do_not_cover_each_other(end, tmp_path):
-    axes = []
-    solution = fb.simulate(cantilever(end)[0], dt=0.001, t_end=0.002)
-    scenery = lambda ax, k: axes.append(ax) or []  # noqa: E731
-    plot.animate(solution, [0, 2], tmp_path / "film.gif", scenery=scenery)
-    figure = axes[0].figure
-    first, second = (text.get_window_extent() for text in axes[0].texts[:2])
-    assert holds(figure) and not first.overlaps(second)
-    for box in (first, second):
-        assert (box.min > 0).all() and (box.max < figure.bbox.max).all()
-
-
 def test_a_scene_of_many_members_is_drawn_without_names_and_says_once_what_is_equal():
     scene = fb.Scene()
     for k in range(600):
@@ -465,18 +421,6 @@ def test_limits_are_the_ends_of_the_colours_and_arrows_show_what_is_beyond(
     assert len(bar.patches) == {"neither": 0, "min": 1, "both": 2}[extend]
 
 
-def test_a_log_scale_tells_weak_values_apart(bent):
-    parts = {}
-    for scale in ("linear", "log"):
-        options = {"colour": "strain energy", "colour_scale": scale}
-        rest, row = painted(plot.shapes(bent, [0, 1], **options))
-        parts[scale] = row.norm(row.get_array())
-        at_rest = rest.norm(rest.get_array())
-        assert not np.ma.is_masked(at_rest) and not at_rest.any(), "zero has the lowest colour"
-    weak = parts["linear"] < 0.1
-    assert np.ptp(parts["linear"][weak]) < 0.1 < 0.3 < np.ptp(parts["log"][weak])
-
-
 # -- Files and films -------------------------------------------------------------------------------
 
 
@@ -491,11 +435,6 @@ def test_pictures_are_returned_and_written_into_files_of_the_same_kinds(name, sw
         assert (tmp_path / f"picture.{ending}").stat().st_size > 1000
     with pytest.raises(ValueError, match="its name must end with .*png.*svg"):
         draw(*given, tmp_path / "picture.doc")
-
-
-def test_axes_have_the_unit_of_the_scene(swing):
-    for unit in ("m", "mm"):
-        assert plot.shapes(swing[2], [0], scene_unit=unit).axes[0].get_xlabel() == f"$x$ [{unit}]"
 
 
 def test_a_film_has_marks_scenery_and_colours_and_is_white_elsewhere(swing, tmp_path):

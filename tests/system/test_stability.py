@@ -334,18 +334,6 @@ def test_the_table_says_how_often_each_verdict_was_had_and_how_large_it_was(tmp_
     assert "- It was found.\n" in page
 
 
-def test_counts_tell_how_much_depends_on_rounding():
-    case = arm("1")
-    cells = [
-        stability.Cell(case, "A", "Newmark", verdict(1.5), (verdict(1.9),)),
-        stability.Cell(case, "A", "Newmark", verdict(1.5), (verdict(0.5),)),
-        stability.Cell(case, "A", "Newmark", verdict(1.0)),
-    ]
-    found = stability.counts(cells)["A"]
-    assert (found["depends on rounding"], found["verdict depends on rounding"]) == (2, 1)
-    assert (found["kept"], found["gained"], found["largest gain"]) == (1, 2, approx(0.5))
-
-
 def test_the_most_telling_cases_are_those_on_which_schemes_differ():
     alike = made_up("a", "1", [1, 1, 1])
     wide = made_up("a", "2", [1, 1.1, 1.5])
@@ -370,13 +358,3 @@ def test_the_report_says_from_which_tolerance_on_verdicts_stay_and_how_large_err
         ["A", "1e-6", "1e-05", "1e-06", "1.14e-13"],
         ["B", "1e-4", "0.1", "0.1", "0.1"],
     ]
-
-
-def test_highest_frequency_of_a_mass_on_a_stiff_bar():
-    scene = fb.Scene()
-    section = fb.Section(EA=1e6, GA=1.0, EI=1.0)
-    bar = scene.add_beam([(0, 0), (2, 0)], section)
-    scene.clamp(bar.start)
-    scene.add_mass(bar.end, 3.0, inertia=1.0)
-    frequency = benchmark("stability").highest_frequency(scene)
-    assert frequency == approx(np.sqrt(1e6 / 2 / 3), rel=1e-12)

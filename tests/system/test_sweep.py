@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -19,7 +18,6 @@ import sweep_cases
 import fx_beam as fb
 from fx_beam.analyses import workers
 from fx_beam.results import tables
-from fx_beam.studies.work_precision import runner
 
 HERE = Path(__file__).parents[1]
 
@@ -309,30 +307,6 @@ def test_only_the_cases_of_one_table_are_taken_at_a_time(tmp_path, thread, lists
     assert list(fb.sweep(square, iter([]), thread, chunksize=2)) == []
 
 
-def test_a_process_that_is_killed_in_a_later_table_costs_its_case(lists):
-    fates = [["fine", "fine"], ["fine", "killed"], ["fine"]]
-    cases = [{"number": n, "fate": fate} for n, fate in enumerate(sum(fates, []))]
-    found = list(fb.sweep(sweep_cases.fate, cases, 1, chunksize=2))
-    assert [[bool(row["error"]) for row in table] for table in found] == [
-        [fate == "killed" for fate in part] for part in fates
-    ]
-    # The same process goes on with the next table.
-    assert found[0][0]["worker"] == found[1][0]["worker"] != found[2][0]["worker"]
-
-
-def test_an_interrupted_iterator_has_the_rows_of_the_table_it_began(thread, lists):
-    def run(case):
-        if case["x"] == 4:
-            raise KeyboardInterrupt
-        return case["x"]
-
-    tables = fb.sweep(run, [{"x": x} for x in range(6)], thread, chunksize=3)
-    assert len(next(tables)) == 3
-    with pytest.raises(KeyboardInterrupt) as stop:
-        next(tables)
-    assert [row["x"] for row in stop.value.rows] == [3]
-
-
 def test_files_of_the_parts_of_a_sweep_are_one_after_another_that_of_the_whole(
     tmp_path, thread, lists
 ):
@@ -411,53 +385,3 @@ def test_processes_need_no_shared_memory(monkeypatch, lists):
 
 
 # -- Studies -------------------------------------------------------------------------------------
-
-
-def test_a_study_of_stability_has_the_same_cells_on_processes():
-    schemes, cases = [fb.EnergyMomentum()], sweep_cases.swings()
-    killer = fb.stability.Case("EA", "0", sweep_cases.killer, dt=0.1, t_end=1.0)
-    cells = fb.stability.study(schemes, [*cases, killer], executor=1)
-    expected = fb.stability.study(schemes, cases)
-    assert [(cell.case.name, cell.scheme) for cell in cells[:2]] == [
-        (cell.case.name, cell.scheme) for cell in expected
-    ]
-    for one, other in zip(cells[:2], expected, strict=True):
-        assert one.verdict == other.verdict
-        np.testing.assert_array_equal(one.ratio, other.ratio)
-    assert cells[2].verdict.kind == "no verdict"
-    assert "its worker process died" in cells[2].verdict.reason
-    local = fb.stability.Case("EA", "1", lambda: None, dt=0.1, t_end=1.0)
-    with pytest.raises(fb.SceneError, match="worker processes cannot be sent"):
-        fb.stability.study(schemes, [local], executor=1)
-
-
-def test_errors_are_computed_by_the_executor_and_times_are_measured_here(monkeypatch, thread):
-    where = []
-
-    def simulate(*arguments, **keywords):
-        where.append(threading.current_thread() is threading.main_thread())
-        return fb.simulate(*arguments, **keywords)
-
-    def study(executor):
-        return fb.work_precision.study(
-            lambda elements, degree: sweep_cases.pendulum(1e4),
-            {"tip": lambda solution: solution.q[:, -1, :2]},
-            schemes=[fb.EnergyMomentum(), fb.Newmark()],
-            steps=[0.1, 0.05],
-            meshes=[(1, 1)],
-            t_end=0.2,
-            finer=(4, 2),
-            repetitions=2,
-            executor=executor,
-        )
-
-    alone = study(None)
-    monkeypatch.setattr(runner, "simulate", simulate)
-    found = study(thread)
-    # Four runs and three references there; here a step of each scheme and four runs twice.
-    assert where == [False] * 7 + [True] * (2 + 8)
-    for one, other in zip(found.runs, alone.runs, strict=True):
-        assert (one.scheme, one.dt) == (other.scheme, other.dt)
-        assert one.errors == other.errors and one.step_errors == other.step_errors
-        assert one.seconds > 0 and np.isnan(one.first_seconds)
-    assert found.references == alone.references and found.mesh_errors == alone.mesh_errors

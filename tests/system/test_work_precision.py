@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scenes
-from matplotlib.text import Text
 from pytest import approx
 
 import fx_beam as fb
@@ -290,15 +289,6 @@ def test_every_run_is_drawn_and_those_that_went_astray_stand_named_at_the_margin
         assert sorted(points(ax)) == approx_points(inside + astray)
 
 
-@pytest.mark.plot
-def test_an_error_that_is_not_known_is_drawn_hollow_at_the_limit(axes):
-    found = made_up([("A", 1e-3, 5e-2), ("A", 2e-3, 1e-5)], q=1e-3)
-    ax = axes(draw, [("q", found, "q")], "seconds")
-    assert points(ax) == approx_points([("o", 1.0, 5e-2), ("o", 2.0, 3e-3)])
-    fills = [line.get_fillstyle() for line in ax.lines if len(line.get_xdata()) == 1]
-    assert fills == ["full", "none"]
-
-
 def by_scheme(run):
     return run.scheme
 
@@ -318,19 +308,6 @@ def test_lines_are_named_at_their_ends_and_lost_runs_where_they_are(axes):
     assert {"A", "B", "C: 1 of 2 lost"} <= set(texts)
     assert texts["C: 1 of 2 lost"].xy[1] > 1
     assert texts["C: 1 of 2 lost"].xy[0] == approx(0.5)  # the steps take a tenth of the call
-
-
-@pytest.mark.plot
-def test_names_of_lines_that_end_at_one_place_do_not_overlap(axes):
-    names = "ABCDEFGH"
-    found = made_up([(name, 1e-3, 1e-2) for name in names])
-    ax = axes(draw_fronts, "title", found, "q", by_scheme)
-    ax.figure.draw_without_rendering()
-    # Of the words alone, without the line that leads to them.
-    boxes = [Text.get_window_extent(text) for text in ax.texts if text.get_text() in names]
-    assert len(boxes) == len(names)
-    for i, box in enumerate(boxes):
-        assert not any(box.overlaps(other) for other in boxes[i + 1 :])
 
 
 # -- Running -----------------------------------------------------------------------------------
@@ -419,13 +396,6 @@ def test_a_reference_that_fails_is_said_and_exact_quantities_keep_their_errors(t
         in sentence(found, "tip")
     )
     assert found.missing["tip"] in (tmp_path / "lost.md").read_text()
-
-
-def test_a_quantity_that_the_reference_has_not_is_said():
-    found = small(
-        quantities={"tip": lambda s: None if len(s.X) > 2 else 1.0}, exact=None, meshes=[(1, 1)]
-    )
-    assert "the reference of 'tip' is not a finite number at t = 0.2 s" in sentence(found, "tip")
 
 
 @pytest.mark.parametrize(
