@@ -281,9 +281,6 @@ def test_linear_systems_have_the_derivative_by_inputs_that_set_parameters():
 # -- Scenes and solutions ------------------------------------------------------------------------
 
 
-SHARED = fb.Parameter("shared", 1.0)
-
-
 def test_the_strain_energy_along_members_has_the_values_of_each_row():
     scene, arm = swinging(energy_of(fb.Parameter("k", pulse)))
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)

@@ -11,15 +11,6 @@ from scipy.integrate import quad
 import fx_beam as fb
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
-TAPERED = fb.Section(
-    EA=lambda s: 1e4 * (1 - s / 2),
-    GA=lambda s: 1e4 * (1 - s / 2),
-    EI=lambda s: 100 * (1 - s / 2) ** 3,
-    rhoA=lambda s: 1 - s / 2,
-    rhoI=lambda s: 10 * (1 - s / 2) ** 3,
-)
-
-
 def end_of_cantilever(section, force, elements, degree):
     """Displacement of the end of a cantilever of length 2 in equilibrium."""
     scene = fb.Scene()

@@ -13,9 +13,6 @@ from scipy.special import ellipk
 import fx_beam as fb
 
 SECTION = fb.Section(**DATA)
-RIGID = fb.Section(EA=1e6, GA=1e6, EI=1e6)
-
-
 def guided(k=100.0, m=1.0, c=4.0, speed=0.0, load=None, **spring):
     """A mass on a spring on a guide of the ground; omega = 10 rad/s, damping ratio 0.2."""
     scene = fb.Scene()
