@@ -22,7 +22,7 @@ _OF_END: dict[str, tuple] = {
     **{"end_impact": (), "end_fitted": ("nodes", 3), "end_parts": (5,), "end_inputs": ("inputs",)},
     **{"end_driven_rates": ("driven",), "end_owners": ("spring variables",)},
     **{"end_constraints": ("texts",), "end_negative_eigenvalues": ()},
-    **{"past_ages": ("past",), "past_differences": ("past", "nodes", 3)},
+    **{"past_ages": ("past",), "past_differences": ("past", "past nodes", 3)},
     **{"past_slides": ("past", "joints"), "past_orders": ("orders",)},
 }
 for _name, _array in ARRAYS.items():
