@@ -416,8 +416,9 @@ def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:
 
 def _failed(t: float, error: Exception, what: str) -> StepError:
     """The error of a function of time that raised one."""
-    reason = f"{what}: evaluating it at t = {t:.6g} raised {error!r}"
     cause: BaseException | None = error
+    raised = error.__cause__ if isinstance(error, SceneError) and error.__cause__ else error
+    reason = f"{what}: evaluating it at t = {t:.6g} raised {raised!r}"
     while cause is not None:
         if isinstance(cause, _EndlessError):
             reason = str(cause)

@@ -360,7 +360,7 @@ def test_a_beam_that_stiffens_as_a_cable_needs_no_short_steps(stiffness):
 def test_a_load_that_fails_at_its_time_is_named():
     scene, beam = cantilever(ROLLED, 1)
     scene.add_force(beam.end, lambda t: (0.0, 1.0 / (1.0 - t)))
-    with pytest.raises(fb.StepError, match="force on node 1 .* at t = 1 raised .*ZeroDivision"):
+    with pytest.raises(fb.StepError, match="force on node 1 .* at t = 1 raised ZeroDivision"):
         fb.static(scene, t=1.0)
 
 
