@@ -453,6 +453,7 @@ def loop_of_bodies_with_a_slot(x):
     damper = fb.Damper(0.1 * x[8])
     scene.add_joint(fb.PinInSlot(arm["a"], crank["P"], axis=(0.2 * x[8], 0.7), damper=damper))
     scene.add_moment(crank.centre, 0.5 * x[7])
+    return scene
 
 
 @case()
