@@ -585,3 +585,30 @@ def test_contact_of_members_beside_a_node_that_slides_is_refused():
     t, _ = run([1.0])
     with pytest.raises(fb.SceneError, match="in a scene with nodes that slide on beams"):
         run.vjp({"bead": np.ones((len(t), 2))})
+
+
+def growth(t_end):
+    """Growth of the derivatives of the end of a double pendulum that is released horizontally."""
+
+    def build(x):
+        scene, last = fb.Scene(gravity=(0, -9.81)), None
+        for k in range(2):
+            ends = {"a": (k, 0.0), "b": (k + 1, 0.0)}
+            link = scene.add_body((k + 0.5, 0.0), x[0], 0.1, points=ends)
+            scene.add_joint(fb.Revolute(last or fb.GROUND, link["a"]))
+            last = link["b"]
+        return scene, {"end": fb.Output("position", last)}
+
+    run = fb.Response(build, dt=0.01, t_end=t_end)
+    _, y = run([1.0])
+    weights = np.zeros_like(y["end"])
+    weights[-1] = 1.0
+    run.vjp({"end": weights})
+    return run.stats.gradient_growth
+
+
+def test_growth_of_derivatives_shows_a_chaotic_motion(caplog):
+    assert growth(1.0) < 100
+    assert "chaotic" not in caplog.text
+    assert growth(30.0) > 1e6
+    assert "the motion is chaotic" in caplog.text

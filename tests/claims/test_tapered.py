@@ -11,6 +11,8 @@ from scipy.integrate import quad
 import fx_beam as fb
 
 DEGREES = pytest.mark.parametrize("degree", [1, 2, 3])
+
+
 def end_of_cantilever(section, force, elements, degree):
     """Displacement of the end of a cantilever of length 2 in equilibrium."""
     scene = fb.Scene()

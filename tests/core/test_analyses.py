@@ -13,6 +13,8 @@ from scipy.special import ellipk
 import fx_beam as fb
 
 SECTION = fb.Section(**DATA)
+
+
 def guided(k=100.0, m=1.0, c=4.0, speed=0.0, load=None, **spring):
     """A mass on a spring on a guide of the ground; omega = 10 rad/s, damping ratio 0.2."""
     scene = fb.Scene()
