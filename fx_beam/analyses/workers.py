@@ -67,7 +67,7 @@ def call(function: Callable, item: Any) -> Outcome:
     try:
         with without_bars(), keeping_setup(_kept_here()):
             value = function(item)
-    except (Exception, SystemExit) as raised:
+    except Exception as raised:
         error = _sentence(raised)
     return Outcome(value, perf_counter() - clock, error)
 
@@ -455,10 +455,9 @@ def _work(pipe: Connection, function: Callable, cpu: int | None, log_level: int)
 
 def _call_pickled(function: Callable, pickled: bytes) -> Outcome:
     try:
-        item = pickle.loads(pickled)
-    except Exception as error:
+        return call(function, pickle.loads(pickled))
+    except (Exception, SystemExit) as error:
         return Outcome(None, np.nan, _sentence(error))
-    return call(function, item)
 
 
 def _end(*_) -> None:

@@ -299,16 +299,19 @@ class JointReduction(WithoutLoops):
         T = self._of_columns(self._values)
         if len(self.ties):
             T = (T @ self.ties.completion(self._values)).tocsr()
-        return self._with_slides(T, self._values)
+        return self._with_slides(T, self._values, T)
 
     def _of_columns(self, values):
         """T (size, columns and ties), or Tv, of the trees."""
         shape, at = (self._size, self.columns + len(self.ties)), (self._row, self._col)
         return scipy.sparse.csr_matrix((values[self._value_at] * self._sign, at), shape)
 
-    def _with_slides(self, T, values):
-        """A matrix by columns with those of nodes on beams by those of the beams; for T or Tv."""
-        before = self._of_columns(values)
+    def _with_slides(self, T, values, trees=None):
+        """A matrix by columns with those of nodes on beams by those of the beams; for T or Tv.
+
+        `trees` is the map of the trees, by default with ties.
+        """
+        before = self._of_columns(values) if trees is None else trees
         for slide in self._sliding[::-1]:
             rule = slide.relation
             of = rule.virtual_map if values is self._virtual_map else rule.T
