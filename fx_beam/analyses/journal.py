@@ -137,9 +137,9 @@ class Journal:
 
 
 def _is_whole(line: bytes) -> bool:
-    """Whether a row is as it was written; those of earlier versions have no checksum."""
-    text, mark, checksum = line.rpartition(_SUM)
-    return not mark or checksum == b"%d}\n" % zlib.crc32(text)
+    """Whether a row is as it was written."""
+    text, _, checksum = line.rpartition(_SUM)
+    return checksum == b"%d}\n" % zlib.crc32(text)
 
 
 def key(case: Mapping[str, Any]) -> str:
