@@ -30,8 +30,8 @@ def serve():
     from demo_scenes import scene
 
     import fx_beam as fb
-    from fx_beam.compiled.loop import CompiledLoop
-    from fx_beam.stepping.stepper import Stepper
+    from fx_beam.step.loop import CompiledLoop
+    from fx_beam.step.stepper import Stepper
 
     # Which of them takes the steps depends on the version.
     taker = CompiledLoop if hasattr(CompiledLoop, "march") else Stepper

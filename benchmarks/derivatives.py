@@ -16,12 +16,12 @@ from time import process_time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.analyses.run_setup import RunSetup
-from fx_beam.compiled.adjoint import Adjoint
-from fx_beam.compiled.forward import Forward
-from fx_beam.compiled.tape import Tape
-from fx_beam.stepping.recorder import Record, Recorder
-from fx_beam.stepping.substeps import Halving
+from fx_beam.motions.run_setup import RunSetup
+from fx_beam.step.adjoint import Adjoint
+from fx_beam.step.forward import Forward
+from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.substeps import Halving
+from fx_beam.step.tape import Tape
 
 NUMBERS = 1, 5, 20
 

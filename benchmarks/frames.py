@@ -19,10 +19,9 @@ from time import process_time
 from unittest import mock
 
 import fx_beam as fb
-from fx_beam.algebra.lu_layout import COSTS
-from fx_beam.compiled import handover
 from fx_beam.parallel import whole
-from fx_beam.stepping import stepper
+from fx_beam.step import handover, stepper
+from fx_beam.step.lu_layout import COSTS
 
 
 def struts(cells, high=None, degree=1, elements=1):

@@ -12,7 +12,7 @@ from statistics import median
 from time import perf_counter
 
 import fx_beam as fb
-from fx_beam.stepping.newton import Newton
+from fx_beam.step.newton import Newton
 
 SECTION = fb.Section(EA=1e5, GA=5e4, EI=100.0, rhoA=1.0, rhoI=0.01)
 

@@ -12,7 +12,7 @@ from time import thread_time
 import ufl
 
 import fx_beam as fb
-from fx_beam.stepping import stepper
+from fx_beam.step import stepper
 
 INERTIA = {"rhoA": 1.0, "rhoI": 0.01}
 EI, SOFT, TAU, MOMENT, HARDENING = 6.0, 2.0, 0.5, 0.3, 1.5

@@ -21,7 +21,7 @@ import numpy as np
 from oscillator import vibration
 
 import fx_beam as fb
-from fx_beam.mechanics.resultants import averaged, with_exact_work
+from fx_beam.laws.resultants import averaged, with_exact_work
 
 W_DT = 0.1, 1.0, 10.0, 100.0, 1000.0
 STEPS = 20

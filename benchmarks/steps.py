@@ -21,11 +21,11 @@ from time import perf_counter
 from demo_scenes import ROOT, scene
 
 import fx_beam as fb
-from fx_beam.compiled import build, handover
+from fx_beam.step import build, handover
 from fx_beam.studies import reporting
 
 ELEMENTS = (1, 8, 32, 128, 512, 2048)
-# Phases as in fx_beam/compiled/c/phases.h, in the same order.
+# Phases as in fx_beam/step/c/phases.h, in the same order.
 PHASES = (
     "internal forces and tangent",
     "factorisation and solution",

@@ -10,25 +10,18 @@ if importlib.util.find_spec("dolfinx") is None:
         name="dolfinx",
     )
 
-from .analyses.branches import Branch
-from .analyses.convergence import Converged, converge
-from .analyses.critical_points import CriticalPoint
-from .analyses.dynamics import simulate
-from .analyses.harmonic import FrequencyResponse, frequency_response
-from .analyses.imperfection import imperfect
-from .analyses.linear_system import LinearSystem, linearise
-from .analyses.modal import Modes, modes
-from .analyses.motion import Motion
-from .analyses.rayleigh import rayleigh
-from .analyses.snapshot import Snapshot
-from .analyses.statics import static
-from .analyses.sweep import sweep
+from .derivatives.response import Response
+from .derivatives.static_response import StaticResponse
+from .equilibria.branches import Branch
+from .equilibria.critical_points import CriticalPoint
+from .equilibria.imperfection import imperfect
+from .equilibria.statics import static
 from .errors import Failure, SceneError, StepError
-from .mechanics.kinematics import Step
-from .mechanics.nodal_rates import NodalRates
-from .mechanics.rates import AtRest, MidPointRates, NewmarkRates, UpdateRule
-from .mechanics.resultants import Resultants, WeightedResultants
-from .mechanics.schemes import (
+from .laws.kinematics import Step
+from .laws.nodal_rates import NodalRates
+from .laws.rates import AtRest, MidPointRates, NewmarkRates, UpdateRule
+from .laws.resultants import Resultants, WeightedResultants
+from .laws.schemes import (
     HHT,
     EnergyDecaying,
     EnergyMomentum,
@@ -39,13 +32,18 @@ from .mechanics.schemes import (
     Newmark,
     Scheme,
 )
+from .linear.harmonic import FrequencyResponse, frequency_response
+from .linear.linear_system import LinearSystem, linearise
+from .linear.modal import Modes, modes
+from .linear.rayleigh import rayleigh
+from .motions.dynamics import simulate
+from .motions.motion import Motion
+from .motions.snapshot import Snapshot
 from .orbits.backbone import backbone
 from .orbits.forced_response import forced_response
 from .orbits.periodic_family import PeriodicFamily
 from .orbits.periodic_motion import PeriodicMotion
 from .orbits.periodic_search import periodic
-from .responses.response import Response
-from .responses.static_response import StaticResponse
 from .results.audit import BeamResultants, Energy, Stats
 from .results.contact import Contact
 from .results.joint_motion import JointMotion
@@ -70,8 +68,10 @@ from .scene.scene import Scene
 from .scene.section import Section
 from .scene.sliders import Sleeve, Slider
 from .scene.stop import Stop
-from .stepping.newton import NewtonOptions
-from .stepping.recorder import Record
+from .step.newton import NewtonOptions
+from .step.recorder import Record
+from .sweeps.convergence import Converged, converge
+from .sweeps.sweep import sweep
 
 __version__ = "0.1.0"
 

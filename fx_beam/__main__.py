@@ -13,10 +13,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from fx_beam import c_library, library_cache
-from fx_beam.compiled import build
 from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import rank_and_size
 from fx_beam.parallel import team
+from fx_beam.step import build
 
 #: What is imported, by the distribution that has its version.
 _PACKAGES = {

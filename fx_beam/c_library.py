@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 _log = logging.getLogger("fx_beam")
 #: Folder of the C files.
-SOURCES = Path(__file__).parent / "compiled" / "c"
+SOURCES = Path(__file__).parent / "step" / "c"
 _FLAGS = [
     *("-O3", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fPIC"),
     # Functions of one file may be inlined, though a library exports them.

@@ -24,9 +24,9 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
     os.environ["XDG_CACHE_HOME"] = str(_cache / "fx_beam_tests")
 
 from fx_beam import c_library, library_cache  # noqa: E402
-from fx_beam.analyses import dynamics, motion, step_warnings  # noqa: E402
-from fx_beam.compiled import build  # noqa: E402
 from fx_beam.fem import ffcx_api, interval_mesh  # noqa: E402
+from fx_beam.motions import dynamics, motion, step_warnings  # noqa: E402
+from fx_beam.step import build  # noqa: E402
 
 # Pictures without a display, as `./run` has it.
 os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")

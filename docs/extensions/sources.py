@@ -1,6 +1,6 @@
 """Pages that show the project's own files, and links to them.
 
-In a Markdown page `[strains](../../fx_beam/mechanics/kinematics.py#strains)` leads to the
+In a Markdown page `[strains](../../fx_beam/laws/kinematics.py#strains)` leads to the
 definition in the page of that file; in the repository it leads to the file. So does
 `demos/ring.py` in code font. A link `[ring](../demos/ring.py)` leads to its page in the gallery.
 """

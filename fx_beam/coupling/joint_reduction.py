@@ -9,7 +9,7 @@ import scipy.sparse
 
 from fx_beam.content_cache import cached_by_content
 from fx_beam.fem.point_forces import PointForces
-from fx_beam.mechanics.rates import UpdateRule
+from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.joints import Joint
 
 from .graph import Couplings

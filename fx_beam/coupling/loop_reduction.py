@@ -18,7 +18,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.fem.point_forces import PointForces
-from fx_beam.mechanics.rates import UpdateRule
+from fx_beam.laws.rates import UpdateRule
 
 from .closed_pattern import ClosedPattern
 from .gap_borders import ClosedSystem, GapBorders

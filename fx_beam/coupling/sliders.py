@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.fem.mesh import Mesh
-from fx_beam.mechanics.rates import UpdateRule
+from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 

@@ -10,9 +10,9 @@ import ufl
 
 import numpy as np
 
-from fx_beam.mechanics.drag import drag_loss, drag_work
-from fx_beam.mechanics.rates import MidPointRates
-from fx_beam.mechanics.schemes import Scheme
+from fx_beam.laws.drag import drag_loss, drag_work
+from fx_beam.laws.rates import MidPointRates
+from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.mechanics.interval import Interval
-from fx_beam.mechanics.schemes import Scheme
+from fx_beam.laws.interval import Interval
+from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
 

@@ -14,7 +14,7 @@ from ufl.constantvalue import Zero
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.point_laws import Motion, PointLaw, StepRule, arguments
+from fx_beam.laws.point_laws import Motion, PointLaw, StepRule, arguments
 from fx_beam.scene.parameters import names_of, parameters_in, replaced
 from fx_beam.scene.symbols import not_numbers
 

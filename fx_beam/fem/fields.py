@@ -8,9 +8,9 @@ from typing import Any
 
 import ufl
 
-from fx_beam.mechanics.exact_work import Nodes, lagrange
-from fx_beam.mechanics.kinematics import Step
-from fx_beam.mechanics.rates import UpdateRule
+from fx_beam.laws.exact_work import Nodes, lagrange
+from fx_beam.laws.kinematics import Step
+from fx_beam.laws.rates import UpdateRule
 from fx_beam.validation import fields_in, refuse_fields
 
 from . import dolfinx_api

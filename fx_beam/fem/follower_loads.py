@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fx_beam.mechanics.interval import Interval, just_inside
+from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant, series
 

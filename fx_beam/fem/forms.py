@@ -8,9 +8,9 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.interval import Interval
-from fx_beam.mechanics.point_laws import StepRule
-from fx_beam.mechanics.schemes import Scheme
+from fx_beam.laws.interval import Interval
+from fx_beam.laws.point_laws import StepRule
+from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
 

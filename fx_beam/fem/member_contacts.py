@@ -10,15 +10,15 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics import scalar_laws as laws
-from fx_beam.mechanics.coordinates import Kind
-from fx_beam.mechanics.member_gap import (
+from fx_beam.laws import scalar_laws as laws
+from fx_beam.laws.coordinates import Kind
+from fx_beam.laws.member_gap import (
     FOLLOWED,
     FOLLOWED_WITH_FRICTION,
     MEMBER,
     MEMBER_WITH_FRICTION,
 )
-from fx_beam.mechanics.point_laws import PointLaw, StepRule
+from fx_beam.laws.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.coulomb import bristle
 from fx_beam.scene.member_contact import arc_of

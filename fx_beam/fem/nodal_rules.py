@@ -7,7 +7,7 @@ import ufl
 import numpy as np
 import scipy.sparse
 
-from fx_beam.mechanics.nodal_rates import NodalRates
+from fx_beam.laws.nodal_rates import NodalRates
 
 from .point_functions import PointFunction, point_functions
 

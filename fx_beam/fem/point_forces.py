@@ -11,8 +11,8 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam import c_library
-from fx_beam.mechanics.interval import Interval
-from fx_beam.mechanics.point_laws import PointLaw, StepRule, arguments
+from fx_beam.laws.interval import Interval
+from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.structs import Structs
 

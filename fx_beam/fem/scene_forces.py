@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.mechanics import scalar_laws as laws
-from fx_beam.mechanics.coordinates import (
+from fx_beam.laws import scalar_laws as laws
+from fx_beam.laws.coordinates import (
     ANGLE,
     DISTANCE,
     FROM_POINT,
     SLIDE,
     Kind,
 )
-from fx_beam.mechanics.gaps import circle_gap, line_gap
-from fx_beam.mechanics.node_laws import FOLLOWER, drag
-from fx_beam.mechanics.point_laws import PointLaw
-from fx_beam.mechanics.rates import UpdateRule
+from fx_beam.laws.gaps import circle_gap, line_gap
+from fx_beam.laws.node_laws import FOLLOWER, drag
+from fx_beam.laws.point_laws import PointLaw
+from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate, Friction
 from fx_beam.scene.coulomb import Coulomb, bristle

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.mechanics.interval import Interval
+from fx_beam.laws.interval import Interval
 
 _NONE = np.empty(0)
 

@@ -10,7 +10,7 @@ from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.check_arities import check_integrand_arity
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.kinematics import Step
+from fx_beam.laws.kinematics import Step
 from fx_beam.scene.loads import VirtualWork
 from fx_beam.scene.parameters import replaced
 from fx_beam.validation import fields_in, refuse_fields

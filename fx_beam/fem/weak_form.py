@@ -10,13 +10,13 @@ from typing import Any
 import ufl
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.actuation import actuation
-from fx_beam.mechanics.decaying import DecayingResultants
-from fx_beam.mechanics.evolution import evolution_loss, evolved, law_of_step
-from fx_beam.mechanics.kinematics import arc_derivative, director
-from fx_beam.mechanics.resultants import ExactResultants
-from fx_beam.mechanics.retardation import viscous, viscous_loss
-from fx_beam.mechanics.schemes import Scheme
+from fx_beam.laws.actuation import actuation
+from fx_beam.laws.decaying import DecayingResultants
+from fx_beam.laws.evolution import evolution_loss, evolved, law_of_step
+from fx_beam.laws.kinematics import arc_derivative, director
+from fx_beam.laws.resultants import ExactResultants
+from fx_beam.laws.retardation import viscous, viscous_loss
+from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.internal_variables import InternalVariables
 from fx_beam.scene.law import Energy, Law, own_law, parameters_of_energy, quadratic_law
 from fx_beam.scene.loads import VirtualWork

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import itertools
 
-from fx_beam.mechanics.schemes import Scheme
+from fx_beam.laws.schemes import Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
-from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.step.newton import NewtonOptions
 
 from .mode_family import STEP, ModeFamily
 from .mode_start import mode_start

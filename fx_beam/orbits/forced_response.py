@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.schemes import Scheme
+from fx_beam.laws.schemes import Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.stepping.substeps import Halving
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.substeps import Halving
 from fx_beam.validation import LARGEST, check_takes, is_whole, numbers, require, shown
 
 from .closing import Closed

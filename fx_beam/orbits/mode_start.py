@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.analyses.equilibrium_check import check_equilibrium
-from fx_beam.analyses.linearisation import linearised
-from fx_beam.analyses.undamped_modes import first_of_largest, lowest
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.interval import Interval
+from fx_beam.laws.interval import Interval
+from fx_beam.linear.equilibrium_check import check_equilibrium
+from fx_beam.linear.linearisation import linearised
+from fx_beam.linear.undamped_modes import first_of_largest, lowest
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene

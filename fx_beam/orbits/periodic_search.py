@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fx_beam.analyses.run_setup import end_of
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.schemes import Scheme
+from fx_beam.laws.schemes import Scheme
+from fx_beam.motions.run_setup import end_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
-from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.step.newton import NewtonOptions
 from fx_beam.validation import as_float, is_number, is_whole, positive, require
 
 from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close

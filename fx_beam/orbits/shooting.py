@@ -7,23 +7,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.analyses.evaluation import solution_of
-from fx_beam.analyses.linearisation import check_unknowns
-from fx_beam.analyses.run_setup import RunSetup, check_options, checked_scheme
-from fx_beam.compiled.adjoint import Adjoint
-from fx_beam.compiled.forward import Forward
-from fx_beam.compiled.loop import CompiledLoop
-from fx_beam.compiled.tape import Tape
+from fx_beam.derivatives.numbers import numbers_of
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.interval import Interval
-from fx_beam.mechanics.schemes import Scheme
-from fx_beam.responses.numbers import numbers_of
+from fx_beam.laws.interval import Interval
+from fx_beam.laws.schemes import Scheme
+from fx_beam.linear.linearisation import check_unknowns
+from fx_beam.motions.evaluation import solution_of
+from fx_beam.motions.run_setup import RunSetup, check_options, checked_scheme
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
-from fx_beam.stepping.newton import NewtonOptions
-from fx_beam.stepping.recorder import Record, Recorder
-from fx_beam.stepping.substeps import Halving
+from fx_beam.step.adjoint import Adjoint
+from fx_beam.step.forward import Forward
+from fx_beam.step.loop import CompiledLoop
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.substeps import Halving
+from fx_beam.step.tape import Tape
 from fx_beam.validation import is_whole, require
 
 # Relative change of a period for differences of states by it.

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.compiled.batched_beams import BatchedBeams
-from fx_beam.compiled.build import LoopUnavailable
-from fx_beam.mechanics.interval import Interval
-from fx_beam.mechanics.schemes import Scheme
-from fx_beam.model.equations import Equations
-from fx_beam.model.model import Model
+from fx_beam.laws.interval import Interval
+from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import State
+from fx_beam.step.batched_beams import BatchedBeams
+from fx_beam.step.build import LoopUnavailable
+from fx_beam.step.equations import Equations
+from fx_beam.step.model import Model
 
 from .linear_system import LinearSystem, Solved
 from .share import Share

@@ -9,12 +9,12 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
 from fx_beam.errors import SceneError
-from fx_beam.model.model import Model
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Mass
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
+from fx_beam.step.model import Model
 
 from .linear_system import BLOCK
 from .share import Share, bare

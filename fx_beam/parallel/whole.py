@@ -12,16 +12,16 @@ import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import petsc
-from fx_beam.mechanics.interval import Interval
-from fx_beam.model.equations import Balance, Equations
-from fx_beam.model.model import Model
+from fx_beam.laws.interval import Interval
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.sliders import sliding_joints
-from fx_beam.stepping.forcing import Forcing
-from fx_beam.stepping.newton import NEGLIGIBLE, NewtonOptions
-from fx_beam.stepping.single_step import SingleStep
+from fx_beam.step.equations import Balance, Equations
+from fx_beam.step.forcing import Forcing
+from fx_beam.step.model import Model
+from fx_beam.step.newton import NEGLIGIBLE, NewtonOptions
+from fx_beam.step.single_step import SingleStep
 
 from .linear_system import Solved
 from .part import Frame, Part

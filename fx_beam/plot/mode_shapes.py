@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_beam.analyses.modal import Modes
+from fx_beam.linear.modal import Modes
 from fx_beam.results.files import writable
 from fx_beam.scene.body import Body
 from fx_beam.validation import is_whole, require

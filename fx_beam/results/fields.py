@@ -116,7 +116,7 @@ def _stiffness(beam: Any, constant: dict[int, np.ndarray]) -> np.ndarray:
     return stiffnesses
 
 
-# In NumPy, beside mechanics/kinematics.py: pictures are also drawn of solutions that come from
+# In NumPy, beside laws/kinematics.py: pictures are also drawn of solutions that come from
 # another process or a copy, without the compiled forms.
 def _strains(solution: Any, nodes: np.ndarray, degree: int, rows: list[int]) -> np.ndarray:
     """Axial strain, shear strain and curvature (3, rows, elements, degree) (eqs 9 and 10)."""

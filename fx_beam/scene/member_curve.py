@@ -1,6 +1,6 @@
 """A member as a curve: distances of points from it, and the nearest points on it.
 
-It is the quadratic spline of its nodes, as in compiled/c/member_curve.h.
+It is the quadratic spline of its nodes, as in step/c/member_curve.h.
 """
 
 from __future__ import annotations

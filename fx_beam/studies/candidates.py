@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.mechanics.schemes import Scheme
+from fx_beam.laws.schemes import Scheme
 
 
 def labelled(schemes: Any) -> dict[str, Scheme]:

@@ -6,7 +6,7 @@ import pytest
 from scenes import FLYING, free_flight, pinned_beam, relative_drift
 
 import fx_beam as fb
-from fx_beam.mechanics.resultants import averaged, with_exact_work
+from fx_beam.laws.resultants import averaged, with_exact_work
 
 
 def stiffening(eps, gamma, kappa):

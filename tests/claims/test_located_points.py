@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
-from fx_beam.analyses import critical_points
-from fx_beam.stepping.newton import StepFailed
+from fx_beam.equilibria import critical_points
+from fx_beam.step.newton import StepFailed
 
 
 def rigid_columns(stiffnesses, load):

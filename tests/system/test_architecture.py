@@ -16,8 +16,8 @@ import fx_beam
 PACKAGE = Path(fx_beam.__file__).parent
 # From the ground up: a room imports from the rooms before it only, and no import goes in a circle.
 ROOMS = (
-    *("scene", "mechanics", "results", "fem", "coupling", "algebra", "model", "stepping"),
-    *("compiled", "parallel", "analyses", "responses", "orbits", "plot", "studies", "__main__"),
+    *("scene", "laws", "results", "fem", "coupling", "step", "parallel", "motions", "linear"),
+    *("equilibria", "sweeps", "derivatives", "orbits", "plot", "studies", "__main__"),
 )
 #: Files beside the rooms, on which all rooms may build, and the package's own face.
 BESIDE = ""
@@ -103,7 +103,7 @@ def test_pictures_are_imported_by_what_writes_reports_only():
 
 
 def test_the_model_knows_nothing_of_solutions():
-    below = [m for m in SOURCES if room_of(m) in ("fem", "coupling", "model", "stepping")]
+    below = [m for m in SOURCES if room_of(m) in ("fem", "coupling", "step")]
     assert [m for m in below if "results.solution" in own_imports(m)] == []
 
 
@@ -121,7 +121,7 @@ HOMES = {
     "plot.scene_drawing",
     "pyvista vtk vtkmodules": "plot.deformed_shapes",
     "PIL imageio_ffmpeg": "plot.frames",
-    "tqdm": "analyses.progress",
+    "tqdm": "motions.progress",
     "pandas xarray": "results.tables",
     "scooby tabulate": "studies.reporting",
 }
@@ -137,7 +137,7 @@ def test_physics_and_data_need_numpy_and_ufl_only():
     # scipy: splines, and the root of an arc length; tables are made on request
     more = {"scene.curve": {"scipy"}, "results.tables": {"pandas", "xarray"}}
     for module in SOURCES:
-        if room_of(module) in ("scene", "mechanics", "results"):
+        if room_of(module) in ("scene", "laws", "results"):
             assert foreign_imports(module) <= {"numpy", "ufl"} | more.get(module, set()), module
 
 
@@ -148,7 +148,7 @@ fx_beam.work_precision, fx_beam.stability; print(*sys.modules)"""
     done = subprocess.run(command, cwd=PACKAGE.parent, capture_output=True, text=True, check=True)
     package, studies = (set(line.split()) for line in done.stdout.splitlines())
     libraries = {"matplotlib", "pyvista", "vtkmodules", "imageio", "pandas", "xarray"}
-    assert "fx_beam.analyses.dynamics" in package
+    assert "fx_beam.motions.dynamics" in package
     assert not studies & (libraries | {"scooby", "tabulate"})
     assert not package & {"fx_beam.plot", "fx_beam.studies.stability"}
 

@@ -9,8 +9,8 @@ import pytest
 from interrupting import call_stopped_at
 
 import fx_beam as fb
-from fx_beam.analyses import open_motion
-from fx_beam.compiled import single_steps
+from fx_beam.motions import open_motion
+from fx_beam.step import single_steps
 
 DT = 1 / 64
 SECTION = fb.Section(EA=1e4, GA=1e4, EI=5.0, rhoA=1.0, rhoI=1e-2)

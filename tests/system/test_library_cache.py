@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 
 from fx_beam import c_library, library_cache
-from fx_beam.compiled import build
 from fx_beam.fem import ffcx_api
 from fx_beam.fem.point_functions import point_functions
+from fx_beam.step import build
 
 
 @pytest.fixture(autouse=True)

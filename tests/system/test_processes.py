@@ -291,7 +291,7 @@ def test_the_script_runs_once_and_its_exit_ends_all(two):
 LONG = """
 import fx_beam as fb
 import process_cases as cases
-from fx_beam.analyses import dynamics
+from fx_beam.motions import dynamics
 
 load = cases.Stops(0.02, lambda: print("running", flush=True))
 dynamics._BLOCK = 1000  # rows go to files after six steps

@@ -6,7 +6,7 @@ import pytest
 from process_cases import CASES
 
 import fx_beam as fb
-from fx_beam.analyses import dynamics
+from fx_beam.motions import dynamics
 
 # What a solution has in memory beside the files.
 IN_MEMORY = "t", "t_level", "reactions", "joint_forces", "motor_forces", "contact_forces", "slides"

@@ -16,8 +16,8 @@ import pytest
 import sweep_cases
 
 import fx_beam as fb
-from fx_beam.analyses import workers
 from fx_beam.results import tables
+from fx_beam.sweeps import workers
 
 HERE = Path(__file__).parents[1]
 

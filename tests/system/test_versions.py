@@ -12,8 +12,8 @@ from scenes import pinned_beam
 
 import fx_beam as fb
 from fx_beam import c_library
-from fx_beam.compiled import build
 from fx_beam.fem import dolfinx_api, ffcx_api, interval_mesh
+from fx_beam.step import build
 
 # -- Quadrature ----------------------------------------------------------------------------------
 

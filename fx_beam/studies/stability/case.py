@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.scene.scene import Scene
-from fx_beam.stepping.newton import NewtonOptions
+from fx_beam.step.newton import NewtonOptions
 from fx_beam.validation import positive
 
 from .verdict import FEWEST, Drift, Verdict

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.analyses import workers
-from fx_beam.analyses.dynamics import simulate
-from fx_beam.analyses.progress import progress_bar
 from fx_beam.errors import SceneError, StepError
-from fx_beam.mechanics.schemes import EnergyMomentum, Scheme
+from fx_beam.laws.schemes import EnergyMomentum, Scheme
+from fx_beam.motions.dynamics import simulate
+from fx_beam.motions.progress import progress_bar
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.studies import candidates
+from fx_beam.sweeps import workers
 from fx_beam.validation import check_takes, is_number, is_whole, positive, require
 
 from . import accuracy

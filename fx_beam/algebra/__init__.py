@@ -1,1 +1,0 @@
-"""Linear systems: the storage of their factors, and what factorises them."""

@@ -1,0 +1,156 @@
+"""The numbers of a scene that steps read: what differs between scenes of one structure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.run_setup import RunSetup
+from fx_beam.results.state import State
+from fx_beam.scene.constraints import joints_by_number
+from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.model import Model
+
+#: Numbers that no step reads, but outputs; without beams also the positions of nodes.
+OF_OUTPUTS = {
+    "X",
+    "a",
+    "forces of columns",
+    "forces of joints",
+    "axes of slides",
+    "offsets of slides",
+    "arms of joints",
+    "axes of joints",
+    "driven rates",
+    "parameters at the start",
+    "work at the start",
+    "dissipated_energy at the start",
+}
+#: Numbers with a row for each sub-step: values of functions of time.
+OF_STEPS = {"loads", "driven", "thrust", "parameters", "naturals", "driven rates"}
+# What steps with mean rates read of the state at the start.
+_OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal", "natural"
+
+
+def numbers_of(
+    setup: RunSetup, state: State, t0: np.ndarray, t1: np.ndarray
+) -> dict[str, np.ndarray]:
+    """All numbers of a set-up by name, of its initial state, and of functions of time in steps.
+
+    The steps, or sub-steps of the scheme, begin at t0 (n,) and end at t1 (n,) [s].
+    """
+    model, forcing = setup.model, setup.forcing
+    followers = model.points.followers
+    driven = forcing.series(t1) + _before_motors(model)
+    of_steps = {"loads": forcing.loads(t0, t1), "driven": driven}
+    of_steps["work at the start"] = state.work
+    of_steps["dissipated_energy at the start"] = state.dissipated
+    if len(parameters := model.forms.parameters):
+        of_steps["parameters"] = parameters.over_steps(t0, t1, model.scheme.rates.level)
+        of_steps["parameters at the start"] = parameters.at(float(t0[0]))
+    if len(followers):
+        of_steps["thrust"] = followers.series(t0, t1)
+    if model.natural:
+        of_steps["naturals"] = forcing.naturals(t1)
+    return _arrays(_of_model(model) | of_steps | _of_state(model, state))
+
+
+def observed_numbers_of(
+    setup: RunSetup, state: State, times: np.ndarray, lengths: np.ndarray
+) -> dict[str, np.ndarray]:
+    """What outputs read besides: of the initial state, joints, and rates of driven motions.
+
+    These at `times` (n,), by steps of the `lengths` (n,) that end there [s].
+    """
+    model = setup.model
+    joints, columns = model.sizes["joints"], model.sizes["constraints"]
+    found: dict[str, Any] = {
+        "a": state.a,
+        "forces of columns": _or_zeros(state.constraint_forces, (columns,)),
+        "forces of joints": _or_zeros(state.joint_forces, (joints, 3)),
+        "axes of slides": np.zeros((joints, 2)),
+        "offsets of slides": np.zeros((joints, 2)),
+    }
+    for joint in model.scene.joints:
+        if joint.axis is not None:
+            found["axes of slides"][joint.number] = joint.axis
+            found["offsets of slides"][joint.number] = joint.offset
+    if model.fitted_rates is not None:
+        found |= model.fitted_rates.numbers
+        found["driven rates"] = setup.forcing.end_rates(times, lengths)
+    return _arrays(found)
+
+
+def _or_zeros(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    return np.zeros(shape) if values is None else values
+
+
+def static_numbers_of(
+    model: Model, forcing: LoadForcing, factors: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The same of a static model from its reference configuration, in steps to load factors."""
+    followers, rows, t = model.points.followers, len(factors), np.array([forcing.time])
+    loads = np.repeat(model.loads.series(t)[None], 2, axis=1)
+    of_steps = {
+        "loads": factors[:, None, None] * loads,
+        "driven": np.array([forcing.positions(factor) for factor in factors])
+        + _before_motors(model),
+    }
+    if len(parameters := model.forms.parameters):
+        of_steps["parameters"] = np.broadcast_to(
+            parameters.at(forcing.time), (rows, 2, len(parameters))
+        )
+    if len(followers):
+        of_steps["thrust"] = np.repeat(followers.series(t, t), rows, axis=0)
+    if model.natural:
+        of_steps["naturals"] = factors[:, None] * forcing.naturals(t)
+    return _arrays(_of_model(model) | of_steps | _of_state(model, reference_state(model)))
+
+
+def _of_model(model: Model) -> dict[str, Any]:
+    numbers: dict[str, Any] = {
+        "X": model.mesh.X,
+        "mass": model.mass.data,
+        "columns": model.loads.columns.data,
+        "points": model.points.numbers,
+    }
+    if (members := model.points.members) is not None:
+        numbers |= {"members": members.numbers, "arcs": members.arcs}
+    if model.natural:
+        numbers["natural columns"] = model.natural.columns.data
+    if model.weight is not None:
+        numbers["weight"] = model.weight
+    if model.forms.beams is not None:
+        numbers |= model.forms.beams.numbers
+    if isinstance(model.reduction, JointReduction):
+        joints = model.reduction.joint_tables()
+        numbers |= {name: joints[name] for name in ("offset", "axis")}
+        own = joints_by_number(model.scene)
+        numbers["rest"] = [own[joint.number].start()[0] for joint in model.couplings.moving]
+    if sliding := model.sliding:
+        numbers["places"] = [joint.place_at_rest for joint in sliding]
+        numbers["paths"] = np.concatenate([joint.path.numbers for joint in sliding])
+    return numbers
+
+
+def _of_state(model: Model, state: State) -> dict[str, Any]:
+    of_state = {name: getattr(state, name) for name in _OF_STATE}
+    of_state["motors"] = state.motors + _before_motors(model)[len(model.prescribed) :]
+    return {
+        name.replace("_", " "): values for name, values in of_state.items() if values is not None
+    }
+
+
+def _before_motors(model: Model) -> np.ndarray:
+    """Slides (driven,) in the reference configuration, from which motors go on; 0 for others."""
+    found = np.zeros(model.couplings.driven)
+    for i, (joint, name) in enumerate(model.motors, start=len(model.prescribed)):
+        found[i] = joint.start()[0] if name == "slide" else 0.0
+    return found
+
+
+def _arrays(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
+    return {name: np.array(values, float) for name, values in numbers.items()}

@@ -1,0 +1,134 @@
+"""Functions of the numbers of a response, with derivatives, for optimisation and least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from threading import RLock
+from typing import Any, Protocol
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.step.interrupts import one_thread
+from fx_beam.validation import array_of, check_takes, numbers, require, shown
+
+#: ``function(t, y)`` gives a value, and its derivatives by outputs, by name.
+Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]
+
+
+class Differentiable(Protocol):
+    """What a response has."""
+
+    stats: Any
+    _alone: RLock
+
+    def __call__(self, x: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Times and outputs."""
+        ...
+
+    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Derivatives of a sum of weights times outputs."""
+        ...
+
+    def jacobian(self, *names: str) -> dict[str, np.ndarray]:
+        """Derivatives of outputs."""
+        ...
+
+
+class Objective:
+    """A number of a whole motion, and its derivatives by x."""
+
+    def __init__(self, run: Differentiable, function: Cost):
+        check_takes(function, "t, y", "objective: function")
+        self._run, self._function = run, function
+
+    @property
+    def _alone(self):
+        return self._run._alone
+
+    @one_thread
+    def __call__(self, x: Any) -> tuple[float, np.ndarray]:
+        """The value, and its derivatives (m,) by x."""
+        found = self._function(*self._run(x))
+        fits = isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Mapping)
+        if not fits or numbers(found[0]).shape:
+            raise SceneError(
+                "objective: function(t, y) must give a number and its derivatives by outputs, a "
+                f"dict of arrays by names, not {shown(found)}"
+            )
+        value, weights = found
+        return float(value), self._run.vjp(weights)
+
+
+def _measured(given: Any, what: str) -> np.ndarray:
+    masked = isinstance(given, np.ma.MaskedArray)
+    values = array_of(given.data if masked else given, what)
+    if masked:
+        values[np.ma.getmaskarray(given)] = np.nan
+    require(not np.isinf(values).any(), what, given, "finite, or NaN where nothing was measured")
+    return values
+
+
+def _scatter(given: Any, shape: tuple[int, ...], what: str) -> np.ndarray:
+    values = array_of(given, what)
+    require(bool((np.isfinite(values) & (values > 0)).all()), what, given, "positive")
+    try:
+        return np.broadcast_to(values, shape)
+    except ValueError:
+        raise SceneError(
+            f"{what} has the shape {values.shape}, which does not fit {shape}"
+        ) from None
+
+
+class Misfit:
+    """Outputs less what was measured, over the scatter of this, as one vector."""
+
+    def __init__(self, run: Differentiable, measured: Mapping[str, Any], scatter: Any):
+        what = "misfit: measured"
+        fits = isinstance(measured, Mapping) and len(measured) > 0
+        require(fits, what, measured, "a dict of arrays by names of outputs")
+        self._run = run
+        self._measured = {
+            name: _measured(rows, f"{what}[{name!r}]") for name, rows in measured.items()
+        }
+        of_all = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
+        same = of_all.keys() == measured.keys()
+        require(same, "misfit: scatter", scatter, f"a number, or for each of {[*measured]}")
+        self._scatter = {
+            name: _scatter(of_all[name], rows.shape, f"misfit: scatter of {name!r}")
+            for name, rows in self._measured.items()
+        }
+        #: Numbers of the last motion, and its statistics, by which one knows it.
+        self._last: tuple[np.ndarray, Any] | None = None
+
+    @property
+    def _alone(self):
+        return self._run._alone
+
+    @one_thread
+    def __call__(self, x: Any) -> np.ndarray:
+        """Deviations (n,); zero where nothing was measured, which is NaN."""
+        _, y = self._run(x)
+        self._last = np.array(x, float), self._run.stats
+        for name, rows in self._measured.items():
+            require(name in y, "misfit: measured", [*self._measured], f"names of {[*y]}")
+            fits = rows.shape == y[name].shape
+            require(fits, f"misfit: measured[{name!r}]", rows.shape, f"of shape {y[name].shape}")
+        parts = [
+            np.where(np.isnan(rows), 0.0, (y[name] - rows) / self._scatter[name])
+            for name, rows in self._measured.items()
+        ]
+        return np.concatenate([part.ravel() for part in parts])
+
+    @one_thread
+    def jacobian(self, x: Any) -> np.ndarray:
+        """Their derivatives (n, m) by x; without another motion if the last one was that of x."""
+        last = self._last
+        known = last is not None and last[1] is self._run.stats
+        if last is None or not known or not np.array_equal(last[0], np.asarray(x, float)):
+            self(x)
+        J, parts = self._run.jacobian(*self._measured), []
+        for name, rows in self._measured.items():
+            own = J[name] * np.where(np.isnan(rows), 0.0, 1 / self._scatter[name])[..., None]
+            parts.append(own.reshape(-1, own.shape[-1]))
+        return np.concatenate(parts)

@@ -1,0 +1,251 @@
+"""Outputs of a run as functions of its states and forces, and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.outputs import Output
+from fx_beam.scene.scene import Scene
+from fx_beam.step.forcing import Forcing
+from fx_beam.step.model import Model
+from fx_beam.step.tape import Tape
+
+from .energy_gradients import EnergyOutput
+from .gradient import Gradient
+from .linear_outputs import LinearOutput, Places, linear_output, needs_rates
+from .natural_gradients import NaturalRows
+from .resultant_outputs import ResultantOutput, SubSteps
+from .step_losses import StepLosses
+from .work_outputs import (
+    SINCE_START,
+    StepWork,
+    WorkOutput,
+    check_work,
+    fits_rates,
+    sums_losses,
+    sums_steps,
+)
+
+#: States (n, ...) before some sub-steps, by the names of the derivatives by them.
+StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
+
+
+def check_outputs(
+    model: Model, tape: Tape, outputs: Mapping[str, Output], start: Mapping[str, str]
+) -> None:
+    """SceneError for outputs without derivatives; `start` says why that since the start has none.
+
+    By its quantity.
+    """
+    for name, output in outputs.items():
+        if output.quantity in SINCE_START:
+            check_work(model, output, name, start.get(output.quantity, ""))
+        parted = model.forms.needs_before and sums_losses(model, output)
+        if (isinstance(output.of, Beam) or parted) and not tape.is_whole:
+            raise SceneError(
+                f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
+                "Give Response more memory"
+            )
+
+
+def summed(outputs: Mapping[str, Output]) -> list[str]:
+    """Names of those that add up over the steps."""
+    return [name for name, output in outputs.items() if output.quantity in SINCE_START]
+
+
+class Observation:
+    """Outputs by name at the rows of a run that end before some sub-steps, `boundaries` (n,).
+
+    They are in the part that is on the tape, in whose sub-steps `forces` gives those of columns.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        tape: Tape,
+        boundaries: np.ndarray,
+        outputs: Mapping[str, Output],
+        states_at: StatesAt,
+        forces: Callable[[], np.ndarray],
+    ):
+        self._model, self._tape, self._rows = model, tape, len(boundaries)
+        self._forces, self._part = forces, tape.present
+        fits = model.fitted_rates is not None
+        needed = any(observes_rates(model, output) for output in outputs.values())
+        steps = tape.steps_to(boundaries)
+        moving = needed and not model.scheme.rates.at_rest
+        every = [boundaries, *[steps.starts] * moving]
+        if any(isinstance(output.of, Beam) for output in outputs.values()):
+            within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
+            every += [within, within + 1, np.maximum(within - 1, 0)]
+        self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
+        first, end = self._part
+        if any(output.quantity in SINCE_START for output in outputs.values()) and not first:
+            every.append(np.zeros(1, dtype=int))
+        if any(sums_steps(model, output) for output in outputs.values()):
+            every.append(np.arange(first, end + 1))
+            if model.couplings.driven:
+                self.sub_steps = np.arange(first, end)
+        #: Sub-steps before the states that outputs need, and those whose forces they need.
+        self.boundaries = np.unique(np.concatenate(every))
+        ends, starts = np.searchsorted(self.boundaries, [boundaries, steps.starts])
+        forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
+        self._places = Places(ends, starts, boundaries > 0, steps, forces_at)
+        self._states = states_at(self.boundaries)
+        #: Rates that fit the joints, and their derivatives.
+        self._fit = None
+        if fits and needed:
+            assert model.fitted_rates is not None
+            driven = Forcing(model).end_rates(*rates_at(tape, self.boundaries))
+            q, v, slides = (self._states[name] for name in ("q", "v", "slides"))
+            self._fit = model.fitted_rates.derivatives(q, v, slides, driven)
+            self._states["rates"] = self._fit.rates
+        self._values = self._parameter_values()
+        self._outputs = {name: self._observed(output) for name, output in outputs.items()}
+
+    def _observed(
+        self, output: Output
+    ) -> LinearOutput | EnergyOutput | ResultantOutput | WorkOutput:
+        model, places, states = self._model, self._places, self._states
+        if output.quantity in SINCE_START:
+            is_first = self._part.first == 0
+            sums = self._step_work, self._step_losses
+            return WorkOutput(model, output.quantity, is_first, self._energy_at, *sums)
+        if isinstance(output.of, Scene):
+            return self._energy(output.quantity, states, places.ends)
+        if isinstance(output.of, Beam):
+            return ResultantOutput(self._sub_steps(), output.of, output.quantity, places)
+        return linear_output(model, output, places, states)
+
+    def _sub_steps(self) -> SubSteps:
+        return SubSteps.of(self._model, self._tape, self.boundaries, self._states)
+
+    def _energy(self, quantity: str, states: dict[str, np.ndarray], ends: np.ndarray):
+        given = self._parameters(ends), self._naturals(ends)
+        return EnergyOutput(self._model, quantity, states, ends, *given)
+
+    def _energy_at(self, quantity: str, at_start: bool) -> EnergyOutput:
+        """At the rows; or at the start of the run."""
+        ends = np.zeros(1, dtype=int) if at_start else self._places.ends
+        return self._energy(quantity, self._states, ends)
+
+    def _step_work(self) -> StepWork:
+        first, end = self._part
+        states = {name: rows[first - end - 1 :] for name, rows in self._states.items()}
+        ends = self.boundaries[self._places.ends] - first
+        return StepWork(self._model, self._tape, states, self._forces(), ends)
+
+    def _step_losses(self) -> StepLosses:
+        ends = self.boundaries[self._places.ends] - self._part.first
+        return StepLosses(self._sub_steps(), self._states, ends)
+
+    def _parameter_values(self) -> np.ndarray | None:
+        """Values (1 + sub-steps, 2, n) of the parameters at the start, and in all sub-steps."""
+        of_scene, tape = self._model.forms.parameters, self._tape
+        if not len(of_scene):
+            return None
+        level, t0 = self._model.scheme.rates.level, tape.starts
+        over = of_scene.over_steps(t0, t0 + tape.lengths, level)
+        first = np.broadcast_to(of_scene.at(float(t0[0])), (1, 2, len(of_scene)))
+        return np.concatenate([first, over])
+
+    def _parameters(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Places of the parameters of rows among the numbers, -1 at the start, and values."""
+        if self._values is None:
+            return None
+        ends = self.boundaries[ends]
+        first = (2 * ends - 1) * self._values.shape[-1]
+        return np.where(ends > 0, first, -1), self._values[ends, 1]
+
+    def _naturals(self, ends: np.ndarray) -> tuple[NaturalRows, np.ndarray] | None:
+        """Natural strains, and the sub-steps before which rows are."""
+        if not self._model.natural:
+            return None
+        return NaturalRows(self._model, self._tape), self.boundaries[ends]
+
+    @property
+    def _sizes(self) -> dict[str, tuple[int, int]]:
+        model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
+        columns = model.reduction.columns - model.reduction.free
+        joints, driven = model.sizes["joints"], model.couplings.driven
+        of_state = {"q": model.size, "v": model.size, "rates": model.size, "slides": joints}
+        of_state |= {"internal": int(np.prod(model.forms.internal_shape))}
+        of_state |= {"spring internal": model.points.width, "driven rates": driven}
+        of_state |= {"impulses of joints": 3 * joints, "impulses of columns": columns}
+        of_steps = {"constraints": columns, "joints": 3 * joints}
+        sizes = {name: (n, size) for name, size in of_state.items()}
+        return sizes | {name: (k, size) for name, size in of_steps.items()}
+
+    def pull(self, weights: Mapping[str, np.ndarray], later: Mapping[str, float]) -> Gradient:
+        """Derivatives of the sum of weights (n, ...) times outputs, by states and by numbers.
+
+        `later` are sums of the weights of outputs that add up over the steps, in later parts.
+        """
+        found = Gradient(self._sizes)
+        for name, output in self._outputs.items():
+            if isinstance(output, WorkOutput):
+                output.pull(weights[name], later[name], found)
+            else:
+                output.pull(weights[name], found)
+        if self._fit is not None:
+            names = "rates", "impulses of joints", "impulses of columns"
+            rates, joints, columns = (found.at(name) for name in names)
+            joints = joints.reshape(len(joints), -1, 3)
+            of_state, of_numbers = self._fit.pull(rates, joints, columns)
+            driven = of_state.pop("driven rates")
+            for name, values in of_state.items():
+                found.at(name)[:] += values
+            for name, values in of_numbers.items():
+                found.add_numbers(name, values)
+            if driven.size:
+                of_boundaries = np.zeros((len(self._tape) + 1, driven.shape[1]))
+                of_boundaries[self.boundaries] = driven
+                found.add_numbers("driven rates", of_boundaries)
+        return found
+
+    def push(
+        self,
+        of_state: dict[str, np.ndarray],
+        changes: Mapping[str, np.ndarray],
+        before: Mapping[str, np.ndarray],
+    ) -> dict[str, np.ndarray]:
+        """Changes (n, ..., m) of all outputs from those of states, forces and numbers.
+
+        To those `before` (m,) of outputs that add up over the steps it adds what this part gives.
+        """
+        if self._fit is not None:
+            count = len(changes["X"])
+            driven = np.zeros((len(self.boundaries), count, 0))
+            if "driven rates" in changes:
+                driven = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
+            given = {name: of_state[name] for name in ("q", "v", "slides")}
+            given["driven rates"] = driven
+            names = "rates", "impulses of joints", "impulses of columns"
+            of_state |= dict(zip(names, self._fit.push(given, changes), strict=True))
+        return {
+            name: output.push(self._rows, before[name], of_state, changes)
+            if isinstance(output, WorkOutput)
+            else output.push(self._rows, of_state, changes)
+            for name, output in self._outputs.items()
+        }
+
+
+def observes_rates(model: Model, output: Output) -> bool:
+    """Whether rates that fit the joints, or forces, are in an output."""
+    if isinstance(output.of, Scene):
+        return output.quantity in ("kinetic_energy", "total_energy") or fits_rates(model, output)
+    return needs_rates(output)
+
+
+def rates_at(tape: Tape, boundaries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times before some sub-steps, and lengths of the steps that end there [s].
+
+    At the start, that of the first step, negative.
+    """
+    lengths = tape.steps_to(boundaries).lengths
+    times = np.append(tape.starts, tape.starts[-1] + tape.lengths[-1])[boundaries]
+    return times, np.where(boundaries > 0, lengths, -tape.first_length)

@@ -1,0 +1,687 @@
+"""A motion as a function of numbers: a scene is built for each, and only its numbers are set."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from threading import RLock
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+import numpy as np
+
+from fx_beam.array_calls import calling_with_arrays
+from fx_beam.equilibria.static_path import StaticPath, keeping_paths
+from fx_beam.errors import SceneError
+from fx_beam.laws.schemes import Scheme
+from fx_beam.motions.dynamics import simulate
+from fx_beam.motions.kept_setup import KeptSetup, keeping_setup
+from fx_beam.motions.mpi_ranks import waiting_team
+from fx_beam.motions.run_setup import RunSetup, check_options, checked_scheme
+from fx_beam.results.audit import Stats
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.inputs import with_functions
+from fx_beam.scene.outputs import Output
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import ElsewhereError
+from fx_beam.step.adjoint import Adjoint, Weights
+from fx_beam.step.forward import Forward
+from fx_beam.step.interrupts import one_thread
+from fx_beam.step.loop import CompiledLoop
+from fx_beam.step.model import Model
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.recorder import Record
+from fx_beam.step.substeps import Halving
+from fx_beam.step.tape import LIMIT, Part, Tape
+from fx_beam.validation import array_of, check_takes, is_one_of, positive, require
+
+from .built_scenes import Build, BuiltScenes, checked_numbers
+from .gradient import Gradient, along
+from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
+from .objectives import Cost, Misfit, Objective
+from .observation import Observation, check_outputs, observes_rates, rates_at, summed
+from .output_values import Recording, values_of
+from .row_outputs import RowOutputs
+from .static_derivatives import StateChange, StaticDerivatives, why_no_sums, why_not
+
+_log = logging.getLogger("fx_beam")
+# Growth of derivatives towards the start above which they say little about the motion.
+_USEFUL_GROWTH = 1e6
+_CHAOTIC = (
+    "Response.vjp: towards the start the derivatives grow %.1e times: the motion is chaotic, or "
+    "has vibrations that the step does not resolve. They are exact for these steps, but tell only "
+    "of tiny changes. Use a shorter time, or EnergyDecaying"
+)
+# What pickles and copies keep: what was given.
+_GIVEN = {"_build", "_memory", "_start", "_record", "_options", "_static"}
+_P = ParamSpec("_P")
+_Result = TypeVar("_Result")
+
+
+def _with_arrays(
+    method: Callable[Concatenate[Response, _P], _Result],
+) -> Callable[Concatenate[Response, _P], _Result]:
+    """A method in which functions are called with arrays where they accept them."""
+
+    @functools.wraps(method)
+    def call(self: Response, *arguments: _P.args, **named: _P.kwargs) -> _Result:
+        with calling_with_arrays(self._kept.calls):
+            return method(self, *arguments, **named)
+
+    return call
+
+
+class Response:
+    """The motion of a scene as a function of numbers.
+
+    ``t, y = run(x)`` builds the scene of the numbers x and simulates it. The first call sets the
+    scene up; the next ones only set the numbers: all that is given as a number, a position, or a
+    function of time or place. Results are those of `simulate`, to the last digit unless functions
+    of time or place round otherwise for arrays. A scene with other beams, elements, joints,
+    supports or kinds of loads is set up anew, and so is one whose functions in UFL give other
+    expressions, in which a `Parameter` is no number; ``run.stats.setup_reason`` says why.
+
+    Parameters
+    ----------
+    build : callable
+        ``build(x)`` gives the scene and its outputs, a dict by names: each an `Output`, or a
+        function of the `Solution` that gives a number or an array, such as
+        ``lambda solution: solution.energy.total``.
+    scheme : Scheme, optional
+        Time scheme; `EnergyMomentum()` by default.
+    t_end : float
+        End of the simulation [s].
+    dt : float, optional
+        Time step [s]; optional with a tolerance.
+    tolerance, dt_max, breaks : optional
+        Steps that are chosen by their errors, as in `simulate`. Different numbers then have
+        different times; `record` with `times` gives the outputs at the same ones.
+    start : Solution or callable, optional
+        Solution whose end is the initial state; or ``start(scene)``, which computes it, such as
+        ``lambda scene: fb.static(scene)``.
+    newton : NewtonOptions, optional
+        Convergence criteria of Newton's method.
+    max_halvings : int
+        How often a failing step is halved.
+    record : Record, optional
+        Rows of the outputs, by `every` or `times`; by default all steps. What the outputs do not
+        need is not recorded in any case.
+    solver : {"auto", "compiled", "petsc"}
+        As in `simulate`.
+    inputs : dict, optional
+        Functions of time of the inputs of the scene, as in `simulate`.
+    memory : float
+        Memory for the steps that derivatives follow [bytes]. If a motion needs more, only states at
+        some steps are kept, and increments in half of the memory. Derivatives repeat the steps
+        between, to the last digit, those with increments without iterations.
+
+    Attributes
+    ----------
+    stats : Stats
+        Statistics of the last run.
+
+    Raises
+    ------
+    SceneError
+        If `build` is no function; in a call if x are not finite numbers, or if `build` does not
+        give a scene with outputs of the same names as before.
+
+    Examples
+    --------
+    The end of a pendulum that is an elastic bar, for two stiffnesses.
+
+    >>> import fx_beam as fb
+    >>> def build(x):
+    ...     scene = fb.Scene(gravity=(0, -9.81))
+    ...     section = fb.Section(EA=x[0], GA=x[0], EI=1.0, rhoA=x[1], rhoI=1e-4)
+    ...     bar = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
+    ...     scene.pin(bar.start)
+    ...     return scene, {"end": fb.Output("position", bar.end)}
+    >>> run = fb.Response(build, dt=0.01, t_end=0.5)
+    >>> t, y = run([1e3, 1.0])
+    >>> y["end"].shape, run.stats.setup_reason
+    ((51, 2), 'the first scene')
+    >>> t, y = run([2e3, 1.1])
+    >>> run.stats.setup_reason
+    ''
+    """
+
+    def __init__(
+        self,
+        build: Build,
+        scheme: Scheme | None = None,
+        *,
+        t_end: float,
+        dt: float | None = None,
+        tolerance: float | None = None,
+        dt_max: float | None = None,
+        breaks: Sequence[float] = (),
+        start: Solution | Callable[[Scene], Solution] | None = None,
+        newton: NewtonOptions | None = None,
+        max_halvings: int = 12,
+        record: Record | None = None,
+        solver: str = "auto",
+        inputs: Mapping[str, Any] | None = None,
+        memory: float = LIMIT,
+    ):
+        check_takes(build, "x", "Response: build")
+        if callable(start):
+            check_takes(start, "scene", "Response: start")
+        self._memory = positive(memory, "Response: memory", "a positive number of bytes")
+        check_options("Response", newton, max_halvings, record, solver)
+        if record is not None and record.file is not None:
+            raise SceneError("Response: a record to a file is not possible; use simulate")
+        self._build = build
+        self._start, self._record = start, record or Record()
+        self._options: dict[str, Any] = {
+            "scheme": scheme,
+            "t_end": t_end,
+            "dt": dt,
+            "tolerance": tolerance,
+            "dt_max": dt_max,
+            "breaks": breaks,
+            "newton": newton,
+            "max_halvings": max_halvings,
+            # Several processes have no derivatives.
+            "solver": "compiled" if solver == "auto" and waiting_team() else solver,
+            "inputs": inputs,
+        }
+        self._begin()
+
+    #: Memory for the steps that derivatives follow [bytes].
+    _memory = LIMIT
+    #: What is recorded of motions.
+    _record = Record()
+
+    def _begin(self) -> None:
+        """Know of no call yet."""
+        self._alone = RLock()
+        self._scenes, self._recording = BuiltScenes(self._build), Recording(self._record)
+        self._x: Any = None
+        self._reader: RowOutputs | None = None
+        # Derivatives of all numbers by x.
+        self._known_changes: dict[str, np.ndarray] | None = None
+        self._kept = KeptSetup()
+        self._kept.reads_at_once, self._kept.memory = True, self._memory
+        self._adjoint: tuple[Any, list, Adjoint] | None = None
+        # Whether the set-up has the numbers of the last call.
+        self._is_set = False
+        # The equilibrium from which the last motion started, if it was computed for it.
+        self._path: StaticPath | None = None
+        self.stats: Stats
+
+    def __getstate__(self):
+        return {name: own for name, own in vars(self).items() if name in _GIVEN}
+
+    def __setstate__(self, given):
+        vars(self).update(given)
+        self._begin()
+
+    @one_thread
+    @_with_arrays
+    def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Simulate the scene of some numbers.
+
+        Parameters
+        ----------
+        x : (m,) float
+            The numbers that `build` takes.
+
+        Returns
+        -------
+        t : (n,) float
+            Times [s].
+        y : dict of (n, ...) float
+            The outputs by name.
+        """
+        given, self._x = checked_numbers(x), None  # without derivatives if the motion fails
+        rows = self._run(given)
+        self._x = given
+        return rows
+
+    def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        self._scene, self._outputs = self._scenes.at(x)
+        return self._motion()
+
+    def _motion(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        scene = self._scene
+        if (rows := self._rows_of(scene)) is not None:
+            return rows
+        with keeping_setup(self._kept):
+            solution = simulate(
+                scene,
+                start=self._start_of(scene),
+                record=self._recording.of(self._outputs),
+                progress=False,
+                **self._options,
+            )
+        self.stats, self._t = solution.stats, solution.t
+        self._end = solution.end if self._kept.tapes else None  # for derivatives
+        self._is_set, self._known_changes = True, None
+        return solution.t, self._read_all(solution)
+
+    def _rows_of(self, scene: Scene) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
+        """The same by the plan of the last motion, if its rows have all outputs; None if not."""
+        kept, outputs, record = self._kept, self._outputs, self._recording.of(self._outputs)
+        again, setup = kept.repeated, kept.last
+        if again is None or setup is None or self._start is not None or record != again.record:
+            return None
+        if kept.tapes or scene.obstacles:
+            return None  # the end is needed, or what lies deep in them is told
+        if len(scene.nodes) != len(setup.model.scene.nodes):
+            return None  # outputs may be of nodes that the model has not
+        if self._reader is None or not self._reader.serve(outputs, setup.model):
+            self._reader = RowOutputs(outputs, setup.model)
+        if not self._reader.all or (found := again.rows(scene, kept)) is None:
+            return None
+        self.stats, recorder = found
+        self._t, self._end = recorder.t, None
+        self._is_set, self._known_changes = True, None
+        y = self._reader.of(recorder)
+        self._shapes = {name: rows.shape for name, rows in y.items()}
+        return self._t.copy(), y
+
+    def _read_all(self, solution: Solution) -> dict[str, np.ndarray]:
+        y = {name: values_of(solution, of, name) for name, of in self._outputs.items()}
+        self._shapes = {name: rows.shape for name, rows in y.items()}
+        return y
+
+    def _start_of(self, scene: Scene) -> Solution | None:
+        self._path = None
+        if not callable(self._start):
+            return self._start
+        with keeping_paths() as paths:
+            solution = self._start(scene)
+        own = (path for path in paths if path.solution is solution and path.scene is scene)
+        self._path = next(own, None)
+        return solution
+
+    @one_thread
+    @_with_arrays
+    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Derivatives of a sum of weights times outputs of the last call, by all numbers.
+
+        They are those of the steps as they were taken, to round-off (adjoint method), times those
+        of the scene's numbers, which are differences of `build`, without a motion. The first call
+        of `vjp` repeats the motion; later ones find what motions have left for them.
+
+        Parameters
+        ----------
+        weights : dict of (n, ...) float
+            Weights by the names of outputs, of the shapes that the outputs have.
+
+        Returns
+        -------
+        (m,) float
+            The sum over t of weights times dy/dx.
+
+        Raises
+        ------
+        SceneError
+            Before the first call of the response; for weights of other names or shapes; for an
+            output, a scheme or a part of the scene that has no derivatives.
+        """
+        model, tape, adjoint = self._followed("vjp")
+        given = self._checked_weights(weights)
+        outputs = self._differentiable(given, "Response.vjp: weights")
+        boundaries, direct = self._boundaries(tape), list[Gradient]()
+        check_outputs(model, tape, outputs, why_no_sums(self._path))
+        counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
+        for values in given.values():
+            counting |= values.reshape(len(values), -1).any(axis=1)
+
+        def weights_of(part: Part) -> Weights:
+            own, after = part.own(boundaries), boundaries > part.end
+            own = own[counting[own]]
+            later = {name: float(given[name][after].sum()) for name in summed(outputs)}
+            wanted = dict(outputs) if len(own) else {name: outputs[name] for name in later}
+            if not (len(own) or any(later.values())):
+                return {}, boundaries[:0], boundaries[:0]
+            observed = self._observed(model, tape, adjoint, wanted, boundaries[own])
+            found = observed.pull({name: given[name][own] for name in wanted}, later)
+            of_state, found.of_state = found.of_state, {}  # not for longer than the part
+            direct.append(found)
+            return of_state, observed.boundaries, observed.sub_steps
+
+        by_numbers = adjoint.pull_parts(tape, weights_of)
+        self.stats.gradient_growth = growth = adjoint.growth
+        if growth > _USEFUL_GROWTH:
+            _log.warning(_CHAOTIC, growth)
+        changes = self._changes(tape)
+        self._refuse_others(changes, by_numbers.keys())
+        known = changes.keys() & by_numbers.keys()
+        parts = [along(changes[name], by_numbers[name]) for name in known]
+        parts += [found.along(changes) for found in direct]
+        return sum(parts, np.zeros(len(self._x)))
+
+    @one_thread
+    @_with_arrays
+    def jacobian(self, *names: str) -> dict[str, np.ndarray]:
+        """Derivatives of outputs of the last call by all numbers, at all times.
+
+        They are those of the steps as they were taken, to round-off (forward sensitivities), times
+        those of the scene's numbers, which are differences of `build`, without a motion.
+
+        Parameters
+        ----------
+        *names : str
+            Names of outputs; by default all.
+
+        Returns
+        -------
+        dict of (n, ..., m) float
+            dy/dx by the names of the outputs.
+
+        Raises
+        ------
+        SceneError
+            As of `vjp`.
+        """
+        model, tape, _ = self._followed("jacobian")
+        outputs = self._differentiable(names or self._scenes.names, "Response.jacobian: names")
+        check_outputs(model, tape, outputs, why_no_sums(self._path))
+        changes = self._changes(tape)
+        model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
+        forward = Forward(adjoint)
+        self._refuse_others(changes, forward.names)
+        boundaries, found = self._boundaries(tape), list[dict[str, np.ndarray]]()
+        before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
+        observed: Observation | None
+
+        def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
+            nonlocal observed
+            own = boundaries[part.own(boundaries)]
+            wanted = dict(outputs) if len(own) else {name: outputs[name] for name in before}
+            if not wanted:
+                observed = None
+                return own, own
+            observed = self._observed(model, tape, adjoint, wanted, own)
+            return observed.boundaries, observed.sub_steps
+
+        for of_state in forward.push_parts(tape, changes, rows_of):
+            if observed is not None:
+                rows = observed.push(of_state, changes, before)
+                if rows.keys() == outputs.keys():
+                    found.append(rows)
+        return {name: np.concatenate([rows[name] for rows in found]) for name in outputs}
+
+    def objective(self, function: Cost) -> Objective:
+        """A number of the whole motion as a function of x, with its derivatives by x.
+
+        For ``scipy.optimize.minimize(run.objective(function), x, jac=True)``.
+
+        Parameters
+        ----------
+        function : callable
+            ``function(t, y)`` gives a number, and its derivatives by the outputs on which it
+            depends: a dict of arrays by their names, as for `vjp`.
+
+        Returns
+        -------
+        callable
+            A function of x (m,) that gives the number and its derivatives (m,).
+
+        Raises
+        ------
+        SceneError
+            In its calls, if the function gives anything else; as of `vjp`.
+
+        Examples
+        --------
+        The force on a body by which it is at a place at the end.
+
+        >>> import numpy as np, fx_beam as fb
+        >>> from scipy.optimize import minimize
+        >>> def build(x):
+        ...     scene = fb.Scene()
+        ...     body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+        ...     scene.add_force(body.centre, x)
+        ...     return scene, {"place": fb.Output("position", body.centre)}
+        >>> run = fb.Response(build, dt=0.1, t_end=1.0)
+        >>> def distance(t, y):
+        ...     weights = np.zeros_like(y["place"])
+        ...     weights[-1] = gap = y["place"][-1] - (1.0, 2.0)
+        ...     return gap @ gap / 2, {"place": weights}
+        >>> minimize(run.objective(distance), [0.0, 0.0], jac=True).x.round(6)
+        array([2., 4.])
+        """
+        return Objective(self, function)
+
+    def misfit(self, measured: Mapping[str, Any], scatter: Any = 1.0) -> Misfit:
+        """Outputs less what was measured, as a function of x for least squares.
+
+        For ``scipy.optimize.least_squares(misfit, x, jac=misfit.jacobian)``.
+
+        Parameters
+        ----------
+        measured : dict of (n, ...) float
+            Measured values by the names of outputs; NaN, or masked, where there are none.
+        scatter : float or dict, optional
+            Standard deviation of what was measured, or that of each by name: a number or an array.
+
+        Returns
+        -------
+        callable
+            A function of x (m,) that gives all deviations over their standard deviations (k,), with
+            a method ``jacobian(x)`` (k, m).
+
+        Raises
+        ------
+        SceneError
+            For other names or shapes than those of the outputs, or a scatter that is not positive.
+
+        Examples
+        --------
+        The mass of a body that is pushed.
+
+        >>> import fx_beam as fb
+        >>> from scipy.optimize import least_squares
+        >>> def build(x):
+        ...     scene = fb.Scene()
+        ...     body = scene.add_body((0, 0), mass=x[0], inertia=1.0)
+        ...     scene.add_force(body.centre, (1.0, 0.0))
+        ...     return scene, {"place": fb.Output("position", body.centre)}
+        >>> run = fb.Response(build, dt=0.1, t_end=1.0)
+        >>> misfit = run.misfit({"place": run([2.0])[1]["place"]}, scatter=1e-3)
+        >>> least_squares(misfit, [1.0], jac=misfit.jacobian).x.round(6)
+        array([2.])
+        """
+        return Misfit(self, measured, scatter)
+
+    def _observed(
+        self,
+        model: Model,
+        tape: Tape,
+        adjoint: Adjoint,
+        outputs: Mapping[str, Output],
+        boundaries: np.ndarray,
+    ) -> Observation:
+        """Outputs at some boundaries of the part that is on the tape."""
+        states_at = functools.partial(self._states, model, tape)
+        forces = functools.partial(adjoint.constraint_forces, tape)
+        return Observation(model, tape, boundaries, outputs, states_at, forces)
+
+    def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
+        """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
+        setup, tape = self._taped(what)
+        return setup.model, tape, self._adjoint_of(setup)
+
+    def _boundaries(self, tape: Tape) -> np.ndarray:
+        """Numbers of sub-steps before the rows of the last call."""
+        return tape.boundaries(self._t)
+
+    def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
+        """States (n, ...) of the last call before some sub-steps, or at its end, by name."""
+        assert self._end is not None
+        end = self._end.renumbered(model.from_nodes, model.mesh.from_elements)
+        found = tape.states(steps)
+        for name, rows in found.items():
+            if (values := getattr(end, name)) is not None and rows.size:
+                rows[steps == len(tape)] = np.ravel(values)
+        return {name.replace("_", " "): rows for name, rows in found.items()}
+
+    def _taped(self, what: str) -> tuple[RunSetup, Tape]:
+        """The set-up of the last call, with its numbers, and the tape of its steps."""
+        self._check_has_run(what)
+        kept = self._kept
+        if not kept.tapes or kept.tape is None:
+            kept.tapes = True
+            self._motion()
+        elif not self._is_set:
+            self._set_again()
+        setup, tape = kept.last, kept.tape
+        if setup is None or tape is None:
+            raise SceneError(
+                f"Response.{what}: the steps of this motion were not compiled "
+                f"({self.stats.solver}), and have no derivatives"
+            )
+        return setup, tape
+
+    def _check_has_run(self, what: str) -> None:
+        wanted = "called after run(x) without an error"
+        require(self._x is not None, f"{type(self).__name__}.{what}", "no motion yet", wanted)
+
+    def _adjoint_of(self, setup: RunSetup) -> Adjoint:
+        """The adjoint of a set-up, which serves all scenes whose joints have the same slides."""
+        loop = setup.stepper.integrator
+        assert isinstance(loop, CompiledLoop)  # only it has a tape
+        slides = [joint.start() for joint in setup.model.scene.joints]
+        if self._adjoint is None or self._adjoint[:2] != (loop, slides):
+            self._adjoint = loop, slides, Adjoint(loop.problem)
+        return self._adjoint[2]
+
+    def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        what = "Response.vjp: weights"
+        require(isinstance(weights, Mapping), what, weights, "a dict by names of outputs")
+        given = {}
+        for name in self._differentiable(weights, what):
+            given[name] = values = array_of(weights[name], f"{what}[{name!r}]")
+            shape = self._shapes[name]
+            require(
+                values.shape == shape, f"{what}[{name!r}]", values.shape, f"of the shape {shape}"
+            )
+            wrong = np.argwhere(~np.isfinite(values))
+            if len(wrong):
+                row, at = wrong[0][0], "".join(f"[{i}]" for i in wrong[0])
+                raise SceneError(
+                    f"{what}[{name!r}]{at} is no finite number, at t = {self._t[row]:.6g}. Give "
+                    "rows without one, such as those that were not measured, the weight 0"
+                )
+        return given
+
+    def _differentiable(self, names: Iterable[str], what: str) -> dict[str, Output]:
+        """Outputs by names; SceneError for functions."""
+        given = list(names)
+        fits = all(is_one_of(name, self._outputs) for name in given)
+        require(fits, what, given, f"names of outputs, of {self._scenes.names}")
+        outputs: dict[str, Output] = {}
+        for name in given:
+            output = self._outputs[name]
+            if not isinstance(output, Output):
+                raise SceneError(
+                    f"{what}: the output {name!r} is a function of the solution, which has no "
+                    "derivatives; take an fx_beam.Output"
+                )
+            outputs[name] = output
+        return outputs
+
+    # -- Differences of the numbers of scenes -----------------------------------------------------
+
+    def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) of all numbers of the steps of a tape by x."""
+        if self._known_changes is None:
+            assert self._kept.last is not None  # `_followed` comes first
+            model = self._kept.last.model
+            t0 = tape.starts.copy()
+            t1, start = t0 + tape.lengths, self._change_of_start()
+            of = [output for output in self._outputs.values() if isinstance(output, Output)]
+            rates = None
+            if any(observes_rates(model, output) for output in of):
+                rates = rates_at(tape, np.arange(len(tape) + 1))
+
+            def numbers_of(scene: Scene, i: int, change: float) -> dict[str, np.ndarray]:
+                moved = None if start is None else functools.partial(start.at, number=i, by=change)
+                return self._numbers_of(scene, (t0, t1), rates, moved)
+
+            self._known_changes = self._scenes.derivatives(self._x, self._scene, numbers_of)
+        return self._known_changes
+
+    def _change_of_start(self) -> StateChange | None:
+        """How the equilibrium from which the motion starts depends on x.
+
+        None if this is unknown: then equilibria are computed for differences.
+        """
+        if self._path is None or why_not(self._path):
+            return None
+        of = StaticDerivatives(self._path)
+        changes = self._scenes.derivatives(
+            self._x, self._scene, lambda scene, i, change: of.numbers_of(scene)
+        )
+        self._refuse_others(changes, of.names)
+        return of.change_of_end(changes)
+
+    def _refuse_others(self, changes: Mapping[str, np.ndarray], known: Set[str]) -> None:
+        for name in changes.keys() - known - OF_OUTPUTS:
+            self._refuse(name, changes[name])
+
+    @staticmethod
+    def _refuse(name: str, change: np.ndarray) -> None:
+        """SceneError if numbers without derivatives change (m, ...)."""
+        changing = np.flatnonzero(change.reshape(len(change), -1).any(axis=1))
+        if len(changing):
+            raise SceneError(
+                f"Response: x[{changing[0]}] changes {name!r} of the scene, by which motions have "
+                "no derivatives"
+            )
+
+    def _numbers_of(
+        self,
+        given: Scene,
+        steps: tuple[np.ndarray, np.ndarray],
+        rates: tuple[np.ndarray, np.ndarray] | None,
+        at_rest: Callable[[Model], State] | None,
+    ) -> dict[str, np.ndarray]:
+        """Numbers of the steps for another scene, and perhaps its equilibrium at the start.
+
+        And those of outputs with rates, by times and lengths of steps as `rates_at` gives them.
+        """
+        t0, t1 = steps
+        scene = with_functions(given, self._options["inputs"], "Response: inputs")
+        self._is_set = False
+        setup = self._with_numbers_of(scene)
+        steady = self._options["tolerance"] is None
+        parts = len(setup.model.scheme.fractions)
+        first = float(self._options["dt"] if steady else t1[parts - 1] - t0[0])
+        if at_rest is None:
+            state = setup.first_state(first, self._start_of(given), steady, rates is not None)
+        else:
+            state = setup.state_from(at_rest(setup.model), first, steady, rates is not None)
+        found = numbers_of(setup, state, t0, t1)
+        return found | ({} if rates is None else observed_numbers_of(setup, state, *rates))
+
+    def _with_numbers_of(self, scene: Scene) -> RunSetup:
+        """A set-up whose model has the numbers of a scene, but not its compiled loop."""
+        kept, setup = self._kept, self._kept.last
+        assert setup is not None
+        kept.forget()  # until all is well
+        try:
+            setup.refill_model(scene)
+        except ElsewhereError:
+            model, steps = setup.model, setup.stepper
+            newton, solver = self._options["newton"], self._options["solver"]
+            setup = RunSetup(scene, model.scheme, newton, steps.halving, solver)
+        kept.put_back(setup)
+        return setup
+
+    def _set_again(self) -> None:
+        """Set the numbers of the last call."""
+        options, kept = self._options, self._kept
+        scene, _ = self._scenes.at(self._x)
+        scene = with_functions(scene, options["inputs"], "Response: inputs")
+        steady = options["tolerance"] is None
+        halving = Halving(options["max_halvings"], options["dt"] if steady else None)
+        scheme = checked_scheme(scene, options["scheme"], "Response")
+        setup = kept.of(scene, scheme, options["newton"], halving, options["solver"])
+        kept.put_back(setup)
+        self._is_set = True

@@ -1,0 +1,169 @@
+"""Derivatives of the states of a load path by the numbers of its scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from fx_beam.equilibria.static_path import StaticPath
+from fx_beam.errors import SceneError
+from fx_beam.laws.schemes import Equilibrium
+from fx_beam.motions.initial_state import reference_state
+from fx_beam.results.state import State
+from fx_beam.scene.inputs import with_functions
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import ElsewhereError
+from fx_beam.step.adjoint import Adjoint
+from fx_beam.step.build import LoopUnavailable
+from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.forward import Forward
+from fx_beam.step.handover import Problem
+from fx_beam.step.joint_forces import JointForces
+from fx_beam.step.model import Model
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.static_tape import static_tape
+
+from .numbers import static_numbers_of
+from .resultant_outputs import SubSteps
+from .step_losses import StepLosses, why_no_losses
+from .work_outputs import StepWork, why_no_work
+
+# Internal variables that round-off may leave at a contact without a force.
+_ROUNDING = 1e-12
+
+
+def why_not(path: StaticPath) -> str:
+    """Why a path has no derivatives; empty if it has."""
+    model, first = path.model, path.states[0]
+    if path.forcing.turning is not None:
+        return "a frame that turns (spin) has none"
+    if path.continues and model.flows:
+        return (
+            "members or springs with internal variables that start from another solution have none"
+        )
+    if model.mechanism and model.flows:
+        return (
+            "a mechanism that its loads hold, with internal variables, has none: these depend on "
+            "how it settles"
+        )
+    variables = [own for own in (first.internal, first.spring_internal) if own is not None]
+    if first.spring_internal is not None:  # forces that friction follows are no states
+        variables[-1] = np.delete(first.spring_internal, model.points.followed)
+    if any(abs(own).max(initial=0.0) > _ROUNDING for own in variables):
+        return "springs are under tension, and change internal variables before the loads act"
+    return ""
+
+
+def why_no_sums(path: StaticPath | None) -> dict[str, str]:
+    """Why work and losses of a motion have no derivatives if it starts from a path, by quantity."""
+    if path is None or why_not(path):  # nothing came before, or differences have it
+        return {}
+    model, reasons = path.model, {"work": why_no_work(path.model)}
+    if model.forms.dissipate:
+        lossless = why_no_losses(model)
+        reasons["dissipated_energy"] = lossless and f"where {lossless}"
+    if path.continues:
+        reasons = {quantity: "if it began at another solution" for quantity in reasons}
+    before = "has no derivatives since the equilibrium from which each motion starts has none"
+    return {quantity: f"{before} {reason}" for quantity, reason in reasons.items() if reason}
+
+
+class StaticDerivatives:
+    """The load steps of a path on a tape, with the adjoint."""
+
+    def __init__(self, path: StaticPath):
+        if reason := why_not(path):
+            raise SceneError(f"the equilibria have no derivatives: {reason}")
+        self.path, self.model = path, path.model
+        #: The states that are followed. Of what began at another solution these are the last alone,
+        #: which is an equilibrium of this scene whatever it began from.
+        self.states, start = path.states, reference_state(path.model)
+        if path.continues:
+            start, self.states = path.states[-2], path.states[-1:]
+        self.factors = np.array([state.t for state in self.states])
+        forces = JointForces(path.model) if path.model.scene.joints else None
+        try:
+            problem = Problem(path.model, forces, NewtonOptions())
+        except LoopUnavailable as cause:
+            raise SceneError(f"the equilibria have no derivatives: {cause}") from cause
+        self.adjoint = Adjoint(problem)
+        self.tape = static_tape(problem, start, self.states, path.forcing)
+        self._other: Model | None = None
+
+    @property
+    def names(self) -> set[str]:
+        """Names of the numbers of which there are derivatives."""
+        return Forward(self.adjoint).names
+
+    def numbers_of(self, scene: Scene) -> dict[str, np.ndarray]:
+        """The numbers of these load steps for another scene; OtherStructureError if it differs."""
+        scene = with_functions(scene, self.path.inputs, "static: inputs")
+        settles = bool(self.model.mechanism)
+        if self._other is None:
+            self._other = Model(self.model.scene, Equilibrium(), settles=settles)
+        try:
+            self._other.refill(scene)
+        except ElsewhereError:
+            self._other = Model(scene, Equilibrium(), settles=settles)
+        forcing = LoadForcing(self._other, self.path.forcing.time)
+        return static_numbers_of(self._other, forcing, self.factors)
+
+    def change_of_end(self, changes: Mapping[str, np.ndarray]) -> StateChange:
+        """Changes of the last state with those (m, ...) of the numbers."""
+        forward, every = Forward(self.adjoint), np.arange(len(self.tape) + 1)
+        found = forward.push(self.tape, changes, every, every[:-1])
+        of_state = {"q": "q", "slides": "slides"}
+        at_end = {name: found[own][-1] for name, own in of_state.items()}
+        of_state = {"constraint_forces": "constraints", "joint_forces": "joints"}
+        at_end |= {name: found[own][-1] for name, own in of_state.items()}
+        for quantity, sums in self._sums().items():
+            at_end[quantity] = sums.push(found, changes)[-1]
+        return StateChange(self, at_end | forward.at_end)
+
+    def _sums(self) -> dict[str, StepWork | StepLosses]:
+        """Work and losses of all load steps, those that have derivatives, by names of `State`."""
+        every, model = np.arange(len(self.tape) + 1), self.model
+        found: dict[str, StepWork | StepLosses] = {}
+        states = {name.replace("_", " "): rows for name, rows in self.states_at(every).items()}
+        if self.path.continues:
+            return {}
+        if not why_no_work(model):
+            forces = self.adjoint.constraint_forces(self.tape)
+            found["work"] = StepWork(model, self.tape, states, forces, every[:1])
+        if model.forms.dissipate and not why_no_losses(model):
+            of = SubSteps.of(model, self.tape, every, states)
+            found["dissipated"] = StepLosses(of, states, every[:1])
+        return found
+
+    def states_at(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
+        """States (n, ...) before some load steps, or at the end, by the names of `State`."""
+        found = self.tape.states(np.maximum(boundaries - 1, 0))
+        for name, rows in found.items():
+            for row, step in zip(rows, boundaries.tolist(), strict=True):
+                if row.size and step:
+                    row[:] = np.ravel(getattr(self.states[step - 1], name))
+        return found
+
+
+class StateChange:
+    """Changes (m, ...) of an equilibrium, from which a motion starts."""
+
+    def __init__(self, of: StaticDerivatives, changes: dict[str, np.ndarray]):
+        self._path, self._state, self._changes = of.path, of.states[-1], changes
+
+    def at(self, model: Model, number: int, by: float) -> State:
+        """The equilibrium with a change of one number, in the numbering of a model."""
+        own = self._path.model
+        moved = {
+            name: values + by * self._changes[name][number].reshape(np.shape(values))
+            for name in self._changes
+            if (values := getattr(self._state, name)) is not None
+        }
+        state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
+        state = state.renumbered(
+            lambda vector: model.from_nodes(own.to_nodes(vector)),
+            lambda cells: model.mesh.from_elements(own.mesh.to_elements(cells)),
+        )
+        return replace(state, natural=model.natural.at(state.t) if model.natural else None)

@@ -1,0 +1,308 @@
+"""Work and dissipated energy as outputs: sums over the steps, or what the balance of energy leaves.
+
+The work of dead loads and driven motions is a sum over the steps, of any scheme. In each step of a
+scheme that conserves energy E + dissipated - work stays the same: so what is dissipated follows
+from the work, or other works follow from the energy and what is dissipated. Where both are unknown,
+or energy is not conserved, what is dissipated is a sum over the steps as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.errors import SceneError
+from fx_beam.scene.joints import GROUND
+from fx_beam.scene.outputs import Output
+from fx_beam.step.forcing import Forcing
+from fx_beam.step.full_turns import without_turns
+from fx_beam.step.model import Model
+from fx_beam.step.tape import Tape
+
+from .energy_gradients import EnergyOutput
+from .gradient import Gradient, sums_after, weights_of_steps
+from .step_losses import StepLosses, why_no_losses
+
+#: Quantities of scenes that add up over the steps.
+SINCE_START = "work", "dissipated_energy"
+
+
+class _Parts(NamedTuple):
+    """What a quantity since the start is the sum of: the signs of energy, work and losses."""
+
+    energy: int = 0
+    steps: int = 0
+    losses: int = 0
+
+
+def _parts(model: Model, quantity: str) -> _Parts:
+    others, loses = bool(_other_work(model)), model.forms.dissipate
+    if quantity == "work":
+        return _Parts(energy=1, losses=int(loses)) if others else _Parts(steps=1)
+    if not loses:
+        return _Parts()
+    if model.scheme.balances_energy and not others:
+        return _Parts(energy=-1, steps=1)
+    return _Parts(losses=1)
+
+
+def _other_work(model: Model) -> str:
+    """What else than dead loads and driven motions does work; empty for nothing."""
+    forms = model.forms
+    others = {
+        "natural strains": model.natural,
+        "added virtual works or follower forces": forms.has_added,
+        "parameters of stored energies that vary": forms.parameters.in_energies,
+    }
+    return ", ".join(name for name, there in others.items() if there)
+
+
+def sums_steps(model: Model, output: Output) -> bool:
+    """Whether an output is a sum over all steps before."""
+    if output.quantity not in SINCE_START:
+        return False
+    parts = _parts(model, output.quantity)
+    return bool(parts.steps or parts.losses)
+
+
+def sums_losses(model: Model, output: Output) -> bool:
+    """Whether it is a sum of what is lost in these."""
+    return output.quantity in SINCE_START and bool(_parts(model, output.quantity).losses)
+
+
+def fits_rates(model: Model, output: Output) -> bool:
+    """Whether rates that fit the joints are in the work: that of driven motions on them."""
+    return output.quantity == "work" and bool(model.couplings.driven)
+
+
+def check_work(model: Model, output: Output, name: str, of_start: str) -> None:
+    """Refuse work and dissipated energy that are neither sums over steps nor given by a balance.
+
+    And those since an equilibrium before the motion, `of_start` says why; empty if there is none.
+    """
+    parts, others, why = _parts(model, output.quantity), _other_work(model), of_start
+    if model.scheme.rates.at_rest:
+        reason = why_no_work(model) if output.quantity == "work" else ""
+        if parts.losses and (without := why_no_losses(model)):
+            reason = f"where {without}"
+        why = reason and f"has no derivatives in equilibria {reason}"
+    elif parts.energy and not model.scheme.balances_energy:
+        why = (
+            f"follows from the balance of energy where {others} do work, which is not exact with "
+            f"{model.scheme.name}. Use EnergyMomentum"
+        )
+    elif parts.losses and (reason := why_no_losses(model)):
+        advice = f", as {others} do work" if others else ". Use EnergyMomentum"
+        why = f"is the sum of the losses of steps, without derivatives where {reason}{advice}"
+    if why:
+        raise SceneError(f"the output {name!r}, {output}, {why}")
+
+
+def why_no_work(model: Model) -> str:
+    """Why the work in load steps has no derivatives; empty if it has."""
+    if others := _other_work(model):
+        return f"where {others} do work"
+    return "of a mechanism, which also depends on how it settles" if model.mechanism else ""
+
+
+class WorkOutput:
+    """Work or dissipated energy since the start, at the rows (n,) of a run in a part of a tape.
+
+    `energy` makes an energy at the rows by its name, or (True) at the start of the run, and `steps`
+    the work of the steps of the part.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        quantity: str,
+        is_first: bool,
+        energy: Callable[[str, bool], EnergyOutput],
+        steps: Callable[[], StepWork],
+        losses: Callable[[], StepLosses],
+    ):
+        parts = _parts(model, quantity)
+        #: Energies with their signs, at the rows, and at the start of the run.
+        self._at_rows, self._at_start = list[tuple[int, EnergyOutput]](), ""
+        self._before: EnergyOutput | None = None
+        self._sign = parts.energy
+        if parts.energy:
+            # Losses are those of the steps, without rates that fit.
+            own = "total_energy" if quantity == "work" else "energy of steps"
+            self._at_rows.append((parts.energy, energy(own, False)))
+        elif quantity == "work" and model.couplings.driven and model.fitted_rates is not None:
+            self._at_rows.append((1, energy("work of rates that fit", False)))
+        if is_first and not model.scheme.rates.at_rest:
+            self._at_start = f"{quantity} at the start"
+            self._before = energy("energy of steps", True) if parts.energy else None
+        #: Sums over the steps, with their signs.
+        self._sums: list[tuple[int, StepWork | StepLosses]] = []
+        if parts.steps:
+            self._sums.append((parts.steps, steps()))
+        if parts.losses:
+            self._sums.append((parts.losses, losses()))
+
+    def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
+        """Add the derivatives of the sum of weights (n,) times the quantity.
+
+        `later` is the sum of the weights of rows in later parts.
+        """
+        total = float(weights.sum()) + later
+        for sign, energy in self._at_rows:
+            energy.pull(sign * weights, to)
+        if self._at_start:
+            to.add_number(self._at_start, 0, total)
+        if self._before is not None:
+            self._before.pull(np.array([-self._sign * total]), to)
+        for sign, of_steps in self._sums:
+            of_steps.pull(sign * weights, sign * later, to)
+
+    def push(
+        self,
+        rows: int,
+        before: np.ndarray,
+        of_state: Mapping[str, np.ndarray],
+        changes: Mapping[str, np.ndarray],
+    ) -> np.ndarray:
+        """Changes (rows, m) from those of the states and of the numbers of the scene.
+
+        `before` (m,) is what the parts before have given, to which this one adds.
+        """
+        if self._at_start:
+            before += changes[self._at_start].ravel()
+        if self._before is not None:
+            before -= self._sign * self._before.push(1, of_state, changes)[0]
+        found = np.tile(before, (rows, 1))
+        for sign, energy in self._at_rows:
+            found += sign * energy.push(rows, of_state, changes)
+        for sign, of_steps in self._sums:
+            sums = sign * of_steps.push(of_state, changes)
+            found += sums[of_steps.ends]
+            before += sums[-1]
+        return found
+
+
+class StepWork:
+    """Work of dead loads and driven motions in the k sub-steps of a part of a tape.
+
+    It is F . w, with the mean F of the loads at both ends and the path w, and the forces of driven
+    columns (k, columns) times their paths. `states` (k + 1, ...) are those before the sub-steps and
+    after the last; `ends` (n,) the numbers of sub-steps before the rows.
+
+    In load steps the loads and the forces are those at the ends. The first one, to the equilibrium
+    without loads, does not count; and of the weight, whose work is potential energy, what the load
+    factor leaves out.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        tape: Tape,
+        states: Mapping[str, np.ndarray],
+        forces: np.ndarray,
+        ends: np.ndarray,
+    ):
+        self.ends, part, columns = ends, tape.present, model.loads.columns
+        self._own, self._all_steps = slice(*part), len(tape)
+        self._at_rest, t0 = model.scheme.rates.at_rest, tape.starts[self._own]
+        t1, rates, turns = t0 + tape.lengths[self._own], model.scheme.rates, model.turns
+        D = without_turns(model, np.diff(states["q"], axis=0))
+        each = [rates.work_increment(increment, turns) for increment in D]
+        path, slope = np.array(each).reshape(-1, 2, D.shape[1]).swapaxes(0, 1)
+        slides = np.diff(states["slides"], axis=0)
+        driven = forces[:, : model.couplings.driven]
+        if self._at_rest:
+            path[:1], slope[:1], slides[:1] = 0.0, 0.0, 0.0
+            self._factors = _with_last(tape.memories[:, None] * model.loads.series(t1))
+            driven = _with_last(driven)
+        else:
+            #: Means (k, loads) of the factors of the loads.
+            self._factors = Forcing(model).loads(t0, t1).mean(axis=1)
+        #: Works (k, loads) of the unit loads, and increments (k, n) at the entries of the columns.
+        self._unit_works = (columns.T @ path.T).T
+        self._at_entries = path[:, columns.indices]
+        self._of_entry = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
+        #: Paths (k, driven) of driven motions, and derivatives of the work by their increments.
+        of_nodes, of_slides = _driven_paths(model)
+        self._paths = path @ of_nodes.T + slides @ of_slides.T
+        self._by_slides = driven @ of_slides
+        if self._at_rest:
+            self._by_slides[:1] = 0.0
+        #: Derivatives (k, size) of the work in each sub-step by its increments.
+        self._by_increments = ((columns @ self._factors.T).T + driven @ of_nodes) * slope
+        #: Those by the weight, if any of its work counts.
+        self._by_weight: np.ndarray | None = None
+        if self._at_rest and model.weight is not None:
+            missing = _with_last(tape.memories[:, None]) - 1
+            self._by_weight = missing * path
+            self._by_increments += missing * model.weight * slope
+
+    def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
+        """Add the derivatives of the sum of weights (n,) times the work, and `later` all of it."""
+        of_steps = weights_of_steps(self.ends, weights, later, len(self._factors))[:, None]
+        for name, own in (("q", self._by_increments), ("slides", self._by_slides)):
+            to.at(name)[-len(own) :] += of_steps * own
+            to.at(name)[-len(own) - 1 : -1] -= of_steps * own
+        by_forces, by_factors = of_steps * self._paths, of_steps * self._unit_works
+        by_loads = np.zeros((self._all_steps, 2, self._factors.shape[1]))
+        if self._at_rest:
+            by_forces = _of_each(by_forces)
+            by_loads[self._own, 1] = _of_each(by_factors)
+        else:
+            by_loads[self._own] = (by_factors / 2)[:, None]
+        if self._paths.size:
+            forces = to.at("constraints")
+            forces[-len(self._paths) :, : self._paths.shape[1]] += by_forces
+        to.add_numbers("loads", by_loads)
+        factors = (of_steps * self._factors)[:, self._of_entry]
+        to.add_numbers("columns", (factors * self._at_entries).sum(axis=0))
+        if self._by_weight is not None:
+            to.add_numbers("weight", (of_steps * self._by_weight).sum(axis=0))
+
+    def push(
+        self, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """Changes (k + 1, m) of the work before the first sub-steps, and after all of the part."""
+        q, slides = (np.diff(of_state[name], axis=0) for name in ("q", "slides"))
+        of_steps = np.einsum("kmi,ki->km", q, self._by_increments)
+        of_steps += np.einsum("kmi,ki->km", slides, self._by_slides)
+        if self._paths.size:
+            forces = of_state["constraints"][:, :, : self._paths.shape[1]]
+            forces = _with_last(forces) if self._at_rest else forces
+            of_steps += np.einsum("kmi,ki->km", forces, self._paths)
+        loads = changes["loads"][:, self._own].swapaxes(0, 1)
+        factors = _with_last(loads[:, :, 1]) if self._at_rest else loads.mean(axis=2)
+        of_steps += np.einsum("kml,kl->km", factors, self._unit_works)
+        of_steps += (self._factors[:, self._of_entry] * self._at_entries) @ changes["columns"].T
+        if self._by_weight is not None:
+            of_steps += self._by_weight @ changes["weight"].T
+        return sums_after(of_steps)
+
+
+def _with_last(values: np.ndarray) -> np.ndarray:
+    """Means (k, ...) of each row and the one before; of the first row itself."""
+    return (values + np.concatenate([values[:1], values[:-1]])) / 2
+
+
+def _of_each(of_means: np.ndarray) -> np.ndarray:
+    """Derivatives by values (k, ...) from those by their means, where the first does not count."""
+    return (of_means + np.concatenate([of_means[1:], np.zeros_like(of_means[:1])])) / 2
+
+
+def _driven_paths(model: Model) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+    """Paths of driven motions as sums of those of nodes (driven, size) and slides (driven, n)."""
+    driven, joints = model.couplings.driven, model.scene.joint_count
+    nodes, slides = np.zeros((driven, model.size)), np.zeros((driven, joints))
+    first = len(model.prescribed)
+    nodes[np.arange(first), model.prescribed] = 1.0
+    for i, (joint, name) in enumerate(model.motors, start=first):
+        if name == "slide":
+            slides[i, joint.number] = 1.0
+            continue
+        for node, sign in ((joint.b, 1.0), (joint.a, -1.0)):
+            if node is not GROUND:
+                nodes[i, model.mesh.dofs[node.number, 2]] += sign
+    return scipy.sparse.csr_matrix(nodes), scipy.sparse.csr_matrix(slides)

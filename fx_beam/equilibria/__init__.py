@@ -1,0 +1,1 @@
+"""Equilibria: `static`, paths through limit points, their stability and branches."""

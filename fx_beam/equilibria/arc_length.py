@@ -1,0 +1,381 @@
+"""Arc-length continuation: equilibrium paths through limit points, with an unknown load factor.
+
+Keller's pseudo-arclength method: the predictor is a step of length ds along the unit tangent
+(D', l') of the path. The corrector stays in the plane normal to it,
+
+    R(y, l) = 0,    <D', D> + l' (l - l0) = ds,    <A, B> = mean over the nodes of A.B in units.
+
+The system bordered by this plane is regular at limit points. The angle between the tangents of two
+successive steps is acute; this gives the direction of a tangent. Where plastic flow starts, a
+contact closes or a law of springs has a kink, the path has a corner: a step ends there, and the
+next one goes along the tangent behind it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from fx_beam.errors import Failure, StepError
+from fx_beam.laws.interval import Interval
+from fx_beam.results.state import State
+from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES, StepFailed, StepSolution
+
+from .load_steps import LoadStepper
+from .path_equations import Tangent
+
+# Target deviation of a step from its tangent, relative to its length, for few load steps; on a
+# circle it is half the angle of the step. A step is rejected at the given multiple of the target.
+_TARGET, _REJECTED = 0.1, 4.0
+# Target number of corrections in a step.
+_CORRECTIONS = 10
+# A step to a corner ends so far before it, relative to the step.
+_MARGIN = 1e-7
+# Largest length of a step round a corner, relative to its length along the tangent.
+_LONG = 2.0
+# A corner nearer to the start or the end of a step than this part of it is there.
+_NEAR = 1e-4
+# Turn of a step without a corner.
+_STRAIGHT = 0.01
+# Slope of the load factor that is zero within rounding errors: a plastic mechanism.
+_FLAT = 1e-9
+# Load factor at which a path is abandoned. Of 43 arches that snap through, three reached load
+# factors between -1 and -1.5 before their full load.
+_LOWEST = -10.0
+# Change of the load factor in a step, relative to that of a load step, at which it is taken again.
+# It is not if it is so short that this would not help.
+_EXCESS, _SHORTEST = 1 + 1e-6, 1e-12
+# Tolerance for the position of a limit point, relative to the step. Its load factor is far more
+# accurate, since it is an extremum.
+_PLACE = 1e-5
+# Smallest number of states of a closed path; distance from its first state, relative to a step, of
+# a step that closes it.
+_ROUND, _BESIDE = 6, 0.1
+
+
+@dataclass
+class Advance:
+    """A step along the path: its end, the tangent there, its turn and number of corrections."""
+
+    state: State
+    ahead: Tangent
+    turn: float
+    corrections: int
+    #: Load factor of a limit point in the step.
+    limit: float | None
+
+
+@dataclass
+class Corner:
+    """A corner of the path: its distance from the start of a step, and the step behind it if 0."""
+
+    distance: float
+    step: Advance | None = None
+
+
+class ArcLength:
+    """Follows the equilibrium path of a scene.
+
+    Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue problems.
+    """
+
+    def __init__(self, stepper: LoadStepper):
+        self.stepper, self.model, self._path = stepper, stepper.model, stepper.path
+        self._newton, self._forcing = stepper.single.newton, stepper.forcing
+        #: 1 where the load factor rises along the path, else -1.
+        self._rising = 1.0
+
+    def follow(
+        self,
+        states: list[State],
+        steps: int,
+        max_cuts: int,
+        max_steps: int,
+        start: tuple[Tangent, float] | None = None,
+    ) -> None:
+        """Append the states on the path from the last one to load factor 1.
+
+        `steps` limits the length and the turn of a step; a step is halved at most `max_cuts` times.
+        The first step goes along rising loads; or along a tangent, with a length. Such a path also
+        ends where it returns to its first state.
+        """
+        stats = self.stepper.stats
+        # The error of the work is then of second order in the steps.
+        target = min(_TARGET, 1 / steps)
+        if start is None:
+            self._path.begin(states[-1])
+            tangent = self._path.with_the_load(np.zeros(self.model.reduction.free), 0.0)
+            ds = 1 / (steps * tangent.load)
+        else:
+            tangent, ds = start
+            self._rising = 1.0 if tangent.load >= 0 else -1.0
+        cuts, behind = 0, 0.0
+        while states[-1].t < 1 and stats.steps < max_steps and not (start and self._back(states)):
+            try:
+                step = self._advance(states[-1], tangent, ds, target)
+            except StepFailed as failure:
+                corner = self._corner(states[-1], tangent, ds, target)
+                if corner is None or corner.step is None:
+                    if cuts == max_cuts:
+                        raise self.error(states[-1], failure, cuts) from failure
+                    cuts, stats.halvings = cuts + 1, stats.halvings + 1
+                    if corner and not behind:
+                        # From the corner on a step may be as long as the one that has failed.
+                        behind, ds = ds, (1 - _MARGIN) * min(ds, corner.distance)
+                    else:
+                        behind, ds = 0.0, ds / 2
+                    continue
+                step = corner.step
+            excess = steps * abs(step.state.t - states[-1].t)
+            if excess > _EXCESS and ds > _SHORTEST:
+                # Where the path gets stiffer, or bends away from a bifurcation.
+                ds, behind = ds * min(0.9, 1 / excess), 0.0
+                continue
+            states.append(step.state)
+            stats.steps += 1
+            if step.limit is not None:
+                self._rising = -self._rising
+                stats.limit_points.append(step.limit)
+            if step.state.t < _LOWEST:
+                raise self._lost(step.state)
+            tangent, cuts = step.ahead, 0
+            ratio = min(target / max(step.turn, 1e-6), _CORRECTIONS / step.corrections)
+            ds = max(ds * min(2.0, max(0.5, ratio)), behind)
+            # The load factor changes at most as much as in a load step.
+            ds, behind = min(ds, 1 / (steps * max(abs(tangent.load), 1e-6))), 0.0
+
+    def _back(self, states: list[State]) -> bool:
+        """Whether the last of several steps has passed the first state."""
+        if len(states) < _ROUND:
+            return False
+        home, old, new = states[0], states[-2], states[-1]
+        step, way = new.q - old.q, home.q - old.q
+        weight, load = self._path.weight, new.t - old.t
+        length = self._path.length(step, load)
+        along = float((weight * step) @ way + load * (home.t - old.t)) / length
+        rest = way - along / length * step
+        beside = self._path.length(rest, home.t - old.t - along / length * load)
+        return 0 <= along <= length and beside <= _BESIDE * length
+
+    def state_at(self, state: State, tangent: Tangent, distance: float) -> State:
+        """State in the plane normal to a tangent at a distance along it; StepFailed if none."""
+        step, load = self._correct(state, tangent, distance, tangent, distance)
+        return self._end(state, state.t + load, step)
+
+    def stiffness_at(self, state: State, tangent: Tangent, distance: float) -> csr_matrix:
+        """The tangent (free, free) there, in the direction in which one comes."""
+        step, load = self._correct(state, tangent, distance, tangent, distance)
+        balance, _, _ = self._path.balance(step.y, load)
+        return self.stepper.single.equations.tangent(balance.r)
+
+    # -- Steps ----------------------------------------------------------------------------------
+
+    def _advance(self, state: State, tangent: Tangent, ds: float, target: float) -> Advance:
+        """An arc-length step ds that ends at a limit point or at load factor 1 if it meets them."""
+        new, ahead = self.step(state, tangent, ds)
+        turn = self._turn(state, new, tangent, ahead, ds)
+        straight = turn <= _STRAIGHT and ahead.load * tangent.load > 0
+        if ahead.sense != tangent.sense and not straight:
+            # At a bifurcation it is so on the way back, too; where flow begins it is not.
+            if self._at_start(new, tangent, -_NEAR * ds).sense == tangent.sense:
+                raise StepFailed("off the path", "the path turns back", new.q - state.q, [])
+        corrections = self.stepper.iterations
+        if turn > _REJECTED * target:
+            D = new.q - state.q
+            legs = self._path.legs(D, new.t - state.t, tangent, ahead)
+            if legs is None or legs[1] > _NEAR * ds or ahead.sense != tangent.sense:
+                reason = "the path deviates too far from its tangent"
+                raise StepFailed("off the path", reason, D, [])
+            turn = target  # the path has a corner at the end of the step
+        limit = None
+        if ahead.load * self._rising < -_FLAT:
+            new, ahead = self._limit_point(state, tangent, ds, ahead)
+            limit = new.t
+        if new.t >= 1:
+            new, limit = self._last_step(state, tangent), None
+        return Advance(new, ahead, turn, corrections, limit)
+
+    def step(self, state: State, tangent: Tangent, ds: float) -> tuple[State, Tangent]:
+        """State after an arc-length step ds along a tangent, and the tangent there."""
+        step, load = self._correct(state, tangent, ds, tangent, ds)
+        # The tangent of this step: at the start of the next one flow would not have begun.
+        ahead = self._path.tangent(step.y, load, tangent)
+        return self._finish(state, state.t + load, step), ahead
+
+    def _turn(self, old: State, new: State, tangent: Tangent, ahead: Tangent, ds: float) -> float:
+        """Turn of the path in a step, estimated from the tangents at its start and end."""
+        if self.stepper.is_still(D := new.q - old.q):
+            return 0.0
+        gap = self.stepper.size(D - ds / 2 * (tangent.D + ahead.D)) / self.stepper.size(D)
+        return max(self.stepper.deviation, 2 * gap)
+
+    def _limit_point(
+        self, state: State, tangent: Tangent, ds: float, ahead: Tangent
+    ) -> tuple[State, Tangent]:
+        """Limit point in a step: its state and the tangent there."""
+        # On a plateau, as of a plastic mechanism, the slope's sign is round-off.
+        before = tangent.load if abs(tangent.load) > _FLAT else self._rising * _FLAT
+        if before * ahead.load > 0:
+            raise StepFailed(
+                "off the path", "the step contains two limit points", ds * tangent.D, []
+            )
+        slopes = {0.0: before, ds: ahead.load}
+        reached: dict[float, tuple[State, Tangent]] = {}
+
+        def slope(length: float) -> float:
+            if length not in slopes:
+                reached[length] = self.step(state, tangent, length)
+                slopes[length] = reached[length][1].load
+            return slopes[length]
+
+        # Imported here: most paths have no limit point, and the import takes time.
+        from scipy.optimize import brentq
+
+        root = brentq(slope, 0.0, ds, xtol=_PLACE * ds)
+        return reached.get(root) or self.step(state, tangent, root)
+
+    def _last_step(self, state: State, tangent: Tangent) -> State:
+        """State at load factor 1, from the last state before it."""
+        missing = 1 - state.t
+        level = Tangent(np.zeros_like(tangent.y), np.zeros_like(tangent.D), 1.0)
+        step, _ = self._correct(state, tangent, missing / tangent.load, level, missing)
+        return self._finish(state, 1.0, step)
+
+    def _finish(self, state: State, t1: float, step: StepSolution) -> State:
+        self.stepper.note(step)
+        return self._end(state, t1, step)
+
+    def _end(self, state: State, t1: float, step: StepSolution) -> State:
+        """State at the end of a converged step."""
+        interval, forcing = Interval(state.t, t1), self._forcing
+        forces, positions = forcing.forces(interval), forcing.positions(t1)
+        new = self.stepper.single.finish(state, interval, step, forces, positions)
+        new.work += (1 - (state.t + t1) / 2) * float(self._path.held @ step.y)
+        new.negative_eigenvalues = self.stepper.inertia.of(self._path.bordered)
+        return new
+
+    def _correct(
+        self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
+    ) -> tuple[StepSolution, float]:
+        """Corrector: increments to the point where the path meets <normal, increment> = distance.
+
+        The predictor is a length `along` the tangent. StepFailed if it does not converge.
+        """
+        for _ in range(SEARCHES):
+            try:
+                return self._correct_once(state, tangent, along, normal, distance)
+            except StepFailed as failure:
+                last = failure
+                if failure.kind != "members":
+                    raise
+        raise last
+
+    def _correct_once(
+        self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
+    ) -> tuple[StepSolution, float]:
+        """The same with the members that points are near, as they are known."""
+        newton, free = self._newton, self.model.reduction.free
+        self._path.begin(state)
+        y, load, predicted = along * tangent.y, along * tangent.load, along * tangent.D
+        residuals: list[float] = []
+        previous = np.inf
+        for iteration in range(1, newton.options.max_iterations + 1):
+            (D, f, r, residual), per_load, column = self._path.balance(y, load)
+            residual = residual[:free]
+            residuals.append(abs(residual).max(initial=0.0))
+            missing = normal.D @ (self._path.weight * D) + normal.load * load - distance
+            dy, dload = self._path.factors(r, column, normal).solve(-np.append(residual, missing))
+            correction = self._path.spread(dy, dload)
+            factor = newton.shortening(correction)
+            y, load = y + factor * dy, load + factor * dload
+            size = max((abs(correction) / self.model.unit).max(), abs(dload))
+            newton.check_finite(size, residuals)
+            D = self._path.expand(y, load)
+            newton.check_turn(D, residuals)
+            work, energy = residual @ dy, abs(f) @ abs(D)
+            stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
+            if size <= newton.options.tolerance or stuck:
+                r = r + self.model.forms.tangent @ self._path.spread(dy, 0.0) + dload * per_load
+                newton.check_slides(D, residuals)
+                newton.check_members(D, residuals)
+                ended_by = "round-off" if stuck else "increment"
+                return StepSolution(D, y, r, iteration, ended_by, predicted), load
+            previous = size
+        reason = f"no convergence in {newton.options.max_iterations} iterations"
+        raise StepFailed("no convergence", reason, D, residuals)
+
+    def _at_start(self, state: State, tangent: Tangent, ds: float) -> Tangent:
+        """The tangent at the start of a step, or a length ds from it along another one."""
+        self._path.begin(state)
+        return self._path.tangent(ds * tangent.y, ds * tangent.load, tangent)
+
+    # -- Corners --------------------------------------------------------------------------------
+
+    def _corner(self, state: State, tangent: Tangent, ds: float, target: float) -> Corner | None:
+        """The corner of the path in a step ds, and if it starts there the step behind it; or None.
+
+        Such a step consists of a part along the tangent and a part along the tangent at its end.
+        The tangent behind a corner has the same sense: one leaves by another way than one comes.
+        """
+        if not self.model.may_have_kinks:
+            return None
+        try:
+            # Beyond the corner flow has begun.
+            behind = self._at_start(state, tangent, 2 * ds)
+        except StepFailed:
+            return None
+        behind = behind if behind.sense == tangent.sense else -behind
+        # From beyond the corner, where a contact has closed, or along it from the start.
+        for way, along in ((tangent, 2 * ds), (behind, ds)):
+            try:
+                step, load = self._correct(state, way, along, behind, ds)
+                ahead = self._path.tangent(step.y, load, behind)
+            except StepFailed:
+                continue
+            legs = self._path.legs(step.D, load, tangent, ahead)
+            if legs is not None and legs.sum() <= _LONG * ds and ahead.sense == tangent.sense:
+                return self._behind(state, tangent, ds, target, behind, step, load, ahead, legs[0])
+        return None
+
+    def _behind(
+        self, state, tangent, ds, target, behind, step, load, ahead: Tangent, leg: float
+    ) -> Corner | None:
+        """The corner after a leg along the tangent, if the step behind it goes on; or None."""
+        if leg > _NEAR * ds:
+            return Corner(leg)
+        new = self._finish(state, state.t + load, step)
+        if new.t >= 1:
+            new = self._last_step(state, behind)
+        if behind.D @ (self._path.weight * tangent.D) + behind.load * tangent.load < 0:
+            # Back on the way one has come, unless the tangent changes at the start.
+            if self._at_start(state, tangent, 2 * _NEAR * ds).sense == tangent.sense:
+                return None
+        limit = state.t if ahead.load * self._rising < -_FLAT else None
+        return Corner(0.0, Advance(new, ahead, target, step.iterations, limit))
+
+    def error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
+        """What to report of a step that failed after some cuts."""
+        return self.stepper.single.error(
+            f"the step along the arc length from load factor {state.t:.6g} failed",
+            cuts,
+            state,
+            failure,
+            "Try more steps or more cuts (max_cuts). If this does not help, check the units of "
+            "loads and stiffnesses",
+        )
+
+    def _lost(self, state: State) -> StepError:
+        turned = ", ".join(f"{point:.6g}" for point in self.stepper.stats.limit_points)
+        return StepError(
+            Failure(
+                "off the path",
+                "static: the path does not return to load factor 1: after limit points at "
+                f"{turned} it has reached {state.t:.6g}",
+                state.t,
+                advice="The path so far is in the error's `solution`. There may be equilibria at "
+                "load factor 1 on other paths: try a simulation with dampers, or apply the loads "
+                "in other proportions",
+            )
+        )

@@ -1,0 +1,230 @@
+"""Critical points of a path: where modes of an equilibrium become unstable."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.linear.modal import Modes
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.step.newton import StepFailed
+
+from .arc_length import ArcLength
+from .branches import Branch
+from .load_steps import LoadStepper
+from .path_piece import FLUTTER, SAME, SMOOTH, Growth, Piece, Root, end_of, root_of
+from .small_motions import SmallMotions, pairs_and_others
+
+_log = logging.getLogger("fx_beam")
+# How far ahead of the end of a path that has failed one is sought, in lengths of the last step.
+_AHEAD = 2.0
+NOT_LOCATED = "not located"
+# What equilibria, factors and eigenvalues raise.
+_FAILURES = StepFailed, RuntimeError, ValueError
+
+
+@dataclass(frozen=True)
+class CriticalPoint:
+    """A point of a path of equilibria at which modes become unstable, or stable again.
+
+    Parameters
+    ----------
+    kind : {"limit point", "bifurcation", "flutter", "contact", "flow", "kink", "not located"}
+        At a limit point the load factor has an extremum: the loads do work on the mode. At a
+        bifurcation it rises or falls, and other paths start. Flutter is a vibration that begins to
+        grow, under forces that follow the motion, or one that ends; its two modes may go on growing
+        without vibrating. At the next three the stiffness jumps from one sign to the other, where a
+        contact opens or closes, where members or springs begin to flow or to slip, or at a kink of
+        a law of springs; the load factor may have an extremum there, with a corner of the path.
+        "not located" stands for all that was not found between two rows.
+    load_factor : float
+        The load factor; nan if the point was not located.
+    row : int
+        The last row of the path before the point.
+    modes : Modes, optional
+        Its modes, the null vectors of the tangent; several if more modes become unstable at once.
+        Where the stiffness jumps, those that are unstable on one side. Their signs follow the rule
+        of `Modes`. None if the point was not located.
+    solution : Solution, optional
+        The point itself as a static solution of one row, for example to start a motion from. None
+        if the point was not located.
+
+    Examples
+    --------
+    Euler's column.
+
+    >>> import math, fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1e8, GA=1e8, EI=1.0)
+    >>> column = scene.add_beam([(0, 0), (0, 1)], section, elements=8, degree=3)
+    >>> scene.pin(column.start)
+    >>> scene.fix(column.end, "x")
+    >>> load = scene.add_force(column.end, (0, -12.0))
+    >>> point, = fb.static(scene, steps=4).critical_points
+    >>> point.kind, round(12 * point.load_factor / math.pi**2, 5)
+    ('bifurcation', 1.0)
+    """
+
+    kind: str
+    load_factor: float
+    row: int
+    modes: Modes | None = None
+    solution: Solution | None = None
+
+    def branch(self, direction: float = 1.0, mode: int = 0) -> Branch:
+        """Where a branch starts, for ``static(scene, start=..., continuation="arc-length")``.
+
+        Parameters
+        ----------
+        direction : float
+            1 along the mode, whose sign follows the rule of `Modes`, -1 against it.
+        mode : int
+            Number of the mode among those of the point.
+
+        Returns
+        -------
+        Branch
+            The start.
+
+        Raises
+        ------
+        SceneError
+            If the point is no bifurcation.
+        """
+        return Branch(self, direction, mode)
+
+    def __repr__(self):
+        if self.modes is None:
+            return f"<CriticalPoint: {self.kind}, between the rows {self.row} and {self.row + 1}>"
+        several = f", {len(self.modes)} modes" if len(self.modes) > 1 else ""
+        return f"<CriticalPoint: {self.kind} at load factor {self.load_factor:.9g}{several}>"
+
+
+class CriticalPoints:
+    """Finds the critical points between the states of a path; `solved` makes solutions of one."""
+
+    def __init__(
+        self, stepper: LoadStepper, states: list[State], solved: Callable[[State], Solution]
+    ):
+        self._stepper, self._states, self._solved = stepper, states, solved
+        self._motions, self._arc = SmallMotions(stepper), ArcLength(stepper)
+
+    def between(self, counts: np.ndarray, failed: bool = False) -> list[CriticalPoint]:
+        """All of them, from the numbers of unstable modes (n,) of the states.
+
+        Also one at the end, or beyond the end of a path that has failed.
+        """
+        points: list[CriticalPoint] = []
+        reasons: dict[int, str] = {}
+        for row in np.flatnonzero(np.diff(counts)).tolist():
+            inside, reason = self._in_step(row, counts[row : row + 2].tolist())
+            points += inside
+            if reason:
+                points.append(CriticalPoint(NOT_LOCATED, np.nan, row))
+                reasons[row] = reason
+        if reasons:
+            rows = ", ".join(f"{row} and {row + 1}" for row in reasons)
+            _log.warning(
+                "critical_points: points between the rows %s were not located, and are in the list "
+                'as "%s": %s. Compute the path with more steps',
+                rows,
+                NOT_LOCATED,
+                next(iter(reasons.values())),
+            )
+        return points + self.at_end(counts, failed)
+
+    def at_end(self, counts: np.ndarray, failed: bool) -> list[CriticalPoint]:
+        """The one at the end of the last step, or a little beyond it if the path has failed."""
+        motions, row, count = self._motions, len(counts) - 2, int(counts[-1])
+        if row < 0 or counts[row] != count or count == len(motions.unit):
+            return []
+        try:
+            piece = Piece(self._arc, motions, *self._states[row:])
+            ends = [piece.stiffness(end) for end in (piece.first, piece.length)]
+            if piece.kinked or not all(motions.symmetric(K) for K in ends):
+                return []
+            root = end_of(piece, self._eigenvalue(piece, count), _AHEAD if failed else SAME)
+            return [] if root is None else [self._point(root, row, 1, count + 1)]
+        except _FAILURES:
+            return []
+
+    def _eigenvalue(self, piece: Piece, k: int) -> Callable[[float], float]:
+        """Eigenvalue k, numbered from the lowest one, as a function of the distance.
+
+        Where forces follow the motion, the square of the lowest frequency.
+        """
+        motions = self._motions
+
+        @functools.cache
+        def eigenvalue(distance: float) -> float:
+            K = piece.stiffness(distance)
+            if motions.symmetric(K):
+                return float(motions.lowest(K, k + 1)[0][k])
+            return float(motions.squares(piece.at(distance))[0].real)
+
+        return eigenvalue
+
+    def _in_step(self, row: int, counts: list[int]) -> tuple[list[CriticalPoint], str]:
+        """Those in the step that starts at a row, and why others were not located."""
+        points: list[CriticalPoint] = []
+        try:
+            piece = Piece(self._arc, self._motions, *self._states[row : row + 2])
+            places = Growth(self._motions, piece).places(*counts)
+        except _FAILURES as failure:
+            return points, str(failure)
+        reason, last = "" if places else "all modes stay as they are", -np.inf
+        for place in places:
+            try:
+                root = root_of(piece, self._eigenvalue(piece, place.few), place)
+                if root.place - last > SAME * piece.length:  # else it is the same one, divided
+                    points.append(self._point(root, row, place.many - place.few, max(counts)))
+                    last = root.place
+            except _FAILURES as failure:
+                reason = str(failure)
+        return points, reason
+
+    def _point(self, root: Root, row: int, several: int, unstable: int) -> CriticalPoint:
+        motions, state, K, square = self._motions, root.state, root.stiffness, 0.0
+        if root.kind == FLUTTER:
+            square = float(pairs_and_others(motions.squares(state))[0][0].real)
+            vectors = motions.shapes(state, square, several)
+        elif not motions.symmetric(K):
+            vectors = motions.shapes(state, float(motions.squares(state)[0].real), several)
+        elif root.kind in SMOOTH:
+            vectors = self._null_vectors(K, several, unstable)
+        else:
+            vectors = motions.lowest(K, unstable)[1][:, -several:]
+        kind = "bifurcation" if several > 1 and root.kind in SMOOTH else root.kind
+        modes = self._modes(state, vectors, square)
+        return CriticalPoint(kind, state.t, row, modes, self._solved(state))
+
+    def _null_vectors(self, K: scipy.sparse.csr_matrix, several: int, unstable: int) -> np.ndarray:
+        """Vectors (unknowns, several) of the eigenvalues that vanish, of length 1 in the metric."""
+        values, vectors = self._motions.lowest(K, unstable + 1)
+        return vectors[:, np.sort(np.argsort(abs(values))[:several])]
+
+    def _modes(self, state: State, vectors: np.ndarray, square: float) -> Modes:
+        self._motions.stiffness(state)  # the couplings are then those of this state
+        model, T = self._stepper.model, self._motions.coupling()
+        mesh, scene, count = model.mesh, model.scene, vectors.shape[1]
+        shapes = np.array([model.to_nodes(T @ vector) for vector in vectors.T])
+        omega = np.sign(square) * np.sqrt(abs(square))
+        root = -omega if square < 0 else 1j * omega
+        return Modes(
+            np.full(count, omega),
+            np.zeros(count, dtype=bool),
+            shapes,
+            mesh.X + model.to_nodes(state.q)[:, :2],
+            {beam.name: nodes for beam, nodes in zip(scene.beams, mesh.nodes, strict=True)},
+            scene.beams[0].degree if scene.beams else 1,
+            np.full(count, np.nan if square < 0 else 0.0),
+            np.full(count, root),
+            {body.name: body for body in scene.bodies},
+            {beam.name: beam for beam in scene.beams},
+        )

@@ -1,0 +1,290 @@
+"""Load steps: equilibria at rising load factors, with control of the step size."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from fx_beam.errors import StepError
+from fx_beam.laws.interval import Interval
+from fx_beam.motions.initial_state import reference_state
+from fx_beam.results.audit import Stats
+from fx_beam.results.state import State
+from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.model import Model
+from fx_beam.step.newton import NewtonOptions, StepFailed, StepSolution
+from fx_beam.step.single_step import SingleStep
+
+from .inertia import Inertia
+from .path_equations import PathEquations
+
+# Largest deviation of a step from its predictor, relative to the predictor. Near a limit point the
+# load factor is a parabola of the displacements; a step that ends at the limit point has the
+# deviation 1. A step with a larger deviation has reached another path.
+_MAX_DEVIATION = 1.0
+# On a stable path displacements along the loads grow with the loads: the energy gained in a step
+# lies between the work of the dead loads at its start and the work of those at its end. These are
+# fractions of this range, from its middle: a step within the first is short enough; a step within
+# the second is on the path. A response as the cube root of the load, as of a slack cable, gives
+# 1/2 for any first step; a step to a limit point gives 1/3; a short step over a snap-through gives
+# more than 1.
+_SHORT, _ON_PATH = 0.2, 1.0
+# The same for driven motion and follower forces, as fractions of their work.
+_SHORT_OTHER, _ON_PATH_OTHER = 0.1, 0.7
+# Largest deviation of half of the path behind a kink.
+_OFF_KINK = 0.1
+# The step is doubled at most at this deviation and this number of corrections.
+_EASY_DEVIATION, _EASY_ITERATIONS = 0.25, 10
+# Growth of the displacement per load, relative to the first step, that indicates a limit point.
+_SOFTENING = 4.0
+
+
+class LoadStepper:
+    """Takes load steps; the states of a model have the load factor in place of time."""
+
+    def __init__(self, model: Model, forcing: LoadForcing, options: NewtonOptions, stats: Stats):
+        self.model, self.forcing, self.stats = model, forcing, stats
+        self.single = SingleStep(model, forcing, options, stats)
+        self.path = PathEquations(self.single.equations, forcing)
+        #: Deviation of the last step from its predictor, relative to this, and its corrections.
+        self.deviation, self.iterations = 0.0, 0
+        #: Whether a step whose work is too inaccurate may be cut.
+        self._may_be_cut = False
+        #: Fraction of the loads, or of the springs' tension, at the end of the last step tried.
+        self._goal = 0.0
+        #: Holding forces (free,), besides the loads, at the start and the end of a step.
+        self._hold: tuple[np.ndarray, np.ndarray] = (np.zeros(self.model.reduction.free),) * 2
+        #: Displacement per load factor in the first and in the last step.
+        self.response: list[float] = []
+        #: Counts the negative eigenvalues of the tangent.
+        self.inertia = Inertia(model)
+
+    def first_state(self, steps: int, max_cuts: int) -> State:
+        """Equilibrium without loads: the reference configuration, unless springs are under tension.
+
+        Holding forces balance the springs in the reference configuration; steps reduce them to 0.
+        """
+        start = reference_state(self.model)
+        equations = self.single.equations
+        equations.begin(Interval(0.0, 0.0), start)
+        balance = equations.at_start(np.zeros(self.model.size))
+        tension = balance.residual[: self.model.reduction.free]
+        if self.model.forms.has_added:
+            start.added_forces = self.model.forms.added_force()
+
+        def release(state: State, before: float, after: float) -> State:
+            self._hold = (1 - before) * tension, (1 - after) * tension
+            self.single.newton.hold = self._hold[1]
+            new = self.step(state, 0.0)
+            if self.single.newton.linear.singular:
+                raise StepFailed("singular", "the tangent is singular", new.q - state.q, [])
+            return new
+
+        try:
+            # Without tension a single step is enough; otherwise several steps are more robust.
+            state = release(start, 0.0, 1.0)
+            done = self.is_still(state.q)
+        except StepFailed:
+            done = False
+        if not done:
+            try:
+                *_, state = self._in_steps(start, release, steps, max_cuts)
+            except StepFailed as failure:
+                raise self._error_of_first(start, failure, max_cuts) from failure
+        self._hold = np.zeros_like(tension), np.zeros_like(tension)
+        state.work = 0.0
+        return state
+
+    def start_from(self, state: State) -> State:
+        """A state as the start: the forces that hold it there fade as the loads rise."""
+        equations, model = self.single.equations, self.model
+        self.forcing.start_from(state)
+        equations.begin(Interval(0.0, 0.0), state)
+        balance = equations.at_start(np.zeros(model.size))
+        self.path.held = balance.residual[: model.reduction.free].copy()
+        if model.forms.has_added:
+            state.added_forces = model.forms.added_force()
+        self.hold_between(0.0, 0.0)
+        try:
+            return replace(self.step(state, 0.0), work=state.work)
+        except StepFailed as failure:
+            what = "the state to start from is no equilibrium that the scene can hold"
+            advice = "Check that the scene has the supports and joints of this state"
+            raise self.single.error(what, 0, state, failure, advice) from failure
+
+    def hold_between(self, before: float, after: float) -> None:
+        """Set the forces that hold the start, at both ends of a step."""
+        self._hold = (1 - before) * self.path.held, (1 - after) * self.path.held
+        self.single.newton.hold = self._hold[1]
+
+    def step(self, state: State, goal: float) -> State:
+        """State after one load step; StepFailed if it leaves the path."""
+        interval = Interval(state.t, goal)
+        new, step = self.single.take(state, interval)
+        new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
+        new.negative_eigenvalues = self.inertia.of(self.single.newton.linear)
+        self.note(step)
+        if self.model.flows or self.model.has_contact:
+            self.deviation = 0.0  # the predictor does not know what begins in the step
+        response = self.response
+        if interval.length:
+            response = [*response[:1], self.size(step.predicted) / interval.length]
+        self._check_path(state, new, step, len(response) == 2 and response[1] > response[0])
+        self.response = response
+        return new
+
+    def note(self, step: StepSolution) -> None:
+        """Keep the deviation of a step from its predictor, and its number of corrections."""
+        self.stats.add_solve(step.iterations, step.ended_by)
+        self.iterations = step.iterations
+        self.deviation = self.size(step.D - step.predicted) / (self.size(step.predicted) or 1.0)
+
+    def is_still(self, D: np.ndarray) -> bool:
+        """Whether an increment (size,) is zero within the tolerance of Newton's method."""
+        return self.size(D) <= self.single.newton.options.tolerance
+
+    def _check_path(self, old: State, new: State, step: StepSolution, softer: bool) -> None:
+        """Reject a step that deviates from its predictor, or whose work differs from its energy."""
+        D, forces = step.D, self.forcing.forces(Interval(old.t, new.t))
+        if self.is_still(D):
+            return  # its deviation is a rounding error
+        kinked = functools.cache(lambda: self._has_kink(old, new, step))
+        if self.deviation > _MAX_DEVIATION and not kinked():
+            reason = (
+                f"the step deviates from its predictor by {self.deviation:.2g} times the "
+                "predictor's length, and so has reached another path"
+            )
+            raise StepFailed("off the path", reason, D, [])
+        at_start, at_end = (
+            F @ D + hold @ step.y for F, hold in zip(forces, self._hold, strict=True)
+        )
+        weight = 0.0 if self.model.weight is None else self.model.weight @ D
+        work, energy = new.work - old.work + weight, self.energy(new)
+        other = work - (at_start + at_end) / 2
+        gained = energy - self.energy(old)
+        snapped = softer and work > gained
+        short = self._may_be_cut or (snapped and not kinked())
+        moved = abs(old.q) + abs(D)
+        rounding = 1e-14 * abs(D) @ self.single.equations.change_of_sizes(moved)
+        rounding += 1e-12 * abs(energy)
+        allowed = (_SHORT if short else _ON_PATH) * abs(at_end - at_start) / 2
+        allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)
+        if abs(gained - work) > allowed + rounding:
+            reason = (
+                f"the loads do {work:.3g} J of work in it, but the energy rises by {gained:.3g} J: "
+                "the step is too long or has reached another path"
+            )
+            raise StepFailed("off the path", reason, D, [])
+
+    def _has_kink(self, old: State, new: State, step: StepSolution) -> bool:
+        """Whether a step that can be cut no more goes along a path of two straight parts.
+
+        The step along the first part and half of the second one must be on it as well, and the
+        determinant of the tangent must keep its sign.
+        """
+        load = new.t - old.t
+        if self._may_be_cut or not load or not self.model.may_have_kinks:
+            return False
+        path = self.path
+        try:
+            path.begin(old)
+            before, behind = path.with_the_load(0 * step.y, 0.0), path.with_the_load(step.y, load)
+            legs = path.legs(step.D, load, before, behind)
+            if legs is None or before.sense != behind.sense:
+                return False
+            between, ahead = legs[0] * before.load, legs[1] / 2 * behind.load
+            middle = Interval(old.t, old.t + between + ahead)
+            D = self.single.take(old, middle)[1].D - legs[0] * before.D
+        except StepFailed:
+            return False
+        half = legs[1] / 2 * behind.D
+        return self.size(D - half) <= _OFF_KINK * self.size(half)
+
+    def energy(self, state: State) -> float:
+        """Stored and dissipated energy [J]."""
+        model = self.model
+        stored = model.forms.strain_energy(state.q, state.internal, state.natural)
+        return stored + model.spring_energy(state) + state.dissipated
+
+    def size(self, D: np.ndarray) -> float:
+        """Root mean square of an increment (size,) over the nodes, in units of the scene."""
+        return float(np.sqrt(np.sum((D / self.model.unit) ** 2) / len(self.model.turns)))
+
+    # -- Control of the load --------------------------------------------------------------------
+
+    def raise_load(self, states: list[State], steps: int, max_cuts: int) -> None:
+        """Append the states from the last one to load factor 1, in `steps` steps if none is cut.
+
+        A step is halved at most `max_cuts` times; StepError if it still fails.
+        """
+
+        def raised(state: State, before: float, goal: float) -> State:
+            self.hold_between(before, goal)
+            return self.step(state, goal)
+
+        try:
+            for state in self._in_steps(states[-1], raised, steps, max_cuts):
+                states.append(state)
+                self.stats.steps += 1
+        except StepFailed as failure:
+            raise self._error(states[-1], failure, max_cuts) from failure
+
+    def _in_steps(
+        self,
+        state: State,
+        take: Callable[[State, float, float], State],
+        steps: int,
+        max_cuts: int,
+    ) -> Iterator[State]:
+        """States up to 1; a step is halved if it fails, and doubled after an easy step."""
+        longest = 2**max_cuts
+        last, stride = steps * longest, longest
+        at = round(state.t * steps) * longest
+        while at < last:
+            self._goal, self._may_be_cut = (at + stride) / last, stride > 1
+            try:
+                state = take(state, at / last, self._goal)
+            except StepFailed:
+                if stride == 1:
+                    raise
+                stride //= 2
+                self.stats.halvings += 1
+                continue
+            yield state
+            at += stride
+            easy = self.deviation <= _EASY_DEVIATION and self.iterations <= _EASY_ITERATIONS
+            if easy and 2 * stride <= longest and at % (2 * stride) == 0:
+                stride *= 2
+
+    def _error_of_first(self, start: State, failure: StepFailed, cuts: int) -> StepError:
+        return self.single.error(
+            "no equilibrium without loads was found",
+            cuts,
+            start,
+            failure,
+            "Check for a part without support, or a spring far from its rest position. The last "
+            f"step was to {self._goal:.3g} times the springs' tension",
+        )
+
+    def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
+        what = f"the step from load factor {state.t:.6g} to {self._goal:.6g} failed"
+        advice = (
+            'If the path has a limit point there, use continuation="arc-length". Otherwise try '
+            "more steps, and check the units of loads and stiffnesses"
+        )
+        if len(self.response) == 2 and self.response[1] > _SOFTENING * self.response[0]:
+            advice = (
+                f"The displacement per load is {self.response[1] / self.response[0]:.3g} "
+                "times that of the first step, which indicates a limit point. Use "
+                'continuation="arc-length" to pass it'
+            )
+        if self.model.couplings.sliding:
+            advice += (
+                ". A node that slides on a slack cable moves far under a small load: find its "
+                "place by a simulation with dampers. Elements longer than sqrt(EI / N), with the "
+                "axial force N, hold it as friction would"
+            )
+        return self.single.error(what, cuts, state, failure, advice)

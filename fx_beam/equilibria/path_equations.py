@@ -1,0 +1,180 @@
+"""The equations of an equilibrium path, on which the load factor is one more unknown.
+
+With the residual R of the unknowns y at the load factor l, a tangent (y', l') of the path solves
+
+    dR/dy y' + dR/dl l' = 0,    and bordered by a row n:   n . (y', l') = 1.
+
+Bordered by the tangent itself, the determinant keeps its sign along a path, also at a corner: where
+a point begins to flow, dR/dy changes by a matrix of rank one along the normal of its yield surface,
+and this leaves the tangent's component across that surface.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from fx_beam.laws.interval import Interval
+from fx_beam.results.state import State
+from fx_beam.step.equations import Balance, Equations
+from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.newton import StepFailed
+
+from .bordered import BorderedLU
+
+# Largest part of an increment beside the two tangents of a corner.
+_BESIDE = 0.1
+
+
+@dataclass
+class Tangent:
+    """Unit tangent of the path: of the unknowns, of all degrees of freedom, of the load factor."""
+
+    y: np.ndarray
+    D: np.ndarray
+    load: float
+    #: Sign of the determinant of the equations' derivative bordered by the tangent; 1 for paths
+    #: that have no corners.
+    sense: float = 1.0
+
+    def __neg__(self) -> Tangent:
+        return Tangent(-self.y, -self.D, -self.load, -self.sense)
+
+
+class PathEquations:
+    """The equations of a step in terms of the unknowns and the load factor.
+
+    The inner product of increments is that of load factors plus the mean over the nodes, in units.
+    """
+
+    def __init__(self, equations: Equations, forcing: LoadForcing):
+        self._equations, self._forcing, self.model = equations, forcing, equations.model
+        self._reduction = self.model.reduction
+        #: Forces (free,) in the place of the loads at the start, which fade as these rise.
+        self.held = np.zeros(self._reduction.free)
+        #: Weights of the degrees of freedom in the inner product.
+        self.weight = 1 / (self.model.unit**2 * len(self.model.turns))
+        #: Whether long loops border the tangent: here they are eliminated, which fills it.
+        self._fills = self._reduction.borders() is not None
+
+    @functools.cached_property
+    def bordered(self) -> BorderedLU:
+        """The factors of the last tangent."""
+        free, pattern = self._reduction.free, self._reduction.pattern
+        if self._fills:
+            pattern = free * np.arange(free + 1), np.tile(np.arange(free), free)
+        return BorderedLU(pattern, self.model.unit_of_unknowns, None if self._fills else self._ties)
+
+    @property
+    def _ties(self) -> np.ndarray | None:
+        dependent = self._reduction.dependent
+        return dependent if dependent.size else None
+
+    def begin(self, start: State) -> None:
+        """Set the state at the start of a step. No time passes for internal variables."""
+        self._start = start
+        self._equations.begin(Interval(start.t, start.t), start)
+
+    def expand(self, y: np.ndarray, load: float) -> np.ndarray:
+        """Increment of all degrees of freedom."""
+        return self._reduction.expand(y, self._driven(load))
+
+    def _driven(self, load: float) -> np.ndarray:
+        return self._forcing.positions(self._start.t + load) - self._forcing.current(self._start)
+
+    def spread(self, dy: np.ndarray, dload: float) -> np.ndarray:
+        """Small change of all degrees of freedom."""
+        fixed = np.zeros(self._reduction.columns - self._reduction.free - self._reduction.driven)
+        return self._reduction.spread(np.concatenate([dy, dload * self._forcing.goal, fixed]))
+
+    def balance(self, y: np.ndarray, load: float) -> tuple[Balance, np.ndarray, np.ndarray]:
+        """The equations, and their derivative with respect to the load factor: full and reduced."""
+        forms, forcing, reduction = self.model.forms, self._forcing, self._reduction
+        at = self._start.t + load
+        forms.set_load(at, 0.0)
+        forms.set_natural_end(forcing.natural(at))
+        balance = self._equations.at(y, self._driven(load), at * forcing.full)
+        balance.residual[: len(y)] -= (1 - at) * self.held
+        per_load = forms.tangent @ self.spread(np.zeros_like(y), 1.0) - forcing.full
+        if forcing.turning is not None:
+            per_load -= forcing.turning.force(self._start.q + balance.D)
+        if forms.has_added:
+            per_load -= forms.added_per_load()
+        if self.model.natural:
+            per_load += self._strained_per_load(balance.D, at)
+        column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
+        if self.model.scene.joints and forcing.goal.any():
+            # Driven motion rotates the joints, and with them the directions of their forces.
+            h = 1e-6
+            for sign in (1, -1):
+                self.expand(y, load + sign * h)
+                column += sign / (2 * h) * reduction.project(balance.r)
+            self.expand(y, load)
+        return balance, per_load, column[: reduction.free] + self.held
+
+    def _strained_per_load(self, D: np.ndarray, at: float) -> np.ndarray:
+        """Derivative (size,) of the internal forces by the natural strains of a load factor."""
+        forms, h, forces = self.model.forms, 1e-4, []
+        for load in (at + h, at - h, at):  # the last for those who ask later
+            forms.set_natural_end(self._forcing.natural(load))
+            forces.append(forms.internal_force(D).copy())
+        return (forces[0] - forces[1]) / (2 * h)
+
+    def factors(self, r: np.ndarray, column: np.ndarray, normal: Tangent) -> BorderedLU:
+        """The derivative of the equations, bordered by that of the load and the plane's row."""
+        reduction, free = self._reduction, self._reduction.free
+        if self._fills:
+            values = self._equations.tangent(r).toarray().ravel()
+        else:
+            system = self._equations.system(r)
+            values = system.data
+            if self.model.points.members is not None:  # its sparsity may have changed
+                pattern = system.indptr, system.indices
+                self.bordered = BorderedLU(pattern, self.model.unit_of_unknowns, self._ties)
+        across = reduction.coupling().T @ (self.weight * normal.D)
+        corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
+        self.bordered.factorise(values, column, across[:free], corner)
+        return self.bordered
+
+    def tangent(self, y: np.ndarray, load: float, previous: Tangent) -> Tangent:
+        """Unit tangent after increments, in the direction of a previous one."""
+        balance, _, column = self.balance(y, load)
+        bordered = self.factors(balance.r, column, previous)
+        dy, dload = bordered.solve(np.append(0 * y, 1.0))
+        D = self.spread(dy, dload)
+        length = self.length(D, dload)
+        if not np.isfinite(length):
+            raise StepFailed("singular", "the bordered tangent is singular", D, [])
+        sense = bordered.sign if self.model.may_have_kinks else 1.0
+        return Tangent(dy / length, D / length, dload / length, sense)
+
+    def with_the_load(self, y: np.ndarray, load: float) -> Tangent:
+        """Unit tangent after increments, in the direction of rising load."""
+        return self.tangent(y, load, Tangent(0 * y, np.zeros(self.model.size), 1.0))
+
+    def length(self, D: np.ndarray, load: float) -> float:
+        """Length of an increment."""
+        return float(np.sqrt(D @ (self.weight * D) + load**2))
+
+    def legs(self, D: np.ndarray, load: float, *tangents: Tangent) -> np.ndarray | None:
+        """Lengths (2,) along two tangents of which an increment consists; None if it does not.
+
+        Only paths of scenes in which forces may have kinks have such corners.
+        """
+        if not self.model.may_have_kinks:
+            return None
+        # Imported here: most paths have no corner, and the import takes time.
+        from scipy.optimize import nnls
+
+        root = np.append(np.sqrt(self.weight), 1.0)
+        both = np.column_stack([root * np.append(t.D, t.load) for t in tangents])
+        step = root * np.append(D, load)
+        legs, _ = nnls(both, step)
+        beside = step - both @ legs
+        # Displacements alone as well: those of stiff scenes are small beside the load factor.
+        fits = [
+            np.linalg.norm(beside[:n]) <= _BESIDE * np.linalg.norm(step[:n]) for n in (-1, None)
+        ]
+        return legs if all(fits) else None

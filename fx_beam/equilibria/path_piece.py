@@ -1,0 +1,340 @@
+"""A piece of a path of equilibria between two rows, and where a measure of it changes its sign."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from fx_beam.results.state import ARRAYS, NUMBERS, State
+from fx_beam.step.newton import StepFailed
+
+from .arc_length import ArcLength
+from .branch_step import unknowns_of
+from .path_equations import Tangent
+from .small_motions import SmallMotions
+
+# Points so near to each other, relative to the step, are one with several modes.
+SAME = 1e-6
+FLUTTER, SMOOTH = "flutter", ("limit point", "bifurcation")
+# States at five distances before a point, of this part of the step each, are extrapolated: no state
+# is computed so near to the point that the tangent is singular. They are nearer if another point is
+# near: this part of its distance. Before, the point is known to this part of theirs.
+_APART, _STATES, _OF_GAP, _PLACE = 0.01, 5, 0.1, 0.1
+# The place of flutter, where the tangent is regular, relative to the step.
+_FLUTTER = 1e-11
+# Where an interval is divided: hardly ever where a point lies.
+_SPLIT = 0.4871
+# How far beyond the ends of a step one is sought, relative to the step.
+_BESIDE_STEP = 0.05
+# Where measures may jump: one is smooth if its extrapolation is wrong by less than so many times
+# the interval; where smooth parts are short, states are so much nearer.
+_SMOOTH, _CLOSE = 3.0, 0.01
+# The place of a jump relative to the step, how near to it they are looked
+# at, and how far from zero they are there, relative to their values at the ends.
+_JUMP, _BESIDE, _LARGE = 1e-11, 1e-8, 1e-4
+# Change of the load factor from state to state, relative to that over all of them, which is zero;
+# more where it is extrapolated over more than one of their distances.
+_FLAT = 0.01
+# Distance from the end of a step, relative to it, that is no distance.
+_SAME_END = 1e-9
+# Where a step begins to flow; how exactly its end must be found again.
+_FLOWING, _AGAIN = 1e-9, 1e-5
+
+
+class Piece:
+    """The path between two states, by the distance along its tangent at the first one.
+
+    By that along the way from one to the other where the path may have corners, or branches.
+    """
+
+    def __init__(self, arc: ArcLength, motions: SmallMotions, first: State, second: State):
+        stepper, self.model = arc.stepper, arc.model
+        path, D, load = stepper.path, second.q - first.q, second.t - first.t
+        none = np.zeros(self.model.reduction.free)
+        path.begin(first)
+        self._arc, self._motions, self._start = arc, motions, first
+        #: Whether measures may jump.
+        self.kinked = self.model.may_have_kinks
+
+        def secant() -> Tangent:
+            length = path.length(D, load)
+            y = unknowns_of(self.model, D / length)
+            return Tangent(y, D / length, load / length)
+
+        if self.kinked:
+            self._tangent = secant()
+        else:
+            try:
+                self._tangent = path.tangent(none, 0.0, Tangent(none, D, load))
+            except StepFailed:  # it is singular: the piece starts at a bifurcation
+                self._tangent = secant()
+        self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
+        #: Where it begins: at the start itself nothing flows.
+        self.first = _FLOWING * self.length if self.model.flows else 0.0
+        self._known: dict[float, State] = {} if self.kinked else {0.0: first, self.length: second}
+        self._tangents: dict[float, csr_matrix] = {}
+        if self.kinked:
+            self._check_end(stepper.size(self.at(self.length).q - second.q), stepper.size(D))
+
+    def _check_end(self, gap: float, moved: float) -> None:
+        if gap > _AGAIN * moved:
+            D = self.at(self.length).q - self._start.q
+            reason = (
+                "its end depends on the way there, as that of materials that creep does, or there "
+                "are other equilibria beside it"
+            )
+            raise StepFailed("off the path", reason, D, [])
+
+    def at(self, distance: float) -> State:
+        """The state at a distance."""
+        if distance not in self._known:
+            self._known[distance] = self._arc.state_at(self._start, self._tangent, distance)
+        return self._known[distance]
+
+    def stiffness(self, distance: float) -> csr_matrix:
+        """The tangent at a distance; where something flows, that of going on."""
+        if distance not in self._tangents:
+            if self.model.flows:
+                K = self._arc.stiffness_at(self._start, self._tangent, distance)
+                K = self._motions.independent(K)
+            else:
+                K = self.stiffness_of(self.at(distance))
+            self._tangents[distance] = K
+        return self._tangents[distance]
+
+    def stiffness_of(self, state: State) -> csr_matrix:
+        """The tangent of a state in which nothing flows."""
+        return self._motions.stiffness(state)
+
+    def kind_of_jump(self, low: float, high: float) -> str:
+        """What makes the stiffness jump between two distances."""
+        switches = [np.sign(self._values(self.at(end))) for end in (low, high)]
+        if (switches[0] != switches[1]).any():
+            return "contact" if self.model.has_contact else "kink"
+        return "flow" if self.model.flows else "kink"
+
+    def switched(self, low: float, high: float) -> State | None:
+        """The state in which a contact between two distances opens or closes; None if unknown.
+
+        The path may turn back there: it is extrapolated from states before.
+        """
+        arc, path, h = self._arc, self._arc.stepper.path, _APART * self.length
+        start = self._start if low < h else self.at(low)
+        path.begin(start)
+        none = np.zeros(self.model.reduction.free)
+        tangent = path.tangent(none, 0.0, self._tangent)
+        signs, behind = (np.sign(self._values(s)) for s in (start, self.at(high)))
+        changed = signs != behind
+        for side in (-h, h):
+            distances = side * np.arange(_STATES)
+            try:
+                states = [start, *(arc.state_at(start, tangent, d) for d in distances[1:])]
+            except StepFailed:
+                continue
+            values = np.array([self._values(state) for state in states])
+            if changed.any() and (np.sign(values) == signs).all():
+                break
+        else:
+            return None
+        places = [_root_near(distances / h, column) for column in values[:, changed].T]
+        nearest = min(places, key=abs)
+        return _combined(states, _weights(distances / h, nearest)) if abs(nearest) < 2 else None
+
+    def _values(self, state: State) -> np.ndarray:
+        """Those that change their sign where a contact opens or closes."""
+        return self.model.switches(state)
+
+
+@dataclass
+class Root:
+    """Where a mode becomes unstable."""
+
+    place: float
+    state: State
+    #: The tangent there; where it jumps, that of the unstable side.
+    stiffness: csr_matrix
+    #: The kind of the point.
+    kind: str
+
+
+class Place(NamedTuple):
+    """An interval of distances in which modes become unstable, or stable again."""
+
+    low: float
+    high: float
+    #: How far apart states beside it should be; 0 for a jump at the start of the piece.
+    apart: float
+    #: The smaller and the larger number of modes that vibrate or diverge, and which of them.
+    few: int
+    many: int
+    flutter: bool = False
+    #: The end at which more vibrate.
+    growing: float = 0.0
+
+
+class Growth:
+    """Where the numbers of modes that grow change along a piece."""
+
+    def __init__(self, motions: SmallMotions, piece: Piece):
+        self._piece = piece
+        self._at = functools.cache(lambda x: motions.growing(piece.at(x), piece.stiffness(x)))
+
+    def places(self, before: int, after: int) -> list[Place]:
+        """All of them, from the numbers of modes that grow in the rows before and after."""
+        piece, length = self._piece, self._piece.length
+        low, high, places = piece.first, length, list[Place]()
+        # A row may lie at a point.
+        if (behind := sum(self._at(low))) != before:
+            if piece.kinked:
+                few, many = sorted((before, behind))
+                places.append(Place(low, high, 0.0, few, many))
+            else:
+                low -= _BESIDE_STEP * length
+        if sum(self._at(high)) != after and not piece.kinked:
+            high += _BESIDE_STEP * length
+        intervals = self._intervals(low, high, _PLACE * _APART * length)
+        for interval in intervals:
+            gaps = [max(interval[0] - b, a - interval[1]) for a, b in intervals]
+            apart = _OF_GAP * min([gap for gap in gaps if gap > SAME * length], default=length)
+            apart = min(apart, _APART * length)
+            meet = self._at(interval[0]).vibrating != self._at(interval[1]).vibrating
+            for ends in self._intervals(*interval, _FLUTTER * length if meet else _PLACE * apart):
+                first, last = map(self._at, ends)
+                flutter = first.vibrating != last.vibrating
+                which = 0 if flutter else 1
+                numbers = {first[which]: ends[0], last[which]: ends[1]}
+                few, many = min(numbers), max(numbers)
+                places.append(Place(*ends, apart, few, many, flutter, numbers[many]))
+        return places
+
+    def _intervals(self, low: float, high: float, exact: float) -> list[tuple[float, float]]:
+        """Intervals in which the numbers change, by one mode if they are longer than SAME."""
+        changed = sum(abs(a - b) for a, b in zip(self._at(low), self._at(high), strict=True))
+        if changed == 0:
+            return []
+        if high - low <= (exact if changed == 1 else min(exact, SAME * self._piece.length)):
+            return [(low, high)]
+        middle = low + _SPLIT * (high - low)
+        return [*self._intervals(low, middle, exact), *self._intervals(middle, high, exact)]
+
+
+def root_of(piece: Piece, measure: Callable[[float], float], place: Place) -> Root:
+    """Where a measure changes its sign."""
+    low, high = place.low, place.high
+    if place.flutter:
+        at = place.growing
+        return Root(at, piece.at(at), piece.stiffness(at), FLUTTER)
+    if not place.apart:
+        return _jump(piece, measure, 0.0, low, high)
+    near, apart = (low + high) / 2, -place.apart
+    if piece.model.flows and near + _STATES * apart < piece.first:
+        apart = -apart  # nothing flows back
+    if not piece.kinked:
+        return _extrapolated(piece, measure, near, apart, _STATES * abs(apart))
+    ends = [piece.first, piece.length]
+    try:
+        return _extrapolated(piece, measure, near, apart, _SMOOTH * (high - low))
+    except StepFailed:
+        # Imported here: most paths have no such point, and the import takes time.
+        from scipy.optimize import brentq
+
+        near = brentq(measure, low, high, xtol=_JUMP * piece.length)
+    beside = _BESIDE * piece.length
+    low, high = max(near - beside, piece.first), min(near + beside, piece.length)
+    sizes = [abs(measure(place)) for place in (*ends, low, high)]
+    if min(sizes[2:]) > _LARGE * max(sizes[:2]):
+        return _jump(piece, measure, near, low, high)
+    apart *= _CLOSE
+    return _extrapolated(piece, measure, near, apart, _STATES * abs(apart))
+
+
+def end_of(piece: Piece, measure: Callable[[float], float], beyond: float) -> Root | None:
+    """Where a function of the distance vanishes at the end of a smooth step, or so far beyond it.
+
+    `beyond` is relative to the step; None if it does not.
+    """
+    first, last = (measure(place) for place in (piece.first, piece.length))
+    # The line through both values, and what a curve may differ from it.
+    if abs(last) > 2 * (beyond + _PLACE * _APART) * abs(last - first):
+        return None
+    apart = -max(_APART, min(beyond, 1.0) / _STATES) * piece.length
+    try:
+        root = _extrapolated(piece, measure, piece.length, apart, (beyond + _APART) * piece.length)
+    except StepFailed:
+        return None
+    return root if 0 <= root.place / piece.length - 1 + _SAME_END <= beyond + _SAME_END else None
+
+
+def _jump(
+    piece: Piece, measure: Callable[[float], float], place: float, low: float, high: float
+) -> Root:
+    """Where a measure jumps between two distances."""
+    unstable = low if measure(low) < 0 else high
+    K, kind = piece.stiffness(unstable), piece.kind_of_jump(low, high)
+    state = None if piece.model.flows or kind == "flow" else piece.switched(low, high)
+    return Root(place, piece.at(place) if state is None else state, K, kind)
+
+
+def _extrapolated(
+    piece: Piece,
+    measure: Callable[[float], float],
+    near: float,
+    apart: float,
+    farthest: float,
+) -> Root:
+    """The root near a distance, from states that are so far apart, on one side of it.
+
+    StepFailed if it is not as near as that.
+    """
+    # There sorted eigenvalues are smooth, also if several vanish at once.
+    distances = near + apart * np.arange(1, _STATES + 1)
+    values = np.array([measure(distance) for distance in distances])
+    scaled = (distances - near) / apart
+    place = _root_near(scaled, values)
+    if not abs(place * apart) <= farthest:
+        raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1), [])
+    states, weights = [piece.at(distance) for distance in distances], _weights(scaled, place)
+    state = _combined(states, weights)
+    loads = np.array([state.t for state in states])
+    slope = np.polynomial.Polynomial.fit(scaled, loads, _STATES - 1).deriv()(place)
+    kind = SMOOTH[int(abs(slope) > _FLAT * max(1.0, abs(place)) * np.ptp(loads))]
+    if piece.model.flows:
+        tangents = [piece.stiffness(distance) for distance in distances]
+        K = sum(w * K for w, K in zip(weights, tangents, strict=True))
+    else:
+        K = piece.stiffness_of(state)
+    return Root(near + place * apart, state, K, kind)
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def _root_near(places: np.ndarray, values: np.ndarray) -> float:
+    """Root near zero of the polynomial through values at places; not finite if it has none."""
+    polynomial = np.polynomial.Polynomial(
+        np.linalg.solve(np.vander(places, increasing=True), values)
+    )
+    slope, root = polynomial.deriv(), 0.0
+    for _ in range(20):
+        root -= float(polynomial(root) / slope(root))
+    return root
+
+
+def _weights(places: np.ndarray, place: float) -> np.ndarray:
+    """Weights of values at places in that of their polynomial at another place."""
+    powers = place ** np.arange(len(places), dtype=float)
+    return np.linalg.solve(np.vander(places, increasing=True).T, powers)
+
+
+def _combined(states: list[State], weights: np.ndarray) -> State:
+    """The state whose arrays are sums of those of others."""
+    values: dict[str, object] = {}
+    for name in (*ARRAYS, *NUMBERS, "motors"):
+        parts = [getattr(state, name) for state in states]
+        if parts[0] is not None:
+            values[name] = sum(w * part for w, part in zip(weights, parts, strict=True))
+    values["t"] = float(values["t"])  # type: ignore[arg-type]
+    return replace(states[0], **values, negative_eigenvalues=None)  # type: ignore[arg-type]

@@ -1,0 +1,147 @@
+"""Stiffness of small motions about the equilibria of a path, and how many of them grow."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from fx_beam.laws.interval import Interval
+from fx_beam.linear.undamped_modes import lowest
+from fx_beam.results.state import State
+from fx_beam.step.sparse_lu import pivoted_lu, sparse_lu
+from fx_beam.step.symmetry import Symmetry
+
+from .load_steps import LoadStepper
+
+# Number of the lowest modes that may grow where forces follow the motion; with so few unknowns the
+# matrices are full.
+_LOWEST, _FULL = 12, 100
+# Change of a tangent that is singular, relative to its largest stiffness.
+_SHIFT = 1e-12
+# Part of a square of a frequency beside the real axis that is a rounding error.
+_BESIDE = 1e-6
+
+
+class Growing(NamedTuple):
+    """Numbers of modes that grow, vibrating and without vibrating."""
+
+    vibrating: int
+    diverging: int
+
+
+class SmallMotions:
+    """Small motions about equilibria of a stepper's model, reduced to the unknowns."""
+
+    def __init__(self, stepper: LoadStepper):
+        self.stepper, self.model = stepper, stepper.model
+        self.unknowns = self.model.reduction.independent
+
+    @functools.cached_property
+    def unit(self) -> np.ndarray:
+        """Sizes (n,) of unit unknowns."""
+        return self.model.unit_of_unknowns[self.unknowns]
+
+    @functools.cached_property
+    def metric(self) -> scipy.sparse.csr_matrix:
+        """Squares of unit unknowns, in which eigenvectors are orthogonal."""
+        return scipy.sparse.diags(self.unit**-2.0).tocsr()
+
+    def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
+        """The tangent (n, n) of an equilibrium without flow."""
+        stepper = self.stepper
+        equations = stepper.single.equations
+        equations.begin(Interval(state.t, state.t), state)
+        balance = equations.at_start(state.t * stepper.forcing.full)
+        return self.independent(equations.tangent(balance.r))
+
+    def independent(self, K: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        """Of a tangent (free, free) the rows and columns of unknowns that follow no others."""
+        whole = len(self.unknowns) == self.model.reduction.free
+        return K if whole else K[self.unknowns][:, self.unknowns]
+
+    def coupling(self) -> scipy.sparse.csr_matrix:
+        """Motions (size, n) of the nodes for those of the unknowns, in the last state."""
+        return self.model.reduction.coupling()[:, self.unknowns]
+
+    def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
+        """Whether the forces of a state have a potential."""
+        return not K.nnz or Symmetry((K.indptr, K.indices), self.unit).holds(K.data)
+
+    # -- Forces with a potential ------------------------------------------------------------------
+
+    def growing(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> Growing:
+        """Modes that grow about a state; an eigenvalue of the tangent that is zero does not."""
+        K = self.stiffness(state) if K is None else K
+        if not K.shape[0]:
+            return Growing(0, 0)
+        if not self.symmetric(K):
+            pairs, others = pairs_and_others(self.squares(state, K))
+            return Growing(len(pairs), int((others < 0).sum()))
+        lu = sparse_lu((K.indptr, K.indices))
+        if not lu.factorise(K.data):
+            # A pivot, or an eigenvalue, is zero.
+            most = abs(K.diagonal() * self.unit**2).max() or 1.0
+            shifted = (K + _SHIFT * most * self.metric).tocsr()
+            shifted.sort_indices()
+            lu = sparse_lu((shifted.indptr, shifted.indices))
+            if not lu.factorise(shifted.data):
+                raise ValueError(
+                    f"unstable_modes: the tangent at load factor {state.t:g} is singular"
+                )
+        return Growing(0, lu.negative_pivots() or 0)
+
+    def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """The n lowest eigenvalues of a tangent in the metric, and vectors (unknowns, n)."""
+        roots, _, vectors = lowest(((K + K.T) / 2).tocsr(), self.metric, min(n, K.shape[0]))
+        return np.sign(roots) * roots**2, vectors
+
+    # -- Forces that follow the motion ------------------------------------------------------------
+
+    def squares(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> np.ndarray:
+        """Squares of the angular frequencies of the lowest modes without damping, complex."""
+        K = self.stiffness(state) if K is None else K
+        T = self.coupling()
+        M = (T.T @ self.model.mass @ T).tocsr()
+        if not M.data.any():
+            raise ValueError(
+                "unstable_modes: where forces follow the motion, stability depends on masses. Give "
+                "a section rhoA, or add masses"
+            )
+        inverse = pivoted_lu(K)
+        if K.shape[0] <= _FULL:
+            values = np.linalg.eigvals(inverse.solve(M.toarray()))
+        else:
+            compliance = scipy.sparse.linalg.LinearOperator(
+                K.shape, lambda x: inverse.solve(M @ x), dtype=float
+            )
+            start = np.ones(K.shape[0])
+            values = scipy.sparse.linalg.eigs(
+                compliance, _LOWEST, v0=start, return_eigenvectors=False
+            )
+        values = values[np.argsort(-abs(values), kind="stable")][:_LOWEST]
+        return 1 / values[abs(values) > 1e-12 * abs(values[0])].astype(complex)
+
+    def shapes(self, state: State, square: float, several: int) -> np.ndarray:
+        """Shapes (unknowns, several) of motions with the square of a frequency, of length 1."""
+        K, T = self.stiffness(state), self.coupling()
+        M = (T.T @ self.model.mass @ T).tocsr()
+        shifted = pivoted_lu((K - (1 + 1e-7) * square * M).tocsr())
+        x = np.random.default_rng(0).standard_normal((K.shape[0], several))
+        for _ in range(4):
+            x = self.unit[:, None] * np.linalg.qr(shifted.solve(M @ x) / self.unit[:, None])[0]
+        return x
+
+
+def pairs_and_others(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Squares of frequencies of vibrations that grow, the nearest to the real axis first; others.
+
+    Of each complex pair one, and the others as real numbers.
+    """
+    beside = squares.imag / abs(squares)
+    pairs = np.flatnonzero(beside > _BESIDE)
+    order = pairs[np.argsort(beside[pairs], kind="stable")]
+    return squares[order], squares.real[abs(beside) <= _BESIDE]

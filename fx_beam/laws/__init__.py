@@ -1,0 +1,4 @@
+"""The laws in UFL and NumPy: kinematics, stress resultants, rates, time schemes, forces at points.
+
+Each equation is in one place.
+"""

@@ -1,0 +1,1 @@
+"""Small deviations about a state: `modes`, `frequency_response` and `linearise`."""

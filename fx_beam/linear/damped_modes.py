@@ -1,0 +1,178 @@
+"""Modes of (lambda^2 M + lambda C + K) x = 0, from a subspace that begins with undamped ones.
+
+C may have Coriolis forces, which are skew; K is symmetric and need not be positive.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from fx_beam.step.sparse_lu import pivoted_lu
+
+from .undamped_modes import lowest
+
+# A root is known when inverse iteration changes it by less, relative to its size.
+_CLOSE = 1e-9
+_ROUNDS = 20
+
+
+class Damped(NamedTuple):
+    """Modes that are not rigid, lowest first."""
+
+    #: Roots lambda (n,) [1/s]: of a pair the one above the real axis, of two real ones the larger.
+    values: np.ndarray
+    #: Natural angular frequencies (n,) [rad/s]; of real roots that grow -lambda.
+    frequencies: np.ndarray
+    #: Damping ratios (n,): above 1 for overdamped modes, nan for real roots that grow.
+    ratios: np.ndarray
+    #: Vectors (size, n) of modal mass 1.
+    vectors: np.ndarray
+
+    def only(self, kept: np.ndarray) -> Damped:
+        """Some of them, by their numbers or a mask."""
+        return Damped(*(part[..., kept] for part in self))
+
+
+def lowest_damped(K, C, M, n: int):
+    """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes."""
+    # All rigid and unstable modes, some that are neither, and more in which damping may show:
+    # Coriolis forces may carry what is unstable without them.
+    count = 2 * n + 10
+    while True:
+        omega, rigid, vectors = lowest(K, M, count)
+        if (omega > 0).sum() > n // 2 or len(omega) < count:
+            break
+        count *= 2
+    unit = 0.7 * abs(omega[~rigid]).min(initial=np.inf)
+    if np.isinf(unit):
+        unit = abs(C.diagonal()).max() / M.diagonal().max()
+    still = vectors[:, rigid]
+    damped = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
+    x = damped.vectors
+    # The phase in which the imaginary part is smallest.
+    x = x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
+    none = np.zeros(still.shape[1])
+    frequencies = np.concatenate([none, damped.frequencies])
+    order = np.argsort(frequencies, kind="stable")[:n]
+    return (
+        frequencies[order],
+        order < len(none),
+        np.concatenate([none, damped.ratios])[order],
+        np.concatenate([none, damped.values])[order],
+        np.column_stack([still, x])[:, order],
+    )
+
+
+def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float) -> Damped:
+    """The n lowest modes, from vectors (size, m) of undamped ones; `rigid` (size, k) are others.
+
+    `unit` [rad/s] has the size of the lowest angular frequency, but is no root. A Rayleigh-Ritz
+    method; inverse iteration at the roots extends its subspace.
+    """
+    shifted = pivoted_lu(K + unit * C + unit**2 * M)
+    Z, zeros = _untouched(C, shifted, rigid, unit)
+    held, scale = M @ Z, (abs(K.diagonal()) + unit**2 * M.diagonal()) ** -0.5
+    start = [undamped, shifted.solve(C @ undamped), rigid]
+    whole = K.shape[0] <= 40 + sum(part.shape[1] for part in start)
+    V = np.diag(scale) if whole else _independent(start, scale)
+    values: np.ndarray = np.empty(0)
+    for _ in range(_ROUNDS):
+        k, c, m = (V.T @ (A @ V) for A in (K, C, M))
+        # Rigid motions without damping are double roots at zero: moved away, since they are known.
+        k += (1e3 * unit) ** 2 * (V.T @ held) @ (held.T @ V)
+        damped = _roots(k, c, m, unit, zeros)
+        damped = damped._replace(vectors=V @ damped.vectors)
+        moved = (abs(held.T @ damped.vectors) ** 2).sum(axis=0) > 0.5
+        damped = damped.only(np.flatnonzero(~moved)[:n])
+        close = _CLOSE * abs(damped.values) + _rounding(K, C, damped)
+        changes = abs(damped.values[:, None] - values).min(axis=1, initial=np.inf)
+        new = np.flatnonzero(changes > close)
+        if whole or not len(new):
+            return damped
+        values = damped.values
+        V = _independent(
+            [V, *(_nearer(K, C, M, values[k], damped.vectors[:, k]) for k in new)], scale
+        )
+    raise RuntimeError(
+        f"modes: {len(new)} of {n} damped modes did not converge. Try fewer modes, or leave "
+        "damping out by damping=False"
+    )
+
+
+def _rounding(K, C, damped: Damped) -> np.ndarray:
+    """Rounding errors (n,) of the roots."""
+    sizes, root = abs(damped.vectors), abs(damped.values)
+    work = (sizes * (abs(K) @ sizes + root * (abs(C) @ sizes))).sum(axis=0)
+    # The derivative of lambda^2 + lambda c + k at its root; bounded near critical damping.
+    slope = np.maximum(2 * abs(damped.values.imag), 1e-3 * root)
+    return 100 * np.finfo(float).eps * work / slope
+
+
+def _untouched(C, shifted, R: np.ndarray, unit: float) -> tuple[np.ndarray, int]:
+    """Combinations of rigid modes R (size, m) that C leaves alone, and roots at zero of the others.
+
+    One that is damped has a single root at zero; one that Coriolis forces turn has two, since
+    another spin is another steady turn.
+    """
+    if not R.size:
+        return R, 0
+    force = C @ R
+    # Squares of damping rates, relative to the unit of angular frequencies.
+    _, squares, turned = scipy.linalg.svd(force.T @ shifted.solve(force))
+    alone = squares < 1e-10
+    moved = R @ turned[~alone].T
+    own = scipy.linalg.svdvals(moved.T @ (C @ moved)) if moved.size else squares[:0]
+    return R @ turned[alone].T, moved.shape[1] + int((own < 1e-5 * unit).sum())
+
+
+def _independent(parts: list[np.ndarray], scale: np.ndarray) -> np.ndarray:
+    """Basis of the span of columns (size, n), without those that depend on others."""
+    columns = np.column_stack(parts) / scale[:, None]
+    sizes = np.linalg.norm(columns, axis=0)
+    basis, R, _ = scipy.linalg.qr(
+        columns[:, sizes > 0] / sizes[sizes > 0], mode="economic", pivoting=True
+    )
+    return scale[:, None] * basis[:, abs(R.diagonal()) > 1e-9]
+
+
+def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
+    """Real and imaginary part (size, 2) after a step of inverse iteration at a root."""
+    try:
+        factors = pivoted_lu((K + root * C + root**2 * M).astype(complex))
+    except RuntimeError:  # the root is exact
+        return np.column_stack([x.real, x.imag])
+    x = factors.solve(2 * root * (M @ x) + C @ x)
+    return np.column_stack([x.real, x.imag]) / abs(x).max()
+
+
+def _roots(k, c, m, unit: float, zeros: int) -> Damped:
+    """All modes of small dense matrices, lowest first, without so many simple roots at zero."""
+    c, m = unit * c, unit**2 * m
+    # Linear in (x, lambda x), inverse about the shift 1: the low roots come out best.
+    size = len(k)
+    left, right = np.hsplit(-scipy.linalg.solve(k + c + m, np.hstack([m + c, m])), 2)
+    mu, vectors = np.linalg.eig(np.block([[left, right], [np.eye(size) + left, right]]))
+    finite = np.flatnonzero(abs(mu) > 1e-14 * abs(mu).max())
+    kept = finite[np.argsort(abs(1 + 1 / mu[finite]))[zeros:]]
+    kept = kept[mu[kept].imag <= 0]  # one of each pair
+    mu, x = mu[kept], vectors[:size, kept]
+    root = 1 + 1 / mu
+    k, c, m = (np.einsum("ij,ij->j", x.conj(), A @ x) for A in (k, c, m))
+    k, m = k.real, m.real
+    massive = m > 1e-18 * abs(k)
+    real = mu.imag == 0
+    # Of two real roots the larger: the smaller is its partner, exactly so in proportional damping.
+    kept = massive & (~real | (2 * root.real * m + c.real > 0))
+    k, c, m, x, root, real = k[kept], c[kept], m[kept], x[:, kept], root[kept], real[kept]
+    grows = real & (root.real > 0)
+    natural = np.where(real, np.sqrt(abs(k / m)), abs(root))
+    ratio = np.where(real, c.real / (2 * m * natural), -root.real / natural)
+    still = ~real & (abs(ratio) < 1e-12)  # rounding must not look like growth
+    ratio, root = np.where(still, 0.0, ratio), np.where(still, 1j * root.imag, root)
+    natural, ratio = np.where(grows, -root.real, natural), np.where(grows, np.nan, ratio)
+    order = np.argsort(natural)
+    damped = Damped(unit * root, unit * natural, ratio, unit * x / np.sqrt(m))
+    return damped.only(order)

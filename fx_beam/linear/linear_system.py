@@ -1,0 +1,343 @@
+"""A scene as a linear system x' = A x + B u, y = C x + D u about a state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from fx_beam.errors import SceneError
+from fx_beam.motions.motion import Motion
+from fx_beam.motions.run_setup import checked_scheme, end_of
+from fx_beam.results.solution import Solution
+from fx_beam.scene.beam import Node
+from fx_beam.scene.inputs import check_names, widths
+from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.outputs import Output, check_outputs
+from fx_beam.scene.scene import Scene
+from fx_beam.validation import is_whole, require
+
+from .first_order import FirstOrder, InputColumns
+from .moving_state import Deviations, deviations
+
+# Jump of a rate with an input, relative to the outputs, that is round-off.
+_NONE = 1e-12
+_RATES = ("velocity", "spin", "rate")
+_LINEAR = (*("position", "displacement", "rotation", "angle", "slide"), *_RATES)
+
+
+@dataclass(frozen=True, repr=False)
+class LinearSystem:
+    r"""Small deviations from a state: :math:`\dot x = A x + B u`, :math:`y = C x + D u`.
+
+    Created by `linearise`. The states x are the deviations of unknowns with mass, of those that
+    have damping but no mass, of the positions of motors, and the rates of those with mass. Where
+    motors move masses, these rates are without the part of the motors. Where an input u strains a
+    material that damps, a force G u' follows its rate: the rates are without M^-1 G u, and what has
+    damping but no mass is without C^-1 G u, their jumps with the input.
+
+    Parameters
+    ----------
+    A : (n, n) float
+        System matrix [1/s and mixed units].
+    B : (n, m) float
+        Effect of the inputs.
+    C : (k, n) float
+        Outputs of the states.
+    D : (k, m) float
+        Direct effect of the inputs on the outputs.
+    inputs : tuple of str
+        Names of the inputs: forces and moments as they are; of motors and driven motions the rates
+        of their positions [m/s, rad/s].
+    outputs : tuple of str
+        Names of the outputs; those with several components have names such as "tip.x".
+    reduction : object
+        Maps motions of the scene to x; used by `deviation`.
+
+    Examples
+    --------
+    A mass on a spring: the eigenvalues are +-i omega, with omega = sqrt(k/m) = 2 rad/s.
+
+    >>> import numpy as np, fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=8.0, GA=1.0, EI=1.0))
+    >>> scene.fix(bar.start, "x", "y", "rotation")
+    >>> scene.fix(bar.end, "y", "rotation")
+    >>> mass = scene.add_mass(bar.end, 2.0)
+    >>> load = scene.add_force(bar.end, fb.Input("push", factor=(1, 0)))
+    >>> system = fb.linearise(scene, outputs={"x": fb.Output("displacement", bar.end, "x")})
+    >>> system
+    <LinearSystem: 2 states, inputs ['push'], outputs ['x']>
+    >>> np.linalg.eigvals(system.A).imag.round(6)
+    array([ 2., -2.])
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    reduction: Any
+
+    def __repr__(self):
+        return (
+            f"<LinearSystem: {len(self.A)} states, inputs {list(self.inputs)}, "
+            f"outputs {list(self.outputs)}>"
+        )
+
+    def state_space(self):
+        """The system for the functions of `scipy.signal`.
+
+        Returns
+        -------
+        scipy.signal.StateSpace
+            In continuous time.
+        """
+        from scipy.signal import StateSpace
+
+        return StateSpace(self.A, self.B, self.C, self.D)
+
+    def slowest(self, n: int) -> LinearSystem:
+        """Reduce the system to its slowest modes, for the design of controllers.
+
+        Beams have axial vibrations that are faster by many orders than what is to be controlled:
+        methods such as `scipy.linalg.solve_continuous_are` fail with them. The modes left out
+        follow the inputs without delay, which adds to D.
+
+        Parameters
+        ----------
+        n : int
+            Number of states; one more is kept if only one of a complex pair would be left.
+
+        Returns
+        -------
+        LinearSystem
+            With the states of these modes; `deviation` gives them.
+
+        Raises
+        ------
+        SceneError
+            If there are not that many states.
+
+        Examples
+        --------
+        >>> import numpy as np, fx_beam as fb
+        >>> scene = fb.Scene()
+        >>> section = fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=1.0, rhoI=1e-4)
+        >>> beam = scene.add_beam([(0, 0), (1, 0)], section, elements=8)
+        >>> scene.clamp(beam.start)
+        >>> load = scene.add_force(beam.end, fb.Input("push", factor=(0, 1)))
+        >>> outputs = {"tip": fb.Output("displacement", beam.end, "y")}
+        >>> slow = fb.linearise(scene, outputs=outputs).slowest(2)
+        >>> abs(np.linalg.eigvals(slow.A)).round(2)
+        array([3.52, 3.52])
+        """
+        states = len(self.A)
+        fits = is_whole(n, 1, states - 1)
+        require(fits, "slowest: n", n, f"a whole number below that of the states, {states}")
+        # Balanced, so that rounding errors of fast modes do not hide the slow ones.
+        A, scale = scipy.linalg.matrix_balance(self.A, permute=False)
+        scale = scale.diagonal()
+        B, C = self.B / scale[:, None], self.C * scale
+        sizes = np.sort(abs(np.linalg.eigvals(A)))
+        paired = sizes[n] <= sizes[n - 1] * (1 + 1e-9) and n + 1 < states
+        bound = np.sqrt(sizes[n - 1 + paired] * sizes[n + paired])
+
+        def slow(real: float, imaginary: float = 0.0) -> bool:
+            return abs(real + 1j * imaginary) < bound
+
+        _, right, _ = scipy.linalg.schur(A, sort=slow)
+        _, left, count = scipy.linalg.schur(A.T, sort=slow)
+        V, W = right[:, :count], left[:, :count].T
+        W = np.linalg.solve(W @ V, W)
+        fast = B - V @ (W @ B)
+        held = np.linalg.solve(A - V @ (W @ A) + bound * V @ W, fast)
+        return LinearSystem(
+            W @ A @ V,
+            W @ B,
+            C @ V,
+            self.D - C @ held,
+            self.inputs,
+            self.outputs,
+            self.reduction.projected(W / scale),
+        )
+
+    def deviation(self, of: Motion | Solution) -> np.ndarray:
+        """States x of a motion, for feedback of all states.
+
+        Parameters
+        ----------
+        of : Motion or Solution
+            A motion of the scene, in its present state, or a solution in its last row.
+
+        Returns
+        -------
+        (n,) float
+            Its deviation from the state of the linear system, to first order.
+
+        Raises
+        ------
+        SceneError
+            If it is neither, or of another scene.
+        """
+        fits = isinstance(of, Motion | Solution)
+        require(fits, "deviation: of", of, "a Motion or a Solution of the scene")
+        q, v, slides, t = of.q, of.v, of.slides, of.t
+        if isinstance(of, Solution):
+            q, v, slides = of.recorded("q")[-1], of.recorded("v")[-1], slides[-1]
+            t = end_of(of).t
+        inputs = end_of(of.state if isinstance(of, Motion) else of).inputs
+        if q.shape != self.reduction.shape or len(slides) != self.reduction.joints:
+            raise SceneError("deviation: the motion is one of another scene")
+        return self.reduction.deviation(q, v, slides, t, inputs)
+
+
+def linearise(
+    scene: Scene,
+    at: Solution | Motion | None = None,
+    inputs: Sequence[str] | None = None,
+    outputs: Mapping[str, Output] | None = None,
+) -> LinearSystem:
+    r"""Linearise the motion of a scene about a state, for control.
+
+    :math:`M \ddot z + C \dot z + K z = F u` for small deviations z of the unknowns, with joints and
+    supports eliminated. All forces that depend on positions and rates are differentiated: stiffness
+    (also geometric), springs, dampers, drag, retardation. About a state in motion, M, C and K also
+    have the terms of joints whose coupling changes (centrifugal and gyroscopic), and the system is
+    that of the instant: its coefficients are kept constant, although the state moves on, and its
+    unknowns are measured in space. About a static state that turns (``static(scene, spin=...)``)
+    all is seen in the frame that turns: deviations, and the directions of forces and outputs. Its
+    axes are those of space at the time of the state, and the system is the same at all times.
+    Unknowns without mass are eliminated if they have no damping, and are of first order otherwise.
+    The matrices are dense: for scenes with up to some hundred unknowns.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    at : Solution or Motion, optional
+        Where: the last row of a static solution, which may turn, or of a motion over time with its
+        velocities, or the present state of a `Motion`, each with its values of the inputs. By
+        default the reference configuration at rest without loads, as for `modes`.
+    inputs : sequence of str, optional
+        Names of inputs of the scene; by default all.
+    outputs : dict, optional
+        `Output` by names: positions, displacements, rotations, velocities and spins of nodes,
+        angles, slides and their rates ("spin", "rate") of joints.
+
+    Returns
+    -------
+    LinearSystem
+        With A, B, C and D as arrays.
+
+    Raises
+    ------
+    SceneError
+        For unknown inputs or outputs, a state of another scene, or a scene without unknowns. If a
+        part without mass or damping is not held by a stiffness, or if the rate of a massless node
+        is an output of an input that acts on it.
+
+    Examples
+    --------
+    A hinged rod that stands upright falls as e^(lambda t), with lambda^2 = 3/2 g/L:
+
+    >>> import copy, numpy as np, fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -9.81))
+    >>> section = fb.Section(EA=1e6, GA=1e6, EI=1e4, rhoA=1.0, rhoI=1e-6)
+    >>> rod = scene.add_beam([(0, 0), (0, 1)], section, elements=2)
+    >>> hinge = scene.add_joint(fb.Revolute(fb.GROUND, rod.start))
+    >>> load = scene.add_moment(rod.start, fb.Input("torque"))
+
+    The state is an equilibrium of a copy that is held upright.
+
+    >>> held = copy.copy(scene)
+    >>> held.fix(held.beams[0].start, "rotation")
+    >>> upright = fb.static(held, steps=1)
+    >>> system = fb.linearise(scene, upright, outputs={"angle": fb.Output("angle", hinge)})
+    >>> round(float(np.linalg.eigvals(system.A).real.max()), 2), round((1.5 * 9.81) ** 0.5, 2)
+    (3.84, 3.84)
+    """
+    what = "linearise"
+    checked_scheme(scene, None, what)
+    fits = isinstance(at, Motion | Solution | None)
+    require(fits, f"{what}: at", at, "a Solution or a Motion of the scene")
+    outputs = {} if outputs is None else outputs
+    check_outputs(scene, outputs, f"{what}: outputs")
+    known = widths(scene)
+    fits = inputs is None or isinstance(inputs, Sequence) and not isinstance(inputs, str)
+    names = list(known) if inputs is None or not fits else list(inputs)
+    fits = fits and all(isinstance(name, str) for name in names)
+    require(fits, f"{what}: inputs", inputs, "a sequence of names")
+    check_names(names, known, f"{what}: inputs")
+    about = deviations(scene, at.state if isinstance(at, Motion) else at, what)
+    kept = InputColumns(about, names)
+    reduced = FirstOrder(about, kept, what)
+    rows, of_rates, labels = _outputs(about, outputs, what)
+    CD = rows @ reduced.z + of_rates @ reduced.dz
+    improper = abs(of_rates[:, : len(about.unknowns)] @ reduced.jumps)
+    if improper.size and improper.max() > _NONE * abs(CD).max():
+        label = labels[int(improper.max(axis=1).argmax())]
+        raise SceneError(
+            f"{what}: output {label!r} is the rate of a node without mass on which an input acts; "
+            "it jumps with the input. Give the node a mass or an inertia (add_mass, rhoI)"
+        )
+    n = len(reduced.dx)
+    return LinearSystem(
+        reduced.dx[:, :n],
+        reduced.dx[:, n:],
+        CD[:, :n],
+        CD[:, n:],
+        tuple(kept.labels),
+        tuple(labels),
+        reduced,
+    )
+
+
+def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):
+    """Rows (k, columns) over deviations and over their rates, and names."""
+    count = about.T.shape[1]
+    rows, of_rates, labels = [], [], []
+    for name, output in outputs.items():
+        if output.quantity not in _LINEAR:
+            raise SceneError(
+                f"{what}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "
+                "linearised"
+            )
+        own, own_rates = _rows(about, output)
+        components = output.components
+        labels += [f"{name}.{part}" for part in components] if components else [name]
+        rows.append(own)
+        of_rates.append(own_rates)
+    none = np.empty((0, count))
+    return np.vstack([none, *rows]), np.vstack([none, *of_rates]), labels
+
+
+def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
+    model, T, dT, at = about.model, about.T, about.dT, output.of
+    dofs = model.mesh.dofs
+    if isinstance(at, Joint):
+        if output.quantity == "slide" or (output.quantity == "rate" and at.slide is not None):
+            column = model.couplings.slides[at.number]
+            moved, rates = (part[column][None] for part in (about.S, about.dS))
+        else:
+            moved, rates = (
+                sum(
+                    sign * part[dofs[node.number, 2]][None]
+                    for node, sign in ((at.b, 1), (at.a, -1))
+                    if node is not GROUND
+                )
+                for part in (T, dT)
+            )
+    else:
+        assert isinstance(at, Node)
+        own = dofs[at.number]
+        own = own[2:] if output.quantity in ("rotation", "spin") else own[:2]
+        if output.index is not None:
+            own = own[output.index :][:1]
+        moved, rates = T[own], dT[own]
+    # The rate of a position T z is T z' + T' z.
+    return (rates, moved) if output.quantity in _RATES else (moved, 0 * moved)

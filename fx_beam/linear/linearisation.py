@@ -1,0 +1,179 @@
+"""Stiffness, damping and mass of small motions about a configuration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.errors import SceneError
+from fx_beam.laws.interval import Interval, instant
+from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
+from fx_beam.motions.initial_state import reference_state
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.inputs import with_values
+from fx_beam.scene.scene import Scene
+from fx_beam.step.equations import Equations
+from fx_beam.step.model import Model
+from fx_beam.step.turning_frame import TurningFrame, check_turns
+from fx_beam.validation import require
+
+# Length of the steps whose tangents give the damping: so short that stiffness has no part in them.
+INSTANT = 1e-30
+
+
+class Linearisation(NamedTuple):
+    """Small motions about a configuration, reduced to the unknowns."""
+
+    #: The scene, and its model with the values of its inputs in the state.
+    scene: Scene
+    model: Model
+    #: Stiffness and mass (free, free).
+    K: scipy.sparse.csr_matrix
+    M: scipy.sparse.csr_matrix
+    #: Coupling (size, free): motions of the nodes are T times the unknowns.
+    T: scipy.sparse.csr_matrix
+    #: The unknowns among those of the model, which has also some that follow to close loops, and
+    #: all columns (columns, free) from the unknowns.
+    unknowns: np.ndarray
+    columns: scipy.sparse.csr_matrix
+    #: The configuration, at rest in its frame.
+    start: State
+    #: Forces of the unknowns that nothing balances, and the largest work of a force at a node in a
+    #: unit motion of the scene [J].
+    unbalanced: np.ndarray
+    largest: float
+    #: Coriolis forces by rates (free, free), for a frame that turns; None for one at rest.
+    coriolis: scipy.sparse.csr_matrix | None = None
+
+    @property
+    def may_be_damped(self) -> bool:
+        """Whether the scene has anything whose forces depend on rates."""
+        scene, beams = self.model.scene, self.model.forms.beams
+        coordinates = [c for joint in scene.joints for c in (joint.slide, joint.rotation) if c]
+        coordinates += [force.on for force in scene.forces_between]
+        return (
+            any(beam.section.damped for beam in scene.beams)
+            or any(c.damper or c.friction or (c.stop and c.stop.loss) for c in coordinates)
+            or any(obstacle.loss or obstacle.friction for obstacle in scene.obstacles)
+            or bool(scene.drags)
+            or any(force.force for force in scene.forces_between)
+            or (beams is not None and beams.needs_rates)  # in statics: of added virtual works
+        )
+
+    def damping(self, what: str) -> scipy.sparse.csr_matrix:
+        """Derivative (free, free) of the forces by the rates, at rest; errors say `what` asks."""
+        # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
+        model, start = Model(self.model.scene, EnergyMomentum(), instant=True), self.start
+        reduction, forms, equations = model.reduction, model.forms, Equations(model)
+        tangents = []
+        for dt in (INSTANT, 2 * INSTANT):
+            equations.begin(instant(start.t, dt), start)
+            D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
+            r = forms.internal_force(D)
+            forms.assemble_stiffness()
+            tangents.append(equations.tangent(r))
+        C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
+        check_damping(C.data, f"{what}: the damping at rest")
+        C = C[self.unknowns][:, self.unknowns]
+        C.eliminate_zeros()
+        return C
+
+
+def check_unknowns(model: Model, what: str) -> None:
+    """Refuse a scene in which nothing can move."""
+    if not len(model.reduction.independent):
+        raise SceneError(
+            f"{what}: the scene has no unknowns: supports, joints and motors fix all degrees of "
+            "freedom. Release one of them"
+        )
+
+
+def check_damping(values: np.ndarray, which: str) -> None:
+    """Refuse damping that is not finite; errors say `which` it is."""
+    if not np.isfinite(values).all():
+        raise SceneError(
+            f"{which} is not finite, since the derivative of an added virtual work by the velocity "
+            "is not. Smooth it there, such as ufl.sqrt(v**2 + 1e-12) for the speed"
+        )
+
+
+def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation:
+    """Linearise about the last row of a state, or about the reference without loads.
+
+    Errors say `what` asks.
+    """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{what} needs an fx_beam.Scene, not {scene!r}")
+    end = state.end if isinstance(state, Solution) else None
+    held = with_values(scene, None if end is None else end.inputs)
+    model = Model(held, Equilibrium(), mobile=True)
+    factor, start = 0.0, reference_state(model)  # an equilibrium without loads
+    if state is not None:
+        factor, start = _last(model, start, state, what)
+    reduction = model.reduction
+    check_unknowns(model, what)
+    frame = None if state is None else turning_frame_of(model, state, what)
+    equations = Equations(model, start.t, frame)
+    force = factor * model.loads.at(start.t)
+    if model.weight is not None:
+        force += factor * model.weight
+    equations.begin(Interval(factor, factor), start)
+    balance = equations.at_start(force)
+    K = equations.tangent(balance.r)
+    if reduction.singularity:
+        raise SceneError(f"{what}: {reduction.singularity}. Take a state beside it")
+    unknowns = reduction.independent
+    K = K[unknowns][:, unknowns] if len(unknowns) < reduction.free else K
+    T = reduction.coupling()[:, unknowns]
+    M = (T.T @ model.mass @ T).tocsr()
+    G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()
+    columns = reduction.completion()[:, unknowns]
+    rest = balance.residual[unknowns]
+    largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
+    return Linearisation(scene, model, K, M, T, unknowns, columns, start, rest, largest, G)
+
+
+def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame | None:
+    """The frame in which a static state turns, of load factor 1; None if it does not turn."""
+    if not state.stats.static or not state.v[-1].any():
+        return None
+    check_turns(model.scene, what)
+    v, x = state.v[-1], state.X + state.q[-1, :, :2]
+    spin = v[0, 2]
+    # v = spin W (x - pivot)
+    pivot = x[0] + np.array([-v[0, 1], v[0, 0]]) / spin
+    return TurningFrame(model, spin / np.sqrt(state.t[-1]), pivot)
+
+
+def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float, State]:
+    """Load factor and configuration in the last row of a solution."""
+    require(isinstance(state, Solution), f"{what}: state", state, "a solution of the scene")
+    if not np.array_equal(state.X, model.mesh.X) or not len(state.q):
+        raise SceneError(
+            f"{what}: the state must be a solution with the nodes of this scene and its motion "
+            "recorded (record=Record(motion=True))"
+        )
+    factor, t = 1.0, float(state.t[-1])
+    if state.stats.static:
+        # Functions of time were evaluated at one time.
+        factor, t = t, state.end.t if state.end is not None else 0.0
+    inside: dict[str, Any] = {}
+    for name, whose in (("internal", "sections"), ("spring_internal", "springs")):
+        if (wanted := getattr(start, name)) is not None:
+            values = getattr(state.end, name, None)
+            if values is None or values.shape != wanted.shape:
+                raise SceneError(
+                    f"{what}: the state has other internal variables than the {whose} of the "
+                    "scene. Use a state of this scene"
+                )
+            inside[name] = values
+    if "internal" in inside:
+        inside["internal"] = model.mesh.from_elements(inside["internal"])
+    if model.natural:
+        inside["natural"] = factor * model.natural.at(t)
+    q, slides = model.from_nodes(state.q[-1]), np.nan_to_num(state.slides[-1])
+    return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)

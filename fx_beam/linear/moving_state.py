@@ -1,0 +1,394 @@
+"""Mass, damping and stiffness of small deviations from a state at rest or in motion."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.laws.interval import Interval, instant
+from fx_beam.laws.schemes import EnergyMomentum
+from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.run_setup import end_of, state_of
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.beam import Node
+from fx_beam.scene.joints import GROUND
+from fx_beam.scene.scene import Scene
+from fx_beam.step.forcing import Forcing
+from fx_beam.step.held_inputs import HeldInputs, Hold, Ramp
+from fx_beam.step.mass_solver import acceleration_of
+from fx_beam.step.model import Model
+from fx_beam.step.turning_frame import TurningFrame
+from fx_beam.validation import Constant
+
+from .linearisation import INSTANT, check_damping, check_unknowns, turning_frame_of
+
+_log = logging.getLogger("fx_beam")
+
+# Rates that differ from those of a turn by less, relative to it, are rigid.
+_RIGID = 1e-2
+# Weight of rates without mass, relative to the largest.
+_LITTLE = 1e-10
+# Largest increment, in units of the scene, of the steps that give the stiffness of a moving state:
+# its square is their error, and damping over their length a rounding error. Internal variables
+# evolve meanwhile: with them the steps are short [s].
+_SMALL, _SHORT = 1e-5, 1e-6
+# The same between the points of differences of order six, and their weights.
+_APART = 0.02
+# Half of the time over which a natural strain is seen to change, relative to the time, or 1 s [s],
+# and the largest difference of its rates before and behind, relative to them.
+_MOMENT, _KINK = 1e-6, 1e-3
+_FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
+
+
+class Deviations(NamedTuple):
+    """M z'' + C z' + K z = 0 for small deviations z of the unknowns and of driven motion."""
+
+    model: Model
+    held: HeldInputs
+    forcing: Forcing
+    #: The state, in the numbering of the model, and the matrix (columns, size) that gives rates of
+    #: z from those of the nodes.
+    state: State
+    rates_from: np.ndarray
+    #: The rates (columns,) in the state.
+    rates: np.ndarray
+    #: Unknowns of the model in z; others follow to close loops.
+    unknowns: np.ndarray
+    #: Mass, damping and stiffness (columns, columns), those of the unknowns first.
+    M: np.ndarray
+    C: np.ndarray
+    K: np.ndarray
+    #: Coupling (size, columns) of the nodes, and its derivative by time.
+    T: np.ndarray
+    dT: np.ndarray
+    #: The same (all, columns) for all columns of the model.
+    S: np.ndarray
+    dS: np.ndarray
+    #: The frame in which the state is at rest and z is measured, if it turns, and the load factor.
+    frame: TurningFrame | None
+    factor: float
+
+
+def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
+    """Deviations from the last row of a solution, or from the reference without loads.
+
+    T^T (M x'' + f(x, x') - F) = 0 with x = g(z) and T = dg/dz; rates and accelerations of the state
+    are kept while its equations are differentiated. A static state that turns rests in its frame.
+    """
+    held = HeldInputs(scene)
+    if at is None:
+        end_factor = 0.0
+        held.scene.loads = [
+            load
+            if isinstance(load.value, Hold)
+            else replace(load, value=Constant(0 * load.value(0.0)))
+            for load in held.scene.loads
+        ]
+    else:
+        end_of(at)
+        end_factor = float(at.t[-1]) if at.stats.static else 1.0
+    model, frame = Model(held.scene, EnergyMomentum(), instant=True), None
+    check_unknowns(model, what)
+    forcing = Forcing(model)
+    state = reference_state(model)
+    if at is not None:
+        state = state_of(model, at)
+        held.resume(forcing, state, state.inputs)
+        state = _with_fitted_rates(model, state, at)
+        frame = turning_frame_of(model, at, what)
+    if frame is not None:
+        state = replace(state, v=0 * state.v, a=0 * state.a)
+    coupling = _Coupling(model, state)
+    if singularity := model.reduction.singularity:
+        raise SceneError(f"{what}: {singularity}. Take a state beside it")
+    T, S = coupling.parts(coupling.X)
+    rates_from = _rates_from(model, T)
+    w = rates_from @ state.v
+    (dT, dS), (ddT, _) = map(coupling.parts, coupling.derivatives(w))
+    _warn_of_turn(model, state, T, dT, what)
+    strained = None if at is None or at.stats.static else _natural_rates(model, state.t, what)
+    f, K, C, pushes, stiff, viscous = _forces(model, state, strained)
+    if strained is not None:  # no strain changes in an instant
+        f = f + _force_of_strain_rates(model, state, strained)
+    mass = model.mass
+    dead = end_factor * forcing.forces(Interval(state.t, state.t))[0]
+    if frame is not None:
+        dead += end_factor * frame.force(state.q)
+        K = K - end_factor * frame.spin**2 * frame.mass
+        C = C + np.sqrt(end_factor) * frame.gyroscopic
+    r = f - dead + mass @ (dT @ w)
+    a = _accelerations(model, forcing, state, T, r, S.T @ pushes, dT @ w)
+    r += mass @ (T @ a)
+    turning, _ = coupling.parts(coupling.derivatives(a)[0])
+    geometric = coupling.of_forces(np.concatenate([r, pushes]))
+    return Deviations(
+        model,
+        held,
+        forcing,
+        state,
+        rates_from,
+        w,
+        model.reduction.independent,
+        M=T.T @ (mass @ T),
+        C=T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous[:, None] * S),
+        K=T.T @ (K @ T + C @ dT + mass @ (turning + ddT))
+        + S.T @ (stiff[:, None] * S + viscous[:, None] * dS)
+        + geometric,
+        T=T,
+        dT=dT,
+        S=S,
+        dS=dS,
+        frame=frame,
+        factor=end_factor,
+    )
+
+
+def _warn_of_turn(model: Model, state: State, T: np.ndarray, dT: np.ndarray, what: str) -> None:
+    """Warn where the scene turns as a whole, but z is measured in space."""
+    v = model.to_nodes(state.v)
+    spin = float(np.median(v[:, 2]))
+    if not spin:
+        return
+    x = (model.mesh.X + model.to_nodes(state.q)[:, :2]) @ [1, 1j]
+    rates = v @ [1, 1j, 0]
+    pivot = np.mean(x + 1j * rates / spin)
+    frame = TurningFrame(model, spin, (pivot.real, pivot.imag))
+    apart = abs(state.v - frame.rates(state.q, 1.0)) / model.unit
+    in_space = abs(frame.spin * (frame.quarter_turn @ T) - dT).max(initial=0.0)
+    if apart.max() < _RIGID * abs(spin) and in_space > _RIGID * abs(spin):
+        _log.warning(
+            "%s: the scene turns as a whole, at %.4g rad/s about (%.4g, %.4g), but the linear "
+            "system is that of the instant, in places measured in space: its eigenvalues are not "
+            "the frequencies seen in the turn. Take the state from static(scene, spin=...)",
+            *(what, spin, pivot.real, pivot.imag),
+        )
+
+
+def _with_fitted_rates(model: Model, state: State, at: Solution) -> State:
+    """The state with rates that fit the joints: those of the last row, if they were recorded."""
+    if at.has_rates and at.t[-1] == state.t:
+        state = replace(state, v=model.from_nodes(at.v[-1]))
+    if model.fitted_rates is None:
+        return state
+    given = np.full((1, model.reduction.driven), np.nan)
+    fit = model.fitted_rates.fit(state.q[None], state.v[None], state.slides[None], given)
+    return replace(state, v=fit.rates[0])
+
+
+def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
+    """Matrix (columns, size) that gives the rates of z nearest to those of the nodes.
+
+    Those of nodes without mass count little: they are means over the last step.
+    """
+    weight = model.mass.diagonal() * model.unit**2
+    root = np.sqrt(weight + _LITTLE * (weight.max(initial=0.0) or 1.0)) / model.unit
+    return np.linalg.pinv(root[:, None] * T) * root
+
+
+def driven_of(model: Model, values: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    """Prescribed motions and coordinates of motors (driven,), from values (nodes, 3)."""
+    driven = [values[key] for key in model.scene.prescribed]
+    for joint, name in model.motors:
+        if name == "slide":
+            driven.append(slides[joint.number])
+        else:
+            (a,), (b,) = (_at(node, values) for node in (joint.a, joint.b))
+            driven.append(b[2] - a[2])
+    return np.array(driven)
+
+
+def _at(node: Node, *values: np.ndarray) -> list[np.ndarray]:
+    """Rows (3,) of a node; zero on the ground."""
+    return [np.zeros(3) if node is GROUND else rows[node.number] for rows in values]
+
+
+class _Coupling:
+    """X: T for the nodes, then S for all columns of the model; and its derivatives along z.
+
+    z has the independent unknowns, then the driven columns.
+    """
+
+    def __init__(self, model: Model, state: State):
+        self._model, self._reduction = model, model.reduction
+        free, driven = model.reduction.free, model.reduction.driven
+        model.reduction.begin(state.q, state.slides)
+        #: Numbers (count,) of the columns z.
+        self.columns = np.append(model.reduction.independent, free + np.arange(driven))
+        self.count = len(self.columns)
+        self.X = self._at(np.zeros(self.count))
+
+    def parts(self, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The rows of nodes and of columns."""
+        return X[: self._model.size], X[self._model.size :]
+
+    def _at(self, z: np.ndarray) -> np.ndarray:
+        free, moved = self._reduction.free, np.zeros(self._reduction.columns)
+        moved[self.columns] = z
+        self._reduction.expand(moved[:free], moved[free : free + self._reduction.driven])
+        parts = self._reduction.coupling(), self._reduction.completion()
+        return np.vstack([part.toarray()[:, self.columns] for part in parts])
+
+    def derivatives(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """First and second derivative of X along z."""
+        size = abs(self.parts(self.X)[0] @ z / self._model.unit).max(initial=0.0)
+        first, second = np.zeros_like(self.X), np.zeros_like(self.X)
+        if not (self._model.scene.joints and size):
+            return first, second
+        h = _APART / size
+        for k, (odd, even) in enumerate(zip(_FIRST, _SECOND, strict=True), start=1):
+            # Constant entries have differences of zero, without rounding errors.
+            ahead, back = self._at(k * h * z), self._at(-k * h * z)
+            first += odd / h * (ahead - back)
+            second += even / h**2 * ((ahead - self.X) + (back - self.X))
+        self._at(np.zeros(self.count))
+        return first, second
+
+    def of_forces(self, r: np.ndarray) -> np.ndarray:
+        """Derivative of X^T r, for constant forces r of nodes and columns."""
+        out = np.zeros((self.count, self.count))
+        # The second derivatives are symmetric: X depends on the columns that change with it.
+        changing, _ = self.derivatives(np.cos(np.arange(self.count) ** 2))
+        for j in np.flatnonzero(changing.any(axis=0)):
+            out[:, j] = self.derivatives(np.eye(self.count)[j])[0].T @ r
+        return out
+
+
+def _natural_rates(model: Model, t: float, what: str) -> np.ndarray | None:
+    """Rates (cells, degree, 3) of natural strains [1/s], which damp; None without any."""
+    if not model.natural:
+        return None
+    h = _MOMENT * max(1.0, abs(t))
+    before, now, behind = (model.natural.at(t + x) for x in (-h, 0.0, h))
+    rates, bend = (behind - before) / (2 * h), behind - 2 * now + before
+    for beam in model.scene.beams:
+        own = model.mesh.cells[model.scene.beams.index(beam)]
+        if beam.section.damped and abs(bend[own]).max() > _KINK * abs(behind - before)[own].max():
+            raise SceneError(
+                f"{what}: beam {beam.name!r} has retardation, and a natural strain whose rate "
+                f"jumps at t = {t:g}, and with it a force. Take a state before or behind it"
+            )
+    return rates
+
+
+def _forces(model: Model, state: State, strained: np.ndarray | None = None):
+    """Internal forces (size,), stiffness and damping; the same (columns,) of those on slides.
+
+    Natural strains may be `strained` at rates (cells, degree, 3), whose own force is not in these.
+    """
+    forms, points = model.forms, model.points
+    slide_rates = model.slide_rates(state)
+    count = model.reduction.columns
+
+    def step(dt: float, moving: bool, shift: float = 0.0):
+        D, slid = moving * dt * state.v, moving * dt * slide_rates
+        start = replace(state, q=state.q - shift * D, slides=state.slides - shift * slid)
+        given = model.start_of(start, dt)
+        if strained is not None and state.natural is not None:
+            first = state.natural - shift * dt * strained
+            given = given._replace(natural=(first, first + dt * strained))
+        forms.begin(instant(state.t - shift * dt, dt), given)
+        f = forms.internal_force(D).copy()
+        forms.assemble_stiffness()
+        z = np.zeros(count)
+        z[points.columns] = slid[points.slides]
+        points.evaluate_slides(z)
+        on_slides = (np.bincount(points.columns, points.on_slides(k), count) for k in (0, 1))
+        return f, forms.tangent.copy(), *on_slides
+
+    if not forms.depend_on_rates:
+        f, half, pushes, half_slides = step(INSTANT, False)
+        return f, 2 * half, 0 * half, pushes, 2 * half_slides, 0 * half_slides
+    f, at_once, pushes, slides_at_once = step(INSTANT, True)
+    _, later, _, slides_later = step(2 * INSTANT, True)
+    C, viscous = (2 * INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
+    size = abs(state.v / model.unit).max()
+    h = _SMALL / size if size else 1.0
+    if state.internal is not None or state.spring_internal is not None:
+        h = min(h, _SHORT)
+        _, ahead, _, slides_ahead = step(h, True, 0.5)
+        K, stiff = 2 * (ahead - C / h), 2 * (slides_ahead - viscous / h)
+    else:  # damping over the length has the opposite sign in a step back
+        _, ahead, _, slides_ahead = step(h, True, 0.5)
+        _, back, _, slides_back = step(-h, True, 0.5)
+        K, stiff = ahead + back, slides_ahead + slides_back
+    check_damping(np.append(K.data, C.data), "linearise: the damping in this state")
+    return f, K, C, pushes, stiff, viscous
+
+
+def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (columns,) of an input that sets parameters or natural strains: of its unit and rate.
+
+    Its rate has a force where it strains a material that damps.
+    """
+    held, natural, state = about.held, about.model.natural, about.state
+    value, h = held.values[name], _SMALL * max(1.0, abs(held.values[name][0]))
+    forces, strains = [], []
+    try:
+        for changed in (value - h, value + h):
+            held.set({name: changed})
+            held.arrive()
+            if natural:
+                strains.append(natural.at(state.t))
+                state = replace(state, natural=strains[-1])
+            forces.append(_on_columns(about, state))
+    finally:
+        held.set({name: value})
+        held.arrive()
+    force = (forces[1] - forces[0]) / (2 * h)
+    if not natural or not about.model.forms.depend_on_rates:
+        return force, np.zeros_like(force)
+    rate = (strains[1] - strains[0]) / (2 * h)
+    return force, -about.T.T @ _force_of_strain_rates(about.model, about.state, rate)
+
+
+def _on_columns(about: Deviations, state: State) -> np.ndarray:
+    """Forces (columns,) of what lies inside of members and on slides."""
+    f, _, _, pushes, _, _ = _forces(about.model, state)
+    return -(about.T.T @ f + about.S.T @ pushes)
+
+
+def _force_of_strain_rates(model: Model, state: State, rates: np.ndarray) -> np.ndarray:
+    """Internal force (size,) of natural strains that change at rates (cells, degree, 3) [1/s].
+
+    Their mean is that of the state, so that only damping sees them.
+    """
+    assert state.natural is not None
+    forces, D, half = [], np.zeros(model.size), _SHORT / 2 * rates
+    for change in (half, -half):
+        given = model.start_of(state, _SHORT)
+        given = given._replace(natural=(state.natural - change, state.natural + change))
+        model.forms.begin(instant(state.t, _SHORT), given)
+        forces.append(model.forms.internal_force(D).copy())
+    return (forces[0] - forces[1]) / 2
+
+
+def _accelerations(
+    model: Model,
+    forcing: Forcing,
+    state: State,
+    T: np.ndarray,
+    r: np.ndarray,
+    of_springs: np.ndarray,
+    turning: np.ndarray,
+) -> np.ndarray:
+    """Accelerations of z: of the unknowns by the equations; of driven motions as in the last step.
+
+    Those of inputs are zero: they go straight.
+    """
+    free, mass = len(model.reduction.independent), model.mass
+    a = np.zeros(T.shape[1])
+    if model.reduction.driven and state.a.any():
+        unit = model.unit
+        a = np.linalg.lstsq(T / unit[:, None], (state.a - turning) / unit, rcond=None)[0]
+        a[:free] = 0.0
+    for i, function in enumerate(forcing.functions):
+        if isinstance(function, Ramp):
+            a[free + i] = 0.0
+    force = -(T.T @ (r + mass @ (T @ a)) + of_springs)[:free]
+    a[:free] = acceleration_of((T.T @ (mass @ T))[:free, :free], force)
+    return a

@@ -1,0 +1,212 @@
+"""Modes of K x = omega^2 M x."""
+
+from __future__ import annotations
+
+import bisect
+import functools
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+
+from fx_beam.errors import SceneError
+from fx_beam.step.sparse_lu import sparse_lu
+
+# Largest error of a vector in its iteration.
+_EXACT = 1e-12
+# Share of a vector that is left of it where a basis is complete: more than its rounding errors.
+_ROUNDING = 1e-10
+# Sizes of parts of a mode that differ by less, relative to the largest, are equal.
+_EQUAL = 1e-3
+
+
+def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lowest angular frequencies (n,), which are rigid (n,), and vectors (size, n).
+
+    Frequencies are zero for rigid modes and negative for unstable ones. Modal masses are 1.
+    """
+    massive = M.diagonal() > 0
+    ratios = abs(K.diagonal()[massive]) / M.diagonal()[massive]
+    # Scaled so that stiffnesses are of order 1 and eigenvalues below 1.
+    unit = ratios.max() or 1.0
+    scale = (abs(K.diagonal()) + unit * M.diagonal()) ** -0.5
+    K, M = _scaled(K, scale), unit * _scaled(M, scale)
+    # Smaller eigenvalues are rounding errors, even in the softest direction.
+    least = 1e4 * np.finfo(float).eps * ratios.min(where=ratios > 1e-20 * unit, initial=unit) / unit
+    values, rounding, vectors = _in_slices(K, M, n, 10.0 ** np.arange(np.log10(least), 4, 0.25))
+    vectors = np.sqrt(unit) * scale[:, None] * vectors
+    values, rigid = unit * values, abs(values) <= rounding
+    return np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values))), rigid, vectors
+
+
+def first_of_largest(sizes: np.ndarray) -> int:
+    """Number of the first size (n,) that is the largest one, but for rounding errors."""
+    return int((sizes >= (1 - _EQUAL) * sizes.max()).argmax())
+
+
+def _scaled(matrix, scale: np.ndarray):
+    """A matrix in compressed rows with scaled rows and columns; entries that are zero stay."""
+    rows = np.repeat(np.arange(len(scale)), np.diff(matrix.indptr))
+    return _with(matrix, matrix.data * scale[rows] * scale[matrix.indices])
+
+
+def _with(matrix, data: np.ndarray) -> scipy.sparse.csr_matrix:
+    """A matrix with other data."""
+    return scipy.sparse.csr_matrix((data, matrix.indices, matrix.indptr), matrix.shape)
+
+
+def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same by slices of four decades from below; `sizes` are candidates for slice bounds."""
+    # Each slice has its own shift, since eigenvalues far below a shift are lost to rounding errors.
+    # A slice is complete when it has as many eigenvalues as Sylvester's law counts. A Krylov space
+    # may lack copies of multiple eigenvalues; they are found after deflation of the others.
+    pencil = _Pencil(K, M)
+    below = functools.cache(pencil.below)
+    levels = _levels(below, sizes)
+
+    def reach(k):
+        return levels[bisect.bisect_left(levels, k, hi=len(levels) - 1, key=below)]
+
+    n = min(n, below(levels[-1]))  # the others are infinite, for unknowns without mass
+    least = levels[levels > 0][0]
+    if below(least) == 0 and (all_of_them := _at_once(pencil, K, M, n, least)) is not None:
+        return all_of_them
+    last = reach(n)
+    values: np.ndarray = np.empty(0)
+    rounding, vectors = values, np.empty((K.shape[0], 0))
+    while (known := len(values)) < max(n, below(last)):
+        bottom, noise = reach(known + 1), rounding.max(initial=least)
+        top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
+        shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
+        new = pencil.nearest(max(below(top) - known, 1), shift, vectors)
+        new -= vectors @ (vectors.T @ (M @ new))  # orthogonal to the slices below
+        squares, errors, new = _ritz_vectors(K, M, new)
+        # Vectors above the slice took the place of copies that are not found yet.
+        inside = squares <= max(top + 1e-8 * abs(top), squares[0])
+        values, rounding = np.append(values, squares[inside]), np.append(rounding, errors[inside])
+        vectors = np.column_stack([vectors, new[:, inside]])
+    order = np.argsort(values)[:n]
+    return values[order], rounding[order], vectors[:, order]
+
+
+def _at_once(pencil: _Pencil, K, M, n: int, least: float):
+    """The same if all, above a bound, lie within four decades; otherwise None."""
+    new = pencil.nearest(n, -least, np.empty((K.shape[0], 0)))
+    squares, errors, new = _ritz_vectors(K, M, new)
+    if len(squares) < n or (squares <= errors).any() or squares[-1] > 1e4 * squares[0]:
+        return None
+    beneath = (1 - 1e-8) * squares[-1]  # the last one may have copies
+    complete = pencil.below(beneath) == (squares < beneath).sum()
+    return (squares, errors, new) if complete else None
+
+
+def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
+    """Slice bounds of both signs and these sizes, above the rounding error."""
+    if below(sizes[-1]) < 1:
+        raise SceneError(
+            "modes: a part of the scene moves freely and has no mass. Give it mass or a support"
+        )
+    if below(-sizes[-1]) != 0:
+        raise SceneError(
+            "modes: the state is unstable in a motion without mass, so its growth rate is infinite."
+            " Give this part mass, or use a state with less load"
+        )
+    # The rounding error of a rigid mode of a stiff part may be large compared with a soft part.
+    least = next(k for k, x in enumerate(sizes) if min(below(x), below(-x)) >= 0)
+    return np.concatenate([-sizes[least:][::-1], sizes[least:]])
+
+
+def _ritz_vectors(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rayleigh quotients in the span of vectors, their rounding errors, and vectors of mass 1."""
+    vectors = vectors @ scipy.linalg.eigh(vectors.T @ (K @ vectors), vectors.T @ (M @ vectors))[1]
+    vectors /= np.sqrt(np.einsum("ij,ij->j", vectors, M @ vectors))
+    values = np.einsum("ij,ij->j", vectors, K @ vectors)
+    sizes = np.einsum("ij,ij->j", abs(vectors), abs(K) @ abs(vectors))
+    # Of the sum, and of the vectors: the latter counts where nothing else has stiffness.
+    eps = np.finfo(float).eps
+    return values, 2 * eps * sizes + (10 * eps) ** 2 * (vectors**2).sum(axis=0), vectors
+
+
+class _Pencil:
+    """K - x M, of whose factors all have one sparsity: they count eigenvalues and give vectors."""
+
+    def __init__(self, K, M):
+        # Also entries that are zero belong to it: whole nodes are factorised faster.
+        numbered = _with(K, np.arange(1, K.nnz + 1)) + 1j * _with(M, np.arange(1, M.nnz + 1))
+        numbered.sort_indices()
+        numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
+        self._K, self._M = (np.append(A.data, 0.0)[k] for A, k in zip((K, M), numbers, strict=True))
+        self._mass, self._lu = M, sparse_lu((numbered.indptr, numbered.indices))
+
+    def below(self, x: float) -> int:
+        """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
+
+        -1 if a pivot is zero: x is an eigenvalue.
+        """
+        return self._lu.negative_pivots() if self._lu.factorise(self._K - x * self._M) else -1
+
+    def nearest(self, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
+        """Eigenvectors (size, n or fewer) nearest to a shift, except the deflated ones.
+
+        By Lanczos' method for the inverse of K - shift M, in the inner product of M, with vectors
+        that are all made orthogonal to one another.
+        """
+        if not self._lu.factorise(self._K - shift * self._M):
+            raise _failure()
+        size, first = deflated.shape
+        basis = np.concatenate([deflated.T, np.empty((2 * n + 20, size))])
+        # Other starts each time: those before have no part in a copy that was missed.
+        starts = np.random.default_rng(first)
+        # Nothing would bound the motion of what has no mass; it follows from that of the masses.
+        massive = self._mass.diagonal() > 0
+        diagonal, beside, m = list[float](), list[float](), first
+        x, new = self._inverse(starts.standard_normal(size)), True
+        while True:
+            x = massive * x
+            length = self._length(x)
+            for _ in range(2):  # after once there are rounding errors
+                x = x - (basis[:m] @ (self._mass @ x)) @ basis[:m]
+            left = self._length(x)
+            if not np.isfinite(left):
+                raise _failure()
+            complete = left <= _ROUNDING * length
+            if complete or m == len(basis):
+                values, parts = _ritz(diagonal, beside)
+                lowest = np.argsort(-abs(values))[:n]
+                errors = left * abs(parts[-1:, lowest])
+                if new or (len(lowest) == n and (errors <= _EXACT * abs(values[lowest])).all()):
+                    break
+                if complete:  # the other copies are found from another start
+                    x, new = self._inverse(starts.standard_normal(size)), True
+                    continue
+                basis = np.concatenate([basis, np.empty((n + 20, size))])
+            beside.append(0.0 if new else left)
+            basis[m], new = x / left, False
+            x = self._inverse(basis[m])
+            diagonal.append(float(x @ (self._mass @ basis[m])))
+            m += 1
+        if not len(lowest):
+            raise _failure()
+        vectors = parts[:, lowest].T @ basis[first:m]
+        return np.column_stack([self._inverse(vector) for vector in vectors])
+
+    def _inverse(self, x: np.ndarray) -> np.ndarray:
+        return self._lu.solve(self._mass @ x)
+
+    def _length(self, x: np.ndarray) -> float:
+        return float(np.sqrt(abs(x @ (self._mass @ x))))
+
+
+def _ritz(diagonal: list[float], beside: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues and vectors of the tridiagonal matrix of a basis."""
+    if not diagonal:
+        return np.empty(0), np.empty((1, 0))
+    return np.linalg.eigh(np.diag(diagonal) + np.diag(beside[1:], -1))  # reads the lower half
+
+
+def _failure() -> RuntimeError:
+    return RuntimeError(
+        "modes: no mode was found. Try fewer modes, and check the units of stiffnesses and masses: "
+        "very different magnitudes are lost in rounding errors"
+    )

@@ -1,0 +1,1 @@
+"""Motions: `simulate` and `Motion`, their start, their end, and scenes that change on the way."""

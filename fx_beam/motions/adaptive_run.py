@@ -1,0 +1,213 @@
+"""A run whose steps are controlled by their local errors."""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+
+from fx_beam.errors import Failure, StepError
+from fx_beam.results.state import State
+from fx_beam.step.events import end_behind_event
+from fx_beam.step.local_error import AVERAGED, order_and_constant
+from fx_beam.step.python_loop import Attempt
+from fx_beam.step.recorder import Recorder, Rows, Unrecorded
+from fx_beam.step.step_control import StepControl
+from fx_beam.step.stepper import Stepper, Trial
+
+from .tolerance import Tolerance
+
+# Steps that are prepared at once: at first, after a change of their length, and at most.
+_FIRST_BLOCK, _LARGEST_BLOCK = 16, 1024
+# Trials of a first length.
+_TRIALS = 40
+# Shortest steps for a short contact, relative to the end of the run.
+_LEAST = 1e-8
+# What may help where Newton's method fails.
+_ADVICE = "Check the units of loads, velocities and stiffnesses, or try another scheme"
+
+
+class AdaptiveRun:
+    """Takes steps from one break, where loads have a kink or jump, to the next.
+
+    After each break, trial steps find the first length.
+    """
+
+    def __init__(
+        self, stepper: Stepper, recorder: Recorder, tolerance: Tolerance, single: bool = False
+    ):
+        self._stepper, self._recorder, self._stats = stepper, recorder, stepper.stats
+        self._order, constant = order_and_constant(stepper.model.scheme)
+        self._control = StepControl(
+            tolerance.value,
+            self._order,
+            constant,
+            tolerance.span,
+            tolerance.longest,
+            stepper.model.has_unseen_kinks,
+        )
+        self._control.begin(tolerance.first)
+        #: Whether a larger first length than that of the control is looked for.
+        self._search, self._breaks = tolerance.search, tolerance.breaks
+        # The local error of a scheme of order 2 is right also where accelerations have a kink.
+        self._watch = self._order > 2
+        #: Segments of motion between events are not divided further [s].
+        self._least = _LEAST * self._breaks[-1]
+        self._started = False
+        #: Whether each call takes a single step.
+        self._single = single
+        self._next, self._block, self._halvings = 0, _FIRST_BLOCK, 0
+        #: Ends of steps at which a contact or a law has switched [s].
+        self.events: list[float] = []
+
+    def advance(self, state: State) -> None:
+        """Take some steps from a state, at most up to the next break."""
+        control, stats, recorder = self._control, self._stats, self._recorder
+        until = self._breaks[self._next]
+        if not self._started:
+            self._start(state, until)
+        ends = control.ends(state.t, until, self._block)
+        if self._single:
+            ends = ends[:1]
+        first, dt = stats.steps + 1, float(ends[0]) - state.t
+        last = self._next == len(self._breaks) - 1
+        recorder.plan(first, ends, last and ends[-1] == until)
+        attempt = self._attempt(state, ends, first, recorder)
+        if self._watch and (attempt.switched or (attempt.ratio or 0.0) > 1):
+            attempt, dt = self._up_to_event(attempt, dt)
+        if attempt.taken:
+            self._halvings = 0
+        length = control.length
+        if attempt.failed:
+            self._fail(attempt.state, dt)
+        elif attempt.ratio is not None and attempt.ratio > 1:
+            stats.rejected += 1
+            control.reject(dt, attempt.ratio)
+        else:
+            control.succeed(dt, attempt.before, attempt.ratio)
+        if control.too_short:
+            raise self._too_short(attempt.state.t)
+        kept = control.length == length and attempt.taken == len(ends)
+        self._block = min(2 * self._block, _LARGEST_BLOCK) if kept else _FIRST_BLOCK
+        if attempt.state.t == until:
+            self._next, self._started = self._next + 1, False
+
+    def _attempt(self, state: State, ends: np.ndarray, first: int, recorder: Rows) -> Attempt:
+        """Take steps of equal length, up to where something switches that matters."""
+        stepper, control = self._stepper, self._control
+        attempt = stepper.attempt(state, ends, first, recorder, control, self._watch)
+        if not attempt.switched:
+            return attempt
+        now, next_one = attempt.state, ends[attempt.taken : attempt.taken + 1]
+        if self._matters(now, float(next_one[0])):
+            return attempt
+        step = stepper.attempt(now, next_one, first + attempt.taken, recorder, control)
+        return step._replace(taken=attempt.taken + step.taken)
+
+    def _matters(self, state: State, t1: float) -> bool:
+        """Whether a step to t1 [s] and two of half its length end in different configurations."""
+        whole = self._trial(state, t1).state
+        middle = self._trial(state, (state.t + t1) / 2).state
+        halves = middle and self._trial(middle, t1).state
+        if whole is None or halves is None:
+            return True
+        model = self._stepper.model
+        difference = abs(whole.q - halves.q) / model.unit
+        difference[model.turns] = 0.0  # as vibrations hardly displace
+        return self._control.matters(float(difference.max()))
+
+    def _trial(self, state: State, t1: float, watch: bool = False) -> Trial:
+        """A step that is not part of the run; it is counted as rejected."""
+        stats, counts = self._stats, copy(vars(self._stats))
+        counts["ended_by"] = dict(stats.ended_by)
+        trial = self._stepper.trial(state, t1, watch)
+        vars(stats).update(counts)
+        stats.rejected += 1
+        return trial
+
+    def _up_to_event(self, attempt: Attempt, dt: float) -> tuple[Attempt, float]:
+        """Take a step of at most the length dt up to where a contact or a law switches in it."""
+        stepper, recorder, stats = self._stepper, self._recorder, self._stats
+        state = attempt.state
+        first = stepper.model.switches(state)
+        if not len(first):
+            return attempt, dt
+        end = end_behind_event(
+            first, lambda t: self._trial(state, t, True).switches, state.t, state.t + dt
+        )
+        if end is None:
+            if not attempt.switched:
+                return attempt, dt
+            end = state.t + dt
+        number = stats.steps + 1
+        recorder.plan(number, np.array([end]), end == self._breaks[-1])
+        step = stepper.attempt(state, np.array([end]), number, recorder, self._control)
+        if step.taken:
+            self.events.append(end)
+            self._started = False
+        return step._replace(taken=attempt.taken + step.taken), end - state.t
+
+    def _start(self, state: State, until: float) -> None:
+        """Find the first length by trial steps, which are not part of the run."""
+        integrator, control, stats = self._stepper.integrator, self._control, self._stats
+        number = self._order + AVERAGED
+        longest = (until - state.t) / number
+        for _ in range(_TRIALS):
+            dt = min(control.length, longest)
+            past, counts, now = integrator.past, copy(vars(stats)), state
+            counts["ended_by"] = dict(stats.ended_by)
+            integrator.forget_errors()
+            ratio, failed = None, False
+            try:
+                while ratio is None and not failed:
+                    number = round((now.t - state.t) / dt)
+                    ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
+                    attempt = self._attempt(now, ends, 1, Unrecorded())
+                    now, ratio, failed = attempt.state, attempt.ratio, attempt.failed
+                    if attempt.switched:
+                        break
+            finally:
+                integrator.past = past
+                vars(stats).update(counts)
+            stats.rejected += self._order + AVERAGED
+            if failed:
+                self._fail(state, dt)
+                continue
+            if attempt.switched and dt > self._least:
+                # Fewer steps would have no error that is known up to there.
+                taken = round((now.t - state.t) / dt)
+                control.begin(dt * min((taken + 0.5) / (self._order + AVERAGED + 1), 0.5))
+                longest = min(longest, control.length)
+                continue
+            # Only the first length may be far too small; at breaks a trial is lost time.
+            search = self._search and stats.steps == 0
+            self._halvings = 0
+            if ratio is not None and ratio > 1:
+                # Longer trials may reach a contact that shorter ones do not: do not try them again.
+                longest = min(longest, dt / 2)
+            if not control.retry(dt, ratio or 0.0, longest if search else dt):
+                break
+            if control.too_short:
+                raise self._too_short(state.t)
+        integrator.forget_errors()
+        self._started, self._block = True, _FIRST_BLOCK
+
+    def _fail(self, state: State, dt: float) -> None:
+        """Halve the steps after a failure of Newton's method; StepError if this is not allowed."""
+        if self._halvings == self._stepper.halving.most:
+            raise self._stepper.error(state, state.t + dt, _ADVICE)
+        self._halvings += 1
+        self._stats.halvings += 1
+        self._control.fail(dt)
+
+    def _too_short(self, t: float) -> StepError:
+        return StepError(
+            Failure(
+                "too short",
+                f"{self._stats.scheme}: at t = {t:.6g} the tolerance asks for steps of "
+                f"{self._control.length:.3g} s",
+                t,
+                advice="If a load jumps there, give its time in `breaks`. Otherwise try a larger "
+                "tolerance",
+            )
+        )

@@ -1,0 +1,270 @@
+"""Conditions that end a motion: where within a step they are met, and the step that ends there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from copy import copy
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.results.state import Past, State
+from fx_beam.scene.outputs import Output, check_outputs
+from fx_beam.scene.scene import Scene
+from fx_beam.step.loop import CompiledLoop
+from fx_beam.step.recorder import Recorder, Unrecorded
+from fx_beam.validation import is_number, require, shown
+
+from .fitted_state import FittedState
+from .measurement import reading
+from .run_setup import RunSetup
+
+Condition = Callable[[float, dict[str, Any]], Any]
+
+# Accuracy of the time of the end, relative to the step, and to the time.
+_OF_STEP, _OF_TIME = 1e-13, 4e-16
+# A value at the start that is zero, relative to that after the first step.
+_ZERO = 1e-8
+# The shortest last step, relative to the one before; with a shorter one both are one step.
+_SHORTEST = 0.1
+# A mean force that is met in a shorter step than this part of one has jumped at its start.
+_JUMP = 1e-9
+_MOST_TRIALS = 200
+
+
+def checked_conditions(scene: Scene, until: Any, outputs: Any) -> dict[str, Condition]:
+    """Conditions by their names; SceneError if they, or their outputs, are none."""
+    if until is None:
+        require(outputs is None, "simulate: outputs", outputs, "given with `until` only")
+        return {}
+    named = until if isinstance(until, Mapping) else {"until": until}
+    fits = all(isinstance(name, str) and callable(f) for name, f in named.items())
+    wanted = "a function of time and outputs, or a dictionary of such functions by names"
+    require(fits, "simulate: until", until, wanted)
+    check_outputs(scene, {} if outputs is None else outputs, "simulate: outputs")
+    return dict(named)
+
+
+class _Mark(NamedTuple):
+    """The end of a step, to which a run can return."""
+
+    state: State
+    past: Past
+    halving: dict[str, Any]
+    stats: dict[str, Any]
+    rows: int
+
+
+class Ending:
+    """Takes the steps of a run one by one, until a condition is met."""
+
+    def __init__(
+        self,
+        setup: RunSetup,
+        recorder: Recorder,
+        conditions: Mapping[str, Condition],
+        outputs: Mapping[str, Output],
+    ):
+        self._stepper, self._recorder, self._conditions = setup.stepper, recorder, conditions
+        self._step = _Step()
+        self._now = FittedState(setup.model, setup.forcing, self._step)
+        turns = setup.turn_counter.removed
+        self._readings = {
+            name: reading(setup.model, self._now, turns, output) for name, output in outputs.items()
+        }
+        integrator, forces = setup.stepper.integrator, [o.quantity for o in outputs.values()]
+        if isinstance(integrator, CompiledLoop) and "force" in forces:
+            integrator.problem.c.keeps_joint_forces = True
+        self._before: _Mark | None = None
+        #: Name of the condition that is met; empty while none is.
+        self.met = ""
+        self._last = start = recorder.end
+        self._values = self._values_after(start, start)
+        for name, value in self._values.items():
+            if value is True:
+                raise SceneError(
+                    f"simulate: {name} is true at the start, t = {start.t:g}. A condition ends a "
+                    "motion where it becomes true; a number, where it changes its sign"
+                )
+        self._begins = True
+
+    def advance(self, march: Callable[[State], None], kinks: list[float]) -> None:
+        """Let a run take a step, which ends where a condition is met in it.
+
+        Steps are not joined at `kinks`, times at which the motion is not smooth [s].
+        """
+        mark, start = self._mark(), self._recorder.end
+        if start is not self._last:
+            self._before = None  # full turns are counted separately from here on
+        march(start)
+        end = self._recorder.end
+        if end.t == start.t:
+            return  # the step is repeated
+        values = self._values_after(start, end)
+        if self._begins:
+            self._values = {
+                name: _begun(self._values[name], value) for name, value in values.items()
+            }
+            self._begins = False
+        met = [name for name, value in values.items() if _changes(self._values[name], value)]
+        if met:
+            self._end(mark, end.t, met, values, kinks)
+        self._before, self._values, self._last = mark, values, self._recorder.end
+
+    def _end(
+        self,
+        mark: _Mark,
+        t1: float,
+        met: list[str],
+        values: dict[str, Any],
+        kinks: list[float],
+    ) -> None:
+        """End the run where the first of some conditions is met in the step to t1 [s]."""
+        # Shorter steps have as many parts as this one.
+        halving = copy(vars(self._stepper.halving))
+        t0, mark, before = mark.state.t, mark._replace(halving=halving), self._before
+        ends = {name: self._zero(name, mark, t0, t1, values[name]) for name in met}
+        first = min(ends, key=ends.__getitem__)
+        least = t0 + _SHORTEST * (t1 - t0)
+        if ends[first] < least and before is not None and t0 not in kinks:
+            longer = before._replace(halving=halving)
+            value = self._at(first, longer, t1)
+            if _changes(self._values[first], value):
+                mark, ends[first] = longer, self._zero(first, longer, t0, t1, value)
+            elif _changes(self._values[first], self._at(first, mark, least)):
+                ends[first] = least  # mean forces have jumped from the step before to this one
+        elif ends[first] - t0 < _JUMP * (t1 - t0):
+            ends[first] = least
+        self._return_to(mark)
+        number = self._stepper.stats.steps + 1
+        end = np.array([ends[first]])
+        self._recorder.plan(number, end, last=True)
+        self._stepper.march(mark.state, end, number, self._recorder)
+        self.met = first
+
+    def _zero(self, name: str, mark: _Mark, t0: float, t1: float, last: Any) -> float:
+        """Time in [t0, t1] at which a condition is met in a step from a mark, just behind it.
+
+        By false position with halved weights (Illinois), and bisection every third time.
+        """
+        a, b, fa, fb = t0, t1, _signed(self._values[name]), _signed(last)
+        least, side = _OF_STEP * (t1 - mark.state.t) + _OF_TIME * abs(t1), 0
+        for trial in range(_MOST_TRIALS):
+            if b - a <= least:
+                break
+            t = (a + b) / 2 if trial % 3 == 2 else (a * fb - b * fa) / (fb - fa)
+            t = min(max(t, a + least / 2), b - least / 2)
+            value = self._at(name, mark, t)
+            if _changes(self._values[name], value):
+                fa, fb = fa / 2 if side == 1 else fa, _signed(value)
+                b, side = t, 1
+            else:
+                fa, fb = _signed(value), fb / 2 if side == -1 else fb
+                a, side = t, -1
+        return b
+
+    def _at(self, name: str, mark: _Mark, t: float) -> Any:
+        """Value of a condition after a step from a mark to a time [s], which is not recorded."""
+        self._return_to(mark, settle=False)
+        end = self._stepper.march(mark.state, np.array([t]), 1, Unrecorded())
+        return self._values_after(mark.state, end, [name])[name]
+
+    def _values_after(
+        self, start: State, end: State, names: Sequence[str] | None = None
+    ) -> dict[str, Any]:
+        """Values of conditions at the end of a step: numbers, or whether they are met."""
+        self._step.set(start, end)
+        self._now.begin(start)
+        if end is not start:
+            self._now.leave()
+            self._step.arrive()
+        outputs = {key: read() for key, read in self._readings.items()}
+        values: dict[str, Any] = {}
+        for name in self._conditions if names is None else names:
+            value = self._value(name, end.t, outputs)
+            truth = isinstance(value, bool | np.bool_)
+            if not truth and not is_number(value):
+                raise SceneError(
+                    f"simulate: {name} gives {shown(value)} at t = {end.t:g}; it must be a finite "
+                    "number or a truth value"
+                )
+            values[name] = bool(value) if truth else float(value)
+        return values
+
+    def _value(self, name: str, t: float, outputs: dict[str, Any]) -> Any:
+        try:
+            return self._conditions[name](t, outputs)
+        except (TypeError, KeyError) as error:
+            raise SceneError(
+                f"simulate: {name} raised {error!r} at t = {t:g}. It is called as {name}(t, y), "
+                f"where y has the outputs {list(outputs)}"
+            ) from error
+
+    def _mark(self) -> _Mark:
+        stepper = self._stepper
+        stats = copy(vars(stepper.stats)) | {"ended_by": dict(stepper.stats.ended_by)}
+        halving = copy(vars(stepper.halving))
+        return _Mark(
+            self._recorder.end, stepper.integrator.past, halving, stats, self._recorder.rows
+        )
+
+    def _return_to(self, mark: _Mark, settle: bool = True) -> None:
+        stepper = self._stepper
+        stepper.integrator.past = mark.past
+        vars(stepper.halving).update(mark.halving)
+        vars(stepper.stats).update(mark.stats | {"ended_by": dict(mark.stats["ended_by"])})
+        if settle:
+            self._recorder.end = mark.state
+            self._recorder.settle(mark.rows)
+
+
+class _Step:
+    """A step from one state to another, as `FittedState` reads the present state of a stepper."""
+
+    number: int
+    now: State
+
+    def set(self, start: State, end: State) -> None:
+        """Begin at the start of a step."""
+        self.number, self.now, self._ends = 0, start, (start, end)
+
+    def arrive(self) -> None:
+        """Go to its end."""
+        self.number, self.now = 1, self._ends[1]
+
+    @property
+    def steps(self) -> _Step:
+        """What has the present state."""
+        return self
+
+    @property
+    def grid(self) -> _Step:
+        """The times of both ends."""
+        return self
+
+    @property
+    def dt(self) -> float:
+        """Length of the step [s]."""
+        return self._ends[1].t - self._ends[0].t
+
+    def __call__(self, number: int) -> float:
+        return self._ends[number].t
+
+
+def _signed(value: Any) -> float:
+    return float(value) if not isinstance(value, bool) else 1.0 if value else -1.0
+
+
+def _changes(before: Any, value: Any) -> bool:
+    """Whether a number changes its sign, or a condition is met."""
+    if isinstance(value, bool):
+        return value
+    return (before < 0) != (value < 0)
+
+
+def _begun(before: Any, value: Any) -> Any:
+    """The value at the start; if that is zero, the one after the first step has its sign."""
+    if isinstance(value, bool) or isinstance(before, bool):
+        return before
+    return value if abs(before) <= _ZERO * abs(value) else before

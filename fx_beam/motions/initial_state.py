@@ -1,0 +1,403 @@
+"""The initial state of a motion: velocities, checked or projected, and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+
+from fx_beam.errors import SceneError
+from fx_beam.laws.interval import Interval, instant
+from fx_beam.results.state import Past, State
+from fx_beam.scene.beam import COMPONENTS
+from fx_beam.scene.constraints import slides_at_start
+from fx_beam.step.coupled_rates import CoupledRates, coupled_rates
+from fx_beam.step.forcing import Forcing
+from fx_beam.step.model import Model
+from fx_beam.validation import all_of, any_of
+
+from .massless_start import settled
+
+# Forces where there is no mass that are round-off, relative to the largest force.
+_NONE = 1e-9
+_ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
+
+
+def initial_state(
+    model: Model,
+    forcing: Forcing,
+    dt: float,
+    start: State | None = None,
+    accelerations: bool = True,
+) -> State:
+    """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
+
+    At `start`, whose rates are kept if it turns, and projected if they are `fitted` to other
+    joints; or in the reference configuration. SceneError for incompatible velocities. Without
+    `accelerations` they are zero where steps do not read them.
+    """
+    state = reference_state(model) if start is None else start
+    if start is None and model.natural:
+        state.natural = model.natural.at(state.t)
+    needed = accelerations or model.needs_accelerations
+    state, unbalanced = _moving_state(model, forcing, state, dt, needed)
+    if unbalanced:
+        force = forcing.forces(Interval(state.t, state.t + dt))[0]
+        state, _ = _moving_state(model, forcing, settled(model, force, state, dt), dt, needed)
+    return state
+
+
+def _moving_state(
+    model: Model, forcing: Forcing, state: State, dt: float, accelerates: bool
+) -> tuple[State, bool]:
+    """The state with rates and accelerations, and whether parts without mass are unbalanced."""
+    rates, accelerations = _begin(model, forcing, state, dt)
+    if state.fitted is None:
+        w = initial_rates(model, state, rates)
+        state = state.changed(v=model.reduction.spread(w))
+    else:
+        w = projected_rates(model, coupled_rates(model), state.fitted, rates)
+        v = model.reduction.spread(w)
+        lost = model.mass @ (state.fitted - v)
+        by_driven = -float(lost @ v) if model.couplings.driven else 0.0
+        state = state.changed(v=v, work=state.work + by_driven, fitted=None)
+    if len(model.scheme.fractions) > 1:
+        state = state.changed(past=_past_of_rates(model, state.v, w))
+    if not accelerates:
+        return state, False
+    loads = forcing.forces(Interval(state.t, state.t + dt))
+    coupled = coupled_rates(model)
+    a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt, loads)
+    return state.changed(a=a), rest
+
+
+def _past_of_rates(model: Model, v: np.ndarray, w: np.ndarray) -> Past:
+    """What predicts the first sub-steps: the rates v (size,), w of all columns, as differences.
+
+    The first sub-step of order 4 is longer than a step. One of order 2 is found as well without.
+    """
+    slides = model.couplings.free_slides(w[None, : model.reduction.free], model.scene.joint_count)
+    orders = np.ones(len(model.scheme.fractions), dtype=int)
+    return Past(np.zeros(1), orders, v[None], slides)
+
+
+def late_accelerations(
+    model: Model, forcing: Forcing, state: State, dt: float
+) -> Callable[[], np.ndarray]:
+    """A function that gives the accelerations at the start, by the loads as they are now.
+
+    For a model of which `finds_accelerations_later` is true.
+    """
+    loads = forcing.forces(Interval(state.t, state.t + dt))
+    none = np.zeros(model.reduction.columns)
+
+    def accelerations() -> np.ndarray:
+        model.forms.parameters.use(state.parameters)
+        coupled, driven = coupled_rates(model), np.empty(0)
+        return _acceleration(model, forcing, state, coupled, none, driven, dt, loads)[0]
+
+    return accelerations
+
+
+def resumed_state(
+    model: Model, forcing: Forcing, dt: float, start: State, same_scheme: bool = True
+) -> State:
+    """State to continue from: velocities are kept, accelerations only for the same scheme."""
+    rates, accelerations = _begin(model, forcing, start, dt)
+    if same_scheme:
+        return start
+    coupled = coupled_rates(model)
+    w = nearest_rates(model, coupled, start.v, rates)
+    loads = forcing.forces(Interval(start.t, start.t + dt))
+    a, _ = _acceleration(model, forcing, start, coupled, w, accelerations, dt, loads)
+    # What the last step of another scheme leaves to the next one does not count.
+    start = start.changed(a=a, parts=None, past=None)
+    return start.changed(before=None, algorithmic=0.0, length=0.0)
+
+
+def reference_state(model: Model) -> State:
+    """The reference configuration at t = 0, without natural strains."""
+    slides = slides_at_start(model.scene)
+    q, v, a = (np.zeros(model.size) for _ in range(3))
+    state = State(0.0, np.zeros(len(model.motors)), q, v, a, slides)
+    if len(model.forms.parameters):
+        state.parameters = model.forms.parameters.at(0.0)
+    shape = model.forms.internal_shape
+    if shape[-1]:
+        state.internal = np.zeros(shape)
+    if model.points.width:
+        state.spring_internal = np.zeros(model.points.width)
+    if model.natural:
+        state.natural = np.zeros((*shape[:2], 3))
+    return state
+
+
+def check_joints(model: Model, state: State) -> None:
+    """Refuse a state that violates a joint."""
+    moved = {(j.number, name): m for (j, name), m in zip(model.motors, state.motors, strict=True)}
+    at = model.motion(q=model.to_nodes(state.q)[None])
+    for joint in model.scene.joints:
+        number, slide = joint.number, state.slides[joint.number : joint.number + 1]
+        gap = float(joint.kinematics.gap(at, slide)[0])
+        if joint.slide is not None and joint.slide.motor is not None:
+            gap += abs(float(slide[0]) - joint.start()[0] - moved[number, "slide"])
+        turn = float(joint.kinematics.angle(at, slide)[0])
+        turn -= moved.get((number, "rotation"), 0.0)
+        turn -= 0.0 if joint.place is None else joint.place.turn
+        for size, what in (
+            (gap / model.mesh.size, f"its nodes have a gap of {gap:.3g} m"),
+            (
+                abs(turn) * joint.turns_together,
+                f"the rotation of node b deviates by {turn:.3g} rad",
+            ),
+        ):
+            if size > 1e-8:
+                raise SceneError(
+                    f"start: the solution violates {joint}: {what}. Start from a solution that has "
+                    "this joint, or make it there: scene.add_joint(joint, at=solution)"
+                )
+
+
+def _begin(
+    model: Model, forcing: Forcing, state: State, dt: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
+    forcing.check_start(state)
+    rates, bend = forcing.derivatives(state.t, 1e-3 * dt)
+    model.reduction.begin(state.q, state.slides)
+    if singularity := model.reduction.singularity:
+        raise SceneError(f"start: {singularity}. Start from a position beside it")
+    model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
+    return rates, bend
+
+
+def _acceleration(
+    model: Model,
+    forcing: Forcing,
+    state: State,
+    coupled: CoupledRates,
+    w: np.ndarray,
+    driven: np.ndarray,
+    dt: float,
+    loads: tuple[np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, bool]:
+    """Accelerations from T^T M a = T^T (F - f), zero without mass; whether forces stay there."""
+    reduction = model.reduction
+    h = 1e-9 * dt
+    # Forces may depend on velocity: they see it as the increment over a very short step.
+    D = h * state.v if model.forms.depend_on_rates else np.zeros(model.size)
+    start = model.start_of(state, h)._replace(a=np.zeros(model.size))
+    if (natural := state.natural) is not None:
+        rate = (forcing.natural(state.t + dt) - natural) / dt
+        start = start._replace(natural=(natural, natural + h * rate))
+    model.forms.begin(instant(state.t, h), start)
+    free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
+    a = np.zeros(reduction.columns)
+    a[moved] = driven
+    curved = np.zeros(model.size)
+    if model.scene.joints and any_of(w):
+        k = 1e-4 / abs(state.v / model.unit).max()
+        curved = _second_difference(model, w, k)
+        if model.couplings.sliding:
+            # The third derivative of the curve of a beam jumps at its nodes: an error of order k.
+            curved = 2 * curved - _second_difference(model, w, 2 * k)
+        reduction.expand(np.zeros(free), np.zeros(reduction.driven))
+    mass = model.mass
+    force = loads[0] - model.forms.internal_force(D)
+    force -= mass @ (coupled.spread(a) + curved)
+    model.points.evaluate_slides(h * w)
+    b = -reduction.project(-force)[:free]
+    a[:free] = coupled.accelerations(mass, b)
+    rest = b - coupled.gather(mass @ coupled.spread(np.append(a[:free], 0 * a[free:])))[:free]
+    # A load that grows from zero has a little of its first step already.
+    largest = max(abs(part).max(initial=0.0) for part in (force, b, *loads))
+    return coupled.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
+
+
+def _second_difference(model: Model, w: np.ndarray, k: float) -> np.ndarray:
+    """Accelerations (size,) at constant rates of the columns, by the motion over +-k [s]."""
+    reduction = model.reduction
+    free, driven = reduction.free, reduction.driven
+    ways = (sign * k * w[: free + driven] for sign in (1, -1))
+    ahead, back = (reduction.expand(way[:free], way[free:]) for way in ways)
+    return (ahead + back) / k**2
+
+
+def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
+    """Rates (columns,) from the initial velocities of the scene and from driven motion.
+
+    SceneError if they violate a support or a joint and the scene does not project them.
+    """
+    scene = model.scene
+    if not (any_of(state.v) or scene.velocities or any_of(driven)):
+        return np.zeros(model.reduction.columns)
+    v = state.v.copy() if any_of(state.v) else given_velocity(model)
+    coupled = coupled_rates(model)
+    if scene.projects_velocities:
+        return projected_rates(model, coupled, v, driven)
+    w = nearest_rates(model, coupled, v, driven)
+    compatible = model.reduction.spread(w)
+    if not scene.prescribed and all_of(compatible == v):
+        return w
+    unit = [1.0, 1.0, 1 / model.mesh.size]
+    gap = model.to_nodes(abs(compatible - v)) / unit
+    # Prescribed motion overrides an initial velocity at its own degree of freedom.
+    for key in scene.prescribed:
+        gap[key] = 0.0
+        _check_prescribed(model, key, v, compatible)
+    v[model.prescribed] = compatible[model.prescribed]
+    # Rates of driven motion are finite differences, hence the second tolerance.
+    driven_v = model.reduction.spread(_driven_rates(model, driven))
+    speed, moved = (abs(model.to_nodes(rates) / unit).max() for rates in (v, driven_v))
+    tolerance = 1e-9 * speed + 1e-5 * moved
+    if gap.max() > tolerance:
+        _check_joints(model, state, v, driven, tolerance)
+        node, component = np.unravel_index(np.argmax(gap), gap.shape)
+        raise SceneError(_message(model, int(node), int(component), v, compatible))
+    return w
+
+
+def projected_rates(
+    model: Model, coupled: CoupledRates, v: np.ndarray, driven: np.ndarray
+) -> np.ndarray:
+    """Rates (columns,) closest to given rates v (size,) in the norm of the mass."""
+    weight = model.mass + _small_mass(model)
+    w = nearest_rates(model, coupled, v, driven, weight)
+    # Once more from these rates of massless parts: then their small mass has no effect.
+    v = np.where(model.massless, model.reduction.spread(w), v)
+    return nearest_rates(model, coupled, v, driven, weight)
+
+
+def nearest_rates(
+    model: Model, coupled: CoupledRates, v: np.ndarray, driven: np.ndarray, weight=None
+) -> np.ndarray:
+    """Rates (columns,) closest to given rates v (size,), in the norm of a weight (size, size).
+
+    The default weight scales displacements by the size of the scene.
+    """
+    reduction = model.reduction
+    free, w = reduction.independent, _driven_rates(model, driven)
+    missing = v - coupled.spread(w) if len(driven) else v
+    if len(free) and any_of(missing):
+        weight = model.weight_of_rates if weight is None else weight
+        w[free] = coupled.nearest(weight, missing)
+    return reduction.completed(w)
+
+
+def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
+    """Rates (columns,) of driven motion; all others are zero."""
+    reduction = model.reduction
+    w = np.zeros(reduction.columns)
+    w[reduction.free : reduction.free + reduction.driven] = driven
+    return w
+
+
+def given_velocity(model: Model) -> np.ndarray:
+    """Initial rates (size,) as given; zero elsewhere."""
+    mesh, scene = model.mesh, model.scene
+    v, known = np.zeros((len(mesh.X), 3)), np.zeros(len(mesh.X), dtype=bool)
+    for item in scene.velocities:
+        nodes = mesh.nodes_of(scene, item.target)
+        positions = mesh.X[nodes]
+        given = np.empty((len(nodes), 3))
+        given[:, :2], given[:, 2:] = item.value.each(positions), item.spin.each(positions)
+        twice = known[nodes]
+        if any_of(twice) or not all_of(np.isfinite(given)):
+            _check_velocities(model, positions, given, v[nodes], twice)
+        v[nodes], known[nodes] = given, True
+    return model.from_nodes(v)
+
+
+def _check_velocities(
+    model: Model, positions: np.ndarray, given: np.ndarray, others: np.ndarray, twice: np.ndarray
+) -> None:
+    """Refuse rates (n, 3) that are not finite, or differ from others where they are given twice."""
+    unit = [1.0, 1.0, model.mesh.size]
+    size = (abs(given) * unit).max(axis=1, keepdims=True)
+    infinite = ~np.isfinite(given).all(axis=1)
+    differs = twice & (abs(others - given) * unit > 1e-9 * size).any(axis=1)
+    for bad in np.flatnonzero(infinite | differs):
+        x, y = positions[bad]
+        if infinite[bad]:
+            raise SceneError(
+                f"initial velocity at ({x:g}, {y:g}) is {given[bad]}; it must be finite"
+            )
+        raise SceneError(
+            f"two initial velocities at ({x:g}, {y:g}): {others[bad]} and {given[bad]}. Give "
+            "only one, or equal ones"
+        )
+
+
+def _check_prescribed(
+    model: Model, key: tuple[int, int], v: np.ndarray, compatible: np.ndarray
+) -> None:
+    given, moved = model.to_nodes(v)[key], model.to_nodes(compatible)[key]
+    if given != 0 and abs(given - moved) > 1e-3 * max(abs(given), abs(moved)):
+        node, component = key
+        raise SceneError(
+            f"{model.scene.nodes[node]} has the initial rate {given:g} in {COMPONENTS[component]}, "
+            f"but its prescribed motion starts at the rate {moved:g}. Give it this initial rate or "
+            "none"
+        )
+
+
+def _check_joints(
+    model: Model, state: State, v: np.ndarray, driven: np.ndarray, tolerance: float
+) -> None:
+    """Refuse velocities that violate a joint; the message names the worst joint."""
+    scene = model.scene
+    at = model.motion(q=model.to_nodes(state.q)[None], v=model.to_nodes(v)[None])
+    rates = driven[len(model.prescribed) :]
+    motors = {(j.number, name): r for (j, name), r in zip(model.motors, rates, strict=True)}
+    worst, text = tolerance, ""
+    for joint in scene.joints:
+        slide = state.slides[joint.number : joint.number + 1]
+        gap, axis = (part[:, 0] for part in joint.kinematics.parting_rate(at, slide))
+        turn = float(joint.kinematics.spin(at, slide)[0])
+        turn -= motors.get((joint.number, "rotation"), 0.0)
+        gap = gap - motors.get((joint.number, "slide"), gap @ axis) * axis
+        for size, what in (
+            (np.hypot(*gap), f"its nodes separate at {np.hypot(*gap):.3g} m/s"),
+            (
+                abs(turn) * model.mesh.size * joint.turns_together,
+                f"the rotation rate of node b deviates by {turn:.3g} rad/s",
+            ),
+        ):
+            if size > worst:
+                worst, text, of = size, f"{joint}: {what}", joint
+    for (number, part), rate in motors.items():
+        if text and number == of.number and rate:
+            raise SceneError(
+                f"the motor of {of} starts with the rate {rate:.3g} of its {part}, but its nodes "
+                "have other initial velocities. Give it a motion that starts at rest, or call "
+                "scene.make_velocities_compatible()"
+            )
+    if text:
+        raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
+
+
+def _small_mass(model: Model) -> scipy.sparse.spmatrix:
+    """A tiny mass for massless degrees of freedom."""
+    diagonal = model.mass.diagonal()
+    size = np.full(model.size, 1.0)
+    size[model.turns] = model.mesh.size**2
+    scale = (diagonal / size).max()
+    return scipy.sparse.diags(np.where(model.massless, 1e-10 * (scale or 1.0) * size, 0.0))
+
+
+def _message(model: Model, node: int, component: int, v: np.ndarray, compatible: np.ndarray) -> str:
+    scene = model.scene
+    given, needed = model.to_nodes(v)[node, component], model.to_nodes(compatible)[node, component]
+    x, y = model.mesh.X[node]
+    where = f"node {node} at ({x:g}, {y:g})"
+    if (node, component) in scene.fixed:
+        return (
+            f"{where} is supported in {COMPONENTS[component]}, but its initial rate there is "
+            f"{given:g}; it must be 0"
+        )
+    return (
+        f"the initial velocities violate a support: the rate of {COMPONENTS[component]} of {where} "
+        f"is {given:g}; it must be {needed:g}. {_ADVICE}"
+    )

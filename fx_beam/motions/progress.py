@@ -1,0 +1,100 @@
+"""Progress bars, and the partial solution of a run that ended early."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import ParamSpec
+
+from tqdm import tqdm
+
+from fx_beam.errors import Failure, StepError
+from fx_beam.results.solution import Solution
+from fx_beam.step.interrupts import without_ctrl_c
+
+_P = ParamSpec("_P")
+
+# Delay of a progress bar that was not requested [s].
+_SOON = 2.0
+_NO_BARS: ContextVar[bool] = ContextVar("no bars", default=False)
+_KEPT = (
+    "fx_beam: the steps so far are in the attribute `solution` of this KeyboardInterrupt. In a "
+    "script: `except KeyboardInterrupt as stop: solution = stop.solution`; at a prompt: "
+    "`import sys; solution = sys.last_value.solution`. To go on: `simulate(..., start=solution)`"
+)
+
+
+class _NoBar:
+    """In the place of a bar that is not drawn: quick."""
+
+    #: What is done, of which the one who draws takes the difference.
+    n = 0.0
+
+    def __enter__(self) -> _NoBar:
+        return self
+
+    def __exit__(self, *_) -> None:
+        pass
+
+    def update(self, more: float = 1) -> None:
+        """Count only."""
+        self.n += more
+
+
+def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:
+    """A progress bar, removed at the end; by default only on a terminal and for long runs."""
+    # For tqdm, None means: only on a terminal.
+    hidden = (_NO_BARS.get() or None) if asked is None else not asked
+    if hidden:
+        return _NoBar()
+    return tqdm(total=total, disable=hidden, delay=0 if asked else _SOON, leave=False, **look)
+
+
+@contextmanager
+def without_bars() -> Iterator[None]:
+    """No bars but those that are asked for: several workers would draw over one another."""
+    before = _NO_BARS.set(True)
+    try:
+        yield
+    finally:
+        _NO_BARS.reset(before)
+
+
+def in_sweep() -> bool:
+    """Whether a sweep calls, here or in a worker."""
+    return _NO_BARS.get()
+
+
+def failure_of(stop: BaseException, time: float) -> Failure:
+    """The cause of an early end, at a time or load factor."""
+    if isinstance(stop, StepError):
+        return stop.failure
+    by = "" if isinstance(stop, KeyboardInterrupt) else f" by {stop!r}"
+    return Failure("interrupted", f"interrupted{by}", time)
+
+
+def attach(stop: BaseException, solution: Callable[[], Solution]) -> None:
+    """Attach the partial solution to an exception; a note tells users of Ctrl-C about it."""
+    with without_ctrl_c():
+        stop.solution = solution()  # type: ignore[attr-defined]
+    if isinstance(stop, KeyboardInterrupt):
+        stop.add_note(_KEPT)
+
+
+def keeping_steps(function: Callable[_P, Solution]) -> Callable[_P, Solution]:
+    """An analysis that says so if Ctrl-C comes before its first step."""
+
+    @functools.wraps(function)
+    def run(*arguments: _P.args, **named: _P.kwargs) -> Solution:
+        try:
+            return function(*arguments, **named)
+        except BaseException as stop:
+            if not hasattr(stop, "solution"):
+                stop.solution = None  # type: ignore[attr-defined]
+            if isinstance(stop, KeyboardInterrupt) and stop.solution is None:  # type: ignore[attr-defined]
+                stop.add_note(f"fx_beam: {function.__name__} was interrupted before its first step")
+            raise
+
+    return run

@@ -1,0 +1,202 @@
+"""Rows of a motion that go to files for ParaView as they come, in place of memory."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.parallel.whole import WholeEquations
+from fx_beam.results.fields import RESULTANTS
+from fx_beam.results.files import replacing, writable
+from fx_beam.results.grids import Fields, write_collection, write_pieces
+from fx_beam.results.piece import Piece
+from fx_beam.results.solution import Solution
+from fx_beam.scene.natural_strains import NAMES
+from fx_beam.step.interrupts import uninterrupted
+from fx_beam.step.model import Model
+from fx_beam.step.recorded_histories import RecordedHistories
+from fx_beam.step.recorder import Recorder
+
+from .evaluation import check_rates
+from .run_setup import RunSetup
+
+# Which part of the time the solution so far may take to be saved.
+_SHARE = 0.05
+
+
+class RowFiles:
+    """Takes rows from a recorder and writes them; what a solution has besides stays in memory.
+
+    On several processes each writes the elements of its part.
+    """
+
+    def __init__(self, setup: RunSetup, recorder: Recorder, file: Path | str):
+        self._model, self._recorder = setup.model, recorder
+        if not self._model.scene.beams:
+            raise SceneError("Record: a file for ParaView needs beams, and the scene has none")
+        check_rates(self._model, recorder)
+        self._path = writable(file, ("pvd",)).resolve()
+        self._folder = self._path.with_suffix("")
+        self._folder.mkdir(exist_ok=True)
+        self._divide(setup)
+        self._variables = _variables(self._model)
+        self._times: list[float] = []
+        self._names: list[str] = []
+        self._small: list[dict[str, np.ndarray]] = []
+        self._levels: list[np.ndarray] = []
+        #: Rates that fit the joints at the last row, if those of steps do not.
+        self._fitted: np.ndarray | None = None
+        self._saved, self._took = time.monotonic(), 0.0
+        #: Whether a file could not be written.
+        self._broken = False
+
+    def _divide(self, setup: RunSetup) -> None:
+        """Let each process have its elements."""
+        mesh, beams = self._model.mesh, self._model.scene.beams
+        degree = beams[0].degree
+        chains = zip(mesh.nodes, beams, strict=True)
+        first = [nodes[:-1].reshape(beam.elements, degree) for nodes, beam in chains]
+        last = [nodes[degree::degree] for nodes in mesh.nodes]
+        nodes = np.column_stack([np.concatenate(first), np.concatenate(last)])
+        beam = np.repeat(np.arange(len(beams)), [beam.elements for beam in beams])
+        make, self._elements = None, [np.arange(len(nodes))]
+        equations = setup.stepper.python.single.equations
+        if isinstance(equations, WholeEquations):
+            self._elements, make = equations.pieces()
+        #: Nodes of each process.
+        self._nodes, self._arguments = list[np.ndarray](), list[tuple]()
+        for elements in self._elements:
+            own, local = np.unique(nodes[elements], return_inverse=True)
+            self._nodes.append(own)
+            self._arguments.append((mesh.X[own], local.reshape(-1, degree + 1), beam[elements]))
+        self._crew = _Alone(self._arguments) if make is None else make(Piece, self._arguments)
+
+    # -- Writing ------------------------------------------------------------------------------
+
+    def take(self) -> None:
+        """Write the rows that the recorder has, which forgets them."""
+        recorder = self._recorder
+        # The recorder has the last two rows still.
+        new = min(2, len(self._times))
+        if new >= recorder.rows or self._broken:
+            return
+        histories = recorder.histories()
+        times = histories["t"][new:].tolist()
+        try:
+            names = self._write(histories, new)
+            with replacing(self._path, durable=False) as file:
+                write_collection(file, self._times + times, self._names + names)
+        except OSError:
+            self._broken = True
+            raise
+        with uninterrupted:
+            self._times += times
+            self._names += names
+            self._small.append(histories.small_rows(new))
+            self._levels.append(histories["t_level"][new:])
+            self._fitted = histories.fitted_at(times[-1])
+            recorder.forget()
+
+    def save(self, last: Callable[[RecordedHistories], Solution], always: bool = False) -> None:
+        """Save the solution by a function of the last row, if this does not take too much time."""
+        start = time.monotonic()
+        if self._broken or not (always or start - self._saved > self._took / _SHARE):
+            return
+        last(self.histories(last=True)).save(self._folder / "end.npz")
+        self._saved = time.monotonic()
+        self._took = self._saved - start
+
+    def _write(self, histories: RecordedHistories, new: int) -> list[str]:
+        """Write the rows from one on; the names of their files beside the collection."""
+        q, v, along = histories["q"], histories["v"], self._along(histories, new)
+        names = []
+        for i, row in enumerate(range(new, len(q))):
+            rates = v[row] if len(v) == len(q) else None
+            of_row = {name: values[i] for name, values in along.items()}
+            names.append(self._write_row(len(self._times) + i, q[row], rates, of_row))
+        return names
+
+    def _write_row(
+        self, number: int, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
+    ) -> str:
+        """Write a row; the name of its file beside the collection."""
+        if not isinstance(self._crew, _Alone) and self._crew.lost:
+            self._crew = _Alone(self._arguments)  # all others have ended
+        stem, given = f"{self._folder.name}_{number:05d}", list[tuple]()
+        several = len(self._elements) > 1
+        names = [f"{stem}{f'_{i}' if several else ''}.vtu" for i in range(len(self._elements))]
+        for name, elements, nodes in zip(names, self._elements, self._nodes, strict=True):
+            own = {kind: values[elements] for kind, values in along.items()}
+            given.append((self._folder / name, q[nodes], None if v is None else v[nodes], own))
+        fields: list[Fields] = self._crew("write", given)
+        if not several:
+            return f"{self._folder.name}/{names[0]}"
+        with replacing(self._folder / f"{stem}.pvtu", durable=False) as file:
+            write_pieces(file, names, fields[0])
+        return f"{self._folder.name}/{stem}.pvtu"
+
+    def _along(self, histories: RecordedHistories, new: int) -> dict[str, np.ndarray]:
+        """Resultants and internal variables (rows, elements, points) of the rows from one on."""
+        model, recorder = self._model, self._recorder
+        beams = model.forms.beams
+        assert beams is not None
+        values = recorder.means(beams.resultants(recorder.sub_steps(new)), new)
+        order = np.concatenate(model.mesh.cells)
+        along = dict(zip(RESULTANTS, np.moveaxis(values[:, order], -1, 0), strict=True))
+        for name, parts in self._variables.items():
+            along[name] = np.zeros_like(along["N"])
+            for kind, elements, column in parts:
+                along[name][:, elements] = histories[kind][new:, order[elements]][..., column]
+        return along
+
+    # -- What stays ---------------------------------------------------------------------------
+
+    def histories(self, last: bool = False) -> RecordedHistories:
+        """The histories of all rows, or of the last one, without those of the motion."""
+        parts = slice(-1 if last else 0, None)
+        small = {
+            name: np.concatenate([of[name][parts] for of in self._small[parts]])
+            for name in self._small[0]
+        }
+        t = np.array(self._times[parts])
+        levels = np.concatenate([of[parts] for of in self._levels[parts]])
+        rates = self._fitted
+        fitted = None if rates is None else lambda: small | {"v": rates[None]}
+        impact = self._recorder.impact
+        return RecordedHistories(self._model, small, fitted, {}, t, lambda: levels, impact)
+
+
+class _Alone:
+    """In the place of a crew: this process writes all."""
+
+    def __init__(self, arguments: list[tuple]):
+        self._pieces = [Piece(*given) for given in arguments]
+
+    def __call__(self, method: str, given: list[tuple]) -> list[Any]:
+        pairs = zip(self._pieces, given, strict=True)
+        return [getattr(piece, method)(*own) for piece, own in pairs]
+
+
+def _variables(model: Model) -> dict[str, list[tuple[str, np.ndarray, int]]]:
+    """Internal variables and natural strains by name: their history, elements, and column."""
+    ends = np.cumsum([beam.elements for beam in model.scene.beams])
+    with_strains = {strain.beam.name for strain in model.scene.natural_strains}
+    found: dict[tuple[str, str, int], list[np.ndarray]] = {}
+    for beam, end in zip(model.scene.beams, ends.tolist(), strict=True):
+        internal = beam.section.internal
+        names = () if internal is None else internal.names
+        own = [("internal", name, i) for i, name in enumerate(names)]
+        if beam.name in with_strains:
+            own += [("natural", name, i) for i, name in enumerate(NAMES.values())]
+        for kind, name, column in own:
+            elements = np.arange(end - beam.elements, end)
+            found.setdefault((kind, name, column), []).append(elements)
+    variables: dict[str, list[tuple[str, np.ndarray, int]]] = {}
+    for (kind, name, column), parts in found.items():
+        variables.setdefault(name, []).append((kind, np.concatenate(parts), column))
+    return variables

@@ -1,0 +1,268 @@
+"""The model of a motion and what takes its steps, from the first state on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.mpi import petsc
+from fx_beam.fem.parameter_values import before
+from fx_beam.laws.schemes import EnergyMomentum, Scheme
+from fx_beam.parallel.whole import share
+from fx_beam.results.audit import Stats
+from fx_beam.results.histories import HISTORIES
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import ARRAYS, FORCES, State
+from fx_beam.scene.scene import Scene
+from fx_beam.step.build import LoopUnavailable
+from fx_beam.step.forcing import Forcing
+from fx_beam.step.full_turns import TurnCounter
+from fx_beam.step.loop import CompiledLoop
+from fx_beam.step.model import Model
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.petsc_lu import PetscLU
+from fx_beam.step.python_loop import PythonLoop
+from fx_beam.step.recorder import Record
+from fx_beam.step.stepper import Stepper
+from fx_beam.step.substeps import MOST_HALVINGS, Halving
+from fx_beam.validation import is_one_of, is_whole, require, shown
+
+from .carried_state import carried_state, end_of, has_changed
+from .initial_state import (
+    check_joints,
+    initial_state,
+    late_accelerations,
+    resumed_state,
+)
+from .mpi_ranks import waiting_team
+from .smooth_start import smooth_start
+
+#: Largest number of steps; their times alone take 8 GB.
+MOST_STEPS = 1e9
+_DEFAULT = EnergyMomentum()
+
+
+class RunSetup:
+    """Takes the steps of a motion of a scene, compiled or in Python."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        scheme: Scheme,
+        newton: NewtonOptions | None,
+        halving: Halving,
+        solver: str,
+    ):
+        self.model = Model(scene, scheme)
+        self._options, self._solver = newton or NewtonOptions(), solver
+        self.turn_counter = TurnCounter(self.model)
+        self._begin(halving, None)
+
+    def _begin(self, halving: Halving, loop: CompiledLoop | None) -> None:
+        """Begin a run: a loop that there is already serves it as well."""
+        model, scheme, options = self.model, self.model.scheme, self._options
+        self.stats = Stats(
+            scheme=scheme.name,
+            level=scheme.rates.level,
+            solver="petsc lu" if self._solver == "petsc" else "Python, sparse lu",
+            unknowns=len(model.reduction.independent),
+            compiled=model.compiled,
+            assembled=model.assembled,
+            friction_damping=model.forms.friction_damping,
+        )
+        self.forcing = Forcing(model)
+        python = PythonLoop(model, self.forcing, options, self.stats)
+        if loop is None:
+            integrator = _integrator_of(self._solver, python, options)
+        else:
+            integrator = loop
+            loop.refill(python)
+        self.stepper = Stepper(integrator, python, halving)
+
+    def refill(self, scene: Scene, halving: Halving) -> None:
+        """Set all numbers to those of another scene, as if it were set up anew.
+
+        OtherStructureError if the scene differs in more; the set-up is useless then.
+        """
+        self.model.refill(scene)
+        self.turn_counter.reset()
+        self._begin(halving, self._loop)
+
+    @property
+    def _loop(self) -> CompiledLoop | None:
+        loop = self.stepper.integrator
+        return loop if isinstance(loop, CompiledLoop) else None
+
+    def refill_model(self, scene: Scene) -> None:
+        """Set all numbers but those of the compiled loop: for what they are, not for a run."""
+        self.model.refill(scene)
+        self.forcing = Forcing(self.model)
+        if len(self.model.scheme.fractions) > 1:  # a step of the loop smooths the start
+            self._begin(self.stepper.halving, self._loop)
+
+    def first_state(
+        self, dt: float, start: Solution | None, steady: bool = True, accelerations: bool = True
+    ) -> State:
+        """Initial state of a motion, in the numbering of the model.
+
+        Steps have the length dt [s] if they are `steady`. Without `accelerations` it has them only
+        if steps need them.
+        """
+        model, forcing = self.model, self.forcing
+        before = None if start is None else state_of(model, start)
+        if start is None or before is None or start.stats.static:
+            return self.state_from(before, dt, steady, accelerations)
+        if before.fitted is None:
+            same = start.stats.scheme == model.scheme.name
+            state = resumed_state(model, forcing, dt, before, same)
+        else:
+            before = replace(before, work=before.work + _come_and_gone(model, start, before))
+            state = self.state_from(before, dt, steady, accelerations)
+            supplied, lost = state.work - before.work, model.energy(before)
+            lost += supplied - model.energy(state)
+            state = replace(state, impact=state.impact + lost)
+        self.stepper.load(state)
+        return state
+
+    def late_accelerations(self, state: State, dt: float) -> Callable[[], np.ndarray]:
+        """A function that gives the accelerations of a first state, in which they are zero."""
+        return late_accelerations(self.model, self.forcing, state, dt)
+
+    def state_from(
+        self, start: State | None, dt: float, steady: bool = True, accelerations: bool = True
+    ) -> State:
+        """The same from an equilibrium, or from the reference configuration."""
+        model, forcing = self.model, self.forcing
+        state = initial_state(model, forcing, dt, start, accelerations)
+        if steady:
+            state = smooth_start(model, forcing, self.stepper, self.stats, state, dt)
+        self.stepper.load(state)
+        return state
+
+
+def _come_and_gone(model: Model, start: Solution, state: State) -> float:
+    """Energy [J] that came or went with what was added to a scene or taken away from it.
+
+    Energies of a solution may contain work that driven motions have done for rates to fit.
+    """
+    end, energy = end_of(start), start.energy
+    if start.t[-1] != end.t:
+        return 0.0  # the record has no row of the end
+    return model.energy(state) - float(energy.total[-1] - (energy.work[-1] - end.work))
+
+
+def checked_scheme(scene, scheme, what: str) -> Scheme:
+    """The scheme of a motion, by default `EnergyMomentum`; SceneError if `what` cannot use it."""
+    scheme = _DEFAULT if scheme is None else scheme
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{what} needs an fx_beam.Scene, not {shown(scene)}")
+    if not isinstance(scheme, Scheme):
+        raise SceneError(
+            f"unknown scheme {shown(scheme)}; give an instance such as fx_beam.EnergyMomentum() or "
+            "fx_beam.Newmark(), with parentheses, or an fx_beam.Scheme of your own"
+        )
+    if scheme.rates.at_rest:
+        raise SceneError(f"{scheme.name} is a scheme for statics. Use fx_beam.static(scene)")
+    return scheme
+
+
+def state_of(model: Model, start: Solution) -> State:
+    """Last state of a solution in the numbering of the model; SceneError if it does not fit."""
+    state = carried_state(model, start) if has_changed(model, start) else _same(model, start)
+    check_joints(model, state)
+    return state
+
+
+def _same(model: Model, start: Solution) -> State:
+    """The state of a scene with the same members, joints and supports."""
+    end = end_of(start)
+    has, needs = end.internal, model.forms.internal_shape
+    if (has is None) != (needs[-1] == 0) or (has is not None and has.shape != needs):
+        raise SceneError(
+            "start: the solution has other internal variables than the sections of the scene"
+        )
+    springs, width = end.spring_internal, model.points.width
+    if (0 if springs is None else len(springs)) != width:
+        raise SceneError(
+            "start: the solution has other internal variables than the springs of the scene"
+        )
+    state = end.renumbered(model.from_nodes, model.mesh.from_elements)
+    of_scene = model.forms.parameters
+    known = of_scene.at(before(state.t)) if len(of_scene) else None
+    state = replace(state, parameters=known, fitted=None)
+    if not model.natural:
+        state = replace(state, natural=None)
+    elif state.natural is None:
+        state = replace(state, natural=np.zeros(model.natural.shape))
+    if (
+        state.constraint_forces is not None
+        and len(state.constraint_forces) != model.reduction.columns - model.reduction.free
+    ):
+        state = replace(state, constraint_forces=None)  # other supports
+    return _with_last_forces(model, state, start)
+
+
+def _with_last_forces(model: Model, state: State, start: Solution) -> State:
+    """The state with the forces of the last row, which are those of rates that fit the joints."""
+    end = end_of(start)
+    if start.stats.static or start.t[-1] == end.t:  # else the record has no row of the end
+        for name in (name for name in FORCES if name in HISTORIES):
+            rows = getattr(start, name)
+            if len(rows) and rows.shape[1:] == ARRAYS[name].lengths(model.sizes):
+                state = replace(state, **{name: rows[-1]})
+        constraints = state.constraint_forces
+        if constraints is not None and model.fitted_rates is not None and len(start.reactions):
+            nodes, components, columns = model.supports
+            constraints, first = constraints.copy(), len(model.prescribed)
+            constraints[columns] = start.reactions[-1, nodes, components]
+            for i, (joint, _) in enumerate(model.motors):
+                constraints[first + i] = start.motor_forces[-1, joint.number]
+            state = replace(state, constraint_forces=constraints)
+        if model.fitted_rates is not None and len(start.a):
+            state = replace(state, a=model.from_nodes(start.a[-1]))
+    return state
+
+
+def _integrator_of(
+    solver: str, python: PythonLoop, options: NewtonOptions
+) -> PythonLoop | CompiledLoop:
+    """The compiled loop if it can run the model and is not excluded, otherwise that in Python."""
+    if solver == "auto" and (team := waiting_team()) is not None:
+        share(team, python.single)
+        python.stats.solver = f"PETSc on {team.size} processes"
+        return python
+    if solver == "petsc":
+        petsc()
+        python.single.newton.lu = PetscLU
+        return python
+    try:
+        return CompiledLoop(python, options)
+    except LoopUnavailable as reason:
+        if solver == "compiled":
+            raise SceneError(f'solver = "compiled" is not available: {reason}') from reason
+        python.stats.solver += f" ({reason})"
+        return python
+
+
+def check_options(what: str, newton, max_halvings, record, solver) -> None:
+    """Refuse invalid options of a motion."""
+    for name, value, fits, wanted in (
+        ("newton", newton, isinstance(newton, NewtonOptions | None), "an fx_beam.NewtonOptions"),
+        (
+            "max_halvings",
+            max_halvings,
+            is_whole(max_halvings, 0, MOST_HALVINGS),
+            f"a whole number from 0 to {MOST_HALVINGS}",
+        ),
+        ("record", record, isinstance(record, Record | None), "an fx_beam.Record"),
+        (
+            "solver",
+            solver,
+            is_one_of(solver, ("auto", "compiled", "petsc")),
+            '"auto", "compiled" or "petsc"',
+        ),
+    ):
+        require(fits, f"{what}: {name}", value, wanted)

@@ -1,0 +1,336 @@
+/* The time loop, for a block of steps; its Python counterpart is step/stepper.py. The beam
+   equations are in the functions that FFCx generates from the weak form. */
+
+#include "local_error.h"
+#include "processor.h"
+#include "recorder.h"
+#include "tape.h"
+
+static double mid(const Problem *p, double force, double previous) {
+  if (p->level == 0.5 || p->steps_done == 0 || p->sub_steps > 1) return force;
+  return force + (0.5 - p->level) * (force - previous);
+}
+
+/* Dead forces with weight at the scheme's level; their mean over the step, which does the work. */
+/* Part of the weight that acts. */
+static double acting(const Problem *p) { return p->at_rest ? p->ratio : 1; }
+
+static void begin_loads(const Problem *p, const Work *w, const double *loads) {
+  const double *start = loads, *end = loads + p->loads;
+  memset(w->dead, 0, p->dofs * sizeof(double));
+  memset(w->force, 0, p->dofs * sizeof(double));
+  for (int i = 0; p->weight && i < p->dofs; ++i) w->force[i] = acting(p) * p->weight[i];
+  for (int k = 0; k < p->loads; ++k) {
+    double at_level = (1 - p->level) * start[k] + p->level * end[k];
+    for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i) {
+      w->force[p->load_dof[i]] += p->load_force[i] * at_level;
+      w->dead[p->load_dof[i]] += p->load_force[i] * (start[k] + end[k]) / 2;
+    }
+  }
+}
+
+/* Natural strains at the end of a step. */
+static void begin_natural(const Problem *p, const Work *w, const double *factors) {
+  memset(w->natural_end, 0, (long)p->cells * p->cell_natural * sizeof(double));
+  for (int k = 0; k < p->naturals; ++k)
+    for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i)
+      w->natural_end[p->natural_at[i]] += p->natural_value[i] * factors[k];
+}
+
+/* Counts steps that end with inverted sections, and stores the first configuration. */
+static void count_inverted(Problem *p) {
+  if (p->inverted++ > 0) return;
+  p->inverted_t = p->t;
+  memcpy(p->inverted_q, p->q, p->dofs * sizeof(double));
+}
+
+/* An energy of the step; zero without a form for it. */
+static double energy_of(const Problem *p, const Work *w, const Form *form) {
+  begin_form(p, form, w->fields, p->t, w->dt);
+  return assemble_scalar(p, form, w->fields);
+}
+
+/* Evaluates forms and laws with other values of the parameters. */
+static void use_parameters(const Problem *p, const double *values) {
+  memcpy(p->parameter, values, p->parameter_count * sizeof(double));
+  fx_set_parameters(p->points, values);
+}
+
+/* Energy that is stored in the present state, with some values of the parameters. */
+static double stored(const Problem *p, const Work *w, const double *values) {
+  use_parameters(p, values);
+  begin_form(p, &p->energy, w->fields, p->t, 0);
+  return assemble_scalar(p, &p->energy, w->fields) +
+         fx_stored_at_points(p->points, p->q, p->slides, p->spring_internal);
+}
+
+/* Work of what changes parameters of stored energies in the present state. */
+static double work_of_change(const Problem *p, const Work *w, const double *from, const double *to) {
+  if (!p->energies_vary) return 0;
+  double before = stored(p, w, from);
+  return stored(p, w, to) - before;
+}
+
+/* Adds the work of dead loads, driven motion and added forces, and the losses of dampers, material,
+   drag and contact. */
+static void audit(Problem *p, const Work *w, const double *change) {
+  int n = p->dofs, constrained = p->columns - p->free;
+  work_increment(p, w);
+  p->work += dot(n, w->dead, w->path);
+  p->dissipated += fx_lost_at_points(p->points, w->D, w->z);
+  p->work += energy_of(p, w, &p->actuated);
+  double taken = energy_of(p, w, &p->taken);
+  p->dissipated += energy_of(p, w, &p->lost) + taken;
+  p->dissipated += energy_of(p, w, &p->lost_to_drag);
+  p->numerical += taken;
+  if (p->energies_vary && p->held_before.integrals) p->work += energy_of(p, w, &p->held_before) - p->algorithmic;
+  p->algorithmic = energy_of(p, w, &p->held_by_scheme);
+  project(p, w, w->r, w->columns);
+  for (int i = 0; i < p->driven; ++i) {
+    double along;
+    if (p->driven_dof[i] >= 0)
+      along = w->path[p->driven_dof[i]];
+    else if (p->motor_slide[i] >= 0)
+      along = change[i];
+    else
+      along = at(w->path, p->motor_b[i]) - at(w->path, p->motor_a[i]);
+    p->work += mid(p, w->columns[p->free + i], p->constraint_forces[i]) * along;
+  }
+  scale(constrained, p->earlier, p->constraint_forces);
+  for (int i = 0; i < constrained; ++i) p->constraint_forces[i] += p->share * w->columns[p->free + i];
+  if (p->has_added) {
+    memset(w->f, 0, n * sizeof(double));
+    assemble_forces(p, &p->added, w->fields, w->f, 0);
+    fx_evaluate_points(p->points, p->points->external, p->points->nodal, w->D, w->z);
+    fx_add_points(p->points, p->points->external, p->points->nodal, -1, w->f);
+    for (int i = 0; i < n; ++i) p->work += mid(p, w->f[i], p->added_forces[i]) * w->path[i];
+    memcpy(p->added_forces, w->f, n * sizeof(double));
+  }
+}
+
+/* Finds the forces of joints that friction follows, and repeats the step with them. */
+static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
+  fx_begin_following(p->points);
+  for (int k = 0, still = 0; k < MOST_TRIALS; ++k) {
+    evaluate_nodes(p, w);
+    find_joint_forces(p, w);
+    set_axes(p);
+    if (!fx_follow_joints(p->points, w->joint_forces, p->q, w->D, p->level, still, p->spring_internal)) return OK;
+    begin_internal(p, w->fields, t, w->dt, 0);
+    long before = p->iterations;
+    int failure = newton(p, w, driven, GO_ON);
+    if (failure) return failure;
+    still = p->iterations == before + 1;
+  }
+  return NO_CONVERGENCE;
+}
+
+/* Finds the increment of a sub-step; returns why it fails. */
+static int find_increment(Problem *p, const Work *w, const double *driven, int order) {
+  int failure = newton(p, w, driven, order);
+  if (failure && order) failure = newton(p, w, driven, 0);
+  if (failure && p->kept.worth) {
+    p->kept.exact = 1;
+    failure = newton(p, w, driven, 0);
+    p->kept.exact = 0;
+  }
+  return failure;
+}
+
+/* Takes the increment of the columns that is known. */
+static int take_increment(Problem *p, const Work *w, const double *known) {
+  memcpy(w->z, known, p->columns * sizeof(double));
+  return (begin_couplings(p, w) || choose_ahead(p, w)) && expand(p, w) ? OK : SINGULAR;
+}
+
+/* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
+   that are inverted at its start. The increment of its columns may be known. */
+static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs *inputs, long k, int look,
+                     const double *known) {
+  p->sub_step = sub_step;
+  const double *target = inputs->driven + k * p->driven;
+  double *change = w->start, t = p->t + p->level * dt;
+  if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
+  if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
+  if (p->naturals && (k == 0 || inputs->natural_stride))
+    begin_natural(p, w, inputs->natural + k * inputs->natural_stride);
+  w->thrust = inputs->thrust + k * inputs->thrust_stride;
+  for (int i = 0; i < p->driven; ++i) {
+    int dof = p->driven_dof[i];
+    change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
+  }
+  p->ratio = ratio_of_lengths(p, dt);
+  const double *parameters = inputs->parameters + k * 2 * p->parameter_count;
+  if (p->parameters_vary) use_parameters(p, parameters);
+  if (begin_internal(p, w->fields, t, dt, look)) count_inverted(p);
+  begin_form(p, &p->drag, w->fields, t, dt);
+  begin_form(p, &p->added, w->fields, t, dt);
+  LAP(AUDIT);
+  int *order = p->orders + sub_step;
+  p->failure = known ? take_increment(p, w, known) : find_increment(p, w, change, *order);
+  if (p->failure) return 0;
+  if (p->friction_follows && (p->failure = follow_joints(p, w, change, t))) return 0;
+  LAP(CHECKS);
+  *order = update_predictor(p, w);
+  LAP(PREDICTOR);
+  if (p->repeats) {
+    work_increment(p, w);
+    return 1;
+  }
+  audit(p, w, change);
+  if (p->parameters_vary) p->work += work_of_change(p, w, p->parameters, parameters);
+  return 1;
+}
+
+/* The state at the end of a sub-step. */
+static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
+  const double *driven = inputs->driven + k * p->driven;
+  evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
+  if (p->naturals) memcpy(p->natural, w->natural_end, (long)p->cells * p->cell_natural * sizeof(double));
+  fx_evolve_points(p->points, w->D, w->z, p->spring_internal);
+  advance_rates(p, w, w->dt);
+  if (p->keeps_before) memcpy(p->before, p->q, p->dofs * sizeof(double)), p->length = w->dt;
+  for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
+  for (int j = 0; j < p->joints; ++j)
+    if (p->slide_column[j] >= 0) p->slides[p->slide_of[j]] += w->z[p->slide_column[j]];
+  for (int i = 0; i < p->sliders; ++i) p->slides[p->slider[i].joint] += w->z[p->slider[i].column];
+  memcpy(p->driven_now, driven, p->driven * sizeof(double));
+  p->t += w->dt;
+  p->steps_done += 1;
+  if (p->parameters_vary) {
+    const double *level = inputs->parameters + k * 2 * p->parameter_count, *end = level + p->parameter_count;
+    p->work += work_of_change(p, w, level, end);
+    use_parameters(p, end);
+    memcpy(p->parameters, end, p->parameter_count * sizeof(double));
+  }
+}
+
+/* After the sub-steps of a part of length dt, with others before it: the mean acceleration of the step so
+   far, and the largest rotation of the part. */
+static double summarise(Problem *p, const Work *w, double dt, int before) {
+  if (p->sub_steps == 1 && before == 0) return widest_turn(p, w->D);
+  const double *q = w->saved, *v = q + p->dofs, *a = v + p->dofs;
+  int means = p->rule == 0 && !p->rules;
+  for (int i = 0; i < p->dofs; ++i) {
+    if (means) p->a[i] = ((p->v[i] - v[i]) / dt + before * a[i]) / (before + 1);
+    w->scratch[i] = p->q[i] - q[i];
+  }
+  return widest_turn(p, w->scratch);
+}
+
+/* Shares of a sub-step and of the parts before in the means over the step so far. */
+static void set_shares(Problem *p, int sub_step, int before) {
+  if (p->level != 0.5) before = 0;
+  p->share = p->fractions[sub_step] / (before + 1);
+  p->earlier = sub_step > 0 ? 1 : before / (before + 1.0);
+}
+
+/* Returns to the state before a step that failed; counts of what was seen are kept. */
+static void undo(Problem *p, const Work *w, Problem before) {
+  before.failure = p->failure, before.inverted = p->inverted, before.inverted_t = p->inverted_t;
+  before.ratios[1] = p->ratios[1], before.kept = p->kept;
+  *p = before;
+  memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
+}
+
+/* Forgets what was recorded of a step that is not taken. */
+static void forget(Record *to, int starts, long taped) {
+  to->starts = starts;
+  if (to->tape) to->tape->rows = taped;
+}
+
+/* Values of Model.switches in the present state. */
+static void find_sides(const Problem *p, double *out) {
+  fx_find_switches(p->points, p->q, p->slides, out);
+}
+
+/* Whether a value changed its sign since the sub-step before; those now are in the second half. */
+static int switched(const Problem *p) {
+  double *before = p->sides, *now = before + p->switches;
+  int any = 0;
+  find_sides(p, now);
+  for (int i = 0; i < p->switches; ++i) any |= (before[i] < 0) != (now[i] < 0), before[i] = now[i];
+  return any;
+}
+
+/* Records the present state, from which the first step starts. */
+void fx_record_start(Problem *p, Record *to) {
+  Work work, *w = &work;
+  lay_out(p, w, p->scratch);
+  record(p, w, to);
+}
+
+int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
+  Work work, *w = &work;
+  lay_out(p, w, p->scratch);
+  w->dt = 0;
+  p->failure = p->stopped = 0;  // also where no step is to be taken
+  LAP(PHASES_IN_ALL);
+  if (p->watches) find_sides(p, p->sides);
+  int unchecked = 0;
+  for (int k = 0; k < steps; ++k) {
+    int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;
+    int of_row = step % to->every == 0 || step == to->last, wanted = of_row && part + 1 == to->parts;
+    if (part == 0 || p->level != 0.5) to->starts = to->complete;
+    int starts = to->starts;
+    long taped = to->tape ? to->tape->rows : 0;
+    double lost = p->dissipated;
+    Problem before;
+    if (p->sub_steps > 1 || p->controlled || p->watches || to->parts > 1) {
+      before = *p;
+      memcpy(w->saved, p->memory, p->memory_size * sizeof(double));
+    }
+    for (int i = 0; i < p->sub_steps; ++i) {
+      long number = (long)k * p->sub_steps + i;
+      set_shares(p, i, part);
+      if (of_row && to->stores_starts) record_start(p, dt * p->fractions[i], i, to);
+      const double *known = p->repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
+      if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0, known)) {
+        if (i > 0) undo(p, w, before);
+        forget(to, starts, taped);
+        return k;
+      }
+      int asked = !p->repeats && (p->keeps_joint_forces || (of_row && to->forces));
+      int joints = p->scene_joints && asked;
+      int contacts = of_row && to->forces && p->points->recorded;
+      if (joints || contacts) evaluate_nodes(p, w);
+      if (joints) add_joint_forces(p, w);
+      if (contacts) add_contact_forces(p);
+      if (to->tape)
+        put_on_tape(p, w, to->tape, inputs->loads + number * inputs->load_stride,
+                    inputs->thrust + number * inputs->thrust_stride,
+                    inputs->natural + number * inputs->natural_stride);
+      advance(p, w, inputs, number);
+      if (p->watches && switched(p)) {
+        p->failure = SWITCHED;
+        undo(p, w, before);
+        forget(to, starts, taped);
+        return k;
+      }
+    }
+    if (p->controlled) {
+      double ratio = local_error(p, w, dt);
+      p->ratios[0] = p->ratios[1], p->ratios[1] = ratio;
+      if (ratio > 1) {
+        p->failure = TOO_INACCURATE;
+        undo(p, w, before);
+        forget(to, starts, taped);
+        return k;
+      }
+      int low = ratio >= 0 && fmax(ratio, p->ratios[0]) < p->lowest;
+      if (low || ratio > p->highest) steps = k + 1, p->stopped = 1;
+    }
+    double turn = summarise(p, w, dt, part);
+    /* Beyond rounding: damping at rest takes next to nothing. */
+    p->amplified += p->sub_steps > 1 && lost - p->dissipated > 1e-14 * fabs(lost);
+    if (to->parts > 1) p->too_large += turn * to->parts > p->large_turn;
+    if (wanted) record(p, w, to);
+    ++p->completed;
+    unchecked = !wanted || p->energies[1] >= p->least_energy;
+    LAP(AUDIT);
+  }
+  if (unchecked && begin_internal(p, w->fields, p->t, dt, 1)) count_inverted(p);
+  return steps;
+}
+
+#include "forward.h"

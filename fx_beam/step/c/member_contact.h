@@ -1,0 +1,93 @@
+/* Contact of nodes with members (laws/member_gap.py). */
+
+#pragma once
+
+/* A function as FFCx compiles it: values, and what is given in the place of the constants. */
+typedef void Law(double *, const double *, const double *, const double *, const int *,
+                 const unsigned char *, void *);
+
+/* Entries of a touch: x and y of the point and of four nodes; coordinates of its law, and room for what it
+   is given and finds. */
+enum { TOUCH_DOFS = 10, MOST_SUMS = 8, TOUCH_GIVEN = 48, TOUCH_RESULTS = 80 };
+/* Memory of friction: at most so many touches of a point; of each its place on the member, counted from 1,
+   and the two internal variables of its law. */
+enum { SLOTS = 2, IN_SLOT = 3 };
+
+/* Points, which are nodes, against a member. */
+typedef struct {
+  Law *law;
+  struct { Law *energy; };
+  struct { Law *loss; };
+  int sums, remembered, entries, *entry_row, *entry_column; /* twice the sums; entries of its tangent */
+  int internal, first_slot; /* internal variables; its first slot of memory, in which a point has SLOTS */
+  int points, *point_dof;   /* [points][2] */
+  double *point_position;   /* [points][2] in the reference */
+  int *point_slot;          /* where the force on a point is recorded, or -1 */
+  int nodes, *node_dof;     /* of the member, along it */
+  double *node_position;
+  int *node_slot;
+  int numbers;              /* of each point */
+  double *number;           /* [points][numbers]: the radii, then those of the law */
+  double *arc;              /* places of its nodes along it */
+  double apart;             /* of a member and itself: how far apart they must be */
+} MemberContact;
+
+/* A point that is near a member. */
+typedef struct {
+  int contact, point, piece, dof[TOUCH_DOFS];
+  int begins, ends, touching; /* whether the pieces reach the ends of the member; whether there is a force */
+  int slot;                   /* of its friction, or -1 */
+  int left, leans;            /* whether the nearest point has left the two pieces; to which side they should go */
+  int counted;                /* whether the pattern of the tangent has it */
+  double start[5][2];         /* at the start of the step: the point, then arms to the four nodes */
+  double place, distance, weights[4], slopes[4]; /* the nearest point at the start */
+  double end, seen, motion;   /* its place at the end; where it was last followed along the member; its way in a step */
+  double sums[4][4];          /* weights of the sums of arms */
+  double given[TOUCH_GIVEN], results[TOUCH_RESULTS], tangent[TOUCH_DOFS * TOUCH_DOFS];
+} Touch;
+
+typedef struct {
+  int contacts, conditions;
+  MemberContact *of;
+  int dofs, moving, *moves; /* all degrees of freedom; those of all points and members, as pairs */
+  double margin, moved, step; /* of the last search; largest motions since then, and in the last step */
+  long searches;            /* their number: when it changes, so do the touches */
+  int wide;                 /* whether the next search must have a larger margin */
+  int slots, first_internal; /* of friction; where they begin among all internal variables */
+  struct { int *taken; };    /* [slots] whether a touch has it */
+  /* [dofs]: configurations of the last search and of the start of the step, rates there, room; its slots */
+  struct { double *searched_at, *q, *v, *product, *memory; };
+  struct { Touch *touch; }; /* [room] */
+  int touches, room;
+  struct { double *slopes; }; /* derivatives of all touches, where they are needed (member_derivatives.h) */
+  long slope_room;
+  /* The cells of a search: where the nodes in each begin, the nodes, and their places. */
+  struct { int *cell_start, *cell_node, *cell_of; };
+  struct { double *node_at; };
+  long cells_room, nodes_room;
+} MemberContacts;
+
+/* What is wrong at the end of a step: nothing, points have moved further than was expected, a point has passed through
+   a member, or has moved further along one than its touch can. */
+enum { MEMBERS_FINE, MEMBERS_MOVED, MEMBERS_PASSED, MEMBERS_SLID };
+
+void fx_free_members(MemberContacts *m);
+void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
+                      const double *internal);
+void fx_evaluate_members(MemberContacts *m, const double *D);
+void fx_add_members(const MemberContacts *m, double *f);
+/* Adds the product of their tangent and x. */
+void fx_times_members(const MemberContacts *m, const double *x, double *out);
+int fx_check_members(MemberContacts *m, const double *D);
+double fx_lost_at_members(MemberContacts *m, const double *D);
+double fx_stored_at_members(MemberContacts *m, const double *q, const double *internal);
+/* Adds the derivatives of the stored energy by degrees of freedom, internal variables and all numbers; of each contact
+   a function has those of its energy by all that its law is given. */
+void fx_energy_by_members(MemberContacts *m, const double *q, const double *internal, Law **by, double *of_q,
+                          double *of_internal, double *of_numbers);
+/* Internal variables at the end of a step. */
+void fx_evolve_members(MemberContacts *m, const double *D, double *internal);
+/* Of each point the least gap, at most 1. */
+void fx_member_gaps(MemberContacts *m, const double *q, double *out);
+/* Adds the forces on points to those that are recorded, of each slot x and y. */
+void fx_record_members(const MemberContacts *m, double factor, double *out);

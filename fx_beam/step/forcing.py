@@ -1,0 +1,189 @@
+"""Dead loads, prescribed motions and motors of a model as functions of time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.parameter_values import before
+from fx_beam.laws.interval import Interval, just_inside
+from fx_beam.results.state import State
+from fx_beam.scene.beam import COMPONENTS
+from fx_beam.scene.coordinate import Held
+from fx_beam.validation import Constant, TimeFunction, evaluate, series
+
+from .model import Model
+from .turning_frame import TurningFrame
+
+# Weights of the differences of five positions, backwards in time, in the rate at the first one.
+_OF_DIFFERENCES = np.array([-25, 23, -13, 3]) / 12
+
+
+class Forcing:
+    """Evaluates dead loads, prescribed motions and motors."""
+
+    #: In statics, the time at which functions of time are evaluated [s].
+    time = 0.0
+    turning: TurningFrame | None = None
+
+    def __init__(self, model: Model):
+        self.model = model
+        #: The last natural strains, with their time.
+        self._known: tuple[float, np.ndarray] | None = None
+        scene = model.scene
+        self._driven = [
+            (function, f"prescribed {COMPONENTS[component]} of {scene.nodes[node]}")
+            for (node, component), function in scene.prescribed.items()
+        ]
+        self._driven += [
+            (getattr(joint, name).motor, f"motor of {joint}") for joint, name in model.motors
+        ]
+        #: Numbers of those that are locked.
+        self._held = [i for i, (of, _) in enumerate(self._driven) if isinstance(of, Held)]
+
+    @property
+    def functions(self) -> list[TimeFunction]:
+        """The functions of time of prescribed motions and motors."""
+        return [function for function, _ in self._driven]
+
+    def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
+        """Dead forces (size,) at the start and at the end of a step, weight included [N, N m]."""
+        start, end = just_inside(step.start, step.end)
+        before = self._dead(start)
+        return before, before if self.model.loads.constant else self._dead(end)
+
+    def positions(self, t: float) -> np.ndarray:
+        """Prescribed motions and positions of motors (driven,) at a time [m, rad]."""
+        return np.array([evaluate(function, t, what)[0] for function, what in self._driven])
+
+    def natural(self, t: float) -> np.ndarray | None:
+        """Natural strains (cells, degree, 3) at the end of a step [s]; None without any."""
+        natural = self.model.natural
+        if not natural:
+            return None
+        if self._known is None or self._known[0] != t:
+            self._known = t, natural.at(float(before(t)))
+        return self._known[1]
+
+    def derivatives(self, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """First and second derivatives (driven,) of driven motion, from steps of length h [s]."""
+        if not self._driven:
+            return np.empty(0), np.empty(0)
+        # One-sided differences of second order: a motion need not be defined before the start.
+        # Differences to the start have no rounding error if the motion is constant. Second
+        # differences use longer steps, since rounding errors are divided by h^2.
+        f0, *others = self.series(t + h * np.array([0, 1, 2, 100, 10, 20, 30]))
+        d1, d2, far, e1, e2, e3 = (f - f0 for f in others)
+        rates = (4 * d1 - d2) / (2 * h)
+        # Rates below the error of these differences are set to zero.
+        rates[abs(rates) < 1e-3 * abs(far) / (100 * h)] = 0.0
+        h *= 10
+        bend = 4 * e2 - 5 * e1 - e3
+        # Values below the rounding error as well.
+        bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(e3))] = 0.0
+        return rates, bend / h**2
+
+    def end_rates(self, ends: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        """Rates (n, driven) of driven motion at the ends of steps, from values in these steps.
+
+        By differences of order four; steps of negative length start at these times.
+        """
+        if not self._driven:
+            return np.empty((len(ends), 0))
+        h = lengths / 8
+        positions = self.series((ends[:, None] - h[:, None] * np.arange(5)).ravel())
+        positions = positions.reshape(len(ends), 5, -1)
+        return _OF_DIFFERENCES @ (positions[:, 1:] - positions[:, :-1]) / h[:, None]
+
+    def naturals(self, ends: np.ndarray) -> np.ndarray:
+        """Factors (steps, n) of the unit natural strains at the ends of steps."""
+        return self.model.natural.series(before(ends))
+
+    def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+        """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
+        found = np.empty((len(t0), 2, self.model.loads.columns.shape[1]))
+        if found.size:  # both ends at once
+            ends = self.model.loads.series(np.concatenate(just_inside(t0, t1)))
+            found[:, 0], found[:, 1] = ends[: len(t0)], ends[len(t0) :]
+        return found
+
+    def series(self, times: np.ndarray) -> np.ndarray:
+        """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
+        positions = np.empty((len(times), len(self._driven)))
+        for i, (function, what) in enumerate(self._driven):
+            positions[:, i : i + 1] = series(function, times, what)
+        return positions
+
+    def current(self, state: State) -> np.ndarray:
+        """Prescribed motions and positions of motors (driven,) in a state [m, rad]."""
+        return np.concatenate([state.q[self.model.prescribed], state.motors])
+
+    def hold(self, state: State) -> None:
+        """Let locked joints keep the coordinates of a state."""
+        current = self.current(state)
+        for i in self._held:
+            self._driven[i] = Constant(current[i : i + 1].copy()), self._driven[i][1]
+
+    def check_start(self, state: State) -> None:
+        """Refuse prescribed motions and motors that would jump at the start."""
+        if not self._driven:
+            return
+        self.hold(state)
+        given = self.positions(state.t)
+        # A unit motion is the size of the scene, or a radian.
+        turns = [component == 2 for _, component in self.model.scene.prescribed]
+        turns += [name == "rotation" for _, name in self.model.motors]
+        allowed = 1e-9 * (np.where(turns, 1.0, self.model.mesh.size) + abs(given))
+        for value, start, most, (_, what) in zip(
+            given, self.current(state), allowed, self._driven, strict=True
+        ):
+            if abs(value - start) > most:
+                raise SceneError(
+                    f"{what} is {value:g} at t = {state.t:g}, but the motion starts from "
+                    f"{start:g}. Let the function have this value then; or bring the scene to its "
+                    f"value by static(scene, t={state.t:g}), and start from this solution"
+                )
+
+    def _dead(self, t: float) -> np.ndarray:
+        force = self.model.loads.at(t)
+        return force if self.model.weight is None else force + self.model.weight
+
+
+class LoadForcing(Forcing):
+    """Loads and driven motions at one time [s], scaled by the load factor in place of time.
+
+    And centrifugal forces, if the scene rests in a frame that turns.
+    """
+
+    def __init__(self, model: Model, time: float, turning: TurningFrame | None = None):
+        super().__init__(model)
+        self.time, self.turning = time, turning
+        model.forms.parameters.hold(time)
+        #: All dead loads (size,) [N, N m], and how far driven motions go (driven,) [m, rad].
+        self.full, self.goal = self._dead(time), super().positions(time)
+        self._origin = np.zeros_like(self.goal)
+        #: Natural strains to which they go, and from where; None without any.
+        self._natural = super().natural(time)
+        self._without: np.ndarray | float = 0.0
+
+    def start_from(self, state: State) -> None:
+        """Let driven motions and natural strains start from what they are in a state."""
+        if self._natural is not None and state.natural is not None:
+            self._without = state.natural
+        origin = self.current(state)
+        self.goal[self._held] = (origin - self._origin)[self._held]
+        self._origin, self.goal = origin, self._origin + self.goal - origin
+
+    def forces(self, step: Interval) -> tuple[np.ndarray, np.ndarray]:
+        """Dead forces (size,) at two load factors [N, N m]."""
+        return step.start * self.full, step.end * self.full
+
+    def positions(self, t: float) -> np.ndarray:
+        """Prescribed motions and positions of motors (driven,) at a load factor [m, rad]."""
+        return self._origin + t * self.goal
+
+    def natural(self, t: float) -> np.ndarray | None:
+        """Natural strains (cells, degree, 3) at a load factor; None without any."""
+        if self._natural is None:
+            return None
+        return self._without + t * (self._natural - self._without)

@@ -1,0 +1,94 @@
+"""Full turns of members, counted separately to limit the rounding errors of rotations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy.sparse
+from scipy.sparse.csgraph import connected_components
+
+from fx_beam.content_cache import cached_by_content
+from fx_beam.results.state import State
+from fx_beam.scene.joints import GROUND
+
+from .model import Model
+
+_ROTATION = 2  # among the components of a node
+
+
+class TurnCounter:
+    """Full turns that were subtracted from the rotations of a state.
+
+    Without this, rounding errors grow with the turns: they are 1e-12 at a rotation of 5000 rad.
+    """
+
+    def __init__(self, model: Model):
+        self._members = _members(model)
+        #: Rotations (size,) subtracted so far [rad].
+        self.removed = np.zeros(model.size)
+
+    def reset(self) -> None:
+        """Begin again, without turns."""
+        self.removed = np.zeros(len(self.removed))
+
+    def turns_of(self, state: State) -> np.ndarray:
+        """Full turns (size,) [rad] of a state, where these have no effect on the equations."""
+        turns = np.zeros_like(self.removed)
+        for member in self._members:
+            mean = float(np.add.reduce(state.q[member])) / len(member)
+            if number := round(mean / (2 * math.pi)):
+                turns[member] = 2 * math.pi * number
+        return turns
+
+    @staticmethod
+    def without(turns: np.ndarray, state: State) -> State:
+        """The state without turns."""
+        before = None if state.before is None else state.before - turns
+        return state.changed(q=state.q - turns, before=before)
+
+    def with_turns(self, state: State) -> State:
+        """The state with the turns that were subtracted."""
+        before = None if state.before is None else state.before + self.removed
+        return state.changed(q=state.q + self.removed, before=before)
+
+
+def without_turns(model: Model, D: np.ndarray) -> np.ndarray:
+    """Increments (..., size) without full turns of rotations."""
+    D = D.copy()
+    D[..., model.turns] -= 2 * np.pi * np.round(D[..., model.turns] / (2 * np.pi))
+    return D
+
+
+def _members(model: Model) -> list[np.ndarray]:
+    """Rotations of groups of nodes that turn together, if full turns have no effect on them."""
+    scene, mesh = model.scene, model.mesh
+    if scene.virtual_works:
+        return []  # their expressions may depend on full turns
+    none = np.empty(0, dtype=int)
+    one = [none, *(nodes[:-1] for nodes in mesh.nodes)]
+    other = [none, *(nodes[1:] for nodes in mesh.nodes)]
+    counted = {node for node, part in {*scene.fixed, *scene.prescribed} if part == _ROTATION}
+    for joint in scene.joints:
+        ends = [node.number for node in (joint.a, joint.b) if node is not GROUND]
+        rotation = joint.rotation
+        if joint.turns_together and len(ends) == 2:
+            one.append(np.array(ends[:1]))
+            other.append(np.array(ends[1:]))
+        elif joint.turns_together:
+            counted |= {*ends}
+        if rotation is not None and (rotation.acts or rotation.motor):
+            counted |= {*ends}
+    free = _turning(len(mesh.X), np.concatenate(one), np.concatenate(other), tuple(sorted(counted)))
+    return [mesh.dofs[nodes, _ROTATION] for nodes in free]
+
+
+@cached_by_content
+def _turning(n: int, i: np.ndarray, j: np.ndarray, counted: tuple[int, ...]) -> list[np.ndarray]:
+    """Groups of n nodes that pairs i, j connect, without those of nodes whose turns count."""
+    graph = scipy.sparse.coo_matrix((np.ones(len(i)), (i, j)), (n, n))
+    number, of_node = connected_components(graph, directed=False)
+    held = set(of_node[list(counted)])
+    order = np.argsort(of_node, kind="stable")
+    members = np.split(order, np.cumsum(np.bincount(of_node, minlength=number))[:-1])
+    return [nodes for m, nodes in enumerate(members) if m not in held]

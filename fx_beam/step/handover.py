@@ -1,0 +1,467 @@
+"""Converts a model for the compiled loop: forms, matrices and couplings as arrays.
+
+FFCx generates the integrals along beams from the UFL, and the laws of forces at points. All else is
+in the C files: Newton's method, couplings and nodal rates.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.c_library import declarations
+from fx_beam.coupling.index_reduction import Tables, TieTables
+from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.fem import dolfinx_api
+from fx_beam.laws.rates import MidPointRates, NewmarkRates
+from fx_beam.results.state import ARRAYS
+from fx_beam.scene.beam import Node
+from fx_beam.scene.constraints import joints_by_number
+from fx_beam.scene.joints import GROUND
+from fx_beam.structs import Structs
+
+from .border_tables import BorderTables, on_borders, ones_of, storage_of
+from .build import LoopUnavailable, load_library
+from .element_data import aligned, element_data
+from .form_tables import FormTables
+from .joint_forces import JointForces, Passing
+from .line_search import OVERSHOOT, SEARCHES
+from .lu_layout import COSTS, Factors, factors_of, groups_of, in_sparse_rows
+from .model import Model
+from .newton import (
+    ENERGY_FLOOR,
+    ENERGY_SHARE,
+    LONGEST_TURN,
+    NEGLIGIBLE,
+    PREDICTOR_ERROR,
+    NewtonOptions,
+)
+from .substeps import LARGE_TURN
+from .tangent_storage import alone_in_column, diagonal_of, storage_of_entries
+
+
+class Problem:
+    """The C struct Problem, and the arrays to which it points.
+
+    LoopUnavailable, with the reason, if the compiled loop cannot run the model.
+    """
+
+    def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
+        self.model = model
+        self.ffi, self.library = load_library()
+        self._structs = Structs(self.ffi, declarations("problem.h"))
+        self.c = self.ffi.new("Problem *")
+        stored_at = self._hand_over_couplings(model.reduction.tables())
+        self._hand_over_mesh(stored_at)
+        self._set(has_added=model.forms.has_added, keeps_before=model.keeps_before)
+        self._hand_over_rates(stored_at)
+        self._hand_over_points(stored_at)
+        self._hand_over_motors()
+        if joint_forces is not None:
+            self._hand_over_joint_forces(joint_forces)
+        self._hand_over_tolerances(options)
+        numbers = self._numbers(masses=True) | self._positions()
+        #: What some were made of: positions of nodes, and how often masses had changed.
+        self._X, self._mass_changes = model.mesh.X, model.mass_changes
+        #: Members that are numbers of the scene, which C reads here.
+        self._own = {name: np.array(values, float) for name, values in numbers.items()}
+        self._set(**self._own)
+        self._allocate()
+        self._structs.check(self.c)
+        #: The struct before any run.
+        self._fresh = bytes(self.ffi.buffer(self.c))
+
+    def _set(self, **values: Any) -> None:
+        self._structs.set(self.c, **values)
+
+    def _hand_over_mesh(self, stored_at: np.ndarray) -> None:
+        model, p = self.model, self.c
+        mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
+        dofs, coordinates, entries = element_data(mesh, K)
+        massless = np.flatnonzero(model.massless)
+        self._set(
+            dofs=model.size,
+            nodes=len(mesh.X),
+            cells=len(dofs),
+            cell_internal=int(np.prod(model.forms.internal_shape[1:])),
+            cell_dofs=dofs.shape[1],
+            cell_coordinates=coordinates.shape[1],
+        )
+        if natural := model.natural:
+            strains = natural.columns
+            self._set(
+                cell_natural=int(np.prod(natural.shape[1:])),
+                naturals=strains.shape[1],
+                natural_start=strains.indptr,
+                natural_at=strains.indices,
+                natural_value=strains.data,
+            )
+        turns = np.zeros(model.size, dtype=bool)
+        turns[model.turns] = True
+        heavy = (mass.data != 0) & (not model.scheme.rates.at_rest)
+        turning = heavy & turns[mass.indices]
+        columns = model.loads.columns
+        self._set(
+            turning=len(model.turns),
+            turns=model.turns,
+            massless_count=len(massless),
+            massless=massless,
+            row_start=K.indptr,
+            column_of=K.indices,
+            stored_at=stored_at,
+            mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
+            mass_column=mass.indices[heavy],
+            mass_stored_at=stored_at[heavy],
+            turning_masses=np.count_nonzero(turning),
+            turning_column=mass.indices[turning],
+            turning_stored_at=stored_at[turning],
+            node_dofs=mesh.dofs,
+            loads=columns.shape[1],
+            load_start=columns.indptr,
+            load_dof=columns.indices,
+        )
+        #: Entries of the mass matrix that C has.
+        self.heavy = heavy
+        self._turning, self._turns = turning, turns
+        #: Tables of the forms of beams, None without any.
+        self.tables: FormTables | None = None
+        if (beams := model.forms.beams) is not None:
+            stored = stored_at[entries]
+            self.tables = FormTables(beams, dofs, coordinates, stored, p, self.library.LANES)
+            self._set(**self.tables.all())
+            if p.cell_internal:
+                width = beams.internal_shape[-1]
+                self._set(per_weight=np.repeat(1 / beams.point_weights, width))
+
+    def _positions(self) -> dict[str, np.ndarray]:
+        """The members that change where nodes move."""
+        model = self.model
+        return {
+            "position": model.mesh.X,
+            "per_unit": 1 / model.unit,
+            "per_displacement": np.where(self._turns, 0, 1 / model.unit),
+        }
+
+    def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
+        """The other numbers of the scene, besides those of forms and points."""
+        model, mass, loads = self.model, self.model.mass.data, self.model.loads.columns
+        of = model.reduction.joint_tables()
+        numbers = {"offset": of["offset"], "axis": of["axis"], "load_force": loads.data}
+        if masses:
+            numbers |= {"mass": mass[self.heavy], "turning_mass": mass[self._turning]}
+        if model.weight is not None:
+            numbers["weight"] = model.weight
+        if model.natural:
+            numbers["natural_value"] = model.natural.columns.data
+        return numbers
+
+    def refill(self) -> None:
+        """Set all numbers to those that the model has now, and all else to that before a run."""
+        model = self.model
+        moved, heavier = model.mesh.X is not self._X, model.mass_changes != self._mass_changes
+        numbers = self._numbers(heavier) | (self._positions() if moved else {})
+        for name, values in numbers.items():
+            self._own[name][...] = values
+        self._X, self._mass_changes = model.mesh.X, model.mass_changes
+        if len(model.points.slides):
+            for i, row in enumerate(self._slide_rates()):
+                self._structs.set(self.c.rated_slide[i], axis=row["axis"], offset=row["offset"])
+        if self.tables is not None:
+            if moved:
+                self.tables.move(dolfinx_api.element_coordinates(model.mesh.mesh))
+            self.tables.refill()
+        self.ffi.memmove(self.c, self._fresh, len(self._fresh))
+        self._clear()
+
+    def _hand_over_points(self, stored_at: np.ndarray) -> None:
+        model, points = self.model, self.model.points
+        self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
+        self._set(friction_follows=points.follow_joints)
+        self._set(thrusts=len(points.followers))
+        if len(of_scene := model.forms.parameters):
+            self._set(
+                parameter_count=len(of_scene),
+                parameters_vary=of_scene.vary,
+                energies_vary=of_scene.in_energies,
+                parameter=of_scene.values,
+            )
+        if not points.any:
+            self._set(points=[{}])
+            return
+        point_stored_at = np.where(points.value_at >= 0, stored_at[points.value_at], -1)
+        # Each force on a slide has one entry, the last ones.
+        to, of = self._on_slides
+        point_stored_at[len(point_stored_at) - len(points.slides) + of] = to
+        self._set(points=points.address, point_stored_at=point_stored_at)
+        if rows := self._slide_rates():
+            rates = np.zeros(model.scene.joint_count)
+            self._set(rated=len(rows), rated_slide=rows, slide_rate=rates)
+
+    def _slide_rates(self) -> list[dict[str, Any]]:
+        """Slides with forces as ``SlideRate`` of c/problem.h: what their rates depend on."""
+        model = self.model
+        sliders = [joint.number for joint in model.couplings.sliding]
+
+        def dofs(node: Node) -> np.ndarray:
+            return np.full(3, -1) if node is GROUND else model.mesh.dofs[node.number]
+
+        own = joints_by_number(model.scene)
+        return [
+            {
+                "joint": joint.number,
+                "slider": sliders.index(joint.number) if joint.number in sliders else -1,
+                "a": dofs(joint.a),
+                "b": dofs(joint.b),
+                "axis": np.zeros(2) if joint.axis is None else joint.axis,
+                "offset": joint.offset,
+            }
+            for joint in (own[i] for i in np.unique(model.points.slides))
+        ]
+
+    def _hand_over_rates(self, stored_at: np.ndarray) -> None:
+        rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
+        self._set(level=rates.level, at_rest=rates.at_rest)
+        if rates.at_rest:  # it has no mass either
+            self._set(rule=1, beta=1.0)
+        elif type(rates) is NewmarkRates:
+            self._set(rule=1, beta=rates.beta, gamma=rates.gamma, alpha_m=rates.alpha_m)
+        elif (rules := self.model.nodal_rules) is not None:
+            addresses = np.array([function.address for function in rules.functions], np.uintp)
+            self._set(
+                rule=0 if rates.level == 0.5 else 1,
+                rules=len(addresses),
+                nodal_rule=addresses,
+                column_at_node=rules.columns,
+                rule_stored_at=stored_at[rules.value_at],
+            )
+        elif type(rates) is not MidPointRates:
+            raise LoopUnavailable(f"custom rates {type(rates).__name__}")
+        if len(fractions) > self.library.SUB_STEPS:
+            raise LoopUnavailable(f"more than {self.library.SUB_STEPS} sub-steps")
+        self._set(sub_steps=len(fractions), fractions=fractions)
+
+    def _hand_over_couplings(self, t: Tables) -> np.ndarray:
+        """Hand over the couplings; returns the storage index of each entry of the full tangent."""
+        p, reduction = self.c, self.model.reduction
+        equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1)
+        first = np.argsort(~equal, kind="stable")
+        self._set(
+            columns=reduction.columns,
+            free=reduction.free,
+            driven=reduction.driven,
+            entries=len(equal),
+            equal=np.count_nonzero(equal),
+            **{f"entry_{name}": values[first] for name, values in t.entries.items()},
+            joints=len(t.joints["number"]),
+            guide=t.joints["guide"],
+            slide_column=t.joints["slide_column"],
+            slide_of=t.joints["number"],
+            joint_sign=t.joints["sign"],
+            followers=len(t.followers["through"]),
+            follower=t.followers["dof"],
+            through=t.followers["through"],
+        )
+        if not reduction.free:
+            raise LoopUnavailable("the scene has no unknowns")
+        loops = reduction.loop_tables()
+        self.factors = factors = self._factors_of(*reduction.factored)
+        at, stored = factors.at, factors.size
+        if not factors.band:  # the tangent is stored apart
+            indptr, indices = reduction.factored
+            at, stored = np.arange(len(indices)), len(indices)
+            self._set(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
+            self._set(factor_size=factors.size, kept={"worth": factors.worth})
+        if self.model.points.members is not None:
+            self._hand_over_changing_rows(t)
+        alone = alone_in_column(t, self.model.size, reduction.free)
+        if t.ties:
+            alone[np.isin(self.model.couplings.column, t.ties.values["tie_column"])] = False
+        if loops is not None:
+            alone[np.isin(self.model.couplings.column, loops.values["loop_column"])] = False
+            self._set(**loops.values)
+            self._set(**{name: at[k] for name, k in loops.entries.items()})
+        padding = [*factors.padding, *ones_of(reduction, at)]
+        at, stored = storage_of(reduction, at, stored)
+        padding += [*self._hand_over_ties(t.ties, at)]
+        stored_at, p.stored_values = storage_of_entries(
+            t, self.model.forms.stiffness, alone, at, stored
+        )
+        if isinstance(reduction, JointReduction):
+            first = self.library.ON_BORDER
+            diagonal_at = stored_at[diagonal_of(self.model.forms.stiffness)]
+            borders = BorderTables(reduction, factors, at, diagonal_at, self.model.massless, first)
+            self._set(**borders.all())
+        self._set(
+            band=factors.band,
+            chain=factors.chain,
+            positions=3 * factors.chain or len(factors.order),
+            order=factors.order,
+            unknowns=len(factors.order),
+            paddings=len(padding),
+            padding=padding,
+            reacting=np.count_nonzero(~alone),
+            reacts=np.flatnonzero(~alone),
+            rows=factors.rows(),
+        )
+        added = stored_at[t.direct["source"]] >= stored
+        parts = t._replace(direct={key: values[added] for key, values in t.direct.items()})
+        for name in ("direct", "coupled", "geometric"):
+            table = dict(getattr(parts, name))
+            to = table.pop("to")
+            self._set(**{name: len(to), f"{name}_to": at[to]})
+            if "source" in table:
+                self._set(**{f"{name}_from": stored_at[table.pop("source")]})
+            self._set(**{f"{name}_{key}": values for key, values in table.items()})
+        #: Storage indices of the forces on slides, and which these are.
+        self._on_slides = at[t.restoring["to"]], t.restoring["of"]
+        return stored_at
+
+    def _hand_over_changing_rows(self, t: Tables) -> None:
+        """Hand over what a pattern that changes with the touches of members is found from."""
+        size, reduction, couplings = self.model.size, self.model.reduction, self.model.couplings
+        groups = groups_of(*reduction.factored, self._ties, reduction.forces)
+        row_of, unknown_of = on_borders(reduction, *reduction.system(), self.library.ON_BORDER)
+        order = np.argsort(t.entries["row"], kind="stable")
+        starts = np.concatenate([[0], np.cumsum(np.bincount(t.entries["row"], minlength=size))])
+        values = {f"dof_{name}": t.entries[name][order] for name in ("column", "value", "sign")}
+        row = {
+            "groups": len(groups["first_unknown"]) - 1,
+            **groups,
+            "dof_start": starts,
+            **values,
+            "row_of": row_of,
+            "unknown_of": unknown_of,
+            "keep": not couplings.closures and not couplings.ties and not couplings.sliding,
+            "row_entry": COSTS.row_entry,
+            "substitution": COSTS.substitution,
+            "least_worth": COSTS.least_worth,
+        }
+        self._set(changing=[row])
+        # Freed with this object, before what it points to: C allocates as much as the rows need.
+        free, owner = self.library.fx_free_rows, self._structs
+        self._rows = self.ffi.gc(self.c.changing, lambda rows, owner=owner: free(rows))
+
+    @property
+    def _ties(self) -> np.ndarray | None:
+        dependent = self.model.reduction.dependent
+        return dependent if dependent.size else None
+
+    def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
+        reduction = self.model.reduction
+        ties = self._ties
+        if self.model.points.members is not None and ties is None and not reduction.forces:
+            return in_sparse_rows(indptr, indices, None, not self.model.couplings.sliding)
+        # Rows of unknowns that close loops are no forces, by which errors are judged.
+        keep = not self.model.couplings.closures and not self.model.couplings.sliding
+        return factors_of(indptr, indices, keep, ties, COSTS, reduction.forces)
+
+    def transposed(self) -> np.ndarray:
+        """Storage index, among sparse factors, of each entry of the tangent in its transpose."""
+        indptr, indices = self.model.reduction.factored
+        n = len(indptr) - 1
+        numbered = scipy.sparse.csr_matrix((np.arange(len(indices)), indices, indptr), (n, n))
+        turned = numbered.T.tocsr()
+        turned.sort_indices()
+        at = np.empty(len(indices), dtype=int)
+        at[turned.data] = self._factors_of(turned.indptr, turned.indices).at
+        return at
+
+    def _hand_over_ties(self, ties: TieTables | None, at: np.ndarray) -> np.ndarray:
+        """Hand over the ties; returns the storage indices of their diagonals, which are 1.
+
+        `at` has those of the entries of the pattern.
+        """
+        self._set(unknowns=self.c.free)
+        if ties is None:
+            return np.empty(0, int)
+        at = np.append(at, -1)  # for what is no unknown
+        self._set(**ties.values)
+        self._set(**{name: at[k] for name, k in ties.entries.items()})
+        return at[ties.ones]
+
+    def _hand_over_motors(self) -> None:
+        model = self.model
+
+        def turn(node) -> int:
+            return -1 if node.number < 0 else model.mesh.dofs[node.number, 2]
+
+        none = [-1] * len(model.prescribed)
+        self._set(
+            driven_dof=[*model.prescribed, *[-1] * len(model.motors)],
+            motor_a=none + [turn(joint.a) for joint, _ in model.motors],
+            motor_b=none + [turn(joint.b) for joint, _ in model.motors],
+            motor_slide=none + [j.number if on == "slide" else -1 for j, on in model.motors],
+        )
+
+    def _hand_over_joint_forces(self, joint_forces: JointForces) -> None:
+        both = joint_forces.displacements, joint_forces.rotations
+        parts = {
+            f"pass_{name}": np.concatenate([getattr(p, name) for p in both])
+            for name in Passing._fields
+        }
+        self._set(
+            scene_joints=self.model.scene.joint_count,
+            passes=len(parts["pass_dof"]),
+            passes_of_forces=len(both[0].dof),
+            **parts,
+        )
+
+    def _hand_over_tolerances(self, options: NewtonOptions) -> None:
+        tolerance = options.tolerance
+        self._set(
+            tolerance=tolerance,
+            negligible=NEGLIGIBLE * tolerance,
+            energy_tolerance=ENERGY_SHARE * tolerance,
+            energy_floor=ENERGY_FLOOR,
+            max_turn=options.max_turn,
+            longest_turn=LONGEST_TURN,
+            large_turn=LARGE_TURN,
+            max_iterations=options.max_iterations,
+            predictor_error=PREDICTOR_ERROR,
+            overshoot=OVERSHOOT,
+            searches=SEARCHES,
+        )
+
+    def _allocate(self) -> None:
+        model, reduction = self.model, self.model.reduction
+        sizes = {name: math.prod(array.lengths(model.sizes)) for name, array in ARRAYS.items()}
+        sizes["driven_now"] = reduction.driven
+        # One piece of memory, which the loop copies before a step with sub-steps.
+        known, past = self.library.PAST, (1, model.size, reduction.free)
+        order = self.library.MAX_ORDER if self.c.sub_steps > 1 else 0
+        errors = order, order * model.size, (self.library.AVERAGED - 1) * model.size
+        memory = np.zeros(sum(sizes.values()) + known * sum(past) + sum(errors))
+        self._set(memory=memory, memory_size=len(memory))
+        ends = [0, *itertools.accumulate([*sizes.values(), *(known * n for n in past), *errors])]
+        arrays = [memory[start:end] for start, end in itertools.pairwise(ends)]
+        states, of_errors = arrays[:-6], arrays[-3:]
+        ages, differences, differences_y = arrays[-6:-3]
+        self.state_arrays = dict(zip(sizes, states, strict=True))
+        self._set(**self.state_arrays)
+        names = "error_ages", "error_past", "error_highest"
+        self._set(**dict(zip(names, of_errors, strict=True)))
+        #: The state, and what the next steps are predicted from.
+        self.memory, self._ages = memory, (ages, of_errors[0])
+        #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
+        self.past = ages, *(d.reshape(known, -1) for d in (differences, differences_y))
+        #: First configuration with inverted sections.
+        self.inverted_q = np.zeros(model.size)
+        switches = model.points.conditions
+        #: Values of the switches at both ends of a sub-step.
+        self.sides = np.zeros((2, switches))
+        self._set(inverted_q=self.inverted_q, switches=switches, sides=self.sides)
+        self._set(ages=self.past[0], past=self.past[1], past_y=self.past[2])
+        #: Work space of C.
+        self.scratch = aligned(np.zeros(self.library.fx_scratch(self.c)))
+        self._set(scratch=self.scratch)
+        self._clear()
+
+    def _clear(self) -> None:
+        """Forget the last run."""
+        self.memory[:] = 0.0
+        for ages in self._ages:
+            ages[:] = 1.0

@@ -1,0 +1,78 @@
+"""Check of eq. 4, t . phi' > 0 at every Gauss point: no section may be inverted."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from fx_beam.fem import dolfinx_api
+from fx_beam.results.audit import Stats
+from fx_beam.scene.beam import arc_lengths
+
+from .model import Model
+
+_log = logging.getLogger("fx_beam")
+
+
+class InversionCheck:
+    """Checks at the end of each step that no section of a beam is inverted."""
+
+    def __init__(self, model: Model, stats: Stats):
+        self._model, self._stats, self._beams = model, stats, model.forms.beams
+        if self._beams is not None:
+            self._beams.bind_inversion()
+        self.least_energy = _least_energy(model)
+
+    def check(self, t: float, q: np.ndarray) -> None:
+        """Check a state: time t [s] or load factor, displacements and rotations q (size,)."""
+        if self._beams is not None and self._beams.is_inverted(q):
+            self.count(1, t, q)
+
+    def count(self, number: int, t: float, q: np.ndarray) -> None:
+        """Count steps with inverted sections; a warning reports the first, at t."""
+        if not self._stats.inverted:
+            self._warn(t, q)
+        self._stats.inverted += number
+
+    def _warn(self, t: float, q: np.ndarray) -> None:
+        """Warn, with the beam and the position of the worst section."""
+        model, beams = self._model, self._beams
+        assert beams is not None  # sections are those of beams
+        stretch = beams.normal_stretch(q)
+        cell, point = np.unravel_index(np.argmin(stretch), stretch.shape)
+        number = model.mesh.beam_of_cell[cell]
+        beam = model.scene.beams[number]
+        element = int(np.flatnonzero(model.mesh.cells[number] == cell)[0])
+        start, end = beam.s[element : element + 2]
+        s = start + (end - start) * dolfinx_api.gauss_points(beam.degree)[point, 0]
+        _log.warning(
+            "%s: beam %r has an inverted section at its arc length %.4g m and %s = %.6g: there "
+            "t . phi' is %.3g, but must be positive (eq. 4). Check the units of loads, velocities "
+            "and stiffnesses, or make the section stiffer",
+            self._stats.scheme,
+            beam.name,
+            s,
+            "load factor" if self._stats.static else "t",
+            t,
+            stretch[cell, point],
+        )
+
+
+def _least_energy(model: Model) -> float:
+    """Lower bound of the strain energy of a Gauss point whose axial strain is -1 [J].
+
+    It is EA/2 times the length of the Gauss point, here a smaller one; 0 for stored energies that
+    are not quadratic.
+    """
+    least: float = np.inf
+    for beam, length in zip(model.scene.beams, model.mesh.shortest, strict=True):
+        section = beam.section
+        if section.strain_energy is not None:
+            return 0.0
+        EA = section.EA
+        if callable(EA):
+            gauss = dolfinx_api.gauss_points(beam.degree)
+            EA = float(section.values("EA", arc_lengths(beam, gauss) / beam.length).min())
+        least = min(least, EA * length / 50)
+    return least

@@ -1,0 +1,355 @@
+"""Time steps in C, in blocks: loads and driven motions are evaluated in Python before each."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fx_beam.laws.interval import divided
+from fx_beam.results.state import ARRAYS, NUMBERS, ROWS, Past, State
+
+from .handover import Problem
+from .interrupts import uninterrupted
+from .local_error import order_and_constant
+from .newton import NewtonOptions
+from .python_loop import Attempt, PythonLoop, Steps
+from .recorder import Recorder, Rows, Unrecorded
+from .tape import TakenSteps, Tape
+
+
+class CompiledLoop:
+    """Tries many steps at once; like `PythonLoop`, which has the same model."""
+
+    def __init__(self, python: PythonLoop, options: NewtonOptions):
+        self.model = python.model
+        #: Owns the arrays to which C points.
+        self.problem = problem = Problem(self.model, python.single.joint_forces, options)
+        self._ffi, self._library = problem.ffi, problem.library
+        # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
+        names = "double[]", "int[]", "Inputs *", "Record *", "Rows[]"
+        self._types = {name: problem.ffi.typeof(name) for name in names}
+        self._problem, self._state_arrays, self._past = (
+            problem.c,
+            problem.state_arrays,
+            problem.past,
+        )
+        #: Shapes of the arrays of a state.
+        self.shapes = {name: array.lengths(self.model.sizes) for name, array in ARRAYS.items()}
+        #: Those that are not empty.
+        self._filled = {name: array for name, array in self._state_arrays.items() if array.size}
+        #: Where C has what is recorded, by the names of rows and of starts of sub-steps.
+        self._sources = {name: getattr(problem.c, name) for name in ROWS}
+        self._sources |= {f"before_{name}": self._sources[name] for name in ("q", "v", "a")}
+        self._sources |= {"before_internal": problem.c.internal, "earlier_q": problem.c.before}
+        self._sources["before_natural"] = problem.c.natural
+        #: Records of C by recorders, each with the recorder's plan and its arrays of rows.
+        self._records: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
+        #: Where sub-steps are taped, but for those of trials; None for nowhere.
+        self.tape: Tape | None = None
+        C = problem.library
+        self._no_failures = C.OK, C.SWITCHED, C.TOO_INACCURATE
+        self._begin(python)
+
+    def _begin(self, python: PythonLoop) -> None:
+        self.forcing, self.stats, self._inversion = python.forcing, python.stats, python.inversion
+        self.problem.c.least_energy = python.inversion.least_energy
+        self.stats.solver = f"compiled, {self.problem.factors}"
+
+    def refill(self, python: PythonLoop) -> None:
+        """Begin another run, with the numbers that the model has now."""
+        self.problem.refill()
+        self._begin(python)
+
+    @property
+    def past(self) -> Past:
+        """The last configurations, from which the next increment is predicted."""
+        p, model = self._problem, self.model
+        known = min(p.known_steps, self._library.PAST)
+        ages, differences, y = (values[:known].copy() for values in self._past)
+        slides = model.couplings.free_slides(y, model.scene.joint_count)
+        orders = np.array(list(p.orders[0 : p.sub_steps]))
+        return Past(ages, orders, differences, slides)
+
+    @past.setter
+    def past(self, past: Past | None) -> None:
+        if past is not None:
+            p, known = self._problem, len(past.ages)
+            p.known_steps, p.orders[0 : p.sub_steps] = known, past.orders.tolist()
+            y = self.model.couplings.unknowns(past.differences, past.slides)
+            for values, given in zip(self._past, (past.ages, past.differences, y), strict=True):
+                values[:known] = given
+
+    def forget_past(self) -> None:
+        """Predict nothing in the next step."""
+        p = self._problem
+        p.known_steps, p.orders[0 : p.sub_steps] = 0, [0] * p.sub_steps
+
+    def forget_errors(self) -> None:
+        """Do not compare the next steps with those before."""
+        p = self._problem
+        p.scheme_order, _ = order_and_constant(self.model.scheme)
+        p.known_errors, p.ratios = 0, [-1.0, -1.0]
+
+    def take(
+        self,
+        state: State,
+        ends: np.ndarray,
+        inputs: StepInputs,
+        steps: Steps,
+        recorder: Rows,
+        count: Callable[[Attempt], None],
+    ) -> Attempt:
+        """Take steps or parts of equal length, as long as they succeed and this length is right."""
+        p = self._problem
+        p.controlled, p.watches = steps.control is not None, steps.watch and p.switches > 0
+        if steps.control is not None:
+            dt = float(ends[0]) - state.t
+            p.smooth, p.raw = steps.control.factors(dt)
+            p.lowest, p.highest = steps.control.band(dt)
+        attempt = Attempt(state, 0)
+        with uninterrupted:
+            taken = self._run(state, ends, inputs, steps, recorder)
+            if taken:
+                within = (steps.done + taken) % steps.parts > 0
+                attempt = Attempt(self.state(float(ends[taken - 1]), within), taken)
+                count(attempt)
+        if steps.watch and (taken or p.failure == self._library.SWITCHED):
+            switches = self.problem.sides[1].copy()
+            attempt = attempt._replace(
+                switches=switches, switched=p.failure == self._library.SWITCHED
+            )
+        if p.failure in (self._library.OK, self._library.TOO_INACCURATE) and steps.control:
+            before, ratio = (ratio if ratio >= 0 else None for ratio in p.ratios)
+            attempt = attempt._replace(before=before if taken > 1 else None, ratio=ratio)
+        return attempt._replace(
+            failed=p.failure not in self._no_failures,
+            error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
+        )
+
+    def record_start(self, state: State, recorder: Recorder, steps: int = 0) -> Any:
+        """Record the state at the start of a run, as C records the ends of steps.
+
+        Returns the rows of the recorder for C, with room for a number of steps.
+        """
+        self.model.forms.parameters.use(state.parameters)
+        self.load(state)
+        recorder.begin(state)
+        to = self.c_record(recorder, Steps(0), steps)
+        self._library.fx_record_start(self._problem, to)
+        recorder.count(to.rows, to.starts)
+        return to
+
+    def run(self, state: State, ends: np.ndarray, recorder: Recorder) -> bool:
+        """Record a start and take all steps of a run, of equal length; whether they succeed.
+
+        The state is left in C, for `state`.
+        """
+        number = len(ends)
+        to, inputs = self.record_start(state, recorder, number), self.inputs(state.t, ends)
+        to.first = 1
+        taken = self._take_loaded(inputs, (ends[-1] - state.t) / number, recorder, to)
+        return inputs.error is None and taken == number
+
+    def _run(
+        self, state: State, ends: np.ndarray, inputs: StepInputs, steps: Steps, recorder: Rows
+    ) -> int:
+        """Number of steps or parts of equal length that succeeded."""
+        self.load(state)
+        dt, to = (ends[-1] - state.t) / len(ends), self.c_record(recorder, steps, len(ends))
+        return self._take_loaded(inputs, dt, recorder, to)
+
+    def _take_loaded(self, inputs: StepInputs, dt: float, recorder: Rows, to: Any) -> int:
+        """The same from the state in C, for steps or parts of length dt [s]."""
+        if self.tape is not None and not isinstance(recorder, Unrecorded):
+            taken = self._run_taped(self.tape, inputs, dt, to)
+        else:
+            known = len(inputs.driven) // self._problem.sub_steps
+            taken = self._steps(known, dt, self.c_inputs(inputs), to)
+        recorder.count(to.rows, to.starts)
+        self.count(taken)
+        return taken
+
+    def _steps(self, number: int, dt: float, c_inputs: Any, to: Any) -> int:
+        """Number of steps that C takes."""
+        return self._library.fx_run(self._problem, number, dt, c_inputs, to)
+
+    def _run_taped(self, tape: Tape, inputs: StepInputs, dt: float, to: Any) -> int:
+        """The same on a tape, which keeps the state before every so many steps."""
+        p, fractions = self._problem, np.array(self.model.scheme.fractions)
+        taken, total = 0, len(inputs.driven) // self._problem.sub_steps
+        while taken < total:
+            own, count = inputs.after(taken), min(tape.most_steps, total - taken)
+            count -= (to.part + count) % to.parts if count > to.parts else 0  # whole steps
+            c_inputs = self.c_inputs(own)
+            steps = TakenSteps(count, dt, to.parts, to.part, c_inputs, own)
+            to.tape = tape.begin(self.problem, steps)
+            done = self._steps(count, dt, c_inputs, to)
+            tape.end(done, fractions)
+            taken, to.part = taken + done, to.part + done
+            if done < count or p.stopped:
+                break
+        return taken
+
+    def load(self, state: State) -> None:
+        """Write a state into the memory of C."""
+        p, arrays = self._problem, self._filled
+        for name, array in arrays.items():
+            if name != "driven_now":
+                value = getattr(state, name)
+                array[:] = 0.0 if value is None else value.ravel()
+        if p.keeps_before and state.before is None:
+            arrays["before"][:] = state.q
+        if len(state.motors):
+            arrays["driven_now"][len(self.model.prescribed) :] = state.motors
+        p.steps_done = state.constraint_forces is not None
+        for name in NUMBERS:
+            setattr(p, name, getattr(state, name))
+
+    def c_inputs(self, inputs: StepInputs):
+        """The inputs for C; they must be kept as long as C uses them."""
+        c_inputs = self._ffi.new(self._types["Inputs *"])
+        for name in ("loads", "driven", "thrust", "parameters", "natural"):
+            if (values := getattr(inputs, name)).size:
+                first = values[:1]  # contiguous, also where one row stands for all
+                setattr(c_inputs, name, self._address("double[]", first))
+        c_inputs.load_stride = inputs.loads.strides[0] // inputs.loads.itemsize
+        c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
+        c_inputs.natural_stride = inputs.natural.strides[0] // inputs.natural.itemsize
+        return c_inputs
+
+    def c_record(self, recorder: Rows, steps: Steps, number: int):
+        """Rows of a recorder for C, from its next one on, for a number of steps or parts."""
+        stores = recorder.stores_starts(steps.parts)
+        if stores:
+            recorder.make_room(number * self._problem.sub_steps)
+        plan, to, _ = self._records.get(recorder, (-1, None, None))
+        if plan != recorder.plans:
+            to = self._record_of(recorder)
+        to.first, to.last = steps.first, recorder.last
+        to.parts, to.part = steps.parts, steps.done
+        to.stores_starts, to.tape = stores, self._ffi.NULL
+        to.rows, to.starts, to.complete = recorder.rows, recorder.starts, recorder.complete
+        return to
+
+    def _record_of(self, recorder: Rows):
+        """The same with the arrays that a recorder has now."""
+        to = self._ffi.new(self._types["Record *"])
+        rows, starts = dict(recorder.arrays), dict(recorder.arrays_of_starts)
+        to.every, to.forces = recorder.every, "constraint_forces" in rows
+        if "up_to_row" in rows:
+            to.up_to_row = self._address("int[]", rows.pop("up_to_row"))
+        for name in ("share", "memory"):
+            if name in starts:
+                setattr(to, name, self._address("double[]", starts.pop(name)))
+        histories, stored = self._rows(rows), self._rows(starts)
+        to.histories, to.history = len(histories), histories
+        to.stored, to.start = len(stored), stored
+        self._records[recorder] = recorder.plans, to, (histories, stored)
+        return to
+
+    def _rows(self, arrays: dict[str, np.ndarray]):
+        """Rows of arrays, which C writes from those of the same names."""
+        arrays = {name: array for name, array in arrays.items() if array.shape[1]}
+        rows = self._ffi.new(self._types["Rows[]"], len(arrays))
+        for row, (name, array) in zip(rows, arrays.items(), strict=True):
+            row.source, row.size = self._sources[name], array.shape[1]
+            row.target = self._address("double[]", array)
+        return rows
+
+    def _address(self, kind: str, array: np.ndarray):
+        return self._ffi.from_buffer(self._types[kind], array)
+
+    def count(self, taken: int) -> None:
+        """Add what C has counted in some steps or parts to the statistics."""
+        p, stats = self._problem, self.stats
+        stats.substeps += taken
+        stats.newton_iterations += p.iterations
+        stats.too_large += p.too_large
+        stats.amplified += p.amplified
+        if p.inverted:
+            self._inversion.count(p.inverted, p.inverted_t, self.problem.inverted_q)
+        solves = taken * p.sub_steps
+        for name, count in (("increment", solves - p.by_round_off), ("round-off", p.by_round_off)):
+            if count:
+                stats.ended_by[name] = stats.ended_by.get(name, 0) + count
+        p.iterations = p.by_round_off = p.too_large = p.inverted = p.amplified = 0
+
+    def inputs(self, t: float, times: np.ndarray) -> StepInputs:
+        """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
+        p = self._problem
+        parts = p.sub_steps
+        if not (p.loads or p.driven or p.thrusts or p.parameters_vary or p.naturals):
+            return no_inputs(parts, len(times))
+        starts = np.concatenate([[t], times[:-1]])
+        t0, t1 = divided(starts, times, self.model.scheme.fractions)
+        forcing, follow = self.forcing, self.model.points.followers
+        try:
+            first = slice(1 if self.model.loads.constant else None)
+            loads = _of_each_step(forcing.loads(t0[first], t1[first]), len(t1))
+            thrust = np.empty((len(t1), 0))
+            if len(follow):
+                first = slice(1 if follow.constant else None)
+                thrust = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
+            parameters = self.model.forms.parameters
+            values = np.empty((len(t1), 2, 0))
+            if parameters.vary:
+                values = parameters.over_steps(t0, t1, self.model.scheme.rates.level)
+            natural = np.empty((len(t1), 0))
+            if self.model.natural:
+                first = slice(1 if self.model.natural.constant else None)
+                natural = _of_each_step(forcing.naturals(t1[first]), len(t1))
+            return StepInputs(loads, forcing.series(t1), thrust, values, natural, parts)
+        except BaseException as raised:
+            before = int(np.searchsorted(times, getattr(raised, "time", t)))
+            inputs = self.inputs(t, times[:before]) if before else no_inputs(parts)
+            return inputs._replace(error=inputs.error or raised)
+
+    def state(self, t: float, within: bool = False) -> State:
+        """The state in the memory of C, at the time t [s]; `within` a step that is in parts."""
+        p = self._problem
+        taken, arrays = p.steps_done > 0, dict[str, Any]()
+        for name, quantity in ARRAYS.items():
+            # Forces of joints and obstacles are not computed in steps that are not recorded.
+            known = name == "constraint_forces" or p.keeps_joint_forces or within
+            array = self._state_arrays[name]
+            if (taken and known) if quantity.mean else (quantity.required or array.size):
+                arrays[name] = array.reshape(self.shapes[name]).copy()
+        numbers = {name: getattr(p, name) for name in NUMBERS} | {"t": t}
+        motors = self._state_arrays["driven_now"][len(self.model.prescribed) :].copy()
+        return State(**numbers, **arrays, motors=motors)
+
+
+class StepInputs(NamedTuple):
+    """Loads, driven motions and the like of sub-steps, and what ended them."""
+
+    loads: np.ndarray
+    driven: np.ndarray
+    thrust: np.ndarray
+    #: Values (sub-steps, 2, n) at the scheme's level and at the end; (..., 0) if none varies.
+    parameters: np.ndarray
+    #: Natural strains (sub-steps, n) at the end.
+    natural: np.ndarray
+    #: Sub-steps of a step.
+    parts: int
+    error: BaseException | None = None
+
+    def after(self, steps: int) -> StepInputs:
+        """The inputs of the steps after some."""
+        names = "loads", "driven", "thrust", "parameters", "natural"
+        return self._replace(**{name: getattr(self, name)[steps * self.parts :] for name in names})
+
+
+def no_inputs(parts: int, steps: int = 0) -> StepInputs:
+    """Those of steps without any."""
+    none, of_ends = np.empty((steps * parts, 0)), np.empty((steps * parts, 2, 0))
+    return StepInputs(of_ends, none, none, of_ends, none, parts)
+
+
+def _of_each_step(rows: np.ndarray, steps: int) -> np.ndarray:
+    """Rows of all steps; a single row is repeated without copies."""
+    if not rows.size:
+        return np.empty((steps, *rows.shape[1:]))
+    return np.broadcast_to(rows[0], (steps, *rows.shape[1:])) if len(rows) == 1 else rows

@@ -1,0 +1,485 @@
+"""A scene and a scheme as compiled forms, constant matrices and unknowns."""
+
+from __future__ import annotations
+
+import functools
+import math
+from threading import RLock
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.coupling.fitted_rates import FittedRates
+from fx_beam.coupling.graph import couple, motors
+from fx_beam.coupling.index_reduction import IndexReduction, Reduction
+from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.coupling.loop_reduction import LoopReduction
+from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
+from fx_beam.coupling.rate_equations import RateEquations
+from fx_beam.coupling.redundancy import check_loops
+from fx_beam.coupling.rigid_points import RigidPoints
+from fx_beam.coupling.sliders import Sliders
+from fx_beam.errors import SceneError
+from fx_beam.fem.dead_loads import Loads
+from fx_beam.fem.forms import Forms
+from fx_beam.fem.mass import Mass
+from fx_beam.fem.mesh import build_mesh
+from fx_beam.fem.natural_strains import NaturalStrains
+from fx_beam.fem.nodal_rules import NodalRules
+from fx_beam.fem.point_forces import PointForces
+from fx_beam.fem.step_start import StepStart
+from fx_beam.laws.nodal_rates import NodalRates
+from fx_beam.laws.rates import MidPointRates
+from fx_beam.laws.schemes import Scheme
+from fx_beam.results.state import ROWS, State
+from fx_beam.scene.constraints import joints_by_number, slides_at_start
+from fx_beam.scene.coulomb import Coulomb
+from fx_beam.scene.joint_kinematics import NodalMotion
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.law import has_pieces
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.sliders import SlidingJoint, sliding_joints
+from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
+
+from .sparse_lu import LU, sparse_lu
+
+# Cached properties that depend on masses, and on the positions of nodes and joints.
+_OF_MASSES = "nodal_rules", "fitted_rates", "masses"
+_OF_POSITIONS = (
+    "unit",
+    "weight_of_rates",
+    "unit_of_unknowns",
+    "fits_rates",
+    "fitted_rates",
+    "_rate_equations",
+)
+
+
+class Model:
+    """All data of a scene and a scheme that are constant over the steps.
+
+    Vectors contain all degrees of freedom; `mesh.dofs` gives those of a node. With `mobile`, parts
+    with mass need no supports, even if the scheme is static. With `instant`, its steps only serve
+    to find derivatives of forces. A `part` of a scene is checked with the whole. A mechanism that
+    its loads may hold is not refused if it `settles`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        scheme: Scheme,
+        mobile: bool = False,
+        instant: bool = False,
+        part: bool = False,
+        settles: bool = False,
+    ):
+        self.scene = scene
+        self.scheme = scheme
+        self.mesh = build_mesh(scene)
+        self.forms = Forms(scene, scheme, self.mesh, instant)
+        self.size, self.turns = self.forms.size, self.forms.turns
+        self._mass = Mass(scene, self.mesh, self.forms, scheme.rates.at_rest)
+        numbers = {joint.number for joint in scene.joints}
+        #: Numbers of joints that were removed, or are not there yet.
+        self.removed_joints = [n for n in range(scene.joint_count) if n not in numbers]
+        #: Held by the thread that makes what solutions have only when it is read.
+        self.reading = RLock()
+        #: Names of the compiled forms and of the assembled matrices and vectors.
+        self.compiled = [] if self.forms.beams is None else self.forms.beams.names
+        self.assembled = self._mass.assembled
+        self.loads = Loads(scene, self.mesh)
+        self.natural = NaturalStrains(scene, self.mesh)
+        self.assembled += [str(load) for load in scene.loads]
+        #: Weight (size,) [N] of all masses; None without gravity.
+        self.weight = self._mass.weight
+        self._build_reduction()
+        self._damp_friction()
+        self._structure, self._joints = Structure(scene), scene.joints[:]
+        self._weightless = scheme.rates.at_rest and not mobile
+        #: Why the scene without loads is a mechanism; empty if it is none.
+        self.mechanism = ""
+        self._settles = settles
+        if not part:
+            self._check_mechanism()
+
+    def _check_mechanism(self) -> None:
+        heavy = not self._weightless and not self.massless.any()
+        if self.scene.virtual_works or heavy:
+            return
+        mass = None if self._weightless else self.mass
+        try:
+            check_no_massless_mechanism(self.scene, self.mesh, self.forms.of_members, mass)
+        except SceneError as error:
+            if not self._settles:
+                raise
+            self.mechanism = str(error).removesuffix(". Add a support")
+
+    def refill(self, scene: Scene) -> None:
+        """Set all numbers to those of another scene; OtherStructureError if it differs in more.
+
+        What was assembled for the last scene changes in place.
+        """
+        self._structure.check(scene)
+        moved = self.mesh.refill(scene)
+        last, self.scene = self._joints, scene
+        self.forms.refill(scene)
+        heavier = self._mass.refill(scene, moved)
+        self.weight = self._mass.weight
+        self.loads.refill(scene)
+        self.natural.refill(scene)
+        self.motors = motors(scene)
+        elsewhere = self._refill_reduction(last, moved)
+        self._joints = scene.joints[:]
+        for name in (*(_OF_MASSES if heavier else ()), *(_OF_POSITIONS if elsewhere else ())):
+            self.__dict__.pop(name, None)
+        self._damp_friction()
+        if elsewhere or scene.drags:
+            self._check_mechanism()
+
+    def _damp_friction(self) -> None:
+        """Give friction that sticks its damping, by the masses that it holds."""
+        coordinates = [c for joint in self.scene.joints for c in (joint.slide, joint.rotation)]
+        frictions = [getattr(of, "friction", None) for of in (*self.scene.obstacles, *coordinates)]
+        if any(isinstance(of, Coulomb) for of in frictions) and not self.scheme.rates.at_rest:
+            self.forms.damp_friction(self.scene, self.mobility())
+
+    def mobility(self) -> np.ndarray:
+        """1 / mass that moves with each degree of freedom, then with each slide; 0 without mass.
+
+        By the diagonal of the reduced mass in the reference. Closed loops count as open.
+        """
+        reduction, free = self.reduction, self.couplings.free
+        reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
+        reduction.expand(np.zeros(free), np.zeros(self.couplings.driven))
+        of_tree = JointReduction if isinstance(reduction, JointReduction) else IndexReduction
+        T = of_tree.coupling(reduction)[:, :free]  # type: ignore[arg-type]
+        masses = np.asarray(T.multiply(self.mass @ T).sum(axis=0)).ravel()
+        of_columns = np.zeros(self.couplings.columns)
+        of_columns[np.flatnonzero(masses > 0)] = 1 / masses[masses > 0]
+        of_slides = np.zeros(self.scene.joint_count)
+        for joint, column in self.couplings.slides.items():
+            of_slides[joint] = of_columns[column]
+        return np.concatenate([T.multiply(T) @ of_columns[:free], of_slides])
+
+    def _refill_reduction(self, last: list[Joint], moved: bool) -> bool:
+        """Set the offsets and axes of joints; returns whether these or any nodes are elsewhere."""
+        arms = [joint for joint in self.scene.joints if not joint.is_index]
+        before = [joint for joint in last if not joint.is_index]
+        if [joint.number for joint in arms] != [joint.number for joint in before]:
+            raise OtherStructureError("other joints have offsets")
+        pairs = zip(arms, before, strict=True)
+        if not moved and not any(_lie_elsewhere(new, old) for new, old in pairs):
+            return False
+        if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
+            raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
+        if isinstance(self.reduction, JointReduction):
+            own = joints_by_number(self.scene)
+            moving = [own[joint.number] for joint in self.couplings.moving]
+            self.reduction.set_arms(moving)
+        return True
+
+    @property
+    def points(self) -> PointForces:
+        """The forces at points."""
+        return self.forms.points
+
+    def start_of(self, state: State, length: float) -> StepStart:
+        """The start of a step of some length [s] from a state, for the forces.
+
+        Natural strains do not change in the step.
+        """
+        # At mid-step forces at points depend on mean rates alone.
+        needed = self.scheme.rates.level != 0.5 and not self.scheme.rates.at_rest
+        return StepStart(
+            state.q,
+            state.v,
+            state.a,
+            state.before,
+            state.memory(length),
+            state.internal,
+            state.slides,
+            self.slide_rates(state) if needed else 0 * state.slides,
+            state.spring_internal,
+            natural=None if state.natural is None else (state.natural, state.natural),
+        )
+
+    def slide_rates(self, state: State) -> np.ndarray:
+        """Rates (joints,) of the slides on which forces act; zero for others."""
+        rates = np.zeros(len(state.slides))
+        if len(self.points.slides):
+            motion = self.motion(q=self.to_nodes(state.q)[None], v=self.to_nodes(state.v)[None])
+            own = joints_by_number(self.scene)
+            for number in set(self.points.slides.tolist()):
+                kinematics = own[number].kinematics
+                (rates[number],) = kinematics.rate(motion, state.slides[[number]])
+        return rates
+
+    @property
+    def mass(self) -> scipy.sparse.csr_matrix:
+        """The constant mass matrix, assembled at the first access."""
+        return self._mass.matrix
+
+    @property
+    def mass_changes(self) -> int:
+        """How often masses were computed."""
+        return self._mass.changes
+
+    @functools.cached_property
+    def masses(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Entries of the mass that are not zero: positions in the tangent, values and columns."""
+        at = np.flatnonzero(self.mass.data)
+        return at, self.mass.data[at], self.mass.indices[at]
+
+    @property
+    def may_overshoot(self) -> bool:
+        """Whether corrections of Newton's method may be far too long."""
+        return self.may_overshoot_anywhere or self.points.any_have("overshoots")
+
+    @property
+    def may_overshoot_anywhere(self) -> bool:
+        """Whether this is so not only in springs: internal variables; contact in equilibrium.
+
+        In motions the force of a contact over a step is smooth and convex.
+        """
+        at_rest = self.scheme.rates.at_rest
+        return self.forms.internal_shape[-1] > 0 or (at_rest and self.has_contact)
+
+    @property
+    def flows(self) -> bool:
+        """Whether members or springs have internal variables."""
+        return self.forms.internal_shape[-1] > 0 or self.points.width > 0
+
+    @functools.cached_property
+    def may_have_kinks(self) -> bool:
+        """Whether the slopes of forces may change at once: flow, contact, functions of a user."""
+        own = any(beam.section.strain_energy for beam in self.scene.beams)
+        own = own or self.points.any_have("overshoots") or bool(self.scene.virtual_works)
+        return own or self.flows or self.has_contact
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether there are obstacles or stops."""
+        return self.points.any_have("opens")
+
+    def switches(self, state: State) -> np.ndarray:
+        """Values that change their sign where a contact opens or closes, or a law switches."""
+        return self.points.switches(state.q, state.slides)
+
+    @property
+    def loses_at_impacts(self) -> bool:
+        """Whether obstacles or stops take energy."""
+        return self.points.lose_at_impacts
+
+    @property
+    def has_unseen_kinks(self) -> bool:
+        """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
+        if self.flows or self.points.have_quick_losses:
+            return True
+        laws = [beam.section.strain_energy for beam in self.scene.beams]
+        return any(law is not None and has_pieces(law) for law in laws)
+
+    def energy(self, state: State) -> float:
+        """Kinetic, stored and potential energy [J]."""
+        self.forms.parameters.use(state.parameters)
+        strained = self.forms.strain_energy(state.q, state.internal, state.natural)
+        stored = strained + self.spring_energy(state)
+        weight = 0.0 if self.weight is None else self.weight @ state.q
+        return float(state.v @ (self.mass @ state.v) / 2 + stored - weight)
+
+    def spring_energy(self, state: State) -> float:
+        """Energy stored in springs, stops and obstacles [J]."""
+        return self.points.energy(state.q, state.slides, state.spring_internal)
+
+    @functools.cached_property
+    def sizes(self) -> dict[str, int]:
+        """Lengths of the arrays of a state, by their names in `Quantity.shape`."""
+        cells, points, variables = self.forms.internal_shape
+        return {
+            "dofs": self.size,
+            "joints": self.scene.joint_count,
+            "constraints": self.reduction.columns - self.reduction.free,
+            "contacts": self.points.contacts,
+            "parameters": len(self.forms.parameters),
+            "added dofs": self.size if self.forms.has_added else 0,
+            "kept dofs": self.size if self.keeps_before else 0,
+            "cells": cells,
+            "points": points,
+            "variables": variables,
+            "spring variables": self.points.width,
+            "natural strains": 3 * bool(self.natural),
+        }
+
+    @functools.cached_property
+    def widths(self) -> dict[str, int]:
+        """Numbers in a row of each recorded quantity."""
+        sizes = self.sizes
+        return {name: math.prod(quantity.lengths(sizes)) for name, quantity in ROWS.items()}
+
+    @functools.cached_property
+    def nodal_rules(self) -> NodalRules | None:
+        """The nodal rules of the rates, if they are those of a user."""
+        rates = self.scheme.rates
+        return NodalRules(rates, self.mesh.dofs, self.mass) if type(rates) is NodalRates else None
+
+    @property
+    def keeps_before(self) -> bool:
+        """Whether a step needs the configuration at the start of the last one."""
+        return self.forms.needs_before or type(self.scheme.rates) is NodalRates
+
+    @functools.cached_property
+    def factors_of_mass(self) -> LU:
+        """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
+        return sparse_lu(self.reduction.pattern)
+
+    @functools.cached_property
+    def unit(self) -> np.ndarray:
+        """Size (size,) of unit increments: that of the scene for displacements, 1 for rotations."""
+        unit = np.full(self.size, self.mesh.size)
+        unit[self.turns] = 1.0
+        return unit
+
+    @functools.cached_property
+    def weight_of_rates(self) -> np.ndarray:
+        """Weights (size,) of squares of rates, by `unit`."""
+        return self.unit**-2.0
+
+    @functools.cached_property
+    def needs_accelerations(self) -> bool:
+        """Whether steps, or unknowns without mass, need the accelerations at the start."""
+        by_mean, beams = type(self.scheme.rates) is MidPointRates, self.forms.beams
+        read = beams is not None and (beams.needs_rates or beams.resultants_need_rates)
+        if read or not by_mean or len(self.scheme.fractions) > 1:
+            return True
+        return not self.reduction.moves_alone(~self.massless).all()
+
+    @property
+    def finds_accelerations_later(self) -> bool:
+        """Whether those at the start need not be known before the run, and depend on no joints."""
+        of_state = self.fits_rates or bool(self.natural)
+        return isinstance(self.reduction, IndexReduction) and not (
+            of_state or self.needs_accelerations
+        )
+
+    @functools.cached_property
+    def massless(self) -> np.ndarray:
+        """Whether a degree of freedom is massless, (size,)."""
+        return self.mass.diagonal() == 0
+
+    @functools.cached_property
+    def unit_of_unknowns(self) -> np.ndarray:
+        """Size of a unit increment of each unknown (free,); compare `unit`."""
+        unit = np.full(self.couplings.columns, self.mesh.size)
+        turning = [entry[0] for dof in self.turns for entry in self.couplings.entries(dof)]
+        unit[turning] = 1.0
+        return unit[: self.couplings.free]
+
+    @functools.cached_property
+    def fits_rates(self) -> bool:
+        """Whether rates by the mean rule must be fitted to joints and driven motions."""
+        by_mean = isinstance(self.scheme.rates, MidPointRates)
+        turning = any(joint.turns_with_motion for joint in self.scene.joints)
+        return by_mean and bool(turning or self.couplings.driven)
+
+    @functools.cached_property
+    def fitted_rates(self) -> FittedRates | None:
+        """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
+        if not self.fits_rates:
+            return None
+        return FittedRates(*self._rate_equations, self.mass, self.unit)
+
+    @property
+    def sliding(self) -> list[SlidingJoint]:
+        """Joints of nodes on beams, as they are eliminated."""
+        joints = {joint.number: joint for joint in sliding_joints(self.scene.joints)}
+        return [joints[joint.number] for joint in self.couplings.sliding]
+
+    @functools.cached_property
+    def _rate_equations(self) -> tuple[RateEquations, RigidPoints]:
+        scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
+        motored = {joint.number: driven + i for i, (joint, _) in enumerate(self.motors)}
+        nodes, components, columns = self.supports
+        supported = np.column_stack([mesh.dofs[nodes, components], columns])
+        constrained = self.reduction.columns - self.reduction.free
+        equations = RateEquations(scene, mesh, self.sliding, motored, supported, constrained)
+        return equations, RigidPoints(scene, mesh, self.massless, equations)
+
+    def _build_reduction(self) -> None:
+        """Build the unknowns and the reduction to them, by supports and joints."""
+        scene, dofs, matrix = self.scene, self.mesh.dofs, self.forms.stiffness
+        self.couplings = couple(scene, self.mesh)
+        #: Joints with a motor, each with the name of its coordinate.
+        self.motors = motors(scene)
+        self.prescribed = np.array([dofs[key] for key in scene.prescribed], dtype=int)
+        counts = self.couplings.free, self.couplings.driven, self.couplings.columns
+        keys = [*scene.prescribed, *sorted(scene.fixed)]
+        motors_between = np.arange(len(keys)) >= len(scene.prescribed)
+        #: Supported nodes, their components, and their indices among driven and fixed columns.
+        self.supports = (
+            np.array([node for node, _ in keys], dtype=int),
+            np.array([component for _, component in keys], dtype=int),
+            np.arange(len(keys)) + motors_between * len(self.motors),
+        )
+        self.points.set_columns(self.couplings.slides)
+        if self.points.width and len(self.scheme.fractions) > 1:
+            raise SceneError(
+                f"{self.scheme.name}: the sub-step that goes back in time would give back what "
+                "internal variables of a spring, or friction that sticks, have dissipated. Use "
+                "order=2"
+            )
+        self.reduction: Reduction
+        if self.couplings.is_index and not len(self.points.columns):
+            self.reduction = IndexReduction(self.couplings.column, *counts, matrix)
+        else:
+            sliders = None
+            if self.couplings.sliding:
+                sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
+            used = self.used_entries()
+            parts = self.couplings, self.points, self.scheme.rates, dofs, matrix, used
+            if self.couplings.closures:
+                unit = self.unit_of_unknowns
+                self.reduction = loops = LoopReduction(*parts, unit, sliders)
+                loops.begin(np.zeros(self.size), slides_at_start(scene))
+                if all(joint.place is None for joint in scene.joints):
+                    check_loops(scene, self.couplings, loops)
+            else:
+                self.reduction = JointReduction(*parts, sliders)
+            self.assembled.append("joints")
+
+    def used_entries(self) -> np.ndarray:
+        """Whether an entry of the tangent may be other than zero: at many points of bodies none is.
+
+        The sparsity has all entries of nodes without beams.
+        """
+        forms, K = self.forms, self.forms.stiffness
+        used = np.zeros(K.nnz, dtype=bool)
+        used[forms.assembled] = True
+        if type(self.scheme.rates) is NodalRates:  # they may couple the components at a node
+            return np.ones_like(used)
+        row = np.repeat(np.arange(self.size), np.diff(K.indptr))
+        used |= (row == K.indices) & (self.mesh.from_nodes(self._mass.lumped)[row] != 0)
+        value_at = forms.points.value_at
+        used[value_at[value_at >= 0]] = True
+        return used
+
+    # -- Numbering ------------------------------------------------------------------------------
+
+    def to_nodes(self, vector: np.ndarray) -> np.ndarray:
+        """Nodal values (n_node, 3) of a vector (size,)."""
+        return self.mesh.to_nodes(vector)
+
+    def from_nodes(self, values: np.ndarray) -> np.ndarray:
+        """Vector (size,) of nodal values (n_node, 3)."""
+        return self.mesh.from_nodes(values)
+
+    def motion(self, **histories: np.ndarray) -> NodalMotion:
+        """How joints read the motion: histories (n, n_node, 3) "q" and "v" of the nodes."""
+        return NodalMotion(
+            lambda name, node: histories[name][:, node.number].T,
+            lambda name, beam: histories[name][:, self.mesh.nodes_of(self.scene, beam)],
+        )
+
+
+def _lie_elsewhere(new: Joint, old: Joint) -> bool:
+    """Whether a joint has another arm, offset or axis than the one before."""
+    names = "arm", "offset", "axis", "apart"
+    return not all(np.array_equal(getattr(new, name), getattr(old, name)) for name in names)

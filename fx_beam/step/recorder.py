@@ -1,0 +1,443 @@
+"""The recorded histories of a simulation, also of one that ended early."""
+
+from __future__ import annotations
+
+import bisect
+import functools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.fem.beam_forms import BeamForms
+from fx_beam.fem.step_start import Part, StepStart
+from fx_beam.laws.interval import Interval, instant
+from fx_beam.results.files import writable
+from fx_beam.results.state import ROWS, State
+from fx_beam.validation import is_flag, is_whole, numbers, require
+
+from .fitted_histories import fitted, sums_of
+from .held_inputs import Ramp
+from .model import Model
+from .recorded_histories import RecordedHistories
+from .sub_step_starts import SubStepStarts, grown
+
+# What may be recorded.
+_KINDS = "motion", "rates", "forces"
+# Length of the short step for the forces of row 0, relative to the first step.
+_SHORT = 1e-9
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a simulation records; energies, momenta and slides are always recorded.
+
+    Parameters
+    ----------
+    every : int
+        Steps between two rows; the start and the last step are always recorded. Forces are those of
+        the step that ends with the row, not means since the row before.
+    motion : bool
+        Whether to record displacements and rotations; stress resultants need them as well.
+    rates : bool
+        Whether to record velocities and accelerations.
+    forces : bool
+        Whether to record the forces of supports and joints.
+    times : sequence of float, optional
+        Increasing times of the rows [s], in place of the ends of steps. Displacements and rotations
+        are those of polynomials through the nearest ends of steps, cubic for schemes of order 2, of
+        degree 5 for order 4, on the smooth side of a contact; velocities are their derivatives.
+        Energies and momenta are linear; forces and accelerations are those of the step. All steps
+        are stored to the end; the motion must be recorded. Other times than the run's are left out.
+    file : str or path, optional
+        For large scenes: a file for ParaView, such as "run.pvd", to which motion and rates go as
+        they come, with stress resultants and internal variables, in place of memory. On several
+        processes each writes its members. The solution has all else, and its end, from which
+        another motion starts. The folder "run" has the grids, and "end.npz", the solution so far.
+        Only for `simulate` without `until`, `changes` and `times`.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+    >>> scene.clamp(scene.add_beam([(0, 0), (1, 0)], section).start)
+    >>> record = fb.Record(every=4, rates=False)
+    >>> fb.simulate(scene, dt=0.1, t_end=1.0, record=record).t.round(3)
+    array([0. , 0.4, 0.8, 1. ])
+
+    >>> record = fb.Record(times=[0.0, 0.25, 0.5])
+    >>> fb.simulate(scene, tolerance=1e-3, t_end=1.0, record=record).t
+    array([0.  , 0.25, 0.5 ])
+    """
+
+    every: int = 1
+    motion: bool = True
+    rates: bool = True
+    forces: bool = True
+    times: Sequence[float] | None = None
+    file: str | Path | None = None
+
+    def __post_init__(self):
+        fits = is_whole(self.every, 1)
+        require(fits, "Record: every", self.every, "a positive whole number, at most 1e9")
+        object.__setattr__(self, "every", int(self.every))
+        for name in _KINDS:
+            value = getattr(self, name)
+            require(is_flag(value), f"Record: {name}", value, "True or False")
+        if self.file is not None:
+            writable(self.file, ("pvd",))
+            if not self.motion or self.times is not None:
+                raise SceneError("Record: a file needs motion=True, and no times")
+        if self.times is None:
+            return
+        times = numbers(self.times)
+        rising = times.ndim == 1 and times.size > 0 and bool((np.diff(times) > 0).all())
+        fits = rising and bool(np.isfinite(times).all())
+        require(fits, "Record: times", self.times, "increasing finite times")
+        if not (self.every == 1 and self.motion):
+            raise SceneError("Record: times need every=1 and motion=True")
+
+
+class Unrecorded:
+    """In place of a `Recorder`, for trial steps."""
+
+    every, last, rows, starts, complete = np.iinfo(np.int32).max, -1, 0, 0, 0
+    plans, end = 0, None
+    #: No arrays.
+    arrays: dict[str, np.ndarray] = {}
+    arrays_of_starts: dict[str, np.ndarray] = {}
+
+    def stores_starts(self, parts: int) -> bool:
+        """None."""
+        return False
+
+    def make_room(self, starts: int) -> None:
+        """None."""
+
+    def count(self, rows: int, starts: int) -> None:
+        """Nothing."""
+
+    def store_starts(
+        self, step: int, starts: Sequence[State], end: State, part: tuple[int, int] = (0, 1)
+    ) -> None:
+        """Nothing."""
+
+    def record(self, step: int, state: State) -> None:
+        """Nothing."""
+
+    def settle(self, rows: int) -> None:
+        """Nothing."""
+
+
+class Recorder:
+    """Histories of motion, forces, energies and momenta at the times (n,) of a grid."""
+
+    def __init__(self, model: Model, times: np.ndarray, record: Record):
+        self.model, self.every, self.last = model, record.every, -1
+        #: Times at the ends of all steps, and numbers of the steps that have a row.
+        self._times, self._steps = np.empty(0), np.empty(0, dtype=int)
+        self.rows = 0
+        #: Number of steps, and the start, that have a plan.
+        self.planned = 0
+        #: How often the arrays were replaced.
+        self.plans = 0
+        #: The last state.
+        self.end: State
+        self._first: State
+        #: Gives the accelerations of row 0, if they are found when they are read.
+        self.late_accelerations: Callable[[], np.ndarray] | None = None
+        #: Whether row 0 is the start.
+        self._begins = True
+        #: Full turns (size,) [rad] that are missing in the rows from a number on.
+        self.turns: dict[int, np.ndarray] = {}
+        kinds = {"always"} | {kind for kind in _KINDS if getattr(record, kind)}
+        names = [name for name, quantity in ROWS.items() if quantity.record in kinds]
+        #: Names of the rows that only serve the others.
+        self._serving = {"q", "v"} - {*names} if model.fits_rates else set()
+        #: Starts of sub-steps; `up_to_row` has their number up to each row.
+        self._starts = SubStepStarts(model, record.motion, record.rates)
+        #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
+        self.arrays: dict[str, np.ndarray] = {}
+        self.plan(0, times, last=True)
+        rows = len(self._steps)
+        names += self._serving
+        self.arrays = {name: np.zeros((rows, model.widths[name])) for name in names}
+        self.arrays["up_to_row"] = np.zeros(rows, dtype=np.int32)
+
+    def again(self) -> Recorder:
+        """One for another run of the same steps, without rows."""
+        new = object.__new__(Recorder)
+        new.__dict__.update(self.__dict__)  # far quicker than `copy.copy`
+        new.arrays = {name: np.zeros(of.shape, of.dtype) for name, of in self.arrays.items()}
+        new._starts = self._starts.again()
+        new.restart()
+        return new
+
+    def restart(self) -> None:
+        """Have no rows: those of another run of the same steps overwrite the present ones."""
+        self.rows, self.turns, self.late_accelerations, self._begins = 0, {}, None, True
+        self._starts.count = 0
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times (n,) of the rows so far [s]."""
+        return self._times[self._steps[: self.rows]]
+
+    def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
+        """Make room for steps from number `first` on that end at times (n,); step 0 is the start.
+
+        With `last` the run ends with them. Steps that are planned again replace those before.
+        """
+        self.plans += 1  # at first: an interrupt may come after some of the arrays
+        stop = first + len(ends)
+        self._times = grown(self._times, stop, first)
+        self._times[first:stop] = ends
+        self.planned = stop
+        self.last = stop - 1 if last else -1
+        steps = np.arange(first, stop)
+        steps = steps[(steps % self.every == 0) | (steps == self.last)]
+        rows = self.rows + len(steps)
+        self._steps = grown(self._steps, rows, self.rows)
+        self._steps[self.rows : rows] = steps
+        for name, array in self.arrays.items():
+            if len(array) < rows:
+                self.arrays[name] = grown(array, rows, self.rows)
+        whole = len(self.model.scheme.fractions) if self.stores_starts(1) else 0
+        self._starts.make_room(whole * len(steps))
+
+    def make_room(self, starts: int) -> None:
+        """Make room for some more starts of sub-steps."""
+        if not self._starts.has_room(starts):
+            self.plans += 1
+            self._starts.make_room(starts)
+
+    @property
+    def arrays_of_starts(self) -> dict[str, np.ndarray]:
+        """Arrays (starts, ...) of sub-steps by name."""
+        return self._starts.arrays
+
+    def count(self, rows: int, starts: int) -> None:
+        """Count all rows that are written, and all starts."""
+        self.rows, self._starts.count = rows, starts
+
+    def settle(self, rows: int) -> None:
+        """Have some rows, which are written; what was begun after them is forgotten."""
+        self.rows = rows
+        self._starts.count = self.complete
+
+    def settle_at_end(self) -> None:
+        """Have the rows up to the last state: an exception may have come between the two."""
+        times = self._times[self._steps[: self.rows]]
+        self.settle(int(np.searchsorted(times, self.end.t, side="right")))
+
+    def forget(self) -> None:
+        """Have the last two rows only, on which the next ones depend."""
+        gone = max(self.rows - 2, 0)
+        kept = self.rows - gone
+        for array in (self._steps, *self.arrays.values()):
+            array[:kept] = array[gone : self.rows].copy()
+        self.arrays["up_to_row"][:kept] = 0
+        self.turns = {max(row - gone, 0): missing for row, missing in self.turns.items()}
+        self.rows, self._starts.count = kept, 0
+        if gone:
+            self._begins, self.late_accelerations = False, None
+        self.plans += 1
+
+    @property
+    def impact(self) -> float:
+        """Energy that changes of the scene took before the start [J]."""
+        return self._first.impact
+
+    @property
+    def starts(self) -> int:
+        """Number of starts of sub-steps that are stored."""
+        return self._starts.count
+
+    @property
+    def complete(self) -> int:
+        """Number of those of the rows so far; there are more within a step."""
+        return self._up_to(self.rows - 1)
+
+    def _up_to(self, row: int) -> int:
+        return int(self.arrays["up_to_row"][row]) if row >= 0 else 0
+
+    def stores_starts(self, parts: int) -> bool:
+        """Whether starts of a step in parts are stored: the last one is not the previous row."""
+        return self._starts.stored(parts, self.every)
+
+    def _selects(self, step: int) -> bool:
+        return step % self.every == 0 or step == self.last
+
+    def store_starts(
+        self, step: int, starts: Sequence[State], end: State, part: tuple[int, int] = (0, 1)
+    ) -> None:
+        """Store the starts of the scheme's sub-steps in a step's part: number, of how many."""
+        number, parts = part
+        self._starts.begin(self.complete, number)
+        if self._selects(step) and self.stores_starts(parts):
+            self._starts.add(starts, end, parts)
+
+    def begin(self, state: State) -> None:
+        """Begin with a state, that of row 0."""
+        self._first = self.end = state
+
+    def record(self, step: int, state: State) -> None:
+        """Add a row for the end of a step of the grid, if `every` selects it; step 0 is the start.
+
+        The starts of its sub-steps were stored before.
+        """
+        if not self._selects(step):
+            return
+        if step == 0:
+            self.begin(state)
+        model = self.model
+        model.forms.parameters.use(state.parameters)
+        momentum = model.mass @ state.v if state.v.any() else state.v
+        potential = 0.0 if model.weight is None else -(model.weight @ state.q)
+        values: dict[str, Any] = {
+            **vars(state),
+            "up_to_row": self.starts,
+            "energies": (
+                state.v @ momentum / 2,
+                model.forms.strain_energy(state.q, state.internal, state.natural),
+                potential,
+                state.work,
+                model.spring_energy(state),
+                state.dissipated,
+                state.algorithmic,
+                state.numerical,
+            ),
+            "momenta": sums_of(model, state.q[None], momentum[None]),
+        }
+        for name, rows in self.arrays.items():
+            if (value := values.get(name)) is not None:
+                rows[self.rows] = value.ravel() if isinstance(value, np.ndarray) else value
+        self.rows += 1
+
+    def _missing(self, row: int) -> np.ndarray | float:
+        """Full turns (size,) [rad] that are missing in a row."""
+        at = bisect.bisect_right([*self.turns], row)
+        return [*self.turns.values()][at - 1] if at else 0.0
+
+    def histories(self) -> RecordedHistories:
+        """Histories of the rows so far by their names in `Solution`."""
+        model, n, fit = self.model, self.rows, None
+        rows = {name: of[:n] for name, of in self.arrays.items()}
+        times, steps = self._times, self._steps[:n]
+        if model.fits_rates:
+            starts = None if self.every == 1 else self._starts.of_rows(rows["up_to_row"])
+            driven = self._first.driven_rates if self._begins else None
+            fit = functools.partial(fitted, model, rows, starts, (times, steps), driven)
+        t = self.t
+        recorded = {name: of for name, of in rows.items() if name not in self._serving}
+
+        def t_level() -> np.ndarray:
+            return t - (1 - model.scheme.rates.level) * self._lengths()
+
+        late = self.late_accelerations
+        return RecordedHistories(model, recorded, fit, self.turns, t, t_level, self.impact, late)
+
+    def _lengths(self) -> np.ndarray:
+        """Length (n,) of the step or last part that a row's forces belong to; 0 for row 0."""
+        steps = self._steps[: self.rows]
+        of_step = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
+        if not self.starts:
+            return of_step
+        counts = self._counts()
+        rows, shares = np.repeat(np.arange(self.rows), counts), self._starts.arrays["share"]
+        return of_step * np.bincount(rows, shares[: len(rows)], self.rows) + of_step * (counts == 0)
+
+    def _counts(self) -> np.ndarray:
+        """Number (n,) of the starts that are stored for each row."""
+        return np.diff(self.arrays["up_to_row"][: self.rows], prepend=0)
+
+    def _shares(self, row: int) -> np.ndarray:
+        """Shares (m,) of the sub-steps before a row in its step."""
+        own = self._starts_of_row(row)
+        return self._starts.arrays["share"][own] if own.stop > own.start else np.ones(1)
+
+    def _starts_of_row(self, row: int) -> slice:
+        return slice(self._up_to(row - 1), self._up_to(row))
+
+    def means(self, values: np.ndarray, first: int = 0) -> np.ndarray:
+        """Forces (n, ...) of rows, from those of `sub_steps`: means over the steps."""
+        shares = [self._shares(row) for row in range(first, self.rows)]
+        weights = np.concatenate([own / sum(own) for own in shares])
+        starts = np.cumsum([0, *map(len, shares[:-1])])
+        return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, starts)
+
+    def sub_steps(self, first: int = 0) -> Iterator[Part]:
+        """The sub-steps before each row from one on, for which its forces are evaluated.
+
+        Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
+        """
+        beams = self.model.forms.beams
+        assert beams is not None
+        if not first:
+            yield self._at_start(beams)
+        for row in range(max(first, 1), self.rows):
+            yield from self._of_row(row, beams)
+
+    def _at_start(self, beams: BeamForms) -> Part:
+        first = self._first
+        dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
+        D = dt * first.v if beams.resultants_move else np.zeros(self.model.size)
+        start = StepStart(self.arrays["q"][0], first.v, first.a, internal=first.internal)
+        if first.natural is not None:
+            start = start._replace(natural=(first.natural, first.natural))
+        return Part(instant(first.t, dt), D, start)
+
+    def _of_row(self, row: int, beams: BeamForms) -> Iterator[Part]:
+        arrays, own = self.arrays, self._starts_of_row(row)
+        names = [*("q", "v", "a")[: 3 if beams.resultants_need_rates else 1]]
+        names += ["internal"] * (beams.internal_shape[-1] > 0)
+        names += ["natural"] * bool(self.model.natural)
+        if own.stop > own.start:
+            starts = {name: self._starts.arrays[f"before_{name}"][own] for name in names}
+        else:
+            starts = {name: arrays[name][row - 1 : row] for name in names}
+        turns = self._missing(row)
+        starts["q"] = starts["q"] + (turns if own.stop > own.start else self._missing(row - 1))
+        t0, t1 = self._times[self._steps[row] - 1 : self._steps[row] + 1]
+        rest = np.cumsum(self._shares(row)[::-1])[::-1]
+        times = [*(t1 - (t1 - t0) * rest), t1]
+        D = np.diff(starts["q"], axis=0, append=arrays["q"][row : row + 1] + turns)
+        for i, q in enumerate(starts["q"]):
+            start = StepStart(q)
+            if beams.resultants_need_rates:
+                start = start._replace(v=starts["v"][i], a=starts["a"][i])
+            if self._has_ramps:
+                step = Interval(*times[i : i + 2])
+                start = start._replace(parameters=self._parameters_in(row, step))
+            if "internal" in names:
+                start = start._replace(internal=starts["internal"][i].reshape(beams.internal_shape))
+            if "natural" in names:
+                ends = starts["natural"][i], [*starts["natural"][1:], arrays["natural"][row]][i]
+                shape = *beams.internal_shape[:2], 3
+                start = start._replace(natural=tuple(end.reshape(shape) for end in ends))
+            if beams.needs_before:
+                before, memory = (
+                    self._starts.arrays[name][own][i] for name in ("earlier_q", "memory")
+                )
+                start = start._replace(before=before + turns, memory=float(memory))
+            yield Part(Interval(*times[i : i + 2]), D[i], start)
+
+    @property
+    def _has_ramps(self) -> bool:
+        """Whether parameters are inputs of a motion, whose earlier values only the rows know."""
+        return any(isinstance(of, Ramp) for of in self.model.forms.parameters.functions)
+
+    def _parameters_in(self, row: int, step: Interval) -> np.ndarray:
+        """Parameters (n,) at the level of a step before a row: linear between the rows."""
+        t0, t1 = self._times[self._steps[row - 1 : row + 1]]
+        part = (step.start + self.model.scheme.rates.level * step.length - t0) / (t1 - t0)
+        before, after = self.arrays["parameters"][row - 1 : row + 1]
+        return before + part * (after - before)
+
+
+#: What takes the rows of steps.
+Rows = Recorder | Unrecorded

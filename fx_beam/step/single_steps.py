@@ -1,0 +1,176 @@
+"""Single steps in C, where the state stays between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+
+from fx_beam.errors import StepError
+from fx_beam.fem.dead_loads import columns_of
+from fx_beam.results.state import ARRAYS, State
+from fx_beam.validation import Constant
+
+from .held_inputs import Hold, Ramp
+from .loop import CompiledLoop, StepInputs, no_inputs
+from .python_loop import Steps
+from .recorder import Recorder, Rows, Unrecorded
+
+# Steps whose functions of time are evaluated at once.
+_BLOCK = 64
+
+
+class CompiledSingleSteps:
+    """Tries single steps of the length dt [s] from the present state, with `forces` if needed.
+
+    An interrupt may come anywhere between two lines of Python: C takes a step as a whole, and
+    counts it.
+    """
+
+    def __init__(self, loop: CompiledLoop, dt: float, forces: bool):
+        self._loop, self._dt = loop, dt
+        problem = loop.problem
+        self._p, self._run = problem.c, problem.library.fx_run
+        if forces:
+            problem.c.keeps_joint_forces = True
+        self._unrecorded = loop.c_record(Unrecorded(), Steps(1), 1)
+        #: The present state: arrays of C.
+        self.now = SimpleNamespace(
+            **{name: problem.state_arrays[name].reshape(loop.shapes[name]) for name in ARRAYS}
+        )
+        #: Rows of a recorder for C, and the recorder and its plan to which they belong.
+        self._rows = self._unrecorded
+        self._plan: tuple[Recorder | None, int] = None, -1
+        self._build_inputs()
+
+    def _build_inputs(self) -> None:
+        """Arrays of the loads and driven motions of a step, with views for those that are held."""
+        model, p = self._loop.model, self._p
+        forcing, steps = self._loop.forcing, p.sub_steps
+        thrusts = len(model.points.followers)
+        self._inputs = StepInputs(
+            np.zeros((steps, 2, p.loads)),
+            np.zeros((steps, p.driven)),
+            np.zeros((steps, thrusts, 2)),
+            np.zeros((steps, 2, len(model.forms.parameters))),
+            np.zeros((steps, model.natural.columns.shape[1])),
+            steps,
+        )
+        self._c_inputs = self._loop.c_inputs(self._inputs)
+        loads, driven, thrust, parameters, natural = self._inputs[:5]
+        ends = np.cumsum(model.scheme.fractions)
+        ends[-1] = 1.0
+        starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
+        in_steps = np.column_stack([starts + level * (ends - starts), ends])
+        #: Arrays of held loads; of driven motions, parameters and natural strains, with the parts
+        #: of the step that have passed.
+        self._holds, self._ramps = [], []
+        #: Whether other functions change in time.
+        self._varies = False
+        for function, view in (*_views(model.scene, loads, thrust),):
+            if isinstance(function, Hold):
+                self._holds.append((function, view))
+            elif not isinstance(function, Constant):
+                self._varies = True
+        for i, function in enumerate(forcing.functions):
+            if isinstance(function, Ramp):
+                self._ramps.append((function, driven[:, i], ends))
+            else:
+                self._varies = True
+        for i, function in enumerate(model.forms.parameters.functions):
+            if isinstance(function, Ramp):
+                self._ramps.append((function, parameters[:, :, i], in_steps))
+            elif not isinstance(function, Constant):
+                self._varies = True
+        for i, function in model.natural.functions:
+            if isinstance(function, Ramp):
+                self._ramps.append((function, natural[:, i], ends))
+            elif not isinstance(function, Constant):
+                self._varies = True
+        if not self._varies:
+            self._fill(self._loop.inputs(0.0, np.array([self._dt])), 0)
+
+    def load(self, state: State, number: int) -> None:
+        """Begin with a state after some steps."""
+        self._known = no_inputs(1), 0
+        self._loop.load(state)
+        self._p.completed = number
+
+    @property
+    def completed(self) -> int:
+        """Number of steps to the present state."""
+        return self._p.completed
+
+    def state(self, t: float) -> State:
+        """The present state, with its past."""
+        return replace(self._loop.state(t), past=self._loop.past)
+
+    def take(self, number: int, t0: float, t1: float, recorder: Rows) -> bool:
+        """Whether a step succeeds; otherwise the state is that before it."""
+        p, to = self._p, self._unrecorded
+        if self._varies:
+            self._evaluate(t0, t1, number)
+        for hold, view in self._holds:
+            view[...] = hold.value
+        for ramp, view, passed in self._ramps:
+            view[...] = ramp.start + (ramp.end - ramp.start) * passed
+        recorded = number % recorder.every == 0
+        if recorded:
+            assert isinstance(recorder, Recorder)  # the other one takes no row
+            to = self._rows_of(recorder)
+            to.first = number
+        p.t = t0
+        if not self._run(p, 1, t1 - t0, self._c_inputs, to):
+            self._plan = None, -1  # parts of this step have the same record of C
+            return False
+        if p.inverted:
+            self._loop.count(0)  # which warns
+        return True
+
+    def _rows_of(self, recorder: Recorder):
+        """The record of C, from the recorder's next row on."""
+        if (recorder, recorder.plans) != self._plan:
+            room = len(recorder.arrays["energies"]) - recorder.rows
+            self._rows = self._loop.c_record(recorder, Steps(1), room)
+            self._plan = recorder, recorder.plans
+        self._rows.rows = recorder.rows
+        self._rows.starts, self._rows.complete = recorder.starts, recorder.complete
+        return self._rows
+
+    def _evaluate(self, t0: float, t1: float, number: int) -> None:
+        """Evaluate the functions of time for a step and its number; for some steps at once."""
+        known, first = self._known
+        if (number - first) * self._p.sub_steps >= len(known.driven):
+            ends = t1 + self._dt * np.arange(_BLOCK)
+            known, first = self._loop.inputs(t0, ends), number
+            now = not (isinstance(known.error, StepError) and len(known.driven))
+            if known.error is not None and now:
+                raise known.error
+            self._known = known, first
+        self._fill(known, number - first)
+
+    def _fill(self, inputs: StepInputs, step: int) -> None:
+        """Copy the inputs of the sub-steps of one step."""
+        own = slice(step * self._p.sub_steps, (step + 1) * self._p.sub_steps)
+        for target, source in zip(self._inputs[:5], inputs[:5], strict=True):
+            if source.size:
+                target[...] = source[own].reshape(target.shape)
+
+    def count(self, taken: int) -> None:
+        """Add what C has counted in some steps to the statistics."""
+        self._loop.count(taken)
+
+
+def _views(scene, loads: np.ndarray, thrust: np.ndarray) -> Iterator[tuple]:
+    """The functions of all loads, each with its view of the arrays of a step."""
+    column = turning = 0
+    for load in scene.loads:
+        if load.follower:
+            yield load.value, thrust[:, turning]
+            turning += 1
+        else:
+            width = columns_of(load)
+            yield load.value, loads[:, :, column : column + width]
+            column += width

@@ -1,0 +1,1 @@
+"""The same for many cases or finer steps: `sweep` and `converge`."""

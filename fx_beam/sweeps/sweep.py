@@ -1,0 +1,201 @@
+"""A function of the user for many cases, on all cores or on other executors, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Executor
+from contextlib import closing
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from fx_beam.errors import SceneError
+from fx_beam.motions.progress import progress_bar
+from fx_beam.results import tables
+from fx_beam.validation import check_takes, is_whole, positive, require, shown
+
+from . import workers
+from .journal import Journal
+
+# Columns of a row besides those of its case and of what the function gives.
+_OWN = "seconds", "error"
+
+
+def sweep(
+    function: Callable[[dict], Any],
+    cases: Iterable[Mapping[str, Any]],
+    executor: Executor | int | None = None,
+    results: Path | str | None = None,
+    chunksize: int | None = None,
+    timeout: float | None = None,
+):
+    """Call a function for each case, several at a time, and collect the results in a table.
+
+    The first case runs alone, so that forms are compiled once; then all workers start. If a case
+    fails, its row has the message of the error. In a script, write the call below
+    ``if __name__ == "__main__":``, as worker processes import the script.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(case)`` gives the results of a case: a dict, whose entries become columns, or a
+        value, which becomes the column "result". Worker processes must be able to import it:
+        define it at the top level of a module.
+    cases : iterable of dict, or pandas.DataFrame
+        Cases: parameters by name, or the rows of a table.
+    executor : concurrent.futures.Executor or int, optional
+        What runs the cases: any executor, or the number of processes; by default one process with
+        one thread for each core. If one of these is killed, its case fails and the others
+        continue; with your own executor this depends on the executor. Under ``mpirun -n N python -m
+        mpi4py.futures`` give an ``mpi4py.futures.MPIPoolExecutor``.
+    results : path, optional
+        File to which each row is appended as it finishes, a line of JSON with "case", "result",
+        "seconds" and "error". Cases in the file, also failed ones, are not run again: so you can
+        continue a sweep that was interrupted.
+    chunksize : int, optional
+        Number of rows of a table. The sweep then gives an iterator of tables, and computes one
+        when it is asked for: of a million cases, only those of one table are in memory. `cases` may
+        be a generator. Workers wait for the last case of each table: choose many more cases than
+        workers.
+    timeout : float, optional
+        Longest time for a case [s], that in which its forms are compiled included. A case that
+        takes longer fails, and its process is ended. Not with an executor of your own.
+
+    Returns
+    -------
+    pandas.DataFrame or list of dict, or an iterator of them
+        A row for each case, in their order: the case, the results, the run time in "seconds", and
+        "error", which is empty if there is none. A list if pandas is not installed. With
+        `chunksize`, an iterator of such tables.
+
+    Raises
+    ------
+    SceneError
+        If an argument is invalid, or if the worker processes cannot start.
+    KeyboardInterrupt
+        If interrupted, after all worker processes have ended. Its attribute `rows` has the
+        finished rows, with `chunksize` those of the table that was begun.
+    concurrent.futures.BrokenExecutor
+        If an executor of your own breaks. It has the attribute `rows` as well.
+
+    Examples
+    --------
+    The lowest frequency of arms of several lengths. An executor with one thread runs here what
+    processes would run in a script.
+
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> import fx_beam as fb
+    >>> def lowest(case):
+    ...     scene = fb.Scene()
+    ...     section = fb.Section(EA=1e6, GA=1e6, EI=100.0, rhoA=1.0)
+    ...     scene.clamp(scene.add_beam([(0, 0), (case["length"], 0)], section).start)
+    ...     return {"frequency": fb.modes(scene, n=1).frequencies[0]}
+    >>> cases = [{"length": 1.0}, {"length": 2.0}, {"length": 0.0}]
+    >>> table = fb.sweep(lowest, cases, executor=ThreadPoolExecutor(1))
+    >>> bool(table["frequency"][0] > 3.9 * table["frequency"][1])
+    True
+    >>> print(table["error"][2])
+    beam 'beam 1': the points 0 and 1 coincide at (0, 0). Remove one of them
+    """
+    check_takes(function, "case", "sweep: function")
+    if timeout is not None:
+        timeout = positive(timeout, "sweep: timeout", "a positive number of seconds")
+    if chunksize is None:
+        (table,) = _tables(function, [_listed(cases)], executor, results, timeout)
+        return table
+    require(is_whole(chunksize, 1), "sweep: chunksize", chunksize, "a whole number from 1 on")
+    return _tables(function, _chunks(cases, int(chunksize)), executor, results, timeout)
+
+
+def _tables(function, chunks: Iterable[list[dict]], executor, results, timeout) -> Iterator:
+    """The table of each chunk of cases."""
+    executor = workers.cores() if executor is None else executor
+    journal = Journal(results)
+    try:
+        with closing(workers.open_workers(function, executor, timeout)) as crew:
+            for cases in chunks:
+                yield _table_of(cases, crew, journal)
+    finally:
+        journal.close()
+
+
+def _table_of(cases: list[dict], crew: workers.Workers, journal: Journal):
+    """The table of some cases, of which those that are not in the file are run."""
+    rows: dict[int, dict] = {}
+    try:
+        for index, case in enumerate(cases):
+            if (row := journal.finished(case)) is not None:
+                rows[index] = row
+        left = [index for index in range(len(cases)) if index not in rows]
+        with (
+            progress_bar(len(cases), None, desc="cases", initial=len(rows)) as bar,
+            closing(crew.run([cases[index] for index in left])) as outcomes,
+        ):
+            for k, outcome in outcomes:
+                rows[left[k]] = journal.append(_row(cases[left[k]], outcome))
+                bar.update()
+        return _table(rows)
+    except BaseException as stop:
+        stop.rows = _table(rows)  # type: ignore[attr-defined]
+        raise
+
+
+def _listed(cases: Any) -> list[dict]:
+    """Cases as dicts; SceneError for anything else."""
+    given = [_checked(case) for case in _entries(cases)]
+    if not given:
+        raise SceneError("a sweep needs cases; none are given")
+    return given
+
+
+def _chunks(cases: Any, size: int) -> Iterator[list[dict]]:
+    """Cases as dicts, so many at a time."""
+    entries = map(_checked, _entries(cases))
+    while chunk := list(islice(entries, size)):
+        yield chunk
+
+
+def _entries(cases: Any) -> Iterator:
+    """The cases one by one; SceneError for what is no sequence of them."""
+    if hasattr(cases, "to_dict"):  # a table of pandas
+        cases = cases.to_dict("records")
+    try:
+        entries = iter(cases)
+        len(cases) if hasattr(cases, "__len__") else None
+    except Exception:  # numbers, arrays without axes and UFL expressions have none
+        entries = None
+    if entries is None or isinstance(cases, Mapping | str):
+        raise SceneError(f"cases must be a sequence of dicts or a table, not {shown(cases)}")
+    return entries
+
+
+def _checked(case: Any) -> dict:
+    """A case as a dict."""
+    if not isinstance(case, Mapping):
+        raise SceneError(f"the case {shown(case)} must be a dict of parameters by name")
+    if own := [name for name in _OWN if name in case]:
+        raise SceneError(f"{own[0]!r} is a column of the results; rename it in the cases")
+    return dict(case)
+
+
+def _row(case: dict, outcome: workers.Outcome) -> dict:
+    """A row as the file has it."""
+    value, seconds, error = outcome
+    result = None
+    if not error:
+        result = dict(value) if isinstance(value, Mapping) else {"result": value}
+        if twice := [name for name in result if name in (*case, *_OWN)]:
+            what = "a column of its own" if twice[0] in _OWN else "a parameter of the case"
+            error = f"the function gives {twice[0]!r}, which is {what}; give it another name"
+            result = None
+    return {"case": case, "result": result, "seconds": seconds, "error": error}
+
+
+def _table(rows: dict[int, dict]):
+    ordered = (row for _, row in sorted(rows.items()))
+    return tables.of_rows(
+        [
+            {**row["case"], **(row["result"] or {}), **{name: row[name] for name in _OWN}}
+            for row in ordered
+        ]
+    )
