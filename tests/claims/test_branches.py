@@ -129,7 +129,8 @@ def test_a_sway_branch_leads_from_one_bifurcation_to_the_other_and_returns(tree)
     assert path.stats.failure is None
     for branch in path.branches:
         assert branch.stats.failure is None and branch.stats.steps < 60
-        assert not branch.stable.any()
+        # the ends are the bifurcations: there the least eigenvalue is zero but for round-off
+        assert not branch.stable[1:-1].any()
         sideways = branch.displacement(top)[:, 0]
         assert sideways.max() > 0.01 and sideways.min() < -0.01  # through the other one
         factors = branch.load_factor
