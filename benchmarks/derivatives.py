@@ -79,7 +79,7 @@ class Case:
     """A motion that can be repeated."""
 
     def __init__(self, scene, dt, steps):
-        self.setup = RunSetup(scene, fb.EnergyMomentum(), None, Halving(3, dt), "compiled")
+        self.setup = RunSetup(scene, fb.EnergyMomentum(), None, Halving(3, dt))
         self.start = self.setup.first_state(dt, None)
         self.loop, self.times = self.setup.stepper.integrator, dt * np.arange(steps + 1)
         self.tape = Tape(self.loop.problem)

@@ -165,11 +165,10 @@ def compare_storage(runs=5, steps=20, dt=0.01):
     print(f"worst choice: {worst:.2f} of the better")
 
 
-def on_processes(cells=200, steps=10, *solvers, dt=0.01):
-    """Steps on the processes of mpirun, and on the first one alone by the compiled loop.
+def on_processes(cells=200, steps=10, dt=0.01):
+    """Steps on the processes of mpirun, or on one without it; 707 cells are 1 001 112 struts.
 
-    With "auto" not on one alone: 707 cells are 1 001 112 struts. The time of a process that waits
-    for others in PETSc counts.
+    The time of a process that waits for others in PETSc counts.
     """
     made: list[whole.WholeEquations] = []
     begin = whole.WholeEquations.__init__
@@ -182,29 +181,27 @@ def on_processes(cells=200, steps=10, *solvers, dt=0.01):
     clock = process_time()
     scene, record = lattice(cells), fb.Record(every=steps)
     print(f"{len(scene.beams)} struts, scene {process_time() - clock:.1f}", flush=True)
-    for solver in solvers or ("auto", "compiled"):
-        seconds: list[float] = []
-        clock = process_time()
-        with mock.patch.object(stepper.Stepper, "march", timed(stepper.Stepper.march, seconds)):
-            run = {"dt": dt, "t_end": steps * dt, "record": record, "solver": solver}
-            motion = fb.simulate(scene, **run, progress=True)
-        stats = motion.stats
-        error = abs(motion.energy.balance_error).max() / motion.energy.kinetic.max()
-        print(f"{stats.unknowns} unknowns: {stats.solver}")
-        setup = process_time() - clock - sum(seconds)
-        print(f"  set-up {setup:.1f}, a step {sum(seconds) / steps:.3f}")
-        print(f"  {stats.newton_iterations} Newton iterations")
-        print(f"  relative error of the energy balance {error:.1e}", flush=True)
-        if solver == "auto" and made:
-            memory = ", ".join(f"{gigabytes:.2f}" for gigabytes in made[-1].memory())
-            iterations = stats.krylov_iterations / stats.newton_iterations
-            print(f"  {iterations:.1f} iterations of a linear system")
-            print(f"  memory of each process so far {memory} GB", flush=True)
+    seconds: list[float] = []
+    clock = process_time()
+    with mock.patch.object(stepper.Stepper, "march", timed(stepper.Stepper.march, seconds)):
+        motion = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record, progress=True)
+    stats = motion.stats
+    error = abs(motion.energy.balance_error).max() / motion.energy.kinetic.max()
+    print(f"{stats.unknowns} unknowns: {stats.solver}")
+    setup = process_time() - clock - sum(seconds)
+    print(f"  set-up {setup:.1f}, a step {sum(seconds) / steps:.3f}")
+    print(f"  {stats.newton_iterations} Newton iterations")
+    print(f"  relative error of the energy balance {error:.1e}", flush=True)
+    if made:
+        memory = ", ".join(f"{gigabytes:.2f}" for gigabytes in made[-1].memory())
+        iterations = stats.krylov_iterations / stats.newton_iterations
+        print(f"  {iterations:.1f} iterations of a linear system")
+        print(f"  memory of each process so far {memory} GB", flush=True)
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["processes"]:
-        on_processes(*map(int, sys.argv[2:4]), *sys.argv[4:])
+        on_processes(*map(int, sys.argv[2:4]))
     elif sys.argv[1:] == ["turning"]:
         compare_turning()
     elif sys.argv[1:] == ["storage"]:

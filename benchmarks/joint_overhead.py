@@ -2,17 +2,15 @@
 
 A chain of members with revolute joints is compared with one beam of as many unknowns. Both are
 pinned at one end and swing under gravity. The time of the steps is divided by the number of
-iterations, for the compiled loop and for Python. The runs alternate; medians are printed.
+iterations. The runs alternate; medians are printed.
 
     .venv/bin/python benchmarks/joint_overhead.py [runs]
 """
 
 import sys
 from statistics import median
-from time import perf_counter
 
 import fx_beam as fb
-from fx_beam.step.newton import Newton
 
 SECTION = fb.Section(EA=1e5, GA=5e4, EI=100.0, rhoA=1.0, rhoI=0.01)
 
@@ -36,50 +34,29 @@ def beam(unknowns, length):
     return scene
 
 
-class Clock:
-    """Seconds spent in Newton's method in Python, and its iterations."""
-
-    def __init__(self):
-        self.seconds, self.iterations = 0.0, 0
-        solve = Newton.solve
-
-        def timed(newton, *arguments):
-            start = perf_counter()
-            step = solve(newton, *arguments)
-            self.seconds += perf_counter() - start
-            self.iterations += step.iterations
-            return step
-
-        Newton.solve = timed
-
-    def run(self, scene, solver):
-        """Microseconds per iteration, and the number of unknowns."""
-        self.seconds, self.iterations = 0.0, 0
-        stats = fb.simulate(scene, dt=0.002, t_end=0.4, solver=solver).stats
-        if solver == "compiled":  # the whole step: its parts cannot be timed separately
-            return 1e6 * stats.seconds / stats.newton_iterations, stats.unknowns
-        return 1e6 * self.seconds / self.iterations, stats.unknowns
+def run(scene):
+    """Microseconds per iteration, and the number of unknowns."""
+    stats = fb.simulate(scene, dt=0.002, t_end=0.4).stats
+    return 1e6 * stats.seconds / stats.newton_iterations, stats.unknowns
 
 
 def main(runs=15):
-    clock = Clock()
-    for solver in ("compiled", "petsc"):
-        for members, elements in ((4, 4), (7, 7), (10, 31)):
-            jointed = chain(members, elements)
-            unknowns = 3 * members * (elements + 1) - 2 * members
-            scenes = {"joints": jointed, "none": beam(unknowns, members)}
-            times = {name: [] for name in scenes}
-            for _ in range(runs):
-                for name, scene in scenes.items():
-                    time, found = clock.run(scene, solver)
-                    times[name].append(time)
-                    assert abs(found - unknowns) <= 1
-            ratio = median(a / b for a, b in zip(times["joints"], times["none"], strict=True))
-            print(
-                f"{solver:8} {unknowns:4} unknowns: {median(times['joints']):6.2f} us/iteration "
-                f"with {members - 1} revolute joints, {median(times['none']):6.2f} us with none; "
-                f"ratio {ratio:.3f}"
-            )
+    for members, elements in ((4, 4), (7, 7), (10, 31)):
+        jointed = chain(members, elements)
+        unknowns = 3 * members * (elements + 1) - 2 * members
+        scenes = {"joints": jointed, "none": beam(unknowns, members)}
+        times = {name: [] for name in scenes}
+        for _ in range(runs):
+            for name, scene in scenes.items():
+                time, found = run(scene)
+                times[name].append(time)
+                assert abs(found - unknowns) <= 1
+        ratio = median(a / b for a, b in zip(times["joints"], times["none"], strict=True))
+        print(
+            f"{unknowns:4} unknowns: {median(times['joints']):6.2f} us/iteration "
+            f"with {members - 1} revolute joints, {median(times['none']):6.2f} us with none; "
+            f"ratio {ratio:.3f}"
+        )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Time per step: the compiled loop against Python with PETSc, for several sizes and scenes.
+"""Time per step for several sizes and scenes.
 
     .venv/bin/python benchmarks/steps.py [runs]
 
 The pinned beam with 1 to 2048 elements, the pendulum, and the mechanisms of the demos are run by
 EnergyMomentum with everything recorded. The runs alternate; set-up is not included. Also measured:
-the time of the compiled loop by phase, and the time to the end of the first step with and without
+its time by phase, and the time to the end of the first step with and without
 compilation. Medians, the machine and the versions are written to results/steps/steps.json, with a
 picture beside it.
 """
@@ -38,7 +38,7 @@ PHASES = (
 
 
 def cases():
-    """Name, scene, step and number of steps by each solver."""
+    """Name, scene, step and number of steps."""
     for elements in ELEMENTS:
         yield f"pinned beam, {elements}", scene("pinned_beam", elements), 0.001, steps_for(elements)
     yield "pinned beam, 8, dt 0.01", scene("pinned_beam", 8), 0.01, 1000
@@ -49,23 +49,14 @@ def cases():
 
 
 def measure(scene, dt, steps, runs):
-    found = {"compiled": [], "petsc": []}
+    times = []
     for _ in range(runs):
-        for solver, times in found.items():
-            # Python runs a tenth of the steps, enough for its average.
-            n = steps if solver == "compiled" else max(steps // 10, 20)
-            stats = fb.simulate(scene, dt=dt, t_end=n * dt, solver=solver).stats
-            seconds = 1e6 * stats.seconds / n, stats.setup_seconds
-            times.append((*seconds, stats.newton_iterations / n, stats.solver))
-    return {
-        solver: {
-            "us per step": median(run[0] for run in runs),
-            "set-up seconds": median(run[1] for run in runs),
-            "iterations per step": median(run[2] for run in runs),
-            "solver": runs[0][3],
-        }
-        for solver, runs in found.items()
-    }
+        stats = fb.simulate(scene, dt=dt, t_end=steps * dt).stats
+        seconds = 1e6 * stats.seconds / steps, stats.setup_seconds
+        times.append((*seconds, stats.newton_iterations / steps))
+    names = "us per step", "set-up seconds", "iterations per step"
+    medians = zip(names, map(median, zip(*times, strict=True)), strict=True)
+    return dict(medians) | {"solver": stats.solver}
 
 
 def steps_for(elements):
@@ -73,7 +64,7 @@ def steps_for(elements):
 
 
 def phases(elements, runs):
-    """Time of the compiled loop by phase, in ns per element and step of the pinned beam."""
+    """Time by phase, in ns per element and step of the pinned beam."""
     steps, beam = steps_for(elements), scene("pinned_beam", elements)
     load = handover.load_library
     handover.load_library = functools.partial(build.load_library, "PHASES")
@@ -114,15 +105,10 @@ def main(runs=5):
         "runs": runs,
         "cases": {},
     }
-    print(f"{'':26} {'compiled':>12} {'PETSc':>12} {'ratio':>7}  iterations")
     for name, case_scene, dt, steps in cases():
         case = numbers["cases"][name] = measure(case_scene, dt, steps, runs)
-        loop, python = (case[solver]["us per step"] for solver in ("compiled", "petsc"))
-        case["ratio"] = python / loop
-        print(
-            f"{name:26} {loop:9.2f} us {python:9.1f} us {python / loop:7.1f}  "
-            f"{case['compiled']['iterations per step']:.1f}"
-        )
+        iterations = case["iterations per step"]
+        print(f"{name:26} {case['us per step']:9.2f} us, {iterations:.1f} iterations")
     shares = {elements: phases(elements, runs) for elements in (8, 2048)}
     print("\nns per element and step, with", " and ".join(map(str, shares)), "elements:")
     for phase in PHASES:
@@ -139,12 +125,8 @@ def draw(path, found):
     from fx_beam import plot
 
     figure, ((ax,),) = plot.figure(1, 1, height=3.5)
-    for solver, line, label in (
-        ("compiled", "C0o-", "compiled loop"),
-        ("petsc", "C1s--", "Python and PETSc"),
-    ):
-        times = [found[f"pinned beam, {n}"][solver]["us per step"] for n in ELEMENTS]
-        ax.loglog(ELEMENTS, times, line, label=label)
+    times = [found[f"pinned beam, {n}"]["us per step"] for n in ELEMENTS]
+    ax.loglog(ELEMENTS, times, "C0o-")
     ax.set(xlabel="elements [-]", ylabel="time of a step [us]", xticks=ELEMENTS)
     ax.set_xticklabels([str(n) for n in ELEMENTS])
     ax.minorticks_off()

@@ -19,7 +19,7 @@ from .equilibria.statics import static
 from .errors import Failure, SceneError, StepError
 from .laws.kinematics import Step
 from .laws.nodal_rates import NodalRates
-from .laws.rates import AtRest, MidPointRates, NewmarkRates, UpdateRule
+from .laws.rates import AtRest, MidPointRates, NewmarkRates
 from .laws.resultants import Resultants, WeightedResultants
 from .laws.schemes import (
     HHT,
@@ -145,7 +145,6 @@ __all__ = [
     "Step",
     "StepError",
     "Stop",
-    "UpdateRule",
     "WeightedResultants",
     "arc",
     "backbone",

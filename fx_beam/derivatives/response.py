@@ -16,7 +16,6 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.motions.kept_setup import KeptSetup, keeping_setup
-from fx_beam.motions.mpi_ranks import waiting_team
 from fx_beam.motions.run_setup import RunSetup, check_options, checked_scheme
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
@@ -107,8 +106,6 @@ class Response:
     record : Record, optional
         Rows of the outputs, by `every` or `times`; by default all steps. What the outputs do not
         need is not recorded in any case.
-    solver : {"auto", "compiled", "petsc"}
-        As in `simulate`.
     inputs : dict, optional
         Functions of time of the inputs of the scene, as in `simulate`.
     memory : float
@@ -161,7 +158,6 @@ class Response:
         newton: NewtonOptions | None = None,
         max_halvings: int = 12,
         record: Record | None = None,
-        solver: str = "auto",
         inputs: Mapping[str, Any] | None = None,
         memory: float = LIMIT,
     ):
@@ -169,7 +165,7 @@ class Response:
         if callable(start):
             check_takes(start, "scene", "Response: start")
         self._memory = positive(memory, "Response: memory", "a positive number of bytes")
-        check_options("Response", newton, max_halvings, record, solver)
+        check_options("Response", newton, max_halvings, record)
         if record is not None and record.file is not None:
             raise SceneError("Response: a record to a file is not possible; use simulate")
         self._build = build
@@ -183,8 +179,6 @@ class Response:
             "breaks": breaks,
             "newton": newton,
             "max_halvings": max_halvings,
-            # Several processes have no derivatives.
-            "solver": "compiled" if solver == "auto" and waiting_team() else solver,
             "inputs": inputs,
         }
         self._begin()
@@ -204,6 +198,7 @@ class Response:
         self._known_changes: dict[str, np.ndarray] | None = None
         self._kept = KeptSetup()
         self._kept.reads_at_once, self._kept.memory = True, self._memory
+        self._kept.alone = True
         self._adjoint: tuple[Any, list, Adjoint] | None = None
         # Whether the set-up has the numbers of the last call.
         self._is_set = False
@@ -669,8 +664,7 @@ class Response:
             setup.refill_model(scene)
         except ElsewhereError:
             model, steps = setup.model, setup.stepper
-            newton, solver = self._options["newton"], self._options["solver"]
-            setup = RunSetup(scene, model.scheme, newton, steps.halving, solver)
+            setup = RunSetup(scene, model.scheme, self._options["newton"], steps.halving)
         kept.put_back(setup)
         return setup
 
@@ -682,6 +676,6 @@ class Response:
         steady = options["tolerance"] is None
         halving = Halving(options["max_halvings"], options["dt"] if steady else None)
         scheme = checked_scheme(scene, options["scheme"], "Response")
-        setup = kept.of(scene, scheme, options["newton"], halving, options["solver"])
+        setup = kept.of(scene, scheme, options["newton"], halving)
         kept.put_back(setup)
         self._is_set = True

@@ -71,12 +71,12 @@ def world() -> Any:
     return MPI.COMM_WORLD
 
 
-def petsc(what: str = 'solver = "petsc"') -> Any:
+def petsc(what: str = "a scene on several processes") -> Any:
     """The module PETSc of petsc4py; RuntimeError if it is missing."""
     if find_spec("petsc4py") is None:
         raise RuntimeError(
             f"{what} needs PETSc, which is not installed. Install petsc4py (Debian's "
-            "python3-petsc4py), or leave the choice of the solver to fx_beam, on one process"
+            "python3-petsc4py), or start the script without mpirun"
         )
     from petsc4py import PETSc
 

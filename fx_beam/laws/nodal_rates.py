@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import ufl
 from ufl.corealg.traversal import unique_pre_traversal
@@ -21,7 +21,7 @@ Rule = Callable[[Any, Any, Any, Any, Any], tuple[Any, Any, Any]]
 
 @dataclass(frozen=True)
 class NodalRates(UpdateRule):
-    """Nodal rule of your own in UFL, which the compiled loop takes; it may couple all components.
+    """Nodal rule of your own in UFL; it may couple all components.
 
     All arguments but `dt` are UFL vectors of one node: x, y and rotation.
 
@@ -64,6 +64,7 @@ class NodalRates(UpdateRule):
 
     rule: Rule | tuple[Rule, ...]
     level: float = 0.5
+    of_user: ClassVar[bool] = True
 
     def __post_init__(self):
         fits = bool(self.rules) and all(map(callable, self.rules))
@@ -89,6 +90,11 @@ class NodalRates(UpdateRule):
     def rules(self) -> tuple[Rule, ...]:
         """The rules of the sub-steps, or the one of all."""
         return self.rule if isinstance(self.rule, tuple) else (self.rule,)
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """The rule that has the same work increments."""
+        return self.of_work.constants
 
     @property
     def of_work(self) -> MidPointRates | NewmarkRates:

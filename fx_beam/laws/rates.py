@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import ufl
 
@@ -19,23 +19,21 @@ _LEAST_BETA = 1e-9
 class UpdateRule(Protocol):
     """Nodal rule: velocities and accelerations from the increment over a step.
 
-    Arrays contain all degrees of freedom, (size,); `turns` lists the rotations among them. A
-    custom `UpdateRule` falls back to the slower steps in Python.
-
-    Examples
-    --------
-    >>> import fx_beam as fb
-    >>> class MeanSpin(fb.MidPointRates):
-    ...     def fields(self, Du, Dpsi, v0, a0, dt):
-    ...         return Du / dt, Dpsi / dt
-    >>> fb.Scheme("mean spin", fb.MidPoint().resultants, MeanSpin()).rates.level
-    0.5
+    Arrays contain all degrees of freedom, (size,); `turns` lists the rotations among them.
     """
 
+    #: Whether the problem is static, without inertia.
+    at_rest: ClassVar[bool] = False
+    #: Whether rates at the end follow from their means over the step, as by the mid-point rule.
+    by_mean: ClassVar[bool] = False
+    #: Whether functions of a user give the rates of a node.
+    of_user: ClassVar[bool] = False
+    #: Whether derivatives of whole motions follow its steps.
+    has_derivatives: ClassVar[bool] = False
+
     @property
-    def at_rest(self) -> bool:
-        """Whether the problem is static, without inertia."""
-        return False
+    def constants(self) -> dict[str, float]:
+        """Members of ``Problem`` in c/problem.h: the rule of rates (0: mean, 1: Newmark's)."""
 
     @property
     def level(self) -> float:
@@ -149,6 +147,14 @@ class MidPointRates(UpdateRule):
     (array([4.]), array([40.]))
     """
 
+    by_mean: ClassVar[bool] = True
+    has_derivatives: ClassVar[bool] = True
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """The mean rule has none."""
+        return {"rule": 0}
+
     @property
     def level(self) -> float:
         """The middle of the step."""
@@ -206,6 +212,11 @@ class NewmarkRates(UpdateRule):
     gamma: float
     alpha_m: float = 0.0
     alpha_f: float = 0.0
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Newmark's parameters, and the weight of inertia."""
+        return {"rule": 1, "beta": self.beta, "gamma": self.gamma, "alpha_m": self.alpha_m}
 
     def __post_init__(self):
         for name, low, high in (
@@ -265,10 +276,13 @@ class AtRest(UpdateRule):
     (True, 1.0)
     """
 
+    at_rest: ClassVar[bool] = True
+    has_derivatives: ClassVar[bool] = True
+
     @property
-    def at_rest(self) -> bool:
-        """True."""
-        return True
+    def constants(self) -> dict[str, float]:
+        """Those of a rule whose increments do work as they are; there is no mass."""
+        return {"rule": 1, "beta": 1.0}
 
     @property
     def level(self) -> float:

@@ -15,7 +15,7 @@ from fx_beam.validation import as_float, is_number, is_one_of, require, shown
 from .decaying import Decaying, DecayingResultants
 from .kinematics import Step
 from .nodal_rates import NodalRates
-from .rates import AtRest, MidPointRates, NewmarkRates, UpdateRule
+from .rates import AtRest, MidPointRates, NewmarkRates
 from .resultants import (
     AtEnds,
     Resultants,
@@ -25,6 +25,8 @@ from .resultants import (
     with_exact_work,
 )
 
+#: Sub-steps that the loop over time steps has room for (c/problem.h).
+MOST_SUB_STEPS = 32
 _S = 1 / (4 - 4 ** (1 / 3))
 # Suzuki's composition of order four; its third sub-step goes back in time.
 _FRACTIONS = {2: (1.0,), 4: (_S, _S, 1 - 4 * _S, _S, _S)}
@@ -41,7 +43,7 @@ class Scheme:
     resultants : callable
         ``resultants(step, law)`` gives the `Resultants` of a step as UFL expressions, or the
         `WeightedResultants` of its two ends.
-    rates : UpdateRule
+    rates : MidPointRates, NewmarkRates, NodalRates or AtRest
         Nodal rule that gives velocities and accelerations from the increment.
     fractions : tuple of float, optional
         Lengths of the sub-steps of a composition, relative to the step; some may go back in time.
@@ -63,7 +65,7 @@ class Scheme:
 
     name: str
     resultants: Callable[[Step, Law], Resultants | WeightedResultants | DecayingResultants]
-    rates: UpdateRule
+    rates: MidPointRates | NewmarkRates | NodalRates | AtRest
     fractions: tuple[float, ...] = (1.0,)
     #: The call that made it, if it was one of those below; `replace` forgets it.
     _call: str = field(default="", init=False, compare=False)
@@ -77,11 +79,16 @@ class Scheme:
         for name, fits, wanted in (
             ("name", isinstance(self.name, str), "a string"),
             ("resultants", callable(self.resultants), "a function of step and law"),
-            ("rates", _are_rates(self.rates), "fx_beam.UpdateRule such as MidPointRates()"),
+            (
+                "rates",
+                type(self.rates) in (MidPointRates, NewmarkRates, NodalRates, AtRest),
+                "MidPointRates(), NewmarkRates(...), AtRest(), or NodalRates(rule) of your own",
+            ),
             (
                 "fractions",
                 _divide_a_step(self.fractions),
-                "a tuple of numbers with the sum 1 and partial sums between 0 and 1",
+                f"a tuple of at most {MOST_SUB_STEPS} numbers with the sum 1 and partial sums "
+                "between 0 and 1",
             ),
         ):
             require(fits, f"Scheme: {name}", getattr(self, name), wanted)
@@ -106,18 +113,14 @@ class Scheme:
     @property
     def balances_energy(self) -> bool:
         """Whether the balance of energy is exact in each step, with nothing held for the next."""
-        return self.resultants is _exact and type(self.rates) is MidPointRates
+        return self.resultants is _exact and self.rates.by_mean
 
     @property
     def built_in(self) -> bool:
         """Whether resultants and rates are those of this package, whose UFL never changes."""
         of_package = self.resultants in (at_mid_step, averaged, _exact)
-        rates = type(self.rates) in (AtRest, MidPointRates, NewmarkRates)
-        return rates and (of_package or type(self.resultants) in (AtEnds, Decaying))
-
-
-def _are_rates(rates) -> bool:
-    return not isinstance(rates, type) and hasattr(rates, "level") and hasattr(rates, "end")
+        of_package = of_package or type(self.resultants) in (AtEnds, Decaying)
+        return of_package and not self.rates.of_user
 
 
 def _divide_a_step(fractions) -> bool:
@@ -125,7 +128,8 @@ def _divide_a_step(fractions) -> bool:
         return False
     ends = list(accumulate(fractions))
     inside = all(-1e-12 <= end <= 1 + 1e-12 for end in ends)
-    return bool(ends) and inside and 0 not in fractions and abs(ends[-1] - 1) < 1e-12
+    fits = bool(ends) and len(ends) <= MOST_SUB_STEPS
+    return fits and inside and 0 not in fractions and abs(ends[-1] - 1) < 1e-12
 
 
 def _of_order(order: int, scheme: Scheme) -> Scheme:

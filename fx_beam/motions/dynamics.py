@@ -72,7 +72,6 @@ def simulate(
     newton: NewtonOptions | None = None,
     max_halvings: int = 12,
     record: Record | None = None,
-    solver: str = "auto",
     progress: bool | None = None,
     inputs: Mapping[str, Any] | None = None,
     until: Condition | Mapping[str, Condition] | None = None,
@@ -123,10 +122,6 @@ def simulate(
         successful sub-steps their length is doubled again.
     record : Record, optional
         What is recorded; by default everything of every step.
-    solver : {"auto", "compiled", "petsc"}
-        How steps are computed: by a compiled loop, with a banded or sparse linear solver, or in
-        Python with PETSc, the reference. By default the compiled loop if it is available, else
-        slower steps in Python with the same solver, for any scheme.
     progress : bool, optional
         Whether to show a progress bar; by default on a terminal if the run takes longer than two
         seconds.
@@ -159,7 +154,7 @@ def simulate(
     SceneError
         Before the first step, if the scene, the scheme or the time grid is invalid.
     RuntimeError
-        If `solver` is "petsc", but PETSc is missing.
+        On several processes, if PETSc is missing.
     StepError
         If a step fails. Its attribute `solution` has all steps before it.
     KeyboardInterrupt
@@ -195,7 +190,7 @@ def simulate(
     -1.000000000 until
     """
     kept = kept_setup()
-    options = scheme, t_end, dt, newton, max_halvings, record, solver, progress
+    options = scheme, t_end, dt, newton, max_halvings, record, progress
     others = start, tolerance, dt_max, inputs, until, outputs, changes
     plain = all(other is None for other in others) and type(breaks) is tuple and not breaks
     again = kept.repeated if plain and isinstance(scene, Scene) else None
@@ -206,7 +201,7 @@ def simulate(
                 _warn_of_places(found, scene)
             return found
     scheme = checked_scheme(scene, scheme, "simulate")
-    check_options("simulate", newton, max_halvings, record, solver)
+    check_options("simulate", newton, max_halvings, record)
     conditions = checked_conditions(scene, until, outputs)
     to_file = record is not None and record.file is not None
     if to_file and (conditions or changes is not None):
@@ -224,7 +219,6 @@ def simulate(
             newton=newton,
             max_halvings=max_halvings,
             record=record,
-            solver=solver,
             progress=progress,
             inputs=inputs,
         )
@@ -252,7 +246,7 @@ def simulate(
     warn_of_equal_work()
     clock = time.perf_counter()
     halving = Halving(max_halvings, dt if control is None else None)
-    setup = kept.of(scene, scheme, newton, halving, solver)
+    setup = kept.of(scene, scheme, newton, halving)
     stats, stepper, counter = setup.stats, setup.stepper, setup.turn_counter
     record = record or Record()
     recorder = Recorder(setup.model, times[:1] if to_file else times, record)

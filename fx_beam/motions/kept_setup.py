@@ -18,6 +18,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.substeps import Halving
 from fx_beam.step.tape import LIMIT, Tape
 
+from .mpi_ranks import waiting_team
 from .run_setup import RunSetup
 
 _KEPT: ContextVar[KeptSetup | None] = ContextVar("kept set-up", default=None)
@@ -40,6 +41,8 @@ class KeptSetup:
         self.lasts = False
         #: Whether solutions are read before anything else happens.
         self.reads_at_once = False
+        #: Whether motions run on this process alone: several have no derivatives.
+        self.alone = False
         #: Whether runs are taped, and the tape of the last one.
         self.tapes = False
         #: Largest memory of their rows [bytes].
@@ -52,18 +55,20 @@ class KeptSetup:
         scheme: Scheme,
         newton: NewtonOptions | None,
         halving: Halving,
-        solver: str,
     ) -> RunSetup:
         """The set-up of a scene."""
         self.repeated = None
-        options, known = (scheme, newton, solver), self._options
+        options, known = (scheme, newton), self._options
         if self._setup is not None and not scheme.built_in:
             self._leave("the scheme has functions of your own, which may have changed")
         elif self._setup is not None and options != known:
             self._leave("another scheme, or other options")
         self._options = options
         setup = self.refilled(scene, halving)
-        return RunSetup(scene, scheme, newton, halving, solver) if setup is None else setup
+        if setup is None:
+            team = None if self.alone else waiting_team()
+            setup = RunSetup(scene, scheme, newton, halving, team)
+        return setup
 
     def refilled(self, scene: Scene, halving: Halving) -> RunSetup | None:
         """The last set-up with the numbers of a scene; None if this must be set up anew."""

@@ -26,6 +26,7 @@ from fx_beam.validation import as_float, check_takes, is_number, positive, requi
 
 from .evaluation import solution_of
 from .measurement import reading
+from .mpi_ranks import waiting_team
 from .open_motion import OpenMotion
 from .run_setup import MOST_STEPS, RunSetup, check_options, checked_scheme, state_of
 from .snapshot import Snapshot
@@ -72,15 +73,13 @@ class Motion:
         Convergence criteria of Newton's method.
     max_halvings : int
         How often a failing step is halved before `step` fails.
-    solver : {"auto", "compiled", "petsc"}
-        How steps are computed, as in `simulate`.
 
     Raises
     ------
     SceneError
         Before the first step, if the scene, an option or an output is invalid.
     RuntimeError
-        If `solver` is "petsc", but PETSc is missing.
+        On several processes, if PETSc is missing.
 
     Examples
     --------
@@ -117,11 +116,10 @@ class Motion:
         record: Record | None = None,
         newton: NewtonOptions | None = None,
         max_halvings: int = 12,
-        solver: str = "auto",
     ):
         clock, self._alone = perf_counter(), RLock()
         scheme = checked_scheme(scene, scheme, "Motion")
-        check_options("Motion", newton, max_halvings, record, solver)
+        check_options("Motion", newton, max_halvings, record)
         positive(dt, "Motion: dt")
         if record is not None and record.times is not None:
             raise SceneError("Motion: a record at times is not possible; use Record(every=...)")
@@ -137,11 +135,10 @@ class Motion:
             "record": record,
             "newton": newton,
             "max_halvings": max_halvings,
-            "solver": solver,
         }
         self._dt, held = as_float(dt), HeldInputs(scene)
         halving = Halving(max_halvings, self._dt)
-        self._setup = setup = RunSetup(held.scene, scheme, newton, halving, solver)
+        self._setup = setup = RunSetup(held.scene, scheme, newton, halving, waiting_team())
         if start is not None:
             state = state_of(setup.model, start)
             held.resume(setup.forcing, state, state.inputs)

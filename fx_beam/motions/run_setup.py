@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.fem.mpi import petsc
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.schemes import EnergyMomentum, Scheme
+from fx_beam.parallel.team import Team
 from fx_beam.parallel.whole import share
 from fx_beam.results.audit import Stats
 from fx_beam.results.histories import HISTORIES
@@ -23,12 +23,11 @@ from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.petsc_lu import PetscLU
 from fx_beam.step.python_loop import PythonLoop
 from fx_beam.step.recorder import Record
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import MOST_HALVINGS, Halving
-from fx_beam.validation import is_one_of, is_whole, require, shown
+from fx_beam.validation import is_whole, require, shown
 
 from .carried_state import carried_state, end_of, has_changed
 from .initial_state import (
@@ -37,7 +36,6 @@ from .initial_state import (
     late_accelerations,
     resumed_state,
 )
-from .mpi_ranks import waiting_team
 from .smooth_start import smooth_start
 
 #: Largest number of steps; their times alone take 8 GB.
@@ -46,7 +44,7 @@ _DEFAULT = EnergyMomentum()
 
 
 class RunSetup:
-    """Takes the steps of a motion of a scene, compiled or in Python."""
+    """Takes the steps of a motion of a scene: alone, or with a team of processes."""
 
     def __init__(
         self,
@@ -54,10 +52,10 @@ class RunSetup:
         scheme: Scheme,
         newton: NewtonOptions | None,
         halving: Halving,
-        solver: str,
+        team: Team | None = None,
     ):
         self.model = Model(scene, scheme)
-        self._options, self._solver = newton or NewtonOptions(), solver
+        self._options, self._team = newton or NewtonOptions(), team
         self.turn_counter = TurnCounter(self.model)
         self._begin(halving, None)
 
@@ -67,7 +65,7 @@ class RunSetup:
         self.stats = Stats(
             scheme=scheme.name,
             level=scheme.rates.level,
-            solver="petsc lu" if self._solver == "petsc" else "Python, sparse lu",
+            solver="Python, sparse lu",
             unknowns=len(model.reduction.independent),
             compiled=model.compiled,
             assembled=model.assembled,
@@ -76,7 +74,7 @@ class RunSetup:
         self.forcing = Forcing(model)
         python = PythonLoop(model, self.forcing, options, self.stats)
         if loop is None:
-            integrator = _integrator_of(self._solver, python, options)
+            integrator = _integrator_of(self._team, python, options)
         else:
             integrator = loop
             loop.refill(python)
@@ -227,27 +225,21 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
 
 
 def _integrator_of(
-    solver: str, python: PythonLoop, options: NewtonOptions
+    team: Team | None, python: PythonLoop, options: NewtonOptions
 ) -> PythonLoop | CompiledLoop:
-    """The compiled loop if it can run the model and is not excluded, otherwise that in Python."""
-    if solver == "auto" and (team := waiting_team()) is not None:
+    """The compiled loop; with a team that in Python, in which PETSc solves."""
+    if team is not None:
         share(team, python.single)
         python.stats.solver = f"PETSc on {team.size} processes"
-        return python
-    if solver == "petsc":
-        petsc()
-        python.single.newton.lu = PetscLU
         return python
     try:
         return CompiledLoop(python, options)
     except LoopUnavailable as reason:
-        if solver == "compiled":
-            raise SceneError(f'solver = "compiled" is not available: {reason}') from reason
         python.stats.solver += f" ({reason})"
         return python
 
 
-def check_options(what: str, newton, max_halvings, record, solver) -> None:
+def check_options(what: str, newton, max_halvings, record) -> None:
     """Refuse invalid options of a motion."""
     for name, value, fits, wanted in (
         ("newton", newton, isinstance(newton, NewtonOptions | None), "an fx_beam.NewtonOptions"),
@@ -258,11 +250,5 @@ def check_options(what: str, newton, max_halvings, record, solver) -> None:
             f"a whole number from 0 to {MOST_HALVINGS}",
         ),
         ("record", record, isinstance(record, Record | None), "an fx_beam.Record"),
-        (
-            "solver",
-            solver,
-            is_one_of(solver, ("auto", "compiled", "petsc")),
-            '"auto", "compiled" or "petsc"',
-        ),
     ):
         require(fits, f"{what}: {name}", value, wanted)

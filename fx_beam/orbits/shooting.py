@@ -108,9 +108,9 @@ class Shooting:
         fits = is_whole(steps, 9) and steps % 2 == 1
         wanted = "an odd whole number from 9 on: what alternates from step to step then fades"
         require(fits, f"{what}: steps", steps, wanted)
-        check_options(what, newton, 0, None, "auto")
+        check_options(what, newton, 0, None)
         self.steps, self.what = int(steps), what
-        self.setup = RunSetup(scene, scheme, newton, Halving(0), "compiled")
+        self.setup = RunSetup(scene, scheme, newton, Halving(0))
         self.model = model = self.setup.model
         check_unknowns(model, what)
         loop = self.setup.stepper.integrator

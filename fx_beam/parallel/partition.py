@@ -76,7 +76,7 @@ class _Cut:
         if len(np.unique(self.of_node)) < self._number:
             raise SceneError(
                 f"the scene has too few members for {self._number} processes. Start fewer of them, "
-                'or compute it on one: without mpirun, or with solver="compiled"'
+                "or compute it on one, without mpirun"
             )
 
     def _beams(self):

@@ -31,10 +31,7 @@ from .team import Crew, Team
 
 # Error of a step's energy, relative to it, that solutions may leave.
 _ENERGY_ERROR = 1e-13
-_ADVICE = (
-    "it runs on one process: start the script without mpirun, or simulate on the first process "
-    'by solver="compiled"'
-)
+_ADVICE = "it runs on one process: start the script without mpirun"
 
 
 def _check(model: Model) -> None:
@@ -81,7 +78,7 @@ class WholeEquations(Equations):
         _check(model)
         if forcing.turning is not None:
             raise SceneError(f"static: spin on several processes is not possible yet; {_ADVICE}")
-        petsc("a scene on several processes")
+        petsc()
         division = divided(model, team.size)
         self._team = team
         self._shares, self._numbers = division.shares, division.numbers

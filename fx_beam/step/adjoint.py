@@ -10,7 +10,6 @@ import numpy as np
 from fx_beam.c_library import declarations
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.errors import SceneError
-from fx_beam.laws.rates import AtRest, MidPointRates
 from fx_beam.scene.constraints import joints_by_number
 from fx_beam.structs import Structs
 
@@ -344,7 +343,7 @@ def singular(tape: Tape, sub_step: int) -> SceneError:
 def check(model: Model) -> None:
     """Refuse what has no derivatives, by its name."""
     scheme = model.scheme
-    if type(scheme.rates) not in (MidPointRates, AtRest):
+    if not scheme.rates.has_derivatives:
         raise SceneError(
             f"{scheme.name}: motions of this scheme have no derivatives. Use EnergyMomentum, "
             "MidPoint, ModifiedMidPoint or EnergyDecaying"

@@ -17,7 +17,7 @@ from fx_beam.c_library import declarations
 from fx_beam.coupling.index_reduction import Tables, TieTables
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.fem import dolfinx_api
-from fx_beam.laws.rates import MidPointRates, NewmarkRates
+from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS
 from fx_beam.scene.beam import Node
 from fx_beam.scene.constraints import joints_by_number
@@ -224,24 +224,16 @@ class Problem:
 
     def _hand_over_rates(self, stored_at: np.ndarray) -> None:
         rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
-        self._set(level=rates.level, at_rest=rates.at_rest)
-        if rates.at_rest:  # it has no mass either
-            self._set(rule=1, beta=1.0)
-        elif type(rates) is NewmarkRates:
-            self._set(rule=1, beta=rates.beta, gamma=rates.gamma, alpha_m=rates.alpha_m)
-        elif (rules := self.model.nodal_rules) is not None:
+        self._set(level=rates.level, at_rest=rates.at_rest, **rates.constants)
+        if (rules := self.model.nodal_rules) is not None:
             addresses = np.array([function.address for function in rules.functions], np.uintp)
             self._set(
-                rule=0 if rates.level == 0.5 else 1,
                 rules=len(addresses),
                 nodal_rule=addresses,
                 column_at_node=rules.columns,
                 rule_stored_at=stored_at[rules.value_at],
             )
-        elif type(rates) is not MidPointRates:
-            raise LoopUnavailable(f"custom rates {type(rates).__name__}")
-        if len(fractions) > self.library.SUB_STEPS:
-            raise LoopUnavailable(f"more than {self.library.SUB_STEPS} sub-steps")
+        assert self.library.SUB_STEPS == MOST_SUB_STEPS
         self._set(sub_steps=len(fractions), fractions=fractions)
 
     def _hand_over_couplings(self, t: Tables) -> np.ndarray:

@@ -29,7 +29,6 @@ from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.fem.point_forces import PointForces
 from fx_beam.fem.step_start import StepStart
 from fx_beam.laws.nodal_rates import NodalRates
-from fx_beam.laws.rates import MidPointRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.constraints import joints_by_number, slides_at_start
@@ -319,12 +318,13 @@ class Model:
     def nodal_rules(self) -> NodalRules | None:
         """The nodal rules of the rates, if they are those of a user."""
         rates = self.scheme.rates
-        return NodalRules(rates, self.mesh.dofs, self.mass) if type(rates) is NodalRates else None
+        own = isinstance(rates, NodalRates)
+        return NodalRules(rates, self.mesh.dofs, self.mass) if own else None
 
     @property
     def keeps_before(self) -> bool:
         """Whether a step needs the configuration at the start of the last one."""
-        return self.forms.needs_before or type(self.scheme.rates) is NodalRates
+        return self.forms.needs_before or self.scheme.rates.of_user
 
     @functools.cached_property
     def factors_of_mass(self) -> LU:
@@ -346,7 +346,7 @@ class Model:
     @functools.cached_property
     def needs_accelerations(self) -> bool:
         """Whether steps, or unknowns without mass, need the accelerations at the start."""
-        by_mean, beams = type(self.scheme.rates) is MidPointRates, self.forms.beams
+        by_mean, beams = self.scheme.rates.by_mean, self.forms.beams
         read = beams is not None and (beams.needs_rates or beams.resultants_need_rates)
         if read or not by_mean or len(self.scheme.fractions) > 1:
             return True
@@ -376,9 +376,8 @@ class Model:
     @functools.cached_property
     def fits_rates(self) -> bool:
         """Whether rates by the mean rule must be fitted to joints and driven motions."""
-        by_mean = isinstance(self.scheme.rates, MidPointRates)
         turning = any(joint.turns_with_motion for joint in self.scene.joints)
-        return by_mean and bool(turning or self.couplings.driven)
+        return self.scheme.rates.by_mean and bool(turning or self.couplings.driven)
 
     @functools.cached_property
     def fitted_rates(self) -> FittedRates | None:
@@ -453,7 +452,7 @@ class Model:
         forms, K = self.forms, self.forms.stiffness
         used = np.zeros(K.nnz, dtype=bool)
         used[forms.assembled] = True
-        if type(self.scheme.rates) is NodalRates:  # they may couple the components at a node
+        if self.scheme.rates.of_user:  # they may couple the components at a node
             return np.ones_like(used)
         row = np.repeat(np.arange(self.size), np.diff(K.indptr))
         used |= (row == K.indices) & (self.mesh.from_nodes(self._mass.lumped)[row] != 0)

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.laws.interval import Interval, divided
-from fx_beam.laws.rates import MidPointRates
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import FORCES, Past, State
 
@@ -198,8 +197,7 @@ class PythonLoop:
         rates = self.model.scheme.rates
         if not done or rates.level != 0.5:
             return
-        held = isinstance(rates, MidPointRates) and self.model.nodal_rules is None
-        for name in (*FORCES, "a") if held else FORCES:
+        for name in (*FORCES, "a") if rates.by_mean else FORCES:
             now = getattr(end, name)
             if now is not None:
                 before = getattr(start, name)

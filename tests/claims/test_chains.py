@@ -8,6 +8,7 @@ import pytest
 import scipy.integrate
 import scipy.linalg
 from jointed import chain as links
+from plain_step import plainly
 
 import fx_beam as fb
 
@@ -108,10 +109,9 @@ def test_a_free_chain_keeps_energy_and_momenta():
         assert np.ptp(momentum, axis=0).max() < 1e-11 * abs(momentum).max()
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_joints_of_a_hanging_chain_carry_the_weight_below(solver):
+def test_joints_of_a_hanging_chain_carry_the_weight_below():
     scene, _ = chain(30, along=(0.0, -1.0))
-    solution = fb.simulate(scene, dt=0.01, t_end=0.05, solver=solver)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.05)
     hinges = [joint for joint in scene.joints if joint.kind == "Revolute"]
     for below, joint in enumerate(reversed(hinges), start=1):
         force, weight = solution.joint(joint).force, below * MASS * GRAVITY
@@ -159,17 +159,16 @@ MADE = {
 
 
 @pytest.mark.parametrize("made", MADE)
-def test_long_chains_and_loops_move_alike_in_c_and_in_python_and_stay_together(made):
+def test_long_chains_and_loops_move_as_by_a_plain_step_and_stay_together(made):
     n = 12 if made in ("ring", "four-bars") else 25
     scene = MADE[made](n)
-    found, exact = (
-        fb.simulate(scene, dt=0.005, t_end=0.05, solver=solver) for solver in ("compiled", "petsc")
-    )
+    run = {"dt": 0.005, "t_end": 0.05}
+    found, exact = fb.simulate(scene, **run), plainly(scene, **run)
     assert found.q == pytest.approx(exact.q, abs=1e-10)
     assert found.joint_forces == pytest.approx(
         exact.joint_forces, abs=1e-7 * abs(exact.joint_forces).max()
     )
-    assert found.stats.newton_iterations == exact.stats.newton_iterations <= 4.5 * 10
+    assert found.stats.newton_iterations <= 4.5 * 10
     energy = found.energy
     assert abs(energy.balance_error).max() < 1e-11 * max(energy.kinetic.max(), 1.0)
     assert max(found.gap(joint).max() for joint in scene.joints) < 1e-13

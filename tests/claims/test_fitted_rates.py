@@ -21,10 +21,10 @@ def pendulum():
     return scene, body, pin
 
 
-def errors(scheme, dt, solver="auto", t_end=0.4):
+def errors(scheme, dt, t_end=0.4):
     """Largest errors of the pendulum's rates, and those (n, 2) of the mean force of its pin."""
     scene, body, pin = pendulum()
-    found = fb.simulate(scene, scheme, dt=dt, t_end=t_end, solver=solver)
+    found = fb.simulate(scene, scheme, dt=dt, t_end=t_end)
 
     def slope(t, y):
         return y[1], -M * G * A * np.cos(y[0]) / (J + M * A**2)
@@ -51,17 +51,11 @@ def alternating(errors):
 
 
 @pytest.mark.parametrize(
-    ("scheme", "solver"),
-    [
-        (fb.EnergyMomentum(), "compiled"),
-        (fb.EnergyMomentum(), "petsc"),
-        (fb.MidPoint(), "compiled"),
-        (fb.ModifiedMidPoint(), "compiled"),
-        (fb.EnergyDecaying(0.5), "compiled"),
-    ],
+    "scheme",
+    [fb.EnergyMomentum(), fb.MidPoint(), fb.ModifiedMidPoint(), fb.EnergyDecaying(0.5)],
 )
-def test_rates_and_forces_of_a_rigid_pendulum_are_of_order_two_and_do_not_alternate(scheme, solver):
-    coarse, fine = (errors(scheme, dt, solver) for dt in (0.01, 0.005))
+def test_rates_and_forces_of_a_rigid_pendulum_are_of_order_two_and_do_not_alternate(scheme):
+    coarse, fine = (errors(scheme, dt) for dt in (0.01, 0.005))
     for name, error in coarse[0].items():
         assert np.log2(error / fine[0][name]) > 1.9, name
     assert np.log2(abs(coarse[1]).max() / abs(fine[1]).max()) > 1.9
@@ -275,15 +269,13 @@ def test_rows_of_some_steps_without_motion_have_the_same_forces():
         assert getattr(some, name) == pytest.approx(rows, abs=1e-9), name
 
 
-@pytest.mark.parametrize(
-    ("build", "order", "solver"), [(double_pendulum, 4, "petsc"), (slider_crank, 2, "compiled")]
-)
-def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, order, solver):
+@pytest.mark.parametrize(("build", "order"), [(double_pendulum, 4), (slider_crank, 2)])
+def test_outputs_of_a_motion_are_those_of_its_record_also_after_a_return(build, order):
     scene, scheme = build(), fb.EnergyMomentum(order=order)
     joint, body = scene.joints[-1], scene.bodies[-1]
     of = {"force": joint, "velocity": body.centre, "acceleration": body.centre, "spin": joint}
     outputs = {name: fb.Output(name, what) for name, what in of.items()}
-    motion = fb.Motion(scene, scheme, dt=0.004, outputs=outputs, record=fb.Record(), solver=solver)
+    motion = fb.Motion(scene, scheme, dt=0.004, outputs=outputs, record=fb.Record())
     rows = [motion.outputs, *(motion.step() for _ in range(10))]
     snapshot = motion.snapshot()
     rows += [motion.step() for _ in range(10)]

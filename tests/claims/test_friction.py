@@ -209,15 +209,14 @@ def test_a_block_on_a_rail_is_braked_by_its_weight():
     assert solution.joint(rail).force[50, 1] == pytest.approx(2.0 * G)
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_the_friction_is_mu_times_the_force_of_the_same_step(solver):
+def test_the_friction_is_mu_times_the_force_of_the_same_step():
     """Also in the steps behind a jump of the load."""
 
     def load(t):
         return (0.0, -10 - 8 * sin(5 * t) - 20 * (t > 0.405))
 
     scene, _, rail = block(3.0, (1, 0), load=load, friction=fb.Coulomb(0.2, 1e5))
-    solution = fb.simulate(scene, dt=0.01, t_end=0.6, solver=solver)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.6)
     along, across = abs(solution.joint(rail).force[1:, :2].T)
     assert np.ptp(across) > 20
     assert along == pytest.approx(0.2 * across, rel=1e-12)

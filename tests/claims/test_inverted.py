@@ -58,10 +58,10 @@ def test_a_bar_pushed_through_its_clamp_is_reported(degree, way, caplog):
     assert f"load factor = {first:.6g}: there t . phi' is {1 - 1.5 * first:.3g}" in message
 
 
-@pytest.mark.parametrize(("degree", "solver"), [(1, "compiled"), (2, "petsc"), (3, "compiled")])
-def test_every_step_that_ends_inverted_is_counted_recorded_or_not(degree, solver, caplog):
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_every_step_that_ends_inverted_is_counted_recorded_or_not(degree, caplog):
     scene, beam = bar(degree, speed=14.0)
-    options = {"dt": 0.005, "t_end": 0.2, "solver": solver}
+    options = {"dt": 0.005, "t_end": 0.2}
     full = fb.simulate(scene, **options)
     assert full.stats.halvings == 0
     inverted = (stretch(full, beam, degree) <= 0).any(axis=1)

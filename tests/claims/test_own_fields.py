@@ -41,17 +41,6 @@ def prestressed(name, value):
     return replace(fb.MidPoint(), name="own", resultants=resultants)
 
 
-class Slowed(fb.MidPointRates):
-    """Rates times a field."""
-
-    def __init__(self, field):
-        self.field = field
-
-    def fields(self, *fields):
-        v, omega = super().fields(*fields)
-        return v, self.field * omega
-
-
 EI = "Section: EI at the fraction 0.5 of the length"
 FORMS = {
     "virtual work 1": lambda field: run(term=lambda step: field * step.t * step.virtual_u[1]),
@@ -62,7 +51,6 @@ FORMS = {
     EI: lambda field: fb.Section(EA=1.0, GA=1.0, EI=lambda fraction: 2 * field),
     "resultants of own": lambda field: run(prestressed("N", field)),
     "resultants of own ": lambda field: run(prestressed("m", field)),
-    "rates of own": lambda field: run(replace(fb.MidPoint(), name="own", rates=Slowed(field))),
 }
 
 

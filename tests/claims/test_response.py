@@ -222,7 +222,6 @@ HOW = {
     "tolerance": {"dt": None, "tolerance": 1e-3},
     "rows": {"record": fb.Record(every=3)},
     "times": {"dt": None, "tolerance": 1e-3, "record": fb.Record(times=[0.0, 0.02, 0.1])},
-    "Python": {"solver": "petsc"},
     "Newmark": {"scheme": fb.Newmark()},
     "halved": {"newton": fb.NewtonOptions(max_turn=0.2)},
 }
@@ -382,7 +381,6 @@ def test_what_has_no_derivatives_is_refused_by_its_name():
     ("options", "message"),
     [
         ({"scheme": fb.Newmark()}, "Newmark.* no derivatives.* Use EnergyMomentum"),
-        ({"solver": "petsc"}, "were not compiled"),
         ({"record": fb.Record(times=[0.0, 0.025])}, "t = 0.025 is inside a step"),
     ],
 )

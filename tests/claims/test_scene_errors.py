@@ -96,9 +96,8 @@ def test_massless_beams_that_mass_or_supports_hold_are_accepted(supports, mass, 
 def test_defaults_and_numbers_of_all_kinds_are_taken_as_they_are():
     scene, _ = small_scene()
     newton = fb.NewtonOptions(tolerance=np.float32(1e-6), max_iterations=np.int64(9), max_turn=3)
-    for solver in ("compiled", "petsc"):
-        found = run(scene, dt=Fraction(1, 4), t_end=np.float32(0.5), newton=newton, solver=solver)
-        assert found.t.tolist() == [0.0, 0.25, 0.5] and found.stats.scheme == "EnergyMomentum"
+    found = run(scene, dt=Fraction(1, 4), t_end=np.float32(0.5), newton=newton)
+    assert found.t.tolist() == [0.0, 0.25, 0.5] and found.stats.scheme == "EnergyMomentum"
     assert fb.Record(every=np.int64(2), motion=np.True_, rates=np.False_).every == 2
     assert fb.HHT(-1 / 3).rates.beta == pytest.approx((4 / 3) ** 2 / 4, abs=1e-15)
     level = fb.InternalVariables(("a",), lambda old, *rest: old, level=np.float32(1)).level
@@ -162,8 +161,7 @@ def test_a_motion_does_not_go_on_without_what_is_added_to_its_scene():
     assert follower.t == pytest.approx(0.2) and abs(follower.q).max() > 0
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_a_function_that_simulates_its_own_scene_is_stopped(solver):
+def test_a_function_that_simulates_its_own_scene_is_stopped():
     scene, beam = small_scene()
 
     def force(t):
@@ -171,7 +169,7 @@ def test_a_function_that_simulates_its_own_scene_is_stopped(solver):
 
     scene.add_force(beam.end, force)
     with pytest.raises(fb.StepError, match="^force on node 2 .* runs an analysis of the scene to"):
-        run(scene, solver=solver)
+        run(scene)
 
 
 def test_a_start_of_another_scene_is_refused():

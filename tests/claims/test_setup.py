@@ -22,7 +22,6 @@ def arm(elements=3, length=1.0, EA=1e4, force=1.0, degree=1, second=None, **more
 
 RUNS = {
     "simulate": lambda scene: fb.simulate(scene, dt=0.01, t_end=0.05).q,
-    "in Python": lambda scene: fb.simulate(scene, dt=0.01, t_end=0.02, solver="petsc").q,
     "Newmark": lambda scene: fb.simulate(scene, fb.Newmark(), dt=0.01, t_end=0.05).q,
     "static": lambda scene: fb.static(scene).q,
     "modes": lambda scene: fb.modes(scene, n=2).frequencies,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 from jointed import drift, four_bar
+from plain_step import plainly
 from scenes import lattice
 from scipy.optimize import brentq
 
@@ -148,14 +149,12 @@ MADE = {
 @pytest.mark.parametrize(
     ("made", "scheme"), [*((made, fb.EnergyMomentum()) for made in MADE), ("chain", fb.HHT(-0.2))]
 )
-def test_what_slides_moves_alike_in_c_and_in_python(made, scheme):
-    found, exact = (
-        fb.simulate(MADE[made](), scheme, dt=0.01, t_end=0.2, solver=solver)
-        for solver in ("compiled", "petsc")
-    )
+def test_what_slides_moves_as_by_a_plain_step(made, scheme):
+    run = {"scheme": scheme, "dt": 0.01, "t_end": 0.2}
+    found, exact = fb.simulate(MADE[made](), **run), plainly(MADE[made](), **run)
     *_, storage = made.split()
     assert storage not in ("chain", "band", "sparse") or storage in found.stats.solver
-    assert found.stats.newton_iterations == exact.stats.newton_iterations
+    assert found.stats.newton_iterations <= 4.5 * found.stats.steps
     assert abs(found.q - exact.q).max() < 1e-9
     bound = 1e-7 * np.maximum(1, abs(exact.joint_forces).max(axis=(0, 2)))[:, None]
     assert (abs(found.joint_forces - exact.joint_forces) <= bound).all()
@@ -170,8 +169,7 @@ def test_the_wheels_of_a_carriage_stay_apart_on_a_bridge():
     assert front - rear == pytest.approx(0.6, abs=1e-3)
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_a_rigid_carriage_on_two_wheels_closes_a_loop_and_keeps_energy_and_momenta(solver):
+def test_a_rigid_carriage_on_two_wheels_closes_a_loop_and_keeps_energy_and_momenta():
     scene = fb.Scene()
     rod = scene.add_beam(SHAPES["straight"], SOFT, elements=12)
     points = {"left": (3, 0), "right": (3.6, 0)}
@@ -180,7 +178,7 @@ def test_a_rigid_carriage_on_two_wheels_closes_a_loop_and_keeps_energy_and_momen
     scene.set_velocity(body, (2.0, 0.0))
     scene.set_velocity(rod, lambda x, y: (0.0, 0.3 * (x - 3)), spin=0.3)
     scene.make_velocities_compatible()
-    solution = fb.simulate(scene, dt=0.01, t_end=0.3, solver=solver)
+    solution = fb.simulate(scene, dt=0.01, t_end=0.3)
     assert_kept(solution)
     assert max(solution.joint(wheel).gap.max() for wheel in wheels) < 1e-12
     rear, front = (solution.slide(wheel) for wheel in wheels)
@@ -303,11 +301,10 @@ def test_a_sleeve_carries_the_moment_of_its_load():
 # -- Runs --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_running_off_the_end_names_joint_and_time_and_keeps_the_steps(solver):
+def test_running_off_the_end_names_joint_and_time_and_keeps_the_steps():
     scene, joint = thrown()
     with pytest.raises(fb.StepError, match=r"joint 0, Slider of node 13 .* off the end") as raised:
-        fb.simulate(scene, dt=0.02, t_end=2.0, solver=solver, max_halvings=3)
+        fb.simulate(scene, dt=0.02, t_end=2.0, max_halvings=3)
     error = raised.value
     assert error.failure.kind == "off the end" and 0.7 < error.time < 0.8
     slide = error.solution.slide(joint)
@@ -393,15 +390,13 @@ def falling_rod():
     return scene, scene.add_beam(SHAPES["straight"], SOFT, elements=8)
 
 
-@pytest.mark.parametrize(
-    ("make", "solver"), [(fb.Slider, "compiled"), (fb.Sleeve, "compiled"), (fb.Sleeve, "petsc")]
-)
-def test_a_fixed_guide_is_the_same_however_it_is_held_and_its_force_moves_the_rod(make, solver):
+@pytest.mark.parametrize("make", [fb.Slider, fb.Sleeve])
+def test_a_fixed_guide_is_the_same_however_it_is_held_and_its_force_moves_the_rod(make):
     ends = []
     for hold in GUIDES:
         scene, rod = falling_rod()
         joint = hold(scene, rod, make)
-        solution = fb.simulate(scene, dt=0.01, t_end=0.4, solver=solver)
+        solution = fb.simulate(scene, dt=0.01, t_end=0.4)
         assert abs(solution.energy.balance_error).max() < 1e-12
         assert solution.joint(joint).gap.max() < 1e-13
         assert abs(solution.displacement(joint.b)).max() < 1e-13
@@ -580,13 +575,12 @@ def mass_on_a_string(points):
     return scene
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_a_step_that_fails_at_a_corner_says_so(solver):
+def test_a_step_that_fails_at_a_corner_says_so():
     corner = r"at a corner of its beam, at \(1, -1\) .* Round the corner by an fx_beam.spline"
     points = [(0, 0), (1, -1), (2, 0)]
     with pytest.raises(fb.StepError, match=corner):
-        fb.simulate(mass_on_a_string(points), dt=0.01, t_end=0.1, max_halvings=1, solver=solver)
-    fb.simulate(mass_on_a_string(fb.spline(points)), dt=0.01, t_end=0.1, solver=solver)
+        fb.simulate(mass_on_a_string(points), dt=0.01, t_end=0.1, max_halvings=1)
+    fb.simulate(mass_on_a_string(fb.spline(points)), dt=0.01, t_end=0.1)
 
 
 # -- Pulleys on cables ---------------------------------------------------------------------------

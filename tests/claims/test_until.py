@@ -27,8 +27,7 @@ def pendulum():
     ("scheme", "options"),
     [
         (fb.EnergyMomentum(), {"tolerance": 1e-4}),
-        (fb.EnergyMomentum(order=4), {"dt": 0.03, "solver": "petsc"}),
-        (fb.EnergyMomentum(), {"tolerance": 1e-4, "solver": "petsc"}),
+        (fb.EnergyMomentum(order=4), {"dt": 0.03}),
         (fb.EnergyDecaying(), {"dt": 0.03}),
         (fb.GeneralizedAlpha(0.6), {"dt": 0.03}),
     ],

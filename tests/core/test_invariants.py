@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+from plain_step import plainly
 from registry import ONES, SCENES
 
 import fx_beam as fb
@@ -92,5 +93,6 @@ def test_copies_of_a_scene_move_as_it(case, motion):
 
 
 @every_scene
-def test_petsc_takes_the_same_steps(case, motion):
-    assert_same(motion, case.simulate(solver="petsc"), 1e-8)
+def test_a_plain_step_gives_the_motion(case, motion):
+    run = {"dt": case.dt, "t_end": case.steps * case.dt}
+    assert_same(motion, plainly(case.build(ONES), case.scheme(), **run), 1e-8)

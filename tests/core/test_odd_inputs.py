@@ -88,10 +88,6 @@ def cost(value, **weights):
         (lambda my: fb.Response(no_arguments, **STEPS), r"build takes \(\); it must take \(x\)"),
         (lambda my: fb.Response(build, **STEPS, start=no_arguments), r"must take \(scene\)"),
         (
-            lambda my: fb.Response(build, **STEPS, solver=np.array(["auto", "lu"], object)),
-            'solver = .* must be "auto"',
-        ),
-        (
             lambda my: fb.Response(lambda x: (bar()[0], {"a": no_arguments}), **STEPS)([1.0]),
             r"the output 'a' takes \(\); it must take \(solution\)",
         ),

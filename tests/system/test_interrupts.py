@@ -44,23 +44,21 @@ def agree(motion, twin):
 
 
 @pytest.mark.parametrize(
-    ("solver", "opcodes", "every", "bumps", "scheme"),
+    ("opcodes", "every", "bumps", "scheme"),
     [
-        ("compiled", True, 61, False, fb.EnergyMomentum()),
-        ("compiled", False, 17, False, fb.EnergyMomentum(order=4)),
-        ("compiled", False, 61, True, fb.EnergyMomentum()),
-        ("petsc", False, 61, False, fb.EnergyMomentum()),
-        ("petsc", False, 397, True, fb.EnergyMomentum()),
+        (True, 61, False, fb.EnergyMomentum()),
+        (False, 17, False, fb.EnergyMomentum(order=4)),
+        (False, 61, True, fb.EnergyMomentum()),
     ],
-    ids=["compiled", "sub-steps", "parts", "petsc", "parts-petsc"],
+    ids=["compiled", "sub-steps", "parts"],
 )
 def test_a_step_is_taken_or_not_wherever_it_is_interrupted(
-    solver, opcodes, every, bumps, scheme, monkeypatch
+    opcodes, every, bumps, scheme, monkeypatch
 ):
     monkeypatch.setattr(open_motion, "_TURNS", 3)
     monkeypatch.setattr(single_steps, "_BLOCK", 2)
     motion, twin = (
-        fb.Motion(scene, scheme, dt=DT, outputs=outputs, solver=solver, record=fb.Record(every=2))
+        fb.Motion(scene, scheme, dt=DT, outputs=outputs, record=fb.Record(every=2))
         for scene, outputs in (whirling(), whirling())
     )
     steps = broken = unbroken = 0
@@ -92,11 +90,9 @@ def ctrl_c():
     signal.signal(signal.SIGINT, before)
 
 
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_what_a_controller_remembers_agrees_with_the_steps_after_ctrl_c(solver, ctrl_c):
+def test_what_a_controller_remembers_agrees_with_the_steps_after_ctrl_c(ctrl_c):
     motion, twin = (
-        fb.Motion(scene, dt=DT, outputs=outputs, solver=solver)
-        for scene, outputs in (whirling(), whirling())
+        fb.Motion(scene, dt=DT, outputs=outputs) for scene, outputs in (whirling(), whirling())
     )
 
     def controller(memory, stops=False):
@@ -190,7 +186,6 @@ def bent():
 RUNS = {
     "grid": lambda: motion_by(dt=DT),
     "tolerance": lambda: motion_by(tolerance=1e-2),
-    "petsc": lambda: motion_by(dt=DT, solver="petsc"),
     "static": bent,
 }
 

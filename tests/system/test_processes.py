@@ -97,7 +97,6 @@ for what, scene in cases.refused().items():
         fb.simulate(scene, dt=0.01, t_end=0.1)
     except fb.SceneError as error:
         said[what] = str(error)
-    fb.simulate(scene, dt=0.01, t_end=0.01, solver="compiled")
 with open("refused", "a") as file:
     print(json.dumps(said), file=file)
 """

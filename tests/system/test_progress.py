@@ -51,11 +51,10 @@ def signalled():
 
 @pytest.mark.exact_times
 @pytest.mark.parametrize(("how", "follower"), [(raised, False), (signalled, True)])
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
 def test_an_interrupted_motion_hands_over_its_steps_and_goes_on_as_if_it_had_not_ended(
-    solver, how, follower, tmp_path
+    how, follower, tmp_path
 ):
-    options = {"dt": DT, "t_end": 1.0, "solver": solver}
+    options = {"dt": DT, "t_end": 1.0}
     with pytest.raises(KeyboardInterrupt) as stop:
         fb.simulate(arm(0.4, how, follower)[0], **options)
     (note,) = stop.value.__notes__
@@ -80,8 +79,7 @@ def test_an_interrupted_motion_hands_over_its_steps_and_goes_on_as_if_it_had_not
 
 
 @pytest.mark.exact_times
-@pytest.mark.parametrize("solver", ["compiled", "petsc"])
-def test_an_interrupted_part_of_a_step_goes_on_after_it(solver):
+def test_an_interrupted_part_of_a_step_goes_on_after_it():
     def interrupted(stop_at):
         scene = whirling(1)
 
@@ -93,7 +91,7 @@ def test_an_interrupted_part_of_a_step_goes_on_after_it(solver):
         scene.add_force(scene.beams[0].end, force)
         return scene
 
-    options = {"dt": 1 / 4, "solver": solver}
+    options = {"dt": 1 / 4}
     with pytest.raises(KeyboardInterrupt) as stop:
         fb.simulate(interrupted(1.2), t_end=2.0, **options)
     kept = stop.value.solution
