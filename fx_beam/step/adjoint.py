@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from fx_beam.c_library import declarations
-from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.errors import SceneError
 from fx_beam.scene.constraints import joints_by_number
 from fx_beam.structs import Structs
 
 from .element_data import aligned
 from .handover import Problem
+from .layout import Layout
 from .model import Model
 from .pulled_work import PulledWork
 from .tape import Part, Tape
@@ -41,14 +41,20 @@ class Adjoint:
         self._has_forms = False
         self._hand_over_elements()
         self._hand_over_points()
-        self._results = self._room()
         members = self._model.points.members
         if members is not None:
-            self._structs.set(self.c, followed=members.followed())
+            counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}
+            self._structs.set(self.c, followed=members.followed(), **counts)
         elif not problem.factors.band:
             self._structs.set(self.c, transposed_at=problem.transposed())
-        scratch = aligned(np.zeros(self._library.fx_backward_scratch(self._p)))
-        self._structs.set(self.c, scratch=scratch)
+        own = joints_by_number(self._model.scene)
+        rest = [own[joint.number].start()[0] for joint in self._model.couplings.moving]
+        self._structs.set(self.c, slide_at_rest=[*rest, 0.0])
+        #: Where the arrays of the derivatives are in this vector.
+        self.layout = Layout(problem, self.c)
+        self._x = aligned(np.zeros(self.layout.size))
+        scratch = aligned(np.zeros(self._library.fx_backward_scratch(self._p, self.c)))
+        self._structs.set(self.c, x=self._x, scratch=scratch)
 
     def _hand_over_elements(self) -> None:
         """The works of elements' forces on weights, and their derivatives."""
@@ -72,42 +78,6 @@ class Adjoint:
             given=np.zeros(most),
             found=np.zeros(most),
         )
-
-    def _room(self) -> dict[str, np.ndarray]:
-        """Arrays of derivatives by their names in C, but for those of each sub-step."""
-        model, p = self._model, self._p
-        joints = max(1, p.joints)
-        own = joints_by_number(model.scene)
-        moving = [own[joint.number] for joint in model.couplings.moving]
-        rest = [joint.start()[0] for joint in moving]
-        arrays = {
-            "columns": np.zeros(p.columns + p.ties),
-            "v": np.zeros(p.dofs),
-            "before": np.zeros(p.dofs),
-            "internal": np.zeros(max(1, p.cells * p.cell_internal)),
-            "spring_internal": np.zeros(max(1, p.spring_width)),
-            "natural": np.zeros(model.natural.size + 1),
-            "natural_value": np.zeros(model.natural.columns.nnz + 1),
-            "mass": np.zeros(p.mass_start[p.dofs] + 1),
-            "weight": np.zeros(p.dofs),
-            "load_force": np.zeros(p.load_start[p.loads] + 1),
-            "points": np.zeros(len(model.points.numbers) + 1),
-            "offset": np.zeros((joints, 2)),
-            "axis": np.zeros((joints, 2)),
-            "rest": np.zeros(joints),
-            "places": np.zeros(3 * p.sliders + 1),
-            "paths": np.zeros(path_numbers(model) + 1),
-        }
-        if (members := model.points.members) is not None:
-            arrays |= {
-                "member_number": np.zeros(len(members.numbers)),
-                "member_place": np.zeros(p.dofs),
-                "member_arc": np.zeros(len(members.arcs)),
-            }
-        #: Slides of the joints of `Couplings.moving` in the reference configuration.
-        self.slide_at_rest = np.array([*rest, 0.0])
-        self._structs.set(self.c, **arrays, slide_at_rest=self.slide_at_rest)
-        return arrays
 
     def constraint_forces(self, tape: Tape) -> np.ndarray:
         """Forces (n, columns) of driven and fixed columns in the n sub-steps on the tape now."""
@@ -150,20 +120,13 @@ class Adjoint:
         """
         self._hand_over_forms()
         p, every = self._p, len(tape)
-        for array in (*self._results.values(), *(work.sums for work in self._works)):
+        for array in (self._x, *(work.sums for work in self._works)):
             array[...] = 0.0
-        of_steps = {
-            "loads": np.zeros((every, 2, p.loads)),
-            "driven": np.zeros((every, p.driven)),
-            "thrust": np.zeros((every, p.thrusts, 2)),
-            "parameters": np.zeros((every, 2, p.parameter_count)),
-            "naturals": np.zeros((every, p.naturals)),
-        }
+        of_steps = np.zeros((every + 1, self.layout.step_size))
         structs = Structs(self._ffi, declarations("problem.h"))
-        padded = {name: np.append(array.ravel(), 0.0) for name, array in of_steps.items()}
         #: Sizes of the derivatives by the rates at the starts of all sub-steps.
         self.sizes = np.zeros(every)
-        structs.set(self.c, sizes=self.sizes, **padded)
+        structs.set(self.c, sizes=self.sizes, of_steps=never_empty(of_steps))
         left_over: dict[str, np.ndarray] = {}
         for part in tape.parts(self.problem, backwards=True):
             weights, rows, sub_steps = weights_of(part)
@@ -177,8 +140,7 @@ class Adjoint:
             left = self._library.fx_pull(p, tape.c, self.c)
             if left:
                 raise singular(tape, part.first + left - 1)
-        steps = {name: padded[name][:-1].reshape(of_steps[name].shape) for name in of_steps}
-        return self._named(steps)
+        return self._named(of_steps[:-1])
 
     def _given(
         self,
@@ -204,46 +166,26 @@ class Adjoint:
             given[name] = never_empty(values)
         return given
 
-    def _named(self, of_steps: dict[str, np.ndarray]) -> dict[str, Any]:
-        model, p, found = self._model, self._p, self._results
+    def _named(self, of_steps: np.ndarray) -> dict[str, Any]:
+        model, p = self._model, self._p
+        named = self.layout.named(self._x, of_steps)
+        by_columns = named.pop("Y")
         columns, dofs, of_slides, joints = model.couplings.free_columns
         q, slides = np.zeros(p.dofs), np.zeros(model.scene.joint_count)
         # Of equal degrees of freedom the last has the column, as in `Couplings.unknowns`.
         last = {column: dof for column, dof in zip(columns.tolist(), dofs.tolist(), strict=True)}
-        q[list(last.values())] = found["columns"][list(last)]
-        slides[joints] = found["columns"][of_slides]
-        driven = found["columns"][p.free : p.free + p.driven]
+        q[list(last.values())] = by_columns[list(last)]
+        slides[joints] = by_columns[of_slides]
+        driven = by_columns[p.free : p.free + p.driven]
         first = len(model.prescribed)
         np.add.at(q, model.prescribed, driven[:first])
         mass = np.zeros(model.mass.nnz)
-        mass[self.problem.heavy] = found["mass"][:-1]
-        named = {
-            "q": q,
-            "v": found["v"].copy(),
-            "slides": slides,
-            "motors": driven[first:].copy(),
-            "mass": mass,
-            "weight": found["weight"].copy(),
-            "columns": found["load_force"][:-1].copy(),
-            "points": found["points"][:-1].copy(),
-            **of_steps,
-        }
-        if isinstance(model.reduction, JointReduction):
-            named |= {name: found[name][: p.joints].copy() for name in ("offset", "axis", "rest")}
-        if p.sliders:
-            named["places"] = found["places"][:-1].reshape(-1, 3).copy()
-            named["paths"] = found["paths"][:-1].copy()
-        if model.forms.internal_shape[-1]:
-            named["internal"] = found["internal"].reshape(model.forms.internal_shape).copy()
-        if model.natural:
-            named["natural"] = found["natural"][:-1].copy()
-            named["natural columns"] = found["natural_value"][:-1].copy()
-        if p.spring_width:
-            named["spring internal"] = found["spring_internal"].copy()
+        mass[self.problem.heavy] = named["mass"]
+        named |= {"q": q, "slides": slides, "motors": driven[first:], "mass": mass}
+        by_places = named.pop("member places")
         named |= self._of_elements()
         if model.points.members is not None:
-            named |= {"members": found["member_number"].copy(), "arcs": found["member_arc"].copy()}
-            named["X"] = named["X"] + found["member_place"][model.mesh.dofs[:, :2]]
+            named["X"] = named["X"] + by_places[model.mesh.dofs[:, :2]]
         return named
 
     @property
@@ -295,11 +237,6 @@ class Adjoint:
             parts.pop("parameters of elements", None)  # they are those of steps
             named |= parts
         return named
-
-
-def path_numbers(model: Model) -> int:
-    """Number of all numbers of the paths on which nodes slide."""
-    return sum(joint.path.numbers.size for joint in model.sliding)
 
 
 def numbered(which: np.ndarray, count: int) -> np.ndarray:

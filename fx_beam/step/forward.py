@@ -10,31 +10,10 @@ import numpy as np
 from fx_beam.c_library import declarations
 from fx_beam.structs import Structs
 
-from .adjoint import Adjoint, never_empty, numbered, path_numbers, singular
+from .adjoint import Adjoint, never_empty, numbered, singular
 from .element_data import aligned
 from .tape import Part, Tape
 
-# Numbers of a scene that steps read as they are, by their names in C.
-_PLAIN = {
-    "weight": "weight",
-    "columns": "load_force",
-    "points": "points",
-    "offset": "offset",
-    "axis": "axis",
-    "rest": "rest",
-    "places": "places",
-    "paths": "paths",
-    "internal": "internal",
-    "spring internal": "spring_internal",
-    "natural": "natural",
-    "natural columns": "natural_value",
-    "v": "v",
-    "before": "before",
-    "members": "member_number",
-    "arcs": "member_arc",
-}
-# Numbers of each sub-step.
-_OF_STEPS = "loads", "driven", "thrust", "parameters", "naturals"
 _NONE = np.empty(0, dtype=int)
 
 
@@ -42,12 +21,12 @@ class Forward:
     """Changes of the states of a run in several directions, each a change of all numbers."""
 
     def __init__(self, adjoint: Adjoint):
-        self._adjoint, problem = adjoint, adjoint.problem
+        self._adjoint, problem, self._layout = adjoint, adjoint.problem, adjoint.layout
         self._model, self._heavy = problem.model, problem.heavy
         self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
         of_start, of_elements = ("q", "slides", "motors", "mass", "X"), adjoint.of_element_names
         #: Names of the numbers whose changes it follows.
-        self.names = {*_PLAIN, *_OF_STEPS, *of_start, *of_elements}
+        self.names = {*self._layout.numbers, *self._layout.steps, *of_start, *of_elements}
 
     def push(
         self,
@@ -83,27 +62,24 @@ class Forward:
         model, p = self._model, self._p
         structs = Structs(self._ffi, declarations("problem.h"))
         count = len(next(iter(changes.values())))
-        given = {
-            name: array if name == "paths" else _side_by_side(array, self._library.WAYS)
-            for name, array in self._given(tape, changes, count).items()
-        }
+        ways = self._library.WAYS
+        x = _side_by_side(self._vector(changes, count), ways)
+        masses = x[:, self._layout.of["mass"].start : self._layout.of["weight"].stop]
+        of_elements, of_drag = self._adjoint.of_elements(changes, count)
         self._adjoint.hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
         directions = self._ffi.new("Directions *")
         room = self._library.fx_forward_scratch(p, self._adjoint.c)
         structs.set(
             directions,
             count=count,
-            changes_mass=[
-                given["mass"][k].any() or given["weight"][k].any()
-                for k in range(len(given["mass"]))
-            ],
-            point_numbers=given["points"].shape[1],
-            element_numbers=given["of_elements"].shape[1],
-            drag_numbers=given["of_drag"].shape[1],
-            member_numbers=given["member_number"].shape[1],
-            member_arcs=given["member_arc"].shape[1],
+            changes_mass=masses.any(axis=(1, 2)),
+            element_numbers=of_elements.shape[1],
+            drag_numbers=of_drag.shape[1],
+            of_elements=never_empty(_side_by_side(of_elements, ways)),
+            of_drag=never_empty(_side_by_side(of_drag, ways)),
+            of_steps=never_empty(_side_by_side(self._of_steps(changes, count, len(tape)), ways)),
+            x=x,
             scratch=aligned(np.zeros(room)),
-            **{name: never_empty(array) for name, array in given.items()},
         )
         for part in tape.parts(self._adjoint.problem):
             at, of = rows_of(part)
@@ -121,12 +97,13 @@ class Forward:
                 raise singular(tape, part.end - left)
             names = "q", "v", "slides", "internal", "spring internal", "constraints", "joints"
             yield dict(zip(names, results.values(), strict=True))
-        first = p.free + len(model.prescribed)
+        at_end = _one_by_one(x, count)
+        columns = at_end[:, self._layout.of["Y"]]
         #: Changes of the rest of the state at the end of the tape.
         self.at_end = {
-            "motors": _one_by_one(given["columns"], count)[:, first : p.free + p.driven],
-            "internal": _one_by_one(given["internal"], count),
-            "spring_internal": _one_by_one(given["spring_internal"], count),
+            "motors": columns[:, p.free + len(model.prescribed) : p.free + p.driven],
+            "internal": at_end[:, self._layout.of["internal"]],
+            "spring_internal": at_end[:, self._layout.of["spring internal"]],
         }
 
     def _results(self, rows: int, forces: int, count: int) -> dict[str, np.ndarray]:
@@ -142,45 +119,26 @@ class Forward:
             "joint_rows": np.zeros((forces, count, joints, 3)),
         }
 
-    def _given(
-        self, tape: Tape, changes: Mapping[str, np.ndarray], count: int
-    ) -> dict[str, np.ndarray]:
-        """Arrays of `Directions` in problem.h by name."""
-        model, p, rows = self._model, self._p, len(tape)
-        internal, members = p.cells * p.cell_internal, model.points.members
-        sizes = {
-            "weight": p.dofs,
-            "load_force": p.load_start[p.loads],
-            "points": len(model.points.numbers),
-            "offset": 2 * p.joints,
-            "axis": 2 * p.joints,
-            "rest": p.joints,
-            "places": 3 * p.sliders,
-            "paths": path_numbers(model),
-            "internal": internal,
-            "spring_internal": p.spring_width,
-            "natural": model.natural.size,
-            "natural_value": model.natural.columns.nnz,
-            "v": p.dofs,
-            "before": p.dofs,
-            "member_number": 0 if members is None else len(members.numbers),
-            "member_arc": 0 if members is None else len(members.arcs),
-        }
-        given: dict[str, np.ndarray] = {
-            to: _rows(changes.get(name), count, sizes[to]) for name, to in _PLAIN.items()
-        }
-        widths = 2 * p.loads, p.driven, 2 * p.thrusts, 2 * p.parameter_count, p.naturals
-        for name, size in zip(_OF_STEPS, widths, strict=True):
-            given[name] = _rows(changes.get(name), count, rows * size)
-        mass = _rows(changes.get("mass"), count, model.mass.nnz)
-        given["mass"] = np.ascontiguousarray(mass[:, self._heavy])
-        given["q"] = np.zeros((count, p.dofs))
-        given["columns"] = self._columns(changes, count)
-        given["member_place"] = np.zeros((count, p.dofs))
+    def _vector(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+        """Changes (count, size) of the numbers of the scene and of its state."""
+        model, of = self._model, self._layout.of
+        x = np.zeros((count, self._layout.size))
+        for name in changes.keys() & {*self._layout.numbers} - {"mass", "q"}:
+            x[:, of[name]] = _rows(changes[name], count, -1)
+        x[:, of["mass"]] = _rows(changes.get("mass"), count, model.mass.nnz)[:, self._heavy]
+        x[:, of["Y"]] = self._columns(changes, count)
         if "X" in changes:
-            given["member_place"][:, model.mesh.dofs[:, :2]] = changes["X"]
-        given["of_elements"], given["of_drag"] = self._adjoint.of_elements(changes, count)
-        return given
+            places = np.zeros((count, self._p.dofs))
+            places[:, model.mesh.dofs[:, :2]] = changes["X"]
+            x[:, of["member places"]] = places
+        return x
+
+    def _of_steps(self, changes: Mapping[str, np.ndarray], count: int, rows: int) -> np.ndarray:
+        """Changes (count, rows * step_size) of the numbers of sub-steps."""
+        steps = np.zeros((count, rows, self._layout.step_size))
+        for name in changes.keys() & {*self._layout.steps}:
+            steps[:, :, self._layout.in_step(name)] = np.reshape(changes[name], (count, rows, -1))
+        return steps.reshape(count, -1)
 
     def _columns(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """Changes of the columns at the start, with those of ties, which follow."""

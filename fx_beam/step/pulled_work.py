@@ -104,7 +104,7 @@ class PulledWork:
         for own in self._cells:
             end = first + -(-len(own) // lanes)
             rows = self.sums[first:end].transpose(0, 2, 1).reshape(-1, total)
-            found[own], first = -rows[: len(own)], end
+            found[own], first = rows[: len(own)], end
         ends = np.cumsum([*self._tail.values()])[:-1]
         parts = dict(zip(self._tail, np.split(found, ends, axis=1), strict=True))
         return {_name_of(name): self._by_points(name, part) for name, part in parts.items()}

@@ -3,7 +3,7 @@
 
 #pragma once
 
-#include "directions.h"
+#include "blocks.h"
 #include "newton.h"
 
 /* Of a touch: weights of the sums at its five points, then the derivatives (fem/compiled_laws.py), of each force and
@@ -110,13 +110,12 @@ static void pull_arcs(const MemberContacts *m, const Touch *e, const FollowedCon
   for (int k = 0; k < 2; ++k) {
     int i = arc_number(c, f, places[k]);
     double part = places[k] - (i - f->first_arc), sign = k ? -1 : 1;
-    arcs[i] -= sign * by[0] * (1 - part) - by[1 + k], arcs[i + 1] -= sign * by[0] * part + by[1 + k];
+    arcs[i] += sign * by[0] * (1 - part) - by[1 + k], arcs[i + 1] += sign * by[0] * part + by[1 + k];
   }
 }
 
-/* Adds the derivatives of the work of all touches on omega, and of their internal variables. */
-static void pull_members(const Problem *p, const Adjoint *a, const double *omega, const double *of_internal,
-                         double *by_start, double *by_increment, double *lost, int last) {
+/* Adds the derivatives of the forces of all touches and of their internal variables. */
+static void pull_members(const Problem *p, const Adjoint *a, const Layout *at, double *x) {
   const MemberContacts *m = p->points->members;
   const double *w = m->slopes;
   for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
@@ -128,32 +127,31 @@ static void pull_members(const Problem *p, const Adjoint *a, const double *omega
     for (int i = 0; i < found_by(f); ++i, slopes += wide) {
       double weight = 0;
       if (i < 2 * n)
-        for (int j = 0; j < 5; ++j) weight += w[j * FOLLOWED_SUMS + i / 2] * omega[e->dof[2 * j + i % 2]];
+        for (int j = 0; j < 5; ++j) weight += w[j * FOLLOWED_SUMS + i / 2] * x[at->r + e->dof[2 * j + i % 2]];
       else if (own >= 0)
-        weight = of_internal[own + i - 2 * n];
+        weight = x[at->springs1 + own + i - 2 * n];
       for (int k = 0; k < wide; ++k) by[k] += weight * slopes[k];
     }
     for (int j = 0; j < TOUCH_DOFS; ++j)
       for (int k = 0; k < n; ++k) {
         double weight = w[j / 2 * FOLLOWED_SUMS + k];
-        by_start[e->dof[j]] += weight * by[2 * k + j % 2];
-        by_increment[e->dof[j]] += weight * by[2 * n + 2 * k + j % 2];
-        if (last) a->member_place[e->dof[j]] -= weight * by[2 * k + j % 2];
+        double by_start = weight * by[2 * k + j % 2], by_increment = weight * by[2 * n + 2 * k + j % 2];
+        x[at->q + e->dof[j]] += by_start - by_increment, x[at->q1 + e->dof[j]] += by_increment;
+        x[at->member_places + e->dof[j]] += by_start;
       }
-    for (int i = 0; own >= 0 && i < f->internal; ++i) lost[own + i] += by[4 * n + i];
+    for (int i = 0; own >= 0 && i < f->internal; ++i) x[at->spring_internal + own + i] += by[4 * n + i];
     const double *numbers = by + 4 * n + f->internal, *of_law = numbers + f->numbers - m->of[e->contact].numbers;
     long first = f->first_number + (long)e->point * m->of[e->contact].numbers;
-    for (int i = 0; last && i < m->of[e->contact].numbers; ++i) a->member_number[first + i] -= of_law[i];
-    if (last && f->internal) pull_arcs(m, e, f, numbers + 2, a->member_arc);
+    for (int i = 0; i < m->of[e->contact].numbers; ++i) x[at->members + first + i] += of_law[i];
+    if (f->internal) pull_arcs(m, e, f, numbers + 2, x + at->arcs);
     w = slopes;
   }
 }
 
-/* Adds the change of their forces, or with `grown` sets that of their internal variables, for that of the configuration
-   at the end. */
-static void change_members(const Problem *p, const Adjoint *a, const Group *g, const Ways *end, Ways *force, Ways *grown) {
+/* Adds the changes of their forces and internal variables. */
+static void change_members(const Problem *p, const Adjoint *a, const Layout *at, Ways *all) {
   const MemberContacts *m = p->points->members;
-  const Ways *place = g->member_place, *arcs = g->member_arc;
+  const Ways *place = all + at->member_places, *arcs = all + at->arcs, *q = all + at->q, *end = all + at->q1;
   const double *w = m->slopes;
   for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     const MemberContact *c = m->of + e->contact;
@@ -165,11 +163,11 @@ static void change_members(const Problem *p, const Adjoint *a, const Group *g, c
     for (int i = 0; i < TOUCH_DOFS; ++i)
       for (int k = 0; k < n; ++k) {
         double weight = w[i / 2 * FOLLOWED_SUMS + k];
-        x[2 * k + i % 2] += weight * (g->q[e->dof[i]] + place[e->dof[i]]);
-        x[2 * n + 2 * k + i % 2] += weight * (end[e->dof[i]] - g->q[e->dof[i]]);
+        x[2 * k + i % 2] += weight * (q[e->dof[i]] + place[e->dof[i]]);
+        x[2 * n + 2 * k + i % 2] += weight * (end[e->dof[i]] - q[e->dof[i]]);
       }
-    for (int i = 0; own >= 0 && i < f->internal; ++i) x[4 * n + i] = g->spring_internal[own + i];
-    memcpy(numbers + f->numbers - c->numbers, g->member_number + f->first_number + (long)e->point * c->numbers,
+    for (int i = 0; own >= 0 && i < f->internal; ++i) x[4 * n + i] = all[at->spring_internal + own + i];
+    memcpy(numbers + f->numbers - c->numbers, all + at->members + f->first_number + (long)e->point * c->numbers,
            c->numbers * sizeof(Ways));
     double places[] = {e->piece + e->end, e->piece + e->place};
     for (int k = 0; f->internal && k < 2; ++k) {
@@ -181,9 +179,9 @@ static void change_members(const Problem *p, const Adjoint *a, const Group *g, c
     for (int i = 0; i < found_by(f); ++i, slopes += wide) {
       Ways sum = sum_of_products(wide, slopes, x);
       if (i < 2 * n)
-        for (int k = 0; !grown && k < 5; ++k) force[e->dof[2 * k + i % 2]] += w[k * FOLLOWED_SUMS + i / 2] * sum;
-      else if (grown && own >= 0)
-        grown[own + i - 2 * n] = sum;
+        for (int k = 0; k < 5; ++k) all[at->r + e->dof[2 * k + i % 2]] += w[k * FOLLOWED_SUMS + i / 2] * sum;
+      else if (own >= 0)
+        all[at->springs1 + own + i - 2 * n] = sum;
     }
     w = slopes;
   }

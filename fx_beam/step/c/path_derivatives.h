@@ -3,7 +3,7 @@
 
 #pragma once
 
-#include "sliders.h"
+#include "blocks.h"
 
 /* What it reads of a path in a sub-step, or derivatives by that: weights of the window's nodes (Weights), their
    positions and angles. */
@@ -17,18 +17,6 @@ typedef struct {
   int element;
   double factor[4], by_begin[4], by_end[4];
 } WeightPart;
-
-static long path_numbers(const Slider *a) {
-  long nodes = (long)a->degree * a->elements + 1;
-  return a->elements + 1 + 3 * nodes + 4L * a->elements * (3 * a->degree + 1);
-}
-
-/* Where those of a node begin among those of all. */
-static long path_start(const Problem *p, int slider) {
-  long start = 0;
-  for (int i = 0; i < slider; ++i) start += path_numbers(p->slider + i);
-  return start;
-}
 
 /* Powers of x, their slopes and bends. */
 static void powers_of(double x, double P[3][4]) {

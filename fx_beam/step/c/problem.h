@@ -369,6 +369,19 @@ typedef struct {
   int first_number, first_arc;
 } FollowedContact;
 
+/* Where the named arrays begin in the vector x of a sub-step that is linearised (blocks.h), each of which ends where the
+   next one begins: numbers of the scene; the state at the start; numbers of the sub-step; the state at the end; arms of
+   joints, shifts of nodes that slide by their paths, values of Tv; forces on the columns of nodes that slide, on nodes and
+   on columns, gaps of loops and the forces that close them, what these push on beams; moments of springs at joints,
+   forces of joints, axes of beams, and sizes of forces that friction follows. */
+typedef struct {
+  int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places;
+  int Y, q, v, before, internal, spring_internal, natural;
+  int loads, driven, thrust, parameters, naturals;
+  int Y1, q1, v1, internal1, springs1, natural1, arms, shapes, map, held, r, R, gaps, closing, pushed, carried, moments;
+  int forces, axes, followed, size;
+} Layout;
+
 /* A run followed backwards (adjoint.h): derivatives of a function of the states at its boundaries, the ends of
    sub-steps. */
 typedef struct {
@@ -380,14 +393,7 @@ typedef struct {
   /* The same of each sub-step for the forces of driven and fixed columns, and of joints. */
   int *force_at;
   double *constraint_weight, *joint_weight;
-  /* By the state: columns, rates, the configuration before, internal variables, natural strains. */
-  double *columns, *v, *before, *internal, *spring_internal, *natural;
-  /* By the numbers of the scene; of each sub-step those of loads, driven motions and follower forces. */
-  double *mass, *weight, *load_force, *loads, *driven, *thrust, *points, *offset, *axis, *rest;
-  double *parameters; /* [sub-step][level, end][parameter] */
-  double *natural_value, *naturals;
-  double *places;     /* [node that slides][3] by its place in the reference configuration */
-  double *paths;      /* by the numbers of the beams on which nodes slide (path_derivatives.h) */
+  double *x, *of_steps; /* by the numbers of the scene and the state (Layout), and by those of each sub-step */
   double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
   double *slide_at_rest; /* in the reference configuration */
   /* Derivatives of the laws of forces at points, their numbers of arguments, room for what they are given. */
@@ -395,27 +401,19 @@ typedef struct {
   int *arguments;
   double *given, *found;
   struct { int *transposed_at; }; /* position among sparse factors of each entry of the transposed tangent */
-  /* Of contact with members: the laws; derivatives by numbers, places in the reference by degrees of freedom, arcs. */
-  struct {
-    FollowedContact *followed;
-    double *member_number, *member_place, *member_arc;
-  };
+  /* Of contact with members: the laws, and how many numbers and arcs they have. */
+  int member_numbers, member_arcs;
+  struct { FollowedContact *followed; };
   double *scratch;
 } Adjoint;
 
 /* Changes of all numbers of a scene in several directions (forward.h), in groups of WAYS directions, the last one filled
-   with zeros: [group][number][direction]; only those of paths are [direction][number]. Of elements the numbers in the
-   sums of `Pulled`: [block][lane][number]. */
+   with zeros: [group][number][direction]. Of elements the numbers in the sums of `Pulled`: [block][lane][number]. */
 typedef struct {
   int count, *changes_mass; /* whether masses or weights change in each group */
-  long point_numbers, element_numbers, drag_numbers;
-  double *of_elements, *of_drag, *mass, *weight, *load_force, *loads, *driven, *thrust, *points, *parameters;
-  double *offset, *axis, *rest, *places, *paths;
-  /* Of the state: columns, configuration, rates, the configuration before, internal variables. */
-  double *columns, *q, *v, *before, *internal, *spring_internal, *natural;
-  double *natural_value, *naturals;
-  long member_numbers, member_arcs;
-  double *member_number, *member_place, *member_arc;
+  long element_numbers, drag_numbers;
+  double *of_elements, *of_drag;
+  double *x, *of_steps; /* of the numbers of the scene and the state (Layout), and of those of each sub-step */
   /* Of each boundary the number of a row of results; -1 for none. Rows: [row][direction][...]. */
   int *row_at;
   double *q_rows, *v_rows, *slide_rows;
@@ -431,7 +429,8 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);
 long fx_tape_size(const Problem *p);
-long fx_backward_scratch(const Problem *p);
+Layout fx_layout(const Problem *p, const Adjoint *a);
+long fx_backward_scratch(const Problem *p, const Adjoint *a);
 long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces);
 long fx_pull(Problem *p, const Tape *tape, const Adjoint *a);
 long fx_forward_scratch(const Problem *p, const Adjoint *a);

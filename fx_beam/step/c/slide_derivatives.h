@@ -121,8 +121,8 @@ static void pull_slides(const Problem *p, const SlideEnds *ends, const double *o
     localise(a, omega, mu, 1, x);
     for (int end = 0; end < 2; ++end) {
       times_second(a, &ends[i].of_force[end], 1, x, y);
-      for (int k = 0; k < s; ++k) nodal[end][local_dof(a, k)] -= y[k];
-      columns[end][a->column] -= y[s];
+      for (int k = 0; k < s; ++k) nodal[end][local_dof(a, k)] += y[k];
+      columns[end][a->column] += y[s];
     }
   }
 }
@@ -139,7 +139,6 @@ static void pull_paths(const Problem *p, const Work *w, int end, const double *f
     find_window_ends(a, p->q, w->D, &ends);
     if (omega) {
       localise(a, omega, mu, 1, x);
-      for (int k = 0; k <= a->components * a->width; ++k) x[k] = -x[k];
       work_by_read(a, &ends, x, &by);
       Slider own = with_weight(a, axes + 2 * i);
       memset(x, 0, sizeof x), x[a->components * a->width] = 1;
@@ -150,21 +149,14 @@ static void pull_paths(const Problem *p, const Work *w, int end, const double *f
   }
 }
 
-/* Adds to the changes of forces r and of those on columns what the nodes exert on their beams: their forces change,
-   and Tv by the changes of the configuration and the columns at both ends, and of `paths` if they change. `map` are
-   changes of the values of Tv. `apart`: spread_slider. */
-static void carry_changes(const Problem *p, const Work *w, const SlideEnds *ends, const double *map,
-                          const double *const nodal[2], const double *const columns[2], double *paths, double *r,
-                          double *out, int apart) {
-  double x[LOCAL], y[LOCAL], force[3];
-  for (int i = p->sliders - 1; i >= 0; --i) {
+/* Adds to the changes of forces r and of those on columns what Tv gives by the changes of the configuration and the
+   columns at both ends, and of `paths` if they change. */
+static void change_slides(const Problem *p, const Work *w, const SlideEnds *ends, const double *const nodal[2],
+                          const double *const columns[2], double *paths, double *r, double *out, int apart) {
+  double x[LOCAL], y[LOCAL];
+  for (int i = 0; i < p->sliders; ++i) {
     const Slider *a = p->slider + i;
     int s = a->components * a->width;
-    find_held_force(a, w->virtual_map, r, out, force, apart);
-    for (int c = 0; c < a->components; ++c)
-      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
-        force[c] += a->entry_sign[k] * map[apart * a->entry_value[k]] * w->loaded[a->entry_row[k]];
-    push_beam(a, a->virtual_map, force, r, out, apart);
     if (paths) change_of_shape(p, w, a, paths + path_start(p, i), r, out, apart);
     for (int end = 0; end < 2; ++end) {
       localise(a, nodal[end], columns[end], apart, x);

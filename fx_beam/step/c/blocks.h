@@ -1,0 +1,90 @@
+/* A sub-step that is linearised (docs/theory/derivatives.md): one vector x of named arrays (Layout), and the local
+   Jacobians of all laws between them, in the order in which they are evaluated. Changes go through them forwards,
+   derivatives backwards: a law is derived once, by a function that puts its Jacobian into a block. */
+
+#pragma once
+
+#include <stdlib.h>
+#include "sliders.h"
+
+/* Changes in WAYS directions. */
+typedef Four Ways;
+
+/* An entry of a Jacobian: the number `to` changes by `slope` times the change of `from`. */
+typedef struct {
+  int from, to;
+  double slope;
+} Entry;
+
+/* Laws that are evaluated one after the other. */
+typedef struct {
+  Entry *entry;
+  long count, room;
+} Block;
+
+/* Index of a number of an array; -1 of none, for the ground. */
+static inline int in(int array, int i) { return i < 0 ? -1 : array + i; }
+
+static inline void put(Block *b, int from, int to, double slope) {
+  if (from < 0 || to < 0 || slope == 0) return;
+  if (b->count == b->room) b->entry = realloc(b->entry, (b->room = 2 * b->room + 64) * sizeof(Entry));
+  b->entry[b->count++] = (Entry){from, to, slope};
+}
+
+static void push(const Block *b, Ways *x) {
+  for (const Entry *e = b->entry; e < b->entry + b->count; ++e) x[e->to] += e->slope * x[e->from];
+}
+
+static void pull(const Block *b, double *x) {
+  for (const Entry *e = b->entry + b->count; e-- > b->entry;) x[e->from] += e->slope * x[e->to];
+}
+
+static Ways sum_of_products(int n, const double *slopes, const Ways *x) {
+  Ways sum = {0};
+  for (int i = 0; i < n; ++i) sum += slopes[i] * x[i];
+  return sum;
+}
+
+/* One direction of the changes, with WAYS numbers from one change to the next. */
+static double *in_way(const Ways *changes, int way) { return (double *)changes + way; }
+
+/* Number of numbers of a path: arc lengths, positions, angles and coefficients, in the order of Path.numbers. */
+static long path_numbers(const Slider *a) {
+  long nodes = (long)a->degree * a->elements + 1;
+  return a->elements + 1 + 3 * nodes + 4L * a->elements * (3 * a->degree + 1);
+}
+
+/* Where those of a node begin among those of all. */
+static long path_start(const Problem *p, int slider) {
+  long start = 0;
+  for (int i = 0; i < slider; ++i) start += path_numbers(p->slider + i);
+  return start;
+}
+
+Layout fx_layout(const Problem *p, const Adjoint *a) {
+  Layout l;
+  int next = 0, n = p->dofs, joints = p->joints, points = 0, followed = 0;
+  int columns = p->columns + p->ties, internal = p->cells * p->cell_internal, natural = p->cells * p->cell_natural;
+  for (int k = 0; k < p->points->all; ++k) {
+    const PointForce *e = p->points->of + k;
+    points += a->arguments[k] - e->parameters - (3 * e->size + 2 + e->internal + e->remembered);
+    followed += e->load >= 0;
+  }
+#define ARRAY(name, size) l.name = next, next += size
+  ARRAY(mass, p->mass_start[n]), ARRAY(weight, n), ARRAY(columns, p->load_start[p->loads]), ARRAY(points, points);
+  ARRAY(natural_columns, p->naturals ? p->natural_start[p->naturals] : 0), ARRAY(offset, 2 * joints);
+  ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, path_start(p, p->sliders));
+  ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
+  ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(before, n), ARRAY(internal, internal);
+  ARRAY(spring_internal, p->spring_width), ARRAY(natural, natural);
+  ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(thrust, 2 * p->thrusts);
+  ARRAY(parameters, 2 * p->parameter_count), ARRAY(naturals, p->naturals);
+  ARRAY(Y1, columns), ARRAY(q1, n), ARRAY(v1, n), ARRAY(internal1, internal), ARRAY(springs1, p->spring_width);
+  ARRAY(natural1, natural), ARRAY(arms, 2 * joints), ARRAY(shapes, 3 * p->sliders), ARRAY(map, 1 + 4 * joints);
+  ARRAY(held, 3 * p->sliders), ARRAY(r, n), ARRAY(R, columns), ARRAY(gaps, p->closures);
+  ARRAY(closing, p->closures), ARRAY(pushed, p->guided ? columns : 0), ARRAY(carried, p->guided ? n : 0);
+  ARRAY(moments, p->scene_joints), ARRAY(forces, 3 * p->scene_joints), ARRAY(axes, 2 * p->sliders);
+  ARRAY(followed, followed), ARRAY(size, 0);
+#undef ARRAY
+  return l;
+}

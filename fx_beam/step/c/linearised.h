@@ -1,0 +1,358 @@
+/* The laws of a sub-step, linearised: couplings, forces at points and loads as blocks, and the forces of elements and of
+   inertia, which have stores of their own. */
+
+#pragma once
+
+#include "blocks.h"
+#include "member_derivatives.h"
+#include "recorder.h"
+#include "slide_derivatives.h"
+#include "tape.h"
+
+/* Blocks in the order in which they are evaluated, the forces of elements before FORCED. Changes of offsets, axes and
+   rests of joints move ARMS and LEVERS. After MAPPED the linear system is solved; CLOSED and JOINED are forces of
+   loops and joints. BEGUN are the places at the start, those of a run. */
+enum { STRAINED, DRIVEN, ARMS, PLACED, FORCED, LEVERS, CARRIED, COLLECTED, MAPPED, CLOSED, JOINED, BEGUN, BLOCKS };
+
+typedef struct {
+  Layout at;
+  Block of[BLOCKS];
+  SlideEnds *slides;
+  double *loads, *thrust, *natural; /* given on the tape */
+  double *on_ties, *slopes;         /* forces on ties; room for the slopes of one force at points */
+  char *carried;                    /* columns of nodes that slide */
+} Linear;
+
+static void lay_out_linear(const Problem *p, Linear *l, double **at) {
+  l->slides = (SlideEnds *)allocate(at, p->sliders * (sizeof(SlideEnds) / sizeof(double)));
+  l->loads = allocate(at, 2 * p->loads), l->thrust = allocate(at, 2 * p->thrusts);
+  l->natural = allocate(at, p->naturals), l->on_ties = allocate(at, p->columns + p->ties);
+  l->carried = (char *)allocate(at, p->columns + p->ties);
+}
+
+static void begin_linear(const Problem *p, const Adjoint *a, Linear *l) {
+  memset(l->of, 0, sizeof l->of), memset(l->carried, 0, p->columns + p->ties);
+  l->at = fx_layout(p, a);
+  for (const Slider *s = p->slider; s < p->slider + p->sliders; ++s)
+    for (int c = 0; c < s->components; ++c) l->carried[s->carried[c]] = 1;
+}
+
+static void end_linear(Linear *l) {
+  for (int i = 0; i < BLOCKS; ++i) free(l->of[i].entry);
+}
+
+/* Rates at the end for an increment of the path; none in statics. */
+static double rates_per_path(const Problem *p, double dt) { return p->at_rest ? 0 : 2 / dt; }
+
+/* Of follower forces and others that are loads it is the last number. */
+static void set_load_factor(const Problem *p, const Adjoint *a) {
+  for (int k = p->points->external; k < p->points->nodal; ++k) {
+    const PointForce *e = p->points->of + k;
+    e->given[a->arguments[k] - e->parameters - 1] = p->ratio;
+  }
+}
+
+/* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
+static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row, const Linear *l) {
+  double dt = row[1], level;
+  take_from_tape(p, w, row, l->loads, l->thrust, l->natural);
+  level = p->t + p->level * dt;
+  if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
+  begin_loads(p, w, l->loads);
+  if (p->naturals) begin_natural(p, w, l->natural);
+  w->thrust = l->thrust;
+  if (p->at_rest) set_load_factor(p, a);
+  fx_set_parameters(p->points, p->parameter);
+  begin_internal(p, w->fields, level, dt, 0);
+  begin_form(p, &p->drag, w->fields, level, dt);
+  if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
+  if (!expand(p, w)) return 0;
+  if (p->points->members) settle_members(p, w);
+  balance(p, w);
+  if (p->friction_follows) set_axes(p);
+  if (p->points->members) find_member_slopes(p, w, a);
+  reduce_tangent(p, w, w->r);
+  find_slide_ends(p, w, l->slides);
+  return 1;
+}
+
+/* Natural strains at the end. */
+static void put_strains(const Problem *p, Linear *l) {
+  for (int k = 0; k < p->naturals; ++k)
+    for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i) {
+      int to = l->at.natural1 + p->natural_at[i];
+      put(l->of + STRAINED, l->at.natural_columns + i, to, l->natural[k]);
+      put(l->of + STRAINED, l->at.naturals + k, to, p->natural_value[i]);
+    }
+}
+
+/* Arms R(psi) (offset + d axis) of joints at both ends less those at rest, by their numbers (their other derivatives are
+   entries of T), and the values of Tv, by all that they depend on. */
+static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int first, int j) {
+  const Layout *at_ = &l->at;
+  int column = p->slide_column[j], map = at_->map + 1 + 4 * j;
+  double psi = w->psi0[j], d = at(p->slides, p->slide_of[j]), slope = w->guide_slope[j];
+  const double *mean = w->mean_t + 2 * j;
+  for (int end = 0; end < 2; ++end) {
+    if (end) psi += at(w->D, p->guide[j]), d += at(w->z, column);
+    const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
+    double c = cos(psi), s = sin(psi), R[2][2] = {{c, -s}, {s, c}}, share = end ? p->level : 1 - p->level;
+    double bend = end ? w->guide_bend[j] : -w->guide_bend[j], across[] = {-t[1], t[0]};
+    int turn = in(end ? at_->q1 : at_->q, p->guide[j]), slide = in(end ? at_->Y1 : at_->Y, column);
+    for (int i = 0; i < 2; ++i) {
+      int arm = at_->arms + 2 * j + i, lever = map + 1 - i;
+      double lever_share = i ? -share : share;
+      Block *arms = end ? l->of + ARMS : first ? l->of + BEGUN : 0, *levers = l->of + LEVERS;
+      put(l->of + CARRIED, turn, lever, lever_share * (i ? rho[0] : -rho[1]));
+      put(l->of + CARRIED, slide, lever, lever_share * t[i]);
+      put(l->of + CARRIED, turn, map + 2 + i, bend * mean[i] + slope * share * across[i]);
+      for (int k = 0; k < 2; ++k) {
+        int offset = at_->offset + 2 * j + k, axis = at_->axis + 2 * j + k;
+        if (arms) put(arms, offset, arm, R[i][k] - (i == k));
+        if (arms) put(arms, axis, arm, d * R[i][k] - a->slide_at_rest[j] * (i == k));
+        put(levers, offset, lever, lever_share * R[i][k]), put(levers, axis, lever, lever_share * d * R[i][k]);
+        put(levers, axis, map + 2 + i, slope * share * R[i][k]);
+      }
+      if (arms) put(arms, at_->rest + j, arm, -p->axis[2 * j + i]);
+    }
+  }
+}
+
+/* Columns of ties, from arms and other columns. */
+static void put_ties(const Problem *p, const Linear *l, const double *values, int Y, Block *to) {
+  for (int k = 0; k < p->tie_arms; ++k)
+    put(to, l->at.arms + p->tie_arm[k], Y + p->columns + p->tie_arm_of[k], p->joint_sign[p->tie_arm[k]]);
+  for (int k = 0; k < p->tie_entries; ++k)
+    put(to, Y + p->tie_column[k], Y + p->columns + p->tie_of[k], p->tie_sign[k] * values[p->tie_value[k]]);
+}
+
+/* Places q at the start (0) or at the end (1), from columns Y, arms, and the beams on which nodes slide. */
+static void put_places(const Problem *p, const Linear *l, const double *values, int end, Block *to) {
+  int Y = end ? l->at.Y1 : l->at.Y, q = end ? l->at.q1 : l->at.q;
+  for (int k = 0; k < p->entries; ++k)
+    if (!l->carried[p->entry_column[k]])
+      put(to, Y + p->entry_column[k], q + p->entry_row[k], p->entry_sign[k] * values[p->entry_value[k]]);
+  for (int k = 0; k < p->followers; ++k)
+    put(to, l->at.arms + p->through[k], q + p->follower[k], p->joint_sign[p->through[k]]);
+  for (int i = 0; i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
+    const Slider *a = p->slider + i;
+    for (int c = 0, s = a->components * a->width; c < a->components; ++c) {
+      int carried = Y + a->carried[c];
+      for (int k = 0; k < s; ++k) put(to, q + local_dof(a, k), carried, l->slides[i].T[end][c][k]);
+      put(to, Y + a->column, carried, l->slides[i].T[end][c][s]);
+      put(to, l->at.places + 3 * i + c, carried, -1), put(to, l->at.shapes + 3 * i + c, carried, 1);
+    }
+    for (int c = 0; c < a->components; ++c)
+      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
+        put(to, Y + a->carried[c], q + a->entry_row[k], a->entry_sign[k] * values[a->entry_value[k]]);
+  }
+}
+
+/* The values of T at the start. */
+static void values_at_start(const Problem *p, const Work *w, double *values) {
+  values[0] = 1;
+  for (int j = 0; j < p->joints; ++j, values += 4) {
+    const double *rho = w->rho0 + 2 * j, *t = w->t0 + 2 * j;
+    values[1] = -rho[1], values[2] = rho[0], values[3] = t[0], values[4] = t[1];
+  }
+}
+
+static void put_loads(const Problem *p, Linear *l) {
+  for (int k = 0; k < p->loads; ++k) {
+    double now = (1 - p->level) * l->loads[k] + p->level * l->loads[p->loads + k];
+    for (int i = p->load_start[k]; i < p->load_start[k + 1]; ++i) {
+      int to = l->at.r + p->load_dof[i];
+      put(l->of + FORCED, l->at.loads + k, to, (p->level - 1) * p->load_force[i]);
+      put(l->of + FORCED, l->at.loads + p->loads + k, to, -p->level * p->load_force[i]);
+      put(l->of + FORCED, l->at.columns + i, to, -now);
+    }
+  }
+}
+
+/* A force or an internal variable, by all that the law of a force at points is given. */
+static void put_point(const Linear *l, const PointForce *e, int numbers, int thrust, const double *slopes, int all, int to,
+                      Block *block) {
+  int n = e->size, inside = 3 * n + 2, before = inside + e->internal + e->remembered, parameters = all - e->parameters;
+  for (int i = 0; i < n; ++i) {
+    int slides = e->slide >= 0, at = slides ? e->column : e->dof[i];
+    put(block, in(slides ? l->at.Y : l->at.q, at), to, slopes[i] - slopes[n + i]);
+    put(block, in(slides ? l->at.Y1 : l->at.q1, at), to, slopes[n + i]);
+  }
+  for (int i = 0; i < e->internal; ++i) put(block, l->at.spring_internal + e->first_internal + i, to, slopes[inside + i]);
+  for (int i = before; i < parameters; ++i)
+    put(block, thrust >= 0 && i < before + 2 ? thrust + i - before : numbers + i - before, to, slopes[i]);
+  for (int i = 0; i < e->parameters; ++i)
+    put(block, l->at.parameters + e->parameter[i], to, slopes[parameters + i]);
+}
+
+static void put_points(const Problem *p, const Adjoint *a, Linear *l) {
+  const PointForces *points = p->points;
+  int numbers = l->at.points, thrust = l->at.thrust;
+  for (int k = 0; k < points->all; ++k) {
+    const PointForce *e = points->of + k;
+    int n = e->size, all = a->arguments[k], pushes = k >= points->external && k < points->external + p->thrusts;
+    memcpy(a->given, e->given, all * sizeof(double));
+    memset(a->given + all, 0, (n + e->internal) * sizeof(double));
+    for (int i = 0; i < n + e->internal; ++i) {
+      int to = i >= n ? l->at.springs1 + e->first_internal + i - n
+                      : e->slide >= 0 ? l->at.R + e->column : in(l->at.r, e->dof[i]);
+      a->given[all + i] = 1;
+      call(a->pull[k], a->given, a->found, all);
+      a->given[all + i] = 0;
+      put_point(l, e, numbers, pushes ? thrust : -1, a->found, all, to, l->of + FORCED);
+      if (i == 1 && e->joint >= 0)
+        put_point(l, e, numbers, -1, a->found, all, l->at.moments + e->joint, l->of + FORCED);
+    }
+    numbers += all - e->parameters - (3 * n + 2 + e->internal + e->remembered);
+    if (pushes) thrust += 2;
+  }
+}
+
+/* Tv^T r, from the forces r and the values of Tv, with those of nodes that slide and of loops. */
+static void put_rows(const Problem *p, const Work *w, Linear *l) {
+  const double *values = w->virtual_map, *r = with_carried(p, w);
+  int R = l->at.R, map = l->at.map;
+  Block *to = l->of + CARRIED;
+  for (int i = 0; i < p->closures; ++i)
+    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
+      put(to, map + p->gap_value[k], R + p->gap_column[k], -p->gap_sign[k] * w->closing[i]);
+  for (int i = p->sliders - 1; i >= 0; --i) {
+    const Slider *a = p->slider + i;
+    for (int c = 0; c < a->components; ++c) {
+      int held = l->at.held + 3 * i + c;
+      put(to, R + a->carried[c], held, 1);
+      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k) {
+        put(to, l->at.r + a->entry_row[k], held, a->entry_sign[k] * values[a->entry_value[k]]);
+        put(to, map + a->entry_value[k], held, a->entry_sign[k] * r[a->entry_row[k]]);
+      }
+    }
+    for (int c = 0, s = a->components * a->width; c < a->components; ++c) {
+      int held = l->at.held + 3 * i + c;
+      for (int k = 0; k < s; ++k) put(to, held, l->at.r + local_dof(a, k), a->virtual_map[c][k]);
+      put(to, held, R + a->column, a->virtual_map[c][s]);
+    }
+  }
+  for (int k = 0; k < p->entries; ++k) {
+    int row = p->entry_row[k], value = p->entry_value[k], column = p->entry_column[k];
+    if (l->carried[column]) continue;
+    put(l->of + COLLECTED, l->at.r + row, R + column, p->entry_sign[k] * values[value]);
+    if (value) put(l->of + COLLECTED, map + value, R + column, p->entry_sign[k] * r[row]);
+  }
+}
+
+/* Forces on ties, which pass them on. */
+static void put_forces_on_ties(const Problem *p, const Work *w, Linear *l) {
+  double *on_ties = l->on_ties;
+  if (!p->ties) return;
+  memset(on_ties, 0, (p->columns + p->ties) * sizeof(double));
+  add_rows(p, w, with_carried(p, w), on_ties);
+  for (int i = 0; i < p->closures; ++i)
+    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
+      on_ties[p->gap_column[k]] -= p->gap_sign[k] * w->virtual_map[p->gap_value[k]] * w->closing[i];
+  collect_ties(p, w->virtual_map, on_ties);
+  for (int k = p->tie_entries - 1; k >= 0; --k) {
+    int tie = p->columns + p->tie_of[k], value = p->tie_value[k], to = l->at.R + p->tie_column[k];
+    put(l->of + MAPPED, l->at.R + tie, to, p->tie_sign[k] * w->virtual_map[value]);
+    if (value) put(l->of + MAPPED, l->at.map + value, to, p->tie_sign[k] * on_ties[tie]);
+  }
+}
+
+/* Gaps of loops at the end, less the arms of the joints. */
+static void put_gaps(const Problem *p, const Work *w, Linear *l) {
+  for (int k = 0; k < p->closures; ++k) {
+    int i = p->gap_arm[k], j = i / 2, gap = l->at.gaps + k;
+    put(l->of + MAPPED, in(l->at.q1, p->gap_b[k]), gap, 1), put(l->of + MAPPED, in(l->at.q1, p->gap_a[k]), gap, -1);
+    if (i < 0) continue;
+    put(l->of + MAPPED, l->at.arms + i, gap, -1);
+    put(l->of + MAPPED, in(l->at.q1, p->guide[j]), gap, i % 2 ? -w->rho1[i - 1] : w->rho1[i + 1]);
+    put(l->of + MAPPED, in(l->at.Y1, p->slide_column[j]), gap, -w->t1[i]);
+  }
+}
+
+/* The forces that close loops on columns and nodes, and on the beams of nodes that slide there. */
+static void put_closing(const Problem *p, const Work *w, Linear *l) {
+  Block *to = l->of + CLOSED;
+  for (int i = 0; i < p->closures; ++i) {
+    int closing = l->at.closing + i;
+    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k)
+      put(to, closing, l->at.R + p->loop_column[p->gap_near[k]], -w->G_virtual[k]);
+    put(to, closing, in(l->at.r, p->gap_b[i]), -1), put(to, closing, in(l->at.r, p->gap_a[i]), 1);
+    for (int k = p->gap_entry_start[i]; p->guided && k < p->gap_entry_start[i + 1]; ++k)
+      put(to, closing, l->at.pushed + p->gap_column[k], -p->gap_sign[k] * w->virtual_map[p->gap_value[k]]);
+  }
+  for (const Slider *a = p->slider + p->sliders - 1; p->guided && a >= p->slider; --a)
+    for (int c = 0; c < a->components; ++c) {
+      int held = l->at.pushed + a->carried[c];
+      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
+        put(to, l->at.carried + a->entry_row[k], held, a->entry_sign[k] * w->virtual_map[a->entry_value[k]]);
+      for (int k = 0; k < a->components * a->width; ++k)
+        put(to, held, l->at.carried + local_dof(a, k), a->virtual_map[c][k]);
+    }
+  for (int i = 0; p->guided && i < p->dofs; ++i) put(to, l->at.carried + i, l->at.r + i, 1);
+}
+
+static void put_passes(const Problem *p, Linear *l, int first, int end) {
+  for (int k = first; k < end; ++k) {
+    put(l->of + JOINED, l->at.r + p->pass_dof[k], l->at.forces + p->pass_of[k], p->pass_sign[k]);
+    put(l->of + JOINED, l->at.r + p->pass_dof[k], in(l->at.r, p->pass_to[k]), 1);
+  }
+}
+
+/* The derivatives of the force across the axis of a beam (followed_size) by the axis. */
+static void slope_of_axis(const Slider *a, const double *joints, double slope[2]) {
+  int s = a->components * a->width;
+  double axis[] = {a->virtual_map[0][s], a->virtual_map[1][s]};
+  const double *F = joints + 3 * a->joint;
+  double length = hypot(axis[0], axis[1]), across = (axis[0] * F[1] - axis[1] * F[0]) / length;
+  for (int i = 0; i < 2; ++i)
+    slope[i] = (across < 0 ? -1 : 1) * ((i ? -F[0] : F[1]) - across * axis[i] / length) / length;
+}
+
+/* Forces of joints (find_joint_forces), and their sizes that friction follows. */
+static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
+  Block *to = l->of + JOINED;
+  int forces = l->at.forces, followed = l->at.followed;
+  put_passes(p, l, 0, p->passes_of_forces);
+  for (int k = 0; k < p->closures; ++k) put(to, l->at.closing + k, forces + p->gap_force[k], 1);
+  for (int j = 0; j < p->joints; ++j)
+    for (int i = 0; i < 2; ++i) {
+      int lever = 1 + 4 * j + i, force = 3 * p->slide_of[j] + i, turn = in(l->at.r, p->guide[j]);
+      put(to, forces + force, turn, w->virtual_map[lever]), put(to, l->at.map + lever, turn, w->joint_forces[force]);
+    }
+  for (int i = 0; i < p->scene_joints; ++i) put(to, l->at.moments + i, forces + 3 * i + 2, -1);
+  put_passes(p, l, p->passes_of_forces, p->passes);
+  for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e) {
+    double slope[5];
+    if (e->load < 0) continue;
+    followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
+    for (int i = 0; i < 2; ++i) put(to, forces + 3 * e->load + i, followed, slope[i]);
+    put(to, in(l->at.q, e->load_turn), followed, (1 - p->level) * slope[2]);
+    put(to, in(l->at.q1, e->load_turn), followed, p->level * slope[2]);
+    for (int j = 0; j < p->joints; ++j)
+      for (int i = 0; p->slide_of[j] == e->load && i < 2; ++i) put(to, l->at.axis + 2 * j + i, followed, slope[3 + i]);
+    for (int j = 0; j < p->sliders; ++j) {
+      if (p->slider[j].joint != e->load) continue;
+      slope_of_axis(p->slider + j, w->joint_forces, slope);
+      for (int i = 0; i < 2; ++i) put(to, l->at.axes + 2 * j + i, followed, slope[i]);
+    }
+    ++followed;
+  }
+}
+
+/* All laws of a sub-step that has begun, with `forces` those of joints, and for the first one of a run its start. */
+static void linearise(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int forces, int first) {
+  for (int i = 0; i < BLOCKS; ++i) l->of[i].count = 0;
+  for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
+  put_strains(p, l);
+  for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, l, first, j);
+  put_ties(p, l, w->values, l->at.Y1, l->of + PLACED), put_places(p, l, w->values, 1, l->of + PLACED);
+  put_loads(p, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_ties(p, w, l), put_gaps(p, w, l);
+  if (first) {
+    double values[1 + 4 * p->joints];
+    values_at_start(p, w, values);
+    put_ties(p, l, values, l->at.Y, l->of + BEGUN), put_places(p, l, values, 0, l->of + BEGUN);
+  }
+  if (!forces) return;
+  put_closing(p, w, l);
+  if (p->scene_joints) find_joint_forces(p, w), put_joint_forces(p, w, l);
+}
