@@ -405,9 +405,7 @@ def rule(D, v0, a0, before, dt):
     ],
     ids=["mid point", "nodal rates", "newmark"],
 )
-def test_a_scheme_written_out_is_the_one_of_the_package(
-    scheme: fb.Scheme, resultants, rates: fb.UpdateRule
-):
+def test_a_scheme_written_out_is_the_one_of_the_package(scheme: fb.Scheme, resultants, rates):
     case = SCENES["pinned beam"]
     mine = fb.Scheme("mine", resultants, rates)
     ours, theirs = (fb.simulate(case.build(ONES), s, dt=0.01, t_end=0.1) for s in (scheme, mine))
