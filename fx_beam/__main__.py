@@ -69,7 +69,7 @@ def _package(name: str, distribution: str) -> str:
 def _loop() -> str:
     try:
         build.load_library()
-    except (build.LoopUnavailable, SceneError) as error:
+    except (c_library.CannotBuild, SceneError) as error:
         return f"not available: {error}"
     return "available"
 

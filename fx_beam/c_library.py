@@ -38,8 +38,8 @@ _FLAGS = [
 _OPTION = {"x86_64": "-march", "aarch64": "-mcpu"}.get(platform.machine())
 
 
-class CannotBuild(Exception):
-    """A C file cannot be compiled, or its library not be loaded; the message is the reason."""
+class CannotBuild(RuntimeError):
+    """A C file cannot be compiled, or its library not be loaded."""
 
 
 def open_library(
@@ -109,7 +109,10 @@ def load(
             _check_target(target, flags)
         said = str(getattr(error, "stderr", None) or error)
         reason = next((line for line in said.splitlines() if "error" in line), said)
-        raise CannotBuild(reason) from error
+        raise CannotBuild(
+            f"{what} cannot be built: {reason}. Check the C compiler (environment variable CC) and "
+            f"the cache folder {library_cache.folder()}"
+        ) from error
 
 
 def compiler() -> list[str]:

@@ -16,7 +16,6 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import ElsewhereError
 from fx_beam.step.adjoint import Adjoint
-from fx_beam.step.build import LoopUnavailable
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.forward import Forward
 from fx_beam.step.handover import Problem
@@ -84,10 +83,7 @@ class StaticDerivatives:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
         forces = JointForces(path.model) if path.model.scene.joints else None
-        try:
-            problem = Problem(path.model, forces, NewtonOptions())
-        except LoopUnavailable as cause:
-            raise SceneError(f"the equilibria have no derivatives: {cause}") from cause
+        problem = Problem(path.model, forces, NewtonOptions())
         self.adjoint = Adjoint(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
         self._other: Model | None = None

@@ -8,9 +8,9 @@ import numpy as np
 
 from fx_beam.errors import Failure, StepError
 from fx_beam.results.state import State
+from fx_beam.step.attempt import Attempt
 from fx_beam.step.events import end_behind_event
 from fx_beam.step.local_error import AVERAGED, order_and_constant
-from fx_beam.step.python_loop import Attempt
 from fx_beam.step.recorder import Recorder, Rows, Unrecorded
 from fx_beam.step.step_control import StepControl
 from fx_beam.step.stepper import Stepper, Trial

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.parallel.team_loop import TeamLoop, TeamSingleSteps
 from fx_beam.results.state import State
 from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.loop import CompiledLoop
-from fx_beam.step.python_loop import PythonSingleSteps
 from fx_beam.step.recorder import Record
 from fx_beam.step.single_stepper import Grid, SingleStepper, SingleSteps
 from fx_beam.step.single_steps import CompiledSingleSteps
@@ -38,10 +38,13 @@ class OpenMotion:
         #: What completes or undoes what an interrupt may have broken off, and its arguments.
         self._pending: tuple[Callable[..., None], tuple] | None = None
         self.held = held
-        integrator = setup.stepper.integrator
-        steps: SingleSteps = PythonSingleSteps(setup.stepper.python)
-        if isinstance(integrator, CompiledLoop):
-            steps = CompiledSingleSteps(integrator, dt, forces)
+        loop = setup.stepper.integrator
+        steps: SingleSteps
+        if isinstance(loop, CompiledLoop):
+            steps = CompiledSingleSteps(loop, dt, forces)
+        else:
+            assert isinstance(loop, TeamLoop)
+            steps = TeamSingleSteps(loop)
         self.stepper = SingleStepper(setup.stepper, steps)
         #: The present state as it is shown.
         self.now = FittedState(setup.model, setup.forcing, self.stepper)

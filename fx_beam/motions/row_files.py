@@ -65,7 +65,7 @@ class RowFiles:
         nodes = np.column_stack([np.concatenate(first), np.concatenate(last)])
         beam = np.repeat(np.arange(len(beams)), [beam.elements for beam in beams])
         make, self._elements = None, [np.arange(len(nodes))]
-        equations = setup.stepper.python.single.equations
+        equations = setup.stepper.integrator.single.equations
         if isinstance(equations, WholeEquations):
             self._elements, make = equations.pieces()
         #: Nodes of each process.

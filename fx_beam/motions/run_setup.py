@@ -11,19 +11,17 @@ from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.schemes import EnergyMomentum, Scheme
 from fx_beam.parallel.team import Team
-from fx_beam.parallel.whole import share
+from fx_beam.parallel.team_loop import TeamLoop
 from fx_beam.results.audit import Stats
 from fx_beam.results.histories import HISTORIES
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import ARRAYS, FORCES, State
 from fx_beam.scene.scene import Scene
-from fx_beam.step.build import LoopUnavailable
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.python_loop import PythonLoop
 from fx_beam.step.recorder import Record
 from fx_beam.step.stepper import Stepper
 from fx_beam.step.substeps import MOST_HALVINGS, Halving
@@ -65,20 +63,20 @@ class RunSetup:
         self.stats = Stats(
             scheme=scheme.name,
             level=scheme.rates.level,
-            solver="Python, sparse lu",
+            solver="",
             unknowns=len(model.reduction.independent),
             compiled=model.compiled,
             assembled=model.assembled,
             friction_damping=model.forms.friction_damping,
         )
         self.forcing = Forcing(model)
-        python = PythonLoop(model, self.forcing, options, self.stats)
-        if loop is None:
-            integrator = _integrator_of(self._team, python, options)
-        else:
-            integrator = loop
-            loop.refill(python)
-        self.stepper = Stepper(integrator, python, halving)
+        if loop is not None:
+            loop.refill(self.forcing, self.stats)
+            self.stepper = Stepper(loop, halving)
+            return
+        given = model, self.forcing, options, self.stats
+        new = CompiledLoop(*given) if self._team is None else TeamLoop(self._team, *given)
+        self.stepper = Stepper(new, halving)
 
     def refill(self, scene: Scene, halving: Halving) -> None:
         """Set all numbers to those of another scene, as if it were set up anew.
@@ -222,21 +220,6 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
         if model.fitted_rates is not None and len(start.a):
             state = replace(state, a=model.from_nodes(start.a[-1]))
     return state
-
-
-def _integrator_of(
-    team: Team | None, python: PythonLoop, options: NewtonOptions
-) -> PythonLoop | CompiledLoop:
-    """The compiled loop; with a team that in Python, in which PETSc solves."""
-    if team is not None:
-        share(team, python.single)
-        python.stats.solver = f"PETSc on {team.size} processes"
-        return python
-    try:
-        return CompiledLoop(python, options)
-    except LoopUnavailable as reason:
-        python.stats.solver += f" ({reason})"
-        return python
 
 
 def check_options(what: str, newton, max_halvings, record) -> None:

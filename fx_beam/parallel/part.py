@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import resource
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,11 +10,10 @@ import numpy as np
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import State
-from fx_beam.step.batched_beams import BatchedBeams
-from fx_beam.step.build import LoopUnavailable
 from fx_beam.step.equations import Equations
 from fx_beam.step.model import Model
 
+from .batched_beams import BatchedBeams
 from .linear_system import LinearSystem, Solved
 from .share import Share
 
@@ -35,8 +33,7 @@ class Part:
     def __init__(self, share: Share, scheme: Scheme, time: float):
         self._model = model = Model(share.scene(), scheme, part=True)
         if model.forms.beams is not None:
-            with suppress(LoopUnavailable):
-                model.forms.use_for_beams(BatchedBeams(model))
+            model.forms.use_for_beams(BatchedBeams(model))
         self._equations = Equations(model, time)
         self._unknowns = _numbers_of_unknowns(share, model)
         #: Indices of its parameters among those of the scene.

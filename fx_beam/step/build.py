@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fx_beam import c_library, library_cache
+from fx_beam import c_library
 from fx_beam.fem import ffcx_api
 from fx_beam.results.state import MACROS
 
-_log = logging.getLogger("fx_beam")
 #: Compiler flags of functions of several elements: the unused part of FFCx's code is dropped.
 BATCH_FLAGS = ["-fwhole-program"]
 # Addresses in the libraries that this process has loaded, which Python does not unload.
 _loaded: dict[tuple[str, ...], list[int]] = {}
-
-
-class LoopUnavailable(Exception):
-    """The compiled loop cannot run a scene; the message is the reason."""
 
 
 @functools.cache
@@ -31,10 +24,9 @@ def load_library(*definitions: str) -> tuple[Any, Any]:
 
     `definitions` are macros, such as PHASES, which measures the time of each phase.
     """
-    with _in_python_otherwise():
-        return c_library.open_library(
-            "the loop over time steps", "loop.c", "problem.h", [*MACROS, *definitions]
-        )
+    return c_library.open_library(
+        "the loop over time steps", "loop.c", "problem.h", [*MACROS, *definitions]
+    )
 
 
 def load_batches(
@@ -62,27 +54,5 @@ def load_batches(
         return [ctypes.cast(library[batch], ctypes.c_void_p).value or 0 for batch in names]
 
     what = f"{name!r} for several elements"
-    with _in_python_otherwise():
-        _loaded[asked] = c_library.load(what, key + sizes, text, loader, flags)
+    _loaded[asked] = c_library.load(what, key + sizes, text, loader, flags)
     return _loaded[asked]
-
-
-@contextmanager
-def _in_python_otherwise() -> Iterator[None]:
-    """Turn a failure to build into LoopUnavailable, with a warning."""
-    try:
-        yield
-    except c_library.CannotBuild as error:
-        _warn(str(error))
-        raise LoopUnavailable("it cannot be built") from error
-
-
-@functools.cache
-def _warn(reason: str) -> None:
-    """Warn once for each reason."""
-    _log.warning(
-        "the compiled loop cannot be built: %s. Steps run in Python, which is slower. Check the C "
-        "compiler (environment variable CC) and the cache folder %s",
-        reason,
-        library_cache.folder(),
-    )

@@ -25,7 +25,7 @@ from fx_beam.scene.joints import GROUND
 from fx_beam.structs import Structs
 
 from .border_tables import BorderTables, on_borders, ones_of, storage_of
-from .build import LoopUnavailable, load_library
+from .build import load_library
 from .element_data import aligned, element_data
 from .form_tables import FormTables
 from .joint_forces import JointForces, Passing
@@ -45,10 +45,7 @@ from .tangent_storage import alone_in_column, diagonal_of, storage_of_entries
 
 
 class Problem:
-    """The C struct Problem, and the arrays to which it points.
-
-    LoopUnavailable, with the reason, if the compiled loop cannot run the model.
-    """
+    """The C struct Problem, and the arrays to which it points."""
 
     def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
         self.model = model
@@ -257,8 +254,6 @@ class Problem:
             follower=t.followers["dof"],
             through=t.followers["through"],
         )
-        if not reduction.free:
-            raise LoopUnavailable("the scene has no unknowns")
         loops = reduction.loop_tables()
         self.factors = factors = self._factors_of(*reduction.factored)
         at, stored = factors.at, factors.size

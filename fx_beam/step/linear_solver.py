@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import SuperLU
@@ -21,15 +19,15 @@ _ROUND_OFF = 1e-14
 
 
 class LinearSolver:
-    """LU factorisation of the reduced tangent, whose sparsity is constant, by what `lu` makes."""
+    """LU factorisation of the reduced tangent, whose sparsity is constant."""
 
     #: Error of a solution relative to it; nothing beside that of Newton's method.
     error = 0.0
 
-    def __init__(self, reduction: Reduction, lu: Callable[..., LU] = sparse_lu):
+    def __init__(self, reduction: Reduction):
         if reduction.free:  # else there is nothing to solve
             dependent = reduction.dependent if reduction.dependent.size else None
-            self._lu = lu(reduction.pattern, dependent)
+            self._lu = sparse_lu(reduction.pattern, dependent)
             #: None with ties, or where new factors are cheap.
             self._kept = None
             if self._lu.worth >= _LEAST_WORTH and dependent is None:

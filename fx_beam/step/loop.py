@@ -9,24 +9,33 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.laws.interval import divided
+from fx_beam.results.audit import Stats
 from fx_beam.results.state import ARRAYS, NUMBERS, ROWS, Past, State
 
+from .attempt import Attempt, Steps
+from .forcing import Forcing
 from .handover import Problem
 from .interrupts import uninterrupted
+from .inverted_sections import InversionCheck
+from .joint_forces import JointForces
 from .local_error import order_and_constant
+from .model import Model
 from .newton import NewtonOptions
-from .python_loop import Attempt, PythonLoop, Steps
 from .recorder import Recorder, Rows, Unrecorded
+from .single_step import SingleStep
 from .tape import TakenSteps, Tape
 
 
 class CompiledLoop:
-    """Tries many steps at once; like `PythonLoop`, which has the same model."""
+    """Tries many steps at once."""
 
-    def __init__(self, python: PythonLoop, options: NewtonOptions):
-        self.model = python.model
+    def __init__(self, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats):
+        self.model, self._options = model, options
+        joint_forces = JointForces(model) if model.scene.joints else None
+        if model.forms.beams is not None:
+            model.forms.beams.bind_inversion()  # C has its form as well
         #: Owns the arrays to which C points.
-        self.problem = problem = Problem(self.model, python.single.joint_forces, options)
+        self.problem = problem = Problem(model, joint_forces, options)
         self._ffi, self._library = problem.ffi, problem.library
         # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
         names = "double[]", "int[]", "Inputs *", "Record *", "Rows[]"
@@ -51,17 +60,23 @@ class CompiledLoop:
         self.tape: Tape | None = None
         C = problem.library
         self._no_failures = C.OK, C.SWITCHED, C.TOO_INACCURATE
-        self._begin(python)
+        self._begin(forcing, stats)
 
-    def _begin(self, python: PythonLoop) -> None:
-        self.forcing, self.stats, self._inversion = python.forcing, python.stats, python.inversion
-        self.problem.c.least_energy = python.inversion.least_energy
+    def _begin(self, forcing: Forcing, stats: Stats) -> None:
+        self.forcing, self.stats = forcing, stats
+        self._inversion = InversionCheck(self.model, stats)
+        self.problem.c.least_energy = self._inversion.least_energy
         self.stats.solver = f"compiled, {self.problem.factors}"
 
-    def refill(self, python: PythonLoop) -> None:
+    def refill(self, forcing: Forcing, stats: Stats) -> None:
         """Begin another run, with the numbers that the model has now."""
         self.problem.refill()
-        self._begin(python)
+        self._begin(forcing, stats)
+
+    @property
+    def single(self) -> SingleStep:
+        """Finds why a step fails."""
+        return SingleStep(self.model, self.forcing, self._options, self.stats)
 
     @property
     def past(self) -> Past:

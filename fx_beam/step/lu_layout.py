@@ -108,6 +108,9 @@ def factors_of(
     With ties (`Reduction.dependent`): sparse rows, from the leaves of trees to the roots. The last
     unknowns may be forces without a stiffness, which come after all with which they are coupled.
     """
+    none = np.empty(0, dtype=int)
+    if len(indptr) == 1:  # nothing is unknown
+        return Factors(none, none, 0, 1, none, none)
     graph, rows = _graph(indptr, indices)
     if dependent is not None or forces:
         return _in_rows(graph, rows, indices, dependent, forces)

@@ -318,8 +318,9 @@ class Model:
     def nodal_rules(self) -> NodalRules | None:
         """The nodal rules of the rates, if they are those of a user."""
         rates = self.scheme.rates
-        own = isinstance(rates, NodalRates)
-        return NodalRules(rates, self.mesh.dofs, self.mass) if own else None
+        if isinstance(rates, NodalRates):
+            return NodalRules(rates, self.mesh.dofs, self.mass)
+        return None
 
     @property
     def keeps_before(self) -> bool:

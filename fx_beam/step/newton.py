@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +17,6 @@ from .equations import Balance, Equations
 from .line_search import line_search
 from .linear_solver import LinearSolver
 from .model import Model
-from .sparse_lu import LU, sparse_lu
 
 # A correction that rotates a node further than this [rad] is shortened to it. The first correction
 # overshoots if the axial force makes the tangent nearly singular. For the pinned beam at dt 0.02
@@ -120,8 +118,6 @@ class Newton:
     def __init__(self, equations: Equations, options: NewtonOptions):
         self.equations, self.model, self.options = equations, equations.model, options
         self.predictor = Predictor(self.model)
-        #: What factorises the tangent.
-        self.lu: Callable[..., LU] = sparse_lu
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold: np.ndarray = np.zeros(self.model.reduction.free)
 
@@ -135,7 +131,7 @@ class Newton:
     @functools.cached_property
     def linear(self) -> LinearSolver:
         """The linear systems of the corrections."""
-        return LinearSolver(self.model.reduction, self.lu)
+        return LinearSolver(self.model.reduction)
 
     @np.errstate(over="ignore", invalid="ignore")  # a step that overflows fails, and says so
     def solve(

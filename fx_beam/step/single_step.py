@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.errors import Failure, StepError
 from fx_beam.fem.parameter_values import before
-from fx_beam.laws.interval import Interval
+from fx_beam.laws.interval import Interval, divided
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
@@ -56,6 +56,26 @@ class SingleStep:
         if self.model.points.follow_joints:
             step = self._follow_joints(state, step, (interval, force, driven))
         return self.finish(state, interval, step, forces, positions), step
+
+    def through(self, state: State, step: Interval) -> tuple[list[State], list[StepSolution]]:
+        """States at both ends of all sub-steps of the scheme in a step, and their increments."""
+        states, solutions = [state], list[StepSolution]()
+        t0, t1 = np.array(step[:2])[:, None]
+        grid = zip(*divided(t0, t1, self.model.scheme.fractions), strict=True)
+        for number, ends in enumerate(grid):
+            new, solution = self.take(states[-1], Interval(*map(float, ends)), number)
+            states.append(new)
+            solutions.append(solution)
+        return states, solutions
+
+    def failure(self, state: State, t1: float) -> StepFailed:
+        """Why a step to t1 [s] fails, without a prediction."""
+        self.newton.predictor.forget()
+        try:
+            self.through(state, Interval(state.t, t1))
+        except StepFailed as failure:
+            return failure
+        return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
 
     def _follow_joints(self, state: State, step: StepSolution, given: tuple) -> StepSolution:
         """The step with the forces of joints that friction follows; StepFailed without any."""

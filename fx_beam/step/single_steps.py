@@ -13,9 +13,9 @@ from fx_beam.fem.dead_loads import columns_of
 from fx_beam.results.state import ARRAYS, State
 from fx_beam.validation import Constant
 
+from .attempt import Steps
 from .held_inputs import Hold, Ramp
 from .loop import CompiledLoop, StepInputs, no_inputs
-from .python_loop import Steps
 from .recorder import Recorder, Rows, Unrecorded
 
 # Steps whose functions of time are evaluated at once.

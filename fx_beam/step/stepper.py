@@ -8,11 +8,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from fx_beam.errors import StepError
+from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 
+from .attempt import Attempt, Steps
+from .model import Model
 from .newton import StepFailed
-from .python_loop import Attempt, PythonLoop, Steps
 from .recorder import Recorder, Rows, Unrecorded
+from .single_step import SingleStep
 from .step_control import StepControl
 from .substeps import Halving
 
@@ -25,7 +28,14 @@ class Inputs(Protocol):
 
 
 class Integrator(Protocol):
-    """Tries steps: `PythonLoop` or `CompiledLoop`."""
+    """Tries steps: in C, or on several processes."""
+
+    model: Model
+    stats: Stats
+
+    @property
+    def single(self) -> SingleStep:
+        """Finds why a step fails."""
 
     #: The last configurations, from which the next increment is predicted.
     past: Any
@@ -68,11 +78,11 @@ class Trial(NamedTuple):
 
 
 class Stepper:
-    """Takes time steps; a step that fails is halved, and at last tried in Python."""
+    """Takes time steps; a step that fails is halved."""
 
-    def __init__(self, integrator: Integrator, python: PythonLoop, halving: Halving):
-        self.integrator, self.python, self.halving = integrator, python, halving
-        self.model, self.stats = python.model, python.stats
+    def __init__(self, integrator: Integrator, halving: Halving):
+        self.integrator, self.halving = integrator, halving
+        self.model, self.stats = integrator.model, integrator.stats
 
     def load(self, state: State) -> None:
         """Begin with the past of a state, and with the parts of its steps."""
@@ -102,28 +112,20 @@ class Stepper:
                 grid = np.concatenate([[t0], times])
                 ends = halving.ends(grid[done:])
                 now = integrator.inputs(state.t, ends)
-            attempt, steps = self._take(integrator, state, ends, now, first + done, recorder)
+            attempt, steps = self._take(state, ends, now, first + done, recorder)
             if attempt.failed and not self._halve():
-                grid = np.concatenate([[t0], times])
-                end = halving.ends(grid[done + steps :])[0]
-                attempt, more = self._in_python(attempt, end, first + done + steps, recorder)
-                steps += more
+                end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
+                raise self._error(attempt.state, end)
             state, done, inputs = attempt.state, done + steps, inputs.after(steps)
             if attempt.error is not None:
                 raise attempt.error
         return state
 
     def _take(
-        self,
-        integrator: Integrator,
-        state: State,
-        ends: np.ndarray,
-        inputs: Inputs,
-        first: int,
-        recorder: Rows,
+        self, state: State, ends: np.ndarray, inputs: Inputs, first: int, recorder: Rows
     ) -> tuple[Attempt, int]:
         """What came of steps or parts of steps, and the number of steps that are complete."""
-        halving = self.halving
+        halving, integrator = self.halving, self.integrator
         parts = halving.parts
         before = self.stats.steps
 
@@ -144,19 +146,6 @@ class Stepper:
         halved = self.halving.fail()
         self.stats.halvings += halved
         return halved
-
-    def _in_python(
-        self, attempt: Attempt, end: float, number: int, recorder: Rows
-    ) -> tuple[Attempt, int]:
-        """The same for a step that C failed to take: it succeeds, or the cause is known."""
-        steps, start = 0, attempt.state
-        if attempt.reason is None:
-            self.python.forget_past()
-            inputs, ends = self.python.inputs(start.t, np.array([end])), np.array([end])
-            attempt, steps = self._take(self.python, start, ends, inputs, number, recorder)
-        if attempt.reason is not None:
-            raise self._error(start, end, attempt.reason)
-        return attempt, steps
 
     # -- Steps whose local errors are controlled --------------------------------------------------
 
@@ -202,16 +191,16 @@ class Stepper:
 
     def error(self, state: State, t1: float, advice: str) -> StepError:
         """StepError for a step to t1 [s] that fails after all halvings."""
-        return self._error_of(state, t1, self.python.failure(state, t1), advice)
+        return self._error_of(state, t1, self.integrator.single.failure(state, t1), advice)
 
     def _error_of(self, start: State, end: float, failure: StepFailed, advice: str) -> StepError:
         what = f"the step from t = {start.t:.6g} to {end:.6g} failed"
-        error = self.python.single.error(what, self.halving.most, start, failure, advice)
+        error = self.integrator.single.error(what, self.halving.most, start, failure, advice)
         error.__cause__ = failure
         return error
 
-    def _error(self, start: State, end: float, failure: StepFailed) -> StepError:
-        halvings = self.halving.most
+    def _error(self, start: State, end: float) -> StepError:
+        failure, halvings = self.integrator.single.failure(start, end), self.halving.most
         advice = (
             f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
             "check the units of loads, velocities and stiffnesses, or try another scheme"

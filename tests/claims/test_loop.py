@@ -1,6 +1,5 @@
 """The compiled loop: its solvers and kept factors, and where it is built."""
 
-import logging
 import os
 import platform
 import subprocess
@@ -152,14 +151,10 @@ def test_load_steps_of_a_large_frame_keep_quadratic_convergence_and_balance():
 # -- Which solver -------------------------------------------------------------------------------
 
 
-def test_without_a_compiler_python_takes_over_with_one_warning(monkeypatch, no_libraries, caplog):
+def test_without_a_compiler_nothing_runs_and_says_so(monkeypatch, no_libraries):
     monkeypatch.setenv("CC", "no-such-compiler")
-    scene, _ = pendulum()
-    with caplog.at_level(logging.WARNING, logger="fx_beam"):
-        solutions = [fb.simulate(scene, dt=0.01, t_end=0.1) for _ in range(2)]
-    assert all(s.stats.solver == "Python, sparse lu (it cannot be built)" for s in solutions)
-    assert [r.levelname for r in caplog.records] == ["WARNING"]
-    assert "cannot be built" in caplog.text
+    with pytest.raises(RuntimeError, match="cannot be built.*no-such-compiler.* variable CC"):
+        fb.simulate(pendulum()[0], dt=0.01, t_end=0.1)
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names of processors are those of x86")

@@ -123,7 +123,7 @@ static void assemble_forces(const Problem *p, const Form *form, const double *co
     }
 }
 
-/* For steps in Python (batched_beams.py), which sets the constants: what changes from step to step. */
+/* For parts of a scene on several processes (parallel/batched_beams.py), which set the constants: what changes from step to step. */
 void fx_begin_beams(const Problem *p, const double *const *fields) {
   begin_form(p, &p->internal_forces, fields, 0, 0);
   begin_form(p, &p->drag, fields, 0, 0);

@@ -190,6 +190,7 @@ static int solve_bordered(Problem *p, const Work *w) {
    singular. `rest` is as in `iterate`. */
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   rest[0] = rest[1] = 0;
+  if (!p->free) return 1;
   if (p->borders) return solve_bordered(p, w);
   if (p->chain) return solve_chain(p, w);
   if (p->band) {

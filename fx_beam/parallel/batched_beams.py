@@ -1,4 +1,4 @@
-"""Forces and tangent of the beams of a scene, several elements at once, for steps in Python."""
+"""Forces and tangent of the beams of a part of a scene, several elements at once."""
 
 from __future__ import annotations
 
@@ -8,19 +8,15 @@ from fx_beam.c_library import declarations
 from fx_beam.fem import dolfinx_api
 from fx_beam.fem.step_start import StepStart
 from fx_beam.laws.interval import Interval
+from fx_beam.step.build import load_library
+from fx_beam.step.element_data import element_data
+from fx_beam.step.form_tables import FormTables
+from fx_beam.step.model import Model
 from fx_beam.structs import Structs
-
-from .build import load_library
-from .element_data import element_data
-from .form_tables import FormTables
-from .model import Model
 
 
 class BatchedBeams:
-    """In the place of `BeamForms` for internal forces and drag: the functions of the loop.
-
-    LoopUnavailable, with the reason, if they cannot be compiled.
-    """
+    """In the place of `BeamForms` for internal forces and drag: the functions of the loop."""
 
     def __init__(self, model: Model):
         assert model.forms.beams is not None

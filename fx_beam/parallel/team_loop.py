@@ -1,63 +1,29 @@
-"""Time steps in Python: with PETSc the reference, and the fallback of the compiled loop."""
+"""Time steps on several processes: each evaluates its part, and PETSc solves."""
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.laws.interval import Interval, divided
+from fx_beam.laws.interval import Interval
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import FORCES, Past, State
+from fx_beam.step.attempt import Attempt, Steps
+from fx_beam.step.events import switched
+from fx_beam.step.forcing import Forcing
+from fx_beam.step.interrupts import uninterrupted
+from fx_beam.step.inverted_sections import InversionCheck
+from fx_beam.step.local_error import LocalError
+from fx_beam.step.model import Model
+from fx_beam.step.newton import NewtonOptions, StepFailed
+from fx_beam.step.recorder import Recorder, Rows
+from fx_beam.step.single_step import SingleStep
+from fx_beam.step.substeps import LARGE_TURN
 
-from .events import switched
-from .forcing import Forcing
-from .interrupts import uninterrupted
-from .inverted_sections import InversionCheck
-from .local_error import LocalError
-from .model import Model
-from .newton import NewtonOptions, StepFailed
-from .recorder import Recorder, Rows
-from .single_step import SingleStep
-from .step_control import StepControl
-from .substeps import LARGE_TURN
-
-
-class Steps(NamedTuple):
-    """Steps that are tried."""
-
-    #: Number of the first one; parts of it that are taken already, and parts of a step.
-    first: int
-    done: int = 0
-    parts: int = 1
-    #: Limits of their local errors, if these are controlled.
-    control: StepControl | None = None
-    #: Whether they end before one in which a contact or a law switches.
-    watch: bool = False
-
-
-class Attempt(NamedTuple):
-    """What came of steps of equal length."""
-
-    #: State at the end of the steps that succeeded, and their number.
-    state: State
-    taken: int
-    #: Ratios of error and limit in the last step but one and in the last one, if they are known.
-    before: float | None = None
-    ratio: float | None = None
-    #: Whether Newton's method failed in the step after them, and why, if Python tried it; a ratio
-    #: above 1 rejects the last step.
-    failed: bool = False
-    reason: StepFailed | None = None
-    #: Whether a contact or a law switches in the step after them; the switches at its end if they
-    #: are watched.
-    switched: bool = False
-    switches: np.ndarray | None = None
-    #: Error of a function of time in the step after them.
-    error: BaseException | None = None
+from .team import Team
+from .whole import share
 
 
 class LateInputs:
@@ -68,19 +34,19 @@ class LateInputs:
         return self
 
 
-class PythonLoop:
-    """Tries one step after the other."""
+class TeamLoop:
+    """Tries one step after the other; in the place of `CompiledLoop`."""
 
-    def __init__(self, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats):
-        self.model, self.forcing, self.stats = model, forcing, stats
-        self._options = options
-        self.inversion = InversionCheck(model, stats)
+    def __init__(
+        self, team: Team, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats
+    ):
+        self.model, self.stats = model, stats
+        self._inversion = InversionCheck(model, stats)
         self._errors: LocalError | None = None
-
-    @functools.cached_property
-    def single(self) -> SingleStep:
-        """Takes single steps; the compiled loop needs it only where a step fails."""
-        return SingleStep(self.model, self.forcing, self._options, self.stats)
+        #: Takes single steps.
+        self.single = SingleStep(model, forcing, options, stats)
+        share(team, self.single)
+        stats.solver = f"PETSc on {team.size} processes"
 
     @property
     def past(self) -> Past:
@@ -148,15 +114,6 @@ class PythonLoop:
             count(attempt)
         return attempt
 
-    def failure(self, state: State, t1: float) -> StepFailed:
-        """Why Newton's method fails in a step to t1 [s], without a prediction."""
-        self.forget_past()
-        try:
-            self._take(state, Interval(state.t, t1))
-        except StepFailed as failure:
-            return failure
-        return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
-
     def _switches(self, start: State, starts: list[State], end: State) -> np.ndarray:
         """Values at the end of a step, or of its first sub-step in which one changes its sign."""
         first = self.model.switches(start)
@@ -169,14 +126,9 @@ class PythonLoop:
     def _take(self, state: State, step: Interval) -> tuple[list[State], State]:
         """States at the starts of all sub-steps of the scheme in a step, and at their end."""
         fractions, predictor = self.model.scheme.fractions, self.single.newton.predictor
-        states, solves, prediction = [state], [], predictor.memory
-        t0, t1 = np.array(step[:2])[:, None]
-        grid = zip(*divided(t0, t1, fractions), strict=True)
+        prediction = predictor.memory
         try:
-            for number, ends in enumerate(grid):
-                new, solve = self.single.take(states[-1], Interval(*map(float, ends)), number)
-                states.append(new)
-                solves.append(solve)
+            states, solves = self.single.through(state, step)
         except BaseException:
             predictor.memory = prediction
             raise
@@ -214,16 +166,16 @@ class PythonLoop:
         if parts > 1:
             turn = abs(end.q - start.q)[self.model.turns].max()
             self.stats.too_large += int(turn * parts > LARGE_TURN)
-        self.inversion.check(end.t, end.q)
+        self._inversion.check(end.t, end.q)
 
 
-class PythonSingleSteps:
+class TeamSingleSteps:
     """Tries single steps from the present state; compare `single_steps`.
 
     An interrupt may come anywhere: whether a step is taken changes by one assignment.
     """
 
-    def __init__(self, loop: PythonLoop):
+    def __init__(self, loop: TeamLoop):
         self._loop = loop
 
     def load(self, state: State, number: int) -> None:
