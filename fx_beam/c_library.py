@@ -60,14 +60,9 @@ def open_library(
 
 
 @functools.cache
-def needed_library(needs: str, *of: Any) -> tuple[Any, Any]:
-    """As `open_library`; SceneError if it cannot be built, with what `needs` it."""
-    try:
-        ffi, library = open_library(*of)
-    except CannotBuild as error:
-        raise SceneError(
-            f"{needs} need a C compiler: {error}. Check the environment variable CC"
-        ) from error
+def kept_library(*of: Any) -> tuple[Any, Any]:
+    """As `open_library`, once."""
+    ffi, library = open_library(*of)
     for kind in ("double[]", "int[]"):
         ffi.typeof(kind)  # an interrupt while cffi reads a name would break its parser for good
     return ffi, library

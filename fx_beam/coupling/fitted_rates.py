@@ -33,7 +33,7 @@ from .rigid_points import RigidPoints
 _LITTLE, _REPETITIONS, _ROUND_OFF = 1e-6, 20, 1e-14
 
 
-_LIBRARY = "joints that turn", "rates of joints", "fitted_rates.c", "fitted_rates.h", MACROS
+_LIBRARY = "rates of joints", "fitted_rates.c", "fitted_rates.h", MACROS
 
 
 class Fit(NamedTuple):
@@ -68,7 +68,7 @@ class FittedRates:
         self._entry, self._lacking, self._multipliers = (
             np.zeros(n) for n in (len(points.row), self._rows, self._rows)
         )
-        ffi, self._library = c_library.needed_library(*_LIBRARY)
+        ffi, self._library = c_library.kept_library(*_LIBRARY)
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         self._structs = structs = Structs(ffi, c_library.declarations("fitted_rates.h"))
         self._c = ffi.new("RateFit *")

@@ -30,7 +30,7 @@ from fx_beam import c_library
 from fx_beam.scene.path import Path
 from fx_beam.structs import Structs
 
-_LIBRARY = "nodes that slide on beams", "nodes on beams", "sliding.c", "sliding.h"
+_LIBRARY = "nodes on beams", "sliding.c", "sliding.h"
 
 
 class Sliding:
@@ -42,7 +42,7 @@ class Sliding:
 
     def __init__(self, path: Path, components: int, level: float, by_tangent: bool):
         self.path, self.components, self.level = path, components, level
-        ffi, self._library = c_library.needed_library(*_LIBRARY)
+        ffi, self._library = c_library.kept_library(*_LIBRARY)
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         #: What the relation depends on, by the names of Slider in C.
         self.table = {
@@ -80,7 +80,7 @@ class Sliding:
     @staticmethod
     def _array(struct: Any, name: str) -> np.ndarray:
         """An array in a struct, which C changes."""
-        ffi, _ = c_library.needed_library(*_LIBRARY)
+        ffi, _ = c_library.kept_library(*_LIBRARY)
         member = getattr(struct, name)
         rows = ffi.typeof(member)
         values = np.frombuffer(ffi.buffer(member))

@@ -24,10 +24,7 @@ from .step_start import StepStart
 
 _NONE = np.empty(0)
 _HEADER = "point_force.h"
-_LIBRARY = (
-    "springs, dampers, friction, stops, obstacles, drag of nodes and follower forces",
-    *("forces at points", "point_forces.c", _HEADER),
-)
+_LIBRARY = "forces at points", "point_forces.c", _HEADER
 
 
 class Role(enum.IntEnum):
@@ -206,7 +203,7 @@ class PointForces:
         self.value_at = np.full(len(rows_and_columns), -1, dtype=np.int32)
 
     def _build(self) -> None:
-        ffi, self._c = c_library.needed_library(*_LIBRARY)
+        ffi, self._c = c_library.kept_library(*_LIBRARY)
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         self._of_numbers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
         self._structs = structs = Structs(ffi, c_library.declarations(_HEADER))

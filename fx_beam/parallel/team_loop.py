@@ -15,13 +15,14 @@ from fx_beam.step.events import switched
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.interrupts import uninterrupted
 from fx_beam.step.inverted_sections import InversionCheck
-from fx_beam.step.local_error import LocalError
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions, StepFailed
 from fx_beam.step.recorder import Recorder, Rows
 from fx_beam.step.single_step import SingleStep
 from fx_beam.step.substeps import LARGE_TURN
 
+from .local_error import LocalError
+from .predictor import Predictor
 from .team import Team
 from .whole import share
 
@@ -45,21 +46,22 @@ class TeamLoop:
         self._errors: LocalError | None = None
         #: Takes single steps.
         self.single = SingleStep(model, forcing, options, stats)
+        self.predictor = self.single.newton.predictor = Predictor(model)
         share(team, self.single)
         stats.solver = f"PETSc on {team.size} processes"
 
     @property
     def past(self) -> Past:
         """The last configurations, from which the next increment is predicted."""
-        return self.single.newton.predictor.past
+        return self.predictor.past
 
     @past.setter
     def past(self, past: Past | None) -> None:
-        self.single.newton.predictor.past = past
+        self.predictor.past = past
 
     def forget_past(self) -> None:
         """Predict nothing in the next step."""
-        self.single.newton.predictor.forget()
+        self.predictor.forget()
 
     def forget_errors(self) -> None:
         """Do not compare the next steps with those before."""
@@ -84,13 +86,13 @@ class TeamLoop:
     ) -> Attempt:
         """Take the first of some steps or parts, if it succeeds."""
         step, control = Interval(state.t, float(ends[0])), steps.control
-        errors, predictor, stats = self._errors, self.single.newton.predictor, self.stats
+        errors, predictor, stats = self._errors, self.predictor, self.stats
         prediction, memory = predictor.memory, None if errors is None else errors.memory
         counted = stats.newton_iterations, dict(stats.ended_by)
         try:
             starts, new = self._take(state, step)
-        except StepFailed as failure:
-            return Attempt(state, 0, failed=True, reason=failure)
+        except StepFailed:
+            return Attempt(state, 0, failed=True)
         attempt = Attempt(new, 1)
         if steps.watch:
             switches, first = self._switches(state, starts, new), self.model.switches(state)
@@ -125,7 +127,7 @@ class TeamLoop:
 
     def _take(self, state: State, step: Interval) -> tuple[list[State], State]:
         """States at the starts of all sub-steps of the scheme in a step, and at their end."""
-        fractions, predictor = self.model.scheme.fractions, self.single.newton.predictor
+        fractions, predictor = self.model.scheme.fractions, self.predictor
         prediction = predictor.memory
         try:
             states, solves = self.single.through(state, step)

@@ -8,7 +8,6 @@ import numpy as np
 
 from fx_beam.results.state import State
 
-from .newton import StepFailed
 from .step_control import StepControl
 
 
@@ -34,10 +33,8 @@ class Attempt(NamedTuple):
     #: Ratios of error and limit in the last step but one and in the last one, if they are known.
     before: float | None = None
     ratio: float | None = None
-    #: Whether Newton's method failed in the step after them, and why, if Python tried it; a ratio
-    #: above 1 rejects the last step.
+    #: Whether Newton's method failed in the step after them; a ratio above 1 rejects the last one.
     failed: bool = False
-    reason: StepFailed | None = None
     #: Whether a contact or a law switches in the step after them; the switches at its end if they
     #: are watched.
     switched: bool = False

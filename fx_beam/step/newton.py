@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from fx_beam.fem.member_contacts import FINE, MOVED, PASSED, SLID
 from fx_beam.laws.interval import Interval
-from fx_beam.results.state import Past, State
+from fx_beam.results.state import State
 from fx_beam.validation import as_float, is_whole, require
 
 from .equations import Balance, Equations
 from .line_search import line_search
 from .linear_solver import LinearSolver
-from .model import Model
 
 # A correction that rotates a node further than this [rad] is shortened to it. The first correction
 # overshoots if the axial force makes the tangent nearly singular. For the pinned beam at dt 0.02
@@ -33,8 +32,6 @@ NEGLIGIBLE = 1e-6
 PREDICTOR_ERROR = 0.4
 # Largest number of searches for the members that points come near in a step.
 SEARCHES = 8
-# Largest order of the predictor.
-_PAST = 4
 
 
 @dataclass(frozen=True)
@@ -112,12 +109,23 @@ class StepFailed(Exception):
         self.residuals = residuals
 
 
+class Predictor(Protocol):
+    """Predicts increments from those of the last steps."""
+
+    def predict(self, dt: float) -> np.ndarray | None:
+        """Predicted unknowns (free,) of a step of length dt [s]; None without a prediction."""
+
+    def update(self, dt: float, step: StepSolution) -> None:
+        """Add the increment of a step of length dt [s]."""
+
+
 class Newton:
     """Newton's method for the increment over a step."""
 
     def __init__(self, equations: Equations, options: NewtonOptions):
         self.equations, self.model, self.options = equations, equations.model, options
-        self.predictor = Predictor(self.model)
+        #: What predicts increments, if anything does.
+        self.predictor: Predictor | None = None
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold: np.ndarray = np.zeros(self.model.reduction.free)
 
@@ -166,7 +174,8 @@ class Newton:
         """The same with the members that points are near, as they are known."""
         self.equations.begin(interval, start)
         at_rest = self.model.scheme.rates.at_rest
-        predicted_y = None if at_rest else self.predictor.predict(interval.length)
+        predictor = self.predictor
+        predicted_y = None if predictor is None else predictor.predict(interval.length)
         if self.model.reduction.singularity:
             return self._out_of_line(interval, start, force, driven, predicted_y)
         moving = 0.0 if at_rest else float(start.v @ (self.model.mass @ start.v))
@@ -178,8 +187,8 @@ class Newton:
             if predicted_y is None:
                 raise
             step = self._solve(force, driven, moving, None)
-        if not at_rest:
-            self.predictor.update(interval.length, step)
+        if predictor is not None:
+            predictor.update(interval.length, step)
         return step
 
     def _out_of_line(self, interval, start, force, driven, predicted_y) -> StepSolution:
@@ -197,9 +206,7 @@ class Newton:
         if reduction.singularity:
             D = np.zeros(model.size)
             raise StepFailed("singular", reduction.singularity, D, [])
-        step = self._solve(force, driven, float(start.v @ (model.mass @ start.v)), predicted_y)
-        self.predictor.update(interval.length, step)
-        return step
+        return self._solve(force, driven, float(start.v @ (model.mass @ start.v)), predicted_y)
 
     def _solve(self, force, driven, moving: float, predicted_y: np.ndarray | None) -> StepSolution:
         """Newton iterations from a predictor, or from the previous configuration."""
@@ -332,80 +339,3 @@ class _Sequence:
         ratio = value / square if square else np.inf * value
         self._slowest, self.last = max(self._slowest, ratio), value
         return self._slowest * (value * value)
-
-
-class Predictor:
-    """Predictor of an increment: a polynomial in time through the last configurations.
-
-    By Newton's formula with divided differences, since steps may have different lengths.
-    """
-
-    def __init__(self, model: Model):
-        self._model, self._unit = model, model.unit
-        self.forget()
-
-    def forget(self) -> None:
-        """Begin anew: the next step has no prediction."""
-        #: Times since the last configurations [s], the latest first.
-        self._ages = np.empty(0)
-        #: Divided differences, from order 1 on, of configurations (size,) and of unknowns (free,).
-        self._past: list[np.ndarray] = []
-        self._past_y: list[np.ndarray] = []
-        #: Orders of extrapolation, for each sub-step of the scheme, and the next sub-step.
-        self._orders = np.zeros(len(self._model.scheme.fractions), dtype=int)
-        self._next = 0
-
-    @property
-    def memory(self) -> tuple:
-        """All on which the next predictions depend."""
-        return self._ages, self._past, self._past_y, self._orders, self._next
-
-    @memory.setter
-    def memory(self, memory: tuple) -> None:
-        self._ages, self._past, self._past_y, self._orders, self._next = memory
-
-    @property
-    def past(self) -> Past:
-        """The last motion, in a form that does not depend on the numbering of unknowns."""
-        model, known = self._model, len(self._past)
-        y = np.reshape(self._past_y, (known, model.reduction.free))
-        slides = model.couplings.free_slides(y, model.scene.joint_count)
-        differences = np.reshape(self._past, (known, model.size))
-        return Past(self._ages, self._orders, differences, slides)
-
-    @past.setter
-    def past(self, past: Past | None) -> None:
-        if past is not None:
-            self._ages, self._orders, self._next = past.ages, past.orders, 0
-            self._past = list(past.differences)
-            self._past_y = list(self._model.couplings.unknowns(past.differences, past.slides))
-
-    def predict(self, dt: float) -> np.ndarray | None:
-        """Predicted unknowns (free,) of a step of length dt [s]; None without a prediction."""
-        order = self._orders[self._next]
-        if not order:
-            return None
-        factors = np.cumprod([dt, *(dt + self._ages[: order - 1])])
-        return np.sum([c * d for c, d in zip(factors, self._past_y, strict=False)], axis=0)
-
-    def update(self, dt: float, step: StepSolution) -> None:
-        """Add the increment of a step of length dt [s], and choose the order of extrapolation.
-
-        A scheme with sub-steps has an order for each: some go back between known configurations.
-        """
-        ages = dt + np.concatenate([[0.0], self._ages])
-        best, order = PREDICTOR_ERROR * self._size(step.D), 0
-        now, now_y, product = [step.D / dt], [step.y / dt], dt
-        for old, old_y, age in zip(self._past, self._past_y, ages[1:], strict=True):
-            now.append((now[-1] - old) / age)
-            now_y.append((now_y[-1] - old_y) / age)
-            product *= age
-            if (error := self._size(now[-1]) * abs(product)) <= best:
-                best, order = error, len(now) - 1
-        self._past, self._past_y, self._ages = now[:_PAST], now_y[:_PAST], ages[:_PAST]
-        self._orders = self._orders.copy()  # `memory` may have the one before
-        self._orders[self._next] = order
-        self._next = (self._next + 1) % len(self._orders)
-
-    def _size(self, D: np.ndarray) -> float:
-        return abs(D / self._unit).max()

@@ -70,11 +70,13 @@ class SingleStep:
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why a step to t1 [s] fails, without a prediction."""
-        self.newton.predictor.forget()
+        predictor, self.newton.predictor = self.newton.predictor, None
         try:
             self.through(state, Interval(state.t, t1))
         except StepFailed as failure:
             return failure
+        finally:
+            self.newton.predictor = predictor
         return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
 
     def _follow_joints(self, state: State, step: StepSolution, given: tuple) -> StepSolution:
