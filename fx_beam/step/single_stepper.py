@@ -27,7 +27,7 @@ class Grid:
 
 
 class SingleSteps(Protocol):
-    """Tries single steps from a state that stays where it is: in Python, or in C."""
+    """Tries single steps from a state that stays where it is: in C, or on several processes."""
 
     @property
     def now(self) -> Any:
