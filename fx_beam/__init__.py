@@ -52,8 +52,7 @@ from .results.solution import Solution
 from .scene.beam import Beam, Node
 from .scene.body import Body
 from .scene.changes import Fuse, Latch
-from .scene.coordinate import Coordinate, Damper, Friction, Spring
-from .scene.coulomb import Coulomb
+from .scene.coordinate import Coordinate, Coulomb, Damper, Friction, Spring
 from .scene.curve import Curve, arc, spline
 from .scene.forces_between import ForceBetween
 from .scene.inputs import Input

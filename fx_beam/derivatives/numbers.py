@@ -10,7 +10,7 @@ from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.run_setup import RunSetup
 from fx_beam.results.state import State
-from fx_beam.scene.constraints import joints_by_number
+from fx_beam.scene.joints import joints_by_number
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.model import Model
 

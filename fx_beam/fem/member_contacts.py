@@ -20,7 +20,7 @@ from fx_beam.laws.member_gap import (
 )
 from fx_beam.laws.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.coulomb import bristle
+from fx_beam.scene.coordinate import bristle
 from fx_beam.scene.member_contact import arc_of
 from fx_beam.scene.obstacles import Obstacle, points_of
 from fx_beam.scene.scene import Scene

@@ -20,8 +20,7 @@ from fx_beam.laws.node_laws import FOLLOWER, drag
 from fx_beam.laws.point_laws import PointLaw
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.coordinate import Coordinate, Friction
-from fx_beam.scene.coulomb import Coulomb, bristle
+from fx_beam.scene.coordinate import Coordinate, Coulomb, Friction, bristle
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.obstacles import Circle, Obstacle

@@ -10,8 +10,7 @@ import ufl
 from ufl.corealg.traversal import unique_pre_traversal
 
 from fx_beam.errors import SceneError
-from fx_beam.scene.step_symbols import Symbol
-from fx_beam.scene.symbols import not_numbers
+from fx_beam.scene.symbols import Symbol, not_numbers
 from fx_beam.validation import as_float, require
 
 from .rates import MidPointRates, NewmarkRates, UpdateRule

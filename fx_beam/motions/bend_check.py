@@ -9,8 +9,7 @@ import numpy as np
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.loads import label
-from fx_beam.scene.member_contact import arc_of
-from fx_beam.scene.member_curve import nearest
+from fx_beam.scene.member_contact import arc_of, nearest
 from fx_beam.scene.obstacles import Obstacle
 
 _log = logging.getLogger("fx_beam")

@@ -12,7 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.results.state import Past, State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.scene.constraints import slides_at_start
+from fx_beam.scene.joints import slides_at_start
 from fx_beam.step.coupled_rates import CoupledRates, coupled_rates
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model

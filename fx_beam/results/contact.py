@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.member_contact import arc_of
-from fx_beam.scene.member_curve import nearest
+from fx_beam.scene.member_contact import arc_of, nearest
 from fx_beam.scene.obstacles import Circle, Obstacle
 
 

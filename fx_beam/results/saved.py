@@ -12,7 +12,7 @@ import numpy as np
 from fx_beam.errors import Failure
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
-from fx_beam.scene.coulomb import Coulomb
+from fx_beam.scene.coordinate import Coulomb
 from fx_beam.scene.obstacles import Circle, Line, Obstacle
 
 from .audit import BeamResultants, Energy, Stats

@@ -61,14 +61,15 @@ class Body:
         return [self.centre, *self.points.values()]
 
 
-def name_of(names: Set[str], name: str | None) -> str:
-    """Name of a new body; SceneError if one of the bodies has it."""
+def name_of(kind: str, names: Set[str], count: int, name: str | None) -> str:
+    """The name of a new beam or body beside those that have `names`: the given one, or a number."""
     if name is None:
-        numbers = itertools.count(len(names) + 1)
-        name = next(free for n in numbers if (free := f"body {n}") not in names)
-    require(is_name(name), "add_body: name", name, "a text that is not empty")
+        numbers = itertools.count(count + 1)
+        name = next(free for n in numbers if (free := f"{kind} {n}") not in names)
+    require(is_name(name), f"add_{kind}: name", name, "a text that is not empty")
     if name in names:
-        raise SceneError(f"two bodies are called {name!r}; use different names")
+        several = "beams" if kind == "beam" else "bodies"
+        raise SceneError(f"two {several} are called {name!r}; use different names")
     return name
 
 

@@ -15,8 +15,7 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import fields_in, refuse_fields, vector
 
 from .beam import Node
-from .coordinate import Coordinate, parameters_of
-from .coulomb import Coulomb
+from .coordinate import Coordinate, Coulomb, parameters_of
 from .notebook import html_table
 from .parameters import Parameter, parameters_in
 from .symbols import expression_of

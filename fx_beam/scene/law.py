@@ -19,8 +19,7 @@ from fx_beam.validation import fields_in, refuse_fields, require
 
 from .internal_variables import InternalVariables, check_dissipation
 from .parameters import Parameter, parameters_in
-from .step_symbols import SCALARS
-from .symbols import expression_of
+from .symbols import SCALARS, expression_of
 
 Energy = Callable[..., Any]
 

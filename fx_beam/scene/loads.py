@@ -30,8 +30,7 @@ from .beam import Beam, Node
 from .inputs import time_function
 from .parameters import Parameter, parameters_in
 from .place_functions import PlaceTimeFunction
-from .step_symbols import STEP
-from .symbols import not_numbers
+from .symbols import STEP, not_numbers
 
 # What the function of a line load may be of.
 _OF = "time", "arc length", "arc length and time"

@@ -20,7 +20,7 @@ from fx_beam.validation import (
 )
 
 from .beam import Beam, Node, inner_positions, lagrange, position_of
-from .coulomb import Coulomb
+from .coordinate import Coulomb
 from .joints import GROUND
 from .law import Energy, check_energy
 from .loads import label

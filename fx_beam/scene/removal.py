@@ -13,9 +13,8 @@ from fx_beam.validation import require
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
-from .constraints import joints_by_number
 from .coordinate import Coordinate, Held
-from .joints import Joint
+from .joints import Joint, joints_by_number
 
 
 def own_joint(scene: Any, joint: Joint) -> Joint | None:

@@ -2,37 +2,36 @@
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, overload
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import TimeFunction, is_name, is_one_of, require, shown, vector
+from fx_beam.validation import TimeFunction, is_name, is_one_of, is_whole, require, shown, vector
 
 from . import loads
 from .beam import COMPONENTS, Beam, Node
 from .body import Body, check_body, name_of, velocities_of
-from .coordinate import Damper, Friction, Spring, checked_coordinate, parameters_of
-from .coulomb import Coulomb
-from .curve import Curve
+from .coordinate import Coulomb, Damper, Friction, Spring, checked_coordinate, parameters_of
+from .curve import Curve, layout
 from .forces_between import ForceBetween, GivenPull, Pull, checked_force
-from .geometry import Geometry
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Rigid, check_new, moved_by, placed
 from .law import parameters_of_energy
 from .member_contact import check_members
 from .natural_strains import NaturalStrain, changed_strain, natural_strain
-from .notebook import html_table, sketch
+from .notebook import facts, html_table, sketch
 from .obstacles import Circle, Line, Obstacle, check_start, checked_obstacle
 from .parameters import Parameter, Parameters
 from .removal import locked, own_joint, remove_beam, remove_body, remove_joint, unlocked
 from .section import Section
 from .sliders import SlidingJoint
 from .stop import Stop
-from .summary import facts
 
 
-class Scene(Geometry):
+class Scene:
     """Beams, rigid bodies, supports, joints, masses, loads, drag and initial velocities.
 
     Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
@@ -62,7 +61,11 @@ class Scene(Geometry):
 
     def __init__(self, gravity: Sequence[float] | None = None):
         self.gravity = None if gravity is None else vector(gravity, 2, "gravity")
-        super().__init__()
+        self.beams: list[Beam] = []
+        self._names: set[str] = set()
+        self.nodes: list[Node] = []
+        #: Smallest and largest coordinates of all nodes.
+        self._corners = [math.inf] * 2, [-math.inf] * 2
         # Fixed components: (node number, component number).
         self.fixed: set[tuple[int, int]] = set()
         # Components prescribed as functions of time.
@@ -91,6 +94,19 @@ class Scene(Geometry):
         self.projects_velocities = False
         # Changes of what it has, which the lengths of its lists do not show.
         self.changes = 0
+
+    def __copy__(self):
+        return copy.deepcopy(self)
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        for node in self.nodes:
+            object.__setattr__(node, "scene", self)
+
+    @property
+    def _size(self) -> float:
+        """Larger side of the box around all nodes [m]; 1 for a single node, as in `Mesh.size`."""
+        return max(high - low for low, high in zip(*self._corners, strict=True)) or 1.0
 
     def __repr__(self):
         return f"<Scene: {', '.join(f'{name} {value}' for name, value in facts(self).items())}>"
@@ -150,10 +166,22 @@ class Scene(Geometry):
         >>> scene.add_beam([post.end, (2, 1)], section, elements=[2], name="girder")
         <Beam 'girder': 2 elements from node 4 at (0, 1) to node 6 at (2, 1)>
         """
-        if isinstance(section, Section):
-            law = section.strain_energy, section.internal
-            self.parameters.add(parameters_of_energy(*law, 3), "add_beam: section")
-        return self._add(points, section, elements, degree, name)
+        name = name_of("beam", self._names, len(self.beams), name)
+        if not isinstance(section, Section):
+            raise SceneError(f"beam {name!r}: section must be an fx_beam.Section, not {section!r}")
+        require(is_whole(degree, 1, 3), f"beam {name!r}: degree", degree, "1, 2 or 3")
+        degree = int(degree)
+        if self.beams and degree != self.beams[0].degree:
+            raise SceneError(
+                f"beam {name!r}: degree {degree} differs from degree {self.beams[0].degree} of "
+                f"{self.beams[0].name!r}; use one degree for all beams of a scene"
+            )
+        law = section.strain_energy, section.internal
+        self.parameters.add(parameters_of_energy(*law, 3), "add_beam: section")
+        ends, s, inner = layout(points, elements, degree, name)
+        self.beams.append(Beam(name, self._nodes_at(ends, name), degree, s, section, inner))
+        self._names.add(name)
+        return self.beams[-1]
 
     def add_body(
         self,
@@ -206,7 +234,7 @@ class Scene(Geometry):
         >>> round(float(found.angular_frequencies[0] ** 2), 9)
         10.0
         """
-        name = name_of(self._names_of_bodies, name)
+        name = name_of("body", self._names_of_bodies, len(self._names_of_bodies), name)
         x, y = vector(position, 2, f"{name}: position")
         given = (("mass", mass), ("inertia", inertia))
         m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in given)
@@ -1101,6 +1129,23 @@ class Scene(Geometry):
             return
         loads.check_target(self, target, "velocity")
         self.velocities.append(loads.initial_velocity(target, velocity, spin))
+
+    def _nodes_at(self, ends: list, name: str) -> tuple[Node, ...]:
+        """Nodes at the ends of elements; given nodes belong to other beams."""
+        for end in ends:
+            if isinstance(end, Node):
+                loads.check_node(self, end, f"beam {name!r}")
+        nodes, first = [], len(self.nodes)
+        for end in ends:
+            if not isinstance(end, Node):
+                end = Node(len(self.nodes), float(end[0]), float(end[1]), self)
+                self.nodes.append(end)
+            nodes.append(end)
+        lowest, highest = self._corners
+        for i, name in enumerate("xy"):
+            places = [getattr(node, name) for node in self.nodes[first:]]
+            lowest[i], highest[i] = min([lowest[i], *places]), max([highest[i], *places])
+        return tuple(nodes)
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:
         known = is_one_of(component, COMPONENTS)

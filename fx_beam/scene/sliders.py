@@ -12,8 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import as_float, require
 
 from .beam import Beam, Node
-from .coordinate import Coordinate, Damper, Friction, Spring, checked_coordinate
-from .coulomb import Coulomb
+from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, checked_coordinate
 from .joint_kinematics import SlidingKinematics
 from .joints import GROUND, Joint
 from .path import Path

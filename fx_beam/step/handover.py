@@ -20,8 +20,7 @@ from fx_beam.fem import dolfinx_api
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS
 from fx_beam.scene.beam import Node
-from fx_beam.scene.constraints import joints_by_number
-from fx_beam.scene.joints import GROUND
+from fx_beam.scene.joints import GROUND, joints_by_number
 from fx_beam.structs import Structs
 
 from .border_tables import BorderTables, on_borders, ones_of, storage_of

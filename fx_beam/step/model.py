@@ -31,10 +31,9 @@ from fx_beam.fem.step_start import StepStart
 from fx_beam.laws.nodal_rates import NodalRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
-from fx_beam.scene.constraints import joints_by_number, slides_at_start
-from fx_beam.scene.coulomb import Coulomb
+from fx_beam.scene.coordinate import Coulomb
 from fx_beam.scene.joint_kinematics import NodalMotion
-from fx_beam.scene.joints import Joint
+from fx_beam.scene.joints import Joint, joints_by_number, slides_at_start
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
