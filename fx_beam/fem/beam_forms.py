@@ -17,7 +17,6 @@ from .beam_drag import BeamDrag, DragForms, LossToDrag, PulledDrag, coefficients
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .mesh import Mesh
-from .natural_fields import NaturalFields
 from .parameter_values import ParameterValues
 from .resultant_derivatives import ResultantDerivatives, ResultantForm, bound
 from .section_fields import Data, DataShape, FilledField, distinct, on_beam, refill, section_data
@@ -565,3 +564,23 @@ def _shapes(data: Mapping[str, Data]) -> tuple[DataShape | None, DataShape | Non
     """Shapes of stiffnesses and retardation times, as `WeakForm` takes them."""
     stiffness, times = data.get("stiffness"), data.get("times")
     return stiffness and stiffness.shape, times and times.shape
+
+
+class NaturalFields:
+    """Functions in the place of UFL's fields of natural strains; none if they are not `present`."""
+
+    def __init__(self, mesh: Any, fields: Fields, present: bool):
+        #: The functions by their fields, and spaces by the names of derivatives.
+        self.data: dict[Any, Any] = {}
+        self.spaces: dict[str, Any] = {}
+        if present:
+            space = interval_mesh.gauss_space(mesh, fields.degree, 3)
+            self._points = dolfinx_api.element_dofs(space)
+            self.data = {field: dolfinx_api.function(space) for field in fields.natural}
+            self.spaces = {"natural": space, "natural_end": space}
+
+    def set(self, start: np.ndarray | None, end: np.ndarray | None = None) -> None:
+        """Set the strains (cells, degree, 3) at the start or at the end of the step."""
+        for function, values in zip(self.data.values(), (start, end), strict=False):
+            if values is not None:
+                function.x.array.reshape(-1, 3)[self._points] = values

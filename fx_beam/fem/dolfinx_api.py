@@ -25,8 +25,16 @@ from ufl.domain import extract_domains
 import numpy as np
 
 from . import ffcx_api
-from .elements import OF_UFL, beam, lagrange, values_at_points
-from .interval_mesh import OPTIONS_OF_JIT, compiled, coordinate_space, gauss_space
+from .interval_mesh import (
+    OF_UFL,
+    OPTIONS_OF_JIT,
+    beam,
+    compiled,
+    coordinate_space,
+    gauss_space,
+    lagrange,
+    values_at_points,
+)
 
 _log = logging.getLogger("fx_beam")
 

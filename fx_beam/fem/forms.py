@@ -15,14 +15,56 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
 
 from .beam_forms import BeamForms
-from .follower_loads import Followers
-from .free_nodes import with_blocks, with_pairs
+from .loads import Followers
 from .member_contacts import MemberContacts, members_touching
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForce, PointForces
 from .scene_forces import may_have_forces, point_forces
 from .step_start import StepStart
+
+
+def with_blocks(
+    data: np.ndarray, indices: np.ndarray, indptr: np.ndarray, size: int
+) -> scipy.sparse.csr_matrix:
+    """A matrix of compressed rows, with a block of 3 x 3 for each node that has no row in it.
+
+    Without such nodes it is a view on the data.
+    """
+    rows = len(indptr) - 1
+    if rows == size:
+        return scipy.sparse.csr_matrix((data, indices, indptr), (size, size), copy=False)
+    alone = np.arange(rows, size, dtype=indices.dtype).reshape(-1, 1, 3)
+    indices = np.concatenate([indices, np.repeat(alone, 3, axis=1).ravel()])
+    indptr = np.concatenate([indptr, indptr[-1] + 3 * np.arange(1, size - rows + 1)])
+    values = np.zeros(len(indices))
+    values[: len(data)] = data
+    return scipy.sparse.csr_matrix((values, indices, indptr), (size, size), copy=False)
+
+
+def with_pairs(
+    matrix: scipy.sparse.csr_matrix, pairs: np.ndarray
+) -> tuple[scipy.sparse.csr_matrix, np.ndarray | None]:
+    """A matrix with entries at some rows and columns (n, 2), and where its own values are.
+
+    If it has all of them, the matrix itself and None.
+    """
+    if not len(pairs):
+        return matrix, None
+    size = matrix.shape[0]
+    row = np.repeat(np.arange(size), np.diff(matrix.indptr))
+    own = row * size + matrix.indices
+    missing = np.setdiff1d(pairs[:, 0] * size + pairs[:, 1], own)
+    if not len(missing):
+        return matrix, None
+    keys = np.sort(np.concatenate([own, missing]))
+    rows, columns = np.divmod(keys, size)
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=size))])
+    positions = np.searchsorted(keys, own)
+    values = np.zeros(len(keys))
+    values[positions] = matrix.data
+    indices = columns.astype(matrix.indices.dtype), indptr.astype(matrix.indptr.dtype)
+    return scipy.sparse.csr_matrix((values, *indices), matrix.shape, copy=False), positions
 
 
 class Forces(Protocol):

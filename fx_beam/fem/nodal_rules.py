@@ -9,7 +9,7 @@ import scipy.sparse
 
 from fx_beam.laws.nodal_rates import NodalRates
 
-from .point_functions import PointFunction, point_functions
+from .compiled_laws import PointFunction, point_functions
 
 #: Arguments of a rule, four vectors and dt, and its values: an acceleration, its derivatives by the
 #: increment, rates and accelerations.

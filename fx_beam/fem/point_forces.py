@@ -17,7 +17,7 @@ from fx_beam.scene.structure import OtherStructureError
 from fx_beam.structs import Structs
 
 from .compiled_laws import CompiledLaw, compiled_law
-from .follower_loads import Followers
+from .loads import Followers
 from .member_contacts import MemberContacts
 from .parameter_values import ParameterValues
 from .step_start import StepStart

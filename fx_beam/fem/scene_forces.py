@@ -16,8 +16,7 @@ from fx_beam.laws.coordinates import (
     Kind,
 )
 from fx_beam.laws.gaps import circle_gap, line_gap
-from fx_beam.laws.node_laws import FOLLOWER, drag
-from fx_beam.laws.point_laws import PointLaw
+from fx_beam.laws.point_laws import FOLLOWER, PointLaw, drag
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate, Coulomb, Friction, bristle

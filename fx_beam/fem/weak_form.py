@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import ufl
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.check_arities import check_integrand_arity
 
 from fx_beam.errors import SceneError
-from fx_beam.laws.actuation import actuation
-from fx_beam.laws.decaying import DecayingResultants
 from fx_beam.laws.evolution import evolution_loss, evolved, law_of_step
-from fx_beam.laws.kinematics import arc_derivative, director
-from fx_beam.laws.resultants import ExactResultants
-from fx_beam.laws.retardation import viscous, viscous_loss
+from fx_beam.laws.kinematics import Step, arc_derivative, director
+from fx_beam.laws.resultants import (
+    DecayingResultants,
+    ExactResultants,
+    actuation,
+    viscous,
+    viscous_loss,
+)
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.internal_variables import InternalVariables
 from fx_beam.scene.law import Energy, Law, own_law, parameters_of_energy, quadratic_law
@@ -24,10 +29,43 @@ from fx_beam.scene.parameters import names_of, replaced
 from fx_beam.validation import fields_in, refuse_fields
 
 from . import dolfinx_api
-from .dolfinx_api import CompiledForm
+from .dolfinx_api import REFUSALS, CompiledForm
 from .fields import Fields
 from .section_fields import DataShape
-from .virtual_works import added_virtual_work
+
+
+def added_virtual_work(
+    works: Sequence[VirtualWork],
+    indicators: Sequence,
+    step: Step,
+    fields: Fields,
+    parameters: Mapping[str, Any],
+):
+    """Virtual work per length of all added forces, in UFL.
+
+    An indicator is 1 where a force acts. Functions and constants of the user are refused, but for
+    `parameters`, which come with what is in their place.
+    """
+    total = 0
+    for number, (work, inside) in enumerate(zip(works, indicators, strict=True), start=1):
+        what = f"virtual work {number}"
+        term = replaced(work.of(step, what), parameters)
+        known = [field for value in parameters.values() for field in fields_in(value)]
+        refuse_fields(fields_in(term), what, [*fields.known, *known])
+        if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [fields.test]:
+            raise SceneError(
+                f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
+                f"step.virtual_psi, not {term}"
+            )
+        try:
+            check_integrand_arity(apply_algebra_lowering(term), (fields.test,))
+        except REFUSALS as error:
+            raise SceneError(
+                f"{what}: the result must be linear in step.virtual_u and step.virtual_psi; {error}"
+            ) from error
+        total += term if work.beam is None else term * inside
+    return total
+
 
 #: Stored energy of a section, None for the quadratic one, and its internal variables.
 Material = tuple[Energy | None, InternalVariables | None]

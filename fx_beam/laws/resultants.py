@@ -1,4 +1,4 @@
-"""Stress resultants n and m of each time scheme, in UFL."""
+"""Stress resultants n and m of each time scheme, and of retardation, in UFL."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import ufl
 from fx_beam.scene.law import Law
 
 from .exact_work import exact_virtual_work
-from .kinematics import Step, director, elastic, perp, strains, tan, virtual_work
+from .kinematics import Step, differences, director, elastic, perp, strains, tan, virtual_work
 
 
 def work_of(forces, strains):
@@ -198,3 +198,114 @@ def discrete_gradient(law: Law, e0, e1, length):
     long_enough = ufl.gt(norm2, 6e-6**2)
     factor = ufl.conditional(long_enough, missing / ufl.conditional(long_enough, norm2, 1), 0)
     return tuple(r + factor * w for r, w in zip(mean, weighted, strict=True))
+
+
+@dataclass(frozen=True)
+class DecayingResultants:
+    """Resultants of a step, and the energies of its scheme."""
+
+    #: Resultants whose work is that of the stored energy, plus what the scheme takes.
+    exact: ExactResultants
+    #: Those of the stored energy alone.
+    mean: Resultants
+    #: Energy per length that the scheme takes in the step, and that it holds for the next one;
+    #: None if it holds none.
+    loss: Any
+    held: Any
+    #: What it held at the start, with the stiffness of this step; None likewise.
+    held_before: Any = None
+
+    @property
+    def N(self):
+        """Axial force [N]."""
+        return self.exact.N
+
+    @property
+    def Q(self):
+        """Shear force [N]."""
+        return self.exact.Q
+
+    @property
+    def M(self):
+        """Bending moment [N m]."""
+        return self.exact.M
+
+    def virtual_work(self, step: Step):
+        """Internal virtual work per length of the resultants."""
+        return self.exact.virtual_work(step)
+
+
+@dataclass(frozen=True)
+class Decaying:
+    """The averaged resultants plus damping/2 C (dE - r dE_before).
+
+    dE are the increments of the strains in this step, dE_before in the last one, C the stiffness,
+    and r the ratio of the steps' lengths, at most 1. With order 1, r is 0.
+    """
+
+    damping: Any
+    order: int
+
+    def __call__(self, step: Step, law: Law) -> DecayingResultants:
+        """The resultants of a step."""
+        # Of the motion alone: what natural strains do is no vibration.
+        now = differences(step.total_strains0, step.total_strains1)
+        rest, held, held_before, lost_before = now, None, None, 0.0
+        if self.order == 2:
+            before = differences(step.strains_before, step.total_strains0)
+            rest = [a - step.memory * b for a, b in zip(now, before, strict=True)]
+            # The work of the added resultants is the loss plus what the held energy gains:
+            # 2 dE.C rest = dE.C dE - r^2 dE_before.C dE_before + rest.C rest
+            held = self.damping / 4 * work_of(law.linear(now), now)
+            of_before = work_of(law.linear(before), before)
+            held_before = self.damping / 4 * of_before
+            lost_before = (1 - step.memory**2) * of_before
+        taken = law.linear(rest)
+        N, Q, M = (self.damping / 2 * force for force in taken)
+        share = 2 if self.order == 1 else 1
+        loss = self.damping / 4 * (share * work_of(taken, rest) + lost_before)
+        mean = averaged(step, law)
+        total = mean._replace(N=mean.N + N, Q=mean.Q + Q, M=mean.M + M)
+        return DecayingResultants(with_exact_work(step, total), mean, loss, held, held_before)
+
+
+def viscous(step: Step, law: Law, tau, level: float) -> Resultants | ExactResultants:
+    """C (tau Edot), with the stiffness C of the undeformed section and three retardation times.
+
+    At mid-step the strain rate is dE/dt, so that the loss is exact. Other schemes take the rate at
+    their level.
+    """
+    if level == 0.5:
+        return with_exact_work(step, at_averages(step, *_mean_forces(step, law, tau)))
+    dphi, t = step.t0 + step.prime(step.u), director(step.psi, step.t0)
+    rate = step.prime(step.v)
+    rates = (
+        ufl.dot(rate, t) + step.omega * ufl.dot(dphi, perp(t)),
+        ufl.dot(rate, perp(t)) - step.omega * ufl.dot(dphi, t),
+        step.prime(step.omega),
+    )
+    natural = step.natural_increments
+    N, Q, M = law.linear([tau[i] * (rates[i] - natural[i] / step.dt) for i in range(3)])
+    return Resultants(dphi, t, N, Q, M, m=M)
+
+
+def viscous_loss(step: Step, law: Law, tau):
+    """Energy per length that they take in a step, dE . C (tau dE) / dt; never negative."""
+    return work_of(_mean_forces(step, law, tau), step.strain_increments)
+
+
+def _mean_forces(step: Step, law: Law, tau):
+    """C (tau dE / dt)."""
+    return law.linear([tau[i] * dE / step.dt for i, dE in enumerate(step.strain_increments)])
+
+
+def actuation(step: Step, r: Any):
+    """Work per length -N.DE* of natural strains that change by DE* over a step.
+
+    With N.D(E - E*), the increment of the stored energy, it gives the work N.DE on the motion.
+    """
+    if isinstance(r, WeightedResultants):
+        r = r._replace(level=0.5)
+    elif isinstance(r, DecayingResultants):
+        r = r.mean
+    return -work_of((r.N, r.Q, r.M), step.natural_increments)

@@ -12,12 +12,13 @@ from fx_beam.scene.law import Law
 from fx_beam.scene.parameters import Parameter
 from fx_beam.validation import as_float, is_number, is_one_of, require, shown
 
-from .decaying import Decaying, DecayingResultants
 from .kinematics import Step
 from .nodal_rates import NodalRates
 from .rates import AtRest, MidPointRates, NewmarkRates
 from .resultants import (
     AtEnds,
+    Decaying,
+    DecayingResultants,
     Resultants,
     WeightedResultants,
     at_mid_step,

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from fx_beam.errors import SceneError
-from fx_beam.fem.dead_loads import columns_of
+from fx_beam.fem.loads import columns_of
 from fx_beam.scene.beam import Node
 from fx_beam.step.held_inputs import Ramp
 

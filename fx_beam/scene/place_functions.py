@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import LARGEST, TimeFunction, shaped, shown
+from fx_beam.validation import LARGEST, TimeFunction, shaped, shown, vector
 
 # Places at which a function is called to learn whether it takes arrays, in parts of the length.
 _SAMPLES = np.linspace(0.0, 1.0, 7)
@@ -68,3 +68,11 @@ class PlaceTimeFunction:
             if not (abs(values[i]) <= LARGEST).all():
                 raise SceneError(f"{what}: {shown(found)} is not finite, or too large")
         return values
+
+
+def values_along(
+    function: Callable[[float], np.ndarray], size: int, what: str, name: str, places: np.ndarray
+) -> np.ndarray:
+    """Values (n * size,) of a function of place at n places."""
+    checked = [vector(function(x), size, f"{what} at {name} = {x:g}") for x in places.tolist()]
+    return np.concatenate(checked)

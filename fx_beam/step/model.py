@@ -20,11 +20,10 @@ from fx_beam.coupling.redundancy import check_loops
 from fx_beam.coupling.rigid_points import RigidPoints
 from fx_beam.coupling.sliders import Sliders
 from fx_beam.errors import SceneError
-from fx_beam.fem.dead_loads import Loads
 from fx_beam.fem.forms import Forms
+from fx_beam.fem.loads import Loads, NaturalStrains
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
-from fx_beam.fem.natural_strains import NaturalStrains
 from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.fem.point_forces import PointForces
 from fx_beam.fem.step_start import StepStart

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from fx_beam.errors import StepError
-from fx_beam.fem.dead_loads import columns_of
+from fx_beam.fem.loads import columns_of
 from fx_beam.results.state import ARRAYS, State
 from fx_beam.validation import Constant
 

@@ -19,7 +19,7 @@ import pytest
 
 from fx_beam import c_library, library_cache
 from fx_beam.fem import ffcx_api
-from fx_beam.fem.point_functions import point_functions
+from fx_beam.fem.compiled_laws import point_functions
 from fx_beam.step import build
 
 

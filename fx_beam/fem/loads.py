@@ -1,0 +1,231 @@
+"""The loads and natural strains of a scene over time, as sums of unit loads."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.laws.interval import Interval, just_inside
+from fx_beam.scene.beam import Beam, Node, arc_lengths
+from fx_beam.scene.loads import Load, label
+from fx_beam.scene.natural_strains import NAMES, StrainPart
+from fx_beam.scene.place_functions import PlaceTimeFunction, values_along
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
+from fx_beam.validation import Constant, TimeFunction, evaluate, series
+
+from . import dolfinx_api
+from .mesh import Mesh
+
+
+def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
+    """Forces (size, 2 n) at the nodes of a beam of unit loads along x and y at its n Gauss points.
+
+    They are the weights of a Gauss rule times the Lagrange polynomials of the nodes.
+    """
+    nodes, elements = mesh.nodes[number], len(mesh.cells[number])
+    degree = (len(nodes) - 1) // elements
+    of_elements = nodes[np.arange(elements)[:, None] * degree + np.arange(degree + 1)]
+    weights, shape, slope = _rule(degree, rule)
+    stretch = np.linalg.norm(slope @ mesh.X[of_elements], axis=-1)  # (elements, rule)
+    forces = (weights * stretch)[..., None] * shape  # (elements, rule, degree + 1)
+    forces = np.repeat(forces[:, :, None], 2, axis=2)
+    rows = mesh.dofs[of_elements, :2].swapaxes(1, 2)  # (elements, 2, degree + 1)
+    rows = np.broadcast_to(rows[:, None], forces.shape)
+    starts = np.arange(0, forces.size + 1, degree + 1)
+    parts = forces.ravel(), rows.ravel(), starts
+    return scipy.sparse.csc_matrix(parts, (mesh.dofs.size, len(starts) - 1))
+
+
+@functools.cache
+def _rule(degree: int, rule: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights (rule,), and polynomials of equidistant nodes (rule, degree + 1), and slopes."""
+    x, weights = np.polynomial.legendre.leggauss(rule)
+    powers = np.arange(degree + 1)
+    of_nodes = np.linspace(0.0, 1.0, degree + 1)[:, None] ** powers
+    at = ((x + 1) / 2)[:, None]
+    slopes = powers * at ** np.maximum(powers - 1, 0)
+    shape, slope = (np.linalg.solve(of_nodes.T, values.T).T for values in (at**powers, slopes))
+    return weights / 2, shape, slope
+
+
+class UnitLoad(NamedTuple):
+    """Columns (values, rows, and entries of each) of unit loads with one function of time."""
+
+    function: TimeFunction
+    #: What it is, for messages.
+    what: str
+    values: np.ndarray
+    rows: np.ndarray
+    counts: np.ndarray
+
+
+class SumOfLoads:
+    """Sums of constant columns, those of unit loads, times functions of time."""
+
+    def __init__(self, scene: Scene, size: int):
+        values, rows, starts = self._read(scene)
+        #: Unit loads, as a matrix (size, n).
+        self.columns = scipy.sparse.csc_matrix((values, rows, starts), (size, len(starts) - 1))
+
+    def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
+        """Those of a scene."""
+        raise NotImplementedError
+
+    def _read(self, scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values, rows and starts of the columns."""
+        loads = self._unit_loads(scene)
+        widths = np.cumsum([0, *(len(load.counts) for load in loads)]).tolist()
+        #: Functions of time with the numbers of their first columns, and what they are of.
+        self.functions = [(i, load.function) for i, load in zip(widths, loads, strict=False)]
+        self._whats = [load.what for load in loads]
+        values = np.concatenate([np.empty(0), *(load.values for load in loads)])
+        rows = np.concatenate([np.empty(0, dtype=int), *(load.rows for load in loads)])
+        counts = np.concatenate([np.zeros(1, dtype=int), *(load.counts for load in loads)])
+        return values, rows, np.cumsum(counts)
+
+    def refill(self, scene: Scene) -> None:
+        """Set the loads to those of a scene of the same structure, whose mesh is set.
+
+        OtherStructureError if they act on other degrees of freedom.
+        """
+        values, rows, starts = self._read(scene)
+        known = self.columns
+        if not (np.array_equal(rows, known.indices) and np.array_equal(starts, known.indptr)):
+            raise OtherStructureError("loads act on other degrees of freedom")
+        known.data = values
+
+    @property
+    def constant(self) -> bool:
+        """Whether all loads are constant in time."""
+        return all(isinstance(function, Constant) for _, function in self.functions)
+
+    def at(self, t: float) -> np.ndarray:
+        """Their sum (size,) at the time t [s]; StepError if a function fails."""
+        if not self.functions:
+            return np.zeros(self.columns.shape[0])
+        pairs = zip(self.functions, self._whats, strict=True)
+        return self.columns @ np.concatenate([evaluate(f, t, what) for (_, f), what in pairs])
+
+    def series(self, times: np.ndarray) -> np.ndarray:
+        """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
+        pairs = zip(self.functions, self._whats, strict=True)
+        values = [series(function, times, what) for (_, function), what in pairs]
+        return np.hstack([np.empty((len(times), 0)), *values])
+
+
+class Loads(SumOfLoads):
+    """All dead loads as a nodal vector."""
+
+    def __init__(self, scene: Scene, mesh: Mesh):
+        self._mesh = mesh
+        super().__init__(scene, mesh.dofs.size)
+
+    def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
+        return [
+            self._line_load(scene, load, load.target)
+            if isinstance(load.target, Beam)
+            else self._nodal_load(load, load.target)
+            for load in scene.loads
+            if not load.follower
+        ]
+
+    def _nodal_load(self, load: Load, node: Node) -> UnitLoad:
+        dofs = self._mesh.dofs[node.number]
+        dofs = dofs[:2] if load.kind == "force" else dofs[2:]
+        ones = np.ones(len(dofs))
+        return UnitLoad(load.value, str(load), ones, dofs, ones.astype(int))
+
+    def _line_load(self, scene: Scene, load: Load, beam: Beam) -> UnitLoad:
+        """Loads at the Gauss points of the rule that integrates the interpolation exactly."""
+        function, rule = load.value, beam.degree + 1
+        unit = line_forces(self._mesh, scene.beams.index(beam), rule)
+        places = arc_lengths(beam, dolfinx_api.gauss_points(rule)).ravel()
+        if isinstance(function, PlaceTimeFunction):
+            function = function.over(places)
+        else:
+            each = np.tile(np.eye(2), (len(places), 1))
+            if load.along is not None:
+                what = f"line load on {label(beam)}"
+                each = values_along(load.along, 2, what, "s", places)[:, None]
+            unit = scipy.sparse.csc_matrix(unit @ each)
+        return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
+
+
+def columns_of(load: Load) -> int:
+    """Number of columns of a load."""
+    if isinstance(load.target, Beam) and isinstance(load.value, PlaceTimeFunction):
+        return 2 * load.target.elements * (load.target.degree + 1)
+    return 1 if load.kind == "moment" or load.along is not None else 2
+
+
+class NaturalStrains(SumOfLoads):
+    """Natural strains at all Gauss points."""
+
+    def __init__(self, scene: Scene, mesh: Mesh):
+        self._mesh = mesh
+        degree = scene.beams[0].degree if scene.beams else 1
+        #: Shape (cells, degree, 3) of the strains at the Gauss points.
+        self.shape = len(mesh.beam_of_cell), degree, 3
+        #: Number of strains at all Gauss points.
+        self.size = int(np.prod(self.shape))
+        super().__init__(scene, self.size)
+
+    def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
+        return [
+            self._strain(scene, strain.beam, name, part)
+            for strain in scene.natural_strains
+            for name, part in strain.parts.items()
+        ]
+
+    def _strain(self, scene: Scene, beam: Beam, name: str, part: StrainPart) -> UnitLoad:
+        function, degree = part.value, self.shape[1]
+        cells = self._mesh.cells[scene.beams.index(beam)]
+        points = degree * cells[:, None] + np.arange(degree)
+        rows = 3 * points.ravel() + [*NAMES].index(name)
+        places = (arc_lengths(beam, dolfinx_api.gauss_points(degree)) / beam.length).ravel()
+        values, counts = np.ones(len(rows)), np.array([len(rows)])
+        what = f"{NAMES[name]} of beam {beam.name!r}"
+        if isinstance(function, PlaceTimeFunction):
+            function, counts = function.over(places), np.ones(len(rows), dtype=int)
+        elif part.along is not None:
+            values = values_along(part.along, 1, what, "f", places)
+        return UnitLoad(function, what, values, rows, counts)
+
+    def __bool__(self):
+        return bool(self.functions)
+
+    def at(self, t: float) -> np.ndarray:
+        """Strains (cells, degree, 3) at the time t [s]; StepError if a function fails."""
+        return super().at(t).reshape(self.shape)
+
+
+class Followers:
+    """The follower forces of a scene in the frame of the section, at the level of a step."""
+
+    def __init__(self, scene: Scene, level: float):
+        self._loads = [load for load in scene.loads if load.follower]
+        self._level = level
+
+    def __len__(self):
+        return len(self._loads)
+
+    @property
+    def constant(self) -> bool:
+        """Whether all forces are constant in time."""
+        return all(isinstance(load.value, Constant) for load in self._loads)
+
+    def at(self, interval: Interval) -> np.ndarray:
+        """Forces (n, 2) [N] in a step."""
+        return self.series(np.array([interval.start]), np.array([interval.end]))[0]
+
+    def series(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
+        """Forces (steps, n, 2) [N] in each step."""
+        start, end = (
+            np.stack([series(load.value, times, str(load)) for load in self._loads], axis=1)
+            for times in just_inside(t0, t1)
+        )
+        return (1 - self._level) * start + self._level * end
