@@ -12,9 +12,8 @@ if importlib.util.find_spec("dolfinx") is None:
 
 from .derivatives.response import Response
 from .derivatives.static_response import StaticResponse
-from .equilibria.branches import Branch
+from .equilibria.branches import Branch, imperfect
 from .equilibria.critical_points import CriticalPoint
-from .equilibria.imperfection import imperfect
 from .equilibria.statics import static
 from .errors import Failure, SceneError, StepError
 from .laws.kinematics import Step
@@ -39,11 +38,10 @@ from .linear.rayleigh import rayleigh
 from .motions.dynamics import simulate
 from .motions.motion import Motion
 from .motions.snapshot import Snapshot
-from .orbits.backbone import backbone
 from .orbits.forced_response import forced_response
 from .orbits.periodic_family import PeriodicFamily
 from .orbits.periodic_motion import PeriodicMotion
-from .orbits.periodic_search import periodic
+from .orbits.periodic_search import backbone, periodic
 from .results.audit import BeamResultants, Energy, Stats
 from .results.contact import Contact
 from .results.joint_motion import JointMotion

@@ -46,8 +46,8 @@ from fx_beam.validation import (
 from .arc_length import ArcLength
 from .branch_step import first_step, is_equilibrium
 from .branches import Branch, grown
+from .critical_points import PathStability
 from .load_steps import LoadStepper
-from .path_stability import PathStability
 from .settling import Settling
 from .static_path import StaticPath, keep_path
 

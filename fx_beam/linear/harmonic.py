@@ -19,8 +19,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.validation import LARGEST, is_one_of, numbers, require
 
-from .equilibrium_check import check_equilibrium
-from .linearisation import Linearisation, linearised
+from .linearisation import Linearisation, check_equilibrium, linearised
 
 # Units of the columns of a response.
 _UNITS = {"x": "m", "y": "m", "rotation": "rad", "slide": "m", "angle": "rad"}

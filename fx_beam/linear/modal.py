@@ -17,8 +17,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.validation import as_float, is_flag, is_number, is_whole, require, shown
 
 from .damped_modes import lowest_damped
-from .equilibrium_check import check_equilibrium
-from .linearisation import linearised
+from .linearisation import check_equilibrium, linearised
 from .undamped_modes import first_of_largest, lowest
 
 

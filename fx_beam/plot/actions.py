@@ -14,7 +14,7 @@ from fx_beam.scene.place_functions import PlaceTimeFunction
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant
 
-from .digits import three_digits
+from .drawing import three_digits
 from .sheet import Sheet
 
 # Fractions of the drawing's size: arrows of forces, line loads and motions; radius of rotations.

@@ -18,8 +18,7 @@ from fx_beam.scene.beam import Node, arc_lengths
 from fx_beam.validation import is_name, numbers, require
 
 from .colouring import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
-from .digits import time_unit
-from .drawing import Drawing, axis, checked_drawing
+from .drawing import Drawing, axis, checked_drawing, time_unit
 from .supports import Supports
 from .symbols import nodes_of_joints, nodes_with_mass
 

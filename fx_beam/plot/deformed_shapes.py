@@ -17,8 +17,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
 from .colouring import SEQUENTIAL, Colouring
-from .digits import three_digits, time_unit
-from .drawing import Drawing, checked_drawing
+from .drawing import Drawing, checked_drawing, three_digits, time_unit
 from .members import Members
 from .plane import PICTURES, Plane, draw_obstacles, written
 from .supports import Supports

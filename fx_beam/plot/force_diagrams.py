@@ -17,8 +17,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.validation import is_flag, is_name, is_one_of, require, shown
 
 from .colouring import SIGNED, words_for
-from .digits import three_digits, time_unit
-from .drawing import Drawing
+from .drawing import Drawing, three_digits, time_unit
 from .plane import PICTURES, draw_obstacles, grid, written
 from .supports import Supports, draw_lines
 from .symbols import draw_joints

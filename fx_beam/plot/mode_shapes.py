@@ -15,8 +15,7 @@ from fx_beam.results.files import writable
 from fx_beam.scene.body import Body
 from fx_beam.validation import is_whole, require
 
-from .digits import three_digits
-from .drawing import Drawing
+from .drawing import Drawing, three_digits
 from .plane import PICTURES, grid, written
 from .supports import Supports, draw_lines
 from .symbols import draw_between, draw_bodies, draw_hinges

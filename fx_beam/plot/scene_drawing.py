@@ -16,8 +16,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.validation import is_flag, is_name, require, shown
 
 from .actions import draw_actions
-from .digits import three_digits
-from .drawing import Drawing
+from .drawing import Drawing, three_digits
 from .plane import PICTURES, draw_obstacles, written
 from .sheet import Sheet
 from .supports import Supports

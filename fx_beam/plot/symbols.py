@@ -13,10 +13,20 @@ from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.validation import require
 
-from .drawing import Drawing
-from .obstacles import Outline
-from .slide_direction import slide_direction
+from .drawing import Drawing, Outline
 from .supports import draw_lines, is_grounded, left_of, marker_size, on_ground, wall_strokes
+
+
+def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
+    """Unit vector (2,) of a slide in row k; on a beam that of the nodes beside the sliding node."""
+    if joint.axis is not None:
+        return drawing.turned(joint.a, k, joint.axis)
+    positions = drawing.positions(drawing.solution.nodes_of_beam[joint.beam.name], k)
+    nearest = int(np.argmin(np.hypot(*(positions - drawing.positions(joint.b.number, k)).T)))
+    ahead, behind = min(nearest + 1, len(positions) - 1), max(nearest - 1, 0)
+    along = positions[ahead] - positions[behind]
+    return along / np.hypot(*along)
+
 
 _JOINT: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
 _ARROW: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "units": "inches"}

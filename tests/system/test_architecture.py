@@ -120,7 +120,7 @@ HOMES = {
     "plot.deformed_shapes plot.animations plot.mode_shapes plot.force_diagrams plot.sheet "
     "plot.scene_drawing",
     "pyvista vtk vtkmodules": "plot.deformed_shapes",
-    "PIL imageio_ffmpeg": "plot.frames",
+    "PIL imageio_ffmpeg": "plot.animations",
     "tqdm": "motions.progress",
     "pandas xarray": "results.tables",
     "scooby tabulate": "studies.reporting",
