@@ -18,7 +18,7 @@ from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .resultant_derivatives import ResultantDerivatives, ResultantForm, bound
+from .pulled_form import ResultantDerivatives
 from .section_fields import Data, DataShape, FilledField, distinct, on_beam, refill, section_data
 from .step_start import Part, StepStart
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
@@ -341,17 +341,17 @@ class BeamForms:
     def derive_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
         if self._derived is None:
-            weak, data, spaces = self._varied(ResultantForm)
+            weak, data, spaces = self._varied(pulled_form.ResultantForm)
             mesh, degree = self._mesh.mesh, self.fields.degree
             weight = dolfinx_api.function(interval_mesh.gauss_space(mesh, degree, 3))
             data[weak.weight] = weight
             forms, spaces = self._bound_forms(weak.forms, self._space, spaces, data)
-
-            def bind(compiled: CompiledForm, space: Any, changes: dict[Any, Any]) -> Any:
-                return dolfinx_api.bind(compiled, mesh, space, data | changes, self._subdomains)
-
-            of_mesh = bound(weak, forms, spaces, bind, weight)
-            self._derived = ResultantDerivatives(of_mesh, self._mesh, degree, self.begin_part)
+            changes = {name: dolfinx_api.function(spaces[name]) for name in weak.changes}
+            data |= {symbol: changes[name] for name, symbol in weak.changes.items()}
+            space, tags = weight.function_space, self._subdomains
+            change = dolfinx_api.bind(weak.change, mesh, space, data, tags)
+            bound = forms, spaces, change, changes, weight
+            self._derived = ResultantDerivatives(*bound, self._mesh, self.begin_part)
         return self._derived
 
     def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
@@ -418,11 +418,6 @@ class BeamForms:
     def has_external(self) -> bool:
         """Whether there are virtual works of a user."""
         return self._weak.added is not None
-
-    @property
-    def energy_has_parameters(self) -> bool:
-        """Whether the stored energy depends on parameters."""
-        return bool(self._weak.names_in_energies)
 
     @property
     def depend_on_rates(self) -> bool:

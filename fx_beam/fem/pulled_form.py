@@ -112,88 +112,128 @@ def work_and_derivatives(
     return dict(zip(forms, compiled, strict=True))
 
 
-class PulledForm(WeakForm):
-    """The work of the internal forces of a step on weights in the place of virtual displacements.
+class DerivedForm(WeakForm):
+    """A quantity of a step, and its derivatives by all that it depends on.
 
-    With internal variables, their increments times further weights are added. All data of the
-    sections must vary, cell by cell at least.
+    All data of the sections must vary, cell by cell at least.
     """
+
+    title: str
+    flags: Sequence[str] = ()
 
     def __init__(self, parameters: Any, *arguments: Any):
         #: UFL's constant of the values of parameters; None without any.
         self._values = parameters
         super().__init__(*arguments)
 
+    def _quantity(self) -> Any:
+        """It, as an integral."""
+        raise NotImplementedError
+
     def _compile(self) -> None:
-        fields, by = self.fields, {}
+        fields, quantity = self.fields, self._quantity()
+        #: Zero, added to the parameters of each element.
+        self.more: Any = None
+        if self.parameters is not None:
+            self.more = fields.data((1, self.parameters.ufl_shape))
+        quantity = self._with_more(quantity)
+        by = {"before": fields.before, "internal": self.internal}
+        by |= dict(zip(("natural", "natural_end"), fields.natural, strict=True))
+        by |= {"stiffness": self.stiffness, "times": self.times, "parameters": self.more}
+        #: Those in the quantity by name.
+        self.by = {name: field for name, field in by.items() if field in quantity.coefficients()}
+        #: The quantity as "work", and its derivatives in the order of `Pulled` in problem.h.
+        self.forms = work_and_derivatives(self.title, quantity, fields, self.by, self.flags)
+
+    def _with_more(self, quantity: Any) -> Any:
+        if self.more is None:
+            return quantity
+        return ufl.replace(quantity, {self.parameters: self._values + self.more})
+
+
+class PulledForm(DerivedForm):
+    """The work of the internal forces of a step on weights in the place of virtual displacements.
+
+    With internal variables, their increments times further weights are added.
+    """
+
+    title, flags = "work", dolfinx_api.ONLY_IN_BATCHES
+
+    def _quantity(self) -> Any:
+        test = self.fields.test
         #: Weights in the place of the test function, and of the increments of internal variables.
-        self.weight = dolfinx_api.Coefficient(fields.test.ufl_function_space())
+        self.weight = dolfinx_api.Coefficient(test.ufl_function_space())
         self.internal_weight = None
-        work = ufl.replace(self._residual, {fields.test: self.weight})
-        if fields.before in work.coefficients():
-            by["before"] = fields.before
+        work = ufl.replace(self._residual, {test: self.weight})
         if self.width:
-            space = fields.internal(self.width)
+            space = self.fields.internal(self.width)
             self.internal_weight = dolfinx_api.Coefficient(space)
             grown = {ufl.TestFunction(space): self.internal_weight}
             work += ufl.replace(self._increments(), grown)
-            by["internal"] = self.internal
+        return work
+
+    def _compile(self) -> None:
+        super()._compile()
         weights = [self.weight, *[self.internal_weight] * bool(self.width)]
-        if self.has_natural:
-            by |= dict(zip(("natural", "natural_end"), fields.natural, strict=True))
-        #: Zero, added to the parameters of each element.
-        self.more = None
-        if self.parameters is not None:
-            self.more = fields.data((1, self.parameters.ufl_shape))
-            work = ufl.replace(work, {self.parameters: self._values + self.more})
-        data = {"stiffness": self.stiffness, "times": self.times, "parameters": self.more}
-        by |= {name: symbol for name, symbol in data.items() if symbol is not None}
-        #: The work, and its derivatives in the order of `Pulled` in problem.h.
-        flags = dolfinx_api.ONLY_IN_BATCHES
-        forms = work_and_derivatives("work", work, fields, by, flags)
-        self.work = WorkOnWeights(forms, weights)
+        #: The work with its weights.
+        self.work = WorkOnWeights(self.forms, weights)
 
 
-class StoredForm(WeakForm):
-    """The stored energy, and its derivatives by the start of a step, data and parameters."""
+class StoredForm(DerivedForm):
+    """The stored energy."""
 
-    def __init__(self, parameters: Any, *arguments: Any):
-        #: UFL's constant of the values of parameters; None without any.
-        self._values = parameters
-        super().__init__(*arguments)
+    title = "stored energy"
 
-    def _compile(self) -> None:
-        #: As `PulledForm.forms`; and zero, added to the parameters of each element.
-        self.forms, self.more = energy_forms(self, "stored energy", self._stored, self._values)
+    def _quantity(self) -> Any:
+        return self._stored
 
 
-class LossForm(WeakForm):
-    """What material and scheme take in a step, and its derivatives by all that it depends on."""
+class LossForm(DerivedForm):
+    """What material and scheme take in a step."""
 
-    def __init__(self, parameters: Any, *arguments: Any):
-        #: UFL's constant of the values of parameters; None without any.
-        self._values = parameters
-        super().__init__(*arguments)
+    title = "lost energy"
+
+    def _quantity(self) -> Any:
+        return self._losses["lost energy"] + self._losses["scheme's loss"]
+
+
+class ResultantForm(DerivedForm):
+    """Sums of weights times resultants at the Gauss points."""
+
+    title = "resultants"
+
+    def _quantity(self) -> Any:
+        #: Weights, each over the weight of its point.
+        self.weight = dolfinx_api.Coefficient(self.fields.internal(3))
+        return self._sum(self.weight)
 
     def _compile(self) -> None:
-        lost = self._losses["lost energy"] + self._losses["scheme's loss"]
-        #: As those of `StoredForm`.
-        self.forms, self.more = energy_forms(self, "lost energy", lost, self._values)
+        super()._compile()
+        fields = self.fields
+        X, of_X = fields.coordinates
+        by = self.by | {"increment": fields.increment, "start": fields.start}
+        changing = {name: field for name, field in by.items() if name in self.forms}
+        #: Symbols of the changes by name.
+        self.changes = {
+            name: dolfinx_api.Coefficient(field.ufl_function_space())
+            for name, field in changing.items()
+        }
+        at_points = self._with_more(self._sum(ufl.TestFunction(fields.internal(3))))
+        change: Any = 0
+        for name, field in changing.items():
+            change += ufl.derivative(at_points, field, self.changes[name])
+        if "coordinates" in self.forms:
+            self.changes["coordinates"] = dolfinx_api.Coefficient(of_X)
+            change += ufl.derivative(at_points, X, self.changes["coordinates"])
+        #: Changes of the resultants at the Gauss points, times the weights of these.
+        self.change = dolfinx_api.compile_form(change, "changes of resultants")
 
-
-def energy_forms(
-    weak: WeakForm, name: str, energy: Any, values: Any
-) -> tuple[dict[str, CompiledForm], Any]:
-    """An energy and its derivatives, and zero that is added to the parameters of each element."""
-    natural, natural_end = weak.fields.natural
-    by = {"stiffness": weak.stiffness, "times": weak.times, "internal": weak.internal}
-    by |= {"natural": natural, "natural_end": natural_end, "before": weak.fields.before}
-    more: Any = None
-    if weak.parameters is not None:
-        more = by["parameters"] = weak.fields.data((1, weak.parameters.ufl_shape))
-        energy = ufl.replace(energy, {weak.parameters: values + more})
-    there = {what: symbol for what, symbol in by.items() if symbol in energy.coefficients()}
-    return work_and_derivatives(name, energy, weak.fields, there), more
+    def _sum(self, weight: Any) -> Any:
+        dx, form = self.fields.measure(self.fields.degree), 0
+        for tag, resultants in enumerate(self.resultants):
+            dx_law = dx(tag) if len(self.resultants) > 1 else dx
+            form += ufl.dot(weight, resultants) / self.step.h * dx_law
+        return form
 
 
 def assembled(
@@ -217,3 +257,55 @@ def assembled(
             at_points = values.reshape(dofs.max() + 1, -1)
             found[name] = at_points.sum(axis=0) if name == "parameters" else at_points[dofs]
     return found
+
+
+class ResultantDerivatives:
+    """Derivatives in a step, which `begin` begins, of resultants by a form that is bound to a mesh.
+
+    Functions in the place of its symbols of changes and of weights are given by name and alone.
+    """
+
+    def __init__(
+        self,
+        forms: Mapping[str, Any],
+        spaces: Mapping[str, Any],
+        change: Any,
+        changes: Mapping[str, Any],
+        weight: Any,
+        mesh: Mesh,
+        begin: Callable[[Any], None],
+    ):
+        self._forms, self._spaces, self._mesh, self._begin = forms, spaces, mesh, begin
+        self._change, self._changes, self._weight = change, changes, weight
+        #: Weights (points, 1) of the Gauss points, relative to the element's length.
+        points = dolfinx_api.element_dofs(weight.function_space).shape[1]
+        self._point_weights = np.polynomial.legendre.leggauss(points)[1][:, None] / 2
+
+    def pull(self, part: Any, weights: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of the sum of weights (cells, points, 3) times N, Q and M, by name.
+
+        By "increment", "start" and "before" (size of beams,), "internal" variables, the data of
+        sections, strains "natural" at the start and "natural_end", "parameters", and "X".
+        """
+        self._begin(part)
+        dolfinx_api.set_at_gauss_points(self._weight, weights / self._point_weights)
+        return assembled(self._forms, self._spaces, self._mesh)
+
+    def push(self, part: Any, changes: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Changes (cells, points, 3) of N, Q and M from those by these names."""
+        self._begin(part)
+        for name, field in self._changes.items():
+            array, dofs = field.x.array, dolfinx_api.element_dofs(field.function_space)
+            if name in NODAL:
+                array[: self._mesh.in_beams] = changes[name][: self._mesh.in_beams]
+            elif name == "coordinates":
+                points = dolfinx_api.element_points(self._mesh.mesh)
+                array.reshape(-1, 2)[dofs] = changes["X"][points]
+            else:
+                values = changes[name]
+                values = values if name == "parameters" else values.reshape(*dofs.shape, -1)
+                array.reshape(dofs.max() + 1, -1)[dofs] = values
+        space = self._weight.function_space
+        sums, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
+        dolfinx_api.assemble_vector(sums, self._change)
+        return sums.reshape(-1, 3)[dofs] / self._point_weights
