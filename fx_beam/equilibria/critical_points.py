@@ -107,20 +107,56 @@ class CriticalPoint:
         return f"<CriticalPoint: {self.kind} at load factor {self.load_factor:.9g}{several}>"
 
 
-class CriticalPoints:
-    """Finds the critical points between the states of a path; `solved` makes solutions of one."""
+class PathStability:
+    """Stability of the states of a path; `solved` makes a solution of a single state.
+
+    The first state may be a bifurcation at which the path `branches_off`.
+    """
 
     def __init__(
-        self, stepper: LoadStepper, states: list[State], solved: Callable[[State], Solution]
+        self,
+        stepper: LoadStepper,
+        states: list[State],
+        solved: Callable[[State], Solution],
+        branches_off: bool = False,
     ):
         self._stepper, self._states, self._solved = stepper, states, solved
+        # There an eigenvalue is zero: it counts as the first state behind it.
+        self._first = int(branches_off and len(states) > 1)
         self._motions, self._arc = SmallMotions(stepper), ArcLength(stepper)
 
-    def between(self, counts: np.ndarray, failed: bool = False) -> list[CriticalPoint]:
-        """All of them, from the numbers of unstable modes (n,) of the states.
+    def found_when_read(self) -> Stability:
+        """For a solution."""
+        return Stability(self.unstable_modes, self.critical_points)
 
-        Also one at the end, or beyond the end of a path that has failed.
+    def unstable_modes(self) -> np.ndarray:
+        """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
+        states = self._states[self._first :]
+        known = [state.negative_eigenvalues for state in states]
+        if None in known and self._motions.model.flows:
+            raise ValueError(
+                "unstable_modes: where friction slips or material flows, the tangent is not "
+                "symmetric, and small motions have no modes"
+            )
+        counts: list[int] = []
+        limits = self._stepper.stats.limit_points
+        for count, state in zip(known, states, strict=True):
+            if counts and state.t in limits:
+                counts.append(counts[-1])  # an eigenvalue is zero
+            else:
+                counts.append(sum(self._motions.growing(state)) if count is None else count)
+        return np.array(counts[:1] * self._first + counts, dtype=int)
+
+    def critical_points(self) -> list[CriticalPoint]:
+        """The critical points between the states, and at their end; none if modes are unknown.
+
+        Those that are not located are told of by a warning.
         """
+        try:
+            counts = self.unstable_modes()
+        except ValueError as error:
+            _log.warning("critical_points: none is known. %s", error)
+            return []
         points: list[CriticalPoint] = []
         reasons: dict[int, str] = {}
         for row in np.flatnonzero(np.diff(counts)).tolist():
@@ -138,10 +174,15 @@ class CriticalPoints:
                 NOT_LOCATED,
                 next(iter(reasons.values())),
             )
-        return points + self.at_end(counts, failed)
+        return points + self._points_at_end(counts)
 
-    def at_end(self, counts: np.ndarray, failed: bool) -> list[CriticalPoint]:
-        """The one at the end of the last step, or a little beyond it if the path has failed."""
+    def at_end(self) -> list[CriticalPoint]:
+        """The critical point at the end of the path, or ahead of it if it has failed."""
+        return self._points_at_end(self.unstable_modes())
+
+    def _points_at_end(self, counts: np.ndarray) -> list[CriticalPoint]:
+        failure = self._stepper.stats.failure
+        failed = failure is not None and failure.kind != "too many steps"
         motions, row, count = self._motions, len(counts) - 2, int(counts[-1])
         if row < 0 or counts[row] != count or count == len(motions.unit):
             return []
@@ -229,62 +270,3 @@ class CriticalPoints:
             {body.name: body for body in scene.bodies},
             {beam.name: beam for beam in scene.beams},
         )
-
-
-class PathStability:
-    """Stability of the states of a path; `solved` makes a solution of a single state.
-
-    The first state may be a bifurcation at which the path `branches_off`.
-    """
-
-    def __init__(
-        self,
-        stepper: LoadStepper,
-        states: list[State],
-        solved: Callable[[State], Solution],
-        branches_off: bool = False,
-    ):
-        # There an eigenvalue is zero: it counts as the first state behind it.
-        self._first = int(branches_off and len(states) > 1)
-        self._motions, self._states = SmallMotions(stepper), states
-        self._points = CriticalPoints(stepper, states, solved)
-
-    def found_when_read(self) -> Stability:
-        """For a solution."""
-        return Stability(self.unstable_modes, self.critical_points)
-
-    def critical_points(self) -> list[CriticalPoint]:
-        """The critical points between the states, and at their end; none if modes are unknown."""
-        try:
-            counts = self.unstable_modes()
-        except ValueError as error:
-            _log.warning("critical_points: none is known. %s", error)
-            return []
-        return self._points.between(counts, self._failed)
-
-    def at_end(self) -> list[CriticalPoint]:
-        """The critical point at the end of the path, or ahead of it if it has failed."""
-        return self._points.at_end(self.unstable_modes(), self._failed)
-
-    @property
-    def _failed(self) -> bool:
-        failure = self._motions.stepper.stats.failure
-        return failure is not None and failure.kind != "too many steps"
-
-    def unstable_modes(self) -> np.ndarray:
-        """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
-        states = self._states[self._first :]
-        known = [state.negative_eigenvalues for state in states]
-        if None in known and self._motions.model.flows:
-            raise ValueError(
-                "unstable_modes: where friction slips or material flows, the tangent is not "
-                "symmetric, and small motions have no modes"
-            )
-        counts: list[int] = []
-        limits = self._motions.stepper.stats.limit_points
-        for count, state in zip(known, states, strict=True):
-            if counts and state.t in limits:
-                counts.append(counts[-1])  # an eigenvalue is zero
-            else:
-                counts.append(sum(self._motions.growing(state)) if count is None else count)
-        return np.array(counts[:1] * self._first + counts, dtype=int)

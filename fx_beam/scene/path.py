@@ -93,78 +93,58 @@ class Path:
 
     def angles(self) -> np.ndarray:
         """Angles (nodes,) of the reference tangent at the nodes, without jumps [rad]."""
-        p = self.degree
-        at = np.arange(len(self))
-        slopes = [self._derivative(min(i // p, len(self.h) - 1), i) for i in at]
-        return np.unwrap(np.angle(_complex(np.array(slopes))))
+        at, p = np.arange(len(self)), self.degree
+        e = np.minimum(at // p, len(self.h) - 1)
+        return np.unwrap(np.angle(_complex(self._over(self.X[None], e, (at - p * e) / p, 1))))
 
     @property
     def numbers(self) -> np.ndarray:
         """All numbers on which it depends."""
         return np.concatenate([self.s, self.X.ravel(), self.coefficients.ravel(), self.angles()])
 
-    def _derivative(self, element: int, node: int) -> np.ndarray:
-        x = (node - self.degree * element) / self.degree
-        return self._of_element(element, x, 1) @ self._nodes(element)
-
-    def _nodes(self, element: int) -> np.ndarray:
-        """Positions (3 p + 1, 2) of an element and its neighbours; zero where there is none."""
-        p, first = self.degree, self.degree * (element - 1)
-        index = np.arange(first, first + 3 * p + 1)
-        known = (index >= 0) & (index < len(self))
-        return np.where(known[:, None], self.X[np.clip(index, 0, len(self) - 1)], 0.0)
-
-    def _of_element(self, element: int, x: float, order: int) -> np.ndarray:
-        """Weights (3 p + 1,) or their derivatives by s, at the coordinate x in an element."""
-        powers = {
-            0: (1.0, x, x * x, x**3),
-            1: (0.0, 1.0, 2 * x, 3 * x * x),
-        }
-        return self.coefficients[element] @ powers[order] / self.h[element] ** order
-
-    def element(self, s: float) -> int:
-        """Element at an arc length; the first or last one beyond the ends."""
-        return int(np.clip(np.searchsorted(self.s, s, "right") - 1, 0, len(self.h) - 1))
-
-    def at(self, s: float, order: int = 0) -> tuple[int, np.ndarray]:
-        """First node, and weights (width,) of a window around s, or their derivatives by s."""
-        e = self.element(s)
-        w = self.first_of(e)
-        return self.degree * w, self._in_window(e, w, (s - self.s[e]) / self.h[e], order)
+    def element(self, s):
+        """Element at an arc length, or several; the first or last one beyond the ends."""
+        return np.clip(np.searchsorted(self.s, s, "right") - 1, 0, len(self.h) - 1)
 
     def position(self, s: float, order: int = 0) -> np.ndarray:
         """Reference position (2,) at an arc length [m], or its derivative."""
-        first, weights = self.at(s, order)
-        return weights @ self.X[first : first + self.width]
+        return self.over(self.X[None], np.array([s]), order)[0]
 
     def over(self, values: np.ndarray, s: np.ndarray, order: int = 0) -> np.ndarray:
         """Values (n, ...) at places s (n,), or derivatives, of those (n, nodes, ...) at nodes."""
-        last = len(self.h) - 1
-        e = np.clip(np.searchsorted(self.s, s, "right") - 1, 0, last)
-        x = (s - self.s[e]) / self.h[e]
-        powers = np.polynomial.polynomial.polyvander(x, 3)
-        if order:
-            powers = np.column_stack([0 * x, 1 + 0 * x, 2 * x, 3 * x * x])
-        weights = np.einsum("nak,nk->na", self.coefficients[e], powers)
-        weights = weights / self.h[e][:, None] ** order
-        nodes = self.degree * (e[:, None] - 1) + np.arange(weights.shape[1])
-        nodes = np.clip(nodes, 0, len(self) - 1)  # others have the weight 0
+        e = self.element(s)
+        return self._over(values, e, (s - self.s[e]) / self.h[e], order)
+
+    def _over(self, values: np.ndarray, e: np.ndarray, x: np.ndarray, order: int) -> np.ndarray:
+        """Values, or derivatives by s, at coordinates x (n,) in elements e (n,)."""
+        nodes = np.clip(self._nodes(e), 0, len(self) - 1)  # others have the weight 0
         near = np.take_along_axis(values, nodes.reshape(*nodes.shape, *[1] * (values.ndim - 2)), 1)
-        return np.einsum("na,na...->n...", weights, near)
+        return np.einsum("na,na...->n...", self._weights(e, x, order), near)
+
+    def _nodes(self, e: np.ndarray) -> np.ndarray:
+        """Nodes (n, 3 p + 1) of elements and their neighbours, also where there is none."""
+        return self.degree * (e[:, None] - 1) + np.arange(3 * self.degree + 1)
+
+    def _weights(self, e: np.ndarray, x: np.ndarray, order: int) -> np.ndarray:
+        """Weights (n, 3 p + 1) of nodes at coordinates x (n,) in elements, or derivatives by s."""
+        none, one = 0 * x, np.ones_like(x)
+        powers = (
+            (one, x, x * x, x * x * x),
+            (none, one, 2 * x, 3 * x * x),
+            (none, none, 2 * one, 6 * x),
+        )
+        weights = np.einsum("nak,nk->na", self.coefficients[e], np.column_stack(powers[order]))
+        return weights / self.h[e][:, None] ** order
 
     def weights_near(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Nodes (near,) with weights at places s (n,), and these, N, N' and N'' (3, n, near)."""
-        e = np.clip(np.searchsorted(self.s, s, "right") - 1, 0, len(self.h) - 1)
-        x, h = (s - self.s[e]) / self.h[e], self.h[e][:, None]
-        one, c = np.ones_like(x), self.coefficients[e]
-        powers = (one, x, x**2, x**3), (0 * x, one, 2 * x, 3 * x**2), (0 * x, 0 * x, 2 * one, 6 * x)
-        nodes = self.degree * (e[:, None] - 1) + np.arange(c.shape[1])
+        e = self.element(s)
+        x, nodes = (s - self.s[e]) / self.h[e], self._nodes(e)
         known = (nodes >= 0) & (nodes < len(self))
         near, at = np.unique(nodes[known], return_inverse=True)
         rows, weights = np.nonzero(known)[0], np.zeros((3, len(s), len(near)))
-        for order, own in enumerate(powers):
-            of_nodes = np.einsum("nak,nk->na", c, np.column_stack(own)) / h**order
-            weights[order, rows, at] = of_nodes[known]
+        for order in range(3):
+            weights[order, rows, at] = self._weights(e, x, order)[known]
         return near, weights
 
     def nearest_over(self, positions: np.ndarray, points: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -174,24 +154,15 @@ class Path:
             s = s + np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
         return s
 
-    def first_of(self, low: int) -> int:
-        """First element of the window for a step whose first element along the beam is `low`."""
-        return int(np.clip(low - 1, 0, len(self.h) - self.window))
-
-    def _in_window(self, element: int, window: int, x: float, order: int) -> np.ndarray:
-        """Weights (width,) in the window that begins with an element, at a coordinate."""
-        weights, out = self._of_element(element, x, order), np.zeros(self.width)
-        first = self.degree * (element - 1 - window)
-        low, high = max(first, 0), min(first + len(weights), self.width)
-        out[low:high] = weights[low - first : high - first]
-        return out
-
     def nearest(self, point: np.ndarray) -> tuple[float, float]:
         """Arc length of the nearest point of the reference path, and the distance to it [m]."""
         best = (np.inf, 0.0)
-        for e in self._near(point):
-            h = self.h[e]
-            c = self.coefficients[e].T @ self._nodes(e) - np.outer([1, 0, 0, 0], point)
+        every = np.arange(len(self.h))
+        nodes = np.clip(self._nodes(every), 0, len(self) - 1)  # others have the weight 0
+        from_point = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])
+        from_point[:, 0] -= point
+        for e in self._may_be_nearest(from_point):
+            c = from_point[e]
             # The square of the distance, a polynomial of degree 6, is stationary.
             square = np.zeros(7)
             for i in range(4):
@@ -204,16 +175,13 @@ class Path:
                 x = self._polish(c, x)
                 gap = float(np.hypot(*(c.T @ x ** np.arange(4))))
                 if gap < best[0] * (1 - 1e-9) - 1e-15 * self.length:
-                    best = gap, float(self.s[e] + h * x)
+                    best = gap, float(self.s[e] + self.h[e] * x)
         return best[1], best[0]
 
-    def _near(self, point: np.ndarray) -> np.ndarray:
-        """Elements that may have the nearest point of the reference path."""
-        p, e = self.degree, np.arange(len(self.h))[:, None]
-        nodes = np.clip(p * (e - 1) + np.arange(3 * p + 1), 0, len(self) - 1)
-        c = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])  # others: weight 0
+    def _may_be_nearest(self, c: np.ndarray) -> np.ndarray:
+        """Elements that may be nearest to a point, from which coefficients (n, 4, 2) measure."""
         powers = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(4)
-        distances = np.linalg.norm(powers @ c - point, axis=2).min(axis=1)
+        distances = np.linalg.norm(powers @ c, axis=2).min(axis=1)
         # No point is farther from one of these than a quarter of the largest slope.
         reach = np.linalg.norm(c[:, 1:], axis=2) @ [0.25, 0.5, 0.75]
         return np.flatnonzero(
