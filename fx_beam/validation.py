@@ -117,10 +117,27 @@ def positive(value, what: str, wanted: str = "a positive number") -> float:
     return number
 
 
-def array_of(value, what: str, wanted: str = "an array of numbers") -> np.ndarray:
+def finite(value, what: str, sign: str = "", more: str = "") -> float:
+    """A number of a size with which one can compute, and "positive" or "not negative"."""
+    number = as_float(value)
+    fits = is_number(value) and (number > 0 or not sign or (number == 0 and sign != "positive"))
+    require(fits, what, value, f"finite{sign and f' and {sign}'}{more}")
+    return number
+
+
+def set_finite(part, name: str, sign: str = "", optional: bool = False) -> None:
+    """Make a number of a frozen dataclass a float; see `finite`."""
+    value = getattr(part, name)
+    if value is not None or not optional:
+        more = ", or None" if optional else ""
+        number = finite(value, f"{type(part).__name__}: {name}", sign, more)
+        object.__setattr__(part, name, number)
+
+
+def array_of(value, what: str) -> np.ndarray:
     """New array of real numbers of any shape, finite or not; SceneError for others."""
     array = numbers(value)
-    require(array.shape != (0, 0), what, value, wanted)
+    require(array.shape != (0, 0), what, value, "an array of numbers")
     return array
 
 
@@ -221,14 +238,19 @@ class Constant:
         return np.broadcast_to(self._value, (len(arguments), len(self._value)))
 
 
-def check_takes_time(function, what: str) -> None:
-    """Refuse a function whose parameters show that it depends on position instead of time."""
+def argument_names(function) -> list[str]:
+    """Names of the arguments that a function must be given; none if it does not tell."""
     try:
         parameters = list(inspect.signature(function).parameters.values())
     except (TypeError, ValueError):  # a constant, or a function without a signature
-        return
+        return []
     kinds = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
-    names = [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
+    return [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
+
+
+def check_takes_time(function, what: str) -> None:
+    """Refuse a function whose parameters show that it depends on position instead of time."""
+    names = argument_names(function)
     if len(names) > 1 or names and names[0].lower() in _PLACES:
         raise SceneError(
             f"{what}: the function takes ({', '.join(names)}), but it is called with the time t "

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import as_float, is_number, require
+from fx_beam.validation import as_float, is_number, require, set_finite
 
 from .joints import Joint
 from .outputs import Output
@@ -104,9 +104,7 @@ class Fuse:
 
     def __post_init__(self):
         require(isinstance(self.joint, Joint), "Fuse: joint", self.joint, "a joint of the scene")
-        fits = is_number(self.force) and as_float(self.force) > 0
-        require(fits, "Fuse: force", self.force, "finite and positive")
-        object.__setattr__(self, "force", as_float(self.force))
+        set_finite(self, "force", "positive")
 
 
 def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,14 +13,14 @@ from ufl.corealg.traversal import unique_pre_traversal
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import as_float, fields_in, is_number, refuse_fields, require
+from fx_beam.validation import fields_in, is_number, refuse_fields, require, set_finite
 
 from .inputs import Input, time_function
 from .internal_variables import InternalVariables
-from .law import Energy, check_energy, check_internal, parameters_of_energy
+from .law import Energy, check_energy, check_internal, functions_of_energy
 from .parameters import Parameter, parameters_in
 from .stop import Stop, as_stop
-from .symbols import expression_of
+from .symbols import SCALARS, expression_of
 
 
 @dataclass(frozen=True)
@@ -86,21 +86,10 @@ class Coulomb:
     damping: float | None = None
 
     def __post_init__(self):
-        mu, stiffness = as_float(self.mu), as_float(self.stiffness)
-        fits = is_number(self.mu) and mu >= 0
-        require(fits, "Coulomb: mu", self.mu, "finite and not negative")
-        fits = is_number(self.stiffness) and stiffness > 0
-        require(fits, "Coulomb: stiffness", self.stiffness, "finite and positive")
-        if self.radius is not None:
-            fits = is_number(self.radius) and as_float(self.radius) > 0
-            require(fits, "Coulomb: radius", self.radius, "finite and positive, or None")
-            object.__setattr__(self, "radius", as_float(self.radius))
-        if self.damping is not None:
-            fits = is_number(self.damping) and as_float(self.damping) >= 0
-            require(fits, "Coulomb: damping", self.damping, "finite and not negative, or None")
-            object.__setattr__(self, "damping", as_float(self.damping))
-        object.__setattr__(self, "mu", mu)
-        object.__setattr__(self, "stiffness", stiffness)
+        set_finite(self, "mu", "not negative")
+        set_finite(self, "stiffness", "positive")
+        set_finite(self, "radius", "positive", optional=True)
+        set_finite(self, "damping", "not negative", optional=True)
 
 
 def bristle(friction: Coulomb, share: Any, mobility: Any) -> list[Any]:
@@ -179,8 +168,8 @@ class Spring:
     internal: InternalVariables | None = None
 
     def __post_init__(self):
-        _check(self, "stiffness")
-        _check(self, "rest", -math.inf)
+        set_finite(self, "stiffness", "not negative")
+        set_finite(self, "rest")
         if self.internal is not None:
             check_internal(self.internal, self.strain_energy, "Spring", "x")
         if self.strain_energy is not None:
@@ -220,7 +209,7 @@ class Damper:
     law: Callable[[Any], Any] | None = None
 
     def __post_init__(self):
-        _check(self, "viscosity")
+        set_finite(self, "viscosity", "not negative")
         if self.law is not None:
             _check_law(self.law)
 
@@ -269,8 +258,8 @@ class Friction:
         if callable(self.force):
             _check_magnitude(self.force)
         else:
-            _check(self, "force")
-        _check(self, "speed")
+            set_finite(self, "force", "not negative")
+        set_finite(self, "speed", "not negative")
         if not self.speed:
             raise SceneError(
                 "Friction: speed = 0 must be positive. It is the rate below which the friction is "
@@ -348,15 +337,6 @@ def checked_coordinate(what: str, spring, damper, motor, friction=None, stop=Non
     return Coordinate(spring, damper, motor, friction, stop)
 
 
-def _check(part: Spring | Damper | Friction, name: str, lowest: float = 0.0) -> None:
-    """Refuse a value that is not a number in range; keep it as a float."""
-    value = getattr(part, name)
-    wanted = "finite" if lowest < 0 else "finite and not negative"
-    fits = is_number(value) and as_float(value) >= lowest
-    require(fits, f"{type(part).__name__}: {name}", value, wanted)
-    object.__setattr__(part, name, as_float(value))
-
-
 def _check_magnitude(force: Callable[[Any], Any]) -> None:
     """Refuse a magnitude of friction that is no UFL expression of the rate, or negative."""
     expression = _law_of(force, 0.1, "Friction: force(rate)")
@@ -406,12 +386,15 @@ def _value(law: Callable[[Any], Any], rate: float, call: str) -> Any:
         return math.nan
 
 
-def parameters_of(on: Coordinate) -> list[Parameter]:
-    """Parameters in the laws on a coordinate."""
-    parameters: list[Parameter] = []
+def functions_of(on: Coordinate) -> Iterator[tuple[str, Any]]:
+    """Expressions of the user's functions on a coordinate, by kind."""
     if on.spring is not None:
-        parameters += parameters_of_energy(on.spring.strain_energy, on.spring.internal, 1)
+        yield from functions_of_energy(on.spring.strain_energy, on.spring.internal, 1)
     for law in (on.damper and on.damper.law, getattr(on.friction, "force", None)):
         if callable(law):
-            parameters += parameters_in(law(ufl.as_ufl(0.1)))
-    return parameters
+            yield "law", ufl.as_ufl(law(SCALARS[0]))
+
+
+def parameters_of(on: Coordinate) -> list[Parameter]:
+    """Parameters in the laws on a coordinate."""
+    return parameters_in(*(expression for _, expression in functions_of(on)))

@@ -15,10 +15,10 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import fields_in, refuse_fields, vector
 
 from .beam import Node
-from .coordinate import Coordinate, Coulomb, parameters_of
+from .coordinate import Coordinate, Coulomb, functions_of
 from .notebook import html_table
 from .parameters import Parameter, parameters_in
-from .symbols import expression_of
+from .symbols import SCALARS, expression_of
 
 #: ``force(distance, rate, t)`` in UFL.
 Pull = Callable[[Any, Any, Any], Any]
@@ -95,12 +95,15 @@ class ForceBetween:
         )
 
     @property
+    def functions(self) -> list[tuple[str, Any]]:
+        """Expressions of the user's functions, by kind."""
+        force = [] if self.force is None else [("force", ufl.as_ufl(self.force(*SCALARS[:3])))]
+        return [*functions_of(self.on), *force]
+
+    @property
     def parameters(self) -> list[Parameter]:
-        """Parameters in its functions."""
-        parameters = parameters_of(self.on)
-        if self.force is not None:
-            parameters += parameters_in(self.force(*map(ufl.as_ufl, (0.1, 0.1, 0.1))))
-        return parameters
+        """Parameters of its laws and of its force."""
+        return parameters_in(*(expression for _, expression in self.functions))
 
 
 def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size: float):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,7 @@ from fx_beam.validation import fields_in, refuse_fields, require
 
 from .internal_variables import InternalVariables, check_dissipation
 from .parameters import Parameter, parameters_in
-from .symbols import SCALARS, expression_of
+from .symbols import SCALARS, Symbol, expression_of
 
 Energy = Callable[..., Any]
 
@@ -214,17 +215,32 @@ def _check_convexity(W: Any, e: list[Any], what: str, strains: tuple[str, ...]) 
             )
 
 
+def functions_of_energy(
+    energy: Energy | None, internal: InternalVariables | None, strains: int
+) -> Iterator[tuple[str, Any]]:
+    """Expressions of a stored energy and its internal variables, by kind."""
+    if energy is None:
+        return
+    e0, e, dt = SCALARS[:strains], SCALARS[3 : 3 + strains], SCALARS[6]
+    if internal is None:
+        yield "strain_energy", ufl.as_ufl(energy(*e))
+        return
+    a = _vector(len(internal.names))
+    yield "strain_energy", ufl.as_ufl(energy(*e, a))
+    yield "update", internal.updated(a, e0, e, dt)
+
+
+@functools.cache
+def _vector(size: int) -> Any:
+    return ufl.as_vector([Symbol() for _ in range(size)])
+
+
 def parameters_of_energy(
     energy: Energy | None, internal: InternalVariables | None, strains: int
 ) -> list[Parameter]:
-    """Parameters in a checked stored energy of so many strains, and in the update that it has."""
-    if energy is None:
-        return []
-    e = [ufl.as_ufl(0.1)] * strains
-    if internal is None:
-        return parameters_in(energy(*e))
-    a = ufl.as_vector([ufl.as_ufl(0.1)] * len(internal.names))
-    return parameters_in(energy(*e, a), internal.updated(a, e, e, ufl.as_ufl(1.0)))
+    """Parameters in a stored energy and its internal variables."""
+    functions = functions_of_energy(energy, internal, strains)
+    return parameters_in(*(expression for _, expression in functions))
 
 
 def check_internal(internal: Any, strain_energy: Energy | None, part: str, arguments: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,6 +14,7 @@ from fx_beam.validation import (
     CheckedFunction,
     Constant,
     TimeFunction,
+    argument_names,
     checked_function,
     vector,
 )
@@ -83,12 +83,7 @@ def _part(beam: Beam, name: str, value) -> StrainPart:
 
 def _arguments(function: Callable, what: str) -> list[str]:
     """Names of the arguments of a function, which say what it is of."""
-    try:
-        parameters = list(inspect.signature(function).parameters.values())
-    except (TypeError, ValueError):  # a function of C without a signature
-        parameters = []
-    kinds = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
-    names = [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
+    names = argument_names(function)
     if names not in (["f"], ["t"], ["f", "t"]):
         raise SceneError(
             f"{what}: the arguments of the function are ({', '.join(names)}). Name them f for the "

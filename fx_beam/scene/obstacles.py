@@ -10,11 +10,13 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.validation import (
     as_float,
+    finite,
     is_flag,
     is_number,
     is_whole,
     numbers,
     require,
+    set_finite,
     shown,
     vector,
 )
@@ -143,10 +145,8 @@ class Circle:
     inside: bool = False
 
     def __post_init__(self):
-        fits = is_number(self.radius) and as_float(self.radius) > 0
-        require(fits, "Circle: radius", self.radius, "finite and positive")
+        set_finite(self, "radius", "positive")
         require(is_flag(self.inside), "Circle: inside", self.inside, "True or False")
-        object.__setattr__(self, "radius", as_float(self.radius))
         object.__setattr__(self, "centre", _place(self.centre, "Circle: centre"))
 
     @property
@@ -346,9 +346,7 @@ def checked_obstacle(
     if isinstance(shape, Beam):
         radius = checked_radii(what, radius)
     else:
-        fits = is_number(radius) and as_float(radius) >= 0
-        require(fits, f"{what}: radius", radius, "finite and not negative")
-        radius = as_float(radius)
+        radius = finite(radius, f"{what}: radius", "not negative")
     if along is not None:
         require(isinstance(target, Beam), f"{what}: along", along, "None, as a node has no length")
         fits = is_whole(along, 1, _MOST_POINTS)

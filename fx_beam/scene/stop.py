@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fx_beam.errors import SceneError
-from fx_beam.validation import as_float, is_number, require, shown
+from fx_beam.validation import as_float, finite, require, set_finite, shown
 
 # With less a contact opens without a force, and Newton's method has no slope: of 1000 steps of an
 # elastic ring on a plane 94 had to be halved with 0, none with 0.02.
@@ -66,10 +66,7 @@ class Stop:
 
     def __post_init__(self):
         for name in ("lower", "upper"):
-            value = getattr(self, name)
-            if value is not None:
-                require(is_number(value), f"Stop: {name}", value, "finite, or None")
-                object.__setattr__(self, name, as_float(value))
+            set_finite(self, name, optional=True)
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
@@ -131,16 +128,13 @@ def loss_of(restitution: float) -> float:
 
 def checked_impact(what: str, stiffness, restitution, speed) -> tuple[float, float, float | None]:
     """Stiffness, restitution and speed of a contact; SceneError if one is out of range."""
-    k, e = as_float(stiffness), as_float(restitution)
-    fits = is_number(stiffness) and k > 0
-    require(fits, f"{what}: stiffness", stiffness, "finite and positive")
+    k, e = finite(stiffness, f"{what}: stiffness", "positive"), as_float(restitution)
     require(0 <= e <= 1, f"{what}: restitution", restitution, "a number from 0 to 1")
     if speed is not None:
-        fits = is_number(speed) and as_float(speed) > 0
-        require(fits, f"{what}: speed", speed, "finite and positive")
+        speed = finite(speed, f"{what}: speed", "positive")
     elif e < 1:
         raise SceneError(
             f"{what}: a restitution below 1 needs a speed, the rate below which the loss is "
             "viscous. Try a hundredth of the speed of the impacts"
         )
-    return k, e, None if speed is None else as_float(speed)
+    return k, e, speed

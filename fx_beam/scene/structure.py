@@ -10,28 +10,26 @@ import copy
 import functools
 import itertools
 import operator
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
-
-import ufl
 
 import numpy as np
 
 from .beam import Beam, Node
 from .body import Body
-from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring
+from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, functions_of
 from .forces_between import ForceBetween
 from .internal_variables import InternalVariables
 from .joints import Joint
-from .law import Energy
+from .law import functions_of_energy
 from .loads import Drag, Load, Velocity, VirtualWork
 from .natural_strains import StrainPart
 from .obstacles import Circle, Line, Obstacle
 from .scene import Scene
 from .section import Section
 from .stop import Stop
-from .symbols import SCALARS, STEP, Symbol
+from .symbols import STEP
 
 
 def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
@@ -43,46 +41,16 @@ def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
         numbers = {key: number for number, key in enumerate(distinct)}
         own.append(("sections", [numbers[id(section)] for section in sections]))
         for section in distinct.values():
-            own += _of_energy(section.strain_energy, section.internal, 3)
+            own += functions_of_energy(section.strain_energy, section.internal, 3)
     for joint in scene.joints:
         for on in filter(None, (joint.slide, joint.rotation)):
-            own += _of_coordinate(on)
+            own += functions_of(on)
     for obstacle in scene.obstacles:
-        own += _of_energy(obstacle.energy, None, 1)
+        own += functions_of_energy(obstacle.energy, None, 1)
     for force in scene.forces_between:
-        own += _of_coordinate(force.on)
-        if force.force is not None:
-            own.append(("force", ufl.as_ufl(force.force(*SCALARS[:3]))))
+        own += force.functions
     works = [work.of(STEP, "virtual work") for work in scene.virtual_works]
     return own + [("virtual work", work) for work in works]
-
-
-def _of_energy(
-    energy: Energy | None, internal: InternalVariables | None, strains: int
-) -> Iterator[tuple[str, Any]]:
-    if energy is None:
-        return
-    e0, e, dt = SCALARS[:strains], SCALARS[3 : 3 + strains], SCALARS[6]
-    if internal is None:
-        yield "strain_energy", ufl.as_ufl(energy(*e))
-        return
-    a = _vector(len(internal.names))
-    yield "strain_energy", ufl.as_ufl(energy(*e, a))
-    yield "update", internal.updated(a, e0, e, dt)
-
-
-def _of_coordinate(on: Coordinate) -> Iterator[tuple[str, Any]]:
-    if on.spring is not None:
-        yield from _of_energy(on.spring.strain_energy, on.spring.internal, 1)
-    for law in (on.damper and on.damper.law, getattr(on.friction, "force", None)):
-        if callable(law):
-            yield "law", ufl.as_ufl(law(SCALARS[0]))
-
-
-@functools.cache
-def _vector(size: int) -> Any:
-    """A vector of symbols."""
-    return ufl.as_vector([Symbol() for _ in range(size)])
 
 
 #: Attributes of which only the kind must be the same: an array keeps its shape, a function of time
