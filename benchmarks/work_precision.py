@@ -40,11 +40,11 @@ from time import perf_counter
 
 import numpy as np
 from demo_scenes import ROOT, demo, scene
+from fronts import draw_fronts
 from scipy.integrate import cumulative_trapezoid
 
 import fx_beam as fb
 from fx_beam.studies.reporting import short, table, write_csv
-from fx_beam.studies.work_precision.fronts import draw_fronts
 from fx_beam.studies.work_precision.precision import floor
 
 # One line adds a candidate.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 
-from fx_beam.linear.modal import Modes
+from fx_beam.linear.modal import Modes, modes_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.stability import Stability
 from fx_beam.results.state import State
@@ -253,20 +253,15 @@ class PathStability:
 
     def _modes(self, state: State, vectors: np.ndarray, square: float) -> Modes:
         self._motions.stiffness(state)  # the couplings are then those of this state
-        model, T = self._stepper.model, self._motions.coupling()
-        mesh, scene, count = model.mesh, model.scene, vectors.shape[1]
-        shapes = np.array([model.to_nodes(T @ vector) for vector in vectors.T])
+        count = vectors.shape[1]
         omega = np.sign(square) * np.sqrt(abs(square))
         root = -omega if square < 0 else 1j * omega
-        return Modes(
+        return modes_of(
+            self._stepper.model,
+            state.q,
+            self._motions.coupling() @ vectors,
             np.full(count, omega),
             np.zeros(count, dtype=bool),
-            shapes,
-            mesh.X + model.to_nodes(state.q)[:, :2],
-            {beam.name: nodes for beam, nodes in zip(scene.beams, mesh.nodes, strict=True)},
-            scene.beams[0].degree if scene.beams else 1,
             np.full(count, np.nan if square < 0 else 0.0),
             np.full(count, root),
-            {body.name: body for body in scene.bodies},
-            {beam.name: beam for beam in scene.beams},
         )

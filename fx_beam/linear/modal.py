@@ -14,6 +14,7 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.body import Body
 from fx_beam.scene.notebook import sketch
 from fx_beam.scene.scene import Scene
+from fx_beam.step.model import Model
 from fx_beam.validation import as_float, is_flag, is_number, is_whole, require, shown
 
 from .damped_modes import lowest_damped
@@ -262,12 +263,17 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
         ratios, roots = np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega)
     else:
         omega, rigid, ratios, roots, vectors = lowest_damped(K, C, M, n)
-    shapes = np.array([model.to_nodes(about.T @ vector) for vector in vectors.T])
-    positions = model.mesh.X + model.to_nodes(about.start.q)[:, :2]
-    beams = {beam.name: beam for beam in scene.beams}
+    return modes_of(model, about.start.q, about.T @ vectors, omega, rigid, ratios, roots)
+
+
+def modes_of(model: Model, q, vectors, omega, rigid, ratios, roots) -> Modes:
+    """Modes about a configuration q (size,), from motions (size, n) of its nodes."""
+    shapes = np.array([model.to_nodes(vector) for vector in vectors.T])
+    positions = model.mesh.X + model.to_nodes(q)[:, :2]
+    beams = {beam.name: beam for beam in model.scene.beams}
     nodes = dict(zip(beams, model.mesh.nodes, strict=True))
-    degree = scene.beams[0].degree if scene.beams else 1
-    bodies = {body.name: body for body in scene.bodies}
+    degree = model.scene.beams[0].degree if beams else 1
+    bodies = {body.name: body for body in model.scene.bodies}
     return Modes(omega, rigid, shapes, positions, nodes, degree, ratios, roots, bodies, beams)
 
 

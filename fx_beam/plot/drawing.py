@@ -17,7 +17,7 @@ from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
 from fx_beam.scene.obstacles import Circle, Line, Obstacle
-from fx_beam.validation import as_float, is_whole, numbers, positive, require
+from fx_beam.validation import is_whole, numbers, positive, require
 
 # Fractions of the scene's size: what is drawn beyond the nearest positions, distance and length
 # of the strokes. An obstacle farther away than the size is not drawn.
@@ -343,17 +343,12 @@ class Drawing:
             return rf"{stats.scheme}, $\Delta t$ = {dt} {unit}" + magnified
         return f"{stats.scheme}, {stats.steps} steps to {t[-1]:g} s" + magnified
 
-    def check(self) -> None:
-        """Raise an error for rows that the solution does not have."""
-        require(isinstance(self.solution, Solution), "solution", self.solution, "a Solution")
-        rows = len(self.solution.t)
-        fits = numbers(self.rows).ndim == 1 and all(is_whole(k, 0, rows - 1) for k in self.rows)
-        wanted = f"rows of the solution, such as range(0, {rows}, {max(1, rows // 10)})"
-        require(fits and len(self.rows) > 0, "steps", self.rows, wanted)
-        positive(self.magnify, "magnify")
-
 
 def checked_drawing(solution: Solution, steps: Sequence[int], magnify: float) -> Drawing:
-    """A drawing of some rows; ValueError for what the solution does not have."""
-    Drawing(solution, steps, magnify).check()
-    return Drawing(solution, list(steps), as_float(magnify))
+    """A drawing of rows of a solution; SceneError for what does not fit."""
+    require(isinstance(solution, Solution), "solution", solution, "a Solution")
+    rows = len(solution.t)
+    fits = numbers(steps).ndim == 1 and all(is_whole(k, 0, rows - 1) for k in steps)
+    wanted = f"rows of the solution, such as range(0, {rows}, {max(1, rows // 10)})"
+    require(fits and len(steps) > 0, "steps", steps, wanted)
+    return Drawing(solution, list(steps), positive(magnify, "magnify"))

@@ -17,7 +17,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.validation import is_flag, is_name, is_one_of, require, shown
 
 from .colouring import SIGNED, words_for
-from .drawing import Drawing, three_digits, time_unit
+from .drawing import Drawing, checked_drawing, three_digits, time_unit
 from .plane import PICTURES, draw_obstacles, grid, written
 from .supports import Supports, draw_lines
 from .symbols import draw_joints
@@ -73,7 +73,7 @@ def diagrams(
         For a row or quantities that the solution does not have, or one without beams.
     """
     path = None if path is None else writable(path, PICTURES)
-    Drawing(solution, [row], 1.0).check()
+    checked_drawing(solution, [row], 1.0)
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
     names = list(quantities) if isinstance(quantities, Iterable) else []

@@ -99,7 +99,7 @@ def test_rooms_say_what_they_hold_and_nothing_else():
 
 def test_pictures_are_imported_by_what_writes_reports_only():
     drawing = {module for module in SOURCES if "plot" in own_imports(module)}
-    assert {module.rpartition(".")[2] for module in drawing} <= {"picture", "fronts", "report"}
+    assert {module.rpartition(".")[2] for module in drawing} <= {"picture", "report"}
 
 
 def test_the_model_knows_nothing_of_solutions():

@@ -13,10 +13,11 @@ import fx_beam as fb
 from fx_beam import work_precision
 from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, sentence, study
 from fx_beam.studies.work_precision.accuracy import History
-from fx_beam.studies.work_precision.fronts import draw_fronts, front
 from fx_beam.studies.work_precision.picture import draw
 from fx_beam.studies.work_precision.precision import counted
 from fx_beam.studies.work_precision.report import mesh_order, step_order
+
+fronts = scenes.benchmark("fronts")
 
 T = np.linspace(0, 2, 41)
 PENDULUM = scenes.demo("pendulum")
@@ -296,14 +297,14 @@ def by_scheme(run):
 def test_a_front_has_the_runs_that_err_less_than_all_faster_ones():
     found = made_up([("A", 1e-3, 1e-2), ("A", 2e-3, 2e-2), ("A", 3e-3, 1e-3), ("A", 4e-3, 5.0)])
     # A run counts with the errors of its smaller steps: here each is its own mesh.
-    assert (np.diff(front(found, "q", found.runs), axis=0) * (1, -1) > 0).all()
+    assert (np.diff(fronts.front(found, "q", found.runs), axis=0) * (1, -1) > 0).all()
 
 
 @pytest.mark.plot
 def test_lines_are_named_at_their_ends_and_lost_runs_where_they_are(axes):
     lost = {"failure": "no convergence", "errors": {}}
     found = made_up([*TWO, ("C", 5e-3, np.nan, lost), ("C", 6e-3, 1e-2)])
-    ax = axes(draw_fronts, "title", found, "q", by_scheme)
+    ax = axes(fronts.draw_fronts, "title", found, "q", by_scheme)
     texts = {text.get_text().strip(): text for text in ax.texts}
     assert {"A", "B", "C: 1 of 2 lost"} <= set(texts)
     assert texts["C: 1 of 2 lost"].xy[1] > 1

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .precision import Precision, Run, counted, floor
+from fx_beam import plot
+from fx_beam.studies.work_precision.precision import Precision, Run, counted, floor
 
 # Differences of looks that remain in grey: markers, and dashes.
 _LOOKS = [
@@ -42,8 +43,6 @@ def draw_fronts(
     Kinds of which runs are lost stand above, at the times of these runs.
     """
     # Imported here: a study without pictures needs neither matplotlib nor pyvista.
-    from fx_beam import plot
-
     kinds: dict[str, list[Run]] = {}
     for run in study.runs:
         kinds.setdefault(kind(run), []).append(run)
