@@ -34,15 +34,15 @@ class ArrayCalls:
         key = what, getattr(function, "__code__", type(function))
         if len(arguments) < _LEAST or not self._fit.get(key, True):
             return one_by_one(arguments)
-        found, is_first = _at_once(function, size, arguments), key not in self._fit
+        at_once, is_first = _at_once(function, size, arguments), key not in self._fit
         if is_first:
             known = one_by_one(arguments)
-            self._fit[key] = found is not None and _agree(found, known)
+            self._fit[key] = at_once is not None and _agree(at_once, known)
             return known
         some = np.linspace(0, len(arguments) - 1, _SAMPLES).astype(int)
-        if found is None or not _agree(found[some], one_by_one(arguments[some])):
+        if at_once is None or not _agree(at_once[some], one_by_one(arguments[some])):
             return one_by_one(arguments)
-        return found
+        return at_once
 
 
 def array_calls() -> ArrayCalls | None:
@@ -63,9 +63,9 @@ class calling_with_arrays:  # noqa: N801  # a block, which costs less than one b
         _NOW.reset(self._before)
 
 
-def _agree(found: np.ndarray, known: np.ndarray) -> bool:
+def _agree(values: np.ndarray, known: np.ndarray) -> bool:
     """Whether values (n, size) differ by round-off at most."""
-    return bool((abs(found - known) <= _ROUNDING * abs(known).max(axis=0)).all())
+    return bool((abs(values - known) <= _ROUNDING * abs(known).max(axis=0)).all())
 
 
 def _at_once(function: Callable, size: int, arguments: np.ndarray) -> np.ndarray | None:
@@ -75,12 +75,12 @@ def _at_once(function: Callable, size: int, arguments: np.ndarray) -> np.ndarray
     shape = len(arguments), 1
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
-            found: Any = function(*columns)
-        if isinstance(found, np.ndarray) and found.shape == (len(arguments), size):
-            values = np.array(found, float)
+            result: Any = function(*columns)
+        if isinstance(result, np.ndarray) and result.shape == (len(arguments), size):
+            values = np.array(result, float)
         else:
-            alone = not hasattr(found, "__len__") or len(found) != size
-            parts: Sequence = (found,) if alone else found
+            alone = not hasattr(result, "__len__") or len(result) != size
+            parts: Sequence = (result,) if alone else result
             values = np.hstack([np.broadcast_to(np.asarray(part, float), shape) for part in parts])
     except Exception:  # noqa: BLE001  # whatever a function does that takes single numbers
         return None

@@ -128,6 +128,8 @@ def finite(value, what: str, sign: str = "", more: str = "") -> float:
 def set_finite(part, name: str, sign: str = "", optional: bool = False) -> None:
     """Make a number of a frozen dataclass a float; see `finite`."""
     value = getattr(part, name)
+    if type(value) is float and 0 < value <= LARGEST:  # quickly, as in scenes of many springs
+        return
     if value is not None or not optional:
         more = ", or None" if optional else ""
         number = finite(value, f"{type(part).__name__}: {name}", sign, more)

@@ -296,19 +296,19 @@ class BeamForms:
         self._set(self._start, q)
         self._set_internal(internal)
         self.natural.set(natural)
-        found = self._assembled(*self._stored)
-        found["q"] = np.zeros(len(q))
-        found["q"][: self._mesh.in_beams] = found.pop("start")
-        return found
+        derivatives = self._assembled(*self._stored)
+        derivatives["q"] = np.zeros(len(q))
+        derivatives["q"][: self._mesh.in_beams] = derivatives.pop("start")
+        return derivatives
 
     def _assembled(self, forms: Mapping, spaces: Mapping) -> dict[str, np.ndarray]:
         """Derivatives by name, those by all parameters of the scene."""
-        found = pulled_form.assembled(forms, spaces, self._mesh)
-        if "parameters" in found:
+        derivatives = pulled_form.assembled(forms, spaces, self._mesh)
+        if "parameters" in derivatives:
             of_all = np.zeros(len(self._parameters))
-            of_all[self.parameters[1]] = found["parameters"]
-            found["parameters"] = of_all
-        return found
+            of_all[self.parameters[1]] = derivatives["parameters"]
+            derivatives["parameters"] = of_all
+        return derivatives
 
     def _bind_energy(self, kind: Any, without: Iterable[str] = ()) -> tuple[dict, dict]:
         """Derivatives of an energy on the mesh by name, and the space of each."""

@@ -252,8 +252,8 @@ def _slopes(law: PointLaw, rule: StepRule) -> PointFunction:
     def values(symbols: Any) -> Any:
         given = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
         with not_numbers():
-            found = law.forces(Motion(given, law, rule))
-            rows = [ufl.diff(of, given) for of in (*found.forces, *found.internal)]
+            of_step = law.forces(Motion(given, law, rule))
+            rows = [ufl.diff(of, given) for of in (*of_step.forces, *of_step.internal)]
         return ufl.as_vector([row[k] for row in rows for k in columns])
 
     return point_functions({f"slopes of {law.name}": values}, count)[0]

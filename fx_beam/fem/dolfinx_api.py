@@ -321,44 +321,46 @@ def tensor_size(form) -> int:
     return math.prod(space.element.space_dimension for space in _cpp(form).function_spaces)
 
 
-def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
-    """Which of the functions a bound form has, and their offsets in its packed coefficients."""
-    objects = [getattr(function, "_cpp_object", None) for function in functions]
-    offsets, offset = [], 0
-    for coefficient in _cpp(form).coefficients:
-        if coefficient in objects:
-            offsets.append((objects.index(coefficient), offset))
-        offset += coefficient.function_space.element.space_dimension
+def _offsets(parts, size: Callable[[Any], int]) -> dict[Any, int]:
+    """Offsets of parts of some sizes that stand behind each other."""
+    offsets, offset = {}, 0
+    for part in parts:
+        offsets[part] = offset
+        offset += size(part)
     return offsets
 
 
-def indices_in(*forms: tuple[Any, CompiledForm]) -> tuple[list[int], list[int]]:
-    """Indices of a bound form's packed coefficients and constants among those of another one."""
-
-    def indices(size: Callable[[Any], int], own, others) -> list[int]:
-        starts, at = {}, 0
-        for one in others:
-            starts[one] = at
-            at += size(one)
-        return [starts[one] + k for one in own for k in range(size(one))]
-
-    def entries(coefficient) -> int:
-        return coefficient.function_space.element.space_dimension
-
-    coefficients = [_cpp(form).coefficients for form, _ in forms]
-    constants = [compiled.form.constants() for _, compiled in forms]
-    return indices(entries, *coefficients), indices(_size, *constants)
+def _entries(coefficient) -> int:
+    return coefficient.function_space.element.space_dimension
 
 
 def _size(constant) -> int:
     return math.prod(constant.ufl_shape)
 
 
+def coefficient_offsets(form, functions) -> list[tuple[int, int]]:
+    """Which of the functions a bound form has, and their offsets in its packed coefficients."""
+    objects = [getattr(function, "_cpp_object", None) for function in functions]
+    offsets = _offsets(_cpp(form).coefficients, _entries)
+    return [(objects.index(part), offset) for part, offset in offsets.items() if part in objects]
+
+
+def indices_in(*forms: tuple[Any, CompiledForm]) -> tuple[list[int], list[int]]:
+    """Indices of a bound form's packed coefficients and constants among those of another one."""
+
+    def indices(size: Callable[[Any], int], parts, others) -> list[int]:
+        starts = _offsets(others, size)
+        return [starts[part] + k for part in parts for k in range(size(part))]
+
+    coefficients = [_cpp(form).coefficients for form, _ in forms]
+    constants = [compiled.form.constants() for _, compiled in forms]
+    return indices(_entries, *coefficients), indices(_size, *constants)
+
+
 def width_of(form, functions) -> int:
     """Number of packed coefficients of a bound form that are those of some functions."""
     objects = [getattr(function, "_cpp_object", None) for function in functions]
-    own = [coefficient for coefficient in _cpp(form).coefficients if coefficient in objects]
-    return sum(coefficient.function_space.element.space_dimension for coefficient in own)
+    return sum(_entries(part) for part in _cpp(form).coefficients if part in objects)
 
 
 def packed_coefficients(form, compiled: CompiledForm) -> dict[int, np.ndarray]:
@@ -371,10 +373,7 @@ def packed_coefficients(form, compiled: CompiledForm) -> dict[int, np.ndarray]:
 
 def packed_constants(form, compiled: CompiledForm, sought) -> tuple[np.ndarray, list[int]]:
     """Constants of a bound form, and the positions of UFL's `sought` ones (-1: missing)."""
-    offsets, at = {}, 0
-    for constant in compiled.form.constants():
-        offsets[constant] = at
-        at += _size(constant)
+    offsets = _offsets(compiled.form.constants(), _size)
     return values_of_constants(form), [offsets.get(constant, -1) for constant in sought]
 
 

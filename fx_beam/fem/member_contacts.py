@@ -65,13 +65,13 @@ def members_touching(
 
     By the `mobility` of degrees of freedom, 1 / mass, the friction on nodes has critical damping.
     """
-    found: list[Touching] = []
+    pairs: list[Touching] = []
     first = 0
     for contact in scene.obstacles:
         if isinstance(contact.shape, Beam):
-            found += _both_ways(contact, scene, mesh, at_rest, mobility, first)
+            pairs += _both_ways(contact, scene, mesh, at_rest, mobility, first)
             first += len(contact.points.lengths)
-    return found
+    return pairs
 
 
 def _both_ways(
@@ -237,7 +237,7 @@ class MemberContacts:
         From internal variables (n, width). Of a node that touches two places: where its spring is
         stretched further.
         """
-        found = {}
+        of_contacts = {}
         for one, first in zip(self._touching, self._first_slots[:-1], strict=True):
             if one.number < 0 or not one.law.internal:
                 continue
@@ -245,8 +245,8 @@ class MemberContacts:
             places = memory[:, own].reshape(len(memory), len(one.points), _SLOTS, _IN_SLOT)
             most = abs(places[..., 1]).argmax(axis=-1)
             known = np.take_along_axis(places, most[..., None, None], axis=2)
-            found[one.number] = known[:, :, 0, 1:]
-        return found
+            of_contacts[one.number] = known[:, :, 0, 1:]
+        return of_contacts
 
     @property
     def friction_damping(self) -> dict[str, list[float]]:

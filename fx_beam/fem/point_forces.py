@@ -413,12 +413,12 @@ class PointForces:
         With contact of members also by "members", their numbers, and the places "X" of nodes.
         """
         self.energy(q, slides, internal)  # which places all forces
-        found = self._sums("energy", len(q), len(slides))
+        sums = self._sums("energy", len(q), len(slides))
         if self.members is not None:
-            found["members"] = np.zeros(len(self.members.numbers))
+            sums["members"] = np.zeros(len(self.members.numbers))
             variables = np.zeros(self.width) if internal is None else internal
-            found["X"] = self.members.add_energy_by(q, variables, found)
-        return found
+            sums["X"] = self.members.add_energy_by(q, variables, sums)
+        return sums
 
     def losses_by(self, D: np.ndarray, slides: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of `loss`, for increments of nodes (size,) and of slides (joints,).
@@ -435,8 +435,8 @@ class PointForces:
         """Derivatives of the sum of an energy of all forces by what they are given, by name."""
         sizes = {"q": size, "increment": size, "slides": joints, "slide increment": joints}
         sizes |= {"internal": self.width, "numbers": len(self.numbers)}
-        found = {name: np.zeros(size) for name, size in sizes.items()}
-        found["parameters"], first = np.zeros(len(self._names)), 0
+        sums = {name: np.zeros(size) for name, size in sizes.items()}
+        sums["parameters"], first = np.zeros(len(self._names)), 0
         for force, law, given, own in zip(
             self._forces, self._laws, self._given, self._first_internal, strict=True
         ):
@@ -448,17 +448,17 @@ class PointForces:
                     (by[size : 2 * size], "slide increment", "increment"),
                 ):
                     if force.slide >= 0:
-                        found[on_slide][force.slide] += part[0]
+                        sums[on_slide][force.slide] += part[0]
                     else:
                         dofs = np.array(force.dofs)
-                        np.add.at(found[at_nodes], dofs[dofs >= 0], part[dofs >= 0])
+                        np.add.at(sums[at_nodes], dofs[dofs >= 0], part[dofs >= 0])
                 at = 3 * size + 2
-                found["internal"][own : own + law.law.internal] += by[at : at + law.law.internal]
-                found["numbers"][first : first + numbers] += by[last - numbers : last]
+                sums["internal"][own : own + law.law.internal] += by[at : at + law.law.internal]
+                sums["numbers"][first : first + numbers] += by[last - numbers : last]
                 for i, name in enumerate(law.parameters):
-                    found["parameters"][self._names.index(name)] += by[last + i]
+                    sums["parameters"][self._names.index(name)] += by[last + i]
             first += numbers
-        return found
+        return sums
 
     def evolve(self) -> np.ndarray | None:
         """Internal variables (width,) at the end of the step; None without any."""

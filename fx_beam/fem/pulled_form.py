@@ -35,17 +35,17 @@ class WorkOnWeights:
         return self._slopes[key]
 
     def _derived(self, names: tuple[str, ...]) -> dict[tuple[str, int], CompiledForm]:
-        found = {}
+        slopes = {}
         for name in names:
             for number, weight in enumerate(self.weights):
                 slope = ufl.derivative(self.forms[name].form, weight)
                 if not expand_derivatives(slope).empty():
-                    found[name, number] = slope
+                    slopes[name, number] = slope
         titles = {
-            f"{self.forms['work'].name}, slope {name} {k}": found[name, k] for name, k in found
+            f"{self.forms['work'].name}, slope {name} {k}": slopes[name, k] for name, k in slopes
         }
         compiled = dolfinx_api.compile_together(titles, dolfinx_api.ONLY_IN_BATCHES)
-        return dict(zip(found, compiled, strict=True))
+        return dict(zip(slopes, compiled, strict=True))
 
 
 class BoundPull(NamedTuple):
@@ -243,20 +243,20 @@ def assembled(
 
     Others, at Gauss points or on cells, (cells, points, ...).
     """
-    found = {}
+    derivatives = {}
     for name, form in forms.items():
         space = spaces[name]
         values, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
         dolfinx_api.assemble_vector(values, form)
         if name in NODAL:
-            found[name] = values[: mesh.in_beams]
+            derivatives[name] = values[: mesh.in_beams]
         elif name == "coordinates":
-            found["X"] = np.zeros_like(mesh.X)
-            found["X"][dolfinx_api.element_points(mesh.mesh)] = values.reshape(-1, 2)[dofs]
+            derivatives["X"] = np.zeros_like(mesh.X)
+            derivatives["X"][dolfinx_api.element_points(mesh.mesh)] = values.reshape(-1, 2)[dofs]
         else:
             at_points = values.reshape(dofs.max() + 1, -1)
-            found[name] = at_points.sum(axis=0) if name == "parameters" else at_points[dofs]
-    return found
+            derivatives[name] = at_points.sum(axis=0) if name == "parameters" else at_points[dofs]
+    return derivatives
 
 
 class ResultantDerivatives:

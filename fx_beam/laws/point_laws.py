@@ -85,7 +85,7 @@ class Motion:
         return 2 * tan(D / 2) if self.rule.turning else D
 
 
-class Found(NamedTuple):
+class StepForces(NamedTuple):
     """What a law finds in a step."""
 
     #: Forces (size,) against the motion, as UFL scalars.
@@ -103,7 +103,7 @@ class PointLaw:
     #: Number of coordinates, and of the numbers of each force.
     size: int
     numbers: int
-    forces: Callable[[Motion], Found]
+    forces: Callable[[Motion], StepForces]
     #: Energy stored at the start of a step, and lost in it.
     energy: Callable[[Motion], Any] | None = None
     loss: Callable[[Motion], Any] | None = None
@@ -184,12 +184,12 @@ def _with_slope(
     `bend` is s'. For y it takes what the last iteration expected, limited to 1 (Chan, Golub and
     Mulet 1999, doi 10.1137/S1064827596299767). Where both agree it is that of y.
     """
-    again, last_x, last_y, last_slope = remembered
+    repeated, last_x, last_y, last_slope = remembered
     guess = last_y + last_slope * (still - last_x)
     bounded = ufl.conditional(
         ufl.gt(guess, 1), 1.0, ufl.conditional(ufl.lt(guess, -1), -1.0, guess)
     )
-    expected = ufl.conditional(ufl.gt(again, 0), bounded, y)
+    expected = ufl.conditional(ufl.gt(repeated, 0), bounded, y)
     slope = (1 - expected * bend) / s
     return y + slope * (x - still), [ufl.as_ufl(1.0), still, y, slope]
 
@@ -221,9 +221,9 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
             paths[-1] = motion.path(paths[-1])
         return [motion.mean_rate(path) for path in paths]
 
-    def forces(motion: Motion) -> Found:
+    def forces(motion: Motion) -> StepForces:
         rates = zip(motion.rates, mean(motion), strict=True)
-        return Found(against(motion, [motion.rate_at_level(v0, v) for v0, v in rates]))
+        return StepForces(against(motion, [motion.rate_at_level(v0, v) for v0, v in rates]))
 
     def loss(motion: Motion) -> Any:
         v = mean(motion)
@@ -233,11 +233,11 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
     return PointLaw(name, 2 * moves + rotation, linear + quadratic + rotation, forces, loss=loss)
 
 
-def _follower(motion: Motion) -> Found:
+def _follower(motion: Motion) -> StepForces:
     psi = motion.at_level(motion.start[2], motion.increment[2])
     x, y, factor = motion.numbers
     c, s = factor * ufl.cos(psi), factor * ufl.sin(psi)
-    return Found([s * y - c * x, -s * x - c * y, ufl.as_ufl(0.0)])
+    return StepForces([s * y - c * x, -s * x - c * y, ufl.as_ufl(0.0)])
 
 
 #: R(psi) F, with psi and F at the scheme's level; numbers: F, load factor. It has no potential,

@@ -13,7 +13,7 @@ from fx_beam.scene.law import Energy, is_quadratic, switches
 
 from .coordinates import Kind, Slip
 from .evolution import evolution_loss, evolved
-from .point_laws import REMEMBERED, Coordinate, Found, Motion, PointLaw, clipped, smooth_sign
+from .point_laws import REMEMBERED, Coordinate, Motion, PointLaw, StepForces, clipped, smooth_sign
 
 # Shortest path, relative to the coordinates, over which the force is the quotient of energy and
 # path. On a shorter one round-off of the energy exceeds the error of the force in its middle.
@@ -93,20 +93,20 @@ def _on(
         slips = (kind.slip(motion, D, of_kind) for D in (motion.increment, motion.still))
         return _Step(motion, x, still, own, *slips)
 
-    def found(motion: Motion) -> Found:
+    def of_step(motion: Motion) -> StepForces:
         given = step(motion)
         elastic, other, friction, internal, remembered = forces(given)
         pairs = zip(given.x.along, given.x.across, strict=True)
         total = [elastic * a + other * b for a, b in pairs]
         if given.slip is not None:
             total = [force + friction * c for force, c in zip(total, given.slip.along, strict=True)]
-        return Found(total, internal, remembered)
+        return StepForces(total, internal, remembered)
 
     return PointLaw(
         f"{name} on {kind.name}",
         kind.size,
         kind.numbers + numbers,
-        found,
+        of_step,
         energy and of(energy),
         loss and of(loss),
         switches and of(switches),

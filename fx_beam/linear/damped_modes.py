@@ -31,9 +31,9 @@ class Damped(NamedTuple):
     #: Vectors (size, n) of modal mass 1.
     vectors: np.ndarray
 
-    def only(self, kept: np.ndarray) -> Damped:
+    def only(self, chosen: np.ndarray) -> Damped:
         """Some of them, by their numbers or a mask."""
-        return Damped(*(part[..., kept] for part in self))
+        return Damped(*(part[..., chosen] for part in self))
 
 
 def lowest_damped(K, C, M, n: int):
@@ -156,17 +156,17 @@ def _roots(k, c, m, unit: float, zeros: int) -> Damped:
     left, right = np.hsplit(-scipy.linalg.solve(k + c + m, np.hstack([m + c, m])), 2)
     mu, vectors = np.linalg.eig(np.block([[left, right], [np.eye(size) + left, right]]))
     finite = np.flatnonzero(abs(mu) > 1e-14 * abs(mu).max())
-    kept = finite[np.argsort(abs(1 + 1 / mu[finite]))[zeros:]]
-    kept = kept[mu[kept].imag <= 0]  # one of each pair
-    mu, x = mu[kept], vectors[:size, kept]
+    modes = finite[np.argsort(abs(1 + 1 / mu[finite]))[zeros:]]
+    modes = modes[mu[modes].imag <= 0]  # one of each pair
+    mu, x = mu[modes], vectors[:size, modes]
     root = 1 + 1 / mu
     k, c, m = (np.einsum("ij,ij->j", x.conj(), A @ x) for A in (k, c, m))
     k, m = k.real, m.real
     massive = m > 1e-18 * abs(k)
     real = mu.imag == 0
     # Of two real roots the larger: the smaller is its partner, exactly so in proportional damping.
-    kept = massive & (~real | (2 * root.real * m + c.real > 0))
-    k, c, m, x, root, real = k[kept], c[kept], m[kept], x[:, kept], root[kept], real[kept]
+    modes = massive & (~real | (2 * root.real * m + c.real > 0))
+    k, c, m, x, root, real = k[modes], c[modes], m[modes], x[:, modes], root[modes], real[modes]
     grows = real & (root.real > 0)
     natural = np.where(real, np.sqrt(abs(k / m)), abs(root))
     ratio = np.where(real, c.real / (2 * m * natural), -root.real / natural)

@@ -274,8 +274,8 @@ def linearise(
     require(fits, f"{what}: inputs", inputs, "a sequence of names")
     check_names(names, known, f"{what}: inputs")
     about = deviations(scene, at.state if isinstance(at, Motion) else at, what)
-    kept = InputColumns(about, names)
-    reduced = FirstOrder(about, kept, what)
+    driving = InputColumns(about, names)
+    reduced = FirstOrder(about, driving, what)
     rows, of_rates, labels = _outputs(about, outputs, what)
     CD = rows @ reduced.z + of_rates @ reduced.dz
     improper = abs(of_rates[:, : len(about.unknowns)] @ reduced.jumps)
@@ -291,7 +291,7 @@ def linearise(
         reduced.dx[:, n:],
         CD[:, :n],
         CD[:, n:],
-        tuple(kept.labels),
+        tuple(driving.labels),
         tuple(labels),
         reduced,
     )

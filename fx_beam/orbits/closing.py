@@ -111,8 +111,8 @@ def at_rest(shooting: Shooting, start: State, parameter: float) -> Closed | None
     period = shooting.run(start, parameter)
     if period.moves:
         return None
-    found = _equations(shooting, period, None, False)
-    return Closed(period, found.by, *found.slopes, found.matrix, 0)
+    equations = _equations(shooting, period, None, False)
+    return Closed(period, equations.by, *equations.slopes, equations.matrix, 0)
 
 
 def close(
@@ -131,7 +131,7 @@ def close(
     The parameter `varies`, or is held. Near the motion no `damping` is needed. NotClosed if there
     is none, or StepError.
     """
-    period, found = shooting.run(start, parameter), None
+    period, equations = shooting.run(start, parameter), None
     held = conditions if phase is None else (phase, *conditions)
 
     def errors(of: Period) -> np.ndarray:
@@ -148,10 +148,10 @@ def close(
 
     now, best, idle = cost(period), np.inf, 0
     for iteration in range(most):
-        if found is None:
-            found = _equations(shooting, period, phase, varies)
-            rows = [c.slopes(period, found.by) for c in conditions]
-            matrix = np.vstack([found.matrix, *rows])
+        if equations is None:
+            equations = _equations(shooting, period, phase, varies)
+            rows = [c.slopes(period, equations.by) for c in conditions]
+            matrix = np.vstack([equations.matrix, *rows])
             gap = np.append(period.gap, errors(period))
         best, idle = (now, 0) if now < best / 2 else (best, idle + 1)
         small = now <= max(tolerance, _LOST / period.size)
@@ -162,13 +162,13 @@ def close(
                     "that before, where tolerance = %g; a larger tolerance says that this will do",
                     *(shooting.what, now, tolerance),
                 )
-            return Closed(period, found.by, *found.slopes, found.matrix, iteration)
+            return Closed(period, equations.by, *equations.slopes, equations.matrix, iteration)
         solve = _damped(matrix, damping)
         step = solve(gap)
         try:
             if abs(step[-1]) > _FAR:
                 raise NotClosed("the period changes too much")
-            moved = shooting.moved(period.start, found.by, step[:-1])
+            moved = shooting.moved(period.start, equations.by, step[:-1])
             after = shooting.run(moved, period.parameter * np.exp(step[-1]))
             then = cost(after)
             left = solve(np.append(after.gap, errors(after)))
@@ -177,7 +177,7 @@ def close(
         except (StepError, NotClosed):
             better = False
         if better:
-            period, now, found, damping = after, then, None, _LESS * damping
+            period, now, equations, damping = after, then, None, _LESS * damping
         else:
             damping = _MORE * max(damping, 1e-8)
         if damping > 1e6:

@@ -151,12 +151,12 @@ def forced_response(
     shooting = _OverFrequency(build, first, periods, (scheme, steps, newton, what))
     state = shooting.first_state(start, shooting.length_of(first) / steps)
     shooting.check_repeats(state, shooting.length_of(first))
-    found = []
+    motions = []
     for closed in _between(shooting, state, (first, last), step, tolerance):
-        found.append(motion_of(shooting, closed, False))
-        if len(found) == most:
+        motions.append(motion_of(shooting, closed, False))
+        if len(motions) == most:
             break
-    return PeriodicFamily(found, free=False)
+    return PeriodicFamily(motions, free=False)
 
 
 def _between(

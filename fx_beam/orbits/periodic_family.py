@@ -100,8 +100,8 @@ def _tangent(closed: Closed, before: np.ndarray) -> np.ndarray:
     matrix = closed.equations * np.append(np.full(n - 1, size), 1.0) / size
     onwards = np.append(before[:-1] @ closed.by.matrix, before[-1])
     right = np.append(np.zeros(len(matrix)), 1.0)
-    found = scipy.linalg.lstsq(np.vstack([matrix, onwards]), right, lapack_driver="gelsy")[0]
-    return found / np.linalg.norm(_in_rows(closed, found))
+    direction = scipy.linalg.lstsq(np.vstack([matrix, onwards]), right, lapack_driver="gelsy")[0]
+    return direction / np.linalg.norm(_in_rows(closed, direction))
 
 
 class PeriodicFamily:

@@ -218,11 +218,11 @@ def _period_in(start: Solution | None, what: str) -> float:
     end_of(start)
     parts = [part[::-1].reshape(len(start.t), -1) for part in (start.q, start.v)]
     rows = np.hstack([part / (np.linalg.norm(np.ptp(part, axis=0)) or 1.0) for part in parts])
-    found = nearest_return(rows)
-    if found is None:
+    return_row = nearest_return(rows)
+    if return_row is None:
         raise SceneError(f"{what}: the motion of start does not come back to its end. {advice}")
     times = start.t[-1] - start.t[::-1]
-    return float(np.interp(found, np.arange(len(times)), times))
+    return float(np.interp(return_row, np.arange(len(times)), times))
 
 
 def backbone(
@@ -303,5 +303,5 @@ def backbone(
     step = longest_step(what, step, most)
     shooting = Shooting(scene, scheme, steps, newton, what)
     family = ModeFamily(mode_start(shooting, scene, state, mode), amplitude, energy, tolerance)
-    found = itertools.islice(family.followed(step), most)
-    return PeriodicFamily([motion_of(shooting, closed, True) for closed in found], free=True)
+    motions = itertools.islice(family.followed(step), most)
+    return PeriodicFamily([motion_of(shooting, closed, True) for closed in motions], free=True)

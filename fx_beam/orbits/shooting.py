@@ -197,13 +197,13 @@ class Shooting:
     def _split(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Slides, rates and what steps remember of changes (n, rows), by name."""
         model, first = self.model, self.model.reduction.free
-        found = {"slides": model.couplings.free_slides(rows[:, :first], model.scene.joint_count)}
-        found["v"] = np.zeros((len(rows), model.size))
-        found["v"][:, self._rates] = rows[:, first : first + len(self._rates)]
+        changes = {"slides": model.couplings.free_slides(rows[:, :first], model.scene.joint_count)}
+        changes["v"] = np.zeros((len(rows), model.size))
+        changes["v"][:, self._rates] = rows[:, first : first + len(self._rates)]
         first += len(self._rates)
         for name, size in self._inside.items():
-            found[name], first = rows[:, first : first + size], first + size
-        return found
+            changes[name], first = rows[:, first : first + size], first + size
+        return changes
 
     @property
     def _inside(self) -> dict[str, int]:
@@ -270,9 +270,9 @@ class Shooting:
 
     def _taped_rows(self) -> np.ndarray:
         """Positions and rates at the starts of all sub-steps of the last run."""
-        found = self._tape.states(np.arange(len(self._tape)))
-        y = self.model.couplings.unknowns(found["q"], found["slides"])
-        return np.hstack([y, found["v"][:, self._rates]])
+        states = self._tape.states(np.arange(len(self._tape)))
+        y = self.model.couplings.unknowns(states["q"], states["slides"])
+        return np.hstack([y, states["v"][:, self._rates]])
 
     def _march(self, state: State, times: np.ndarray) -> State:
         """The state after steps, which are on the tape."""
@@ -305,15 +305,15 @@ class Shooting:
         at = np.array([len(self.model.scheme.fractions), len(self._tape)])
         if self.model.keeps_before:
             at = np.concatenate([at - 1, at])
-        found = list[np.ndarray]()
+        blocks = list[np.ndarray]()
         for first in range(0, by.matrix.shape[1], _AT_ONCE):
             some = {name: own[first : first + _AT_ONCE] for name, own in by.changes.items()}
             ends = self._forward.push(self._tape, some, at)
             ends = {name: rows[-2:] for name, rows in ends.items()} | {"before": ends["q"][:2]}
             parts = [self.model.couplings.unknowns(ends["q"], ends["slides"])]
             parts += [ends["v"][..., self._rates], *(ends[name] for name in self._inside)]
-            found.append(np.concatenate(parts, axis=-1))
-        first_step, last = np.concatenate(found, axis=1) / self.scales(period.start, period.length)
+            blocks.append(np.concatenate(parts, axis=-1))
+        first_step, last = np.concatenate(blocks, axis=1) / self.scales(period.start, period.length)
         return last.T, first_step.T
 
     def by_parameter(self, period: Period) -> np.ndarray:
@@ -330,8 +330,8 @@ class Shooting:
         self._march(state, self._times(state, longest, steps))
         free = self.model.reduction.free  # rates have vibrations of stiff directions
         rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
-        found = nearest_return(rows / self.model.unit_of_unknowns)
-        return None if found is None else longest / steps * found
+        row = nearest_return(rows / self.model.unit_of_unknowns)
+        return None if row is None else longest / steps * row
 
     def repeats_within(self, state: State, length: float) -> bool:
         """Whether a motion comes back to its start well before the end of a period."""

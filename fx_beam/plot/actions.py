@@ -51,14 +51,14 @@ def _shown(load: Load) -> np.ndarray:
 
 def _largest(load: Load) -> tuple[float, np.ndarray]:
     """The time at which a load is largest, of those sampled, and its value then."""
-    found = [(0.0, load.value(0.0))]
+    samples = [(0.0, load.value(0.0))]
     for t in _TIMES[1:].tolist():
         try:
-            found.append((t, load.value(t)))
+            samples.append((t, load.value(t)))
         except Exception:  # noqa: BLE001  # a function may be defined for the times of its run only
             continue
-    sizes = [np.hypot(*value) if len(value) == 2 else abs(value[0]) for _, value in found]
-    return found[int(np.nanargmax(sizes))]
+    sizes = [np.hypot(*value) if len(value) == 2 else abs(value[0]) for _, value in samples]
+    return samples[int(np.nanargmax(sizes))]
 
 
 def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:

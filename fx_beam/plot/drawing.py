@@ -200,16 +200,16 @@ class Drawing:
     @cached_property
     def _carried(self) -> list[tuple[int, Outline]]:
         """Nodes that carry obstacles, and the outlines as if these nodes were at the origin."""
-        found: dict[Line | Circle, tuple[int, Outline]] = {}
+        outlines_of: dict[Line | Circle, tuple[int, Outline]] = {}
         for obstacle in self.solution.obstacles:
             shape = obstacle.shape
-            if isinstance(shape, Beam) or shape.carrier is None or shape in found:
+            if isinstance(shape, Beam) or shape.carrier is None or shape in outlines_of:
                 continue
             seen = [self._seen_from(shape.carrier.number, obstacle.target, k) for k in self.rows]
             place = {"centre" if isinstance(shape, Circle) else "point": (0.0, 0.0)}
             drawn = outline(replace(shape, **place), np.concatenate([[(0, 0)], *seen]), self.reach)
-            found[shape] = shape.carrier.number, drawn
-        return list(found.values())
+            outlines_of[shape] = shape.carrier.number, drawn
+        return list(outlines_of.values())
 
     def _seen_from(self, carrier: int, target: Node | Beam, k: int) -> np.ndarray:
         """Positions (n, 2) of what touches in row k, relative to a node and its section."""

@@ -77,13 +77,13 @@ class Members:
 
 def _contact_depths(contacts: Iterable[Obstacle]) -> dict[str, float]:
     """Thickness with which members touch, by their names; where they have several the largest."""
-    found: dict[str, float] = {}
+    depths: dict[str, float] = {}
     for contact in contacts:
         radii = np.broadcast_to(contact.radius, 2)
         for member, radius in zip((contact.target, contact.shape), radii.tolist(), strict=True):
             if isinstance(member, Beam) and radius > 0:
-                found[member.name] = max(found.get(member.name, 0.0), 2 * radius)
-    return found
+                depths[member.name] = max(depths.get(member.name, 0.0), 2 * radius)
+    return depths
 
 
 def _depths(beam: Beam, fractions: np.ndarray) -> np.ndarray:

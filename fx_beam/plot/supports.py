@@ -151,7 +151,7 @@ def _leaving(drawing: Drawing, numbers: set[int]) -> dict[int, list[np.ndarray]]
             for number, side in ((node.number, -1.0), (body.centre.number, 1.0)):
                 if number in numbers and along.any():
                     directions[number].append(side * along / np.hypot(*along))
-    return {number: ways or [np.array([0.0, 1.0])] for number, ways in directions.items()}
+    return {number: parts or [np.array([0.0, 1.0])] for number, parts in directions.items()}
 
 
 def _support(components: set[int], leaving: np.ndarray) -> Strokes:

@@ -246,9 +246,9 @@ def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint
         apart = arm - q_b[:2] + q_a[:2]
         return replace(joint, place=Place((float(apart[0]), float(apart[1])), 0.0, turn))
     apart = np.array([joint.b.x - joint.a.x, joint.b.y - joint.a.y])
-    found = np.array([[c, s], [-s, c]]) @ (apart + q_b[:2] - q_a[:2])
-    slide = 0.0 if joint.axis is None else float((found - joint.offset) @ joint.axis)
-    offset = found if joint.axis is None else found - slide * joint.axis
+    position = np.array([[c, s], [-s, c]]) @ (apart + q_b[:2] - q_a[:2])
+    slide = 0.0 if joint.axis is None else float((position - joint.offset) @ joint.axis)
+    offset = position if joint.axis is None else position - slide * joint.axis
     gap = float(np.hypot(*(offset - joint.offset)))
     if gap > _FITS * size:
         x, y = offset
@@ -549,14 +549,14 @@ def constraints_of(scene: Any) -> np.ndarray:
 
 def joints_in(texts: Sequence[str]) -> list[JointKey]:
     """The joints in texts of `constraints_of`."""
-    found = []
+    keys = []
     for text in texts:
         name, *words = text.split(" ")
         if name == "joint":
             number, kind, a, b, motors = words[:5]
             known = tuple(filter(None, motors.split(",")))
-            found.append(JointKey(int(number), kind, int(a), int(b), known))
-    return found
+            keys.append(JointKey(int(number), kind, int(a), int(b), known))
+    return keys
 
 
 def key_of(joint: Joint) -> JointKey:

@@ -50,15 +50,15 @@ def nearest(
     best = Nearest(np.full(len(points), np.inf), first, np.full((len(points), 2), np.nan))
     for step in range(-_ABOUT, _ABOUT + 1):
         node = np.clip(first + step, 0, len(nodes) - 1)
-        found = _on_pieces(points, nodes, node)
-        distance = np.hypot(*(found - points).T)
+        on_piece = _on_pieces(points, nodes, node)
+        distance = np.hypot(*(on_piece - points).T)
         if arc is not None:
             distance[abs(arc - arc[node]) < apart] = np.inf
         closer = distance < best.distance
         best = Nearest(
             np.where(closer, distance, best.distance),
             np.where(closer, node, best.node),
-            np.where(closer[:, None], found, best.point),
+            np.where(closer[:, None], on_piece, best.point),
         )
     return best
 
@@ -101,8 +101,8 @@ def check_members(made: Obstacle, size: float) -> None:
             points = points[may_be_nearer(points, nodes, made.radii)]
             if not len(points):
                 continue
-        found = nearest(points, nodes, made.apart, arc)
-        gaps = found.distance - made.radii
+        closest = nearest(points, nodes, made.apart, arc)
+        gaps = closest.distance - made.radii
         deepest = int(np.argmin(gaps))
         if gaps[deepest] < -1e-9 * size:
             x, y = points[deepest]

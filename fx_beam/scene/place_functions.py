@@ -49,8 +49,8 @@ class PlaceTimeFunction:
     def _at_once(self, places: np.ndarray, t: float) -> np.ndarray | None:
         """Values (n, size) of one call; None if they do not fit."""
         try:
-            found: Any = self._function(places.copy(), t)
-            parts: Sequence = (found,) if self._size == 1 else tuple(found)
+            result: Any = self._function(places.copy(), t)
+            parts: Sequence = (result,) if self._size == 1 else tuple(result)
             columns = [np.broadcast_to(np.asarray(part, float), len(places)) for part in parts]
             return np.column_stack(columns) if len(columns) == self._size else None
         except Exception:  # noqa: BLE001  # whatever a function does that takes single places
@@ -61,12 +61,12 @@ class PlaceTimeFunction:
         for i, place in enumerate(places.tolist()):
             what = f"{self._what} at {self._name} = {place:g}, t = {t:g}"
             try:
-                found = self._function(place, t)
+                value = self._function(place, t)
             except Exception as error:
                 raise SceneError(f"{what}: calling it raised {error!r}") from error
-            values[i] = shaped(found, self._size, what)
+            values[i] = shaped(value, self._size, what)
             if not (abs(values[i]) <= LARGEST).all():
-                raise SceneError(f"{what}: {shown(found)} is not finite, or too large")
+                raise SceneError(f"{what}: {shown(value)} is not finite, or too large")
         return values
 
 
