@@ -16,11 +16,11 @@ from time import process_time
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.motions.run_setup import RunSetup
+from fx_beam.motions.options import Options
+from fx_beam.motions.prepared import Prepared
 from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.forward import Forward
 from fx_beam.step.recorder import Record, Recorder
-from fx_beam.step.substeps import Halving
 from fx_beam.step.tape import Tape
 
 NUMBERS = 1, 5, 20
@@ -79,22 +79,22 @@ class Case:
     """A motion that can be repeated."""
 
     def __init__(self, scene, dt, steps):
-        self.setup = RunSetup(scene, fb.EnergyMomentum(), None, Halving(3, dt))
-        self.start = self.setup.first_state(dt, None)
-        self.loop, self.times = self.setup.stepper.integrator, dt * np.arange(steps + 1)
+        self.prepared = Prepared(scene, Options(dt=dt, max_halvings=3))
+        self.start = self.prepared.first_state(dt, None)
+        self.loop, self.times = self.prepared.stepper.integrator, dt * np.arange(steps + 1)
         self.tape = Tape(self.loop.problem)
 
     def run(self, tape=None):
         """Processor time of the steps [s]."""
         record = Record(rates=False, forces=False)
-        recorder = Recorder(self.setup.model, self.times, record)
+        recorder = Recorder(self.prepared.model, self.times, record)
         recorder.record(0, self.start)
-        self.setup.stepper.load(self.start)
+        self.prepared.stepper.load(self.start)
         self.loop.tape = tape
         if tape is not None:
             tape.clear()
         clock = process_time()
-        self.setup.stepper.march(self.start, self.times[1:], 1, recorder)
+        self.prepared.stepper.march(self.start, self.times[1:], 1, recorder)
         return process_time() - clock
 
 
@@ -108,7 +108,7 @@ def seconds(function, *given):
 def measured(build, dt, steps, tries):
     """Times relative to the steps, and the size of the tape [MB]."""
     case = Case(build(), dt, steps)
-    tape, problem, model = case.tape, case.loop.problem, case.setup.model
+    tape, problem, model = case.tape, case.loop.problem, case.prepared.model
     case.run(tape)
     adjoint, ends = Adjoint(problem), tape.boundaries(case.times)
     weights = {"q": np.ones((len(ends), model.size))}

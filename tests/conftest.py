@@ -25,7 +25,7 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
 
 from fx_beam import c_library, library_cache  # noqa: E402
 from fx_beam.fem import ffcx_api, interval_mesh  # noqa: E402
-from fx_beam.motions import dynamics, motion, step_warnings  # noqa: E402
+from fx_beam.motions import motion, options, step_warnings  # noqa: E402
 from fx_beam.step import build  # noqa: E402
 
 # Pictures without a display, as `./run` has it.
@@ -86,7 +86,7 @@ def _stretched(function):
 
 
 if _STRETCH != 1:
-    dynamics._time_grid = _stretched(dynamics._time_grid)
+    options._time_grid = _stretched(options._time_grid)
     motion.Motion.__init__ = _stretched(motion.Motion.__init__)
 
 

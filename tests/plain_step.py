@@ -12,11 +12,11 @@ import fx_beam as fb
 from fx_beam.fem.member_contacts import FINE
 from fx_beam.laws.interval import Interval
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.motions.run_setup import RunSetup
+from fx_beam.motions.options import Options
+from fx_beam.motions.prepared import Prepared
 from fx_beam.step.newton import NewtonOptions, StepSolution
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.single_step import SingleStep
-from fx_beam.step.substeps import Halving
 
 MOST, EXACT, JUMP = 60, 1e-13, 1e-6
 
@@ -24,9 +24,9 @@ MOST, EXACT, JUMP = 60, 1e-13, 1e-6
 class PlainStep:
     """Takes the sub-steps of a model."""
 
-    def __init__(self, setup):
-        self.model, self.forcing = setup.model, setup.forcing
-        self.states = SingleStep(self.model, self.forcing, NewtonOptions(), setup.stats)
+    def __init__(self, prepared):
+        self.model, self.forcing = prepared.model, prepared.forcing
+        self.states = SingleStep(self.model, self.forcing, NewtonOptions(), prepared.stats)
         self.jacobian = None
 
     def take(self, state, interval, number):
@@ -122,10 +122,10 @@ class PlainStep:
 def plainly(scene, scheme=None, *, dt, t_end, newton=None):
     """The motion of a scene in steps of equal length, as `simulate` gives it."""
     scheme = scheme or fb.EnergyMomentum()
-    setup = RunSetup(scene, scheme, newton, Halving(0))
-    model, times = setup.model, dt * np.arange(round(t_end / dt) + 1)
+    prepared = Prepared(scene, Options(scheme=scheme, newton=newton, max_halvings=0))
+    model, times = prepared.model, dt * np.arange(round(t_end / dt) + 1)
     recorder = Recorder(model, times, Record())
-    state, step = setup.first_state(dt, None), PlainStep(setup)
+    state, step = prepared.first_state(dt, None), PlainStep(prepared)
     recorder.record(0, state)
     for number, (t0, t1) in enumerate(pairwise(times), start=1):
         starts, ends = [state], t0 + (t1 - t0) * np.cumsum([0.0, *scheme.fractions])
@@ -143,4 +143,4 @@ def plainly(scene, scheme=None, *, dt, t_end, newton=None):
         recorder.store_starts(number, starts, new, (0, 1))
         recorder.record(number, new)
         state = new
-    return solution_of(model, recorder, setup.stats, lambda: state, ended=True)
+    return solution_of(model, recorder, prepared.stats, lambda: state, ended=True)

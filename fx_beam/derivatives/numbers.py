@@ -8,7 +8,7 @@ import numpy as np
 
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.motions.initial_state import reference_state
-from fx_beam.motions.run_setup import RunSetup
+from fx_beam.motions.prepared import Prepared
 from fx_beam.results.state import State
 from fx_beam.scene.joints import joints_by_number
 from fx_beam.step.forcing import LoadForcing
@@ -36,13 +36,13 @@ _OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal", "natura
 
 
 def numbers_of(
-    setup: RunSetup, state: State, t0: np.ndarray, t1: np.ndarray
+    prepared: Prepared, state: State, t0: np.ndarray, t1: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """All numbers of a set-up by name, of its initial state, and of functions of time in steps.
+    """All numbers of a prepared scene by name, its initial state, and functions of time in steps.
 
     The steps, or sub-steps of the scheme, begin at t0 (n,) and end at t1 (n,) [s].
     """
-    model, forcing = setup.model, setup.forcing
+    model, forcing = prepared.model, prepared.forcing
     followers = model.points.followers
     driven = forcing.series(t1) + _before_motors(model)
     of_steps = {"loads": forcing.loads(t0, t1), "driven": driven}
@@ -59,13 +59,13 @@ def numbers_of(
 
 
 def observed_numbers_of(
-    setup: RunSetup, state: State, times: np.ndarray, lengths: np.ndarray
+    prepared: Prepared, state: State, times: np.ndarray, lengths: np.ndarray
 ) -> dict[str, np.ndarray]:
     """What outputs read besides: of the initial state, joints, and rates of driven motions.
 
     These at `times` (n,), by steps of the `lengths` (n,) that end there [s].
     """
-    model = setup.model
+    model = prepared.model
     joints, columns = model.sizes["joints"], model.sizes["constraints"]
     found: dict[str, Any] = {
         "a": state.a,
@@ -80,7 +80,7 @@ def observed_numbers_of(
             found["offsets of slides"][joint.number] = joint.offset
     if model.fitted_rates is not None:
         found |= model.fitted_rates.numbers
-        found["driven rates"] = setup.forcing.end_rates(times, lengths)
+        found["driven rates"] = prepared.forcing.end_rates(times, lengths)
     return _arrays(found)
 
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from dataclasses import replace
 from threading import RLock
+from time import perf_counter
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
 from fx_beam.array_calls import calling_with_arrays
-from fx_beam.equilibria.static_path import StaticPath, keeping_paths
+from fx_beam.equilibria.load_path import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Scheme
-from fx_beam.motions.dynamics import simulate
-from fx_beam.motions.kept_setup import KeptSetup, keeping_setup
-from fx_beam.motions.run_setup import RunSetup, check_options, checked_scheme
+from fx_beam.motions.motion_series import MotionSeries
+from fx_beam.motions.options import Options
+from fx_beam.motions.prepared import Prepared
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -27,11 +29,9 @@ from fx_beam.scene.structure import ElsewhereError
 from fx_beam.step.adjoint import Adjoint, Weights
 from fx_beam.step.forward import Forward
 from fx_beam.step.interrupts import one_thread
-from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
-from fx_beam.step.substeps import Halving
 from fx_beam.step.tape import LIMIT, Part, Tape
 from fx_beam.validation import array_of, check_takes, is_one_of, positive, require
 
@@ -53,7 +53,7 @@ _CHAOTIC = (
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
 # What pickles and copies keep: what was given.
-_GIVEN = {"_build", "_memory", "_start", "_record", "_options", "_static"}
+_GIVEN = {"_build", "_memory", "_start", "_options", "_static"}
 _P = ParamSpec("_P")
 _Result = TypeVar("_Result")
 
@@ -65,7 +65,7 @@ def _with_arrays(
 
     @functools.wraps(method)
     def call(self: Response, *arguments: _P.args, **named: _P.kwargs) -> _Result:
-        with calling_with_arrays(self._kept.calls):
+        with calling_with_arrays(self._series.calls):
             return method(self, *arguments, **named)
 
     return call
@@ -165,45 +165,45 @@ class Response:
         if callable(start):
             check_takes(start, "scene", "Response: start")
         self._memory = positive(memory, "Response: memory", "a positive number of bytes")
-        check_options("Response", newton, max_halvings, record)
-        if record is not None and record.file is not None:
+        self._build, self._start = build, start
+        self._options = Options(
+            what="Response",
+            scheme=scheme,
+            t_end=t_end,
+            dt=dt,
+            tolerance=tolerance,
+            dt_max=dt_max,
+            breaks=breaks,
+            newton=newton,
+            max_halvings=max_halvings,
+            record=record,
+            progress=False,
+            inputs=inputs,
+        )
+        if self._options.record.file is not None:
             raise SceneError("Response: a record to a file is not possible; use simulate")
-        self._build = build
-        self._start, self._record = start, record or Record()
-        self._options: dict[str, Any] = {
-            "scheme": scheme,
-            "t_end": t_end,
-            "dt": dt,
-            "tolerance": tolerance,
-            "dt_max": dt_max,
-            "breaks": breaks,
-            "newton": newton,
-            "max_halvings": max_halvings,
-            "inputs": inputs,
-        }
         self._begin()
 
     #: Memory for the steps that derivatives follow [bytes].
     _memory = LIMIT
-    #: What is recorded of motions.
-    _record = Record()
+    #: What is asked for; a static one asks for nothing.
+    _options = Options()
 
     def _begin(self) -> None:
         """Know of no call yet."""
         self._alone = RLock()
-        self._scenes, self._recording = BuiltScenes(self._build), Recording(self._record)
+        self._scenes, self._recording = BuiltScenes(self._build), Recording(self._options.record)
         self._x: Any = None
         self._reader: RowOutputs | None = None
         # Derivatives of all numbers by x.
         self._known_changes: dict[str, np.ndarray] | None = None
-        self._kept = KeptSetup()
-        self._kept.reads_at_once, self._kept.memory = True, self._memory
-        self._kept.alone = True
+        # Several processes have no derivatives.
+        self._series = MotionSeries(self._memory, reads_at_once=True, alone=True)
         self._adjoint: tuple[Any, list, Adjoint] | None = None
         # Whether the set-up has the numbers of the last call.
         self._is_set = False
         # The equilibrium from which the last motion started, if it was computed for it.
-        self._path: StaticPath | None = None
+        self._path: LoadPath | None = None
         self.stats: Stats
 
     def __getstate__(self):
@@ -240,39 +240,32 @@ class Response:
         return self._motion()
 
     def _motion(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        scene = self._scene
-        if (rows := self._rows_of(scene)) is not None:
-            return rows
-        with keeping_setup(self._kept):
-            solution = simulate(
-                scene,
-                start=self._start_of(scene),
-                record=self._recording.of(self._outputs),
-                progress=False,
-                **self._options,
-            )
-        self.stats, self._t = solution.stats, solution.t
-        self._end = solution.end if self._kept.tapes else None  # for derivatives
+        scene, record = self._scene, self._recording.of(self._outputs)
+        if record != self._options.record:
+            self._options = replace(self._options, record=record)
+        if (rows := self._rows_of(scene)) is None:
+            solution = self._series.motion(scene, self._options, self._start_of(scene))
+            self.stats, self._t = solution.stats, solution.t
+            self._end = solution.end if self._series.tapes else None  # for derivatives
+            rows = solution.t, self._read_all(solution)
         self._is_set, self._known_changes = True, None
-        return solution.t, self._read_all(solution)
+        return rows
 
     def _rows_of(self, scene: Scene) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
-        """The same by the plan of the last motion, if its rows have all outputs; None if not."""
-        kept, outputs, record = self._kept, self._outputs, self._recording.of(self._outputs)
-        again, setup = kept.repeated, kept.last
-        if again is None or setup is None or self._start is not None or record != again.record:
+        """The same as the last motion was taken, if its rows have all outputs; None if not."""
+        series, outputs, prepared = self._series, self._outputs, self._series.prepared
+        if self._start is not None or prepared is None or not series.repeats(self._options):
             return None
-        if kept.tapes or scene.obstacles:
+        if series.tapes or scene.obstacles:
             return None  # the end is needed, or what lies deep in them is told
-        if len(scene.nodes) != len(setup.model.scene.nodes):
+        if len(scene.nodes) != len(prepared.model.scene.nodes):
             return None  # outputs may be of nodes that the model has not
-        if self._reader is None or not self._reader.serve(outputs, setup.model):
-            self._reader = RowOutputs(outputs, setup.model)
-        if not self._reader.all or (found := again.rows(scene, kept)) is None:
+        if self._reader is None or not self._reader.serve(outputs, prepared.model):
+            self._reader = RowOutputs(outputs, prepared.model)
+        if not self._reader.all or (repeated := series.rows(scene)) is None:
             return None
-        self.stats, recorder = found
+        self.stats, recorder = repeated
         self._t, self._end = recorder.t, None
-        self._is_set, self._known_changes = True, None
         y = self._reader.of(recorder)
         self._shapes = {name: rows.shape for name, rows in y.items()}
         return self._t.copy(), y
@@ -286,10 +279,10 @@ class Response:
         self._path = None
         if not callable(self._start):
             return self._start
-        with keeping_paths() as paths:
-            solution = self._start(scene)
-        own = (path for path in paths if path.solution is solution and path.scene is scene)
-        self._path = next(own, None)
+        clock, solution = perf_counter(), self._start(scene)
+        path = getattr(solution, "load_path", None)
+        if path is not None and path.scene is scene and path.began >= clock:
+            self._path = path
         return solution
 
     @one_thread
@@ -499,8 +492,8 @@ class Response:
 
     def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
         """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
-        setup, tape = self._taped(what)
-        return setup.model, tape, self._adjoint_of(setup)
+        prepared, tape = self._taped(what)
+        return prepared.model, tape, self._adjoint_of(prepared)
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
         """Numbers of sub-steps before the rows of the last call."""
@@ -516,32 +509,33 @@ class Response:
                 rows[steps == len(tape)] = np.ravel(values)
         return {name.replace("_", " "): rows for name, rows in found.items()}
 
-    def _taped(self, what: str) -> tuple[RunSetup, Tape]:
-        """The set-up of the last call, with its numbers, and the tape of its steps."""
+    def _taped(self, what: str) -> tuple[Prepared, Tape]:
+        """The prepared scene of the last call, with its numbers, and the tape of its steps."""
         self._check_has_run(what)
-        kept = self._kept
-        if not kept.tapes or kept.tape is None:
-            kept.tapes = True
+        series = self._series
+        if not series.tapes or series.tape is None:
+            series.tapes = True
             self._motion()
         elif not self._is_set:
-            self._set_again()
-        setup, tape = kept.last, kept.tape
-        if setup is None or tape is None:
+            scene = self._connected(self._scenes.at(self._x)[0])
+            series.prepared = series.prepare(scene, self._options)
+            self._is_set = True
+        if series.prepared is None or series.tape is None:
             raise SceneError(
                 f"Response.{what}: the steps of this motion were not compiled "
                 f"({self.stats.solver}), and have no derivatives"
             )
-        return setup, tape
+        return series.prepared, series.tape
 
     def _check_has_run(self, what: str) -> None:
         wanted = "called after run(x) without an error"
         require(self._x is not None, f"{type(self).__name__}.{what}", "no motion yet", wanted)
 
-    def _adjoint_of(self, setup: RunSetup) -> Adjoint:
-        """The adjoint of a set-up, which serves all scenes whose joints have the same slides."""
-        loop = setup.stepper.integrator
-        assert isinstance(loop, CompiledLoop)  # only it has a tape
-        slides = [joint.start() for joint in setup.model.scene.joints]
+    def _adjoint_of(self, prepared: Prepared) -> Adjoint:
+        """The adjoint of steps, which serves all scenes whose joints have the same slides."""
+        loop = prepared.loop
+        assert loop is not None  # only it has a tape
+        slides = [joint.start() for joint in prepared.model.scene.joints]
         if self._adjoint is None or self._adjoint[:2] != (loop, slides):
             self._adjoint = loop, slides, Adjoint(loop.problem)
         return self._adjoint[2]
@@ -586,8 +580,8 @@ class Response:
     def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) of all numbers of the steps of a tape by x."""
         if self._known_changes is None:
-            assert self._kept.last is not None  # `_followed` comes first
-            model = self._kept.last.model
+            assert self._series.prepared is not None  # `_followed` comes first
+            model = self._series.prepared.model
             t0 = tape.starts.copy()
             t1, start = t0 + tape.lengths, self._change_of_start()
             of = [output for output in self._outputs.values() if isinstance(output, Output)]
@@ -642,40 +636,30 @@ class Response:
         And those of outputs with rates, by times and lengths of steps as `rates_at` gives them.
         """
         t0, t1 = steps
-        scene = with_functions(given, self._options["inputs"], "Response: inputs")
-        self._is_set = False
-        setup = self._with_numbers_of(scene)
-        steady = self._options["tolerance"] is None
-        parts = len(setup.model.scheme.fractions)
-        first = float(self._options["dt"] if steady else t1[parts - 1] - t0[0])
+        scene, self._is_set = self._connected(given), False
+        prepared = self._with_numbers_of(scene)
+        first = self._options.dt
+        if self._options.tolerance is not None:
+            first = float(t1[len(prepared.model.scheme.fractions) - 1] - t0[0])
         if at_rest is None:
-            state = setup.first_state(first, self._start_of(given), steady, rates is not None)
+            state = prepared.first_state(first, self._start_of(given), rates is not None)
         else:
-            state = setup.state_from(at_rest(setup.model), first, steady, rates is not None)
-        found = numbers_of(setup, state, t0, t1)
-        return found | ({} if rates is None else observed_numbers_of(setup, state, *rates))
+            state = prepared.state_from(at_rest(prepared.model), first, rates is not None)
+        numbers = numbers_of(prepared, state, t0, t1)
+        return numbers if rates is None else numbers | observed_numbers_of(prepared, state, *rates)
 
-    def _with_numbers_of(self, scene: Scene) -> RunSetup:
-        """A set-up whose model has the numbers of a scene, but not its compiled loop."""
-        kept, setup = self._kept, self._kept.last
-        assert setup is not None
-        kept.forget()  # until all is well
+    def _connected(self, scene: Scene) -> Scene:
+        """A scene with its inputs."""
+        return with_functions(scene, self._options.inputs, "Response: inputs")
+
+    def _with_numbers_of(self, scene: Scene) -> Prepared:
+        """What is prepared, with the numbers of a scene, but not its compiled loop."""
+        series, prepared = self._series, self._series.prepared
+        assert prepared is not None
+        series.prepared = None  # until all is well
         try:
-            setup.refill_model(scene)
+            prepared.refill_model(scene)
         except ElsewhereError:
-            model, steps = setup.model, setup.stepper
-            setup = RunSetup(scene, model.scheme, self._options["newton"], steps.halving)
-        kept.put_back(setup)
-        return setup
-
-    def _set_again(self) -> None:
-        """Set the numbers of the last call."""
-        options, kept = self._options, self._kept
-        scene, _ = self._scenes.at(self._x)
-        scene = with_functions(scene, options["inputs"], "Response: inputs")
-        steady = options["tolerance"] is None
-        halving = Halving(options["max_halvings"], options["dt"] if steady else None)
-        scheme = checked_scheme(scene, options["scheme"], "Response")
-        setup = kept.of(scene, scheme, options["newton"], halving)
-        kept.put_back(setup)
-        self._is_set = True
+            prepared = Prepared(scene, prepared.options)
+        series.prepared = prepared
+        return prepared

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fx_beam.equilibria.static_path import StaticPath
+from fx_beam.equilibria.load_path import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.initial_state import reference_state
@@ -33,7 +33,7 @@ from .work_outputs import StepWork, why_no_work
 _ROUNDING = 1e-12
 
 
-def why_not(path: StaticPath) -> str:
+def why_not(path: LoadPath) -> str:
     """Why a path has no derivatives; empty if it has."""
     model, first = path.model, path.states[0]
     if path.forcing.turning is not None:
@@ -55,7 +55,7 @@ def why_not(path: StaticPath) -> str:
     return ""
 
 
-def why_no_sums(path: StaticPath | None) -> dict[str, str]:
+def why_no_sums(path: LoadPath | None) -> dict[str, str]:
     """Why work and losses of a motion have no derivatives if it starts from a path, by quantity."""
     if path is None or why_not(path):  # nothing came before, or differences have it
         return {}
@@ -72,7 +72,7 @@ def why_no_sums(path: StaticPath | None) -> dict[str, str]:
 class StaticDerivatives:
     """The load steps of a path on a tape, with the adjoint."""
 
-    def __init__(self, path: StaticPath):
+    def __init__(self, path: LoadPath):
         if reason := why_not(path):
             raise SceneError(f"the equilibria have no derivatives: {reason}")
         self.path, self.model = path, path.model
@@ -95,7 +95,7 @@ class StaticDerivatives:
 
     def numbers_of(self, scene: Scene) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
-        scene = with_functions(scene, self.path.inputs, "static: inputs")
+        scene = with_functions(scene, self.path.options.inputs, "static: inputs")
         settles = bool(self.model.mechanism)
         if self._other is None:
             self._other = Model(self.model.scene, Equilibrium(), settles=settles)

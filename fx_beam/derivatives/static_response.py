@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.equilibria.static_path import StaticPath, keeping_paths
-from fx_beam.equilibria.statics import static
+from fx_beam.equilibria.load_path import LoadPath
+from fx_beam.equilibria.static_options import StaticOptions
 from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
@@ -94,15 +94,16 @@ class StaticResponse(Response):
     ):
         check_takes(build, "x", "StaticResponse: build")
         self._build = build
-        self._static: dict[str, Any] = {
-            "steps": steps,
-            "t": t,
-            "continuation": continuation,
-            "newton": newton,
-            "max_cuts": max_cuts,
-            "max_steps": max_steps,
-            "inputs": inputs,
-        }
+        self._static = StaticOptions(
+            steps=steps,
+            t=t,
+            continuation=continuation,
+            newton=newton,
+            max_cuts=max_cuts,
+            max_steps=max_steps,
+            progress=False,
+            inputs=inputs,
+        )
         self._begin()
 
     def _begin(self) -> None:
@@ -128,9 +129,8 @@ class StaticResponse(Response):
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         self._scene, self._outputs = self._scenes.at(x)
-        with keeping_paths() as paths:
-            solution = static(self._scene, progress=False, **self._static)
-        (self._static_path,) = paths
+        self._static_path = LoadPath(self._scene, self._static, None)
+        solution = self._static_path.followed()
         self.stats, self._t = solution.stats, solution.t
         self._derivatives = self._known_changes = None
         return solution.load_factor, self._read_all(solution)
@@ -140,8 +140,7 @@ class StaticResponse(Response):
     def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
         self._check_has_run(what)
         if self._derivatives is None:
-            path: StaticPath = self._static_path
-            self._derivatives = StaticDerivatives(path)
+            self._derivatives = StaticDerivatives(self._static_path)
         of = self._derivatives
         return of.model, of.tape, of.adjoint
 

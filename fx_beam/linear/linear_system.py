@@ -11,7 +11,8 @@ import scipy.linalg
 
 from fx_beam.errors import SceneError
 from fx_beam.motions.motion import Motion
-from fx_beam.motions.run_setup import checked_scheme, end_of
+from fx_beam.motions.options import check_scene
+from fx_beam.motions.prepared import end_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import check_names, widths
@@ -262,7 +263,7 @@ def linearise(
     (3.84, 3.84)
     """
     what = "linearise"
-    checked_scheme(scene, None, what)
+    check_scene(scene, what)
     fits = isinstance(at, Motion | Solution | None)
     require(fits, f"{what}: at", at, "a Solution or a Motion of the scene")
     outputs = {} if outputs is None else outputs

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
@@ -18,9 +17,9 @@ from fx_beam.scene.changes import (
     output_of,
 )
 from fx_beam.scene.scene import Scene
-from fx_beam.step.recorder import Record
 
-from .ending import Condition
+from .motion_series import MotionSeries
+from .options import Options
 
 # Changes that are so near to their limits when another one happens happen with it, as those of a
 # symmetric scene: relative to the force, to the size of the scene, or 1 rad.
@@ -32,37 +31,32 @@ _NOTHING = 1e-6
 class ChangingScene:
     """A scene with changes that are still to come, by names."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        changes: Mapping[str, Latch | Fuse],
-        until: Mapping[str, Condition],
-        outputs: Mapping[str, Any],
-        record: Record | None,
-    ):
-        self._scene, self._until, self._outputs = scene, until, outputs
+    def __init__(self, scene: Scene, changes: Mapping[str, Latch | Fuse], options: Options):
+        self._scene, self._options = scene, options
+        self._until, self._outputs = options.until or {}, options.outputs or {}
         self._changes = checked_changes(scene, changes)
         for name in self._changes:
-            if name in until or name in outputs:
+            if name in self._until or name in self._outputs:
                 raise SceneError(
                     f"simulate: {name!r} in `changes` is a name in `until` or `outputs` as well. "
                     "Use two names"
                 )
-        whole = record is None or (record.motion and record.forces and record.times is None)
-        if not whole:
+        record = options.record
+        if record.file is not None:
+            raise SceneError("simulate: a Record with a file is not possible with until or changes")
+        if not (record.motion and record.forces and record.times is None):
             raise SceneError(
                 "simulate: `changes` need rows at the ends of steps, with motion and forces. Omit "
                 "times, motion=False and forces=False in Record"
             )
 
-    def motion(
-        self, part: Callable[..., Solution], start: Solution | None, t_end: float, dt: float | None
-    ) -> Solution:
-        """The motion to the time t_end [s]; `part` gives one by `start`, `until` and `outputs`."""
+    def motion(self, series: MotionSeries, start: Solution | None) -> Solution:
+        """The motion to its end, in parts between changes."""
         whole: Solution | None = None
+        t_end, dt = self._options.t_end, self._options.dt
         while True:
             try:
-                run = part(start=start, **self._conditions())
+                run = series.motion(self._scene, self._options_of_part(), start)
             except BaseException as stop:
                 if whole is not None:
                     last = getattr(stop, "solution", None)
@@ -77,15 +71,16 @@ class ChangingScene:
                 return whole
             start = run
 
-    def _conditions(self) -> dict[str, Any]:
-        """Conditions that end the next part, and what they need."""
+    def _options_of_part(self) -> Options:
+        """Those of the next part: the next change ends it as well."""
         conditions = {
             name: lambda t, y, name=name, change=change: excess(change, y[name])
             for name, change in self._changes.items()
         }
         needed = {name: output_of(change) for name, change in self._changes.items()}
-        until = {**self._until, **conditions}
-        return {"until": until, "outputs": {**self._outputs, **needed}} if until else {}
+        until = {**self._until, **conditions} or None
+        outputs = {**self._outputs, **needed} if until else None
+        return replace(self._options, until=until, outputs=outputs)
 
     def _apply(self, names: list[str]) -> list[str]:
         """Change the scene, but not what another change has held or taken away; those that did."""

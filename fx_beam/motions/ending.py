@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from typing import Any, NamedTuple
 
@@ -10,17 +10,12 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.results.state import Past, State
-from fx_beam.scene.outputs import Output, check_outputs
-from fx_beam.scene.scene import Scene
-from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.recorder import Recorder, Unrecorded
-from fx_beam.validation import is_number, require, shown
+from fx_beam.validation import is_number, shown
 
 from .fitted_state import FittedState
 from .measurement import reading
-from .run_setup import RunSetup
-
-Condition = Callable[[float, dict[str, Any]], Any]
+from .prepared import Prepared
 
 # Accuracy of the time of the end, relative to the step, and to the time.
 _OF_STEP, _OF_TIME = 1e-13, 4e-16
@@ -31,19 +26,6 @@ _SHORTEST = 0.1
 # A mean force that is met in a shorter step than this part of one has jumped at its start.
 _JUMP = 1e-9
 _MOST_TRIALS = 200
-
-
-def checked_conditions(scene: Scene, until: Any, outputs: Any) -> dict[str, Condition]:
-    """Conditions by their names; SceneError if they, or their outputs, are none."""
-    if until is None:
-        require(outputs is None, "simulate: outputs", outputs, "given with `until` only")
-        return {}
-    named = until if isinstance(until, Mapping) else {"until": until}
-    fits = all(isinstance(name, str) and callable(f) for name, f in named.items())
-    wanted = "a function of time and outputs, or a dictionary of such functions by names"
-    require(fits, "simulate: until", until, wanted)
-    check_outputs(scene, {} if outputs is None else outputs, "simulate: outputs")
-    return dict(named)
 
 
 class _Mark(NamedTuple):
@@ -59,26 +41,21 @@ class _Mark(NamedTuple):
 class Ending:
     """Takes the steps of a run one by one, until a condition is met."""
 
-    def __init__(
-        self,
-        setup: RunSetup,
-        recorder: Recorder,
-        conditions: Mapping[str, Condition],
-        outputs: Mapping[str, Output],
-    ):
-        self._stepper, self._recorder, self._conditions = setup.stepper, recorder, conditions
+    def __init__(self, prepared: Prepared, recorder: Recorder):
+        outputs = prepared.options.outputs or {}
+        self._stepper, self._recorder = prepared.stepper, recorder
+        self._conditions = prepared.options.until
         self._step = _Step()
-        self._now = FittedState(setup.model, setup.forcing, self._step)
-        turns = setup.turn_counter.removed
+        self._now = FittedState(prepared.model, prepared.forcing, self._step)
+        turns = prepared.turn_counter.removed
         self._readings = {
-            name: reading(setup.model, self._now, turns, output) for name, output in outputs.items()
+            name: reading(prepared.model, self._now, turns, output)
+            for name, output in outputs.items()
         }
-        integrator, forces = setup.stepper.integrator, [o.quantity for o in outputs.values()]
-        if isinstance(integrator, CompiledLoop) and "force" in forces:
-            integrator.problem.c.keeps_joint_forces = True
+        forces = any(output.quantity == "force" for output in outputs.values())
+        if forces and prepared.loop is not None:
+            prepared.loop.problem.c.keeps_joint_forces = True
         self._before: _Mark | None = None
-        #: Name of the condition that is met; empty while none is.
-        self.met = ""
         self._last = start = recorder.end
         self._values = self._values_after(start, start)
         for name, value in self._values.items():
@@ -141,7 +118,7 @@ class Ending:
         end = np.array([ends[first]])
         self._recorder.plan(number, end, last=True)
         self._stepper.march(mark.state, end, number, self._recorder)
-        self.met = first
+        self._stepper.stats.until = first
 
     def _zero(self, name: str, mark: _Mark, t0: float, t1: float, last: Any) -> float:
         """Time in [t0, t1] at which a condition is met in a step from a mark, just behind it.

@@ -21,14 +21,14 @@ from fx_beam.step.interrupts import ctrl_c_between_blocks, one_thread, uninterru
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.single_stepper import Grid
-from fx_beam.step.substeps import Halving
 from fx_beam.validation import as_float, check_takes, is_number, positive, require
 
 from .evaluation import solution_of
 from .measurement import reading
 from .mpi_ranks import waiting_team
 from .open_motion import OpenMotion
-from .run_setup import MOST_STEPS, RunSetup, check_options, checked_scheme, state_of
+from .options import MOST_STEPS, Options, check_scene
+from .prepared import Prepared, state_of
 from .snapshot import Snapshot
 
 Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
@@ -118,40 +118,46 @@ class Motion:
         max_halvings: int = 12,
     ):
         clock, self._alone = perf_counter(), RLock()
-        scheme = checked_scheme(scene, scheme, "Motion")
-        check_options("Motion", newton, max_halvings, record)
-        positive(dt, "Motion: dt")
-        if record is not None and record.times is not None:
+        check_scene(scene, "Motion")
+        self._dt = positive(dt, "Motion: dt")
+        options = Options(
+            what="Motion",
+            scheme=scheme,
+            dt=self._dt,
+            record=record,
+            newton=newton,
+            max_halvings=max_halvings,
+        )
+        if options.record.times is not None:
             raise SceneError("Motion: a record at times is not possible; use Record(every=...)")
-        if record is not None and record.file is not None:
+        if options.record.file is not None:
             raise SceneError("Motion: a record to a file is not possible; use simulate")
-        outputs = {} if outputs is None else outputs
+        outputs = {} if outputs is None else dict(outputs)
         check_outputs(scene, outputs, "Motion: outputs")
         self._arguments = {
             "scene": scene,
-            "scheme": scheme,
-            "dt": as_float(dt),
-            "outputs": dict(outputs),
+            "scheme": options.scheme,
+            "dt": self._dt,
+            "outputs": outputs,
             "record": record,
             "newton": newton,
             "max_halvings": max_halvings,
         }
-        self._dt, held = as_float(dt), HeldInputs(scene)
-        halving = Halving(max_halvings, self._dt)
-        self._setup = setup = RunSetup(held.scene, scheme, newton, halving, waiting_team())
+        held = HeldInputs(scene)
+        self._prepared = prepared = Prepared(held.scene, options, waiting_team())
         if start is not None:
-            state = state_of(setup.model, start)
-            held.resume(setup.forcing, state, state.inputs)
+            state = state_of(prepared.model, start)
+            held.resume(prepared.forcing, state, state.inputs)
         forces = any(output.quantity == "force" for output in outputs.values())
-        self._open = OpenMotion(setup, held, self._dt, record, forces)
-        turns = setup.turn_counter.removed
+        self._open = OpenMotion(prepared, held, self._dt, record, forces)
+        turns = prepared.turn_counter.removed
         self._readings = {
-            name: reading(setup.model, self._open.now, turns, output)
+            name: reading(prepared.model, self._open.now, turns, output)
             for name, output in outputs.items()
         }
-        state = setup.first_state(self._dt, start)
-        self._open.begin(state, np.zeros(setup.model.size), Grid(state.t, 0, self._dt))
-        setup.stats.setup_seconds = perf_counter() - clock
+        state = prepared.first_state(self._dt, start)
+        self._open.begin(state, np.zeros(prepared.model.size), Grid(state.t, 0, self._dt))
+        prepared.stats.setup_seconds = perf_counter() - clock
 
     # -- Steps ------------------------------------------------------------------------------------
 
@@ -181,7 +187,7 @@ class Motion:
         clock = perf_counter()
         self._open.step({} if inputs is None else inputs)
         outputs = {name: read() for name, read in self._readings.items()}
-        self._setup.stats.seconds += perf_counter() - clock
+        self._prepared.stats.seconds += perf_counter() - clock
         return outputs
 
     @one_thread
@@ -244,8 +250,8 @@ class Motion:
     def q(self) -> np.ndarray:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
         self._open.settle()
-        return self._setup.model.to_nodes(
-            self._open.stepper.steps.now.q + self._setup.turn_counter.removed
+        return self._prepared.model.to_nodes(
+            self._open.stepper.steps.now.q + self._prepared.turn_counter.removed
         )
 
     @property
@@ -253,7 +259,7 @@ class Motion:
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
         self._open.settle()
-        return self._setup.model.to_nodes(self._open.now.v)
+        return self._prepared.model.to_nodes(self._open.now.v)
 
     @property
     @one_thread
@@ -261,7 +267,7 @@ class Motion:
         """Present slides of the joints, (joints,) [m]; NaN of those that were removed."""
         self._open.settle()
         slides = self._open.stepper.steps.now.slides.copy()
-        slides[self._setup.model.removed_joints] = np.nan
+        slides[self._prepared.model.removed_joints] = np.nan
         return slides
 
     @property
@@ -287,16 +293,16 @@ class Motion:
         """Statistics of all steps so far."""
         self._open.settle()
         self._open.stepper.count()
-        return copy(self._setup.stats)
+        return copy(self._prepared.stats)
 
     @property
     @one_thread
     def state(self) -> Solution:
         """The present state, a solution of one row: for `start`, `modes`, `linearise`, pictures."""
-        recorder = Recorder(self._setup.model, np.array([self.t]), Record())
+        recorder = Recorder(self._prepared.model, np.array([self.t]), Record())
         end = self._open.end()
         recorder.record(0, end)
-        return solution_of(self._setup.model, recorder, self.stats, lambda: end)
+        return solution_of(self._prepared.model, recorder, self.stats, lambda: end)
 
     @one_thread
     def solution(self) -> Solution:
@@ -314,7 +320,7 @@ class Motion:
         """
         self._open.settle()
         recorder = self._open.rows.complete()
-        return solution_of(self._setup.model, recorder, self.stats, self._open.end)
+        return solution_of(self._prepared.model, recorder, self.stats, self._open.end)
 
     # -- Snapshots --------------------------------------------------------------------------------
 
@@ -349,7 +355,7 @@ class Motion:
             For a snapshot of another scene.
         """
         require(isinstance(snapshot, Snapshot), "Motion.restore", snapshot, "a snapshot")
-        snapshot.check(self._setup.model, sum(self._open.held.widths.values()))
+        snapshot.check(self._prepared.model, sum(self._open.held.widths.values()))
         self._open.restore(snapshot)
         return self.outputs
 
@@ -359,7 +365,7 @@ class Motion:
 
     def __repr__(self):
         return (
-            f"<Motion: {self._setup.stats.scheme}, dt = {self._dt:g}, at t = {self.t:g}, inputs "
+            f"<Motion: {self._prepared.stats.scheme}, dt = {self._dt:g}, at t = {self.t:g}, inputs "
             f"{list(self._open.held.widths)}, outputs {list(self._readings)}>"
         )
 

@@ -9,7 +9,7 @@ import sys
 from fx_beam.fem.mpi import rank_and_size
 from fx_beam.parallel.team import Team, present
 
-from .progress import in_sweep
+from .thread_series import thread_series
 
 _log = logging.getLogger("fx_beam")
 
@@ -17,13 +17,13 @@ _log = logging.getLogger("fx_beam")
 def warn_of_equal_work() -> None:
     """Warn once, on rank 0, that every rank computes the scene; not where a sweep calls."""
     # `python -m mpi4py.futures` runs the script on one rank; the others wait for cases.
-    if not in_sweep() and "mpi4py.futures" not in sys.modules and present() is None:
+    if thread_series() is None and "mpi4py.futures" not in sys.modules and present() is None:
         _warn()
 
 
 def waiting_team() -> Team | None:
     """Processes that wait for parts of a scene; None without any, and in a sweep."""
-    return None if in_sweep() else present()
+    return present() if thread_series() is None else None
 
 
 @functools.cache

@@ -11,14 +11,13 @@ import numpy as np
 from fx_beam.parallel.team_loop import TeamLoop, TeamSingleSteps
 from fx_beam.results.state import State
 from fx_beam.step.held_inputs import HeldInputs
-from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.recorder import Record
 from fx_beam.step.single_stepper import Grid, SingleStepper, SingleSteps
 from fx_beam.step.single_steps import CompiledSingleSteps
 
 from .fitted_state import FittedState
 from .open_record import OpenRecord
-from .run_setup import RunSetup
+from .prepared import Prepared
 from .snapshot import Snapshot
 
 # Steps between two counts of full turns, as in `simulate`.
@@ -32,32 +31,36 @@ class OpenMotion:
     """
 
     def __init__(
-        self, setup: RunSetup, held: HeldInputs, dt: float, record: Record | None, forces: bool
+        self,
+        prepared: Prepared,
+        held: HeldInputs,
+        dt: float,
+        record: Record | None,
+        forces: bool,
     ):
-        self._setup, self._dt, self._record = setup, dt, record
+        self._prepared, self._dt, self._record = prepared, dt, record
         #: What completes or undoes what an interrupt may have broken off, and its arguments.
         self._pending: tuple[Callable[..., None], tuple] | None = None
         self.held = held
-        loop = setup.stepper.integrator
         steps: SingleSteps
-        if isinstance(loop, CompiledLoop):
-            steps = CompiledSingleSteps(loop, dt, forces)
+        if prepared.loop is not None:
+            steps = CompiledSingleSteps(prepared.loop, dt, forces)
         else:
-            assert isinstance(loop, TeamLoop)
-            steps = TeamSingleSteps(loop)
-        self.stepper = SingleStepper(setup.stepper, steps)
+            assert isinstance(prepared.stepper.integrator, TeamLoop)
+            steps = TeamSingleSteps(prepared.stepper.integrator)
+        self.stepper = SingleStepper(prepared.stepper, steps)
         #: The present state as it is shown.
-        self.now = FittedState(setup.model, setup.forcing, self.stepper)
+        self.now = FittedState(prepared.model, prepared.forcing, self.stepper)
 
     def begin(self, state: State, removed: np.ndarray, grid: Grid) -> None:
         """Begin to step and to record from a state, in which full turns are missing."""
-        counter = self._setup.turn_counter
+        counter = self._prepared.turn_counter
         turns = counter.turns_of(state)
         state = counter.without(turns, state)
         counter.removed[:] = removed + turns
         self.stepper.load(state, grid)
         self.now.begin(state)
-        self.rows = OpenRecord(self._setup.model, self._record, state, counter.removed, grid)
+        self.rows = OpenRecord(self._prepared.model, self._record, state, counter.removed, grid)
         #: Present time [s].
         self.t = grid(0)
 
@@ -99,7 +102,7 @@ class OpenMotion:
 
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
-        counter, state = self._setup.turn_counter, self.stepper.state()
+        counter, state = self._prepared.turn_counter, self.stepper.state()
         turns = counter.turns_of(state)
         if turns.any():
             state, removed = counter.without(turns, state), counter.removed + turns
@@ -108,14 +111,14 @@ class OpenMotion:
 
     def _turn_back(self, state: State, removed: np.ndarray) -> None:
         """Go on from the present state without its full turns; `removed` are all that miss."""
-        self._setup.turn_counter.removed[:] = removed
+        self._prepared.turn_counter.removed[:] = removed
         self.rows.miss(removed)
         self.stepper.go_on_from(state)
 
     def end(self) -> State:
         """The present state, with all on which the next step depends."""
         self.settle()
-        state = self._setup.turn_counter.with_turns(self.now.state())
+        state = self._prepared.turn_counter.with_turns(self.now.state())
         return replace(state, inputs=self.held.all)
 
     def snapshot(self) -> Snapshot:
@@ -123,7 +126,7 @@ class OpenMotion:
         self.settle()
         stepper = self.stepper
         state = replace(self.now.state(), inputs=self.held.all)
-        turns, dofs = self._setup.turn_counter.removed.copy(), self._setup.model.mesh.dofs
+        turns, dofs = self._prepared.turn_counter.removed.copy(), self._prepared.model.mesh.dofs
         step = stepper.grid.origin, stepper.grid.first + stepper.number
         return Snapshot(self.t, state, step, turns, dofs)
 
@@ -136,6 +139,6 @@ class OpenMotion:
 
     def _return_to(self, snapshot: Snapshot) -> None:
         state = snapshot.state
-        self._setup.forcing.hold(state)
-        self.held.resume(self._setup.forcing, state, state.inputs)
+        self._prepared.forcing.hold(state)
+        self.held.resume(self._prepared.forcing, state, state.inputs)
         self.begin(state, snapshot.turns, Grid(*snapshot.step, self._dt))

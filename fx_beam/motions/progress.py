@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable
 from typing import ParamSpec
 
 from tqdm import tqdm
@@ -14,11 +12,12 @@ from fx_beam.errors import Failure, StepError
 from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import without_ctrl_c
 
+from .thread_series import thread_series
+
 _P = ParamSpec("_P")
 
 # Delay of a progress bar that was not requested [s].
 _SOON = 2.0
-_NO_BARS: ContextVar[bool] = ContextVar("no bars", default=False)
 _KEPT = (
     "fx_beam: the steps so far are in the attribute `solution` of this KeyboardInterrupt. In a "
     "script: `except KeyboardInterrupt as stop: solution = stop.solution`; at a prompt: "
@@ -44,27 +43,15 @@ class _NoBar:
 
 
 def progress_bar(total: float, asked: bool | None, **look) -> tqdm | _NoBar:
-    """A progress bar, removed at the end; by default only on a terminal and for long runs."""
+    """A progress bar, removed at the end; by default only on a terminal and for long runs.
+
+    In a sweep only if it is asked for: several workers would draw over one another.
+    """
     # For tqdm, None means: only on a terminal.
-    hidden = (_NO_BARS.get() or None) if asked is None else not asked
+    hidden = (thread_series() is not None or None) if asked is None else not asked
     if hidden:
         return _NoBar()
     return tqdm(total=total, disable=hidden, delay=0 if asked else _SOON, leave=False, **look)
-
-
-@contextmanager
-def without_bars() -> Iterator[None]:
-    """No bars but those that are asked for: several workers would draw over one another."""
-    before = _NO_BARS.set(True)
-    try:
-        yield
-    finally:
-        _NO_BARS.reset(before)
-
-
-def in_sweep() -> bool:
-    """Whether a sweep calls, here or in a worker."""
-    return _NO_BARS.get()
 
 
 def failure_of(stop: BaseException, time: float) -> Failure:

@@ -23,7 +23,7 @@ from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 
 from .evaluation import check_rates
-from .run_setup import RunSetup
+from .prepared import Prepared
 
 # Which part of the time the solution so far may take to be saved.
 _SHARE = 0.05
@@ -35,15 +35,15 @@ class RowFiles:
     On several processes each writes the elements of its part.
     """
 
-    def __init__(self, setup: RunSetup, recorder: Recorder, file: Path | str):
-        self._model, self._recorder = setup.model, recorder
+    def __init__(self, prepared: Prepared, recorder: Recorder, file: Path | str):
+        self._model, self._recorder = prepared.model, recorder
         if not self._model.scene.beams:
             raise SceneError("Record: a file for ParaView needs beams, and the scene has none")
         check_rates(self._model, recorder)
         self._path = writable(file, ("pvd",)).resolve()
         self._folder = self._path.with_suffix("")
         self._folder.mkdir(exist_ok=True)
-        self._divide(setup)
+        self._divide(prepared)
         self._variables = _variables(self._model)
         self._times: list[float] = []
         self._names: list[str] = []
@@ -55,7 +55,7 @@ class RowFiles:
         #: Whether a file could not be written.
         self._broken = False
 
-    def _divide(self, setup: RunSetup) -> None:
+    def _divide(self, prepared: Prepared) -> None:
         """Let each process have its elements."""
         mesh, beams = self._model.mesh, self._model.scene.beams
         degree = beams[0].degree
@@ -65,7 +65,7 @@ class RowFiles:
         nodes = np.column_stack([np.concatenate(first), np.concatenate(last)])
         beam = np.repeat(np.arange(len(beams)), [beam.elements for beam in beams])
         make, self._elements = None, [np.arange(len(nodes))]
-        equations = setup.stepper.integrator.single.equations
+        equations = prepared.stepper.integrator.single.equations
         if isinstance(equations, WholeEquations):
             self._elements, make = equations.pieces()
         #: Nodes of each process.

@@ -13,7 +13,6 @@ from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.substeps import Halving
 from fx_beam.validation import LARGEST, check_takes, is_whole, numbers, require, shown
 
 from .closing import Closed
@@ -40,7 +39,7 @@ class _OverFrequency(Shooting):
     def run(self, state: State, parameter: float) -> Period:
         if parameter != self._now:
             try:
-                self.setup.refill(_scene(self._build, parameter), Halving(0))
+                self.prepared.refill(_scene(self._build, parameter))
             except OtherStructureError as other:
                 raise SceneError(
                     f"{self.what}: the scene at {parameter:.6g} Hz has another structure than at "

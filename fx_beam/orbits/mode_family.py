@@ -69,7 +69,7 @@ def mode_start(shooting: Shooting, scene: Scene, state: Solution | None, mode: i
             f"{what}: loads, motors or parameters depend on time, so that the motion is forced: it "
             "has their period. Give period=, without a mode"
         )
-    if state is None and shooting.setup.forcing.forces(Interval(0.0, 0.0))[0].any():
+    if state is None and shooting.prepared.forcing.forces(Interval(0.0, 0.0))[0].any():
         raise SceneError(
             f"{what}: the scene has loads. Give the equilibrium about which the mode vibrates, "
             "such as state=fx_beam.static(scene)"

@@ -8,7 +8,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Scheme
-from fx_beam.motions.run_setup import end_of
+from fx_beam.motions.prepared import end_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene

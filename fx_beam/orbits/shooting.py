@@ -13,16 +13,15 @@ from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions.evaluation import solution_of
-from fx_beam.motions.run_setup import RunSetup, check_options, checked_scheme
+from fx_beam.motions.options import Options, check_scene
+from fx_beam.motions.prepared import Prepared
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.forward import Forward
-from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
-from fx_beam.step.substeps import Halving
 from fx_beam.step.tape import Tape
 from fx_beam.validation import is_whole, require
 
@@ -104,17 +103,17 @@ class Shooting:
         newton: NewtonOptions | None,
         what: str,
     ):
-        scheme = checked_scheme(scene, scheme, what)
+        check_scene(scene, what)
+        options = Options(what=what, scheme=scheme, newton=newton, max_halvings=0)
         fits = is_whole(steps, 9) and steps % 2 == 1
         wanted = "an odd whole number from 9 on: what alternates from step to step then fades"
         require(fits, f"{what}: steps", steps, wanted)
-        check_options(what, newton, 0, None)
         self.steps, self.what = int(steps), what
-        self.setup = RunSetup(scene, scheme, newton, Halving(0))
-        self.model = model = self.setup.model
+        self.prepared = Prepared(scene, options)
+        self.model = model = self.prepared.model
         check_unknowns(model, what)
-        loop = self.setup.stepper.integrator
-        assert isinstance(loop, CompiledLoop)
+        loop = self.prepared.loop
+        assert loop is not None
         self._forward = Forward(Adjoint(loop.problem))
         loop.tape = self._tape = Tape(loop.problem)
         fixed = np.zeros(model.size, dtype=bool)
@@ -147,14 +146,14 @@ class Shooting:
 
     def first_state(self, start: Solution | None, dt: float) -> State:
         """The state from which a scene starts, or that at the end of a solution."""
-        return self._at_start(self.setup.first_state(dt, start))
+        return self._at_start(self.prepared.first_state(dt, start))
 
     def _at_start(self, state: State) -> State:
         """The state at the begin of a period, before any work."""
         zero = dict.fromkeys(("work", "dissipated", "numerical", "impact"), 0.0)
         state = state.changed(past=None, parts=None, fitted=None, **zero)
         if self.model.couplings.driven:
-            positions = self.setup.forcing.positions(state.t)
+            positions = self.prepared.forcing.positions(state.t)
             state = state.changed(motors=positions[len(self.model.prescribed) :])
         return state
 
@@ -277,9 +276,9 @@ class Shooting:
     def _march(self, state: State, times: np.ndarray) -> State:
         """The state after steps, which are on the tape."""
         self._tape.clear()
-        self.setup.stepper.load(state)
+        self.prepared.stepper.load(state)
         recorder = Recorder(self.model, times, _NOTHING)
-        return self.setup.stepper.march(state, times[1:], 1, recorder)
+        return self.prepared.stepper.march(state, times[1:], 1, recorder)
 
     @staticmethod
     def _times(state: State, length: float, steps: int) -> np.ndarray:
@@ -348,7 +347,7 @@ class Shooting:
     def solution(self, period: Period) -> Solution:
         """The motion over a period with all that is recorded."""
         start = period.start.changed(algorithmic=period.end.algorithmic)
-        setup, times = self.setup, self._times(start, period.length, self.steps)
+        setup, times = self.prepared, self._times(start, period.length, self.steps)
         recorder = Recorder(self.model, times, Record())
         self._tape.clear()
         setup.stepper.load(start)
@@ -366,7 +365,7 @@ class Shooting:
     def _constant_loads(self) -> np.ndarray:
         if not self.model.loads.constant:
             return np.zeros(self.model.size)
-        force = self.setup.forcing.forces(Interval(0.0, 0.0))[0]
+        force = self.prepared.forcing.forces(Interval(0.0, 0.0))[0]
         return force if self.model.weight is None else force - self.model.weight
 
     def slope_of_energy(self, state: State, by: Directions) -> np.ndarray:
@@ -380,7 +379,7 @@ class Shooting:
     def _of_time(self, state: State, t0: float, length: float) -> np.ndarray:
         """Functions of time (steps, n) in a period."""
         times = t0 + length / self.steps * np.arange(self.steps + 1)
-        values = numbers_of(self.setup, state, times[:-1], times[1:])
+        values = numbers_of(self.prepared, state, times[:-1], times[1:])
         parts = [values[name].reshape(self.steps, -1) for name in _OF_TIME if name in values]
         return np.hstack(parts)
 

@@ -26,8 +26,8 @@ import numpy as np
 
 from fx_beam.errors import SceneError, StepError
 from fx_beam.fem import mpi
-from fx_beam.motions.kept_setup import KeptSetup, keeping_setup
-from fx_beam.motions.progress import without_bars
+from fx_beam.motions.motion_series import MotionSeries
+from fx_beam.motions.thread_series import simulating_by
 from fx_beam.validation import is_whole, shown
 
 _log = logging.getLogger("fx_beam")
@@ -64,7 +64,7 @@ def call(function: Callable, item: Any) -> Outcome:
     clock = perf_counter()
     value, error = None, ""
     try:
-        with without_bars(), keeping_setup(_kept_here()):
+        with simulating_by(_series_here()):
             value = function(item)
     except Exception as raised:
         error = _sentence(raised)
@@ -118,11 +118,11 @@ def run(function: Callable, items: Sequence, executor: Executor | int | None) ->
         yield from workers.run(items)
 
 
-def _kept_here() -> KeptSetup:
-    """The set-up of the last motion of this thread."""
-    if not hasattr(_THREAD, "kept"):
-        _THREAD.kept = KeptSetup()
-    return _THREAD.kept
+def _series_here() -> MotionSeries:
+    """The motions of this thread's items: a scene is prepared for those of equal structure."""
+    if not hasattr(_THREAD, "series"):
+        _THREAD.series = MotionSeries()
+    return _THREAD.series
 
 
 class _Here:

@@ -290,10 +290,10 @@ def test_the_script_runs_once_and_its_exit_ends_all(two):
 LONG = """
 import fx_beam as fb
 import process_cases as cases
-from fx_beam.motions import dynamics
+from fx_beam.motions import run
 
 load = cases.Stops(0.02, lambda: print("running", flush=True))
-dynamics._BLOCK = 1000  # rows go to files after six steps
+run._BLOCK = 1000  # rows go to files after six steps
 record = fb.Record(file="rows.pvd") if {files} else None
 try:
     fb.simulate(cases.loaded(load), dt=1e-3, t_end=1e3, record=record)

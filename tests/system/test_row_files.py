@@ -6,7 +6,7 @@ import pytest
 from process_cases import CASES
 
 import fx_beam as fb
-from fx_beam.motions import dynamics
+from fx_beam.motions import run
 
 # What a solution has in memory beside the files.
 IN_MEMORY = "t", "t_level", "reactions", "joint_forces", "motor_forces", "contact_forces", "slides"
@@ -15,7 +15,7 @@ IN_MEMORY = "t", "t_level", "reactions", "joint_forces", "motor_forces", "contac
 @pytest.fixture
 def few(monkeypatch):
     """Rows are written after a few steps."""
-    monkeypatch.setattr(dynamics, "_BLOCK", 400)
+    monkeypatch.setattr(run, "_BLOCK", 400)
 
 
 def grids(file):

@@ -9,7 +9,6 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
-from fx_beam.laws.schemes import EnergyMomentum, Scheme
 from fx_beam.parallel.team import Team
 from fx_beam.parallel.team_loop import TeamLoop
 from fx_beam.results.audit import Stats
@@ -21,11 +20,7 @@ from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
-from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.recorder import Record
 from fx_beam.step.stepper import Stepper
-from fx_beam.step.substeps import MOST_HALVINGS, Halving
-from fx_beam.validation import is_whole, require, shown
 
 from .carried_state import carried_state, end_of, has_changed
 from .initial_state import (
@@ -34,32 +29,26 @@ from .initial_state import (
     late_accelerations,
     resumed_state,
 )
+from .options import Options
 from .smooth_start import smooth_start
 
-#: Largest number of steps; their times alone take 8 GB.
-MOST_STEPS = 1e9
-_DEFAULT = EnergyMomentum()
 
+class Prepared:
+    """The model of a scene and what takes its steps; both serve other scenes of its structure.
 
-class RunSetup:
-    """Takes the steps of a motion of a scene: alone, or with a team of processes."""
+    With a team of processes these take the steps.
+    """
 
-    def __init__(
-        self,
-        scene: Scene,
-        scheme: Scheme,
-        newton: NewtonOptions | None,
-        halving: Halving,
-        team: Team | None = None,
-    ):
-        self.model = Model(scene, scheme)
-        self._options, self._team = newton or NewtonOptions(), team
+    def __init__(self, scene: Scene, options: Options, team: Team | None = None):
+        self.model = Model(scene, options.scheme)
+        #: What was asked for when the scene was prepared.
+        self.options, self._team = options, team
         self.turn_counter = TurnCounter(self.model)
-        self._begin(halving, None)
+        self._begin(None)
 
-    def _begin(self, halving: Halving, loop: CompiledLoop | None) -> None:
+    def _begin(self, loop: CompiledLoop | None) -> None:
         """Begin a run: a loop that there is already serves it as well."""
-        model, scheme, options = self.model, self.model.scheme, self._options
+        model, scheme, options = self.model, self.model.scheme, self.options
         self.stats = Stats(
             scheme=scheme.name,
             level=scheme.rates.level,
@@ -72,23 +61,25 @@ class RunSetup:
         self.forcing = Forcing(model)
         if loop is not None:
             loop.refill(self.forcing, self.stats)
-            self.stepper = Stepper(loop, halving)
+            self.stepper = Stepper(loop, options.halving)
             return
-        given = model, self.forcing, options, self.stats
+        given = model, self.forcing, options.newton, self.stats
         new = CompiledLoop(*given) if self._team is None else TeamLoop(self._team, *given)
-        self.stepper = Stepper(new, halving)
+        self.stepper = Stepper(new, options.halving)
 
-    def refill(self, scene: Scene, halving: Halving) -> None:
-        """Set all numbers to those of another scene, as if it were set up anew.
+    def refill(self, scene: Scene, options: Options | None = None) -> None:
+        """Set all numbers to those of another scene, as if it were prepared anew.
 
-        OtherStructureError if the scene differs in more; the set-up is useless then.
+        OtherStructureError if the scene differs in more; this is useless then.
         """
+        self.options = options or self.options
         self.model.refill(scene)
         self.turn_counter.reset()
-        self._begin(halving, self._loop)
+        self._begin(self.loop)
 
     @property
-    def _loop(self) -> CompiledLoop | None:
+    def loop(self) -> CompiledLoop | None:
+        """The compiled loop; None if a team takes the steps."""
         loop = self.stepper.integrator
         return loop if isinstance(loop, CompiledLoop) else None
 
@@ -97,26 +88,23 @@ class RunSetup:
         self.model.refill(scene)
         self.forcing = Forcing(self.model)
         if len(self.model.scheme.fractions) > 1:  # a step of the loop smooths the start
-            self._begin(self.stepper.halving, self._loop)
+            self._begin(self.loop)
 
-    def first_state(
-        self, dt: float, start: Solution | None, steady: bool = True, accelerations: bool = True
-    ) -> State:
-        """Initial state of a motion, in the numbering of the model.
+    def first_state(self, dt: float, start: Solution | None, accelerations: bool = True) -> State:
+        """Initial state of a motion by steps of the length dt [s], in the numbering of the model.
 
-        Steps have the length dt [s] if they are `steady`. Without `accelerations` it has them only
-        if steps need them.
+        Without `accelerations` it has them only if steps need them.
         """
         model, forcing = self.model, self.forcing
         before = None if start is None else state_of(model, start)
         if start is None or before is None or start.stats.static:
-            return self.state_from(before, dt, steady, accelerations)
+            return self.state_from(before, dt, accelerations)
         if before.fitted is None:
             same = start.stats.scheme == model.scheme.name
             state = resumed_state(model, forcing, dt, before, same)
         else:
             before = replace(before, work=before.work + _come_and_gone(model, start, before))
-            state = self.state_from(before, dt, steady, accelerations)
+            state = self.state_from(before, dt, accelerations)
             supplied, lost = state.work - before.work, model.energy(before)
             lost += supplied - model.energy(state)
             state = replace(state, impact=state.impact + lost)
@@ -127,13 +115,11 @@ class RunSetup:
         """A function that gives the accelerations of a first state, in which they are zero."""
         return late_accelerations(self.model, self.forcing, state, dt)
 
-    def state_from(
-        self, start: State | None, dt: float, steady: bool = True, accelerations: bool = True
-    ) -> State:
+    def state_from(self, start: State | None, dt: float, accelerations: bool = True) -> State:
         """The same from an equilibrium, or from the reference configuration."""
         model, forcing = self.model, self.forcing
         state = initial_state(model, forcing, dt, start, accelerations)
-        if steady:
+        if self.options.tolerance is None:
             state = smooth_start(model, forcing, self.stepper, self.stats, state, dt)
         self.stepper.load(state)
         return state
@@ -148,21 +134,6 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
     if start.t[-1] != end.t:
         return 0.0  # the record has no row of the end
     return model.energy(state) - float(energy.total[-1] - (energy.work[-1] - end.work))
-
-
-def checked_scheme(scene, scheme, what: str) -> Scheme:
-    """The scheme of a motion, by default `EnergyMomentum`; SceneError if `what` cannot use it."""
-    scheme = _DEFAULT if scheme is None else scheme
-    if not isinstance(scene, Scene):
-        raise SceneError(f"{what} needs an fx_beam.Scene, not {shown(scene)}")
-    if not isinstance(scheme, Scheme):
-        raise SceneError(
-            f"unknown scheme {shown(scheme)}; give an instance such as fx_beam.EnergyMomentum() or "
-            "fx_beam.Newmark(), with parentheses, or an fx_beam.Scheme of your own"
-        )
-    if scheme.rates.at_rest:
-        raise SceneError(f"{scheme.name} is a scheme for statics. Use fx_beam.static(scene)")
-    return scheme
 
 
 def state_of(model: Model, start: Solution) -> State:
@@ -220,18 +191,3 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
         if model.fitted_rates is not None and len(start.a):
             state = replace(state, a=model.from_nodes(start.a[-1]))
     return state
-
-
-def check_options(what: str, newton, max_halvings, record) -> None:
-    """Refuse invalid options of a motion."""
-    for name, value, fits, wanted in (
-        ("newton", newton, isinstance(newton, NewtonOptions | None), "an fx_beam.NewtonOptions"),
-        (
-            "max_halvings",
-            max_halvings,
-            is_whole(max_halvings, 0, MOST_HALVINGS),
-            f"a whole number from 0 to {MOST_HALVINGS}",
-        ),
-        ("record", record, isinstance(record, Record | None), "an fx_beam.Record"),
-    ):
-        require(fits, f"{what}: {name}", value, wanted)

@@ -1,0 +1,148 @@
+"""What a motion is asked for: its scheme, steps, end and record, checked once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.laws.schemes import EnergyMomentum, Scheme
+from fx_beam.scene.outputs import Output
+from fx_beam.scene.scene import Scene
+from fx_beam.step.local_error import order_and_constant
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.recorder import Record
+from fx_beam.step.substeps import MOST_HALVINGS, Halving
+from fx_beam.validation import as_float, is_flag, is_number, is_whole, positive, require, shown
+
+from .tolerance import Tolerance
+
+#: A function of the time and of outputs by name.
+Condition = Callable[[float, dict[str, Any]], Any]
+#: Largest number of steps; their times alone take 8 GB.
+MOST_STEPS = 1e9
+# In the place of None.
+_DEFAULTS = {"scheme": EnergyMomentum(), "newton": NewtonOptions(), "record": Record()}
+_HALVINGS = f"a whole number from 0 to {MOST_HALVINGS}"
+_CONDITIONS = "a function of time and outputs, or a dictionary of such functions by names"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Those of `simulate`, of which `Motion`, `Response` and others have a part.
+
+    SceneError, with the name of `what` asks, for all that can be refused without a scene.
+    """
+
+    what: str = "simulate"
+    scheme: Any = None
+    t_end: Any = math.nan
+    dt: Any = None
+    tolerance: Any = None
+    dt_max: Any = None
+    breaks: Sequence[float] = ()
+    newton: Any = None
+    max_halvings: int = 12
+    record: Any = None
+    progress: bool | None = None
+    inputs: Mapping[str, Any] | None = None
+    #: Conditions by name, also where a single one is given.
+    until: Any = None
+    outputs: Mapping[str, Output] | None = None
+
+    def __post_init__(self):
+        own, wanted = self.__dict__, "given with a tolerance only"
+        own.update({name: of for name, of in _DEFAULTS.items() if own[name] is None})
+        _check_scheme(self.scheme)
+        self._require("newton", isinstance(self.newton, NewtonOptions), "an fx_beam.NewtonOptions")
+        self._require("max_halvings", is_whole(self.max_halvings, 0, MOST_HALVINGS), _HALVINGS)
+        self._require("record", isinstance(self.record, Record), "an fx_beam.Record")
+        fits = self.progress is None or is_flag(self.progress)
+        self._require("progress", fits, "True, False or None")
+        if self.tolerance is None:
+            self._require("dt_max", self.dt_max is None, wanted)
+            without = isinstance(self.breaks, tuple | list) and not self.breaks
+            self._require("breaks", without, wanted)
+            own["breaks"] = ()
+        own.update({name: as_float(own[name]) for name in ("t_end", "dt") if is_number(own[name])})
+        if self.until is None:
+            self._require("outputs", self.outputs is None, "given with `until` only")
+            return
+        named = self.until if isinstance(self.until, Mapping) else {"until": self.until}
+        fits = all(isinstance(name, str) and callable(of) for name, of in named.items())
+        self._require("until", fits, _CONDITIONS)
+        own["until"] = dict(named)
+        if self.record.file is not None:
+            text = f"{self.what}: a Record with a file is not possible with until or changes"
+            raise SceneError(text)
+
+    def _require(self, name: str, fits: bool, wanted: str) -> None:
+        if not fits:
+            require(fits, f"{self.what}: {name}", getattr(self, name), wanted)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether a motion from the reference takes equal steps, and nothing else is asked."""
+        record, others = self.record, (self.tolerance, self.inputs, self.until)
+        plain = others == (None, None, None) and not self.progress
+        return plain and record.times is None and record.file is None
+
+    @property
+    def halving(self) -> Halving:
+        """Control of the length of sub-steps, at the start of a run."""
+        return Halving(self.max_halvings, self.dt if self.tolerance is None else None)
+
+    def grid(self, t0: float, goes_on: bool) -> tuple[np.ndarray, Tolerance | None]:
+        """Ends of steps from t0 [s] on; or t0 alone and what controls the steps."""
+        if self.tolerance is None:
+            times, control = _time_grid(self.dt, self.t_end, t0, goes_on), None
+        else:
+            times, span = np.array([t0]), (t0, self.t_end)
+            control = Tolerance(self.tolerance, self.dt, self.dt_max, self.breaks, span)
+            order_and_constant(self.scheme)  # refuses one whose local errors are not known
+        if (of_rows := self.record.times) is not None:
+            fits = of_rows[-1] >= t0 and of_rows[0] <= self.t_end
+            wanted = f"in part within the run, from {t0:g} to {self.t_end:g} s"
+            require(fits, f"{self.what}: the record's times", of_rows, wanted)
+        return times, control
+
+
+def _time_grid(dt: Any, t_end: Any, t0: float, goes_on: bool) -> np.ndarray:
+    """Ends of equal steps; a motion that goes on may end with a part of a step, as events do."""
+    choice = ", or give a tolerance, which chooses the steps" if dt is None else ""
+    dt = positive(dt, "dt", f"a positive number{choice}")
+    require(is_number(t_end), "t_end", t_end, "a finite number")
+    if t_end - t0 < dt * (1e-6 if goes_on else 1 - 1e-6):
+        least = f"after the start at t = {t0:g}" if goes_on else f"at least one step dt = {dt!r}"
+        raise SceneError(f"t_end = {t_end!r} must be {least}")
+    if (t_end - t0) / dt > MOST_STEPS:
+        raise SceneError(
+            f"dt = {dt!r}: {(t_end - t0) / dt:.3g} steps to t_end = {t_end!r} are more than the "
+            f"largest number, {MOST_STEPS:.0e}. Try a larger dt"
+        )
+    # A remainder below 1e-6 steps is a rounding error of t_end / dt, not a step.
+    steps = math.ceil((t_end - t0) / dt - 1e-6)
+    times = t0 + dt * np.arange(steps + 1)
+    times[-1] = t_end
+    return times
+
+
+def check_scene(scene: Any, what: str) -> None:
+    """Refuse what is no scene."""
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{what} needs an fx_beam.Scene, not {shown(scene)}")
+
+
+def _check_scheme(scheme: Any) -> None:
+    """Refuse what is no scheme of motions."""
+    if not isinstance(scheme, Scheme):
+        raise SceneError(
+            f"unknown scheme {shown(scheme)}; give an instance such as fx_beam.EnergyMomentum() or "
+            "fx_beam.Newmark(), with parentheses, or an fx_beam.Scheme of your own"
+        )
+    if scheme.rates.at_rest:
+        raise SceneError(f"{scheme.name} is a scheme for statics. Use fx_beam.static(scene)")

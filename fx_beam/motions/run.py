@@ -1,0 +1,208 @@
+"""A motion to its end: its record, its steps, and the solution of their rows."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from fx_beam.errors import StepError
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.inputs import values_at
+from fx_beam.scene.scene import Scene
+from fx_beam.step.interrupts import ctrl_c_between_blocks, uninterrupted
+from fx_beam.step.local_error import order_and_constant
+from fx_beam.step.recorded_histories import RecordedHistories
+from fx_beam.step.recorder import Recorder
+from fx_beam.step.stepper import equal_steps
+
+from .adaptive_run import AdaptiveRun
+from .bend_check import warn_of_sharp_bends
+from .contact_check import warn_of_depth, warn_of_short_impacts
+from .ending import Ending
+from .evaluation import solution_of
+from .prepared import Prepared
+from .progress import attach, failure_of, progress_bar
+from .row_files import RowFiles
+from .step_warnings import warn_of_damping, warn_of_parts
+from .tolerance import Tolerance
+
+_log = logging.getLogger("fx_beam")
+
+#: Steps times degrees of freedom between two updates of the progress bar and checks for Ctrl-C.
+_BLOCK = 500_000
+# The progress bar counts the time of the simulation.
+_BAR = {"unit": "s", "bar_format": "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"}
+_IMPACTS = (
+    "%s: losses at impacts (restitution below 1) change forces within a small part of a step of "
+    "order 4. Errors are then far above a small tolerance, up to 70 times at 1e-4 and 1e-5. Use "
+    "order=2 or dt_max"
+)
+
+
+class Run:
+    """The motion of a prepared scene by the steps of a grid, from its first state on.
+
+    `scene` has its inputs still. `keep` takes the run with each of its solutions, and the scene
+    stays as it is until these are read if it `stays`.
+    """
+
+    def __init__(
+        self,
+        prepared: Prepared,
+        scene: Scene,
+        start: Solution | None,
+        grid: tuple[np.ndarray, Tolerance | None],
+        keep: Callable[[Run, Solution], None],
+        stays: bool,
+    ):
+        self.prepared, self._scene, self._keep, self._stays = prepared, scene, keep, stays
+        #: Ends of steps [s], without a tolerance.
+        self.times, self._control = grid
+        self._starts_anew = start is None
+        model, record, control = prepared.model, prepared.options.record, self._control
+        to_file = record.file is not None
+        self.recorder = recorder = Recorder(model, self.times[: 1 if to_file else None], record)
+        self._files = RowFiles(prepared, recorder, record.file) if to_file else None
+        prepared.stats.file = str(record.file) if to_file else ""
+        #: Times at which a contact or a law has switched [s].
+        self._events: list[float] = []
+        first = control.first if control is not None else float(self.times[1] - self.times[0])
+        self._first, late = first, start is None and model.finds_accelerations_later
+        asked = control is not None or (record.rates and not late)
+        state = prepared.first_state(first, start, asked)
+        if record.rates and not asked:
+            recorder.late_accelerations = prepared.late_accelerations(state, first)
+        prepared.stepper.integrator.record_start(state, recorder)
+        self._clock = time.perf_counter()
+
+    def complete(self) -> Solution:
+        """The motion after all steps. Any exception has the solution of those before it."""
+        prepared, recorder, control = self.prepared, self.recorder, self._control
+        options, stats = prepared.options, prepared.stats
+        places_known = options.record.motion and self._files is None
+        self._clock = time.perf_counter()
+        try:
+            advance, span = self._advance(), options.t_end - recorder.end.t
+            with progress_bar(span, options.progress, **_BAR) as bar, ctrl_c_between_blocks():
+                while recorder.end.t < options.t_end and not stats.until:
+                    t = recorder.end.t
+                    self._count_turns()
+                    advance(recorder.end)
+                    if self._files is not None:
+                        self._files.take()
+                        self._files.save(self._of_rows)
+                    bar.update(recorder.end.t - t)
+            if control is None:
+                warn_of_parts(stats, self._first)
+            warn_of_damping(stats, None if control is not None else self._first)
+            solution = self._solution()
+            if places_known:
+                warn_of_places(solution, self._scene)
+            return solution
+        except BaseException as error:
+            recorder.settle_at_end()
+            stats.failure = failure_of(error, recorder.end.t)
+            attach(error, self._solution)
+            if places_known and isinstance(error, StepError):
+                warn_of_sharp_bends(error.solution, motion=True)
+            raise
+
+    @property
+    def is_repeatable(self) -> bool:
+        """Whether it took equal steps, all compiled and at once, and nothing else was asked."""
+        prepared, times = self.prepared, self.times
+        if self._starts_anew and prepared.options.is_plain and prepared.loop is not None:
+            steps, stats = len(times) - 1, prepared.stats
+            fits = steps <= self._most_steps() and not (stats.halvings or stats.failure)
+            return fits and equal_steps(times[0], times[1:]) == steps
+        return False
+
+    def _most_steps(self, most: int = 1000) -> int:
+        """Number of steps that are taken at once."""
+        return max(1, min(most, _BLOCK // self.prepared.model.size))
+
+    def _advance(self) -> Callable[[State], None]:
+        """A function that takes the next steps from a state."""
+        prepared, recorder, options = self.prepared, self.recorder, self.prepared.options
+        if self._control is None:
+            march = self._steps_of_grid(1 if options.until else 1000)
+        else:
+            adaptive = AdaptiveRun(
+                prepared.stepper, recorder, self._control, single=bool(options.until)
+            )
+            march, self._events = adaptive.advance, adaptive.events
+            if order_and_constant(options.scheme)[0] > 2 and prepared.model.loses_at_impacts:
+                _log.warning(_IMPACTS, prepared.stats.scheme)
+        if not options.until:
+            return march
+        ending, kinks = Ending(prepared, recorder), [*options.breaks, recorder.end.t]
+        return lambda state: ending.advance(march, kinks + self._events)
+
+    def _steps_of_grid(self, most: int) -> Callable[[State], None]:
+        """A function that takes the next block of steps of the grid."""
+        times, recorder, steps = self.times, self.recorder, self._most_steps(most)
+        starts = iter(range(1, len(times), steps))
+
+        def advance(state: State) -> None:
+            first = next(starts)
+            ends = times[first : first + steps]
+            if recorder.planned < first + len(ends):
+                recorder.plan(first, ends, last=first + len(ends) == len(times))
+            self.prepared.stepper.march(state, ends, first, recorder)
+
+        return advance
+
+    def _count_turns(self) -> None:
+        """Count full turns separately, so that they do not add to rounding errors."""
+        counter, recorder = self.prepared.turn_counter, self.recorder
+        turns = counter.turns_of(recorder.end)
+        if turns.any():
+            with uninterrupted:
+                recorder.end = counter.without(turns, recorder.end)
+                counter.removed += turns
+                recorder.turns[recorder.rows] = counter.removed.copy()
+
+    # -- The solution -----------------------------------------------------------------------------
+
+    def _solution(self) -> Solution:
+        """The solution of the steps so far."""
+        if self._files is None:
+            solution = self._of_rows(None)
+        else:
+            self._files.take()
+            self._files.save(self._of_rows, always=True)
+            solution = self._of_rows(self._files.histories())
+        self._keep(self, solution)
+        return solution
+
+    def _of_rows(self, rows: RecordedHistories | None) -> Solution:
+        """The solution of what the recorder has, or of some rows of it."""
+        prepared, options = self.prepared, self.prepared.options
+        prepared.stats.seconds = time.perf_counter() - self._clock
+        held = values_at(self._scene, options.inputs, self.recorder.end.t)
+        at = options.record.times
+
+        def end() -> State:
+            state = prepared.turn_counter.with_turns(self.recorder.end)
+            past, parts = prepared.stepper.integrator.past, prepared.stepper.halving.memory
+            return state.changed(parts=parts, past=past, inputs=held)
+
+        return solution_of(
+            *(prepared.model, self.recorder, prepared.stats, end),
+            None if at is None else np.array(at, float),
+            [*options.breaks, *self._events],
+            ended=True,
+            scene_stays=self._stays,
+            kept=rows,
+        )
+
+
+def warn_of_places(solution: Solution, scene: Scene) -> None:
+    """Warn of contact where its forces say little."""
+    warn_of_depth(solution, motion=True)
+    warn_of_short_impacts(solution, scene.joints)
+    warn_of_sharp_bends(solution, motion=True)
