@@ -1,36 +1,40 @@
 """Joints, supports and driven motions as linear equations of the nodal rates, G v = g.
 
-With the arm rho from a to b, and unit vectors t along a slide and n across it,
+At node b the force p acts, and -p at the same place on a, or a moment. With the arm rho from a to
+b, and t along the slide,
 
-    v_b - v_a - omega_a W rho = t d'          joints without a slide, and driven slides
-    n . (v_b - v_a - omega_a W rho) = 0       free slides
-    omega_b - omega_a = phi'                  joints that turn together
+    p . (v_b - v_a - omega_a W rho) = p . t d'     joints without a slide, and driven slides
+    the same with p = W t / |t| and d' = 0         free slides
+    omega_b - omega_a = phi'                       joints that turn together
 
 G^T times the multipliers of these equations are the forces of joints and supports on the nodes.
-Here are the rows and columns of G, and what its entries depend on; C evaluates them
-(c/fitted_rates.c).
+Here is what the equations depend on; C evaluates them (c/fitted_rates.c).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from fx_beam.fem.mesh import Mesh
-from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import Joint
+from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
+# Kinds of plain equations, and the component of each: the last slides.
+_ALONG_X, _ALONG_Y, _SLOT, _TURN, _SUPPORT = range(5)
+_COMPONENTS = np.array([0, 1, -1, 2])
+
 
 class RateEquations:
-    """The equations of a scene.
+    """The equations of a scene, those of nodes that slide on beams behind all plain ones.
 
-    `sliding` are the joints of nodes on beams; `motors` has the driven columns of motors by the
-    number of the joint, `supports` (n, 2) the degrees of freedom of supports and their columns;
-    there are so many driven and fixed `columns`.
+    `sliding` are the joints of these; `motors` has the driven columns of motors by the number of
+    the joint, `supports` (n, 3) nodes, components and columns of supports; there are so many driven
+    and fixed `columns`. Equations of rigid `points` are left out (`rigid_points`): what acts on
+    one acts on the node that carries it.
     """
 
     def __init__(
@@ -38,146 +42,127 @@ class RateEquations:
         scene: Scene,
         mesh: Mesh,
         sliding: Sequence[SlidingJoint],
-        motors: dict[int, int],
+        motors: Mapping[int, int],
         supports: np.ndarray,
         columns: int,
+        points: Mapping[int, Joint],
     ):
-        self.size, self.joints, self.columns = mesh.dofs.size, scene.joint_count, columns
-        plain = [joint for joint in scene.joints if joint not in sliding]
-        slotted = [j for j in plain if j.slide is not None and j.slide.motor is None]
-        pinned = [joint for joint in plain if joint not in slotted]
-        turning = [joint for joint in plain if joint.turns_together]
-        self._parts: list[_Part] = [
-            _Pins(mesh, pinned),
-            _Slots(mesh, slotted),
-            _Turns(mesh, turning),
-            *(OnBeam(scene, mesh, joint) for joint in sliding),
-            _Supports(supports[:, 0]),
-        ]
-        starts = np.cumsum([0, *(len(part.joint) for part in self._parts)])
-        #: Number of equations, and rows and degrees of freedom (entries,) of G.
-        self.count = int(starts[-1])
-        self.row = np.concatenate(
-            [i + part.row for i, part in zip(starts, self._parts, strict=False)]
+        self._points, self._X, self._columns = points, mesh.X, columns
+        self.size, self.joints = mesh.dofs.size, scene.joint_count
+        #: From a to b in the reference configuration, and axes of slides (joints + 1, 2); the last
+        #: is none, as the joint -1 of supports.
+        self.apart, self.axis = np.zeros((2, self.joints + 1, 2))
+        slots: list[Joint] = []
+        pins: list[Joint] = []
+        left_out = set(points.values())
+        for joint in scene.joints:
+            if joint in sliding:
+                continue
+            if not joint.is_index:  # else its nodes coincide
+                self.apart[joint.number] = joint.apart
+            if joint.axis is not None:
+                self.axis[joint.number] = joint.axis
+            if joint not in left_out:
+                free = joint.slide is not None and joint.slide.motor is None
+                (slots if free else pins).append(joint)
+        turns = [joint for joint in pins + slots if joint.turns_together]
+        parts = pins, pins, slots, turns
+        kind = np.repeat(np.arange(5), [*map(len, parts), len(supports)])
+        ends = [(j.a.number, j.b.number, j.number) for part in parts for j in part]
+        ends += [(GROUND.number, node, -1) for node in supports[:, 0].tolist()]
+        a, b, joint = np.array(ends, dtype=int).reshape(-1, 3).T
+        component = np.append(_COMPONENTS[kind[kind < _SUPPORT]], supports[:, 1])
+        self.plain = len(kind)
+        #: Directions (plain, 2) of forces that do not turn, and what is given besides their slides.
+        self.direction = 1.0 * (component[:, None] == [0, 1])
+        self._given = 1.0 * (kind == _SUPPORT)
+        self._given[kind == _TURN] = [joint.rotation is not None for joint in turns]
+        self.on_beams = [OnBeam(scene, mesh, joint) for joint in sliding]
+        #: Joint of each equation, its driven or fixed column, or -1; whether its multiplier is a
+        #: moment, and whether its force is across a free slide.
+        self.joint = np.concatenate([joint, *(one.joint for one in self.on_beams)])
+        self.column = np.array([motors.get(number, -1) for number in self.joint.tolist()], int)
+        self.column[np.flatnonzero(kind == _SUPPORT)] = supports[:, 2]
+        moment, across = [component == 2], [kind == _SLOT]
+        self.turning = np.concatenate([*moment, *(one.turning for one in self.on_beams)]) * 1.0
+        self.free = np.concatenate([*across, *(one.free for one in self.on_beams)])
+        self.count = len(self.joint)
+        self._find_entries(mesh, a, b)
+
+    def _find_entries(self, mesh: Mesh, a: np.ndarray, b: np.ndarray) -> None:
+        """Find arms and entries, at nodes a and b or those that carry them."""
+        n, joint, points = self.plain, self.joint[: self.plain], [*self._points.values()]
+        dofs = np.vstack([mesh.dofs, np.full((1, 3), -1)])
+        X, carrier = np.vstack([mesh.X, np.zeros((1, 2))]), np.arange(len(dofs))
+        number = np.full(len(dofs), -1)
+        for k, point in enumerate(points):
+            carrier[point.b.number], number[point.b.number] = carrier[point.a.number], k
+        #: Degrees of freedom (plain, 3) of nodes b and a; -1 on the ground.
+        self.b, self.a = dofs[b], dofs[a]
+        ends = np.hstack([dofs[carrier[b]], dofs[carrier[a]]])
+        point_b, point_a = (
+            np.array([(p.b.number, p.a.number) for p in points], int).reshape(-1, 2).T
         )
-        self.dof = np.concatenate([part.dof for part in self._parts])
-        #: Which of all entries these are: the ground has no rates.
-        self.moving = np.flatnonzero(self.dof >= 0)
-        self._all_entries = len(self.dof)
-        self.row, self.dof = self.row[self.moving], self.dof[self.moving]
-        #: Joint of each equation, and its driven or fixed column; -1 without one.
-        self._joint = np.concatenate([part.joint for part in self._parts])
-        self._turns = np.concatenate([part.turns for part in self._parts])
-        self._column = np.array([motors.get(number, -1) for number in self._joint.tolist()], int)
-        self._column[starts[-2] :] = supports[:, 1]
+        self._tables = {
+            "ends": ends,
+            "arms": np.hstack([X[b] - X[carrier[b]], self.apart[joint] + X[a] - X[carrier[a]]]),
+            "points": len(points),
+            "point_joint": np.array([point.number for point in points], dtype=int),
+            "point_b": dofs[point_b],
+            "point_a": dofs[point_a],
+            "point_carrier": dofs[carrier[point_b]],
+            "point_apart": X[point_b] - X[point_a],
+            "point_arm": X[point_b] - X[carrier[point_b]],
+            "point_of_point": number[point_a],
+            "point_of": np.column_stack([number[b], number[a]]),
+        }
+        #: Which of the plain entries (plain, 6), and of those of nodes on beams, may not be zero.
+        pushes, turns = (self.direction > 0) | self.free[:n, None], self.turning[:n] > 0
+        arms = (
+            carrier[b] != b,
+            (carrier[a] != a) | self.apart[joint].any(1) | self.axis[joint].any(1),
+        )
+        levers = [turns | (pushes.any(axis=1) & arm) for arm in arms]
+        used = np.column_stack([pushes, levers[0], pushes, levers[1]]) & (ends >= 0)
+        beams, rows = self.on_beams, [np.repeat(np.arange(n), 6)]
+        for one in beams:
+            rows.append(rows[-1].max(initial=-1) + 1 + np.repeat(np.arange(one.rows), one.dof.size))
+        used = np.concatenate([used.ravel(), *(one.used for one in beams)])
+        dof = np.concatenate([ends.ravel(), *(np.tile(one.dof.ravel(), one.rows) for one in beams)])
+        #: Numbers of these, and their rows and degrees of freedom.
+        self.entry, self.all_entries = np.flatnonzero(used), len(used)
+        self.row, self.dof = np.concatenate(rows)[self.entry], dof[self.entry]
 
     def tables(self) -> dict[str, Any]:
         """The equations by the names of RateFit in C."""
-        pins, slots, turns, *on_beams, _ = self._parts
-        assert isinstance(pins, _Arms)
-        assert isinstance(slots, _Arms)
-        assert isinstance(turns, _Turns)
-        arms = [part.tables() for part in (pins, slots)]
-        return {
-            "pins": len(pins.numbers),
-            "slots": len(slots.numbers),
-            "turns": len(turns.joint),
-            "turned": turns.given,
-            "beams": len(on_beams),
-            "beam": [part.tables() for part in self.on_beams],
-            "joint": self._joint,
-            "column": self._column,
-            "turning": self._turns,
+        joint = self.joint[: self.plain]
+        return self._tables | {
             "size": self.size,
             "joints": self.joints,
-            "columns": self.columns,
+            "columns": self._columns,
             "count": self.count,
-            "all_entries": self._all_entries,
-            **{name: np.concatenate([part[name] for part in arms]) for name in arms[0]},
-        }
-
-    @property
-    def on_beams(self) -> list[OnBeam]:
-        """Nodes that slide on beams."""
-        return [part for part in self._parts if isinstance(part, OnBeam)]
-
-    def rows_of(self, joint: Joint) -> np.ndarray:
-        """Rows of a joint: of forces, then of the moment."""
-        return np.flatnonzero(self._joint == joint.number)
-
-
-class _Part:
-    """Equations of joints of one kind: row and degree of freedom of each entry, -1 on the ground.
-
-    For each row the number of its joint, and whether it has a moment as its multiplier.
-    """
-
-    row: np.ndarray
-    dof: np.ndarray
-    joint: np.ndarray
-    turns: np.ndarray
-
-
-class _Arms(_Part):
-    """Ends, arms and axes of joints."""
-
-    def __init__(self, mesh: Mesh, joints: list[Joint]):
-        self.a, self.b = (_dofs(mesh, [getattr(j, name) for j in joints]) for name in "ab")
-        #: From a to b in the reference configuration; joints of nodes that coincide have no arm.
-        self._apart = np.array([joint.apart for joint in joints]).reshape(-1, 2)
-        self._has_arm = np.array([not joint.is_index for joint in joints], dtype=float)[:, None]
-        axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in joints]
-        self._axis = np.array(axes).reshape(-1, 2)
-        self.numbers = np.array([joint.number for joint in joints], dtype=int)
-
-    def tables(self) -> dict[str, np.ndarray]:
-        """What the arms and axes depend on."""
-        return {
-            "arm_a": self.a,
-            "arm_b": self.b,
-            "apart": self._apart,
-            "slide_axis": self._axis,
-            "has_arm": self._has_arm,
+            "plain": self.plain,
+            "all_entries": self.all_entries,
+            "b": self.b,
+            "a": self.a,
+            "apart": self.apart[joint],
+            "axis": self.axis[joint],
+            "direction": self.direction,
+            "constant": self._given,
+            "free": self.free,
+            "joint": self.joint,
+            "column": self.column,
+            "turning": self.turning,
+            "beams": len(self.on_beams),
+            "beam": [one.tables() for one in self.on_beams],
+            "entries": len(self.entry),
+            "entry": self.entry,
+            "row": self.row,
+            "dof": self.dof,
         }
 
 
-class _Pins(_Arms):
-    """Joints without a slide, or with a driven one: two equations each."""
-
-    def __init__(self, mesh: Mesh, joints: list[Joint]):
-        super().__init__(mesh, joints)
-        i = np.arange(len(joints))
-        self.row = np.concatenate([2 * i, 2 * i, 2 * i, 2 * i + 1, 2 * i + 1, 2 * i + 1])
-        a, b = self.a, self.b
-        self.dof = np.concatenate([b[:, 0], a[:, 0], a[:, 2], b[:, 1], a[:, 1], a[:, 2]])
-        self.joint, self.turns = np.repeat(self.numbers, 2), np.zeros(2 * len(joints))
-
-
-class _Slots(_Arms):
-    """Joints with a free slide: one equation each, across it."""
-
-    def __init__(self, mesh: Mesh, joints: list[Joint]):
-        super().__init__(mesh, joints)
-        a, b = self.a, self.b
-        self.row = np.tile(np.arange(len(joints)), 5)
-        self.dof = np.concatenate([b[:, 0], b[:, 1], a[:, 0], a[:, 1], a[:, 2]])
-        self.joint, self.turns = self.numbers, np.zeros(len(joints))
-
-
-class _Turns(_Part):
-    """Joints whose nodes turn together, up to the angle of a motor: one equation each."""
-
-    def __init__(self, mesh: Mesh, joints: list[Joint]):
-        a, b = (_dofs(mesh, [getattr(j, name) for j in joints])[:, 2] for name in "ab")
-        self.row, self.dof = np.tile(np.arange(len(joints)), 2), np.concatenate([b, a])
-        self.joint = np.array([joint.number for joint in joints], dtype=int)
-        self.turns = np.ones(len(joints))
-        motor = [joint.rotation is not None for joint in joints]
-        #: Whether a motor drives the angle.
-        self.given = np.array(motor, dtype=float)
-
-
-class OnBeam(_Part):
+class OnBeam:
     """A node that slides on a beam, at sum N x with the rotation sum N psi.
 
     A sleeve turns by the curvature of the beam where it slides.
@@ -187,23 +172,28 @@ class OnBeam(_Part):
         self.path, self.number = joint.path, joint.number
         #: Degrees of freedom (nodes, 3) of the beam, and (3,) of the node.
         self.beam = mesh.dofs[mesh.nodes_of(scene, joint.beam)]
-        self.node = node = mesh.dofs[joint.b.number]
-        driven = joint.slide is not None and joint.slide.motor is not None
-        self.free, self.sleeve = not driven, joint.turns_together
-        # A row and column of the beam's nodes for each component of the node.
-        own = np.concatenate([[node[i], *self.beam[:, i]] for i in range(3)])
-        self.rows = rows = 1 + driven + self.sleeve
-        self.row, self.dof = np.repeat(np.arange(rows), len(own)), np.tile(own, rows)
-        self.joint = np.full(rows, joint.number)
-        self.turns = np.zeros(rows)
-        self.turns[rows - self.sleeve :] = 1.0
+        self.node = mesh.dofs[joint.b.number]
+        slides = joint.slide is None or joint.slide.motor is None
+        self.sleeve = joint.turns_together
+        self.rows = 2 - slides + self.sleeve
+        #: Of each row: its joint, whether its multiplier is a moment, and its force across a free
+        #: slide.
+        self.joint, self.turning = np.full(self.rows, joint.number), np.zeros(self.rows)
+        self.turning[self.rows - self.sleeve :] = 1.0
+        self.free = np.full(self.rows, slides)
+        components = np.eye(3, dtype=bool)[[0, 1, 2] if self.sleeve else [0, 1]]
+        if slides:
+            components = np.array([[True, True, False], [True, True, True]])[: self.rows]
+        #: Degrees of freedom (3, 1 + nodes) of node and beam; which entries may not be zero.
+        self.dof = np.vstack([self.node, self.beam]).T
+        self.used = np.repeat(components.ravel(), self.dof.shape[1])
 
     def tables(self) -> dict[str, Any]:
         """As BeamRate in C."""
         path = self.path
         return {
             "joint": self.number,
-            "free": self.free,
+            "free": self.free[0],
             "sleeve": self.sleeve,
             "degree": path.degree,
             "elements": len(path.h),
@@ -216,15 +206,29 @@ class OnBeam(_Part):
         }
 
 
-class _Supports(_Part):
-    """Components of nodes that are fixed or prescribed."""
+def rigid_points(
+    scene: Scene, mesh: Mesh, massless: np.ndarray, sliding: Sequence[SlidingJoint]
+) -> dict[int, Joint]:
+    """Rigid joints of nodes b without mass, such as points of bodies, by b; carriers first.
 
-    def __init__(self, dofs: np.ndarray):
-        self.dof, self.row = dofs, np.arange(len(dofs))
-        self.joint, self.turns = np.full(len(dofs), -1), np.zeros(len(dofs))
+    Not of what slides, or on what others slide.
+    """
+    others = {joint.b.number for joint in sliding}
+    others.update(*(mesh.nodes_of(scene, joint.beam).tolist() for joint in sliding))
+    of_b: dict[int, Joint] = {}
 
+    def carriers(node: int) -> list[int]:
+        nodes = [node]
+        while nodes[-1] in of_b:
+            nodes.append(of_b[nodes[-1]].a.number)
+        return nodes
 
-def _dofs(mesh: Mesh, nodes: list[Node]) -> np.ndarray:
-    """Degrees of freedom (nodes, 3); -1 on the ground."""
-    known = np.vstack([mesh.dofs, np.full((1, 3), -1)])
-    return known[[node.number for node in nodes]].reshape(-1, 3)
+    for joint in scene.joints:
+        node = joint.b.number
+        rigid = joint.is_rigid and GROUND not in (joint.a, joint.b)
+        if not rigid or node in others or node in of_b or not massless[mesh.dofs[node]].all():
+            continue
+        if node not in carriers(joint.a.number):
+            of_b[node] = joint
+    depth = {node: len(carriers(node)) for node in of_b}
+    return {node: of_b[node] for node in sorted(of_b, key=depth.__getitem__)}

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.coupling.beam_rates import PlaceOnBeam
 from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.coupling.place_on_beam import PlaceOnBeam
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.outputs import Output
@@ -262,7 +262,8 @@ class _OfJoint(_Terms):
         by_slope = (apart - 2 * rate * t) / square
         by_q = np.zeros_like(q)
         by_weights = -np.einsum("ni,nai->na", along, of_beam)
-        by_s, by_path = place.pull(by_slope, np.zeros(len(q)), by_weights, by_q)
+        by_place = np.column_stack([by_slope, np.zeros(len(q)), by_weights])
+        by_s, by_path = place.pull(by_place, by_q)
         yield self._at_ends("slides", n, factor=by_s)
         before = [other.path.numbers.size for other in self.model.sliding]
         first = sum(before[: [other.number for other in self.model.sliding].index(n)])

@@ -34,8 +34,8 @@ from fx_beam.step.turning_frame import TurningFrame
 from .arc_length import ArcLength
 from .branch_step import first_step, is_equilibrium
 from .branches import Branch
-from .load_steps import LoadStepper
 from .critical_points import PathStability
+from .load_steps import LoadStepper
 from .settling import Settling
 from .static_options import StaticOptions
 

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.coupling.fitted_rates import Fit
 from fx_beam.results.state import State
 from fx_beam.step.fitted_histories import driven_ways
+from fx_beam.step.fitted_rates import Fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.held_inputs import Ramp
 from fx_beam.step.model import Model

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.coupling.fitted_rates import Fit
 from fx_beam.results.audit import Energy
 from fx_beam.scene.sliders import sliding_joints
 
+from .fitted_rates import Fit
 from .forcing import Forcing
 from .held_inputs import Ramp
 from .model import Model

@@ -220,7 +220,7 @@ def _in_rows(
     of_groups = (members.T @ graph @ members).tocsr()
     last = np.unique(group_of[n - forces :])
     if dependent is None:
-        position, starts, filled = _fill_in(of_groups, last)
+        position, starts, filled = fill_in(of_groups, last)
     else:
         parts = np.bincount(group_of), group_of[dependent], last
         position, starts, filled = tied_fill_in(of_groups, *parts)
@@ -323,7 +323,7 @@ def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces:
     return group_of
 
 
-def _fill_in(
+def fill_in(
     graph: scipy.sparse.csr_matrix, last: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (n,) in minimum-degree order, and the pattern of L + U in it: starts, columns.

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from threading import RLock
 
 import numpy as np
 import scipy.sparse
 
-from fx_beam.coupling.fitted_rates import FittedRates
 from fx_beam.coupling.graph import couple, motors
 from fx_beam.coupling.index_reduction import IndexReduction, Reduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.loop_reduction import LoopReduction
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
-from fx_beam.coupling.rate_equations import RateEquations
+from fx_beam.coupling.rate_equations import RateEquations, rigid_points
 from fx_beam.coupling.redundancy import check_loops
-from fx_beam.coupling.rigid_points import RigidPoints
 from fx_beam.coupling.sliders import Sliders
 from fx_beam.errors import SceneError
 from fx_beam.fem.forms import Forms
@@ -38,6 +37,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
 
+from .fitted_rates import FittedRates
 from .sparse_lu import LU, sparse_lu
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
@@ -383,7 +383,7 @@ class Model:
         """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
         if not self.fits_rates:
             return None
-        return FittedRates(*self._rate_equations, self.mass, self.unit)
+        return FittedRates(self._rate_equations, self.mass, self.unit)
 
     @property
     def sliding(self) -> list[SlidingJoint]:
@@ -392,14 +392,20 @@ class Model:
         return [joints[joint.number] for joint in self.couplings.sliding]
 
     @functools.cached_property
-    def _rate_equations(self) -> tuple[RateEquations, RigidPoints]:
+    def _rate_equations(self) -> Callable[[bool], RateEquations]:
+        """Equations of rates, without or with those of rigid points; each is built once."""
         scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
         motored = {joint.number: driven + i for i, (joint, _) in enumerate(self.motors)}
-        nodes, components, columns = self.supports
-        supported = np.column_stack([mesh.dofs[nodes, components], columns])
         constrained = self.reduction.columns - self.reduction.free
-        equations = RateEquations(scene, mesh, self.sliding, motored, supported, constrained)
-        return equations, RigidPoints(scene, mesh, self.massless, equations)
+        given = self.sliding, motored, np.column_stack(self.supports), constrained
+        massless = self.massless
+
+        @functools.cache
+        def equations(with_points: bool) -> RateEquations:
+            points = {} if with_points else rigid_points(scene, mesh, massless, given[0])
+            return RateEquations(scene, mesh, *given, points)
+
+        return equations
 
     def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""

@@ -1,49 +1,46 @@
-/* Rates that fit joints and supports (coupling/fitted_rates.py). */
+/* Rates that fit joints and supports (step/fitted_rates.py). */
 
+#include <stdlib.h>
 #include "algebra.h"
 #include "fitted_rates.h"
 #include "processor.h"
 
-/* Added to the scaled equations, which are singular where loops are in line; least pivot. Repetitions
-   remove the effects of this and of small masses, until corrections are below round-off. */
-static const double REGULAR = 1e-13, LEAST_SQUARE = 1e-14, ROUND_OFF = 1e-14;
+/* Subtracted from the diagonal of equations, relative to what masses give, as they are singular where
+   loops are in line. Repetitions remove the effects of this and of small masses. */
+static const double REGULAR = 1e-13, LAST_CHANGE = 1e-12;
 enum { REPETITIONS = 20 };
 
-/* Work space: entries of all equations, their coefficients of driven rates and forces on b; arms of rigid
-   points; factors of the equations that remain; multipliers of all equations; impulses and corrections of
-   the degrees of freedom in them. */
+/* Work space: all entries, those in use, what is given, forces on b; right side, solution and correction in
+   the order of elimination; factors; multipliers; forces on points, and rates that follow. */
 typedef struct {
-  double *g, *given, *push, *arm, *carried, *left, *factors, *scale, *all;
-  double *impulse, *x, *before, *image, *force;
+  double *g, *entry, *given, *push, *right, *x, *rest, *factors, *multiplier, *on_point, *other;
 } FitWork;
 
 static long lay_out_fit(const RateFit *f, FitWork *w, double *at) {
   double *begin = at;
-  long n = f->count, rows = f->remaining, used = f->used;
-  w->g = allocate(&at, f->all_entries), w->given = allocate(&at, n), w->push = allocate(&at, 2 * n);
-  w->arm = allocate(&at, 2 * f->points), w->carried = allocate(&at, f->raw + f->carries);
-  w->left = allocate(&at, rows), w->factors = allocate(&at, rows * f->width), w->scale = allocate(&at, rows);
-  w->all = allocate(&at, n), w->impulse = allocate(&at, used), w->x = allocate(&at, used);
-  w->before = allocate(&at, used), w->image = allocate(&at, f->inner ? rows * used : 0);
-  w->force = allocate(&at, f->size);
+  long unknowns = f->used + f->count;
+  w->g = allocate(&at, f->all_entries), w->entry = allocate(&at, f->entries);
+  w->given = allocate(&at, f->count), w->push = allocate(&at, 2 * f->count);
+  w->right = allocate(&at, unknowns), w->x = allocate(&at, unknowns);
+  w->rest = allocate(&at, unknowns), w->factors = allocate(&at, f->column_start[unknowns]);
+  w->other = allocate(&at, f->others);
+  w->multiplier = allocate(&at, f->count), w->on_point = allocate(&at, 3 * f->points);
   return at - begin;
 }
 
-static void set_row(const FitWork *w, int row, double given, double x, double y) {
-  w->given[row] = given, w->push[2 * row] = x, w->push[2 * row + 1] = y;
+static double *work_of(const RateFit *f, FitWork *w) {
+  double *space = malloc((lay_out_fit(f, w, 0) + LANES) * sizeof(double));
+  if (space) lay_out_fit(f, w, space);
+  return space;
 }
 
-/* Arm and direction of the slide of a joint. */
-static void find_arm(const RateFit *f, const double *q, int j, double *arm, double *along) {
-  const int *a = f->arm_a + 3 * j, *b = f->arm_b + 3 * j;
-  for (int i = 0; i < 2; ++i)
-    arm[i] = f->has_arm[j] * (f->apart[2 * j + i] + at(q, b[i]) - at(q, a[i]));
-  turn(at(q, a[2]), f->slide_axis[2 * j], f->slide_axis[2 * j + 1], along);
+static void set_row(double *given, double *push, int row, double g, double x, double y) {
+  given[row] = g, push[2 * row] = x, push[2 * row + 1] = y;
 }
 
 /* Equations of a node on a beam, with their entries from g on; returns their number. */
 static int set_on_beam(const BeamRate *b, const double *q, const double *slide, int row, double *g,
-                       const FitWork *w) {
+                       double *given, double *push) {
   int e = 0, n = 1 + b->nodes, rows = 2 - b->free + b->sleeve, last = row + rows - 1;
   double s = slide[b->joint], along[2] = {0}, bend = 0;
   while (e < b->elements - 1 && s >= b->ends[e + 1]) ++e;
@@ -60,14 +57,13 @@ static int set_on_beam(const BeamRate *b, const double *q, const double *slide, 
   }
   double square = along[0] * along[0] + along[1] * along[1], size = sqrt(square);
   if (b->free)
-    set_row(w, row, 0, -along[1] / size, along[0] / size);
+    set_row(given, push, row, 0, -along[1] / size, along[0] / size);
   else
-    set_row(w, row, along[0], 1, 0), set_row(w, row + 1, along[1], 0, 1);
+    set_row(given, push, row, along[0], 1, 0), set_row(given, push, row + 1, along[1], 0, 1);
   double turned = b->free ? -bend / square : 0;
-  if (b->sleeve) set_row(w, last, b->free ? 0 : bend, turned * along[0], turned * along[1]);
-  for (int r = 0; r < rows; ++r, g += 3 * n) {
-    const double *push = w->push + 2 * (row + r);
-    double weight[3] = {push[0], push[1], b->sleeve && row + r == last};
+  if (b->sleeve) set_row(given, push, last, b->free ? 0 : bend, turned * along[0], turned * along[1]);
+  for (int r = row; r < row + rows; ++r, g += 3 * n) {
+    double weight[3] = {push[2 * r], push[2 * r + 1], b->sleeve && r == last};
     for (int i = 0; i < 3; ++i) g[i * n] = weight[i];
     for (int k = 0; k <= 3 * b->degree; ++k) {
       int node = b->degree * (e - 1) + k;
@@ -80,227 +76,217 @@ static int set_on_beam(const BeamRate *b, const double *q, const double *slide, 
   return rows;
 }
 
-/* All equations at q, in the order of rate_equations.py. */
-static void set_equations(const RateFit *f, const double *q, const double *slide, const FitWork *w) {
-  double arm[2], along[2], *g = w->g;
-  int n = f->pins, row = 0;
-  for (int j = 0; j < n; ++j, row += 2) {
-    find_arm(f, q, j, arm, along);
-    g[j] = g[3 * n + j] = 1, g[n + j] = g[4 * n + j] = -1;
-    g[2 * n + j] = arm[1], g[5 * n + j] = -arm[0];
-    set_row(w, row, along[0], 1, 0), set_row(w, row + 1, along[1], 0, 1);
+/* All equations at q, in the order of rate_equations.py; their entries that are in use. */
+static void set_equations(const RateFit *f, const double *q, const double *slide, double *g, double *entry,
+                          double *given, double *push) {
+  double *all = g;
+  for (int r = 0; r < f->plain; ++r, g += 6) {
+    const double *p = push + 2 * r, *axis = f->axis + 2 * r;
+    set_row(given, push, r, f->constant[r], f->direction[2 * r], f->direction[2 * r + 1]);
+    if (axis[0] != 0 || axis[1] != 0) {
+      double t[2];
+      turn(at(q, f->a[3 * r + 2]), axis[0], axis[1], t);
+      if (f->free[r])
+        set_row(given, push, r, 0, -t[1], t[0]);
+      else
+        given[r] += t[0] * p[0] + t[1] * p[1];
+    }
+    for (int side = 0; side < 2; ++side) {
+      const int *end = f->ends + 6 * r + 3 * side, *b = f->b + 3 * r;
+      double *to = g + 3 * side, sign = side ? -1 : 1, arm[2];
+      for (int i = 0; i < 2; ++i) arm[i] = f->arms[4 * r + 2 * side + i] + at(q, b[i]) - at(q, end[i]);
+      to[0] = sign * p[0], to[1] = sign * p[1];
+      to[2] = sign * (f->turning[r] + arm[0] * p[1] - arm[1] * p[0]);
+    }
   }
-  g += 6 * n, n = f->slots;
-  for (int j = 0; j < n; ++j, ++row) {
-    find_arm(f, q, f->pins + j, arm, along);
-    g[j] = -along[1], g[n + j] = along[0], g[2 * n + j] = along[1], g[3 * n + j] = -along[0];
-    g[4 * n + j] = -along[0] * arm[0] - along[1] * arm[1];
-    set_row(w, row, 0, -along[1], along[0]);
-  }
-  g += 5 * n, n = f->turns;
-  for (int j = 0; j < n; ++j, ++row) g[j] = 1, g[n + j] = -1, set_row(w, row, f->turned[j], 0, 0);
-  g += 2 * n;
-  for (int i = 0; i < f->beams; ++i) {
-    int rows = set_on_beam(f->beam + i, q, slide, row, g, w);
+  for (int i = 0, row = f->plain; i < f->beams; ++i) {
+    int rows = set_on_beam(f->beam + i, q, slide, row, g, given, push);
     row += rows, g += 3 * rows * (1 + f->beam[i].nodes);
   }
-  for (; row < f->count; ++row) *g++ = 1, set_row(w, row, 1, 0, 0);
+  for (int k = 0; k < f->entries; ++k) entry[k] = all[f->entry[k]];
 }
 
-/* Arms of massless nodes that move rigidly with others, and the entries without these nodes. */
-static void condense(const RateFit *f, const double *q, const FitWork *w) {
-  double *x = w->carried;
-  for (int k = 0; k < f->points; ++k)
-    for (int i = 0; i < 2; ++i)
-      w->arm[2 * k + i] = f->point_apart[2 * k + i] + q[f->point_b[3 * k + i]] - q[f->point_a[3 * k + i]];
-  for (int k = 0; k < f->raw; ++k) x[k] = w->g[f->raw_entry[k]];
-  for (int k = 0; k < f->carries; ++k)
-    x[f->raw + k] = f->carry_sign[k] * w->arm[f->carry_arm[k]] * x[f->carry_from[k]];
-  memset(f->entry, 0, f->entries * sizeof(double));
-  for (int k = 0; k < f->raw + f->carries; ++k) f->entry[f->entry_of[k]] += x[k];
-}
-
-/* Cholesky factors of the scaled G M^-1 G^T, column by column of the lower bands. */
-static void factorise_equations(const RateFit *f, const FitWork *w) {
-  int n = f->remaining, width = f->width;
-  double *S = w->factors, *image = w->image;
-  memset(S, 0, (long)n * width * sizeof(double));
-  for (int k = 0; k < f->pairs; ++k)
-    S[f->pair_to[k]] += f->pair_weight[k] * f->entry[f->pair_left[k]] * f->entry[f->pair_right[k]];
-  if (f->inner) {
-    memset(image, 0, (long)n * f->used * sizeof(double));
-    for (int k = 0; k < f->entries; ++k) {
-      const double *inner = f->inner + (long)f->used_of[k] * f->used;
-      double *to = image + (long)f->row[k] * f->used;
-      for (int i = 0; i < f->used; ++i) to[i] += f->entry[k] * inner[i];
+/* Factors of the masses, with small ones of what has none, and of the equations. */
+static void factorise_equations(const RateFit *f, const double *entry, const FitWork *w) {
+  double *A = w->factors;
+  const int *start = f->column_start, *target = f->target;
+  int unknowns = f->used + f->count;
+  memcpy(A, f->start_of_factors, start[unknowns] * sizeof(double));
+  for (int k = 0; k < f->entries; ++k) {
+    double g = entry[k];
+    A[f->entry_at[k]] += g, A[start[f->entry_multiplier[k]]] -= REGULAR * g * g * f->mobility[k];
+  }
+  for (int j = 0; j < unknowns; ++j) {
+    double *column = A + start[j], pivot = 1 / column[0];
+    int below = start[j + 1] - start[j];
+    for (int a = 1; a < below; ++a) {
+      double factor = column[a] * pivot;
+      for (int b = 1; b <= a; ++b) A[*target++] -= factor * column[b];
     }
-    for (int k = 0; k < f->entries; ++k)
-      for (int i = 0; i <= f->row[k]; ++i)
-        S[i * width + f->row[k] - i] += f->entry[k] * image[(long)i * f->used + f->used_of[k]];
-  }
-  for (int j = 0; j < n; ++j) w->scale[j] = 1 / sqrt(S[(long)j * width]);
-  for (int j = 0; j < n; ++j)
-    for (int i = 0; i < width && j + i < n; ++i) S[(long)j * width + i] *= w->scale[j] * w->scale[j + i];
-  for (int j = 0; j < n; ++j) {
-    double *column = S + (long)j * width;
-    int below = n - 1 - j < width - 1 ? n - 1 - j : width - 1;
-    double pivot = sqrt(fmax(column[0] + REGULAR, LEAST_SQUARE));
-    column[0] = 1 / pivot;
-    for (int i = 1; i <= below; ++i) column[i] /= pivot;
-    for (int i = 1; i <= below; ++i)
-      for (int k = i; k <= below; ++k) column[(long)i * width + k - i] -= column[i] * column[k];
+    for (int a = 1; a < below; ++a) column[a] *= pivot;
+    column[0] = pivot;
   }
 }
 
-/* Solves the scaled equations in place of the right side `left`. */
-static void solve_equations(const RateFit *f, const FitWork *w) {
-  int n = f->remaining, width = f->width;
-  double *b = w->left;
-  for (int j = 0; j < n; ++j) b[j] *= w->scale[j];
-  for (int j = 0; j < n; ++j) {
-    const double *column = w->factors + (long)j * width;
-    b[j] *= column[0];
-    for (int i = 1; i < width && j + i < n; ++i) b[j + i] -= column[i] * b[j];
+/* Solution of the equations in place of the right side x. */
+static void substitute(const RateFit *f, const double *A, double *x) {
+  const int *start = f->column_start, *row = f->row_of;
+  int unknowns = f->used + f->count;
+  for (int j = 0; j < unknowns; ++j) {
+    for (int k = start[j] + 1; k < start[j + 1]; ++k) x[row[k]] -= A[k] * x[j];
+    x[j] *= A[start[j]];
   }
-  for (int j = n - 1; j >= 0; --j) {
-    const double *column = w->factors + (long)j * width;
-    for (int i = 1; i < width && j + i < n; ++i) b[j] -= column[i] * b[j + i];
-    b[j] *= column[0];
-  }
-  for (int j = 0; j < n; ++j) b[j] *= w->scale[j];
+  for (int j = unknowns - 1; j >= 0; --j)
+    for (int k = start[j] + 1; k < start[j + 1]; ++k) x[j] -= A[k] * x[row[k]];
 }
 
-/* Impulses from the multipliers, and x by them, from the rates of massless nodes before. */
-static void push_masses(const RateFit *f, const FitWork *w) {
-  int n = f->used;
-  memset(w->impulse, 0, n * sizeof(double));
-  for (int k = 0; k < f->entries; ++k) w->impulse[f->used_of[k]] += f->entry[k] * f->multiplier[f->row[k]];
-  for (int i = 0; i < n; ++i) {
-    w->x[i] = f->massless[i] ? w->before[i] : 0;
-    if (f->inner)
-      w->x[i] += dot(n, f->inner + (long)i * n, w->impulse);
-    else
-      w->x[i] += f->inverse_mass[i] * w->impulse[i];
-  }
-}
-
-/* Multipliers of the equations that remain, and the corrections x of what is in them. */
-static void correct_rates(const RateFit *f, const FitWork *w) {
-  int n = f->used, again = 1;
-  factorise_equations(f, w);
-  memset(w->x, 0, n * sizeof(double));
-  for (int k = 0; k < REPETITIONS && again; ++k) {
-    double change = 0, size = 0;
-    memcpy(w->before, w->x, n * sizeof(double));
-    memset(f->multiplier, 0, f->remaining * sizeof(double));
-    push_masses(f, w);
-    for (int twice = 0; twice < 2; ++twice) { /* the second time against round-off */
-      for (int r = 0; r < f->remaining; ++r) w->left[f->number[r]] = f->lacking[r];
-      for (int j = 0; j < f->entries; ++j)
-        w->left[f->number[f->row[j]]] -= f->entry[j] * w->x[f->used_of[j]];
-      solve_equations(f, w);
-      for (int r = 0; r < f->remaining; ++r) f->multiplier[r] += w->left[f->number[r]];
-      push_masses(f, w);
+/* Solution x of the equations with a right side. */
+static void solve_equations(const RateFit *f, const double *entry, const double *right, double *x,
+                            const FitWork *w) {
+  int unknowns = f->used + f->count;
+  double change = INFINITY, size = 0, *rest = w->rest;
+  memset(x, 0, unknowns * sizeof(double));
+  for (int k = 0; k < REPETITIONS && change > LAST_CHANGE * size; ++k) {
+    memcpy(rest, right, unknowns * sizeof(double));
+    for (int j = 0; j < f->masses && k; ++j) rest[f->mass_row[j]] -= f->mass[j] * x[f->mass_column[j]];
+    for (int j = 0; j < f->entries && k; ++j) {
+      int rate = f->entry_rate[j], multiplier = f->entry_multiplier[j];
+      rest[rate] -= entry[j] * x[multiplier], rest[multiplier] -= entry[j] * x[rate];
     }
-    again = 0;
-    for (int i = 0; i < n; ++i) {
-      again |= f->massless[i];
-      size = fmax(size, fabs(w->x[i])), change = fmax(change, fabs(w->x[i] - w->before[i]));
+    substitute(f, w->factors, rest);
+    for (int i = 0; i < unknowns; ++i) x[i] += rest[i];
+    change = size = 0;
+    for (int i = 0; i < f->used; ++i) {
+      int rate = f->order[i];
+      change = fmax(change, fabs(rest[rate])), size = fmax(size, fabs(x[rate]));
     }
-    again = again && change > ROUND_OFF * size;
   }
 }
 
-/* The multipliers of the joints of rigid points balance what else acts on these. */
-static void balance_points(const RateFit *f, const FitWork *w) {
-  memset(w->all, 0, f->count * sizeof(double)), memset(w->force, 0, f->size * sizeof(double));
-  for (int r = 0; r < f->remaining; ++r) w->all[f->remaining_row[r]] = f->multiplier[r];
-  for (int k = 0; k < f->raw; ++k) w->force[f->raw_dof[k]] += w->g[f->raw_entry[k]] * w->all[f->raw_row[k]];
-  for (int k = 0; k < f->points; ++k) {
-    const int *a = f->point_a + 3 * k, *b = f->point_b + 3 * k;
-    double x = w->force[b[0]], y = w->force[b[1]], moment = w->force[b[2]];
-    double lever = w->arm[2 * k] * y - w->arm[2 * k + 1] * x;
-    for (int i = 0; i < 3; ++i) w->all[f->point_rows[3 * k + i]] = -w->force[b[i]];
-    w->force[a[0]] += x, w->force[a[1]] += y, w->force[a[2]] += moment + lever;
-  }
-}
-
-/* Forces of joints on b (joints, 3), and of driven and fixed columns, by all multipliers. */
-static void find_forces(const RateFit *f, const FitWork *w, double *joints, double *constraints) {
+/* Forces of joints on b (joints, 3), and of driven and fixed columns, by the multipliers. */
+static void find_forces(const RateFit *f, const double *push, const double *turning, const double *given,
+                        const double *multiplier, double *joints, double *constraints) {
   memset(joints, 0, 3L * f->joints * sizeof(double));
   memset(constraints, 0, f->columns * sizeof(double));
   for (int r = 0; r < f->count; ++r) {
-    double m = w->all[r], *out = joints + 3 * f->joint[r];
+    double m = multiplier[r], *out = joints + 3 * f->joint[r];
     if (f->joint[r] >= 0)
-      out[0] += w->push[2 * r] * m, out[1] += w->push[2 * r + 1] * m, out[2] += f->turning[r] * m;
-    if (f->column[r] >= 0) constraints[f->column[r]] += w->given[r] * m;
+      out[0] += push[2 * r] * m, out[1] += push[2 * r + 1] * m, out[2] += turning[r] * m;
+    if (f->column[r] >= 0) constraints[f->column[r]] += given[r] * m;
   }
 }
 
-long fx_fit_scratch(const RateFit *f) {
-  FitWork work;
-  return lay_out_fit(f, &work, 0);
+/* Adds a force and a moment, times a sign, at an arm. */
+static void add_force(const double *force, double sign, const double *arm, double *to) {
+  to[0] += sign * force[0], to[1] += sign * force[1];
+  to[2] += sign * (force[2] + arm[0] * force[1] - arm[1] * force[0]);
 }
 
-static void begin_fit(const RateFit *f, const FitWork *w, const double *q, const double *v,
-                      const double *slide, const double *driven) {
-  set_equations(f, q, slide, w);
-  condense(f, q, w);
-  for (int r = 0; r < f->remaining; ++r) {
-    int row = f->remaining_row[r], column = f->column[row];
-    f->lacking[r] = column >= 0 && column < f->driven ? w->given[row] * driven[column] : 0;
+/* The joints of rigid points balance what else acts on these. */
+static void balance_points(const RateFit *f, const double *q, const FitWork *w, double *joints) {
+  static const double no_arm[2] = {0};
+  double arm[2];
+  memset(w->on_point, 0, 3 * f->points * sizeof(double));
+  for (int r = 0; r < f->plain && f->points; ++r) {
+    const int *b = f->b + 3 * r, *a = f->a + 3 * r, *point = f->point_of + 2 * r;
+    double m = w->multiplier[r], force[3] = {w->push[2 * r] * m, w->push[2 * r + 1] * m, f->turning[r] * m};
+    for (int i = 0; i < 2; ++i) arm[i] = f->apart[2 * r + i] + at(q, b[i]) - at(q, a[i]);
+    if (point[0] >= 0) add_force(force, 1, no_arm, w->on_point + 3 * point[0]);
+    if (point[1] >= 0) add_force(force, -1, arm, w->on_point + 3 * point[1]);
   }
-  for (int k = 0; k < f->entries; ++k) f->lacking[f->row[k]] -= f->entry[k] * v[f->dof[k]];
-  for (int r = 0; r < f->remaining; ++r)
-    if (isnan(f->lacking[r])) f->lacking[r] = 0;
-}
-
-static void end_fit(const RateFit *f, const FitWork *w, const double *v, double *rates,
-                    double *corrections, double *joints, double *constraints) {
-  balance_points(f, w);
-  find_forces(f, w, joints, constraints);
-  for (int k = 0; k < f->size; ++k) rates[k] = v[k] + corrections[k];
   for (int k = f->points - 1; k >= 0; --k) {
     const int *a = f->point_a + 3 * k, *b = f->point_b + 3 * k;
-    rates[b[0]] = rates[a[0]] - rates[a[2]] * w->arm[2 * k + 1];
-    rates[b[1]] = rates[a[1]] + rates[a[2]] * w->arm[2 * k];
-    rates[b[2]] = rates[a[2]];
+    const double *force = w->on_point + 3 * k;
+    for (int i = 0; i < 3; ++i) joints[3 * f->point_joint[k] + i] = -force[i];
+    for (int i = 0; i < 2; ++i) arm[i] = f->point_apart[2 * k + i] + q[b[i]] - q[a[i]];
+    if (f->point_of_point[k] >= 0) add_force(force, 1, arm, w->on_point + 3 * f->point_of_point[k]);
   }
-  for (int k = 0; k < f->size; ++k) corrections[k] = rates[k] - v[k];
 }
 
-void fx_begin_fit(const RateFit *f, const double *q, const double *v, const double *slide,
-                  const double *driven) {
-  FitWork work;
-  lay_out_fit(f, &work, f->scratch);
-  begin_fit(f, &work, q, v, slide, driven);
-}
-
-void fx_end_fit(const RateFit *f, const double *v, double *rates, double *corrections, double *joints,
-                double *constraints) {
-  FitWork work;
-  lay_out_fit(f, &work, f->scratch);
-  end_fit(f, &work, v, rates, corrections, joints, constraints);
+/* Rates of all degrees of freedom by the solution. */
+static void find_rates(const RateFit *f, const double *q, const double *v, const FitWork *w, double *rates,
+                       double *corrections) {
+  double *restrict other = w->other;
+  memset(corrections, 0, f->size * sizeof(double)), memset(other, 0, f->others * sizeof(double));
+  for (int i = 0; i < f->used; ++i) {
+    double x = corrections[f->used_dof[i]] = w->x[f->order[i]];
+    const double *restrict follow = f->follow + (long)i * f->others;
+    for (int k = 0; k < f->others; ++k) other[k] += x * follow[k];
+  }
+  for (int k = 0; k < f->others; ++k) corrections[f->other_dof[k]] = other[k];
+  for (int k = 0; k < f->size; ++k) rates[k] = v[k] + corrections[k];
+  for (int k = 0; k < f->points; ++k) {
+    const int *a = f->point_carrier + 3 * k, *b = f->point_b + 3 * k;
+    const double *apart = f->point_arm + 2 * k;
+    rates[b[0]] = rates[a[0]] - rates[a[2]] * (apart[1] + q[b[1]] - q[a[1]]);
+    rates[b[1]] = rates[a[1]] + rates[a[2]] * (apart[0] + q[b[0]] - q[a[0]]);
+    rates[b[2]] = rates[a[2]];
+    for (int i = 0; i < 3; ++i) corrections[b[i]] = rates[b[i]] - v[b[i]];
+  }
 }
 
 /* Fits the rates of n configurations: displacements and rotations, rates, slides, and driven rates, NaN
    where they are not known; writes rates, their corrections, and the impulses of joints and columns. */
-void fx_fit(const RateFit *f, int n, const double *q, const double *v, const double *slide,
-            const double *driven, double *rates, double *corrections, double *joints, double *constraints) {
+int fx_fit(const RateFit *f, int n, const double *q, const double *v, const double *slide, const double *driven,
+           double *rates, double *corrections, double *joints, double *constraints) {
   FitWork work, *w = &work;
-  lay_out_fit(f, w, f->scratch);
+  double *space = work_of(f, w);
+  const int *order = f->order + f->used;
+  if (!space) return 0;
   for (; n > 0; --n) {
-    begin_fit(f, w, q, v, slide, driven);
-    correct_rates(f, w);
-    memset(corrections, 0, f->size * sizeof(double));
-    if (f->inner)
-      for (int i = 0; i < f->used; ++i)
-        for (int k = 0; k < f->size; ++k)
-          corrections[k] += w->impulse[i] * f->flexible[(long)i * f->size + k];
-    for (int i = 0; i < f->used; ++i)
-      if (!f->inner || f->massless[i]) corrections[f->used_dof[i]] = w->x[i];
-    end_fit(f, w, v, rates, corrections, joints, constraints);
+    set_equations(f, q, slide, w->g, w->entry, w->given, w->push);
+    memset(w->right, 0, (f->used + f->count) * sizeof(double));
+    for (int k = 0; k < f->entries; ++k) w->right[f->entry_multiplier[k]] -= w->entry[k] * v[f->dof[k]];
+    for (int r = 0; r < f->count; ++r) {
+      int column = f->column[r];
+      if (column >= 0 && column < f->driven) w->right[order[r]] += w->given[r] * driven[column];
+      if (isnan(w->right[order[r]])) w->right[order[r]] = 0;
+    }
+    factorise_equations(f, w->entry, w);
+    solve_equations(f, w->entry, w->right, w->x, w);
+    for (int r = 0; r < f->count; ++r) w->multiplier[r] = -w->x[order[r]];
+    find_forces(f, w->push, f->turning, w->given, w->multiplier, joints, constraints);
+    balance_points(f, q, w, joints);
+    find_rates(f, q, v, w, rates, corrections);
     q += f->size, v += f->size, rates += f->size, corrections += f->size;
     slide += f->joints, driven += f->driven, joints += 3 * f->joints, constraints += f->columns;
+  }
+  free(space);
+  return 1;
+}
+
+int fx_rate_equations(const RateFit *f, int n, const double *q, const double *slide, double *entries,
+                      double *given, double *push) {
+  double *g = malloc((f->all_entries + 1) * sizeof(double));
+  for (; n > 0 && g; --n) {
+    set_equations(f, q, slide, g, entries, given, push);
+    q += f->size, slide += f->joints, entries += f->entries, given += f->count, push += 2 * f->count;
+  }
+  free(g);
+  return g != 0;
+}
+
+int fx_solve_rates(const RateFit *f, int n, int m, const double *entries, const double *right, double *x) {
+  FitWork work, *w = &work;
+  double *space = work_of(f, w);
+  int unknowns = f->used + f->count;
+  for (; n > 0 && space; --n, entries += f->entries) {
+    factorise_equations(f, entries, w);
+    for (int k = 0; k < m; ++k, right += unknowns, x += unknowns) {
+      for (int i = 0; i < unknowns; ++i) w->right[f->order[i]] = right[i];
+      solve_equations(f, entries, w->right, w->x, w);
+      for (int i = 0; i < unknowns; ++i) x[i] = w->x[f->order[i]];
+    }
+  }
+  free(space);
+  return space != 0;
+}
+
+void fx_rate_forces(const RateFit *f, int n, const double *push, const double *turning, const double *given,
+                    const double *multiplier, double *joints, double *constraints) {
+  for (; n > 0; --n) {
+    find_forces(f, push, turning, given, multiplier, joints, constraints);
+    push += 2 * f->count, given += f->count, multiplier += f->count;
+    joints += 3 * f->joints, constraints += f->columns;
   }
 }

@@ -1,5 +1,4 @@
-/* Equations of rates, for Python (fitted_rates.py). Members in a `struct { };` either all are set or
-   none; all other pointers are always set. */
+/* Rates that fit joints and supports, for Python (fitted_rates.py). All pointers are always set. */
 
 #pragma once
 
@@ -10,43 +9,45 @@ typedef struct {
   double *ends, *coefficients, *position, *angle;
 } BeamRate;
 
-/* The equations G v = g of a scene. */
+/* The equations G v = g of a scene, and their solution. */
 typedef struct {
   int size, joints, columns, driven; /* degrees of freedom, joints, driven and fixed columns, driven ones */
-  /* Pins, slots, joints that turn together, nodes on beams; all equations and their entries. */
-  int pins, slots, turns, beams, count, all_entries;
-  int *arm_a, *arm_b;   /* [pin or slot][3] degrees of freedom; -1 for the ground */
-  double *apart, *slide_axis, *has_arm;
-  double *turned;       /* [turn] whether a motor drives the angle */
+  int count, plain, beams, all_entries;
+  /* Plain equations: degrees of freedom of nodes b and a, and of those that carry them, -1 for the ground;
+     arms from these to b in the reference configuration, and that from a; axis of the slide. */
+  int *b, *a, *ends;
+  double *arms, *apart, *axis, *direction, *constant;
   BeamRate *beam;
   int *joint, *column;  /* of each equation, or -1 */
-  double *turning;      /* whether the multiplier of an equation is a moment */
-  /* Massless points that move rigidly with other nodes, those first that carry no other. */
-  int points, *point_a, *point_b, *point_rows;
-  double *point_apart;
-  /* Equations that remain: rows; their entries among all, with degrees of freedom; entries that move to
-     nodes a with an arm; the entry to which each adds. */
-  int remaining, raw, carries, *remaining_row, *raw_entry, *raw_row, *raw_dof;
-  int *carry_from, *carry_arm, *entry_of;
-  double *carry_sign;
-  int entries, *row, *dof;
-  double *entry, *lacking, *multiplier; /* their values, what each lacks, and the solution */
-  /* Degrees of freedom in them; for each entry its number among these, and whether they are massless. */
-  int used, *used_dof, *used_of, *massless;
-  int width, *number;   /* width of their bands, and position of each equation */
-  /* With lumped masses: their inverse, and products of two entries in the bands. */
-  struct { int pairs, *pair_left, *pair_right, *pair_to; double *pair_weight, *inverse_mass; };
-  struct { double *flexible, *inner; }; /* or: all and used rates from unit impulses; else as below */
-  double *scratch;
+  int *free;            /* whether its force is across a free slide */
+  double *turning;      /* whether its multiplier is a moment */
+  /* Massless points that move rigidly with other nodes, carriers first: their joints, the nodes a of these
+     and those that carry all; the points that are such nodes a, or nodes b and a of equations, or -1. */
+  int points, *point_joint, *point_b, *point_a, *point_carrier, *point_of_point, *point_of;
+  double *point_apart, *point_arm;
+  int entries, *entry, *row, *dof; /* entries that may not be zero: number among all, row, degree of freedom */
+  /* Unknowns are rates of `used` degrees of freedom, and negative multipliers, in an `order` of elimination.
+     Entries of G: both unknowns and the place in the factors; `mobility` is the inverse of the mass. */
+  int used, *used_dof, *order, *entry_rate, *entry_multiplier, *entry_at;
+  double *mobility;
+  int masses, *mass_row, *mass_column;
+  double *mass;
+  /* Factors L D L^T by columns, which begin with the diagonal: rows, and the place from which each product of
+     two entries below it is subtracted; masses in them, with small ones of what has none. */
+  int *column_start, *row_of, *target;
+  double *start_of_factors;
+  int others, *other_dof;          /* rates that follow from these by the masses of beams */
+  double *follow;                  /* [used][others] */
 } RateFit;
 
-long fx_fit_scratch(const RateFit *f);
-void fx_fit(const RateFit *f, int n, const double *q, const double *v, const double *slide,
-            const double *driven, double *rates, double *corrections, double *joints, double *constraints);
-/* The same for one configuration in two parts: the equations, and all that follows from the multipliers
-   and corrections, which are given then. */
-void fx_begin_fit(const RateFit *f, const double *q, const double *v, const double *slide,
-                  const double *driven);
-void fx_end_fit(const RateFit *f, const double *v, double *rates, double *corrections, double *joints,
-                double *constraints);
+/* Returns 0 without memory. */
+int fx_fit(const RateFit *f, int n, const double *q, const double *v, const double *slide, const double *driven,
+           double *rates, double *corrections, double *joints, double *constraints);
+/* Entries of n configurations, what is given, and forces on b by the multipliers. */
+int fx_rate_equations(const RateFit *f, int n, const double *q, const double *slide, double *entries,
+                      double *given, double *push);
+/* Rates and negative multipliers for m right sides of each configuration. */
+int fx_solve_rates(const RateFit *f, int n, int m, const double *entries, const double *right, double *x);
+void fx_rate_forces(const RateFit *f, int n, const double *push, const double *turning, const double *given,
+                    const double *multiplier, double *joints, double *constraints);
 const char *fx_missing(void); /* processor.h */

@@ -1,0 +1,71 @@
+"""Places on beams, and how they change with the motion, the place, and the shape of the beam.
+
+At the arc length s a place is at sum N_a phi_a, its beam has the slope t = sum N_a' phi_a and the
+bend k = sum N_a' Psi_a (rate_equations.py).
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.scene.path import Path
+
+from .path_derivatives import weights_by_numbers
+
+
+class PlaceOnBeam:
+    """Places s (n,) on a beam with the degrees of freedom (nodes, 3), at configurations q.
+
+    `weights` N, N' and N'' (3, n, near) are those of the nodes that have any, with the degrees of
+    freedom `dofs` (near, 3); `slope` t (n, 2) and `bend` (n,). Derivatives are those of t, k and N
+    in one array (n, 3 + near).
+    """
+
+    def __init__(self, path: Path, dofs: np.ndarray, q: np.ndarray, s: np.ndarray):
+        self.near, self.weights = path.weights_near(s)
+        self.dofs, self._path, self._s = dofs[self.near], path, s
+        nodes = np.column_stack([path.X, path.angles()])[self.near]
+        #: Positions and angles (n, near, 3).
+        self._at = nodes + q[:, self.dofs]
+        along, change = (np.einsum("na,nai->ni", w, self._at) for w in self.weights[1:])
+        self.slope, self.bend = along[:, :2], along[:, 2]
+        self._by_s = np.hstack([change, self.weights[1]])
+
+    @functools.cached_property
+    def _by_numbers(self) -> scipy.sparse.csr_matrix:
+        """Derivatives (n (3 + near), numbers) by the numbers of the path."""
+        path, n, near, first = self._path, len(self._s), len(self.near), self.weights[1]
+        values, slopes = weights_by_numbers(path, self._s)
+        of_nodes = len(path.s) + 2 * self.near, path.numbers.size - len(path) + self.near
+        columns = of_nodes[0], of_nodes[0] + 1, of_nodes[1]
+        row, at = np.repeat(np.arange(n), near), np.arange(n * near)
+        parts = []
+        for i in range(3):
+            sums = scipy.sparse.csr_matrix((self._at[:, :, i].ravel(), (row, at)))
+            nodal = first.ravel(), (row, np.tile(columns[i], n))
+            parts.append(sums @ slopes + scipy.sparse.csr_matrix(nodal, (n, path.numbers.size)))
+        order = np.arange(n * (3 + near)).reshape(n, -1)
+        to = np.concatenate([*order[:, :3].T, order[:, 3:].ravel()])
+        return scipy.sparse.vstack([*parts, values]).tocsr()[np.argsort(to)]
+
+    def changes(self, q: np.ndarray, s: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        """Changes (n, m, 3 + near), for those of q (n, m, size), s (n, m), and numbers (m, ...)."""
+        changes = self._by_s[:, None] * s[..., None]
+        changes[..., :3] += np.einsum("na,nmai->nmi", self.weights[1], q[..., self.dofs])
+        if numbers.any():
+            by_numbers = (self._by_numbers @ numbers.T).reshape(len(s), -1, len(numbers))
+            changes += by_numbers.swapaxes(1, 2)
+        return changes
+
+    def pull(self, by: np.ndarray, by_q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives by s (n,) and by the numbers of the path at each place (n, numbers).
+
+        From those by t, k and N; adds to those by q (n, size).
+        """
+        by_q[:, self.dofs] += self.weights[1][:, :, None] * by[:, None, :3]
+        rows = np.repeat(np.arange(len(by)), by.shape[1]), np.arange(by.size)
+        each = scipy.sparse.csr_matrix((by.ravel(), rows), (len(by), by.size))
+        return (by * self._by_s).sum(axis=1), (each @ self._by_numbers).toarray()
