@@ -334,9 +334,9 @@ def fill_in(
     position = lu.perm_c
     if len(last):
         after = position.astype(float)
-        for k in last.tolist():
-            near = graph.indices[graph.indptr[k] : graph.indptr[k + 1]]
-            after[k] = position[near[near != k]].max(initial=-1) + 0.5
+        row = np.repeat(np.arange(len(position)), np.diff(graph.indptr))
+        others = np.where(graph.indices == row, -1, position[graph.indices])
+        after[last] = np.maximum.reduceat(others, graph.indptr[:-1])[last] + 0.5
         order = np.argsort(after, kind="stable")
         # The pattern's own order of equal fill-in leaves what is coupled in its order.
         lu = _factors_of_graph(graph[order][:, order], "NATURAL")
