@@ -72,14 +72,15 @@ class PointFunction:
 
     def __init__(self, compiled: dolfinx_api.CompiledForm):
         self._compiled = compiled
-        self._size = compiled.form[0].ufl_shape[0]
+        #: Number of its values.
+        self.size = compiled.form[0].ufl_shape[0]
         #: Address of the function.
         self.address = ffcx_api.expression_function(compiled)
         self._function = _FUNCTION(self.address)
 
     def __call__(self, numbers: np.ndarray) -> np.ndarray:
         """Values (size,) of numbers (arguments,)."""
-        out = np.zeros(self._size)
+        out = np.zeros(self.size)
         self._function(out.ctypes.data, None, numbers.ctypes.data, None, None, None, None)
         return out
 
@@ -143,24 +144,9 @@ class CompiledLaw:
         return arguments(self.law) + len(self.parameters)
 
     @functools.cached_property
-    def pull(self) -> PointFunction:
-        """Derivatives of the work on weights, of forces and internal variables, by all given.
-
-        The weights are behind what the law is given.
-        """
-        law, count, first = self.law, self.given, arguments(self.law)
-
-        def values(numbers: Any) -> Any:
-            given = ufl.variable(ufl.as_vector([numbers[i] for i in range(count)]))
-            by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
-            with not_numbers():
-                of_step = law.forces(self._motion(given))
-                quantities = [*of_step.forces, *of_step.internal]
-                work = sum(numbers[count + i] * value for i, value in enumerate(quantities))
-                return ufl.diff(replaced(work, by_name), given)
-
-        size = count + law.size + law.internal
-        return point_functions({f"derivatives of {law.name}": values}, size)[0]
+    def slopes(self) -> PointFunction:
+        """Derivatives of its forces and internal variables (`slopes_of`)."""
+        return slopes_of(self.law, self._rule, tuple(self.parameters))
 
     def derivatives(self, of: str) -> PointFunction:
         """Derivatives of its "energy" or "loss" by all given."""
@@ -236,24 +222,30 @@ def _derivative(force: Any, D: Any) -> Any:
     return apply_derivatives(apply_algebra_lowering(ufl.diff(force, D)))
 
 
-def slopes_of(law: PointLaw, rule: StepRule) -> PointFunction:
+def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -> PointFunction:
     """Derivatives of the forces and internal variables of a law, one after the other.
 
-    They are by the values at the start, the increments, the internal variables and the numbers.
+    They are by the values at the start, the increments, internal variables, numbers and parameters.
     """
-    return _slopes(law, rule) if law.own else _cached_slopes(law, rule)
+    return (_slopes if law.own else _cached_slopes)(law, rule, parameters)
 
 
-def _slopes(law: PointLaw, rule: StepRule) -> PointFunction:
-    n, count = law.size, arguments(law)
-    internal, numbers = 3 * n + 2, count - law.numbers
-    columns = [*range(2 * n), *range(internal, internal + law.internal), *range(numbers, count)]
+def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> PointFunction:
+    n, first = law.size, arguments(law)
+    count, inside = first + len(parameters), 3 * n + 2
+    columns = [
+        *range(2 * n),
+        *range(inside, inside + law.internal),
+        *range(first - law.numbers, count),
+    ]
 
     def values(symbols: Any) -> Any:
         given = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
+        by_name = {parameter: given[first + i] for i, parameter in enumerate(parameters)}
         with not_numbers():
             of_step = law.forces(Motion(given, law, rule))
-            rows = [ufl.diff(of, given) for of in (*of_step.forces, *of_step.internal)]
+            quantities = [replaced(of, by_name) for of in (*of_step.forces, *of_step.internal)]
+            rows = [ufl.diff(of, given) for of in quantities]
         return ufl.as_vector([row[k] for row in rows for k in columns])
 
     return point_functions({f"slopes of {law.name}": values}, count)[0]

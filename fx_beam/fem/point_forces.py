@@ -303,9 +303,9 @@ class PointForces:
         }
 
     @property
-    def pulls(self) -> list[tuple[int, int]]:
-        """Of each force the address of its `CompiledLaw.pull`, and what its law is given."""
-        return [(law.pull.address, law.given) for law in self._laws]
+    def slopes(self) -> list[tuple[int, int, int]]:
+        """Of each force the address of its `CompiledLaw.slopes`, its numbers, and all slopes."""
+        return [(law.slopes.address, law.law.numbers, law.slopes.size) for law in self._laws]
 
     def set_columns(self, of_joints: Mapping[int, int]) -> None:
         """Set the columns of the slides, by the number of the joint."""

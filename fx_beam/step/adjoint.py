@@ -69,15 +69,9 @@ class Adjoint:
             self._structs.set(self.c, **{work.name: given})
 
     def _hand_over_points(self) -> None:
-        addresses, arguments = zip(*(self._model.points.pulls or [(0, 0)]), strict=True)
-        most = 2 * max(arguments) + 1
-        self._structs.set(
-            self.c,
-            pull=np.array(addresses, np.uintp),
-            arguments=np.array(arguments),
-            given=np.zeros(most),
-            found=np.zeros(most),
-        )
+        addresses, numbers, sizes = zip(*(self._model.points.slopes or [(0, 0, 0)]), strict=True)
+        slopes = np.array(addresses, np.uintp)
+        self._structs.set(self.c, slopes=slopes, numbers=numbers, found=np.zeros(max(sizes) + 1))
 
     def constraint_forces(self, tape: Tape) -> np.ndarray:
         """Forces (n, columns) of driven and fixed columns in the n sub-steps on the tape now."""

@@ -83,24 +83,22 @@ static void add_given(const Problem *p, const Adjoint *a, const Layout *at, long
 
 /* Begins a sub-step with the derivatives by the state at its end, which are those by the start of the next one. */
 static void begin_pull(const Problem *p, const Work *w, const Adjoint *a, const Layout *at, long k, double *x) {
-  int n = p->dofs;
-  double per_dt = rates_per_path(p, w->dt);
+  int n = p->dofs, columns = p->columns + p->ties;
+  double per_dt = rates_per_path(p, w->dt), *q = x + at->q, *q1 = x + at->q1, *v = x + at->v, *before = x + at->before;
   add_given(p, a, at, k + 1, x);
-  memset(x + at->loads, 0, (at->size - at->loads) * sizeof(double));
-  memcpy(x + at->Y1, x + at->Y, (p->columns + p->ties) * sizeof(double));
-  memcpy(x + at->q1, x + at->q, n * sizeof(double)), memcpy(x + at->v1, x + at->v, n * sizeof(double));
+  memset(x + at->loads, 0, (at->Y1 - at->loads) * sizeof(double));
+  memset(x + at->arms, 0, (at->size - at->arms) * sizeof(double));
+  memcpy(x + at->Y1, x + at->Y, columns * sizeof(double)), memset(x + at->Y, 0, columns * sizeof(double));
   memcpy(x + at->internal1, x + at->internal, (at->spring_internal - at->internal) * sizeof(double));
   memcpy(x + at->springs1, x + at->spring_internal, p->spring_width * sizeof(double));
   memcpy(x + at->natural1, x + at->natural, (at->loads - at->natural) * sizeof(double));
-  memset(x + at->Y, 0, (at->before - at->Y) * sizeof(double));
-  for (int i = 0; i < n; ++i) x[at->q + i] = x[at->before + i];
-  memset(x + at->before, 0, (at->loads - at->before) * sizeof(double));
-  for (int i = 0; i < p->massless_count; ++i) x[at->v1 + p->massless[i]] /= 2;
+  memset(x + at->internal, 0, (at->loads - at->internal) * sizeof(double));
+  for (int i = 0; i < p->massless_count; ++i) v[p->massless[i]] /= 2;
   for (int i = 0; i < n; ++i) {
-    double of_path = per_dt * w->slope[i] * x[at->v1 + i];
-    x[at->q1 + i] += of_path, x[at->q + i] -= of_path, x[at->v + i] = -x[at->v1 + i];
+    double of_path = per_dt * w->slope[i] * v[i];
+    q1[i] = q[i] + of_path, q[i] = before[i] - of_path, before[i] = 0, v[i] = -v[i];
   }
-  for (int i = 0; i < p->massless_count; ++i) x[at->v + p->massless[i]] = 0;
+  for (int i = 0; i < p->massless_count; ++i) v[p->massless[i]] = 0;
 }
 
 /* The derivatives by the forces of driven and fixed columns, and of joints; none by the equations. */
@@ -110,6 +108,10 @@ static void begin_forces(const Problem *p, const Adjoint *a, const Layout *at, l
   if (row < 0) return;
   memcpy(x + at->R + p->free, a->constraint_weight + row * constrained, constrained * sizeof(double));
   memcpy(x + at->forces, a->joint_weight + row * joints, joints * sizeof(double));
+}
+
+static void pull_places(const Linear *l, double *x) {
+  for (int i = PLACED; i >= TIED; --i) pull(l->of + i, x);
 }
 
 /* From the derivatives by all that a sub-step gives to those by all that it reads; with `last` also by the numbers of
@@ -129,7 +131,7 @@ static void pull_laws(const Problem *p, const Work *w, const Adjoint *a, const L
   pull(l->of + FORCED, x);
   if (p->points->members) pull_members(p, a, at, x);
   pull_bodies(p, w, a, at, b, x, last);
-  pull(l->of + PLACED, x);
+  pull_places(l, x);
   if (last) pull_paths(p, w, 1, x + at->shapes, x + at->r, x + at->R, x + at->axes, x + at->paths);
   for (int i = ARMS; last && i >= 0; --i) pull(l->of + i, x);
 }
@@ -139,9 +141,8 @@ static void pull_laws(const Problem *p, const Work *w, const Adjoint *a, const L
 static int pull_solution(Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Backward *b, int whole,
                          double *x, double *trial) {
   const Layout *at = &l->at;
-  memcpy(trial + at->Y, x + at->Y, (at->size - at->Y) * sizeof(double));
-  if (whole) pull_laws(p, w, a, l, b, trial, 0);
-  else pull(l->of + PLACED, trial);
+  if (whole) memcpy(trial + at->Y, x + at->Y, (at->size - at->Y) * sizeof(double)), pull_laws(p, w, a, l, b, trial, 0);
+  else memcpy(trial + at->Y1, x + at->Y1, (at->natural1 - at->Y1) * sizeof(double)), pull_places(l, trial);
   memcpy(w->reduced, trial + at->Y1, p->free * sizeof(double));
   if (!solve_transposed(p, w, a)) return 0;
   for (int i = 0; i < p->free; ++i) x[at->R + i] -= w->step[i];
@@ -223,7 +224,7 @@ long fx_pull(Problem *p, const Tape *tape, const Adjoint *a) {
   Backward b;
   double *trial;
   long left = tape->rows;
-  lay_out(p, w, p->scratch), lay_out_backward(p, a, &l, &b, &trial, a->scratch), begin_linear(p, a, &l);
+  lay_out(p, w, p->scratch), lay_out_backward(p, a, &l, &b, &trial, a->scratch), begin_linear(p, w, a, &l);
   w->dt = NAN, w->transposed = 1;
   for (; left; --left) {
     if (tape->apart) memset(a->x + l.at.Y, 0, (l.at.v - l.at.Y) * sizeof(double));

@@ -16,10 +16,14 @@ typedef struct {
   double slope;
 } Entry;
 
-/* Laws that are evaluated one after the other. */
+/* Laws that are evaluated one after the other: entries, or tables that a scene has already, of which slopes are signs times
+   `values`, or 1 for copies. */
 typedef struct {
   Entry *entry;
   long count, room;
+  const int *from, *to, *value;
+  const double *sign, *values;
+  int from_array, to_array; /* where the arrays of `from` and `to` begin */
 } Block;
 
 /* Index of a number of an array; -1 of none, for the ground. */
@@ -31,11 +35,19 @@ static inline void put(Block *b, int from, int to, double slope) {
   b->entry[b->count++] = (Entry){from, to, slope};
 }
 
+static inline double slope_in(const Block *b, long k) { return b->value ? b->sign[k] * b->values[b->value[k]] : 1; }
+
 static void push(const Block *b, Ways *x) {
+  Ways *to = x + b->to_array, *from = x + b->from_array;
+  for (long k = 0; b->from && k < b->count; ++k) to[b->to[k]] += slope_in(b, k) * from[b->from[k]];
+  if (b->from) return;
   for (const Entry *e = b->entry; e < b->entry + b->count; ++e) x[e->to] += e->slope * x[e->from];
 }
 
 static void pull(const Block *b, double *x) {
+  double *to = x + b->to_array, *from = x + b->from_array;
+  for (long k = b->count; b->from && k-- > 0;) from[b->from[k]] += slope_in(b, k) * to[b->to[k]];
+  if (b->from) return;
   for (const Entry *e = b->entry + b->count; e-- > b->entry;) x[e->from] += e->slope * x[e->to];
 }
 
@@ -61,14 +73,17 @@ static long path_start(const Problem *p, int slider) {
   return start;
 }
 
+/* Numbers that keep large arrays apart: reading one would wait for what was written in another one at the same place of a
+   page. */
+enum { APART = 40 };
+
 Layout fx_layout(const Problem *p, const Adjoint *a) {
   Layout l;
   int next = 0, n = p->dofs, joints = p->joints, points = 0, followed = 0;
   int columns = p->columns + p->ties, internal = p->cells * p->cell_internal, natural = p->cells * p->cell_natural;
   for (int k = 0; k < p->points->all; ++k) {
     const PointForce *e = p->points->of + k;
-    points += a->arguments[k] - e->parameters - (3 * e->size + 2 + e->internal + e->remembered);
-    followed += e->load >= 0;
+    points += a->numbers[k], followed += e->load >= 0;
   }
 #define ARRAY(name, size) l.name = next, next += size
   ARRAY(mass, p->mass_start[n]), ARRAY(weight, n), ARRAY(columns, p->load_start[p->loads]), ARRAY(points, points);
@@ -79,10 +94,11 @@ Layout fx_layout(const Problem *p, const Adjoint *a) {
   ARRAY(spring_internal, p->spring_width), ARRAY(natural, natural);
   ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(thrust, 2 * p->thrusts);
   ARRAY(parameters, 2 * p->parameter_count), ARRAY(naturals, p->naturals);
-  ARRAY(Y1, columns), ARRAY(q1, n), ARRAY(v1, n), ARRAY(internal1, internal), ARRAY(springs1, p->spring_width);
-  ARRAY(natural1, natural), ARRAY(arms, 2 * joints), ARRAY(shapes, 3 * p->sliders), ARRAY(map, 1 + 4 * joints);
-  ARRAY(held, 3 * p->sliders), ARRAY(r, n), ARRAY(R, columns), ARRAY(gaps, p->closures);
-  ARRAY(closing, p->closures), ARRAY(pushed, p->guided ? columns : 0), ARRAY(carried, p->guided ? n : 0);
+  ARRAY(Y1, columns + APART), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(shapes, 3 * p->sliders), ARRAY(natural1, natural);
+  ARRAY(internal1, internal), ARRAY(springs1, p->spring_width), ARRAY(map, 1 + 4 * joints);
+  ARRAY(held, 3 * p->sliders), next += APART, ARRAY(r, n), next += APART, ARRAY(R, columns > n ? columns : n);
+  ARRAY(gaps, p->closures), ARRAY(closing, p->closures);
+  ARRAY(pushed, p->guided ? columns : 0), ARRAY(carried, p->guided ? n : 0);
   ARRAY(moments, p->scene_joints), ARRAY(forces, 3 * p->scene_joints), ARRAY(axes, 2 * p->sliders);
   ARRAY(followed, followed), ARRAY(size, 0);
 #undef ARRAY

@@ -59,7 +59,7 @@ static void pull_bodies(const Problem *p, const Work *w, const Adjoint *a, const
   double t = p->t + p->level * w->dt, per_dt = rates_per_path(p, w->dt);
   int n = p->dofs, internal = p->cells * p->cell_internal;
   memset(b->by_increment, 0, n * sizeof(double)), memset(b->by_start, 0, n * sizeof(double));
-  memset(b->by_before, 0, n * sizeof(double));
+  if (a->internal_forces.before) memset(b->by_before, 0, n * sizeof(double));
   for (int i = 0; i < internal; ++i) {
     x[at->internal + i] += x[at->internal1 + i];
     b->of_internal[i] = x[at->internal1 + i] * p->per_weight[i % p->cell_internal];
@@ -70,8 +70,9 @@ static void pull_bodies(const Problem *p, const Work *w, const Adjoint *a, const
   for (int i = 0; i < n; ++i) {
     double by_increment = b->by_increment[i] + per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
     x[at->q1 + i] += by_increment, x[at->q + i] += b->by_start[i] - by_increment;
-    x[at->v + i] -= per_dt * w->scratch[i], x[at->before + i] += b->by_before[i];
+    x[at->v + i] -= per_dt * w->scratch[i];
   }
+  for (int i = 0; a->internal_forces.before && i < n; ++i) x[at->before + i] += b->by_before[i];
   for (int i = 0; last && i < n; ++i) {
     double weight = x[at->r + i];
     x[at->weight + i] -= acting(p) * weight;
@@ -80,10 +81,14 @@ static void pull_bodies(const Problem *p, const Work *w, const Adjoint *a, const
 }
 
 /* Adds the changes of the forces of inertia and weight. */
-static void push_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, Ways *moving, Ways *x) {
+static void push_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Ways *x) {
   double per_dt = rates_per_path(p, w->dt);
   const Ways *q = x + at->q, *end = x + at->q1, *v = x + at->v;
-  for (int i = 0; i < p->dofs; ++i) moving[i] = per_dt * (per_dt / 2 * w->slope[i] * (end[i] - q[i]) - v[i]);
+  Ways *moving = x + at->R; /* which begins afterwards */
+  for (int i = 0; i < p->dofs; ++i) {
+    Ways increment = held ? -q[i] : end[i] - q[i];
+    moving[i] = per_dt * (per_dt / 2 * w->slope[i] * increment - v[i]);
+  }
   for (int i = 0; i < p->dofs; ++i) {
     Ways sum = x[at->r + i];
     for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k) sum += p->mass[k] * moving[p->mass_column[k]];
@@ -187,7 +192,7 @@ INLINED void change_cells(int n, const Problem *p, const Pulled *of, const doubl
       Ways *to = x;
       for (int k = 0; of->increment && k < n; ++k) {
         int dof = dofs[k * LANES];
-        to[k] = by_ends ? end[dof] : end[dof] - q[dof];
+        to[k] = held ? (Ways){0} : by_ends ? end[dof] : fixed ? -q[dof] : end[dof] - q[dof];
       }
       to += of->increment * n;
       for (int k = 0; of->start && k < n; ++k) *to++ = q[dofs[k * LANES]];

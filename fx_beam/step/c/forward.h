@@ -7,10 +7,10 @@
 
 #include "adjoint.h"
 
-/* Room for changes in a sub-step: right sides and solutions (work.h), those of borders, of rates, and of the paths of nodes
+/* Room for changes in a sub-step: right sides and solutions (work.h), those of borders, and the changes of the paths of nodes
    that slide in one direction. */
 typedef struct {
-  Ways *block, *on_borders, *moving;
+  Ways *block, *on_borders;
   double *found, *trial, *paths, *inside;
   FixedPoint following;
   /* Whether offsets, axes and rests of joints, or places of nodes that slide, change in any direction; and paths. */
@@ -29,7 +29,7 @@ static Ways *allocate_ways(double **at, long n) { return (Ways *)allocate(at, n 
 static long lay_out_forward(const Problem *p, const Adjoint *a, Change *c, Slopes *s, double *at) {
   double *begin = at;
   const Pulled *works[] = {&a->internal_forces, &a->drag};
-  c->on_borders = allocate_ways(&at, p->borders), c->moving = allocate_ways(&at, p->dofs);
+  c->on_borders = allocate_ways(&at, p->borders);
   c->block = allocate_ways(&at, p->positions), c->reached = (int *)allocate(&at, p->positions);
   for (int i = 0; i < 2; ++i)
     s->of_elements[i] = allocate(&at, blocks_of(&works[i]->slopes) * works[i]->slope_numbers * LANES);
@@ -146,28 +146,36 @@ static void push_places(const Problem *p, const Work *w, const Linear *l, const 
     if (i != ARMS || c->moves_joints) push(l->of + i, x);
 }
 
-/* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns, and those
-   of the forces to zero. Returns whether it is held in all directions. */
-static int begin_ends(const Problem *p, const Work *w, const Linear *l, const Change *c, const Ways *solution, Ways *x) {
+/* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
+static int holds_ends(const Problem *p, const Layout *at, const Change *c, const Ways *x) {
+  return !c->moves_joints && !c->moves_paths && !any((long)p->driven * WAYS, (const double *)(x + at->driven));
+}
+
+/* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. */
+static void set_ends(const Problem *p, const Work *w, const Linear *l, const Change *c, int held, const Ways *solution,
+                     Ways *x) {
   const Layout *at = &l->at;
   const int *order = order_now(p);
-  int held = !solution && !c->moves_joints && !c->moves_paths && !any((long)p->driven * WAYS, (double *)(x + at->driven));
-  memset(x + at->Y1, 0, (at->size - at->Y1) * sizeof(Ways));
-  for (int i = 0; solution && i < p->free; ++i) x[at->Y1 + i] = -solution[order[i]];
+  int first = solution ? p->free : 0, forces = p->points->all || p->points->members;
+  for (int i = 0; i < first; ++i) x[at->Y1 + i] = -solution[order[i]];
+  if (!held || forces || p->joints || p->closures || p->sliders)
+    memset(x + at->Y1 + first, 0, (at->natural1 - at->Y1 - first) * sizeof(Ways));
+  memset(x + at->natural1, 0, (at->internal1 - at->natural1) * sizeof(Ways));
   if (held) push(l->of + STRAINED, x);
   else push_places(p, w, l, c, x);
-  return held;
 }
 
 /* The changes of forces and rows for that of the configuration at the end. */
 static void push_forces(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s,
                         const Directions *d, const Change *c, long group, int held, Ways *x) {
   const Layout *at = &l->at;
+  memset(x + at->springs1, 0, (at->R - at->springs1) * sizeof(Ways));
   change_elements(p, &a->internal_forces, s->of_elements[0], s->by_ends[0], at, held, x,
                   (Ways *)d->of_elements + group * d->element_numbers);
   change_elements(p, &a->drag, s->of_elements[1], s->by_ends[1], at, held, x,
                   (Ways *)d->of_drag + group * d->drag_numbers);
-  push_inertia(p, w, at, d->changes_mass[group], c->moving, x);
+  push_inertia(p, w, at, d->changes_mass[group], held, x);
+  memset(x + at->R, 0, (at->size - at->R) * sizeof(Ways)); /* after its use as room */
   if (p->points->members) change_members(p, a, at, x);
   push(l->of + FORCED, x);
   for (int j = 0; p->sliders && j < WAYS; ++j)
@@ -234,9 +242,9 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
     int i = p->massless[k];
     v[i] = per_dt / 2 * w->slope[i] * (end[i] - q[i]);
   }
-  for (int i = 0; i < p->dofs; ++i) v[i] = per_dt * w->slope[i] * (end[i] - q[i]) - v[i];
   if (a->internal_forces.before) memcpy(x + at->before, q, p->dofs * sizeof(Ways));
-  memcpy(q, end, p->dofs * sizeof(Ways)), memcpy(x + at->Y, x + at->Y1, (p->columns + p->ties) * sizeof(Ways));
+  for (int i = 0; i < p->dofs; ++i) v[i] = per_dt * w->slope[i] * (end[i] - q[i]) - v[i], q[i] = end[i];
+  if (p->scene_joints) memcpy(x + at->Y, x + at->Y1, (p->columns + p->ties) * sizeof(Ways));
   memcpy(x + at->spring_internal, x + at->springs1, p->spring_width * sizeof(Ways));
   memcpy(x + at->natural, x + at->natural1, (at->loads - at->natural) * sizeof(Ways));
 }
@@ -249,18 +257,22 @@ static void push_group(const Problem *p, const Work *w, const Adjoint *a, const 
   long to = row * d->count + group * WAYS;
   begin_fixed_point(&c->following);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
-    int held = begin_ends(p, w, l, c, 0, x);
+    int held = holds_ends(p, at, c, x);
+    set_ends(p, w, l, c, held, 0, x);
     push_forces(p, w, a, l, s, d, c, group, held, x);
     set_right_sides(p, at, x, c->block);
     solve_right_sides(p, w, c);
-    begin_ends(p, w, l, c, c->block, x);
+    set_ends(p, w, l, c, 0, c->block, x);
     if (forces) push_forces(p, w, a, l, s, d, c, group, 0, x), push_joints(p, w, l, c, x);
     if (!p->friction_follows || !change_followed(p, c, at, x)) break;
   }
   if (row >= 0) store_rows(x + at->R + p->free, constrained, count, d->constraint_rows + to * constrained);
   if (row >= 0) store_rows(x + at->forces, joints, count, d->joint_rows + to * joints);
-  if (!forces && p->points->members) change_members(p, a, at, x);
-  if (!forces && p->spring_width) push(l->of + FORCED, x);
+  if (!forces && p->spring_width) {
+    memset(x + at->springs1, 0, p->spring_width * sizeof(Ways));
+    if (p->points->members) change_members(p, a, at, x);
+    push(l->of + FORCED, x);
+  }
   change_state(p, w, a, at, s, (Ways *)d->of_elements + group * d->element_numbers, x);
 }
 
@@ -288,7 +300,7 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   Slopes s;
   double *trial;
   lay_out(p, w, p->scratch), lay_out_backward(p, a, &l, &b, &trial, a->scratch);
-  lay_out_forward(p, a, &c, &s, d->scratch), begin_linear(p, a, &l);
+  lay_out_forward(p, a, &c, &s, d->scratch), begin_linear(p, w, a, &l);
   const Layout *at = &l.at;
   long groups = (d->count + WAYS - 1) / WAYS, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
   w->dt = NAN, c.inside = b.of_internal;

@@ -11,30 +11,39 @@
 
 /* Blocks in the order in which they are evaluated, the forces of elements before FORCED. Changes of offsets, axes and
    rests of joints move ARMS and LEVERS. After MAPPED the linear system is solved; CLOSED and JOINED are forces of
-   loops and joints. BEGUN are the places at the start, those of a run. */
-enum { STRAINED, DRIVEN, ARMS, PLACED, FORCED, LEVERS, CARRIED, COLLECTED, MAPPED, CLOSED, JOINED, BEGUN, BLOCKS };
+   loops and joints. BEGUN are the places at the start, those of a run. EQUAL, SPREAD, COLLECTED, ROWS and
+   ROWS_BY_MAP are tables. */
+enum {
+  STRAINED, DRIVEN, ARMS, TIED, EQUAL, SPREAD, PLACED, FORCED, LEVERS, CARRIED, COLLECTED, ROWS, ROWS_BY_MAP, MAPPED, CLOSED,
+  JOINED, BEGUN, BLOCKS
+};
 
 typedef struct {
   Layout at;
   Block of[BLOCKS];
   SlideEnds *slides;
   double *loads, *thrust, *natural; /* given on the tape */
-  double *on_ties, *slopes;         /* forces on ties; room for the slopes of one force at points */
-  char *carried;                    /* columns of nodes that slide */
+  double *on_ties;                  /* forces on ties */
 } Linear;
 
 static void lay_out_linear(const Problem *p, Linear *l, double **at) {
   l->slides = (SlideEnds *)allocate(at, p->sliders * (sizeof(SlideEnds) / sizeof(double)));
   l->loads = allocate(at, 2 * p->loads), l->thrust = allocate(at, 2 * p->thrusts);
   l->natural = allocate(at, p->naturals), l->on_ties = allocate(at, p->columns + p->ties);
-  l->carried = (char *)allocate(at, p->columns + p->ties);
 }
 
-static void begin_linear(const Problem *p, const Adjoint *a, Linear *l) {
-  memset(l->of, 0, sizeof l->of), memset(l->carried, 0, p->columns + p->ties);
-  l->at = fx_layout(p, a);
-  for (const Slider *s = p->slider; s < p->slider + p->sliders; ++s)
-    for (int c = 0; c < s->components; ++c) l->carried[s->carried[c]] = 1;
+static void begin_linear(const Problem *p, const Work *w, const Adjoint *a, Linear *l) {
+  int equal = p->equal, left = p->entries - equal;
+  const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
+  const double *sign = p->entry_sign + equal;
+  Layout at = l->at = fx_layout(p, a);
+  memset(l->of, 0, sizeof l->of);
+  l->of[EQUAL] = (Block){0, equal, 0, column, row, 0, 0, 0, at.Y1, at.q1};
+  l->of[COLLECTED] = (Block){0, equal, 0, row, column, 0, 0, 0, at.r, at.R};
+  row += equal, column += equal;
+  l->of[SPREAD] = (Block){0, left, 0, column, row, value, sign, w->values, at.Y1, at.q1};
+  l->of[ROWS] = (Block){0, left, 0, row, column, value, sign, w->virtual_map, at.r, at.R};
+  l->of[ROWS_BY_MAP] = (Block){0, left, 0, value, column, row, sign, p->sliders ? w->loaded : w->r, at.map, at.R};
 }
 
 static void end_linear(Linear *l) {
@@ -48,7 +57,7 @@ static double rates_per_path(const Problem *p, double dt) { return p->at_rest ? 
 static void set_load_factor(const Problem *p, const Adjoint *a) {
   for (int k = p->points->external; k < p->points->nodal; ++k) {
     const PointForce *e = p->points->of + k;
-    e->given[a->arguments[k] - e->parameters - 1] = p->ratio;
+    e->numbers[a->numbers[k] - 1] = p->ratio;
   }
 }
 
@@ -90,7 +99,7 @@ static void put_strains(const Problem *p, Linear *l) {
    entries of T), and the values of Tv, by all that they depend on. */
 static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int first, int j) {
   const Layout *at_ = &l->at;
-  int column = p->slide_column[j], map = at_->map + 1 + 4 * j;
+  int column = p->slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
   double psi = w->psi0[j], d = at(p->slides, p->slide_of[j]), slope = w->guide_slope[j];
   const double *mean = w->mean_t + 2 * j;
   for (int end = 0; end < 2; ++end) {
@@ -105,13 +114,13 @@ static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear 
       Block *arms = end ? l->of + ARMS : first ? l->of + BEGUN : 0, *levers = l->of + LEVERS;
       put(l->of + CARRIED, turn, lever, lever_share * (i ? rho[0] : -rho[1]));
       put(l->of + CARRIED, slide, lever, lever_share * t[i]);
-      put(l->of + CARRIED, turn, map + 2 + i, bend * mean[i] + slope * share * across[i]);
+      if (slides) put(l->of + CARRIED, turn, map + 2 + i, bend * mean[i] + slope * share * across[i]);
       for (int k = 0; k < 2; ++k) {
         int offset = at_->offset + 2 * j + k, axis = at_->axis + 2 * j + k;
         if (arms) put(arms, offset, arm, R[i][k] - (i == k));
         if (arms) put(arms, axis, arm, d * R[i][k] - a->slide_at_rest[j] * (i == k));
         put(levers, offset, lever, lever_share * R[i][k]), put(levers, axis, lever, lever_share * d * R[i][k]);
-        put(levers, axis, map + 2 + i, slope * share * R[i][k]);
+        if (slides) put(levers, axis, map + 2 + i, slope * share * R[i][k]);
       }
       if (arms) put(arms, at_->rest + j, arm, -p->axis[2 * j + i]);
     }
@@ -126,12 +135,12 @@ static void put_ties(const Problem *p, const Linear *l, const double *values, in
     put(to, Y + p->tie_column[k], Y + p->columns + p->tie_of[k], p->tie_sign[k] * values[p->tie_value[k]]);
 }
 
-/* Places q at the start (0) or at the end (1), from columns Y, arms, and the beams on which nodes slide. */
+/* Places q at the start (0) or at the end (1), there besides EQUAL and SPREAD, from columns Y, arms, and the beams on which
+   nodes slide. */
 static void put_places(const Problem *p, const Linear *l, const double *values, int end, Block *to) {
   int Y = end ? l->at.Y1 : l->at.Y, q = end ? l->at.q1 : l->at.q;
-  for (int k = 0; k < p->entries; ++k)
-    if (!l->carried[p->entry_column[k]])
-      put(to, Y + p->entry_column[k], q + p->entry_row[k], p->entry_sign[k] * values[p->entry_value[k]]);
+  for (int k = end ? p->entries : 0; k < p->entries; ++k)
+    put(to, Y + p->entry_column[k], q + p->entry_row[k], p->entry_sign[k] * values[p->entry_value[k]]);
   for (int k = 0; k < p->followers; ++k)
     put(to, l->at.arms + p->through[k], q + p->follower[k], p->joint_sign[p->through[k]]);
   for (int i = 0; i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
@@ -169,42 +178,39 @@ static void put_loads(const Problem *p, Linear *l) {
   }
 }
 
-/* A force or an internal variable, by all that the law of a force at points is given. */
-static void put_point(const Linear *l, const PointForce *e, int numbers, int thrust, const double *slopes, int all, int to,
-                      Block *block) {
-  int n = e->size, inside = 3 * n + 2, before = inside + e->internal + e->remembered, parameters = all - e->parameters;
+/* A force or an internal variable of a law of forces at points by all that it is given; returns the slopes of the next. */
+static const double *put_point(const Linear *l, const PointForce *e, int numbers, int first, int thrust,
+                               const double *slopes, int to, Block *block) {
+  int n = e->size, slides = e->slide >= 0;
+  const double *inside = slopes + 2 * n, *of_number = inside + e->internal, *of_parameter = of_number + numbers;
   for (int i = 0; i < n; ++i) {
-    int slides = e->slide >= 0, at = slides ? e->column : e->dof[i];
+    int at = slides ? e->column : e->dof[i];
     put(block, in(slides ? l->at.Y : l->at.q, at), to, slopes[i] - slopes[n + i]);
     put(block, in(slides ? l->at.Y1 : l->at.q1, at), to, slopes[n + i]);
   }
-  for (int i = 0; i < e->internal; ++i) put(block, l->at.spring_internal + e->first_internal + i, to, slopes[inside + i]);
-  for (int i = before; i < parameters; ++i)
-    put(block, thrust >= 0 && i < before + 2 ? thrust + i - before : numbers + i - before, to, slopes[i]);
-  for (int i = 0; i < e->parameters; ++i)
-    put(block, l->at.parameters + e->parameter[i], to, slopes[parameters + i]);
+  for (int i = 0; i < e->internal; ++i) put(block, l->at.spring_internal + e->first_internal + i, to, inside[i]);
+  for (int i = 0; i < numbers; ++i) put(block, thrust >= 0 && i < 2 ? thrust + i : first + i, to, of_number[i]);
+  for (int i = 0; i < e->parameters; ++i) put(block, l->at.parameters + e->parameter[i], to, of_parameter[i]);
+  return of_parameter + e->parameters;
 }
 
 static void put_points(const Problem *p, const Adjoint *a, Linear *l) {
   const PointForces *points = p->points;
-  int numbers = l->at.points, thrust = l->at.thrust;
-  for (int k = 0; k < points->all; ++k) {
+  int first = l->at.points, thrust = l->at.thrust;
+  Block *to = l->of + FORCED;
+  for (int k = 0; k < points->all; first += a->numbers[k++]) {
     const PointForce *e = points->of + k;
-    int n = e->size, all = a->arguments[k], pushes = k >= points->external && k < points->external + p->thrusts;
-    memcpy(a->given, e->given, all * sizeof(double));
-    memset(a->given + all, 0, (n + e->internal) * sizeof(double));
-    for (int i = 0; i < n + e->internal; ++i) {
-      int to = i >= n ? l->at.springs1 + e->first_internal + i - n
-                      : e->slide >= 0 ? l->at.R + e->column : in(l->at.r, e->dof[i]);
-      a->given[all + i] = 1;
-      call(a->pull[k], a->given, a->found, all);
-      a->given[all + i] = 0;
-      put_point(l, e, numbers, pushes ? thrust : -1, a->found, all, to, l->of + FORCED);
-      if (i == 1 && e->joint >= 0)
-        put_point(l, e, numbers, -1, a->found, all, l->at.moments + e->joint, l->of + FORCED);
+    int n = e->size, all = n + e->internal, numbers = a->numbers[k];
+    int pushed = k >= points->external && k < points->external + p->thrusts ? thrust : -1;
+    const double *slopes = a->found;
+    call(a->slopes[k], e->given, a->found, all * (2 * n + e->internal + numbers + e->parameters));
+    for (int i = 0; i < all; ++i) {
+      int row = i >= n ? l->at.springs1 + e->first_internal + i - n
+                       : e->slide >= 0 ? l->at.R + e->column : in(l->at.r, e->dof[i]);
+      if (i == 1 && e->joint >= 0) put_point(l, e, numbers, first, -1, slopes, l->at.moments + e->joint, to);
+      slopes = put_point(l, e, numbers, first, pushed, slopes, row, to);
     }
-    numbers += all - e->parameters - (3 * n + 2 + e->internal + e->remembered);
-    if (pushes) thrust += 2;
+    if (pushed >= 0) thrust += 2;
   }
 }
 
@@ -231,12 +237,6 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
       for (int k = 0; k < s; ++k) put(to, held, l->at.r + local_dof(a, k), a->virtual_map[c][k]);
       put(to, held, R + a->column, a->virtual_map[c][s]);
     }
-  }
-  for (int k = 0; k < p->entries; ++k) {
-    int row = p->entry_row[k], value = p->entry_value[k], column = p->entry_column[k];
-    if (l->carried[column]) continue;
-    put(l->of + COLLECTED, l->at.r + row, R + column, p->entry_sign[k] * values[value]);
-    if (value) put(l->of + COLLECTED, map + value, R + column, p->entry_sign[k] * r[row]);
   }
 }
 
@@ -341,11 +341,12 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
 
 /* All laws of a sub-step that has begun, with `forces` those of joints, and for the first one of a run its start. */
 static void linearise(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int forces, int first) {
-  for (int i = 0; i < BLOCKS; ++i) l->of[i].count = 0;
+  for (int i = 0; i < BLOCKS; ++i)
+    if (!l->of[i].from) l->of[i].count = 0;
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   put_strains(p, l);
   for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, l, first, j);
-  put_ties(p, l, w->values, l->at.Y1, l->of + PLACED), put_places(p, l, w->values, 1, l->of + PLACED);
+  put_ties(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
   put_loads(p, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_ties(p, w, l), put_gaps(p, w, l);
   if (first) {
     double values[1 + 4 * p->joints];

@@ -378,7 +378,7 @@ typedef struct {
   int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places;
   int Y, q, v, before, internal, spring_internal, natural;
   int loads, driven, thrust, parameters, naturals;
-  int Y1, q1, v1, internal1, springs1, natural1, arms, shapes, map, held, r, R, gaps, closing, pushed, carried, moments;
+  int Y1, q1, arms, shapes, natural1, internal1, springs1, map, held, r, R, gaps, closing, pushed, carried, moments;
   int forces, axes, followed, size;
 } Layout;
 
@@ -396,10 +396,11 @@ typedef struct {
   double *x, *of_steps; /* by the numbers of the scene and the state (Layout), and by those of each sub-step */
   double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
   double *slide_at_rest; /* in the reference configuration */
-  /* Derivatives of the laws of forces at points, their numbers of arguments, room for what they are given. */
-  Law **pull;
-  int *arguments;
-  double *given, *found;
+  /* Of the laws of forces at points: derivatives of each force and internal variable by start, increments, internal
+     variables, numbers and parameters, and room for them; how many numbers they have. */
+  Law **slopes;
+  int *numbers;
+  double *found;
   struct { int *transposed_at; }; /* position among sparse factors of each entry of the transposed tangent */
   /* Of contact with members: the laws, and how many numbers and arcs they have. */
   int member_numbers, member_arcs;
