@@ -115,7 +115,7 @@ class Sliding:
     def second(self, F: np.ndarray) -> np.ndarray:
         """Derivatives of virtual_map^T F, for a force F (components,), by all local ones."""
         self._force[:] = F
-        self._library.fx_slide_second(self._c, *self._motion, self._h)
+        self._library.fx_slide_second(self._c, self._h)
         H = self._left.T @ self._right + np.diag(self._turn)
         H[:, -1] += self._by_s
         H[-1] += self._of_s

@@ -162,12 +162,7 @@ class MemberContacts:
             self._all,
             contacts=len(touching),
             conditions=self.conditions,
-            of=[
-                self._row(*parts)
-                for parts in zip(
-                    touching, self.laws, self._numbers, self._first_slots[:-1], strict=True
-                )
-            ],
+            of=[self._row(i) for i in range(len(touching))],
             dofs=mesh.dofs.size,
             moving=len(every),
             moves=mesh.dofs[every, :2],
@@ -179,17 +174,17 @@ class MemberContacts:
         self._freed = ffi.gc(self._all, library.fx_free_members)
         return int(ffi.cast("uintptr_t", self._all))
 
-    def _row(
-        self, one: Touching, law: CompiledLaw, numbers: np.ndarray, first_slot: int
-    ) -> dict[str, Any]:
-        mesh, row, column = self._mesh, *law.entries.T
+    def _row(self, i: int) -> dict[str, Any]:
+        one, law, numbers, mesh = self._touching[i], self.laws[i], self._numbers[i], self._mesh
+        row, column = law.entries.T
         return {
             "law": law.address("law"),
             "energy": law.address("energy"),
             "loss": law.address("loss"),
             "sums": law.law.size,
+            "loaded": law.law.size - (4 if law.law.internal else 2),
             "internal": law.law.internal,
-            "first_slot": first_slot,
+            "first_slot": self._first_slots[i],
             "remembered": law.law.remembered,
             "entries": len(law.entries),
             "entry_row": row,
@@ -206,6 +201,8 @@ class MemberContacts:
             "number": numbers,
             "apart": one.apart,
             "arc": one.arc,
+            "first_number": sum(before.numbers.size for before in self._touching[:i]),
+            "first_arc": sum(before.arc.size for before in self._touching[:i]),
         }
 
     def refill(self, other: MemberContacts) -> None:
@@ -283,27 +280,14 @@ class MemberContacts:
         to["q"] += of_q
         return of_q[self._mesh.dofs[:, :2]]
 
-    def followed(self) -> list[dict[str, Any]]:
-        """The contacts as ``FollowedContact`` of c/problem.h; their laws are compiled once."""
+    def follow(self) -> None:
+        """Hand over what derivatives need besides; compiled once."""
         followed = {id(one.followed): one.followed for one in self._touching}
-        slopes = {key: slopes_of(law, self._rule) for key, law in followed.items()}
         #: Keeps the compiled functions.
-        self._slopes = slopes
-        first_numbers = np.cumsum([0, *(one.numbers.size for one in self._touching)])
-        first_arcs = np.cumsum([0, *(one.arc.size for one in self._touching)])
-        return [
-            {
-                "slopes": slopes[id(one.followed)].address,
-                "sums": one.followed.size // 2,
-                "internal": one.followed.internal,
-                "numbers": one.followed.numbers,
-                "first_number": int(first_number),
-                "first_arc": int(first_arc),
-            }
-            for one, first_number, first_arc in zip(
-                self._touching, first_numbers, first_arcs, strict=False
-            )
-        ]
+        self._slopes = {key: slopes_of(law, self._rule) for key, law in followed.items()}
+        for i, one in enumerate(self._touching):
+            address = self._slopes[id(one.followed)].address
+            self._all.of[i].slopes = self._ffi.cast("Law *", address)
 
     # -- A step ---------------------------------------------------------------------------------
 

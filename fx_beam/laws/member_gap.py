@@ -3,13 +3,15 @@
 A member is a smooth curve through the middles of its elements, with points c = sum N_k P_k of its
 nodes. Let N0 and N1 be the weights of the nearest points at the start and at the end of a step,
 n = (N0 + N1) / 2, d = N1 - N0, and s the slopes of N1 by the place on the member. The coordinates
-are the sums a, t, u of the arms from the node to the nodes of the member, with n, d, and s; with
-friction also w, with the slopes of N0. Derivatives by the start follow the nearest point there as
-well: they have w in any case, and with friction the slopes of w and of u.
+are the sums a, t, u, w of the arms from the node to the nodes of the member, with n, d, s, and the
+slopes of N0; with friction also those with the slopes of w and of u. There are forces on a, t and
+u, with friction on w; only derivatives by the start, where they follow the nearest point there as
+well, need the others.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,51 +31,37 @@ Vector = list[Any]
 _Ends = tuple[tuple[Vector, Vector], tuple[Vector, Vector]]
 
 
-def _gap(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
-    """Numbers: 1 / the second derivative of |arm|^2 / 2 by the place, and last the radii.
+def _gap(follows: bool, motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
+    """Numbers: 1 / the second derivative of |arm|^2 / 2 by the place, at the end and at the start.
 
-    The arms to the nearest points are a0 - t0 / 2 and a1 + t1 / 2. Forces along the mean of a do
-    work on the change of |a|. What the distance changes besides is of third order. It is given to
-    forces that do work on the change of a . t, which vanishes only with d. All of these are
-    products of arms, whose forces have no moment.
+    Behind them those of the slip, and last the radii. The arms to the nearest points are
+    a0 - t0 / 2 and a1 + t1 / 2. Forces along the mean of a do work on the change of |a|. What the
+    distance changes besides is of third order. It is given to forces that do work on the change of
+    a . t, which vanishes only with d. All of these are products of arms, whose forces have no
+    moment.
     """
-    return _gap_of(motion, D, numbers[-1], _Nearest(motion, D, numbers[0]))
-
-
-def _followed_gap(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
-    """The same, with the place at the start; numbers: the first of both ends, the radii."""
-    at_end, at_start, *_, radius = numbers
-    return _gap_of(motion, D, radius, _Nearest(motion, D, at_end, at_start))
-
-
-def _gap_of(motion: Motion, D: Sequence[Any], radius: Any, near: _Nearest) -> Coordinate:
+    near = _Nearest(motion, D, numbers, follows)
     first, last = _arms(near.ends)
     distance0, distance1 = _length(first), _length(last)
     along = near.with_places(*_directions(motion, near.ends), len(D))
-    (a, t, *_), path = _vectors(motion.rates), distance1 - distance0
+    (a, t, *_), path, radius = _vectors(motion.rates), distance1 - distance0, numbers[-1]
     rate = _dot(first, _add(a, -0.5, t)) / distance0
     return Coordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
 
 
-def _slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
+def _slip(follows: bool, motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
     """Increment of the arc length of the nearest point in the reference.
 
-    Numbers: the first of the gap, the slip, its slope by the place. The product a . w, with fixed
-    weights, changes by about minus the way of the place, and vanishes only with it.
+    Numbers: the first two of the gap, the slip, its slopes by the place at the end and at the
+    start. The product a . w, with fixed weights, changes by about minus the way of the place, and
+    vanishes only with it: there the slope is the first number, or if the start is followed what
+    has that number's derivatives as well.
     """
-    per_rate, slipped, length, _ = numbers
-    near = _Nearest(motion, D, per_rate)
-    return _slip_of(motion, D, near, slipped + length * near.place, -length * per_rate)
-
-
-def _followed_slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
-    """The same, with the place at the start; numbers: those of the gap, slip, slopes at both ends.
-
-    The number of the gap has derivatives as well here: it is the slope where nothing slips.
-    """
-    at_end, at_start, slipped, length, length_at_start, _ = numbers
-    near = _Nearest(motion, D, at_end, at_start)
+    at_end, _, slipped, length, length_at_start, _ = numbers
+    near = _Nearest(motion, D, numbers, follows)
     path = slipped + length * near.place - length_at_start * near.place_at_start
+    if not follows:
+        return _slip_of(motion, D, near, path, -length * at_end)
     inside = ufl.gt(at_end, 0)
     rate = ufl.conditional(inside, near.rate_at_end(), 1.0)
     return _slip_of(motion, D, near, path, ufl.conditional(inside, -length / rate, 0.0))
@@ -109,41 +97,37 @@ class _Nearest:
     the start is followed where there is a number for it.
     """
 
-    def __init__(self, motion: Motion, D: Sequence[Any], at_end: Any, at_start: Any = None):
+    def __init__(self, motion: Motion, D: Sequence[Any], numbers: Sequence[Any], follows: bool):
         start, end = list(motion.start), [x + d for x, d in zip(motion.start, D, strict=True)]
-        of_ends = _vectors(start), _vectors(end)
-        (arm0, t0, *_), (arm1, t1, u, *_) = of_ends
+        at_end, at_start, *_ = numbers
+        self._of_ends = (arm0, t0, _, w, *_), (arm1, t1, u, *_) = _vectors(start), _vectors(end)
         # A place is a zero of such a residual.
         self.place = -at_end * _dot(_add(arm1, 0.5, t1), u)
         self.place_at_start: Any = ufl.as_ufl(0.0)
-        if at_start is not None:
-            self.place_at_start = -at_start * _dot(_add(arm0, -0.5, t0), of_ends[0][3])
+        #: That at the end, where the slopes there follow it.
+        self._of_slopes: Any = ufl.as_ufl(0.0)
+        if follows:
+            self.place_at_start = -at_start * _dot(_add(arm0, -0.5, t0), w)
+            self._of_slopes = self.place
         #: a and t at both ends.
-        self.ends: _Ends = self._shifted(of_ends[0]), self._shifted(of_ends[1])
-        self._of_ends = of_ends
+        self.ends: _Ends = self._shifted(self._of_ends[0]), self._shifted(self._of_ends[1])
 
     def _shifted(self, sums: list[Vector]) -> tuple[Vector, Vector]:
         """Sums of arms for weights of other places."""
-        a, t, u, *_ = sums
+        a, t, u, w, *_ = sums
         a, t = _add(a, 0.5 * self.place, u), _add(t, self.place, u)
-        if len(sums) < 4:
-            return a, t
-        w, at_start = sums[3], self.place_at_start
-        return _add(a, 0.5 * at_start, w), _add(t, -at_start, w)
+        return _add(a, 0.5 * self.place_at_start, w), _add(t, -self.place_at_start, w)
 
     @property
     def u(self) -> Vector:
         """u at the end."""
         sums = self._of_ends[1]
-        return _add(sums[2], self.place, sums[5]) if len(sums) > 5 else sums[2]
+        return _add(sums[2], self._of_slopes, sums[5]) if len(sums) > 5 else sums[2]
 
     @property
     def w(self) -> tuple[Vector, Vector]:
         """w at both ends."""
-        first, last = (
-            _add(sums[3], self.place_at_start, sums[4]) if len(sums) > 4 else sums[3]
-            for sums in self._of_ends
-        )
+        first, last = (_add(sums[3], self.place_at_start, sums[4]) for sums in self._of_ends)
         return first, last
 
     def rate_at_end(self) -> Any:
@@ -160,7 +144,7 @@ class _Nearest:
         vectors = (
             *(on_arm, on_t, _add(on_u, place, _add(half, 1.0, on_t))),
             _add(on_w, at_start, _add(half, -1.0, on_t)),
-            *([at_start * x for x in on_w], [place * x for x in on_u]),
+            *([at_start * x for x in on_w], [self._of_slopes * x for x in on_u]),
         )
         return [x for vector in vectors for x in vector][:size]
 
@@ -219,10 +203,13 @@ def _relative(a: Vector, b: Vector) -> Any:
     return ufl.conditional(some, _length(a) / ufl.conditional(some, _length(b), 1.0), 1.0)
 
 
-MEMBER = Kind("the gap of a member", 6, 2, _gap)
-MEMBER_WITH_FRICTION = Kind("the gap and slip of a member", 8, 4, _gap, slip=_slip)
-#: The same for derivatives by the start.
-FOLLOWED = Kind("the gap of a member by its start", 8, 3, _followed_gap)
-FOLLOWED_WITH_FRICTION = Kind(
-    "the gap and slip of a member by its start", 12, 6, _followed_gap, slip=_followed_slip
-)
+def _kinds(follows: bool) -> tuple[Kind, Kind]:
+    """The gap without and with friction; for derivatives the nearest point at the start follows."""
+    of, gap = " by its start" if follows else "", functools.partial(_gap, follows)
+    slip = functools.partial(_slip, follows)
+    friction = Kind(f"the gap and slip of a member{of}", 12, 6, gap, slip=slip)
+    return Kind(f"the gap of a member{of}", 8, 3, gap), friction
+
+
+MEMBER, MEMBER_WITH_FRICTION = _kinds(False)
+FOLLOWED, FOLLOWED_WITH_FRICTION = _kinds(True)

@@ -44,7 +44,8 @@ class Adjoint:
         members = self._model.points.members
         if members is not None:
             counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}
-            self._structs.set(self.c, followed=members.followed(), **counts)
+            members.follow()
+            self._structs.set(self.c, **counts)
         elif not problem.factors.band:
             self._structs.set(self.c, transposed_at=problem.transposed())
         own = joints_by_number(self._model.scene)

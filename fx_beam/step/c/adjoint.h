@@ -111,7 +111,7 @@ static void begin_forces(const Problem *p, const Adjoint *a, const Layout *at, l
 }
 
 static void pull_places(const Linear *l, double *x) {
-  for (int i = PLACED; i >= TIED; --i) pull(l->of + i, x);
+  for (int i = PLACED; i >= WEIGHED; --i) pull(l->of + i, x);
 }
 
 /* From the derivatives by all that a sub-step gives to those by all that it reads; with `last` also by the numbers of
@@ -119,20 +119,15 @@ static void pull_places(const Linear *l, double *x) {
 static void pull_laws(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Backward *b, double *x,
                       int last) {
   const Layout *at = &l->at;
-  double *const nodal[] = {x + at->q, x + at->q1}, *const columns[] = {x + at->Y, x + at->Y1};
   pull(l->of + JOINED, x);
-  if (p->friction_follows) turn_back(p, w), pull_axes(p, w, x + at->axes, nodal, columns);
   pull(l->of + CLOSED, x);
   if (p->closures) solve_gaps(p, w, w->part_virtual, w->order_virtual, x + at->closing);
   for (int i = 0; i < p->closures; ++i) x[at->R + p->loop_column[p->following[i]]] += x[at->closing + i];
   for (int i = MAPPED; i > LEVERS; --i) pull(l->of + i, x);
   if (last) pull(l->of + LEVERS, x);
-  pull_slides(p, l->slides, x + at->r, x + at->R, nodal, columns);
-  pull(l->of + FORCED, x);
-  if (p->points->members) pull_members(p, a, at, x);
+  for (int i = SLID; i >= TOUCHED; --i) pull(l->of + i, x);
   pull_bodies(p, w, a, at, b, x, last);
   pull_places(l, x);
-  if (last) pull_paths(p, w, 1, x + at->shapes, x + at->r, x + at->R, x + at->axes, x + at->paths);
   for (int i = ARMS; last && i >= 0; --i) pull(l->of + i, x);
 }
 
@@ -192,9 +187,8 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward 
   a->sizes[k] = sqrt(dot(p->dofs, x + at->v, x + at->v));
   if (k) return 1;
   add_given(p, a, at, 0, x);
-  memset(x + at->shapes, 0, 3 * p->sliders * sizeof(double)), memset(x + at->arms, 0, 2 * p->joints * sizeof(double));
+  memset(x + at->slides, 0, (at->map - at->slides) * sizeof(double));
   pull(l->of + BEGUN, x);
-  pull_paths(p, w, 0, x + at->shapes, 0, 0, 0, x + at->paths);
   return 1;
 }
 
@@ -206,15 +200,16 @@ long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *for
   Backward b;
   double *trial;
   int constrained = p->columns - p->free;
-  lay_out(p, w, p->scratch), lay_out_backward(p, a, &l, &b, &trial, a->scratch);
+  lay_out(p, w, p->scratch), lay_out_backward(p, a, &l, &b, &trial, a->scratch), begin_linear(p, a, &l);
   w->dt = NAN;
-  for (long row = 0; row < tape->rows; ++row) {
-    if (!begin_taped(p, w, a, tape->row + row * tape->size, &l)) return tape->rows - row;
+  long row = 0;
+  for (; row < tape->rows && begin_taped(p, w, a, tape->row + row * tape->size, &l); ++row) {
     project(p, w, w->r, w->columns);
     memcpy(forces + row * constrained, w->columns + p->free, constrained * sizeof(double));
   }
   p->kept.present = 0;
-  return 0;
+  end_linear(&l);
+  return tape->rows - row;
 }
 
 /* Follows a tape backwards; returns the number of sub-steps that are left where a tangent is singular. */

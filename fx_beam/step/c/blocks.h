@@ -57,9 +57,6 @@ static Ways sum_of_products(int n, const double *slopes, const Ways *x) {
   return sum;
 }
 
-/* One direction of the changes, with WAYS numbers from one change to the next. */
-static double *in_way(const Ways *changes, int way) { return (double *)changes + way; }
-
 /* Number of numbers of a path: arc lengths, positions, angles and coefficients, in the order of Path.numbers. */
 static long path_numbers(const Slider *a) {
   long nodes = (long)a->degree * a->elements + 1;
@@ -75,7 +72,15 @@ static long path_start(const Problem *p, int slider) {
 
 /* Numbers that keep large arrays apart: reading one would wait for what was written in another one at the same place of a
    page. */
-enum { APART = 40 };
+enum { SPACING = 40 };
+
+/* Numbers of a node that slides between its laws: weights N at both ends, those of the virtual slide,
+   Nbar_a k(x_a - y) cos x_a; of these the sum; the axis; differences with the weights of the virtual slide, Dalpha, forces
+   on the chord; y and y_c. */
+enum {
+  AT, ALONG = AT + 2 * WINDOW_NODES, PARTS = ALONG + 2 * WINDOW_NODES, TOTAL = PARTS + WINDOW_NODES, AXIS,
+  APART = AXIS + 3, TURN = APART + 2, ON_CHORD, MEAN_TURN = ON_CHORD + 2, OWN_TURN, SLIDE_NUMBERS
+};
 
 Layout fx_layout(const Problem *p, const Adjoint *a) {
   Layout l;
@@ -94,9 +99,9 @@ Layout fx_layout(const Problem *p, const Adjoint *a) {
   ARRAY(spring_internal, p->spring_width), ARRAY(natural, natural);
   ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(thrust, 2 * p->thrusts);
   ARRAY(parameters, 2 * p->parameter_count), ARRAY(naturals, p->naturals);
-  ARRAY(Y1, columns + APART), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(shapes, 3 * p->sliders), ARRAY(natural1, natural);
-  ARRAY(internal1, internal), ARRAY(springs1, p->spring_width), ARRAY(map, 1 + 4 * joints);
-  ARRAY(held, 3 * p->sliders), next += APART, ARRAY(r, n), next += APART, ARRAY(R, columns > n ? columns : n);
+  ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders);
+  ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->spring_width), ARRAY(map, 1 + 4 * joints);
+  ARRAY(held, 3 * p->sliders), next += SPACING, ARRAY(r, n), next += SPACING, ARRAY(R, columns > n ? columns : n);
   ARRAY(gaps, p->closures), ARRAY(closing, p->closures);
   ARRAY(pushed, p->guided ? columns : 0), ARRAY(carried, p->guided ? n : 0);
   ARRAY(moments, p->scene_joints), ARRAY(forces, 3 * p->scene_joints), ARRAY(axes, 2 * p->sliders);

@@ -45,7 +45,7 @@ static void turn_beams(const Problem *p, const Work *w) {
   for (int i = 0; i < p->sliders; ++i) {
     Slider *a = p->slider + i;
     int turns = 2 * a->width, node = a->first;
-    slide_on(a, p->q, w->D, &a->of_force);
+    find_second(a, &a->of_force);
     for (; a->components == 3 && turns < 3 * a->width; ++turns, ++node)
       w->tangent[a->turn_stored_at[node]] += a->of_force.turn[turns];
   }

@@ -38,7 +38,7 @@ static void count_touches(MemberContacts *m) {
     double rates[4][2], fastest = 0, dt = fabs(e->given[3 * c->sums + 1]);
     differences(e, m->v, rates);
     for (int k = 0; k < 4; ++k) fastest = fmax(fastest, dot2(rates[k], rates[k]));
-    e->counted = e->touching || e->distance - *number_of(c, e->point) < SOON * dt * sqrt(fastest);
+    e->counted = e->touching || e->first.distance - *number_of(c, e->point) < SOON * dt * sqrt(fastest);
   }
 }
 

@@ -83,7 +83,7 @@ static void expand_trees(const Problem *p, const Work *w) {
   for (int i = 0; i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
     Slider *a = p->slider + i;
     a->s0 = p->slides[a->joint], a->s1 = a->s0 + w->z[a->column];
-    slide_on(a, p->q, w->D, 0);
+    slide_on(a, p->q, w->D);
     for (int c = 0; c < a->components; ++c) w->z[a->carried[c]] = a->increment[c];
     expand_columns(p, w);
   }
@@ -123,7 +123,7 @@ static void spread(const Problem *p, const Work *w, double *z, double *out) {
   complete(p, w, z);
   spread_columns(p, w->values, z, out);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
-    spread_slider(a, a->T, out, z, 1);
+    spread_slider(a, a->T, out, z);
     spread_columns(p, w->values, z, out);
   }
 }

@@ -7,14 +7,13 @@
 
 #include "adjoint.h"
 
-/* Room for changes in a sub-step: right sides and solutions (work.h), those of borders, and the changes of the paths of nodes
-   that slide in one direction. */
+/* Room for changes in a sub-step: right sides and solutions (work.h), and those of borders. */
 typedef struct {
   Ways *block, *on_borders;
-  double *found, *trial, *paths, *inside;
+  double *found, *trial, *inside;
   FixedPoint following;
-  /* Whether offsets, axes and rests of joints, or places of nodes that slide, change in any direction; and paths. */
-  int moves_joints, moves_paths;
+  /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
+  int moves_joints;
   int *reached;
 } Change;
 
@@ -33,7 +32,6 @@ static long lay_out_forward(const Problem *p, const Adjoint *a, Change *c, Slope
   c->block = allocate_ways(&at, p->positions), c->reached = (int *)allocate(&at, p->positions);
   for (int i = 0; i < 2; ++i)
     s->of_elements[i] = allocate(&at, blocks_of(&works[i]->slopes) * works[i]->slope_numbers * LANES);
-  c->paths = allocate(&at, path_start(p, p->sliders));
   long followed = (long)WAYS * p->points->followed.size;
   c->found = allocate(&at, followed), c->trial = allocate(&at, followed);
   c->following.size = followed, c->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
@@ -120,39 +118,13 @@ static void store_state(const Problem *p, const Directions *d, const Layout *at,
   store_rows(x + at->spring_internal, s, count, d->spring_rows + row * s);
 }
 
-/* The changes of all paths in one direction; 0 if none change. */
-static double *paths_in(const Problem *p, const Layout *at, const Change *c, const Ways *x, int way) {
-  for (long i = 0, n = path_start(p, p->sliders); c->moves_paths && i < n; ++i) c->paths[i] = x[at->paths + i][way];
-  return c->moves_paths ? c->paths : 0;
-}
-
-/* What paths add to the places of the nodes that slide on them, at the start (0) or at the end (1). */
-static void change_shapes(const Problem *p, const Work *w, const Layout *at, const Change *c, int end, Ways *x) {
-  memset(x + at->shapes, 0, 3 * p->sliders * sizeof(Ways));
-  for (int j = 0; c->moves_paths && j < WAYS; ++j) {
-    double *paths = paths_in(p, at, c, x, j);
-    for (int i = 0; i < p->sliders; ++i) {
-      double change[3] = {0};
-      change_place(p, w, p->slider + i, end, paths + path_start(p, i), change);
-      for (int k = 0; k < 3; ++k) x[at->shapes + 3 * i + k][j] = change[k];
-    }
-  }
-}
-
-/* The changes of the configuration at the end, with those of the unknowns, which are there. */
-static void push_places(const Problem *p, const Work *w, const Linear *l, const Change *c, Ways *x) {
-  change_shapes(p, w, &l->at, c, 1, x);
-  for (int i = STRAINED; i <= PLACED; ++i)
-    if (i != ARMS || c->moves_joints) push(l->of + i, x);
-}
-
 /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
 static int holds_ends(const Problem *p, const Layout *at, const Change *c, const Ways *x) {
-  return !c->moves_joints && !c->moves_paths && !any((long)p->driven * WAYS, (const double *)(x + at->driven));
+  return !c->moves_joints && !any((long)p->driven * WAYS, (const double *)(x + at->driven));
 }
 
 /* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. */
-static void set_ends(const Problem *p, const Work *w, const Linear *l, const Change *c, int held, const Ways *solution,
+static void set_ends(const Problem *p, const Linear *l, const Change *c, int held, const Ways *solution,
                      Ways *x) {
   const Layout *at = &l->at;
   const int *order = order_now(p);
@@ -161,8 +133,9 @@ static void set_ends(const Problem *p, const Work *w, const Linear *l, const Cha
   if (!held || forces || p->joints || p->closures || p->sliders)
     memset(x + at->Y1 + first, 0, (at->natural1 - at->Y1 - first) * sizeof(Ways));
   memset(x + at->natural1, 0, (at->internal1 - at->natural1) * sizeof(Ways));
-  if (held) push(l->of + STRAINED, x);
-  else push_places(p, w, l, c, x);
+  if (held) push(l->of + STRAINED, x), push(l->of + WEIGHED, x);
+  for (int i = STRAINED; !held && i <= PLACED; ++i)
+    if (i != ARMS || c->moves_joints) push(l->of + i, x);
 }
 
 /* The changes of forces and rows for that of the configuration at the end. */
@@ -176,12 +149,7 @@ static void push_forces(const Problem *p, const Work *w, const Adjoint *a, const
                   (Ways *)d->of_drag + group * d->drag_numbers);
   push_inertia(p, w, at, d->changes_mass[group], held, x);
   memset(x + at->R, 0, (at->size - at->R) * sizeof(Ways)); /* after its use as room */
-  if (p->points->members) change_members(p, a, at, x);
-  push(l->of + FORCED, x);
-  for (int j = 0; p->sliders && j < WAYS; ++j)
-    change_slides(p, w, l->slides, (const double *[]){in_way(x + at->q, j), in_way(x + at->q1, j)},
-                  (const double *[]){in_way(x + at->Y, j), in_way(x + at->Y1, j)}, paths_in(p, at, c, x, j),
-                  in_way(x + at->r, j), in_way(x + at->R, j), WAYS);
+  for (int i = TOUCHED; i <= SLID; ++i) push(l->of + i, x);
   if (c->moves_joints) push(l->of + LEVERS, x);
   for (int i = CARRIED; i <= MAPPED; ++i) push(l->of + i, x);
 }
@@ -203,15 +171,6 @@ static void push_joints(const Problem *p, const Work *w, const Linear *l, const 
     for (int i = 0; i < p->closures; ++i) x[at->closing + i][j] = w->gap[i];
   }
   push(l->of + CLOSED, x);
-  for (int i = 0; p->friction_follows && i < p->sliders; ++i)
-    for (int k = 0; k < 2; ++k)
-      for (int j = 0; j < WAYS; ++j) {
-        double weight[] = {k == 0, k == 1}, *paths = paths_in(p, at, c, x, j);
-        x[at->axes + 2 * i + k][j] =
-            change_of_axis(p, w, p->slider + i, weight, (const double *[]){in_way(x + at->q, j), in_way(x + at->q1, j)},
-                           (const double *[]){in_way(x + at->Y, j), in_way(x + at->Y1, j)},
-                           paths ? paths + path_start(p, i) : 0, WAYS);
-      }
   push(l->of + JOINED, x);
 }
 
@@ -258,11 +217,11 @@ static void push_group(const Problem *p, const Work *w, const Adjoint *a, const 
   begin_fixed_point(&c->following);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
     int held = holds_ends(p, at, c, x);
-    set_ends(p, w, l, c, held, 0, x);
+    set_ends(p, l, c, held, 0, x);
     push_forces(p, w, a, l, s, d, c, group, held, x);
     set_right_sides(p, at, x, c->block);
     solve_right_sides(p, w, c);
-    set_ends(p, w, l, c, 0, c->block, x);
+    set_ends(p, l, c, 0, c->block, x);
     if (forces) push_forces(p, w, a, l, s, d, c, group, 0, x), push_joints(p, w, l, c, x);
     if (!p->friction_follows || !change_followed(p, c, at, x)) break;
   }
@@ -270,8 +229,7 @@ static void push_group(const Problem *p, const Work *w, const Adjoint *a, const 
   if (row >= 0) store_rows(x + at->forces, joints, count, d->joint_rows + to * joints);
   if (!forces && p->spring_width) {
     memset(x + at->springs1, 0, p->spring_width * sizeof(Ways));
-    if (p->points->members) change_members(p, a, at, x);
-    push(l->of + FORCED, x);
+    push(l->of + TOUCHED, x), push(l->of + FORCED, x);
   }
   change_state(p, w, a, at, s, (Ways *)d->of_elements + group * d->element_numbers, x);
 }
@@ -307,11 +265,10 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   memset(b.of_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));
   memset(c.block, 0, p->positions * sizeof(Ways));
   for (int i = 0; i < p->positions; ++i) c.reached[i] = 1;
-  c.moves_joints = c.moves_paths = 0;
+  c.moves_joints = 0;
   for (long i = 0; i < groups; ++i) {
     const Ways *x = (Ways *)d->x + i * at->size;
-    c.moves_joints |= any((at->paths - at->offset) * WAYS, (double *)(x + at->offset));
-    c.moves_paths |= any((at->members - at->paths) * WAYS, (double *)(x + at->paths));
+    c.moves_joints |= any((at->members - at->offset) * WAYS, (double *)(x + at->offset));
   }
   s.by_ends[0] = can_be_by_ends(p, &a->internal_forces), s.by_ends[1] = can_be_by_ends(p, &a->drag);
   for (; left; --left) {
@@ -322,7 +279,7 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
       int count = d->count - i * WAYS < WAYS ? d->count - i * WAYS : WAYS;
       if (tape->apart) memset(x + at->Y, 0, of_state * sizeof(Ways));
       if (k == 0) {
-        memset(x + at->arms, 0, 2L * p->joints * sizeof(Ways)), change_shapes(p, w, at, &c, 0, x);
+        memset(x + at->slides, 0, (at->map - at->slides) * sizeof(Ways));
         memset(x + at->q, 0, p->dofs * sizeof(Ways)), push(l.of + BEGUN, x);
       }
       if (row == 0) store_state(p, d, at, x, count, k, i * WAYS);

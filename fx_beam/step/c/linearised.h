@@ -9,25 +9,23 @@
 #include "slide_derivatives.h"
 #include "tape.h"
 
-/* Blocks in the order in which they are evaluated, the forces of elements before FORCED. Changes of offsets, axes and
-   rests of joints move ARMS and LEVERS. After MAPPED the linear system is solved; CLOSED and JOINED are forces of
-   loops and joints. BEGUN are the places at the start, those of a run. EQUAL, SPREAD, COLLECTED, ROWS and
-   ROWS_BY_MAP are tables. */
+/* Blocks in the order in which they are evaluated, the forces of elements before TOUCHED. Changes of offsets, axes and
+   rests of joints move ARMS and LEVERS; WEIGHED are the weights of the nodes of beams on which others slide. After
+   MAPPED the linear system is solved; CLOSED and JOINED are forces of loops and joints. BEGUN are the places at the
+   start, those of a run. EQUAL, SPREAD, COLLECTED, ROWS and ROWS_BY_MAP are tables. */
 enum {
-  STRAINED, DRIVEN, ARMS, TIED, EQUAL, SPREAD, PLACED, FORCED, LEVERS, CARRIED, COLLECTED, ROWS, ROWS_BY_MAP, MAPPED, CLOSED,
-  JOINED, BEGUN, BLOCKS
+  STRAINED, DRIVEN, ARMS, WEIGHED, TIED, EQUAL, SPREAD, PLACED, TOUCHED, FORCED, SLID, LEVERS, CARRIED, COLLECTED, ROWS,
+  ROWS_BY_MAP, MAPPED, CLOSED, JOINED, BEGUN, BLOCKS
 };
 
 typedef struct {
   Layout at;
   Block of[BLOCKS];
-  SlideEnds *slides;
   double *loads, *thrust, *natural; /* given on the tape */
   double *on_ties;                  /* forces on ties */
 } Linear;
 
 static void lay_out_linear(const Problem *p, Linear *l, double **at) {
-  l->slides = (SlideEnds *)allocate(at, p->sliders * (sizeof(SlideEnds) / sizeof(double)));
   l->loads = allocate(at, 2 * p->loads), l->thrust = allocate(at, 2 * p->thrusts);
   l->natural = allocate(at, p->naturals), l->on_ties = allocate(at, p->columns + p->ties);
 }
@@ -62,7 +60,7 @@ static void set_load_factor(const Problem *p, const Adjoint *a) {
 }
 
 /* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
-static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row, const Linear *l) {
+static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row, Linear *l) {
   double dt = row[1], level;
   take_from_tape(p, w, row, l->loads, l->thrust, l->natural);
   level = p->t + p->level * dt;
@@ -79,9 +77,8 @@ static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row,
   if (p->points->members) settle_members(p, w);
   balance(p, w);
   if (p->friction_follows) set_axes(p);
-  if (p->points->members) find_member_slopes(p, w, a);
+  if (p->points->members) l->of[TOUCHED].count = 0, put_members(l->of + TOUCHED, p, &l->at);
   reduce_tangent(p, w, w->r);
-  find_slide_ends(p, w, l->slides);
   return 1;
 }
 
@@ -145,12 +142,7 @@ static void put_places(const Problem *p, const Linear *l, const double *values, 
     put(to, l->at.arms + p->through[k], q + p->follower[k], p->joint_sign[p->through[k]]);
   for (int i = 0; i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
     const Slider *a = p->slider + i;
-    for (int c = 0, s = a->components * a->width; c < a->components; ++c) {
-      int carried = Y + a->carried[c];
-      for (int k = 0; k < s; ++k) put(to, q + local_dof(a, k), carried, l->slides[i].T[end][c][k]);
-      put(to, Y + a->column, carried, l->slides[i].T[end][c][s]);
-      put(to, l->at.places + 3 * i + c, carried, -1), put(to, l->at.shapes + 3 * i + c, carried, 1);
-    }
+    put_place(to, p, &l->at, i, end);
     for (int c = 0; c < a->components; ++c)
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
         put(to, Y + a->carried[c], q + a->entry_row[k], a->entry_sign[k] * values[a->entry_value[k]]);
@@ -342,10 +334,15 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
 /* All laws of a sub-step that has begun, with `forces` those of joints, and for the first one of a run its start. */
 static void linearise(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int forces, int first) {
   for (int i = 0; i < BLOCKS; ++i)
-    if (!l->of[i].from) l->of[i].count = 0;
+    if (i != TOUCHED && !l->of[i].from) l->of[i].count = 0;
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   put_strains(p, l);
   for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, l, first, j);
+  for (int i = 0; i < p->sliders; ++i) {
+    for (int end = 0; end < 2; ++end) put_weights_at(l->of + WEIGHED, p, &l->at, i, end);
+    if (first) put_weights_at(l->of + BEGUN, p, &l->at, i, 0);
+    put_slide(l->of + SLID, p, &l->at, i);
+  }
   put_ties(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
   put_loads(p, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_ties(p, w, l), put_gaps(p, w, l);
   if (first) {

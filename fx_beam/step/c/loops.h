@@ -190,7 +190,7 @@ static int begin_loops(const Problem *p, const Work *w) {
   if (p->guided) memset(w->D, 0, p->dofs * sizeof(double));
   for (Slider *a = p->slider; p->guided && a < p->slider + p->sliders; ++a) {
     a->s0 = a->s1 = p->slides[a->joint];
-    slide_on(a, p->q, w->D, 0);
+    slide_on(a, p->q, w->D);
   }
   derive_gaps(p, w, w->values, w->G);
   return choose_following(p, w);

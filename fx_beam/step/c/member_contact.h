@@ -6,9 +6,9 @@
 typedef void Law(double *, const double *, const double *, const double *, const int *,
                  const unsigned char *, void *);
 
-/* Entries of a touch: x and y of the point and of four nodes; coordinates of its law, and room for what it
+/* Entries of a touch: x and y of the point and of four nodes; vectors of its law, and room for what it
    is given and finds. */
-enum { TOUCH_DOFS = 10, MOST_SUMS = 8, TOUCH_GIVEN = 48, TOUCH_RESULTS = 80 };
+enum { TOUCH_DOFS = 10, MOST_SUMS = 6, TOUCH_GIVEN = 64, TOUCH_RESULTS = 96 };
 /* Memory of friction: at most so many touches of a point; of each its place on the member, counted from 1,
    and the two internal variables of its law. */
 enum { SLOTS = 2, IN_SLOT = 3 };
@@ -18,7 +18,8 @@ typedef struct {
   Law *law;
   struct { Law *energy; };
   struct { Law *loss; };
-  int sums, remembered, entries, *entry_row, *entry_column; /* twice the sums; entries of its tangent */
+  int sums, loaded, remembered; /* twice the sums; the first of them, on which there are forces */
+  int entries, *entry_row, *entry_column; /* of its tangent */
   int internal, first_slot; /* internal variables; its first slot of memory, in which a point has SLOTS */
   int points, *point_dof;   /* [points][2] */
   double *point_position;   /* [points][2] in the reference */
@@ -29,8 +30,20 @@ typedef struct {
   int numbers;              /* of each point */
   double *number;           /* [points][numbers]: the radii, then those of the law */
   double *arc;              /* places of its nodes along it */
+  /* For derivatives: forces and internal variables by start, increments, internal variables and numbers; the first
+     of its numbers and places among those of all contacts. */
+  struct { Law *slopes; };
+  int first_number, first_arc;
   double apart;             /* of a member and itself: how far apart they must be */
 } MemberContact;
+
+/* A point of two successive pieces: weights of four nodes, their slopes by the place, 1 / the second
+   derivative of half the squared distance (0 at an end of the member), the distance; at which of their ends
+   it has left them, -1 or 1. */
+typedef struct {
+  double place, weights[4], slopes[4], per_rate, distance;
+  int left;
+} NearPoint;
 
 /* A point that is near a member. */
 typedef struct {
@@ -40,9 +53,9 @@ typedef struct {
   int left, leans;            /* whether the nearest point has left the two pieces; to which side they should go */
   int counted;                /* whether the pattern of the tangent has it */
   double start[5][2];         /* at the start of the step: the point, then arms to the four nodes */
-  double place, distance, weights[4], slopes[4]; /* the nearest point at the start */
+  NearPoint first;            /* the nearest point at the start */
   double end, seen, motion;   /* its place at the end; where it was last followed along the member; its way in a step */
-  double sums[4][4];          /* weights of the sums of arms */
+  double sums[5][MOST_SUMS];  /* weights of the sums at the point and at the nodes */
   double given[TOUCH_GIVEN], results[TOUCH_RESULTS], tangent[TOUCH_DOFS * TOUCH_DOFS];
 } Touch;
 
@@ -59,8 +72,6 @@ typedef struct {
   struct { double *searched_at, *q, *v, *product, *memory; };
   struct { Touch *touch; }; /* [room] */
   int touches, room;
-  struct { double *slopes; }; /* derivatives of all touches, where they are needed (member_derivatives.h) */
-  long slope_room;
   /* The cells of a search: where the nodes in each begin, the nodes, and their places. */
   struct { int *cell_start, *cell_node, *cell_of; };
   struct { double *node_at; };

@@ -18,7 +18,7 @@ static void *grown(void *old, long count, long size) { return realloc(old, count
 
 void fx_free_members(MemberContacts *m) {
   free(m->searched_at), free(m->q), free(m->v), free(m->product), free(m->touch), free(m->taken), free(m->memory);
-  free(m->cell_start), free(m->cell_node), free(m->cell_of), free(m->node_at), free(m->slopes);
+  free(m->cell_start), free(m->cell_node), free(m->cell_of), free(m->node_at);
 }
 
 static inline void position(const double *reference, const int *dof, const double *q, double *out) {
@@ -224,11 +224,16 @@ static void allocate_members(MemberContacts *m) {
 
 static double *number_of(const MemberContact *c, int point) { return c->number + (long)point * c->numbers; }
 
+/* Where the internal variables, what is of places, and the numbers of a point are among what its law is given. */
+static inline int internal_at(const MemberContact *c) { return 3 * c->sums + 2; }
+static inline int places_at(const MemberContact *c) { return internal_at(c) + c->internal + c->remembered; }
+static inline int numbers_at(const MemberContact *c) { return places_at(c) + (c->internal ? 5 : 2); }
+
 /* The slot of a touch: that of a place less than two pieces away, or a free one; -1 if all are taken. */
 static int slot_of(MemberContacts *m, const Touch *e) {
   const MemberContact *c = m->of + e->contact;
   int first = c->first_slot + SLOTS * e->point, best = -1;
-  double least = 2, place = e->piece + e->place + 1;
+  double least = 2, place = e->piece + e->first.place + 1;
   for (int k = first; k < first + SLOTS; ++k) {
     double known = m->memory[IN_SLOT * k], away = known > 0 ? fabs(known - place) : 1.99;
     if (!m->taken[k] && away < least) best = k, least = away;
@@ -273,14 +278,9 @@ static const double TOGETHER = 4;
 
 /* To which side the pieces of a touch go if its nearest point is to remain in them for some steps. */
 static int way_to_lean(const Touch *e, double steps) {
-  double there = e->place + steps * e->motion, far = fmax(e->place, there), near = fmin(e->place, there);
-  if (far > 1.5 - SPARE_PIECE && !e->ends && can_lean(e->place, 1)) return 1;
-  return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(e->place, -1) ? -1 : 0;
-}
-
-static void keep_nearest(Touch *e, const NearPoint *near) {
-  e->place = near->place, e->distance = near->distance;
-  memcpy(e->weights, near->weights, sizeof e->weights), memcpy(e->slopes, near->slopes, sizeof e->slopes);
+  double there = e->first.place + steps * e->motion, far = fmax(e->first.place, there), near = fmin(e->first.place, there);
+  if (far > 1.5 - SPARE_PIECE && !e->ends && can_lean(e->first.place, 1)) return 1;
+  return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(e->first.place, -1) ? -1 : 0;
 }
 
 /* The nearest points at the start of a step, which touches follow along their members; returns whether they are all
@@ -293,9 +293,9 @@ static int place_touches(MemberContacts *m, const double *q, const double *v, do
     moved |= piece != e->piece;
     if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
     e->motion = v ? motion_along(e, &near, e->start + 1, v, dt) : 0;
-    keep_nearest(e, &near);
+    e->first = near;
     /* The last step had to be repeated, or the nearest point is about to leave its pieces. */
-    e->leans = e->leans ? (can_lean(e->place, e->leans) ? e->leans : 0) : way_to_lean(e, 1);
+    e->leans = e->leans ? (can_lean(e->first.place, e->leans) ? e->leans : 0) : way_to_lean(e, 1);
     changes |= e->leans && e->counted;
   }
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
@@ -303,8 +303,7 @@ static int place_touches(MemberContacts *m, const double *q, const double *v, do
     e->leans = 0;
     if (!way) continue;
     set_pieces(m->of + e->contact, e, e->piece + way);
-    NearPoint near = follow(m, e, q, &piece, e->start);
-    keep_nearest(e, &near);
+    e->first = follow(m, e, q, &piece, e->start);
   }
   for (const Touch *e = m->touch; moved && e < m->touch + m->touches; ++e)
     if (is_lost(m, e)) return 0;
@@ -314,8 +313,7 @@ static int place_touches(MemberContacts *m, const double *q, const double *v, do
 /* What the law of a touch is given in the whole step. */
 static void begin_touch(MemberContacts *m, Touch *e, double t, double dt) {
   const MemberContact *c = m->of + e->contact;
-  double *to = e->given + 3 * c->sums, *of_place = to + 2 + c->internal + c->remembered;
-  double *numbers = of_place + (c->internal ? 3 : 1);
+  double *to = e->given + 3 * c->sums, *numbers = e->given + numbers_at(c);
   e->slot = -1;
   to[0] = t, to[1] = dt;
   memset(to + 2, 0, (c->internal + c->remembered) * sizeof(double));
@@ -343,13 +341,20 @@ void fx_begin_members(MemberContacts *m, const double *q, const double *v, doubl
 }
 
 /* Sums of vectors at the nodes, images included, with all kinds of weights. */
-static inline void sums_of(int count, double sums[4][4], double r[4][2], double *out) {
+static inline void sums_of(int count, double sums[MOST_SUMS][4], double r[4][2], double *out) {
   for (int k = 0; k < count; ++k)
     for (int i = 0; i < 2; ++i) {
       double sum = 0;
       for (int j = 0; j < 4; ++j) sum += sums[k][j] * r[j][i];
       out[2 * k + i] = sum;
     }
+}
+
+/* Slopes of the slopes of weights. */
+static inline void bend_weights(double place, double bends[4]) {
+  int k = place > 0.5;
+  memset(bends, 0, 4 * sizeof(double));
+  bends[k] = bends[k + 2] = 1, bends[k + 1] = -2;
 }
 
 /* Arc length of a place, which is counted in nodes, and its slope. */
@@ -364,40 +369,39 @@ static double arc_at(const MemberContact *c, double place, double *slope) {
 static int move_touch(MemberContacts *m, Touch *e, const double *D) {
   const MemberContact *c = m->of + e->contact;
   double change[4][2], end[4][2], radius = *number_of(c, e->point), widest = 0;
-  double (*start)[2] = e->start + 1, *internal = e->given + 3 * c->sums + 2;
+  double (*start)[2] = e->start + 1, *internal = e->given + internal_at(c);
   differences(e, D, change);
-  e->touching = e->distance < radius, e->left = 0;
+  e->touching = e->first.distance < radius, e->left = 0;
   for (int i = 0; i < c->internal; ++i) e->touching |= internal[i] != 0;
   /* The distance changes by no more than the arms do. */
   for (int k = 0; k < 4; ++k) widest = fmax(widest, dot2(change[k], change[k]));
-  if (!e->touching && sqrt(widest) < e->distance - radius) return 0;
+  if (!e->touching && sqrt(widest) < e->first.distance - radius) return 0;
   for (int k = 0; k < 4; ++k)
     for (int i = 0; i < 2; ++i) end[k][i] = start[k][i] + change[k][i];
   NearPoint near = nearest_point(end, e->begins, e->ends);
   e->left = near.left, e->end = near.place;
   e->touching |= near.distance < radius;
   if (!e->touching) return 0;
-  double sums[4][4], rates[4][2], *of_place = internal + c->internal + c->remembered;
+  double sums[MOST_SUMS][4], rates[4][2], *of_places = e->given + places_at(c);
+  const NearPoint *first = &e->first;
   int count = c->sums / 2;
   for (int k = 0; k < 4; ++k) {
-    sums[0][k] = (e->weights[k] + near.weights[k]) / 2;
-    sums[1][k] = near.weights[k] - e->weights[k];
-    sums[2][k] = near.slopes[k];
-    sums[3][k] = e->slopes[k];
+    sums[0][k] = (first->weights[k] + near.weights[k]) / 2, sums[1][k] = near.weights[k] - first->weights[k];
+    sums[2][k] = near.slopes[k], sums[3][k] = first->slopes[k];
   }
+  if (c->internal) bend_weights(first->place, sums[4]), bend_weights(near.place, sums[5]);
   sums_of(count, sums, start, e->given), sums_of(count, sums, change, e->given + c->sums);
   differences(e, m->v, rates);
   sums_of(count, sums, rates, e->given + 2 * c->sums);
-  of_place[0] = near.per_rate;
+  of_places[0] = near.per_rate, of_places[1] = first->per_rate;
   if (c->internal) {
-    double slope;
-    of_place[1] = -arc_at(c, e->piece + e->place, &slope);
-    of_place[1] += arc_at(c, e->piece + near.place, &slope);
-    of_place[2] = slope;
+    of_places[2] = -arc_at(c, e->piece + first->place, of_places + 4);
+    of_places[2] += arc_at(c, e->piece + near.place, of_places + 3);
   }
   for (int k = 0; k < count; ++k) {
-    memcpy(e->sums[k], sums[k], sizeof sums[k]);
-    fold(e->sums[k], e->begins, e->ends);
+    fold(sums[k], e->begins, e->ends);
+    e->sums[0][k] = 0;
+    for (int j = 0; j < 4; ++j) e->sums[0][k] -= sums[k][j], e->sums[j + 1][k] = sums[k][j];
   }
   return 1;
 }
@@ -407,37 +411,30 @@ static inline void call_law(Law *law, const double *given, double *results, int 
   law(results, 0, given, 0, 0, 0, 0);
 }
 
-/* Weights of the sums at the five points of a touch. */
-static inline void touch_weights(const Touch *e, double w[5][4]) {
-  for (int j = 0; j < 4; ++j) w[0][j] = j ? 0 : -1;
-  for (int k = 0; k < 4; ++k)
-    for (int j = 0; j < 4; ++j) w[k + 1][j] = e->sums[j][k];
-}
-
-/* The tangent of a touch with so many sums: the products of their weights with that of its law. */
-INLINED void tangent_of(const MemberContact *c, Touch *e, int count) {
-  double w[5][4], K[MOST_SUMS][MOST_SUMS] = {{0}}, half[MOST_SUMS][TOUCH_DOFS];
-  touch_weights(e, w);
-  for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[c->sums + i];
+/* The tangent of a touch from that of so many of its sums. */
+INLINED void tangent_of(Touch *e, double K[2 * MOST_SUMS][2 * MOST_SUMS], int count) {
+  double half[2 * MOST_SUMS][TOUCH_DOFS];
   for (int i = 0; i < 2 * count; ++i)
     for (int j = 0; j < 5; ++j)
       for (int y = 0; y < 2; ++y) {
         double sum = 0;
-        for (int k = 0; k < count; ++k) sum += K[i][2 * k + y] * w[j][k];
+        for (int k = 0; k < count; ++k) sum += K[i][2 * k + y] * e->sums[j][k];
         half[i][2 * j + y] = sum;
       }
   for (int i = 0; i < 5; ++i)
     for (int x = 0; x < 2; ++x)
       for (int j = 0; j < TOUCH_DOFS; ++j) {
         double sum = 0;
-        for (int k = 0; k < count; ++k) sum += w[i][k] * half[2 * k + x][j];
+        for (int k = 0; k < count; ++k) sum += e->sums[i][k] * half[2 * k + x][j];
         e->tangent[(2 * i + x) * TOUCH_DOFS + j] = sum;
       }
 }
 
 static void make_tangent(const MemberContact *c, Touch *e) {
-  if (c->sums == 6) tangent_of(c, e, 3);
-  else tangent_of(c, e, 4);
+  double K[2 * MOST_SUMS][2 * MOST_SUMS] = {{0}};
+  for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[c->sums + i];
+  if (c->loaded == 6) tangent_of(e, K, 3);
+  else tangent_of(e, K, 4);
 }
 
 /* Calls the law of a touch, after `move_touch`. */
@@ -452,24 +449,21 @@ void fx_evaluate_members(MemberContacts *m, const double *D) {
     if (!move_touch(m, e, D)) continue;
     find_force(c, e);
     int before = c->sums + c->entries + c->internal;
-    memcpy(e->given + 3 * c->sums + 2 + c->internal, e->results + before, c->remembered * sizeof(double));
+    memcpy(e->given + internal_at(c) + c->internal, e->results + before, c->remembered * sizeof(double));
     make_tangent(c, e);
   }
 }
 
 /* Force of the law of a touch on one of its entries. */
-static inline double force_on(const MemberContact *c, const Touch *e, double w[5][4], int i) {
+static inline double force_on(const MemberContact *c, const Touch *e, int i) {
   double sum = 0;
-  for (int k = 0; k < c->sums / 2; ++k) sum += w[i / 2][k] * e->results[2 * k + i % 2];
+  for (int k = 0; k < c->loaded / 2; ++k) sum += e->sums[i / 2][k] * e->results[2 * k + i % 2];
   return sum;
 }
 
 void fx_add_members(const MemberContacts *m, double *f) {
   for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
-    if (!e->touching) continue;
-    double w[5][4];
-    touch_weights(e, w);
-    for (int i = 0; i < TOUCH_DOFS; ++i) f[e->dof[i]] += force_on(m->of + e->contact, e, w, i);
+    for (int i = 0; e->touching && i < TOUCH_DOFS; ++i) f[e->dof[i]] += force_on(m->of + e->contact, e, i);
   }
 }
 
@@ -509,53 +503,67 @@ int fx_check_members(MemberContacts *m, const double *D) {
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     if (move_touch(m, e, D) && has_passed(m, e)) return MEMBERS_PASSED;
     if (!e->left || !(e->touching || touches_beyond(m, e, end))) continue;
-    if (!can_lean(e->place, e->left)) return MEMBERS_SLID;
+    if (!can_lean(e->first.place, e->left)) return MEMBERS_SLID;
     e->leans = e->left, state = MEMBERS_MOVED;
   }
   return state;
-}
-
-/* Where the numbers of a point are among what its law is given. */
-static inline int numbers_at(const MemberContact *c) {
-  return 3 * c->sums + 2 + c->internal + c->remembered + (c->internal ? 3 : 1);
 }
 
 /* What the law of a point is given at a distance, with its internal variables. */
 static void give_distance(const MemberContact *c, int point, double distance, const double *internal, double *given) {
   memset(given, 0, TOUCH_GIVEN * sizeof(double));
   given[0] = distance, given[3 * c->sums + 1] = 1;
-  if (internal) memcpy(given + 3 * c->sums + 2, internal, c->internal * sizeof(double));
+  if (internal) memcpy(given + internal_at(c), internal, c->internal * sizeof(double));
   memcpy(given + numbers_at(c), number_of(c, point), c->numbers * sizeof(double));
 }
 
-static double energy_at(const MemberContact *c, int point, double distance, const double *internal) {
-  double given[TOUCH_GIVEN], energy;
+/* The stored energy, and its derivatives if there are functions `by` of all contacts (fx_energy_by_members). */
+typedef struct {
+  Law **by;
+  double sum, *of_q, *of_internal, *of_numbers;
+  const double *q;
+} Energy;
+
+/* Adds that of a point at a distance; sets its derivatives by all that the law is given. */
+static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int point, double distance,
+                          const double *internal, double *found) {
+  const MemberContact *c = m->of + contact;
+  double given[TOUCH_GIVEN];
   give_distance(c, point, distance, internal, given);
-  call_law(c->energy, given, &energy, 1);
-  return energy;
+  if (!to->by) {
+    call_law(c->energy, given, found, 1), to->sum += *found;
+    return;
+  }
+  call_law(to->by[contact], given, found, TOUCH_GIVEN);
+  for (int i = 0; i < c->numbers; ++i)
+    to->of_numbers[c->first_number + point * c->numbers + i] += found[numbers_at(c) + i];
 }
 
-/* Energy of friction in slots; with `left` only in those that no touch has. */
-static double energy_in_slots(const MemberContacts *m, const double *memory, int left) {
-  double sum = 0;
-  for (const MemberContact *c = m->of; c < m->of + m->contacts; ++c)
-    for (int k = 0; c->internal && k < SLOTS * c->points; ++k) {
-      int slot = c->first_slot + k;
-      if (memory[IN_SLOT * slot + 1] == 0 || (left && m->taken[slot])) continue;
-      sum += energy_at(c, k / SLOTS, 2 * *number_of(c, k / SLOTS) + 1, memory + IN_SLOT * slot + 1);
+/* That of friction in slots; with `left` only in those that no touch has. */
+static void add_energy_in_slots(const MemberContacts *m, Energy *to, const double *memory, int left) {
+  double found[TOUCH_GIVEN];
+  for (int i = 0; i < m->contacts; ++i)
+    for (int k = 0; m->of[i].internal && k < SLOTS * m->of[i].points; ++k) {
+      const MemberContact *c = m->of + i;
+      int slot = c->first_slot + k, first = IN_SLOT * slot + 1, point = k / SLOTS;
+      if (memory[first] == 0 || (left && m->taken[slot])) continue;
+      add_energy_at(m, to, i, point, 2 * *number_of(c, point) + 1, memory + first, found);
+      for (int l = 0; to->by && l < c->internal; ++l)
+        to->of_internal[m->first_internal + first + l] += found[internal_at(c) + l];
     }
-  return sum;
 }
 
 double fx_lost_at_members(MemberContacts *m, const double *D) {
-  double sum = energy_in_slots(m, m->memory, 1), lost;
+  Energy left = {0};
+  double lost;
+  add_energy_in_slots(m, &left, m->memory, 1);
   for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     const MemberContact *c = m->of + e->contact;
     if (!c->loss || !move_touch(m, e, D)) continue;
     call_law(c->loss, e->given, &lost, 1);
-    sum += lost;
+    left.sum += lost;
   }
-  return sum;
+  return left.sum;
 }
 
 void fx_evolve_members(MemberContacts *m, const double *D, double *internal) {
@@ -592,45 +600,17 @@ static void visit_all(MemberContacts *m, const double *q, Visit *visit, void *wi
 }
 
 static void add_energy(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
+  Energy *to = with;
   const MemberContact *c = m->of + contact;
-  if (distance < *number_of(c, point)) *(double *)with += energy_at(c, point, distance, 0);
-}
-
-double fx_stored_at_members(MemberContacts *m, const double *q, const double *internal) {
-  double sum = m->slots ? energy_in_slots(m, internal + m->first_internal, 0) : 0;
-  visit_all(m, q, add_energy, &sum);
-  return sum;
-}
-
-/* Derivatives of the stored energy, and the functions of its contacts (fx_energy_by_members). */
-typedef struct {
-  Law **by;
-  const double *q;
-  double *of_q, *of_numbers;
-} EnergyBy;
-
-/* Calls the function of a contact, and adds what is by the numbers of a point. */
-static void add_by_numbers(const MemberContacts *m, const EnergyBy *to, int contact, int point, const double *given,
-                           double *found) {
-  const MemberContact *c = m->of + contact;
-  double *numbers = to->of_numbers + point * c->numbers;
-  for (const MemberContact *before = m->of; before < c; ++before) numbers += before->points * before->numbers;
-  call_law(to->by[contact], given, found, TOUCH_GIVEN);
-  for (int i = 0; i < c->numbers; ++i) numbers[i] += found[numbers_at(c) + i];
-}
-
-static void add_energy_by(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
-  const EnergyBy *to = with;
-  const MemberContact *c = m->of + contact;
-  if (distance >= *number_of(c, point)) return;
-  double given[TOUCH_GIVEN], found[TOUCH_GIVEN], at[2], r[4][2], n[4] = {0}, slope[3], arm[2] = {0, 0};
+  double found[TOUCH_GIVEN], at[2], r[4][2], n[4] = {0}, slope[3], arm[2] = {0, 0};
   int second = x > 0.5;
+  if (distance >= *number_of(c, point)) return;
+  add_energy_at(m, to, contact, point, distance, 0, found);
+  if (!to->by) return;
   point_at(c, point, to->q, at);
   arms_at(c, piece, at, to->q, r);
   piece_weights(x - second, n + second, slope);
   for (int k = 0; k < 4; ++k) arm[0] += n[k] * r[k][0], arm[1] += n[k] * r[k][1];
-  give_distance(c, point, distance, 0, given);
-  add_by_numbers(m, to, contact, point, given, found);
   fold(n, piece == 0, piece + 2 >= c->nodes);
   for (int i = 0; i < 2; ++i) {
     double along = found[0] * arm[i] / distance;
@@ -639,20 +619,20 @@ static void add_energy_by(MemberContacts *m, int contact, int point, int piece, 
   }
 }
 
+static double stored_at_members(MemberContacts *m, Energy *to, const double *q, const double *internal) {
+  to->q = q;
+  if (m->slots) add_energy_in_slots(m, to, internal + m->first_internal, 0);
+  visit_all(m, q, add_energy, to);
+  return to->sum;
+}
+
+double fx_stored_at_members(MemberContacts *m, const double *q, const double *internal) {
+  return stored_at_members(m, &(Energy){0}, q, internal);
+}
+
 void fx_energy_by_members(MemberContacts *m, const double *q, const double *internal, Law **by, double *of_q,
                           double *of_internal, double *of_numbers) {
-  EnergyBy to = {by, q, of_q, of_numbers};
-  double given[TOUCH_GIVEN], found[TOUCH_GIVEN];
-  visit_all(m, q, add_energy_by, &to);
-  for (int k = 0; k < m->contacts; ++k) {
-    const MemberContact *c = m->of + k;
-    for (int i = 0; c->internal && i < SLOTS * c->points; ++i) {
-      int first = m->first_internal + IN_SLOT * (c->first_slot + i) + 1, point = i / SLOTS;
-      give_distance(c, point, 2 * *number_of(c, point) + 1, internal + first, given);
-      add_by_numbers(m, &to, k, point, given, found);
-      for (int l = 0; l < c->internal; ++l) of_internal[first + l] += found[3 * c->sums + 2 + l];
-    }
-  }
+  stored_at_members(m, &(Energy){by, 0, of_q, of_internal, of_numbers}, q, internal);
 }
 
 static void note_gap(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
@@ -669,12 +649,9 @@ void fx_member_gaps(MemberContacts *m, const double *q, double *out) {
 void fx_record_members(const MemberContacts *m, double factor, double *out) {
   for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
     const MemberContact *c = m->of + e->contact;
-    double w[5][4];
-    if (!e->touching) continue;
-    touch_weights(e, w);
-    for (int k = 0; k < 5; ++k) {
+    for (int k = 0; e->touching && k < 5; ++k) {
       int slot = k ? c->node_slot[node_of(c, e->piece, k - 1)] : c->point_slot[e->point];
-      for (int i = 0; slot >= 0 && i < 2; ++i) out[2 * slot + i] -= factor * force_on(c, e, w, 2 * k + i);
+      for (int i = 0; slot >= 0 && i < 2; ++i) out[2 * slot + i] -= factor * force_on(c, e, 2 * k + i);
     }
   }
 }

@@ -9,14 +9,7 @@
 
 #include <math.h>
 #include <string.h>
-
-/* A point of two successive pieces: weights of four nodes, their slopes by the place, 1 / the second
-   derivative of half the squared distance (0 at an end of the member), the distance; at which of their ends
-   it has left them, -1 or 1. */
-typedef struct {
-  double place, weights[4], slopes[4], per_rate, distance;
-  int left;
-} NearPoint;
+#include "member_contact.h"
 
 static inline double dot2(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1]; }
 

@@ -361,24 +361,16 @@ typedef struct {
   struct { int pieces, slope_numbers; int *of_internal, *piece_at, *piece_size; };
 } Pulled;
 
-/* The law of a contact with a member for derivatives, its sums, internal variables and numbers, and the first of its
-   numbers and arcs among those of all contacts (member_derivatives.h). */
-typedef struct {
-  Law *slopes;
-  int sums, internal, numbers;
-  int first_number, first_arc;
-} FollowedContact;
-
 /* Where the named arrays begin in the vector x of a sub-step that is linearised (blocks.h), each of which ends where the
-   next one begins: numbers of the scene; the state at the start; numbers of the sub-step; the state at the end; arms of
-   joints, shifts of nodes that slide by their paths, values of Tv; forces on the columns of nodes that slide, on nodes and
-   on columns, gaps of loops and the forces that close them, what these push on beams; moments of springs at joints,
-   forces of joints, axes of beams, and sizes of forces that friction follows. */
+   next one begins: numbers of the scene; the state at the start; numbers of the sub-step; the state at the end; what
+   is between the laws of nodes that slide (slide_derivatives.h), arms of joints, values of Tv; forces on the columns of
+   nodes that slide, on nodes and on columns, gaps of loops and the forces that close them, what these push on beams;
+   moments of springs at joints, forces of joints, axes of beams, and sizes of forces that friction follows. */
 typedef struct {
   int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places;
   int Y, q, v, before, internal, spring_internal, natural;
   int loads, driven, thrust, parameters, naturals;
-  int Y1, q1, arms, shapes, natural1, internal1, springs1, map, held, r, R, gaps, closing, pushed, carried, moments;
+  int Y1, q1, arms, slides, natural1, internal1, springs1, map, held, r, R, gaps, closing, pushed, carried, moments;
   int forces, axes, followed, size;
 } Layout;
 
@@ -402,9 +394,7 @@ typedef struct {
   int *numbers;
   double *found;
   struct { int *transposed_at; }; /* position among sparse factors of each entry of the transposed tangent */
-  /* Of contact with members: the laws, and how many numbers and arcs they have. */
-  int member_numbers, member_arcs;
-  struct { FollowedContact *followed; };
+  int member_numbers, member_arcs; /* of contact with members: how many numbers and arcs its laws have */
   double *scratch;
 } Adjoint;
 

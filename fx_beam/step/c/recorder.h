@@ -5,13 +5,12 @@
 #include "assembly.h"
 #include "couplings.h"
 
-/* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes (`apart`:
-   spread_slider). */
-static void pass_forces(const Problem *p, int first, int end, double *on_nodes, double *on_joints, int apart) {
+/* Adds forces on nodes to those of the joints through which they pass, and to the leading nodes. */
+static void pass_forces(const Problem *p, int first, int end, double *on_nodes, double *on_joints) {
   for (int k = first; k < end; ++k) {
-    double force = on_nodes[apart * p->pass_dof[k]];
-    on_joints[apart * p->pass_of[k]] += p->pass_sign[k] * force;
-    if (p->pass_to[k] >= 0) on_nodes[apart * p->pass_to[k]] += force;
+    double force = on_nodes[p->pass_dof[k]];
+    on_joints[p->pass_of[k]] += p->pass_sign[k] * force;
+    if (p->pass_to[k] >= 0) on_nodes[p->pass_to[k]] += force;
   }
 }
 
@@ -21,7 +20,7 @@ static void find_joint_forces(const Problem *p, const Work *w) {
   double *on_nodes = w->passed, *on_joints = w->joint_forces;
   memcpy(on_nodes, r, p->dofs * sizeof(double));
   memset(on_joints, 0, 3 * p->scene_joints * sizeof(double));
-  pass_forces(p, 0, p->passes_of_forces, on_nodes, on_joints, 1);
+  pass_forces(p, 0, p->passes_of_forces, on_nodes, on_joints);
   for (int k = 0; k < p->closures; ++k) on_joints[p->gap_force[k]] += w->closing[k];
   /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
      joint. */
@@ -31,7 +30,7 @@ static void find_joint_forces(const Problem *p, const Work *w) {
   }
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e)
     if (e->joint >= 0) on_joints[3 * e->joint + 2] -= e->results[1];
-  pass_forces(p, p->passes_of_forces, p->passes, on_nodes, on_joints, 1);
+  pass_forces(p, p->passes_of_forces, p->passes, on_nodes, on_joints);
 }
 
 /* Adds them to their mean over the step. */

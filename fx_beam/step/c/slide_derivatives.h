@@ -1,168 +1,153 @@
-/* What the relation of a node that slides on a beam (slide_relation.h) depends on at both ends of a sub-step, for
-   derivatives of a run. It is the same backwards in time, with the same chord: so the derivatives by the start are
-   those by the end of this step. */
+/* Derivatives of the relation of a node that slides on a beam (slide_relation.h) by both ends of a sub-step and by the
+   shape of the beam: arc lengths, positions, coefficients and angles of its path, in the order of Path.numbers (path.py). */
 
 #pragma once
 
-#include "couplings.h"
-#include "path_derivatives.h"
+#include "blocks.h"
 
-/* At the start (0) and at the end (1): T, and the derivatives of Tv^T F by the local degrees of freedom there. */
+/* Where its laws are put, and what they read: configurations and slides at both ends, its path, its numbers. */
 typedef struct {
-  double T[2][3][LOCAL];
-  Second of_force[2];
-} SlideEnds;
+  Block *b;
+  const Slider *a;
+  int q[2], slide[2], path, own;
+} SlideLaws;
 
-/* The configuration at the end in w->scratch, and the increments backwards in w->correction. */
-static void turn_back(const Problem *p, const Work *w) {
-  for (int i = 0; i < p->dofs && p->sliders; ++i)
-    w->scratch[i] = p->q[i] + w->D[i], w->correction[i] = -w->D[i];
+static SlideLaws laws_of(Block *b, const Problem *p, const Layout *at, int i) {
+  const Slider *a = p->slider + i;
+  int path = at->paths + path_start(p, i), own = at->slides + i * SLIDE_NUMBERS;
+  return (SlideLaws){b, a, {at->q, at->q1}, {at->Y + a->column, at->Y1 + a->column}, path, own};
 }
 
-/* The derivatives of Tv^T F by both ends for the force in a slider, after `turn_back`. */
-static void find_second(const Problem *p, const Work *w, const Slider *a, Second of_force[2]) {
-  Slider own = *a, reversed = *a;
-  slide_on(&own, p->q, w->D, &of_force[1]);
-  reversed.s0 = a->s1, reversed.s1 = a->s0;
-  /* At other levels Tv depends on the end alone. */
-  if (p->level == 0.5) slide_by_chord(&reversed, element_of(a, a->s0), w->scratch, w->correction, &of_force[0]);
-  else memset(&of_force[0], 0, sizeof(Second));
-}
-
-/* The derivatives of all nodes, for the forces F of the last `project`. */
-static void find_slide_ends(const Problem *p, const Work *w, SlideEnds *ends) {
-  turn_back(p, w);
-  for (int i = 0; i < p->sliders; ++i) {
-    const Slider *a = p->slider + i;
-    Slider reversed = *a;
-    memcpy(ends[i].T[1], a->T, sizeof a->T);
-    reversed.s0 = a->s1, reversed.s1 = a->s0;
-    slide_by_chord(&reversed, element_of(a, a->s0), w->scratch, w->correction, 0);
-    memcpy(ends[i].T[0], reversed.T, sizeof a->T);
-    find_second(p, w, a, ends[i].of_force);
-  }
-}
-
-/* The column of the slide in Tv is the axis of the beam A, and w . A the work of a force w on a slide of 1: a node with
-   this force. */
-static Slider with_weight(const Slider *a, const double *weight) {
-  Slider own = *a;
-  memset(own.force, 0, sizeof own.force);
-  memcpy(own.force, weight, 2 * sizeof(double));
-  return own;
-}
-
-/* Adds the derivatives of the weighted axes [node][2] by both ends, after `turn_back`. */
-static void pull_axes(const Problem *p, const Work *w, const double *weights, double *const nodal[2],
-                      double *const columns[2]) {
-  Second of_force[2];
-  for (int i = 0; i < p->sliders; ++i) {
-    const Slider *a = p->slider + i;
-    int s = a->components * a->width;
-    if (weights[2 * i] == 0 && weights[2 * i + 1] == 0) continue;
-    Slider own = with_weight(a, weights + 2 * i);
-    find_second(p, w, &own, of_force);
-    for (int end = 0; end < 2; ++end) {
-      for (int k = 0; k < s; ++k) nodal[end][local_dof(a, k)] += of_force[end].of_s[k];
-      columns[end][a->column] += of_force[end].square;
+static void put_weights(const SlideLaws *s, const Weight *w, int to) {
+  const Slider *a = s->a;
+  int each = 3 * a->degree + 1, all = s->path + a->elements + 1 + 2 * (a->degree * a->elements + 1);
+  for (int k = 0; k < a->width; ++k)
+    for (int end = 0; end < 2; ++end) put(s->b, s->slide[end], to + k, w->by[end][k]);
+  for (const WeightPart *part = w->part; part < w->part + w->parts; ++part)
+    for (int i = 0; i < each; ++i) {
+      int k = a->degree * (part->element - 1) - a->first + i, first = 4 * (part->element * each + i);
+      if (k < 0 || k >= a->width) continue;
+      put(s->b, s->path + part->element, to + k, product_of(4, a->coefficients + first, part->by_begin));
+      put(s->b, s->path + part->element + 1, to + k, product_of(4, a->coefficients + first, part->by_end));
+      for (int m = 0; m < 4; ++m) put(s->b, all + first + m, to + k, part->factor[m]);
     }
+}
+
+/* A component of the configuration of a node of the window. */
+static void put_node(const SlideLaws *s, int end, int i, int k, int to, double slope) {
+  int node = s->a->first + k, positions = s->path + s->a->elements + 1;
+  int angles = s->path + path_numbers(s->a) - (s->a->degree * s->a->elements + 1);
+  put(s->b, s->q[end] + s->a->dofs[3 * node + i], to, slope);
+  put(s->b, i < 2 ? positions + 2 * node + i : angles + node, to, slope);
+}
+
+/* A component at one end, summed with weights. */
+static void put_sum(const SlideLaws *s, const Weight *w, int weights, int end, int i, int to, double factor) {
+  for (int k = 0; k < s->a->width; ++k) {
+    put(s->b, s->own + weights + k, to, factor * s->a->relation.x[end][i][k]);
+    put_node(s, end, i, k, to, factor * w->of[k]);
   }
 }
 
-/* The change of a weighted axis for those at both ends (`apart`: spread_slider), and of the numbers of its path if they
-   change. */
-static double change_of_axis(const Problem *p, const Work *w, const Slider *a, const double *weight,
-                             const double *const nodal[2], const double *const columns[2], double *numbers, int apart) {
-  int s = a->components * a->width;
-  Slider own = with_weight(a, weight);
-  Second of_force[2];
-  double change = 0, along[LOCAL] = {0};
-  turn_back(p, w), find_second(p, w, &own, of_force);
+/* What depends on the mean chord and on its increment. */
+static void put_chord(const SlideLaws *s, int to, const double *by_mean, const double *by_increment) {
+  const Relation *o = &s->a->relation;
+  for (int i = 0; i < 2; ++i)
+    for (int end = 0; end < 2; ++end) {
+      double slope = by_mean[i] / 2 + (end ? by_increment[i] : -by_increment[i]);
+      put_node(s, end, i, o->to, to, slope), put_node(s, end, i, o->from, to, -slope);
+    }
+}
+
+/* The weights of a node at the start (0) or at the end (1). */
+static void put_weights_at(Block *b, const Problem *p, const Layout *at, int i, int end) {
+  SlideLaws s = laws_of(b, p, at, i);
+  put_weights(&s, s.a->relation.at + end, s.own + AT + end * WINDOW_NODES);
+}
+
+/* Its place: the columns of the node. */
+static void put_place(Block *b, const Problem *p, const Layout *at, int i, int end) {
+  SlideLaws s = laws_of(b, p, at, i);
+  const Weight *w = s.a->relation.at + end;
+  int weights = AT + end * WINDOW_NODES;
+  for (int c = 0; c < s.a->components; ++c) {
+    int to = (end ? at->Y1 : at->Y) + s.a->carried[c];
+    put_sum(&s, w, weights, end, c, to, 1);
+    put(b, at->places + 3 * i + c, to, -1);
+  }
+}
+
+/* The virtual slide of 1, and forces on the chord for the force F of the node. */
+static void put_axis(const SlideLaws *s) {
+  const Slider *a = s->a;
+  const Relation *o = &a->relation;
+  int exact = a->level == 0.5, axis = s->own + AXIS, apart = s->own + APART, turn = s->own + TURN;
+  double F[2] = {a->force[0], a->force[1]}, Z = F[0] * o->z[0] + F[1] * o->z[1], by_r[2], none[2] = {0};
+  for (int end = 0; end < (exact ? 1 : 2); ++end) put_weights(s, o->along + end, s->own + ALONG + end * WINDOW_NODES);
+  for (int i = 0; i < a->components; ++i)
+    for (int end = 0; end < 2; ++end)
+      put_sum(s, o->along + end, ALONG + (exact ? 0 : end * WINDOW_NODES), end, i, axis + i, o->share[end]);
+  if (!exact) return;
+  for (int i = 0; i < 2; ++i) {
+    put_sum(s, o->along, ALONG, 0, i, apart + i, -1), put_sum(s, o->along, ALONG, 1, i, apart + i, 1);
+    by_r[i] = o->turn[0][i] * o->Dr[0] + o->turn[1][i] * o->Dr[1];
+  }
+  put_chord(s, turn, by_r, o->w);
+  put(s->b, apart + 1, axis, o->Dalpha / 4), put(s->b, apart, axis + 1, -o->Dalpha / 4);
+  for (int i = 0; i < 2; ++i) {
+    int to = s->own + ON_CHORD + i;
+    double by_mean[2] = {o->Ds * Z * o->turn[i][0], o->Ds * Z * o->turn[i][1]};
+    put(s->b, turn, axis + i, -o->z[i]);
+    put(s->b, apart, to, o->Ds * o->w[i] * F[1] / 4), put(s->b, apart + 1, to, -o->Ds * o->w[i] * F[0] / 4);
+    put(s->b, s->slide[1], to, Z * o->w[i]), put(s->b, s->slide[0], to, -Z * o->w[i]);
+    put_chord(s, to, by_mean, none);
+  }
+}
+
+/* The moments on the nodes and along the slide, for a rotation by 2 tan(Dpsi/2). */
+static void put_turn(const SlideLaws *s, int r, int along) {
+  const Slider *a = s->a;
+  const Relation *o = &a->relation;
+  int y = s->own + MEAN_TURN, y_c = s->own + OWN_TURN, total = s->own + TOTAL;
   for (int end = 0; end < 2; ++end) {
-    for (int k = 0; k < s; ++k) change += of_force[end].of_s[k] * nodal[end][apart * local_dof(a, k)];
-    change += of_force[end].square * columns[end][apart * a->column];
-  }
-  if (!numbers) return change;
-  PathRead changes, by = {0};
-  WindowEnds ends;
-  along[s] = 1;
-  follow_path(a, &changes, numbers, 0), find_window_ends(a, p->q, w->D, &ends);
-  work_by_read(&own, &ends, along, &by);
-  return change + product_of_reads(&by, &changes);
-}
-
-/* Sets y = H x for these derivatives H, or y = H^T x. */
-static void times_second(const Slider *a, const Second *h, int transposed, const double *x, double *y) {
-  int s = a->components * a->width;
-  const double *of_s = transposed ? h->by_s : h->of_s, *by_s = transposed ? h->of_s : h->by_s;
-  y[s] = h->square * x[s];
-  for (int k = 0; k < s; ++k) y[s] += of_s[k] * x[k], y[k] = by_s[k] * x[s] + h->turn[k] * x[k];
-  for (int r = 0; r < a->products; ++r) {
-    const double *left = transposed ? h->right[r] : h->left[r], *right = transposed ? h->left[r] : h->right[r];
-    double sum = dot(s, right, x);
-    for (int k = 0; k < s; ++k) y[k] += left[k] * sum;
-  }
-}
-
-/* Local ones of all degrees of freedom and columns. */
-static void localise(const Slider *a, const double *nodal, const double *columns, int apart, double *x) {
-  int s = a->components * a->width;
-  for (int k = 0; k < s; ++k) x[k] = nodal[apart * local_dof(a, k)];
-  x[s] = columns[apart * a->column];
-}
-
-/* Adds the derivatives by both ends of the work of the forces F on virtual displacements. */
-static void pull_slides(const Problem *p, const SlideEnds *ends, const double *omega, const double *mu,
-                        double *const nodal[2], double *const columns[2]) {
-  double x[LOCAL], y[LOCAL];
-  for (int i = 0; i < p->sliders; ++i) {
-    const Slider *a = p->slider + i;
-    int s = a->components * a->width;
-    localise(a, omega, mu, 1, x);
-    for (int end = 0; end < 2; ++end) {
-      times_second(a, &ends[i].of_force[end], 1, x, y);
-      for (int k = 0; k < s; ++k) nodal[end][local_dof(a, k)] += y[k];
-      columns[end][a->column] += y[s];
+    double sign = end ? 0.5 : -0.5;
+    put_sum(s, o->at + end, AT + end * WINDOW_NODES, end, 2, y_c, sign);
+    for (int k = 0; k < a->width; ++k) {
+      int weight = s->own + AT + end * WINDOW_NODES + k, turned = s->q[end] + local_dof(a, 2 * a->width + k);
+      put(s->b, weight, y, o->share[end] * o->half[k]), put(s->b, turned, y, sign * o->mean[k]);
+      put(s->b, weight, s->own + PARTS + k, o->share[end] * o->per_mean[k]);
+      put(s->b, turned, s->own + PARTS + k, sign * o->by_half[k]);
     }
   }
+  for (int k = 0; k < a->width; ++k) {
+    put(s->b, y, s->own + PARTS + k, o->by_y[k]);
+    put(s->b, s->own + PARTS + k, total, 1);
+  }
+  for (int k = 0, local = 2 * a->width; k < a->width; ++k, ++local) {
+    put(s->b, s->own + PARTS + k, r + local_dof(a, local), a->force[2] / o->total);
+    put(s->b, total, r + local_dof(a, local), -a->force[2] / o->total * a->virtual_map[2][local]);
+  }
+  put(s->b, s->own + AXIS + 2, along, a->force[2] * o->of_turn[0]);
+  put(s->b, y_c, along, a->force[2] * o->of_turn[1]), put(s->b, y, along, a->force[2] * o->of_turn[2]);
 }
 
-/* Adds to the derivatives by paths those that the places of nodes on beams have, at one end of a sub-step, for forces
-   [node][3] on them, and with omega those of their forces' work, and of weighted axes [node][2]. */
-static void pull_paths(const Problem *p, const Work *w, int end, const double *forces, const double *omega,
-                       const double *mu, const double *axes, double *to) {
-  for (int i = 0; i < p->sliders; ++i) {
-    const Slider *a = p->slider + i;
-    PathRead by = {0};
-    WindowEnds ends;
-    double x[LOCAL];
-    find_window_ends(a, p->q, w->D, &ends);
-    if (omega) {
-      localise(a, omega, mu, 1, x);
-      work_by_read(a, &ends, x, &by);
-      Slider own = with_weight(a, axes + 2 * i);
-      memset(x, 0, sizeof x), x[a->components * a->width] = 1;
-      work_by_read(&own, &ends, x, &by);
-    }
-    place_by_read(a, &ends, end, forces + 3 * i, &by);
-    follow_path(a, &by, to + path_start(p, i), 1);
+/* The forces on the beam and along it that a node exerts with the force F, for changes of Tv; its axis. */
+static void put_slide(Block *b, const Problem *p, const Layout *at, int i) {
+  SlideLaws s = laws_of(b, p, at, i);
+  const Slider *a = s.a;
+  const Relation *o = &a->relation;
+  int n = a->width, along = at->R + a->column;
+  put_axis(&s);
+  for (int c = 0; c < a->components; ++c) {
+    if (c < 2) put(b, s.own + AXIS + c, at->axes + 2 * i + c, 1);
+    if (c < 2 && a->level == 0.5)
+      put(b, s.own + ON_CHORD + c, at->r + local_dof(a, c * n + o->to), 1),
+          put(b, s.own + ON_CHORD + c, at->r + local_dof(a, c * n + o->from), -1);
+    if (c == 2 && o->turned) continue;
+    put(b, s.own + AXIS + c, along, a->force[c]);
+    for (int k = 0; k < n; ++k)
+      for (int end = 0; end < 2; ++end)
+        put(b, s.own + AT + end * WINDOW_NODES + k, at->r + local_dof(a, c * n + k), o->share[end] * a->force[c]);
   }
-}
-
-/* Adds to the changes of forces r and of those on columns what Tv gives by the changes of the configuration and the
-   columns at both ends, and of `paths` if they change. */
-static void change_slides(const Problem *p, const Work *w, const SlideEnds *ends, const double *const nodal[2],
-                          const double *const columns[2], double *paths, double *r, double *out, int apart) {
-  double x[LOCAL], y[LOCAL];
-  for (int i = 0; i < p->sliders; ++i) {
-    const Slider *a = p->slider + i;
-    int s = a->components * a->width;
-    if (paths) change_of_shape(p, w, a, paths + path_start(p, i), r, out, apart);
-    for (int end = 0; end < 2; ++end) {
-      localise(a, nodal[end], columns[end], apart, x);
-      times_second(a, &ends[i].of_force[end], 0, x, y);
-      for (int k = 0; k < s; ++k) r[apart * local_dof(a, k)] += y[k];
-      out[apart * a->column] += y[s];
-    }
-  }
+  if (o->turned) put_turn(&s, at->r, along);
 }

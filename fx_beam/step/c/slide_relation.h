@@ -2,15 +2,10 @@
 
 #pragma once
 
+#include <stddef.h>
 #include <string.h>
 #include "slider.h"
 #include "vectors.h"
-
-/* Weights of the nodes of a window in a step from s0 to s1 (path.py). */
-typedef struct {
-  double at0[WINDOW_NODES], at1[WINDOW_NODES], slope0[WINDOW_NODES], slope1[WINDOW_NODES];
-  double bend1[WINDOW_NODES], quotient[WINDOW_NODES], quotient_slope[WINDOW_NODES];
-} Weights;
 
 static int element_of(const Slider *a, double s) {
   int low = 0, high = a->elements;
@@ -33,35 +28,54 @@ static void add_weights(const Slider *a, int element, const double *powers, doub
   }
 }
 
-static void set_weights(const Slider *a, int e0, int e1, double s0, double s1, Weights *w) {
-  const double *s = a->ends;
-  double h0 = s[e0 + 1] - s[e0], h1 = s[e1 + 1] - s[e1];
-  double x0 = (s0 - s[e0]) / h0, x1 = (s1 - s[e1]) / h1;
-  memset(w, 0, sizeof *w);
-  add_weights(a, e0, (double[]){1, x0, x0 * x0, x0 * x0 * x0}, 1, w->at0);
-  add_weights(a, e1, (double[]){1, x1, x1 * x1, x1 * x1 * x1}, 1, w->at1);
-  add_weights(a, e0, (double[]){0, 1, 2 * x0, 3 * x0 * x0}, 1 / h0, w->slope0);
-  add_weights(a, e1, (double[]){0, 1, 2 * x1, 3 * x1 * x1}, 1 / h1, w->slope1);
-  add_weights(a, e1, (double[]){0, 0, 2, 6 * x1}, 1 / (h1 * h1), w->bend1);
-  if (e0 == e1) {
-    add_weights(a, e0, (double[]){0, 1, x0 + x1, x0 * x0 + x0 * x1 + x1 * x1}, 1 / h0, w->quotient);
-    add_weights(a, e0, (double[]){0, 0, 1, x0 + 2 * x1}, 1 / (h0 * h0), w->quotient_slope);
-    return;
+/* The weights at the start (0) or at the end (1) of a step, on an element, or with the order 1 their slopes. */
+static void weigh_place(const Slider *a, int element, int end, int order, Weight *w) {
+  double begin = a->ends[element], h = a->ends[element + 1] - begin, x = ((end ? a->s1 : a->s0) - begin) / h;
+  double P[3][4] = {{1, x, x * x, x * x * x}, {0, 1, 2 * x, 3 * x * x}, {0, 0, 2, 6 * x}}, per = order ? 1 / h : 1;
+  const double *own = P[order], *slope = P[order + 1];
+  WeightPart *part = w->part;
+  memset(w, 0, offsetof(Weight, part));
+  w->parts = 1, part->element = element;
+  for (int i = 0; i < 4; ++i) {
+    part->factor[i] = per * own[i];
+    part->by_begin[i] = per * (slope[i] * (x - 1) + order * own[i]) / h;
+    part->by_end[i] = -per * (slope[i] * x + order * own[i]) / h;
   }
-  /* Element by element, so that no difference of equal numbers is taken. */
-  int way = e1 > e0 ? 1 : -1, n = a->width;
-  double length = s1 - s0;
-  for (int e = e0; e != e1 + way; e += way) {
-    double h = s[e + 1] - s[e], x = e == e0 ? x0 : way < 0, y = e == e1 ? x1 : way > 0;
-    double mean[WINDOW_NODES] = {0}, share = (y - x) * h / length;
-    add_weights(a, e, (double[]){0, 1, x + y, x * x + x * y + y * y}, 1 / h, mean);
-    for (int k = 0; k < n; ++k) {
-      w->quotient[k] += share * mean[k];
-      w->quotient_slope[k] += share * (w->slope1[k] - mean[k]) / length;
+  add_weights(a, element, own, per, w->of);
+  add_weights(a, element, slope, per / h, w->by[end]);
+}
+
+/* The quotient of the change of the weights `at` both ends and the way, element by element, so that no difference of
+   equal numbers is taken. */
+static void weigh_quotient(const Slider *a, int e0, int e1, const Weight *at, Weight *w) {
+  int step = e1 < e0 ? -1 : 1;
+  double way = a->s1 - a->s0;
+  memset(w, 0, offsetof(Weight, part));
+  for (int e = e0; e != e1 + step; e += step) {
+    WeightPart *part = w->part + w->parts++;
+    int first = e == e0, last = e == e1, alone = first && last;
+    double begin = a->ends[e], h = a->ends[e + 1] - begin, x = first ? (a->s0 - begin) / h : step < 0;
+    double y = last ? (a->s1 - begin) / h : step > 0, share = alone ? 1 / h : (y - x) / way;
+    double mean[] = {0, 1, x + y, x * x + x * y + y * y}, by0[] = {0, 0, 1, 2 * x + y}, by1[] = {0, 0, 1, x + 2 * y};
+    double grows = alone ? share / h : (last * (y - 1) - first * (x - 1)) / (h * way);
+    double shrinks = alone ? share / h : (last * y - first * x) / (h * way);
+    part->element = e;
+    for (int i = 0; i < 4; ++i) {
+      part->factor[i] = share * mean[i];
+      part->by_begin[i] = grows * mean[i] + share * (first * by0[i] * (x - 1) + last * by1[i] * (y - 1)) / h;
+      part->by_end[i] = -shrinks * mean[i] - share * (first * by0[i] * x + last * by1[i] * y) / h;
     }
+    add_weights(a, e, mean, share, w->of);
+    if (alone) add_weights(a, e, by0, share / h, w->by[0]), add_weights(a, e, by1, share / h, w->by[1]);
   }
-  if (fabs(length) <= 1e-6 * h0)
-    for (int k = 0; k < n; ++k) w->quotient_slope[k] = w->bend1[k] / 2;
+  if (e0 == e1) return;
+  for (int k = 0; k < a->width; ++k)
+    w->by[0][k] = (w->of[k] - at[0].by[0][k]) / way, w->by[1][k] = (at[1].by[1][k] - w->of[k]) / way;
+  for (int end = 0; fabs(way) <= 1e-6 * (a->ends[e0 + 1] - a->ends[e0]) && end < 2; ++end) {
+    Weight slopes;
+    weigh_place(a, end ? e1 : e0, end, 1, &slopes);
+    for (int k = 0; k < a->width; ++k) w->by[end][k] = slopes.by[end][k] / 2;
+  }
 }
 
 /* x / sin(x) and its derivative, smooth at 0. */
@@ -73,175 +87,145 @@ static double over_sine_slope(double x) {
   return fabs(x) < 1e-2 ? x / 3 + 7 * x * x * x / 90 : (1 - x / tan(x)) / sin(x);
 }
 
-/* Positions, relative to a node of the window, at the start, and increments, of the window. */
-static void nodes_of(const Slider *a, const double *q, const double *D, double (*p0)[2], double (*Dp)[2]) {
-  for (int k = 0; k < a->width; ++k)
-    for (int i = 0; i < 2; ++i) {
-      int dof = a->dofs[3 * (a->first + k) + i];
-      p0[k][i] = a->position[2 * (a->first + k) + i] + q[dof];
-      Dp[k][i] = D[dof];
-    }
-}
-
-static double weigh(int n, const double *weights, double (*x)[2], int i) {
-  double total = 0;
-  for (int k = 0; k < n; ++k) total += weights[k] * x[k][i];
-  return total;
-}
-
 static double product_of(int n, const double *a, const double *b) {
   double total = 0;
   for (int k = 0; k < n; ++k) total += a[k] * b[k];
   return total;
 }
 
-/* Rotation of the node: increment, its derivatives, virtual ones, and with h the derivatives of
-   these, times the moment (sliding.py). */
-static void slide_rotation(Slider *a, const Weights *w, const double *q, const double *D, double moment,
-                           Second *h) {
-  int n = a->width, o = 2 * n, s = 3 * n, exact = a->level == 0.5;
-  double psi0[WINDOW_NODES], psi1[WINDOW_NODES], psibar[WINDOW_NODES], x[WINDOW_NODES];
-  double mean[WINDOW_NODES], Ds = a->s1 - a->s0, l = a->level;
-  for (int k = 0; k < n; ++k) {
-    int dof = a->dofs[3 * (a->first + k) + 2];
-    psi0[k] = a->angle[a->first + k] + q[dof], psi1[k] = psi0[k] + D[dof], x[k] = D[dof] / 2;
-    psibar[k] = (psi0[k] + psi1[k]) / 2, mean[k] = (1 - l) * w->at0[k] + l * w->at1[k];
-  }
-  double Dpsi = product_of(n, w->at1, psi1) - product_of(n, w->at0, psi0);
-  double turn = product_of(n, w->quotient, psibar);
-  double turn_s = product_of(n, w->quotient_slope, psibar);
-  if (!h) {
-    a->increment[2] = Dpsi, a->T[2][s] = product_of(n, w->slope1, psi1);
-    memcpy(a->T[2] + o, w->at1, n * sizeof(double));
-    memcpy(a->virtual_map[2] + o, mean, n * sizeof(double));
-    a->virtual_map[2][s] = exact ? turn : (1 - l) * product_of(n, w->slope0, psi0) + l * a->T[2][s];
-  } else if (!exact || !a->by_tangent) {
-    for (int k = 0; k < n; ++k) {
-      h->by_s[o + k] = l * moment * w->slope1[k];
-      h->of_s[o + k] = l * moment * (exact ? w->quotient[k] : w->slope1[k]);
-    }
-    h->square += moment * (exact ? turn_s : l * product_of(n, w->bend1, psi1));
-  }
-  if (!exact || !a->by_tangent) return;
-  double y = product_of(n, mean, x), y_c = Dpsi / 2, u = y_c - y, c[WINDOW_NODES];
-  for (int k = 0; k < n; ++k) c[k] = over_sine(x[k] - y) * cos(x[k]);
-  double total = product_of(n, mean, c), cosines = cos(y_c) * cos(y), beta = turn / over_sine(u) / cosines;
-  if (!h) {
-    for (int k = 0; k < n; ++k) a->virtual_map[2][o + k] = mean[k] * c[k] / total;
-    a->virtual_map[2][s] = beta;
-    return;
-  }
-  double tilt[WINDOW_NODES], x_part[WINDOW_NODES], all = 0, bend = over_sine_slope(u) / over_sine(u);
-  for (int k = 0; k < n; ++k) {
-    tilt[k] = mean[k] * over_sine_slope(x[k] - y) * cos(x[k]);
-    x_part[k] = (tilt[k] - mean[k] * over_sine(x[k] - y) * sin(x[k])) / 2;
-    all += tilt[k];
-  }
-  double by_length = product_of(n, w->slope1, x) / 2;
-  double all_by_length = product_of(n, w->slope1, c) / 2 - all * by_length;
-  for (int k = 0; k < n; ++k) {
-    double y_by = mean[k] / 2, q_by = w->quotient[k] / 2, u_by = Ds / 2 * q_by, share = mean[k] * c[k] / total;
-    double of_k = q_by / (over_sine(u) * cosines) - beta * bend * u_by;
-    h->of_s[o + k] = moment * (of_k + beta * (tan(y_c) * (y_by + u_by) + tan(y) * y_by));
-    h->turn[o + k] = moment * x_part[k] / total;
-    h->left[2][o + k] = tilt[k], h->right[2][o + k] = -moment * y_by / total;
-    h->left[3][o + k] = share, h->right[3][o + k] = -moment * (x_part[k] - all * y_by) / total;
-    double by_s = w->slope1[k] * c[k] / 2 - tilt[k] * by_length;
-    h->by_s[o + k] = moment * (by_s - share * all_by_length) / total;
-  }
-  double u_by = Ds / 2 * turn_s + turn / 2, beta_by = turn_s / (over_sine(u) * cosines) - beta * bend * u_by;
-  beta_by += beta * (tan(y_c) * (by_length + u_by) + tan(y) * by_length);
-  h->square += moment * beta_by;
-}
-
-/* Elements of both ends of a step, of which it may pass so many. */
-static void elements_of(const Slider *a, int *e0, int *e1) {
-  int first = element_of(a, a->s0), last = element_of(a, a->s1);
+/* Elements of both ends of a step, of which it may pass so many; the first node of the window. */
+static void begin_window(Slider *a, int *e0, int *e1) {
+  int first = element_of(a, a->s0), last = element_of(a, a->s1), limit = a->elements - a->window;
   *e0 = first, *e1 = last > first + a->most ? first + a->most : last < first - a->most ? first - a->most : last;
-}
-
-/* Increment of the node for that of its beam and of the arc length, the derivatives T and the virtual
-   increment, with the chord of an element. With h: the derivatives of virtual_map^T F for the force F of the
-   node. */
-static void slide_by_chord(Slider *a, int chord, const double *q, const double *D, Second *h) {
-  int n = a->width, s = a->components * n, e0, e1, low, limit = a->elements - a->window;
-  elements_of(a, &e0, &e1);
-  low = (e0 < e1 ? e0 : e1) - 1;
+  int low = (*e0 < *e1 ? *e0 : *e1) - 1;
   a->first = a->degree * (low < 0 ? 0 : low > limit ? limit : low);
-  Weights weights, *w = &weights;
-  set_weights(a, e0, e1, a->s0, a->s1, w);
-  double p0[WINDOW_NODES][2], Dp[WINDOW_NODES][2], mean[WINDOW_NODES], Ds = a->s1 - a->s0, l = a->level;
-  double p1[WINDOW_NODES][2], pbar[WINDOW_NODES][2];
-  nodes_of(a, q, D, p0, Dp);
-  for (int k = 0; k < n; ++k) {
-    mean[k] = (1 - l) * w->at0[k] + l * w->at1[k];
-    for (int i = 0; i < 2; ++i) p1[k][i] = p0[k][i] + Dp[k][i], pbar[k][i] = p0[k][i] + Dp[k][i] / 2;
-  }
-  if (!h) {
-    memset(a->T, 0, sizeof a->T), memset(a->virtual_map, 0, sizeof a->virtual_map);
-    for (int i = 0; i < 2; ++i) {
-      a->increment[i] = weigh(n, w->at1, p1, i) - weigh(n, w->at0, p0, i);
-      memcpy(a->T[i] + i * n, w->at1, n * sizeof(double));
-      memcpy(a->virtual_map[i] + i * n, mean, n * sizeof(double));
-      a->T[i][s] = weigh(n, w->slope1, p1, i);
-      a->virtual_map[i][s] = (1 - l) * weigh(n, w->slope0, p0, i) + l * a->T[i][s];
-    }
-  } else {
-    memset(h, 0, sizeof *h);
-    for (int i = 0; i < 2; ++i)
-      for (int k = 0; k < n; ++k) h->by_s[i * n + k] = l * a->force[i] * w->slope1[k];
-  }
-  if (l != 0.5) {
-    for (int i = 0; h && i < 2; ++i) {
-      for (int k = 0; k < n; ++k) h->of_s[i * n + k] = l * a->force[i] * w->slope1[k];
-      h->square += l * a->force[i] * weigh(n, w->bend1, p1, i);
-    }
-  } else {
-    int from = a->degree * chord - a->first, to = from + a->degree, end[2] = {from, to};
-    double r[2], Dr[2], omega[2], turn[2][2], zeta[2], square, Dalpha;
-    for (int i = 0; i < 2; ++i) r[i] = pbar[to][i] - pbar[from][i], Dr[i] = Dp[to][i] - Dp[from][i];
-    square = r[0] * r[0] + r[1] * r[1];
-    omega[0] = -r[1] / square, omega[1] = r[0] / square;
-    Dalpha = omega[0] * Dr[0] + omega[1] * Dr[1];
-    zeta[0] = -weigh(n, w->quotient, Dp, 1) / 4, zeta[1] = weigh(n, w->quotient, Dp, 0) / 4;
-    if (!h)
-      for (int i = 0; i < 2; ++i) {
-        for (int j = 0; j < 2; ++j) {
-          a->virtual_map[i][j * n + to] += Ds * zeta[i] * omega[j];
-          a->virtual_map[i][j * n + from] -= Ds * zeta[i] * omega[j];
-        }
-        a->virtual_map[i][s] = weigh(n, w->quotient, pbar, i) - zeta[i] * Dalpha;
-      }
-    else {
-      const double *F = a->force;
-      double G[2] = {F[1] / 4, -F[0] / 4}, by_r[2], Z = F[0] * zeta[0] + F[1] * zeta[1], Z_s = 0;
-      for (int i = 0; i < 2; ++i) Z_s += G[i] * weigh(n, w->quotient_slope, Dp, i);
-      for (int i = 0; i < 2; ++i)
-        for (int j = 0; j < 2; ++j)
-          turn[i][j] = ((i > j) * 0.5 - (i < j) * 0.5 - omega[i] * r[j]) / square;
-      for (int j = 0; j < 2; ++j) by_r[j] = omega[j] + turn[0][j] * Dr[0] + turn[1][j] * Dr[1];
-      for (int i = 0; i < 2; ++i) {
-        for (int k = 0; k < n; ++k) h->of_s[i * n + k] = (F[i] / 2 - G[i] * Dalpha) * w->quotient[k];
-        h->square += F[i] * weigh(n, w->quotient_slope, pbar, i);
-        for (int f = 0; f < 2; ++f) {
-          double sign = f ? 1 : -1;
-          h->of_s[i * n + end[f]] -= sign * Z * by_r[i];
-          h->by_s[i * n + end[f]] += sign * omega[i] * (Z + Ds * Z_s);
-          h->left[i][i * n + end[f]] = sign;
-        }
-        for (int j = 0; j < 2; ++j) {
-          for (int k = 0; k < n; ++k) h->right[i][j * n + k] = Ds * omega[i] * G[j] * w->quotient[k];
-          h->right[i][j * n + to] += Ds * Z * turn[i][j];
-          h->right[i][j * n + from] -= Ds * Z * turn[i][j];
-        }
-      }
-      h->square -= Dalpha * Z_s;
-    }
-  }
-  if (a->components == 3) slide_rotation(a, w, q, D, a->force[2], h);
 }
 
-/* The same with the chord of the element in which the step begins. */
-static void slide_on(Slider *a, const double *q, const double *D, Second *h) {
-  slide_by_chord(a, element_of(a, a->s0), q, D, h);
+/* The part of the virtual displacement with the chord, which makes it a rotation for a rotation. */
+static void relate_chord(Slider *a, Relation *o) {
+  int n = a->width, s = a->components * n;
+  double r[2], square;
+  o->from = a->degree * element_of(a, a->s0) - a->first, o->to = o->from + a->degree;
+  for (int i = 0; i < 2; ++i) {
+    r[i] = (o->x[0][i][o->to] + o->x[1][i][o->to] - o->x[0][i][o->from] - o->x[1][i][o->from]) / 2;
+    o->Dr[i] = o->D[i][o->to] - o->D[i][o->from];
+  }
+  square = r[0] * r[0] + r[1] * r[1];
+  o->Ds = a->s1 - a->s0, o->w[0] = -r[1] / square, o->w[1] = r[0] / square;
+  o->z[0] = -product_of(n, o->along->of, o->D[1]) / 4, o->z[1] = product_of(n, o->along->of, o->D[0]) / 4;
+  o->Dalpha = o->w[0] * o->Dr[0] + o->w[1] * o->Dr[1];
+  for (int i = 0; i < 2; ++i) {
+    for (int j = 0; j < 2; ++j) {
+      o->turn[i][j] = ((i > j) - (i < j) - 2 * o->w[i] * r[j]) / square;
+      a->virtual_map[i][j * n + o->to] += o->Ds * o->z[i] * o->w[j];
+      a->virtual_map[i][j * n + o->from] -= o->Ds * o->z[i] * o->w[j];
+    }
+    a->virtual_map[i][s] -= o->z[i] * o->Dalpha;
+  }
+}
+
+/* The virtual rotation that gives 2 tan(Dpsi_c/2) for that of the nodes. */
+static void relate_turn(Slider *a, Relation *o) {
+  int n = a->width, s = 3 * n;
+  for (int k = 0; k < n; ++k) o->half[k] = o->D[2][k] / 2;
+  double y = product_of(n, o->mean, o->half), y_c = a->increment[2] / 2, u = y_c - y;
+  o->total = 0;
+  for (int k = 0; k < n; ++k) {
+    double x = o->half[k] - y, c = cos(o->half[k]), tilt = o->mean[k] * over_sine_slope(x) * c;
+    o->per_mean[k] = over_sine(x) * c, o->by_y[k] = -tilt;
+    o->by_half[k] = tilt - o->mean[k] * over_sine(x) * sin(o->half[k]);
+    o->total += o->mean[k] * o->per_mean[k];
+  }
+  for (int k = 0; k < n; ++k) a->virtual_map[2][2 * n + k] = o->mean[k] * o->per_mean[k] / o->total;
+  double bend = over_sine_slope(u) / over_sine(u);
+  o->of_turn[0] = 1 / (over_sine(u) * cos(y_c) * cos(y)), o->along_turn = o->axis[2] * o->of_turn[0];
+  o->of_turn[1] = o->along_turn * (tan(y_c) - bend), o->of_turn[2] = o->along_turn * (tan(y) + bend);
+  a->virtual_map[2][s] = o->along_turn;
+}
+
+/* Increment of the node for that of its beam and of the arc length, its derivatives T and the virtual increment. */
+static void slide_on(Slider *a, const double *q, const double *D) {
+  Relation *o = &a->relation;
+  int n = a->width, s = a->components * n, exact = a->level == 0.5, e0, e1;
+  begin_window(a, &e0, &e1);
+  weigh_place(a, e0, 0, 0, o->at), weigh_place(a, e1, 1, 0, o->at + 1);
+  if (exact) weigh_quotient(a, e0, e1, o->at, o->along), o->along[1] = o->along[0];
+  else weigh_place(a, e0, 0, 1, o->along), weigh_place(a, e1, 1, 1, o->along + 1);
+  o->share[0] = 1 - a->level, o->share[1] = a->level;
+  memset(a->T, 0, sizeof a->T), memset(a->virtual_map, 0, sizeof a->virtual_map);
+  for (int k = 0; k < n; ++k) {
+    o->mean[k] = o->share[0] * o->at[0].of[k] + o->share[1] * o->at[1].of[k];
+    for (int i = 0; i < 3; ++i) {
+      int node = a->first + k, dof = a->dofs[3 * node + i];
+      o->x[0][i][k] = q[dof] + (i < 2 ? a->position[2 * node + i] : a->angle[node]);
+      o->D[i][k] = D[dof], o->x[1][i][k] = o->x[0][i][k] + D[dof];
+    }
+  }
+  for (int i = 0; i < a->components; ++i) {
+    a->increment[i] = product_of(n, o->at[1].of, o->x[1][i]) - product_of(n, o->at[0].of, o->x[0][i]);
+    memcpy(a->T[i] + i * n, o->at[1].of, n * sizeof(double));
+    memcpy(a->virtual_map[i] + i * n, o->mean, n * sizeof(double));
+    a->T[i][s] = product_of(n, o->at[1].by[1], o->x[1][i]);
+    o->axis[i] = 0;
+    for (int end = 0; end < 2; ++end) o->axis[i] += o->share[end] * product_of(n, o->along[end].of, o->x[end][i]);
+    a->virtual_map[i][s] = o->axis[i];
+  }
+  if (exact) relate_chord(a, o);
+  o->turned = a->components == 3 && exact && a->by_tangent;
+  if (o->turned) relate_turn(a, o);
+}
+
+/* Derivatives by the end of the step of virtual_map^T F for the force F, after `slide_on`. */
+static void find_second(const Slider *a, Second *h) {
+  const Relation *o = &a->relation;
+  const Weight *last = o->at + 1;
+  const double *F = a->force, *Q = o->along->of;
+  int n = a->width, turn = 2 * n, exact = a->level == 0.5;
+  double axis_s[3], mean_s[WINDOW_NODES], late = o->share[1];
+  memset(h, 0, sizeof *h);
+  for (int k = 0; k < n; ++k) mean_s[k] = late * last->by[1][k];
+  for (int i = 0; i < a->components; ++i) {
+    axis_s[i] = 0;
+    for (int end = 0; end < 2; ++end) axis_s[i] += o->share[end] * product_of(n, o->along[end].by[1], o->x[end][i]);
+    for (int k = 0; k < n && !(i == 2 && o->turned); ++k) {
+      h->by_s[i * n + k] = F[i] * mean_s[k];
+      h->of_s[i * n + k] = F[i] * late * o->along[1].of[k];
+    }
+    if (!(i == 2 && o->turned)) h->square += F[i] * axis_s[i];
+  }
+  if (exact) {
+    double G[2] = {F[1] / 4, -F[0] / 4}, Z = F[0] * o->z[0] + F[1] * o->z[1], Z_s = 0;
+    for (int i = 0; i < 2; ++i) Z_s += G[i] * product_of(n, o->along->by[1], o->D[i]);
+    h->square -= o->Dalpha * Z_s;
+    for (int i = 0; i < 2; ++i) {
+      for (int k = 0; k < n; ++k) {
+        h->of_s[i * n + k] -= o->Dalpha * G[i] * Q[k];
+        for (int j = 0; j < 2; ++j) h->right[i][j * n + k] += o->Ds * o->w[i] * G[j] * Q[k];
+      }
+      for (int f = 0; f < 2; ++f) {
+        int node = i * n + (f ? o->to : o->from);
+        double sign = f ? 1 : -1;
+        h->left[i][node] = sign;
+        h->by_s[node] += sign * o->w[i] * (Z + o->Ds * Z_s);
+        h->of_s[node] -= sign * Z * (o->w[i] + (o->turn[0][i] * o->Dr[0] + o->turn[1][i] * o->Dr[1]) / 2);
+        for (int j = 0; j < 2; ++j) h->right[j][node] += sign * o->Ds * Z * o->turn[j][i] / 2;
+      }
+    }
+  }
+  if (!o->turned) return;
+  double y_s = product_of(n, mean_s, o->half), y_c_s = product_of(n, last->by[1], o->x[1][2]) / 2, by_y = 0, total_s = 0;
+  double part_s[WINDOW_NODES], of_total = F[2] / o->total;
+  for (int k = 0; k < n; ++k) {
+    part_s[k] = mean_s[k] * o->per_mean[k] + o->by_y[k] * y_s;
+    total_s += part_s[k], by_y += o->by_y[k];
+  }
+  for (int k = 0; k < n; ++k) {
+    double share = a->virtual_map[2][turn + k], y_by = o->mean[k] / 2;
+    h->of_s[turn + k] = F[2] * (o->of_turn[0] * late * Q[k] + o->of_turn[1] * last->of[k] / 2 + o->of_turn[2] * y_by);
+    h->by_s[turn + k] = of_total * (part_s[k] - share * total_s);
+    h->turn[turn + k] = of_total * o->by_half[k] / 2;
+    h->left[2][turn + k] = o->by_y[k], h->right[2][turn + k] = of_total * y_by;
+    h->left[3][turn + k] = share, h->right[3][turn + k] = -of_total * (o->by_half[k] / 2 + by_y * y_by);
+  }
+  h->square += F[2] * (o->of_turn[0] * axis_s[2] + o->of_turn[1] * y_c_s + o->of_turn[2] * y_s);
 }

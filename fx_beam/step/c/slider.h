@@ -2,9 +2,40 @@
 
 #pragma once
 
-/* Largest numbers of nodes and of local degrees of freedom in a window, and of products in the derivatives
-   of its forces. */
-enum { WINDOW_NODES = 16, LOCAL = 49, PRODUCTS = 4 };
+/* Largest numbers of nodes and of local degrees of freedom in a window, of products in the derivatives of its forces,
+   and of elements in a step. */
+enum { WINDOW_NODES = 16, LOCAL = 49, PRODUCTS = 4, MOST_PARTS = 6 };
+
+/* A part of weights of nodes: the coefficients of an element times these factors of 1, x, x^2 and x^3, which have these
+   derivatives by the arc lengths of its ends. */
+typedef struct {
+  int element;
+  double factor[4], by_begin[4], by_end[4];
+} WeightPart;
+
+/* Weights of the nodes of a window, their derivatives by the arc lengths at the start and at the end of a step, and the
+   parts of which they are sums. */
+typedef struct {
+  double of[WINDOW_NODES], by[2][WINDOW_NODES];
+  int parts;
+  WeightPart part[MOST_PARTS];
+} Weight;
+
+/* What the relation of a step consists of (slide_relation.h), by the names in coupling/sliding.py; numbers at the start
+   and at the end are next to each other. */
+typedef struct {
+  Weight at[2], along[2];     /* N, and what the virtual slide multiplies: N', or (DN/Ds) at mid-step */
+  double share[2];            /* of both ends */
+  double x[2][3][WINDOW_NODES], D[3][WINDOW_NODES], mean[WINDOW_NODES]; /* the nodes; means of N */
+  double axis[3];             /* for a virtual slide of 1 */
+  int from, to;               /* the chord, at mid-step */
+  double Ds, z[2], w[2], turn[2][2], Dr[2], Dalpha; /* w = W rbar / |rbar|^2, and its derivatives */
+  /* If the rotation is that of 2 tan(Dpsi/2): x_a; k(x_a - y) cos x_a; of Nbar_a times this the derivatives by x_a and
+     by y, and the sum; for a virtual slide of 1 the virtual rotation, and its derivatives by q, y_c and y. */
+  int turned;
+  double half[WINDOW_NODES], per_mean[WINDOW_NODES], by_half[WINDOW_NODES], by_y[WINDOW_NODES], total;
+  double along_turn, of_turn[3];
+} Relation;
 
 /* Derivatives of virtual_map^T F by the local degrees of freedom, for the force F of the node: those by the arc
    length and of the force along it; of the others the products of left and right parts, and entries of
@@ -40,5 +71,6 @@ typedef struct {
   double s0, s1;
   int first;
   double increment[3], T[3][LOCAL], virtual_map[3][LOCAL], force[3];
-  Second of_force; /* derivatives of virtual_map^T F */
+  Relation relation;
+  Second of_force; /* derivatives of virtual_map^T F by the end of the step */
 } Slider;

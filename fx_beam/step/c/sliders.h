@@ -11,33 +11,13 @@ static int local_dof(const Slider *a, int local) {
   return local == a->components * n ? -1 : a->dofs[3 * (a->first + local % n) + local / n];
 }
 
-/* Change of the node's columns in z for small changes of all degrees of freedom, by T or Tv. Here and below a number is
-   `apart` numbers behind the one before it, if there are others of other directions between. */
-static void spread_slider(const Slider *a, const double (*T)[LOCAL], const double *change, double *z, int apart) {
+/* Change of the node's columns in z for small changes of all degrees of freedom, by T or Tv. */
+static void spread_slider(const Slider *a, const double (*T)[LOCAL], const double *change, double *z) {
   int s = a->components * a->width;
   for (int c = 0; c < a->components; ++c) {
-    double total = T[c][s] * z[apart * a->column];
-    for (int k = 0; k < s; ++k) total += T[c][k] * change[apart * local_dof(a, k)];
-    z[apart * a->carried[c]] = total;
-  }
-}
-
-/* The forces on the columns of a node, for values of T or Tv. */
-static void find_held_force(const Slider *a, const double *values, const double *r, const double *out, double *force,
-                            int apart) {
-  for (int c = 0; c < a->components; ++c) {
-    force[c] = out[apart * a->carried[c]];
-    for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
-      force[c] += a->entry_sign[k] * values[a->entry_value[k]] * r[apart * a->entry_row[k]];
-  }
-}
-
-/* Adds a force of a node on its beam to forces r, and on its slide to `out`, by T or Tv. */
-static void push_beam(const Slider *a, const double (*T)[LOCAL], const double *force, double *r, double *out, int apart) {
-  int s = a->components * a->width;
-  for (int c = 0; c < a->components; ++c) {
-    for (int k = 0; k < s; ++k) r[apart * local_dof(a, k)] += force[c] * T[c][k];
-    out[apart * a->column] += force[c] * T[c][s];
+    double total = T[c][s] * z[a->column];
+    for (int k = 0; k < s; ++k) total += T[c][k] * change[local_dof(a, k)];
+    z[a->carried[c]] = total;
   }
 }
 
@@ -47,12 +27,20 @@ static void push_columns(const Problem *p, double *out) {
     out[p->points->of[i].column] += p->points->of[i].results[0];
 }
 
-/* Adds the forces of all sliding nodes. */
+/* Adds the forces of all sliding nodes: those on their columns pass on to their beams and along these. */
 static void carry(const Problem *p, const Work *w, double *r, double *out) {
   for (int i = p->sliders - 1; i >= 0; --i) {
     Slider *a = p->slider + i;
-    find_held_force(a, w->virtual_map, r, out, a->force, 1);
-    push_beam(a, a->virtual_map, a->force, r, out, 1);
+    int s = a->components * a->width;
+    for (int c = 0; c < a->components; ++c) {
+      a->force[c] = out[a->carried[c]];
+      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
+        a->force[c] += a->entry_sign[k] * w->virtual_map[a->entry_value[k]] * r[a->entry_row[k]];
+    }
+    for (int c = 0; c < a->components; ++c) {
+      for (int k = 0; k < s; ++k) r[local_dof(a, k)] += a->force[c] * a->virtual_map[c][k];
+      out[a->column] += a->force[c] * a->virtual_map[c][s];
+    }
   }
 }
 
@@ -77,18 +65,18 @@ static int leaves_beam(const Problem *p) {
 
 /* Rate of the arc length at the start of the step. */
 static double slider_rate(const Problem *p, const Slider *a) {
-  double s = p->slides[a->joint], along[2] = {0}, apart[2], square;
-  Weights weights;
+  double along[2] = {0}, apart[2], square;
+  Weight weights;
   Slider at = *a;
-  int e = element_of(a, s), low = e - 1, limit = a->elements - a->window;
-  at.first = a->degree * (low < 0 ? 0 : low > limit ? limit : low);
-  set_weights(&at, e, e, s, s, &weights);
+  int e;
+  at.s0 = at.s1 = p->slides[a->joint];
+  begin_window(&at, &e, &e), weigh_place(&at, e, 1, 0, &weights);
   for (int i = 0; i < 2; ++i) apart[i] = p->v[a->node[i]];
   for (int k = 0; k < a->width; ++k)
     for (int i = 0; i < 2; ++i) {
       int dof = a->dofs[3 * (at.first + k) + i];
-      along[i] += weights.slope1[k] * (a->position[2 * (at.first + k) + i] + p->q[dof]);
-      apart[i] -= weights.at1[k] * p->v[dof];
+      along[i] += weights.by[1][k] * (a->position[2 * (at.first + k) + i] + p->q[dof]);
+      apart[i] -= weights.of[k] * p->v[dof];
     }
   square = along[0] * along[0] + along[1] * along[1];
   return (apart[0] * along[0] + apart[1] * along[1]) / square;

@@ -4,6 +4,6 @@
 #include "slide_relation.h"
 #include "sliding.h"
 
-void fx_slide(Slider *a, const double *q, const double *D) { slide_on(a, q, D, 0); }
+void fx_slide(Slider *a, const double *q, const double *D) { slide_on(a, q, D); }
 
-void fx_slide_second(Slider *a, const double *q, const double *D, Second *h) { slide_on(a, q, D, h); }
+void fx_slide_second(const Slider *a, Second *h) { find_second(a, h); }
