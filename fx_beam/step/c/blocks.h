@@ -37,11 +37,18 @@ static inline void put(Block *b, int from, int to, double slope) {
 
 static inline double slope_in(const Block *b, long k) { return b->value ? b->sign[k] * b->values[b->value[k]] : 1; }
 
+/* What the same number changes by is added up before it is stored. */
 static void push(const Block *b, Ways *x) {
-  Ways *to = x + b->to_array, *from = x + b->from_array;
-  for (long k = 0; b->from && k < b->count; ++k) to[b->to[k]] += slope_in(b, k) * from[b->from[k]];
+  Ways *to_array = x + b->to_array, *from_array = x + b->from_array;
+  for (long k = 0; b->from && k < b->count; ++k) to_array[b->to[k]] += slope_in(b, k) * from_array[b->from[k]];
   if (b->from) return;
-  for (const Entry *e = b->entry; e < b->entry + b->count; ++e) x[e->to] += e->slope * x[e->from];
+  const Entry *e = b->entry, *end = e + b->count;
+  while (e < end) {
+    int to = e->to;
+    Ways sum = x[to];
+    for (; e < end && e->to == to; ++e) sum += e->slope * x[e->from];
+    x[to] = sum;
+  }
 }
 
 static void pull(const Block *b, double *x) {
