@@ -342,7 +342,7 @@ class Problem:
         if self.model.points.members is not None and ties is None and not reduction.forces:
             return in_sparse_rows(indptr, indices, None, not self.model.couplings.sliding)
         # Rows of unknowns that close loops are no forces, by which errors are judged.
-        keep = not self.model.couplings.closures and not self.model.couplings.sliding
+        keep = not self.model.couplings.closures
         return factors_of(indptr, indices, keep, ties, COSTS, reduction.forces)
 
     def transposed(self) -> np.ndarray:

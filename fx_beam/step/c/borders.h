@@ -85,12 +85,16 @@ static void border_slider(const Problem *p, const Work *w, Slider *a) {
   for (int r = 0; r < a->products; ++r) add_at(p, w, product - r, product - r, -1);
 }
 
-/* A node of the beam is held in A, and set free by borders: otherwise A may be singular. */
+/* A node of the beam is held in A, twice as stiff, and set free by borders: otherwise A may be singular. */
+static void hold_beams(const Problem *p, const Work *w) {
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    for (int i = 0; i < a->anchors; ++i) w->tangent[a->anchor_at[i]] *= 2;
+}
+
 static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
   for (int i = 0; i < a->anchors; ++i) {
     int border = ON_BORDER - a->border - a->components - a->products - i, column = a->anchor_column[i];
-    double k = fabs(w->tangent[a->anchor_at[i]]);
-    w->tangent[a->anchor_at[i]] += k;
+    double k = w->tangent[a->anchor_at[i]] / 2;
     add_at(p, w, p->row_at[column], border, -k);
     add_at(p, w, border, p->unknown_at[column], 1);
     add_at(p, w, border, border, -1);
@@ -118,10 +122,8 @@ static void fill_borders(const Problem *p, const Work *w) {
     add_at(p, w, p->row_at[p->beside_row[k]], p->unknown_at[p->beside_column[k]], w->tangent[p->beside_at[k]]);
 }
 
-/* The block of n times four columns from its right sides and sparse factors. With `known` its first column is the right
-   side b, which is eliminated already. */
-INLINED void solve_sparse_columns(const Problem *p, const Work *w, const SparseRows *rows, const double *A, int known,
-                                  int n) {
+/* The block of n times four columns from its right sides and sparse factors. */
+INLINED void solve_sparse_columns(const Problem *p, const Work *w, const SparseRows *rows, const double *A, int n) {
   const int *first = rows->first;
   for (int g = 0; g < rows->groups; ++g) {
     int at = first[g], size = first[g + 1] - at, any = 0;
@@ -135,7 +137,6 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, const SparseR
         for (int k = first[rows->source[s]]; k < first[rows->source[s] + 1]; ++k, ++row)
           if (w->reached[k] && *row != 0) subtract_in_block(w, n, at + x, *row, k);
       for (int z = 0; z < x; ++z) subtract_in_block(w, n, at + x, row[z], at + z);
-      if (known) w->block[(long)(at + x) * p->block] = w->y[at + x];
     }
   }
   for (int g = rows->groups - 1; g >= 0; --g) {
@@ -150,10 +151,6 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, const SparseR
       for (int j = 0; j < n; ++j) row[j] *= upper[0];
     }
   }
-}
-
-static void solve_sparse_block(const Problem *p, const Work *w, const SparseRows *rows, const double *A) {
-  solve_sparse_columns(p, w, rows, A, 1, p->block / 4);
 }
 
 /* Factors of D - C A^-1 B, from D. Equations are divided by their largest entries, and forces counted in a stiffness:
@@ -204,21 +201,11 @@ static void solve_borders(const Problem *p, const Work *w) {
   Four y[m];
   for (const BorderEntry *c = border_entries(p, w); c < border_entries(p, w) + *w->border_entries; ++c)
     g[c->border] -= c->value * w->block[(long)c->column * n];
-  factorise_corner(p, w);
   for (int i = 0; i < m; ++i) y[i] = (Four){g[i]};
   solve_corner(p, w, y);
   for (int i = 0; i < m; ++i) g[i] = y[i][0];
   for (int i = 0; i < p->positions; ++i) {
     double *row = w->block + (long)i * n;
     for (int j = 0; w->reached[i] && j < m; ++j) row[0] -= row[1 + j] * g[j];
-  }
-}
-
-/* Right sides of the borders: the forces on slides; zero elsewhere. */
-static void begin_right_sides(const Problem *p, const Work *w) {
-  memset(w->border_right, 0, p->borders * sizeof(double));
-  for (int i = 0; i < p->sliders; ++i) {
-    int column = p->slider[i].column, row = p->row_at[column];
-    if (row < -1) w->border_right[ON_BORDER - row] = w->reduced[column];
   }
 }

@@ -200,5 +200,5 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
     K[p->tie_force[k]] -= p->tie_sign[k] * w->virtual_map[p->tie_value[k]];
   }
   if (p->closures) close_tangent(p, w);
-  if (p->borders) fill_borders(p, w);
+  if (p->borders) hold_beams(p, w), fill_borders(p, w);
 }

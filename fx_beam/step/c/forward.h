@@ -58,7 +58,7 @@ static int factorise_tangent(Problem *p, const Work *w) {
   for (int i = 0; i < p->positions; ++i) reach(p, w, i);
   if (p->chain) solve_chain_block(p, w, middle / 3);
   else if (p->band) solve_band_block(p, w, of);
-  else solve_sparse_block(p, w, &p->rows, w->factors);
+  else solve_sparse_columns(p, w, &p->rows, w->factors, p->block / 4);
   factorise_corner(p, w);
   return 1;
 }
@@ -89,8 +89,8 @@ static void solve_right_sides(const Problem *p, const Work *w, const Change *c) 
   own.block = (double *)c->block, own.reached = c->reached;
   if (p->chain) solve_chain_columns(p, &own, middle / 3, 0, 1);
   else if (p->band) solve_band_columns(p, &own, ends_around(p->unknowns, p->band, middle), 0, 1);
-  else if (p->changing) solve_sparse_columns(p, &own, &p->changing->rows, p->changing->factors, 0, 1);
-  else solve_sparse_columns(p, &own, &p->rows, w->factors, 0, 1);
+  else if (p->changing) solve_sparse_columns(p, &own, &p->changing->rows, p->changing->factors, 1);
+  else solve_sparse_columns(p, &own, &p->rows, w->factors, 1);
   if (p->borders) change_borders(p, w, c);
 }
 

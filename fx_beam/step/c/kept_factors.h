@@ -23,14 +23,16 @@ static void add_times(int n, double factor, const double *restrict y, double *re
   for (int i = 0; i < n; ++i) x[i] += factor * y[i];
 }
 
-static void times_tangent(const Problem *p, const Work *w, const double *x, double *out) {
+/* The product of the tangent and d, which the factors propose for r. With borders, whose columns are not there any
+   more: r, and the product with what A has changed by since its factorisation. */
+static void times_tangent(const Problem *p, const Work *w, const double *d, const double *r, double *out) {
   for (int i = 0; i < p->free; ++i) {
-    double sum = 0;
+    double sum = p->borders ? r[i] : 0;
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
-      sum += w->tangent[k] * x[p->tangent_column[k]];
+      sum += (p->borders ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * d[p->tangent_column[k]];
     out[i] = sum;
   }
-  if (p->changing) times_touches(p, w, x, out);
+  if (p->changing) times_touches(p, w, d, out);
 }
 
 /* Largest correction of a degree of freedom, for corrections x of the unknowns. */
@@ -48,12 +50,47 @@ static const double *factors_now(const Problem *p, const Work *w) {
   return p->changing ? p->changing->factors : w->factors;
 }
 
+/* Right sides and solutions of the borders; zero except for what slides. */
+static void begin_right_sides(const Problem *p, const Work *w, const double *b) {
+  memset(w->border_right, 0, p->borders * sizeof(double));
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    if (p->row_at[a->column] < -1) w->border_right[ON_BORDER - p->row_at[a->column]] = b[a->column];
+}
+
+static void end_borders(const Problem *p, const Work *w, double *x) {
+  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
+    if (p->row_at[a->column] < -1) x[a->column] = w->border_right[ON_BORDER - p->row_at[a->column]];
+  for (int i = 0; i < p->guided; ++i)
+    w->y[order_now(p)[p->unknowns - p->closures + p->guided_closure[i]]] = w->border_right[p->guide_border + i];
+}
+
+static const SparseRows *rows_now(const Problem *p) { return p->changing ? &p->changing->rows : &p->rows; }
+
+/* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
+static void eliminate_borders(const Problem *p, const Work *w) {
+  solve_sparse_columns(p, w, rows_now(p), factors_now(p, w), p->block / 4);
+  factorise_corner(p, w);
+}
+
 static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
   const int *order = order_now(p);
+  const SparseRows *rows = rows_now(p);
+  const double *A = factors_now(p, w);
   for (int i = 0; i < p->free; ++i) w->y[order[i]] = b[i];
   for (int i = p->free; i < p->unknowns; ++i) w->y[order[i]] = 0;
-  substitute_sparse(p->changing ? &p->changing->rows : &p->rows, factors_now(p, w), w->y);
+  substitute_forward(rows, A, w->y);
+  if (p->borders) {
+    begin_right_sides(p, w, b);
+    substitute_backward(rows, A, w->y, w->reached, 1);
+    for (int i = 0; i < p->unknowns; ++i)
+      if (w->reached[i]) w->block[(long)i * p->block] = w->y[i];
+    solve_borders(p, w);
+    for (int i = 0; i < p->unknowns; ++i)
+      if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
+  }
+  substitute_backward(rows, A, w->y, p->borders ? w->reached : 0, 0);
   for (int i = 0; i < p->free; ++i) x[i] = w->y[order[i]];
+  if (p->borders) end_borders(p, w, x);
 }
 
 static int factorise(Problem *p, const Work *w) {
@@ -61,6 +98,7 @@ static int factorise(Problem *p, const Work *w) {
   if (p->changing) return p->kept.present = factorise_changing(p, w);
   memset(w->factors, 0, p->factor_size * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
+  if (p->kept.worth && p->borders) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
   return p->kept.present = factorise_sparse(&p->rows, w->factors, w->row);
 }
 
@@ -99,7 +137,7 @@ static int iterate(Problem *p, const Work *w, const Wanted *wanted, double *rest
     }
     if (k > 0 && k + log(excess) / -log(slowness) > p->kept.worth) return 0;
     last = excess, residual = sqrt(dot(n, r, r));
-    times_tangent(p, w, d, image);
+    times_tangent(p, w, d, r, image);
     for (int j = 0; j < DIRECTIONS && j < k; ++j)
       if (j != newest) {
         double along = -dot(n, image, w->image + (long)j * n);
@@ -147,42 +185,26 @@ static void border_touches(const Problem *p, const Work *w) {
       }
 }
 
-/* Solution of a tangent with borders, for the right side `reduced`; returns 0 if it is singular. */
-static int solve_bordered(Problem *p, const Work *w) {
+/* Solution of a chain or a band with borders, for the right side `reduced`; returns 0 if it is singular. */
+static int solve_bordered(const Problem *p, const Work *w) {
   int middle = middle_of_elimination(p), n = p->unknowns;
-  const int *order = order_now(p);
-  const SparseRows *rows = p->changing ? &p->changing->rows : &p->rows;
   Ends of = ends_around(n, p->band, middle);
-  begin_right_sides(p, w);
-  for (int i = 0; i < n; ++i) w->y[order[i] * !p->chain] = i < p->free ? w->reduced[i] : 0;
-  if (p->chain) {
-    if (!eliminate_chain(p, w, middle / 3, 1)) return 0;
-    solve_chain_block(p, w, middle / 3);
-  } else if (p->band) {
-    if (!eliminate_tangent(p, w, n, of)) return 0;
-    solve_band_block(p, w, of);
-  } else {
-    if (!factorise(p, w)) return 0;
-    if (p->changing) border_touches(p, w);
-    substitute_forward(rows, factors_now(p, w), w->y);
-    solve_sparse_block(p, w, rows, factors_now(p, w));
-  }
+  begin_right_sides(p, w, w->reduced);
+  for (int i = 0; i < n; ++i) w->y[p->order[i] * !p->chain] = i < p->free ? w->reduced[i] : 0;
+  if (!(p->chain ? eliminate_chain(p, w, middle / 3, 1) : eliminate_tangent(p, w, n, of))) return 0;
+  if (p->chain) solve_chain_block(p, w, middle / 3);
+  else solve_band_block(p, w, of);
+  factorise_corner(p, w);
   solve_borders(p, w);
   if (p->chain) {
     finish_chain(p, w, middle / 3);
   } else {
     for (int i = 0; i < n; ++i)
       if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
-    if (p->band) substitute_tangent(p, w, n, of, w->reached);
-    else substitute_backward(rows, factors_now(p, w), w->y, w->reached);
-    for (int i = 0; i < p->free; ++i) w->step[i] = w->y[order[i]];
+    substitute_tangent(p, w, n, of, w->reached);
+    for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
   }
-  for (int i = 0; i < p->sliders; ++i) {
-    int column = p->slider[i].column, row = p->row_at[column];
-    if (row < -1) w->step[column] = w->border_right[ON_BORDER - row];
-  }
-  for (int i = 0; i < p->guided; ++i)
-    w->y[order[n - p->closures + p->guided_closure[i]]] = w->border_right[p->guide_border + i];
+  end_borders(p, w, w->step);
   return 1;
 }
 
@@ -191,7 +213,7 @@ static int solve_bordered(Problem *p, const Work *w) {
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
-  if (p->borders) return solve_bordered(p, w);
+  if (p->borders && (p->chain || p->band)) return solve_bordered(p, w);
   if (p->chain) return solve_chain(p, w);
   if (p->band) {
     for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
@@ -199,8 +221,14 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
     for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
     return 1;
   }
-  if (p->kept.worth && p->kept.present && !p->kept.exact && iterate(p, w, wanted, rest)) return 1;
+  if (p->kept.worth && p->kept.present && !p->kept.exact) {
+    if (p->borders) eliminate_borders(p, w);
+    if (iterate(p, w, wanted, rest)) return 1;
+    if (p->borders) fill_borders(p, w);
+  }
   if (!factorise(p, w)) return 0;
+  if (p->borders && p->changing) border_touches(p, w);
+  if (p->borders) eliminate_borders(p, w);
   by_factors(p, w, w->reduced, w->step);
   return 1;
 }

@@ -199,12 +199,12 @@ static void substitute_forward(const SparseRows *p, const double *A, double *b) 
   }
 }
 
-/* Those that are `reached` are known already. */
-static void substitute_backward(const SparseRows *p, const double *A, double *b, const int *reached) {
+/* Only those that are `reached` or not, if it is given. */
+static void substitute_backward(const SparseRows *p, const double *A, double *b, const int *reached, int now) {
   const int *first = p->first;
   for (int g = p->groups - 1; g >= 0; --g) {
     int size = first[g + 1] - first[g];
-    if (reached && reached[first[g]]) continue;
+    if (reached && reached[first[g]] != now) continue;
     if (size == 3) backward(p, A, g, 3, b); else backward(p, A, g, size, b);
   }
 }
@@ -212,5 +212,5 @@ static void substitute_backward(const SparseRows *p, const double *A, double *b,
 /* Solution by sparse factors, in the place of b. */
 static void substitute_sparse(const SparseRows *p, const double *A, double *b) {
   substitute_forward(p, A, b);
-  substitute_backward(p, A, b, 0);
+  substitute_backward(p, A, b, 0, 0);
 }

@@ -9,7 +9,7 @@ typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
   double *tangent, *inertia, *values, *virtual_map, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
   double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *scratch;
-  double *saved, *rule, *loaded, *factors, *residual, *direction, *image, *guess;
+  double *saved, *rule, *loaded, *factors, *factorised, *residual, *direction, *image, *guess;
   double *G, *G_virtual, *part, *part_virtual, *gap, *gap0, *gap_row, *gap_scratch, *pivoting; /* of loops */
   double *closing, *closed;
   int *follows, *largest_at, *part_order, *order_virtual; /* closure that each loop column follows, or -1 */
@@ -48,6 +48,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->rule = allocate(&at, p->rules ? RULE_VALUES * (long)p->nodes : 0);
   w->saved = allocate(&at, p->memory_size);
   w->factors = allocate(&at, p->factor_size);
+  w->factorised = allocate(&at, p->kept.worth && p->borders ? p->tangent_start[p->free] : 0);
   long d = p->kept.worth || p->changing ? DIRECTIONS : 0;
   u = p->factor_size ? p->free : 0;
   w->residual = allocate(&at, u), w->guess = allocate(&at, u);
