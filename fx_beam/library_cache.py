@@ -14,6 +14,7 @@ import logging
 import multiprocessing
 import os
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -45,7 +46,11 @@ def _folders() -> Iterator[Path]:
     """The cache folder, and the one for when it cannot be written, if there is any."""
     yield folder()
     with suppress(FileNotFoundError):
-        yield Path(tempfile.gettempdir()) / f"fx_beam-{os.geteuid()}"
+        place = Path(tempfile.gettempdir()).resolve()
+        status = place.stat()
+        # In a sticky folder nobody else can move or replace what is ours: names are safe there.
+        if status.st_mode & stat.S_ISVTX and not status.st_uid or _is_ours(place):
+            yield place / f"fx_beam-{os.geteuid()}"
 
 
 def load(name: str, loader: Callable[[Path], T]) -> T | None:

@@ -223,8 +223,12 @@ def test_a_cache_that_cannot_be_used_gets_a_substitute_and_one_warning(
     library_in(tmp_path / "temporary" / f"fx_beam-{os.geteuid()}")
 
 
-def test_without_any_folder_a_sentence_says_what_to_set(cache, monkeypatch, tmp_path):
+@pytest.mark.parametrize("closed", [True, False], ids=["a file", "a folder where others rename"])
+def test_without_any_folder_a_sentence_says_what_to_set(cache, monkeypatch, tmp_path, closed):
     file(cache, monkeypatch)
-    (tmp_path / "temporary" / f"fx_beam-{os.geteuid()}").write_text("no folder")
+    if closed:
+        (tmp_path / "temporary" / f"fx_beam-{os.geteuid()}").write_text("no folder")
+    else:
+        (tmp_path / "temporary").chmod(0o777)
     with pytest.raises(OSError, match="nothing can be compiled: .* Set XDG_CACHE_HOME to a folder"):
         form()
