@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import pickle
 import queue
@@ -141,6 +142,7 @@ class Team:
         except OSError:  # no memory for one: this second must do
             copy = -1
         if copy > 0:
+            logging.disable()  # mpirun has ended a compiler of this process as well
             os.waitpid(copy, 0)
             os._exit(1)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
