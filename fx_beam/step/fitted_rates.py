@@ -50,7 +50,10 @@ class FittedRates:
         unit: np.ndarray,
     ):
         self._equations, self._mass, self._unit = equations, mass, unit
-        self._solver = RateSolver(equations(False), mass, unit)
+
+    @functools.cached_property
+    def _solver(self) -> RateSolver:
+        return RateSolver(self._equations(False), self._mass, self._unit)
 
     def fit(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, driven: np.ndarray) -> Fit:
         """Rates for v (n, size) at q (n, size) and slides (n, joints).
@@ -62,7 +65,7 @@ class FittedRates:
     @property
     def numbers(self) -> dict[str, np.ndarray]:
         """Numbers of the scene that rates depend on, besides masses and driven rates."""
-        equations = self._solver.equations
+        equations = self._equations(True)
         return {"arms of joints": equations.apart, "axes of joints": equations.axis}
 
     @functools.cached_property

@@ -195,6 +195,8 @@ def _condensed(
     """Rates that are unknown, others that follow from them, their mass, and how they follow."""
     M, unused = mass.tocsr(copy=True), np.ones(len(little), dtype=bool)
     M.eliminate_zeros()  # the masses have the stiffness' pattern
+    if len(used) == len(little):
+        return used, np.empty(0, int), M, np.empty((len(used), 0))
     unused[used] = False
     between, none = M[unused][:, used], np.empty((len(used), 0))
     if between.nnz and len(used) > _MOST:
