@@ -103,7 +103,7 @@ def load(
         if isinstance(error, subprocess.CalledProcessError):
             _check_target(target, flags)
         said = str(getattr(error, "stderr", None) or error)
-        reason = next((line for line in said.splitlines() if "error" in line), said)
+        reason = next((line for line in said.splitlines() if "error:" in line), said)
         raise CannotBuild(
             f"{what} cannot be built: {reason}. Check the C compiler (environment variable CC) and "
             f"the cache folder {library_cache.folder()}"

@@ -146,7 +146,7 @@ static int pull_solution(Problem *p, const Work *w, const Adjoint *a, const Line
 }
 
 /* The same with the derivatives by the forces that friction follows: those by internal variables that have them. */
-static int pull_followed(Problem *p, Work *w, const Adjoint *a, const Linear *l, Backward *b, const double *row, long k,
+static int pull_followed(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward *b, const double *row, long k,
                          double *x, double *trial) {
   const Layout *at = &l->at;
   double found[p->points->all];
@@ -187,7 +187,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward 
   a->sizes[k] = sqrt(dot(p->dofs, x + at->v, x + at->v));
   if (k) return 1;
   add_given(p, a, at, 0, x);
-  memset(x + at->slides, 0, (at->map - at->slides) * sizeof(double));
+  memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(double));
   pull(l->of + BEGUN, x);
   return 1;
 }
@@ -200,7 +200,7 @@ long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *for
   Backward b;
   double *trial;
   int constrained = p->columns - p->free;
-  lay_out(p, w, p->scratch), lay_out_backward(p, a, &l, &b, &trial, a->scratch), begin_linear(p, a, &l);
+  lay_out(p, w, p->scratch), lay_out_backward(p, a, &l, &b, &trial, a->scratch), begin_linear(p, w, a, &l);
   w->dt = NAN;
   long row = 0;
   for (; row < tape->rows && begin_taped(p, w, a, tape->row + row * tape->size, &l); ++row) {

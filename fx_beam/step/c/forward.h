@@ -279,7 +279,7 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
       int count = d->count - i * WAYS < WAYS ? d->count - i * WAYS : WAYS;
       if (tape->apart) memset(x + at->Y, 0, of_state * sizeof(Ways));
       if (k == 0) {
-        memset(x + at->slides, 0, (at->map - at->slides) * sizeof(Ways));
+        memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(Ways));
         memset(x + at->q, 0, p->dofs * sizeof(Ways)), push(l.of + BEGUN, x);
       }
       if (row == 0) store_state(p, d, at, x, count, k, i * WAYS);
