@@ -35,15 +35,16 @@ def serve():
 
     # Which of them takes the steps depends on the version.
     taker = CompiledLoop if hasattr(CompiledLoop, "march") else Stepper
-    march, seconds = taker.march, []
+    name = "advance" if hasattr(taker, "advance") else "march"
+    advance, seconds = getattr(taker, name), []
 
     def timed(*arguments):
         started = thread_time()
-        state = march(*arguments)
+        state = advance(*arguments)
         seconds.append(thread_time() - started)
         return state
 
-    taker.march = timed
+    setattr(taker, name, timed)
     for line in sys.stdin:
         name, arguments, dt, steps, recorded = CASES[int(line)]
         seconds.clear()

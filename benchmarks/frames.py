@@ -20,7 +20,7 @@ from unittest import mock
 
 import fx_beam as fb
 from fx_beam.parallel import whole
-from fx_beam.step import handover, stepper
+from fx_beam.step import stepper, tables
 from fx_beam.step.lu_layout import COSTS
 
 
@@ -90,7 +90,7 @@ def draw(scene, motion):
 
 def measure(sizes):
     marching: list[float] = []
-    stepper.Stepper.march = timed(stepper.Stepper.march, marching)
+    stepper.Stepper.advance = timed(stepper.Stepper.advance, marching)
     for cells in sizes:
         clock = process_time()
         scene = lattice(cells)
@@ -120,13 +120,13 @@ def compare_turning(cells=60, dt=0.01, steps=15):
     for turn in (0.001, 0.05, 0.2):
         found = []
         for least in (COSTS.least_worth, sys.maxsize):
-            handover.COSTS = COSTS._replace(least_worth=least)
+            tables.COSTS = COSTS._replace(least_worth=least)
             scene = turning(cells, turn / dt)
             record = fb.Record(every=steps)
             stats = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record).stats
             found.append(f"{1e3 * stats.seconds / stats.steps:.1f}")
         print(f"{turn:g} rad a step: {found[0]} ms kept, {found[1]} ms new", flush=True)
-    handover.COSTS = COSTS
+    tables.COSTS = COSTS
 
 
 def middle_frames():
@@ -146,14 +146,14 @@ def compare_storage(runs=5, steps=20, dt=0.01):
     worst, seconds, record = 0.0, [], fb.Record(every=steps)
     sparse = COSTS._replace(narrow=0, band_entry=sys.maxsize)
     forced = {"band": COSTS._replace(narrow=sys.maxsize), "sparse": sparse}
-    stepper.Stepper.march = timed(stepper.Stepper.march, seconds)
+    stepper.Stepper.advance = timed(stepper.Stepper.advance, seconds)
     for name, scene in middle_frames().items():
-        handover.COSTS = COSTS
+        tables.COSTS = COSTS
         stats = fb.simulate(scene, dt=dt, t_end=dt).stats
         chosen = "sparse" if "sparse" in stats.solver else "band"
         found = {storage: [] for storage in forced}
         for storage in [*forced] * runs:
-            handover.COSTS = forced[storage]
+            tables.COSTS = forced[storage]
             seconds.clear()
             fb.simulate(scene, dt=dt, t_end=steps * dt, record=record)
             found[storage].append(1e3 * sum(seconds) / steps)
@@ -170,20 +170,20 @@ def on_processes(cells=200, steps=10, dt=0.01):
 
     The time of a process that waits for others in PETSc counts.
     """
-    made: list[whole.WholeEquations] = []
-    begin = whole.WholeEquations.__init__
+    made: list[whole.DistributedEquations] = []
+    begin = whole.DistributedEquations.__init__
 
     def noted(equations, *arguments):
         begin(equations, *arguments)
         made.append(equations)
 
-    whole.WholeEquations.__init__ = noted
+    whole.DistributedEquations.__init__ = noted
     clock = process_time()
     scene, record = lattice(cells), fb.Record(every=steps)
     print(f"{len(scene.beams)} struts, scene {process_time() - clock:.1f}", flush=True)
     seconds: list[float] = []
     clock = process_time()
-    with mock.patch.object(stepper.Stepper, "march", timed(stepper.Stepper.march, seconds)):
+    with mock.patch.object(stepper.Stepper, "advance", timed(stepper.Stepper.advance, seconds)):
         motion = fb.simulate(scene, dt=dt, t_end=steps * dt, record=record, progress=True)
     stats = motion.stats
     error = abs(motion.energy.balance_error).max() / motion.energy.kinetic.max()

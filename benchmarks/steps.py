@@ -21,7 +21,7 @@ from time import perf_counter
 from demo_scenes import ROOT, scene
 
 import fx_beam as fb
-from fx_beam.step import build, handover
+from fx_beam.step import build, tables
 from fx_beam.studies import reporting
 
 ELEMENTS = (1, 8, 32, 128, 512, 2048)
@@ -66,10 +66,10 @@ def steps_for(elements):
 def phases(elements, runs):
     """Time by phase, in ns per element and step of the pinned beam."""
     steps, beam = steps_for(elements), scene("pinned_beam", elements)
-    load = handover.load_library
-    handover.load_library = functools.partial(build.load_library, "PHASES")
+    load = tables.load_library
+    tables.load_library = functools.partial(build.load_library, "PHASES")
     try:
-        ffi, built = handover.load_library()
+        ffi, built = tables.load_library()
         seconds = ffi.unpack(built.fx_phases(), len(PHASES))
         found = []
         for _ in range(runs):
@@ -78,7 +78,7 @@ def phases(elements, runs):
             seconds = ffi.unpack(built.fx_phases(), len(PHASES))
             found.append([b - a for a, b in zip(before, seconds, strict=True)])
     finally:
-        handover.load_library = load
+        tables.load_library = load
     medians = (1e9 * median(times) / steps / elements for times in zip(*found, strict=True))
     return dict(zip(PHASES, medians, strict=True))
 

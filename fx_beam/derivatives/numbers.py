@@ -30,7 +30,7 @@ OF_OUTPUTS = {
     "dissipated_energy at the start",
 }
 #: Numbers with a row for each sub-step: values of functions of time.
-OF_STEPS = {"loads", "driven", "thrust", "parameters", "naturals", "driven rates"}
+OF_STEPS = {"loads", "driven", "follower force", "parameters", "naturals", "driven rates"}
 # What steps with mean rates read of the state at the start.
 _OF_STATE = "q", "v", "slides", "motors", "internal", "spring_internal", "natural"
 
@@ -52,7 +52,7 @@ def numbers_of(
         of_steps["parameters"] = parameters.over_steps(t0, t1, model.scheme.rates.level)
         of_steps["parameters at the start"] = parameters.at(float(t0[0]))
     if len(followers):
-        of_steps["thrust"] = followers.series(t0, t1)
+        of_steps["follower force"] = followers.series(t0, t1)
     if model.natural:
         of_steps["naturals"] = forcing.naturals(t1)
     return _arrays(_of_model(model) | of_steps | _of_state(model, state))
@@ -104,7 +104,7 @@ def static_numbers_of(
             parameters.at(forcing.time), (rows, 2, len(parameters))
         )
     if len(followers):
-        of_steps["thrust"] = np.repeat(followers.series(t, t), rows, axis=0)
+        of_steps["follower force"] = np.repeat(followers.series(t, t), rows, axis=0)
     if model.natural:
         of_steps["naturals"] = factors[:, None] * forcing.naturals(t)
     return _arrays(_of_model(model) | of_steps | _of_state(model, reference_state(model)))

@@ -18,11 +18,11 @@ from fx_beam.scene.structure import ElsewhereError
 from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.forward import Forward
-from fx_beam.step.handover import Problem
 from fx_beam.step.joint_forces import JointForces
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.static_tape import static_tape
+from fx_beam.step.tables import Problem
 
 from .numbers import static_numbers_of
 from .resultant_outputs import SubSteps

@@ -319,7 +319,7 @@ class ArcLength:
         Such a step consists of a part along the tangent and a part along the tangent at its end.
         The tangent behind a corner has the same sense: one leaves by another way than one comes.
         """
-        if not self.model.may_have_kinks:
+        if not self.model.nonsmooth:
             return None
         try:
             # Beyond the corner flow has begun.

@@ -186,7 +186,7 @@ class LoadStepper:
         determinant of the tangent must keep its sign.
         """
         load = new.t - old.t
-        if self._may_be_cut or not load or not self.model.may_have_kinks:
+        if self._may_be_cut or not load or not self.model.nonsmooth:
             return False
         path = self.path
         try:

@@ -251,7 +251,7 @@ class PathEquations:
         length = self.length(D, dload)
         if not np.isfinite(length):
             raise StepFailed("singular", "the bordered tangent is singular", D, [])
-        sense = bordered.sign if self.model.may_have_kinks else 1.0
+        sense = bordered.sign if self.model.nonsmooth else 1.0
         return Tangent(dy / length, D / length, dload / length, sense)
 
     def with_the_load(self, y: np.ndarray, load: float) -> Tangent:
@@ -267,7 +267,7 @@ class PathEquations:
 
         Only paths of scenes in which forces may have kinks have such corners.
         """
-        if not self.model.may_have_kinks:
+        if not self.model.nonsmooth:
             return None
         # Imported here: most paths have no corner, and the import takes time.
         from scipy.optimize import nnls

@@ -59,7 +59,7 @@ class Piece:
         path.begin(first)
         self._arc, self._motions, self._start = arc, motions, first
         #: Whether measures may jump.
-        self.kinked = self.model.may_have_kinks
+        self.kinked = self.model.nonsmooth
 
         def secant() -> Tangent:
             length = path.length(D, load)

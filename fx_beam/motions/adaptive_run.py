@@ -8,12 +8,12 @@ import numpy as np
 
 from fx_beam.errors import Failure, StepError
 from fx_beam.results.state import State
-from fx_beam.step.attempt import Attempt
 from fx_beam.step.events import end_behind_event
 from fx_beam.step.local_error import AVERAGED, order_and_constant
-from fx_beam.step.recorder import Recorder, Rows, Unrecorded
+from fx_beam.step.recorder import NullRecorder, Recorder, Rows
 from fx_beam.step.step_control import StepControl
 from fx_beam.step.stepper import Stepper, Trial
+from fx_beam.step.steps_result import StepsResult
 
 from .tolerance import Tolerance
 
@@ -72,37 +72,37 @@ class AdaptiveRun:
         first, dt = stats.steps + 1, float(ends[0]) - state.t
         last = self._next == len(self._breaks) - 1
         recorder.plan(first, ends, last and ends[-1] == until)
-        attempt = self._attempt(state, ends, first, recorder)
-        if self._watch and (attempt.switched or (attempt.ratio or 0.0) > 1):
-            attempt, dt = self._up_to_event(attempt, dt)
-        if attempt.taken:
+        result = self._try_steps(state, ends, first, recorder)
+        if self._watch and (result.switched or (result.ratio or 0.0) > 1):
+            result, dt = self._up_to_event(result, dt)
+        if result.taken:
             self._halvings = 0
         length = control.length
-        if attempt.failed:
-            self._fail(attempt.state, dt)
-        elif attempt.ratio is not None and attempt.ratio > 1:
+        if result.failed:
+            self._fail(result.state, dt)
+        elif result.ratio is not None and result.ratio > 1:
             stats.rejected += 1
-            control.reject(dt, attempt.ratio)
+            control.reject(dt, result.ratio)
         else:
-            control.succeed(dt, attempt.before, attempt.ratio)
+            control.succeed(dt, result.before, result.ratio)
         if control.too_short:
-            raise self._too_short(attempt.state.t)
-        kept = control.length == length and attempt.taken == len(ends)
+            raise self._too_short(result.state.t)
+        kept = control.length == length and result.taken == len(ends)
         self._block = min(2 * self._block, _LARGEST_BLOCK) if kept else _FIRST_BLOCK
-        if attempt.state.t == until:
+        if result.state.t == until:
             self._next, self._started = self._next + 1, False
 
-    def _attempt(self, state: State, ends: np.ndarray, first: int, recorder: Rows) -> Attempt:
+    def _try_steps(self, state: State, ends: np.ndarray, first: int, recorder: Rows) -> StepsResult:
         """Take steps of equal length, up to where something switches that matters."""
         stepper, control = self._stepper, self._control
-        attempt = stepper.attempt(state, ends, first, recorder, control, self._watch)
-        if not attempt.switched:
-            return attempt
-        now, next_one = attempt.state, ends[attempt.taken : attempt.taken + 1]
+        result = stepper.try_steps(state, ends, first, recorder, control, self._watch)
+        if not result.switched:
+            return result
+        now, next_one = result.state, ends[result.taken : result.taken + 1]
         if self._matters(now, float(next_one[0])):
-            return attempt
-        step = stepper.attempt(now, next_one, first + attempt.taken, recorder, control)
-        return step._replace(taken=attempt.taken + step.taken)
+            return result
+        step = stepper.try_steps(now, next_one, first + result.taken, recorder, control)
+        return step._replace(taken=result.taken + step.taken)
 
     def _matters(self, state: State, t1: float) -> bool:
         """Whether a step to t1 [s] and two of half its length end in different configurations."""
@@ -125,27 +125,27 @@ class AdaptiveRun:
         stats.rejected += 1
         return trial
 
-    def _up_to_event(self, attempt: Attempt, dt: float) -> tuple[Attempt, float]:
+    def _up_to_event(self, result: StepsResult, dt: float) -> tuple[StepsResult, float]:
         """Take a step of at most the length dt up to where a contact or a law switches in it."""
         stepper, recorder, stats = self._stepper, self._recorder, self._stats
-        state = attempt.state
+        state = result.state
         first = stepper.model.switches(state)
         if not len(first):
-            return attempt, dt
+            return result, dt
         end = end_behind_event(
             first, lambda t: self._trial(state, t, True).switches, state.t, state.t + dt
         )
         if end is None:
-            if not attempt.switched:
-                return attempt, dt
+            if not result.switched:
+                return result, dt
             end = state.t + dt
         number = stats.steps + 1
         recorder.plan(number, np.array([end]), end == self._breaks[-1])
-        step = stepper.attempt(state, np.array([end]), number, recorder, self._control)
+        step = stepper.try_steps(state, np.array([end]), number, recorder, self._control)
         if step.taken:
             self.events.append(end)
             self._started = False
-        return step._replace(taken=attempt.taken + step.taken), end - state.t
+        return step._replace(taken=result.taken + step.taken), end - state.t
 
     def _start(self, state: State, until: float) -> None:
         """Find the first length by trial steps, which are not part of the run."""
@@ -162,9 +162,9 @@ class AdaptiveRun:
                 while ratio is None and not failed:
                     number = round((now.t - state.t) / dt)
                     ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
-                    attempt = self._attempt(now, ends, 1, Unrecorded())
-                    now, ratio, failed = attempt.state, attempt.ratio, attempt.failed
-                    if attempt.switched:
+                    result = self._try_steps(now, ends, 1, NullRecorder())
+                    now, ratio, failed = result.state, result.ratio, result.failed
+                    if result.switched:
                         break
             finally:
                 integrator.past = past
@@ -173,7 +173,7 @@ class AdaptiveRun:
             if failed:
                 self._fail(state, dt)
                 continue
-            if attempt.switched and dt > self._least:
+            if result.switched and dt > self._least:
                 # Fewer steps would have no error that is known up to there.
                 taken = round((now.t - state.t) / dt)
                 control.begin(dt * min((taken + 0.5) / (self._order + AVERAGED + 1), 0.5))

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.results.state import Past, State
-from fx_beam.step.recorder import Recorder, Unrecorded
+from fx_beam.step.recorder import NullRecorder, Recorder
 from fx_beam.validation import is_number, shown
 
 from .fitted_state import FittedState
@@ -66,7 +66,7 @@ class Ending:
                 )
         self._begins = True
 
-    def advance(self, march: Callable[[State], None], kinks: list[float]) -> None:
+    def advance(self, take_steps: Callable[[State], None], kinks: list[float]) -> None:
         """Let a run take a step, which ends where a condition is met in it.
 
         Steps are not joined at `kinks`, times at which the motion is not smooth [s].
@@ -74,7 +74,7 @@ class Ending:
         mark, start = self._mark(), self._recorder.end
         if start is not self._last:
             self._before = None  # full turns are counted separately from here on
-        march(start)
+        take_steps(start)
         end = self._recorder.end
         if end.t == start.t:
             return  # the step is repeated
@@ -117,7 +117,7 @@ class Ending:
         number = self._stepper.stats.steps + 1
         end = np.array([ends[first]])
         self._recorder.plan(number, end, last=True)
-        self._stepper.march(mark.state, end, number, self._recorder)
+        self._stepper.advance(mark.state, end, number, self._recorder)
         self._stepper.stats.until = first
 
     def _zero(self, name: str, mark: _Mark, t0: float, t1: float, last: Any) -> float:
@@ -144,7 +144,7 @@ class Ending:
     def _at(self, name: str, mark: _Mark, t: float) -> Any:
         """Value of a condition after a step from a mark to a time [s], which is not recorded."""
         self._return_to(mark, settle=False)
-        end = self._stepper.march(mark.state, np.array([t]), 1, Unrecorded())
+        end = self._stepper.advance(mark.state, np.array([t]), 1, NullRecorder())
         return self._values_after(mark.state, end, [name])[name]
 
     def _values_after(
@@ -193,7 +193,7 @@ class Ending:
         vars(stepper.stats).update(mark.stats | {"ended_by": dict(mark.stats["ended_by"])})
         if settle:
             self._recorder.end = mark.state
-            self._recorder.settle(mark.rows)
+            self._recorder.truncate(mark.rows)
 
 
 class _Step:

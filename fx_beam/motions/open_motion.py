@@ -98,7 +98,7 @@ class OpenMotion:
         else:
             self.held.set(before)
             self.t = t0
-        self.rows.settle(taken)
+        self.rows.truncate(taken)
 
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""

@@ -9,7 +9,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.results.state import State
 from fx_beam.step.model import Model
-from fx_beam.step.recorder import Record, Recorder, Rows, Unrecorded
+from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
 
 # Steps for which room is made at once.
 _ROWS = 1024
@@ -29,7 +29,7 @@ class OpenRecord:
         turns: np.ndarray,
         times: Callable[[np.ndarray], np.ndarray],
     ):
-        self.recorder: Rows = Unrecorded()
+        self.recorder: Rows = NullRecorder()
         self._times, self._planned = times, 0
         if record is not None:
             self.recorder = Recorder(model, np.array([state.t]), record)
@@ -43,9 +43,9 @@ class OpenRecord:
             self.recorder.plan(step, self._times(np.arange(step, last + 1)), last=False)
             self._planned = last
 
-    def settle(self, steps: int) -> None:
+    def truncate(self, steps: int) -> None:
         """Have the rows of some steps; what was begun after them is forgotten."""
-        self.recorder.settle(1 + steps // self.recorder.every)
+        self.recorder.truncate(1 + steps // self.recorder.every)
 
     def miss(self, turns: np.ndarray) -> None:
         """Note that full turns (size,) [rad] are missing in the rows from here on."""

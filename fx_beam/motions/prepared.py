@@ -22,7 +22,6 @@ from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
 from fx_beam.step.stepper import Stepper
 
-from .carried_state import carried_state, end_of, has_changed
 from .initial_state import (
     check_joints,
     initial_state,
@@ -31,6 +30,7 @@ from .initial_state import (
 )
 from .options import Options
 from .smooth_start import smooth_start
+from .transferred_state import end_of, has_changed, transferred_state
 
 
 class Prepared:
@@ -138,7 +138,7 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
 
 def state_of(model: Model, start: Solution) -> State:
     """Last state of a solution in the numbering of the model; SceneError if it does not fit."""
-    state = carried_state(model, start) if has_changed(model, start) else _same(model, start)
+    state = transferred_state(model, start) if has_changed(model, start) else _same(model, start)
     check_joints(model, state)
     return state
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.parallel.whole import WholeEquations
+from fx_beam.parallel.whole import DistributedEquations
 from fx_beam.results.fields import RESULTANTS
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.grids import Fields, write_collection, write_pieces
@@ -66,7 +66,7 @@ class RowFiles:
         beam = np.repeat(np.arange(len(beams)), [beam.elements for beam in beams])
         make, self._elements = None, [np.arange(len(nodes))]
         equations = prepared.stepper.integrator.single.equations
-        if isinstance(equations, WholeEquations):
+        if isinstance(equations, DistributedEquations):
             self._elements, make = equations.pieces()
         #: Nodes of each process.
         self._nodes, self._arguments = list[np.ndarray](), list[tuple]()

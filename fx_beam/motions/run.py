@@ -129,18 +129,18 @@ class Run:
         """A function that takes the next steps from a state."""
         prepared, recorder, options = self.prepared, self.recorder, self.prepared.options
         if self._control is None:
-            march = self._steps_of_grid(1 if options.until else 1000)
+            take_steps = self._steps_of_grid(1 if options.until else 1000)
         else:
             adaptive = AdaptiveRun(
                 prepared.stepper, recorder, self._control, single=bool(options.until)
             )
-            march, self._events = adaptive.advance, adaptive.events
+            take_steps, self._events = adaptive.advance, adaptive.events
             if order_and_constant(options.scheme)[0] > 2 and prepared.model.loses_at_impacts:
                 _log.warning(_IMPACTS, prepared.stats.scheme)
         if not options.until:
-            return march
+            return take_steps
         ending, kinks = Ending(prepared, recorder), [*options.breaks, recorder.end.t]
-        return lambda state: ending.advance(march, kinks + self._events)
+        return lambda state: ending.advance(take_steps, kinks + self._events)
 
     def _steps_of_grid(self, most: int) -> Callable[[State], None]:
         """A function that takes the next block of steps of the grid."""
@@ -152,7 +152,7 @@ class Run:
             ends = times[first : first + steps]
             if recorder.planned < first + len(ends):
                 recorder.plan(first, ends, last=first + len(ends) == len(times))
-            self.prepared.stepper.march(state, ends, first, recorder)
+            self.prepared.stepper.advance(state, ends, first, recorder)
 
         return advance
 

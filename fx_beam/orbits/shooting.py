@@ -45,7 +45,7 @@ _FINE = 200
 # Times as many steps show whether a motion repeats itself within a period, where it comes back to
 # such a part of its size.
 _FINER, _SAME = 4, 0.03
-_OF_TIME = "loads", "driven", "thrust", "parameters", "naturals"
+_OF_TIME = "loads", "driven", "follower force", "parameters", "naturals"
 
 
 class Directions(NamedTuple):
@@ -241,7 +241,7 @@ class Shooting:
         length = self.length_of(parameter)
         if self.model.keeps_before and state.before is not None:
             state = state.changed(length=length / self.steps)
-        last = self._march(state, self._times(state, length, self.steps))
+        last = self._advance(state, self._times(state, length, self.steps))
         turns = self._turns(state, last)
         end = self._at_start(last.changed(q=last.q - turns, t=state.t))
         if last.before is not None:
@@ -273,12 +273,12 @@ class Shooting:
         y = self.model.couplings.unknowns(states["q"], states["slides"])
         return np.hstack([y, states["v"][:, self._rates]])
 
-    def _march(self, state: State, times: np.ndarray) -> State:
+    def _advance(self, state: State, times: np.ndarray) -> State:
         """The state after steps, which are on the tape."""
         self._tape.clear()
         self.prepared.stepper.load(state)
         recorder = Recorder(self.model, times, _NOTHING)
-        return self.prepared.stepper.march(state, times[1:], 1, recorder)
+        return self.prepared.stepper.advance(state, times[1:], 1, recorder)
 
     @staticmethod
     def _times(state: State, length: float, steps: int) -> np.ndarray:
@@ -326,7 +326,7 @@ class Shooting:
     def first_return(self, state: State, longest: float) -> float | None:
         """Time after which a motion comes back near to its start; None if it does not."""
         steps = max(self.steps, _FINE)
-        self._march(state, self._times(state, longest, steps))
+        self._advance(state, self._times(state, longest, steps))
         free = self.model.reduction.free  # rates have vibrations of stiff directions
         rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
         row = nearest_return(rows / self.model.unit_of_unknowns)
@@ -335,7 +335,7 @@ class Shooting:
     def repeats_within(self, state: State, length: float) -> bool:
         """Whether a motion comes back to its start well before the end of a period."""
         steps = _FINER * self.steps
-        self._march(state, self._times(state, length, steps))
+        self._advance(state, self._times(state, length, steps))
         free = self.model.reduction.free
         rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
         rows = rows / self.model.unit_of_unknowns
@@ -352,7 +352,7 @@ class Shooting:
         self._tape.clear()
         setup.stepper.load(start)
         recorder.record(0, start)
-        setup.stepper.march(start, times[1:], 1, recorder)
+        setup.stepper.advance(start, times[1:], 1, recorder)
         return solution_of(self.model, recorder, setup.stats, lambda: recorder.end)
 
     # -- What does not change -------------------------------------------------------------------

@@ -10,7 +10,6 @@ import numpy as np
 from fx_beam.laws.interval import Interval
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import FORCES, Past, State
-from fx_beam.step.attempt import Attempt, Steps
 from fx_beam.step.events import switched
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.interrupts import uninterrupted
@@ -19,6 +18,7 @@ from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions, StepFailed
 from fx_beam.step.recorder import Recorder, Rows
 from fx_beam.step.single_step import SingleStep
+from fx_beam.step.steps_result import Steps, StepsResult
 from fx_beam.step.substeps import LARGE_TURN
 
 from .local_error import LocalError
@@ -82,8 +82,8 @@ class TeamLoop:
         inputs: LateInputs,
         steps: Steps,
         recorder: Rows,
-        count: Callable[[Attempt], None],
-    ) -> Attempt:
+        count: Callable[[StepsResult], None],
+    ) -> StepsResult:
         """Take the first of some steps or parts, if it succeeds."""
         step, control = Interval(state.t, float(ends[0])), steps.control
         errors, predictor, stats = self._errors, self.predictor, self.stats
@@ -92,29 +92,29 @@ class TeamLoop:
         try:
             starts, new = self._take(state, step)
         except StepFailed:
-            return Attempt(state, 0, failed=True)
-        attempt = Attempt(new, 1)
+            return StepsResult(state, 0, failed=True)
+        result = StepsResult(new, 1)
         if steps.watch:
             switches, first = self._switches(state, starts, new), self.model.switches(state)
-            attempt = attempt._replace(switches=switches, switched=switched(first, switches))
+            result = result._replace(switches=switches, switched=switched(first, switches))
         if control is not None:
             assert errors is not None
             factors = control.factors(step.length)
-            attempt = attempt._replace(ratio=errors.add(new.q - state.q, step.length, *factors))
-        if attempt.switched or (attempt.ratio or 0.0) > 1:
+            result = result._replace(ratio=errors.add(new.q - state.q, step.length, *factors))
+        if result.switched or (result.ratio or 0.0) > 1:
             predictor.memory = prediction
             if errors is not None and memory is not None:
                 errors.memory = memory
             stats.newton_iterations, stats.ended_by = counted
-            return attempt._replace(state=state, taken=0)
+            return result._replace(state=state, taken=0)
         with uninterrupted:
             self._count(state, new, steps.parts)
             self._average(state, new, steps.done)
             recorder.store_starts(steps.first, starts, new, (steps.done, steps.parts))
             if steps.done + 1 == steps.parts:
                 recorder.record(steps.first, new)
-            count(attempt)
-        return attempt
+            count(result)
+        return result
 
     def _switches(self, start: State, starts: list[State], end: State) -> np.ndarray:
         """Values at the end of a step, or of its first sub-step in which one changes its sign."""
@@ -204,8 +204,8 @@ class TeamSingleSteps:
         loop = self._loop
         loop.past = self.now.past  # also where a step was broken off
 
-        def advance(attempt: Attempt) -> None:
-            self._last = replace(attempt.state, past=loop.past), number
+        def advance(result: StepsResult) -> None:
+            self._last = replace(result.state, past=loop.past), number
 
         steps, inputs = Steps(number), LateInputs()
         return not loop.take(self.now, np.array([t1]), inputs, steps, recorder, advance).failed

@@ -53,7 +53,7 @@ def _check(model: Model) -> None:
 
 def share(team: Team, single: SingleStep) -> None:
     """Let all processes evaluate and solve the equations of steps."""
-    equations = WholeEquations(team, single.model, single.forcing, single.newton.options)
+    equations = DistributedEquations(team, single.model, single.forcing, single.newton.options)
     single.use(equations, PartedSolver(single.stats))
 
 
@@ -70,7 +70,7 @@ def shared(team: Team | None, single: SingleStep) -> Iterator[None]:
             single.use(alone)
 
 
-class WholeEquations(Equations):
+class DistributedEquations(Equations):
     """The equations of a step, of which the parts evaluate all but the forces at points."""
 
     def __init__(self, team: Team, model: Model, forcing: Forcing, options: NewtonOptions):
@@ -251,7 +251,7 @@ class PartedSolver:
         self._stiffness = 0.0
 
     def solve(
-        self, equations: WholeEquations, r: np.ndarray, b: np.ndarray, energy: float = 0.0
+        self, equations: DistributedEquations, r: np.ndarray, b: np.ndarray, energy: float = 0.0
     ) -> np.ndarray:
         """Solution (free,) for the reduced tangent; not finite if it is singular.
 

@@ -13,10 +13,10 @@ from fx_beam.scene.joints import joints_by_number
 from fx_beam.structs import Structs
 
 from .element_data import aligned
-from .handover import Problem
 from .layout import Layout
 from .model import Model
 from .pulled_work import PulledWork
+from .tables import Problem
 from .tape import Part, Tape
 
 _NONE = np.empty(0, dtype=int)

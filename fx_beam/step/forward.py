@@ -62,8 +62,9 @@ class Forward:
         model, p = self._model, self._p
         structs = Structs(self._ffi, declarations("problem.h"))
         count = len(next(iter(changes.values())))
-        ways = self._library.WAYS
-        x = _side_by_side(self._vector(changes, count), ways)
+        group_size = self._library.GROUP_SIZE
+        of_steps = self._of_steps(changes, count, len(tape))
+        x = _side_by_side(self._vector(changes, count), group_size)
         masses = x[:, self._layout.of["mass"].start : self._layout.of["weight"].stop]
         of_elements, of_drag = self._adjoint.of_elements(changes, count)
         self._adjoint.hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
@@ -75,9 +76,9 @@ class Forward:
             changes_mass=masses.any(axis=(1, 2)),
             element_numbers=of_elements.shape[1],
             drag_numbers=of_drag.shape[1],
-            of_elements=never_empty(_side_by_side(of_elements, ways)),
-            of_drag=never_empty(_side_by_side(of_drag, ways)),
-            of_steps=never_empty(_side_by_side(self._of_steps(changes, count, len(tape)), ways)),
+            of_elements=never_empty(_side_by_side(of_elements, group_size)),
+            of_drag=never_empty(_side_by_side(of_drag, group_size)),
+            of_steps=never_empty(_side_by_side(of_steps, group_size)),
             x=x,
             scratch=aligned(np.zeros(room)),
         )
@@ -158,13 +159,13 @@ def _rows(changes: Any, count: int, size: int) -> np.ndarray:
     return np.ascontiguousarray(np.array(changes, float).reshape(count, size))
 
 
-def _side_by_side(rows: np.ndarray, ways: int) -> np.ndarray:
-    """Rows (n, size) in groups (groups, size, ways), of which the last one is filled with zeros."""
+def _side_by_side(rows: np.ndarray, group_size: int) -> np.ndarray:
+    """Rows (n, size) in groups (groups, size, group_size), the last one filled with zeros."""
     count, size = rows.shape
-    found = aligned(np.zeros((-(-count // ways), size, ways)))
+    groups = aligned(np.zeros((-(-count // group_size), size, group_size)))
     for i in range(count):
-        found[i // ways, :, i % ways] = rows[i]
-    return found
+        groups[i // group_size, :, i % group_size] = rows[i]
+    return groups
 
 
 def _one_by_one(groups: np.ndarray, count: int) -> np.ndarray:

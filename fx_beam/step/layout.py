@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .handover import Problem
+from .tables import Problem
 
 _FIRST_OF_STEPS, _FIRST_OF_RESULTS = "loads", "Y1"
 
@@ -35,7 +35,7 @@ class Layout:
             "places": (p.sliders, 3),
             "internal": model.forms.internal_shape,
             "loads": (2, p.loads),
-            "thrust": (p.thrusts, 2),
+            "follower force": (p.follower_forces, 2),
             "parameters": (2, p.parameter_count),
         }
 

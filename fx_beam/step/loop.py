@@ -12,17 +12,17 @@ from fx_beam.laws.interval import divided
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import ARRAYS, NUMBERS, ROWS, Past, State
 
-from .attempt import Attempt, Steps
 from .forcing import Forcing
-from .handover import Problem
 from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
 from .joint_forces import JointForces
 from .local_error import order_and_constant
 from .model import Model
 from .newton import NewtonOptions
-from .recorder import Recorder, Rows, Unrecorded
+from .recorder import NullRecorder, Recorder, Rows
 from .single_step import SingleStep
+from .steps_result import Steps, StepsResult
+from .tables import Problem
 from .tape import TakenSteps, Tape
 
 
@@ -115,8 +115,8 @@ class CompiledLoop:
         inputs: StepInputs,
         steps: Steps,
         recorder: Rows,
-        count: Callable[[Attempt], None],
-    ) -> Attempt:
+        count: Callable[[StepsResult], None],
+    ) -> StepsResult:
         """Take steps or parts of equal length, as long as they succeed and this length is right."""
         p = self._problem
         p.controlled, p.watches = steps.control is not None, steps.watch and p.switches > 0
@@ -124,22 +124,22 @@ class CompiledLoop:
             dt = float(ends[0]) - state.t
             p.smooth, p.raw = steps.control.factors(dt)
             p.lowest, p.highest = steps.control.band(dt)
-        attempt = Attempt(state, 0)
+        result = StepsResult(state, 0)
         with uninterrupted:
             taken = self._run(state, ends, inputs, steps, recorder)
             if taken:
                 within = (steps.done + taken) % steps.parts > 0
-                attempt = Attempt(self.state(float(ends[taken - 1]), within), taken)
-                count(attempt)
+                result = StepsResult(self.state(float(ends[taken - 1]), within), taken)
+                count(result)
         if steps.watch and (taken or p.failure == self._library.SWITCHED):
             switches = self.problem.sides[1].copy()
-            attempt = attempt._replace(
+            result = result._replace(
                 switches=switches, switched=p.failure == self._library.SWITCHED
             )
         if p.failure in (self._library.OK, self._library.TOO_INACCURATE) and steps.control:
             before, ratio = (ratio if ratio >= 0 else None for ratio in p.ratios)
-            attempt = attempt._replace(before=before if taken > 1 else None, ratio=ratio)
-        return attempt._replace(
+            result = result._replace(before=before if taken > 1 else None, ratio=ratio)
+        return result._replace(
             failed=p.failure not in self._no_failures,
             error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
         )
@@ -178,7 +178,7 @@ class CompiledLoop:
 
     def _take_loaded(self, inputs: StepInputs, dt: float, recorder: Rows, to: Any) -> int:
         """The same from the state in C, for steps or parts of length dt [s]."""
-        if self.tape is not None and not isinstance(recorder, Unrecorded):
+        if self.tape is not None and not isinstance(recorder, NullRecorder):
             taken = self._run_taped(self.tape, inputs, dt, to)
         else:
             known = len(inputs.driven) // self._problem.sub_steps
@@ -226,12 +226,14 @@ class CompiledLoop:
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""
         c_inputs = self._ffi.new(self._types["Inputs *"])
-        for name in ("loads", "driven", "thrust", "parameters", "natural"):
+        for name in ("loads", "driven", "follower_force", "parameters", "natural"):
             if (values := getattr(inputs, name)).size:
                 first = values[:1]  # contiguous, also where one row stands for all
                 setattr(c_inputs, name, self._address("double[]", first))
         c_inputs.load_stride = inputs.loads.strides[0] // inputs.loads.itemsize
-        c_inputs.thrust_stride = inputs.thrust.strides[0] // inputs.thrust.itemsize
+        c_inputs.follower_stride = (
+            inputs.follower_force.strides[0] // inputs.follower_force.itemsize
+        )
         c_inputs.natural_stride = inputs.natural.strides[0] // inputs.natural.itemsize
         return c_inputs
 
@@ -296,7 +298,7 @@ class CompiledLoop:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
         p = self._problem
         parts = p.sub_steps
-        if not (p.loads or p.driven or p.thrusts or p.parameters_vary or p.naturals):
+        if not (p.loads or p.driven or p.follower_forces or p.parameters_vary or p.naturals):
             return no_inputs(parts, len(times))
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)
@@ -304,10 +306,10 @@ class CompiledLoop:
         try:
             first = slice(1 if self.model.loads.constant else None)
             loads = _of_each_step(forcing.loads(t0[first], t1[first]), len(t1))
-            thrust = np.empty((len(t1), 0))
+            follower_force = np.empty((len(t1), 0))
             if len(follow):
                 first = slice(1 if follow.constant else None)
-                thrust = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
+                follower_force = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
             parameters = self.model.forms.parameters
             values = np.empty((len(t1), 2, 0))
             if parameters.vary:
@@ -316,7 +318,7 @@ class CompiledLoop:
             if self.model.natural:
                 first = slice(1 if self.model.natural.constant else None)
                 natural = _of_each_step(forcing.naturals(t1[first]), len(t1))
-            return StepInputs(loads, forcing.series(t1), thrust, values, natural, parts)
+            return StepInputs(loads, forcing.series(t1), follower_force, values, natural, parts)
         except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
             inputs = self.inputs(t, times[:before]) if before else no_inputs(parts)
@@ -342,7 +344,7 @@ class StepInputs(NamedTuple):
 
     loads: np.ndarray
     driven: np.ndarray
-    thrust: np.ndarray
+    follower_force: np.ndarray
     #: Values (sub-steps, 2, n) at the scheme's level and at the end; (..., 0) if none varies.
     parameters: np.ndarray
     #: Natural strains (sub-steps, n) at the end.
@@ -353,7 +355,7 @@ class StepInputs(NamedTuple):
 
     def after(self, steps: int) -> StepInputs:
         """The inputs of the steps after some."""
-        names = "loads", "driven", "thrust", "parameters", "natural"
+        names = "loads", "driven", "follower_force", "parameters", "natural"
         return self._replace(**{name: getattr(self, name)[steps * self.parts :] for name in names})
 
 

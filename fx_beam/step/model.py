@@ -247,7 +247,7 @@ class Model:
         return self.forms.internal_shape[-1] > 0 or self.points.width > 0
 
     @functools.cached_property
-    def may_have_kinks(self) -> bool:
+    def nonsmooth(self) -> bool:
         """Whether the slopes of forces may change at once: flow, contact, functions of a user."""
         own = any(beam.section.strain_energy for beam in self.scene.beams)
         own = own or self.points.any_have("overshoots") or bool(self.scene.virtual_works)

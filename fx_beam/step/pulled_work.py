@@ -12,8 +12,8 @@ from fx_beam.fem import dolfinx_api
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.pulled_form import BoundPull
 
-from .handover import Problem
 from .kernels import Kernel
+from .tables import Problem
 
 # These derivatives come first, in this order; the others are summed for each element.
 _FIRST = "work", "increment", "start", "before", "internal", "natural", "natural_end"

@@ -102,7 +102,7 @@ class Record:
             raise SceneError("Record: times need every=1 and motion=True")
 
 
-class Unrecorded:
+class NullRecorder:
     """In place of a `Recorder`, for trial steps."""
 
     every, last, rows, starts, complete = np.iinfo(np.int32).max, -1, 0, 0, 0
@@ -129,7 +129,7 @@ class Unrecorded:
     def record(self, step: int, state: State) -> None:
         """Nothing."""
 
-    def settle(self, rows: int) -> None:
+    def truncate(self, rows: int) -> None:
         """Nothing."""
 
 
@@ -224,7 +224,7 @@ class Recorder:
         """Count all rows that are written, and all starts."""
         self.rows, self._starts.count = rows, starts
 
-    def settle(self, rows: int) -> None:
+    def truncate(self, rows: int) -> None:
         """Have some rows, which are written; what was begun after them is forgotten."""
         self.rows = rows
         self._starts.count = self.complete
@@ -232,7 +232,7 @@ class Recorder:
     def settle_at_end(self) -> None:
         """Have the rows up to the last state: an exception may have come between the two."""
         times = self._times[self._steps[: self.rows]]
-        self.settle(int(np.searchsorted(times, self.end.t, side="right")))
+        self.truncate(int(np.searchsorted(times, self.end.t, side="right")))
 
     def forget(self) -> None:
         """Have the last two rows only, on which the next ones depend."""
@@ -440,4 +440,4 @@ class Recorder:
 
 
 #: What takes the rows of steps.
-Rows = Recorder | Unrecorded
+Rows = Recorder | NullRecorder

@@ -106,7 +106,7 @@ class SingleStepper:
             self.count()
             before = self.state()
             self._last = before, number - 1
-            after = stepper.march(before, np.array([t1]), number, recorder)
+            after = stepper.advance(before, np.array([t1]), number, recorder)
             memory = self._halving.memory
             self._last = replace(after, parts=memory, past=stepper.integrator.past), number
             self.settle()

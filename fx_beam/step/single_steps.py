@@ -13,10 +13,10 @@ from fx_beam.fem.loads import columns_of
 from fx_beam.results.state import ARRAYS, State
 from fx_beam.validation import Constant
 
-from .attempt import Steps
 from .held_inputs import Hold, Ramp
 from .loop import CompiledLoop, StepInputs, no_inputs
-from .recorder import Recorder, Rows, Unrecorded
+from .recorder import NullRecorder, Recorder, Rows
+from .steps_result import Steps
 
 # Steps whose functions of time are evaluated at once.
 _BLOCK = 64
@@ -35,7 +35,7 @@ class CompiledSingleSteps:
         self._p, self._run = problem.c, problem.library.fx_run
         if forces:
             problem.c.keeps_joint_forces = True
-        self._unrecorded = loop.c_record(Unrecorded(), Steps(1), 1)
+        self._unrecorded = loop.c_record(NullRecorder(), Steps(1), 1)
         #: The present state: arrays of C.
         self.now = SimpleNamespace(
             **{name: problem.state_arrays[name].reshape(loop.shapes[name]) for name in ARRAYS}
@@ -49,17 +49,17 @@ class CompiledSingleSteps:
         """Arrays of the loads and driven motions of a step, with views for those that are held."""
         model, p = self._loop.model, self._p
         forcing, steps = self._loop.forcing, p.sub_steps
-        thrusts = len(model.points.followers)
+        follower_forces = len(model.points.followers)
         self._inputs = StepInputs(
             np.zeros((steps, 2, p.loads)),
             np.zeros((steps, p.driven)),
-            np.zeros((steps, thrusts, 2)),
+            np.zeros((steps, follower_forces, 2)),
             np.zeros((steps, 2, len(model.forms.parameters))),
             np.zeros((steps, model.natural.columns.shape[1])),
             steps,
         )
         self._c_inputs = self._loop.c_inputs(self._inputs)
-        loads, driven, thrust, parameters, natural = self._inputs[:5]
+        loads, driven, follower_force, parameters, natural = self._inputs[:5]
         ends = np.cumsum(model.scheme.fractions)
         ends[-1] = 1.0
         starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level
@@ -69,7 +69,7 @@ class CompiledSingleSteps:
         self._holds, self._ramps = [], []
         #: Whether other functions change in time.
         self._varies = False
-        for function, view in (*_views(model.scene, loads, thrust),):
+        for function, view in (*_views(model.scene, loads, follower_force),):
             if isinstance(function, Hold):
                 self._holds.append((function, view))
             elif not isinstance(function, Constant):
@@ -163,12 +163,12 @@ class CompiledSingleSteps:
         self._loop.count(taken)
 
 
-def _views(scene, loads: np.ndarray, thrust: np.ndarray) -> Iterator[tuple]:
+def _views(scene, loads: np.ndarray, follower_force: np.ndarray) -> Iterator[tuple]:
     """The functions of all loads, each with its view of the arrays of a step."""
     column = turning = 0
     for load in scene.loads:
         if load.follower:
-            yield load.value, thrust[:, turning]
+            yield load.value, follower_force[:, turning]
             turning += 1
         else:
             width = columns_of(load)

@@ -10,8 +10,8 @@ import numpy as np
 from fx_beam.results.state import State
 
 from .forcing import LoadForcing
-from .handover import Problem
 from .model import Model
+from .tables import Problem
 from .tape import Tape
 
 
@@ -25,9 +25,9 @@ def static_tape(
     """
     model, t = problem.model, np.array([forcing.time])
     loads, parameters = model.loads.series(t)[0], model.forms.parameters
-    thrust, values, strains = np.empty(0), np.empty(0), np.empty(0)
+    follower_force, values, strains = np.empty(0), np.empty(0), np.empty(0)
     if len(model.points.followers):
-        thrust = model.points.followers.series(t, t)
+        follower_force = model.points.followers.series(t, t)
     if len(parameters):
         values = parameters.at(forcing.time)
     if model.natural:
@@ -40,7 +40,7 @@ def static_tape(
                 [forcing.time - length, length, new.t, 1.0, 0.0],
                 *(old.q, np.zeros(model.size), old.slides, _or_none(old.internal)),
                 *(_at_start(model, old, new), _or_none(old.natural)),
-                *(new.t * loads, new.t * loads, thrust, new.t * strains),
+                *(new.t * loads, new.t * loads, follower_force, new.t * strains),
                 *(values, _increments(model, old, new)),
             ]
         )

@@ -11,12 +11,12 @@ from fx_beam.errors import StepError
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 
-from .attempt import Attempt, Steps
 from .model import Model
 from .newton import StepFailed
-from .recorder import Recorder, Rows, Unrecorded
+from .recorder import NullRecorder, Recorder, Rows
 from .single_step import SingleStep
 from .step_control import StepControl
+from .steps_result import Steps, StepsResult
 from .substeps import Halving
 
 
@@ -53,8 +53,8 @@ class Integrator(Protocol):
         inputs: Any,
         steps: Steps,
         recorder: Rows,
-        count: Callable[[Attempt], None],
-    ) -> Attempt:
+        count: Callable[[StepsResult], None],
+    ) -> StepsResult:
         """Take steps or parts of equal length up to the first that fails, or only the first one.
 
         They are recorded and counted without an interrupt, and `count` is called after some.
@@ -90,7 +90,7 @@ class Stepper:
         self.integrator.past = state.past
         self.halving.resume(state.parts)
 
-    def march(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
+    def advance(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
         """State at the last of `times`, the ends of steps from number `first` on.
 
         StepError if a step fails after all halvings, or if a function of time fails.
@@ -112,33 +112,33 @@ class Stepper:
                 grid = np.concatenate([[t0], times])
                 ends = halving.ends(grid[done:])
                 now = integrator.inputs(state.t, ends)
-            attempt, steps = self._take(state, ends, now, first + done, recorder)
-            if attempt.failed and not self._halve():
+            result, steps = self._take(state, ends, now, first + done, recorder)
+            if result.failed and not self._halve():
                 end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
-                raise self._error(attempt.state, end)
-            state, done, inputs = attempt.state, done + steps, inputs.after(steps)
-            if attempt.error is not None:
-                raise attempt.error
+                raise self._error(result.state, end)
+            state, done, inputs = result.state, done + steps, inputs.after(steps)
+            if result.error is not None:
+                raise result.error
         return state
 
     def _take(
         self, state: State, ends: np.ndarray, inputs: Inputs, first: int, recorder: Rows
-    ) -> tuple[Attempt, int]:
+    ) -> tuple[StepsResult, int]:
         """What came of steps or parts of steps, and the number of steps that are complete."""
         halving, integrator = self.halving, self.integrator
         parts = halving.parts
         before = self.stats.steps
 
-        def count(attempt: Attempt) -> None:
-            self.stats.steps += halving.take(attempt.taken)
+        def count(result: StepsResult) -> None:
+            self.stats.steps += halving.take(result.taken)
             if halving.parts != parts:
                 # Where steps fail, predictions from steps of another length lead astray.
                 integrator.forget_past()
-            recorder.end = attempt.state
+            recorder.end = result.state
 
         steps = Steps(first, halving.done, parts)
-        attempt = integrator.take(state, ends, inputs, steps, recorder, count)
-        return attempt, self.stats.steps - before
+        result = integrator.take(state, ends, inputs, steps, recorder, count)
+        return result, self.stats.steps - before
 
     def _halve(self) -> bool:
         """Halve the steps after a failure; False if this is no longer allowed."""
@@ -155,14 +155,14 @@ class Stepper:
         past, inputs = integrator.past, integrator.inputs(state.t, ends)
         steps = Steps(1, watch=watch)
         try:
-            attempt = integrator.take(
-                state, ends, inputs, steps, Unrecorded(), lambda attempt: None
+            result = integrator.take(
+                state, ends, inputs, steps, NullRecorder(), lambda result: None
             )
         finally:
             integrator.past = past
-        return Trial(attempt.state if attempt.taken else None, attempt.switches)
+        return Trial(result.state if result.taken else None, result.switches)
 
-    def attempt(
+    def try_steps(
         self,
         state: State,
         ends: np.ndarray,
@@ -170,7 +170,7 @@ class Stepper:
         recorder: Rows,
         control: StepControl,
         watch: bool = False,
-    ) -> Attempt:
+    ) -> StepsResult:
         """Take steps of equal length from number `first` on, as long as this length is right.
 
         With `watch` only up to where a contact or a law switches.
@@ -178,14 +178,14 @@ class Stepper:
         inputs = self.integrator.inputs(state.t, ends)
         steps = Steps(first, control=control, watch=watch)
 
-        def count(attempt: Attempt) -> None:
-            self.stats.steps += attempt.taken
-            recorder.end = attempt.state
+        def count(result: StepsResult) -> None:
+            self.stats.steps += result.taken
+            recorder.end = result.state
 
-        attempt = self.integrator.take(state, ends, inputs, steps, recorder, count)
-        if attempt.error is not None:
-            raise attempt.error
-        return attempt
+        result = self.integrator.take(state, ends, inputs, steps, recorder, count)
+        if result.error is not None:
+            raise result.error
+        return result
 
     # -- Errors -----------------------------------------------------------------------------------
 

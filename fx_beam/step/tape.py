@@ -10,7 +10,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.results.state import NUMBERS
 
-from .handover import Problem
+from .tables import Problem
 
 # Numbers of a row before its arrays: start, length, memory, and shares of means (c/tape.h).
 TAPED_NUMBERS = 5

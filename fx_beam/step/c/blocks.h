@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include "sliders.h"
 
-/* Changes in WAYS directions. */
-typedef Four Ways;
+/* Changes in GROUP_SIZE directions. */
+typedef Four Changes;
 
 /* An entry of a Jacobian: the number `to` changes by `slope` times the change of `from`. */
 typedef struct {
@@ -38,14 +38,14 @@ static inline void put(Block *b, int from, int to, double slope) {
 static inline double slope_in(const Block *b, long k) { return b->value ? b->sign[k] * b->values[b->value[k]] : 1; }
 
 /* What the same number changes by is added up before it is stored. */
-static void push(const Block *b, Ways *x) {
-  Ways *to_array = x + b->to_array, *from_array = x + b->from_array;
+static void push(const Block *b, Changes *x) {
+  Changes *to_array = x + b->to_array, *from_array = x + b->from_array;
   for (long k = 0; b->from && k < b->count; ++k) to_array[b->to[k]] += slope_in(b, k) * from_array[b->from[k]];
   if (b->from) return;
   const Entry *e = b->entry, *end = e + b->count;
   while (e < end) {
     int to = e->to;
-    Ways sum = x[to];
+    Changes sum = x[to];
     for (; e < end && e->to == to; ++e) sum += e->slope * x[e->from];
     x[to] = sum;
   }
@@ -58,8 +58,8 @@ static void pull(const Block *b, double *x) {
   for (const Entry *e = b->entry + b->count; e-- > b->entry;) x[e->from] += e->slope * x[e->to];
 }
 
-static Ways sum_of_products(int n, const double *slopes, const Ways *x) {
-  Ways sum = {0};
+static Changes sum_of_products(int n, const double *slopes, const Changes *x) {
+  Changes sum = {0};
   for (int i = 0; i < n; ++i) sum += slopes[i] * x[i];
   return sum;
 }
@@ -104,7 +104,7 @@ Layout fx_layout(const Problem *p, const Adjoint *a) {
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(before, n), ARRAY(internal, internal);
   ARRAY(spring_internal, p->spring_width), ARRAY(natural, natural);
-  ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(thrust, 2 * p->thrusts);
+  ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->follower_forces);
   ARRAY(parameters, 2 * p->parameter_count), ARRAY(naturals, p->naturals);
   ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders);
   ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->spring_width), ARRAY(map, 1 + 4 * joints);

@@ -11,8 +11,8 @@ static void begin_points(const Problem *p, const Work *w) {
   find_slide_rates(p);
   double t = p->t + p->level * w->dt;
   fx_begin_points(points, p->q, p->v, p->slides, p->slide_rate, t, w->dt, p->spring_internal);
-  for (int i = 0; i < p->thrusts; ++i)
-    memcpy(points->of[points->external + i].numbers, w->thrust + 2 * i, 2 * sizeof(double));
+  for (int i = 0; i < p->follower_forces; ++i)
+    memcpy(points->of[points->external + i].numbers, w->follower_force + 2 * i, 2 * sizeof(double));
 }
 
 static void evaluate_slides(const Problem *p, const Work *w) {

@@ -81,16 +81,16 @@ static void pull_bodies(const Problem *p, const Work *w, const Adjoint *a, const
 }
 
 /* Adds the changes of the forces of inertia and weight. */
-static void push_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Ways *x) {
+static void push_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
   double per_dt = rates_per_path(p, w->dt);
-  const Ways *q = x + at->q, *end = x + at->q1, *v = x + at->v;
-  Ways *moving = x + at->R; /* which begins afterwards */
+  const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v;
+  Changes *moving = x + at->R; /* which begins afterwards */
   for (int i = 0; i < p->dofs; ++i) {
-    Ways increment = held ? -q[i] : end[i] - q[i];
+    Changes increment = held ? -q[i] : end[i] - q[i];
     moving[i] = per_dt * (per_dt / 2 * w->slope[i] * increment - v[i]);
   }
   for (int i = 0; i < p->dofs; ++i) {
-    Ways sum = x[at->r + i];
+    Changes sum = x[at->r + i];
     for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k) sum += p->mass[k] * moving[p->mass_column[k]];
     for (int k = p->mass_start[i]; changes_mass && k < p->mass_start[i + 1]; ++k)
       sum += x[at->mass + k] * w->acc[p->mass_column[k]];
@@ -152,7 +152,7 @@ static void find_slopes(const Problem *p, const Pulled *of, int by_ends, const d
 }
 
 /* Adds the products of slopes [number][weight][lane], of one lane, and changes. */
-INLINED void add_products(int numbers, int weights, const double *slopes, const Ways *x, Ways *sums) {
+INLINED void add_products(int numbers, int weights, const double *slopes, const Changes *x, Changes *sums) {
   for (int q = 0; q < numbers; ++q)
 #pragma GCC unroll 12
     for (int k = 0; k < weights; ++k, slopes += LANES) sums[k] += *slopes * x[q];
@@ -160,13 +160,13 @@ INLINED void add_products(int numbers, int weights, const double *slopes, const 
 
 /* The change of the forces of an element, or of the increments of its internal variables, by those of its numbers: those
    before `tail` in x. With `held` the end does not change. */
-INLINED void sum_pieces(const Pulled *of, int held, int internal, int weights, const double *slopes, const Ways *x,
-                        int before_tail, const Ways *tail, int n, int m, Ways *sums) {
+INLINED void sum_pieces(const Pulled *of, int held, int internal, int weights, const double *slopes, const Changes *x,
+                        int before_tail, const Changes *tail, int n, int m, Changes *sums) {
   slopes += LANES; /* behind the work */
-  for (int k = 0; k < weights; ++k) sums[k] = (Ways){0};
+  for (int k = 0; k < weights; ++k) sums[k] = (Changes){0};
   for (int i = 0; i < of->pieces; ++i) {
     int numbers = of->piece_size[i], at = of->piece_at[i];
-    const Ways *own = at < before_tail ? x + at : tail + (at - before_tail);
+    const Changes *own = at < before_tail ? x + at : tail + (at - before_tail);
     if (of->of_internal[i] == internal && !(held && is_by_increment(of, i)))
       add_products(numbers, weights, slopes, own, sums);
     slopes += (long)numbers * (of->of_internal[i] ? m : n) * LANES;
@@ -176,23 +176,23 @@ INLINED void sum_pieces(const Pulled *of, int held, int internal, int weights, c
 /* Adds the change of the forces of elements with n degrees of freedom, or with `grows` that of their internal variables
    to these. */
 INLINED void change_cells(int n, const Problem *p, const Pulled *of, const double *slopes, int by_ends, const Layout *at,
-                          int fixed, Ways *changes, const Ways *tail, int grows) {
+                          int fixed, Changes *changes, const Changes *tail, int grows) {
   const Form *form = &of->slopes;
   int m = p->cell_internal, all = numbers_of_element(p, of), s = p->cell_natural;
   int held = by_ends && fixed, strained[] = {of->natural, of->natural_end};
-  const Ways *natural[] = {changes + at->natural, changes + at->natural1}, *end = changes + at->q1, *q = changes + at->q;
-  Ways *inner = changes + at->internal;
-  Ways x[all], sums[n + m];
+  const Changes *natural[] = {changes + at->natural, changes + at->natural1}, *end = changes + at->q1, *q = changes + at->q;
+  Changes *inner = changes + at->internal;
+  Changes x[all], sums[n + m];
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *own = form->of + i;
     for (long cell = 0; cell < own->cells; ++cell) {
       long block = cell / LANES, lane = cell % LANES;
       const double *of_cell = slopes + block * of->slope_numbers * LANES + lane;
       const int *dofs = own->dofs + block * n * LANES + lane, *inside = own->internal + block * m * LANES + lane;
-      Ways *to = x;
+      Changes *to = x;
       for (int k = 0; of->increment && k < n; ++k) {
         int dof = dofs[k * LANES];
-        to[k] = held ? (Ways){0} : by_ends ? end[dof] : fixed ? -q[dof] : end[dof] - q[dof];
+        to[k] = held ? (Changes){0} : by_ends ? end[dof] : fixed ? -q[dof] : end[dof] - q[dof];
       }
       to += of->increment * n;
       for (int k = 0; of->start && k < n; ++k) *to++ = q[dofs[k * LANES]];
@@ -200,9 +200,9 @@ INLINED void change_cells(int n, const Problem *p, const Pulled *of, const doubl
       for (int k = 0; of->internal && k < m; ++k) *to++ = inner[inside[k * LANES]];
       for (int k = 0; k < 2; ++k)
         for (int l = 0; strained[k] && l < s; ++l) *to++ = natural[k][own->natural[(block * s + l) * LANES + lane]];
-      const Ways *behind = tail + cell * of->tail;
+      const Changes *behind = tail + cell * of->tail;
       if (of->parameters_at >= 0) {
-        behind = memcpy(to, behind, of->tail * sizeof(Ways));
+        behind = memcpy(to, behind, of->tail * sizeof(Changes));
         for (int k = 0; k < form->parameters; ++k) to[of->parameters_at + k] = changes[at->parameters + form->parameter[k]];
       }
       if (grows) {
@@ -219,7 +219,7 @@ INLINED void change_cells(int n, const Problem *p, const Pulled *of, const doubl
 }
 
 static void change_elements(const Problem *p, const Pulled *of, const double *slopes, int by_ends, const Layout *l,
-                            int held, Ways *x, const Ways *tail) {
+                            int held, Changes *x, const Changes *tail) {
   if (p->cell_dofs == 6) change_cells(6, p, of, slopes, by_ends, l, held, x, tail, 0); /* sums stay in registers */
   else change_cells(p->cell_dofs, p, of, slopes, by_ends, l, held, x, tail, 0);
 }

@@ -1,5 +1,5 @@
 /* The derivatives of a run, forwards (docs/theory/derivatives.md): from changes of the numbers of a scene to
-   those of the states at the ends of sub-steps. Each direction is a change of all numbers. A group of WAYS directions
+   those of the states at the ends of sub-steps. Each direction is a change of all numbers. A group of GROUP_SIZE directions
    is followed at once, as all of them need the same numbers of a sub-step; in the comments "the change" of something
    is that in the directions of a group. */
 
@@ -9,13 +9,13 @@
 
 /* Room for changes in a sub-step: right sides and solutions (work.h), and those of borders. */
 typedef struct {
-  Ways *block, *on_borders;
+  Changes *block, *on_borders;
   double *found, *trial, *inside;
   FixedPoint following;
   /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
   int moves_joints;
   int *reached;
-} Change;
+} Forward;
 
 static int any(long n, const double *values) {
   for (long i = 0; i < n; ++i)
@@ -23,23 +23,23 @@ static int any(long n, const double *values) {
   return 0;
 }
 
-static Ways *allocate_ways(double **at, long n) { return (Ways *)allocate(at, n * WAYS); }
+static Changes *allocate_changes(double **at, long n) { return (Changes *)allocate(at, n * GROUP_SIZE); }
 
-static long lay_out_forward(const Problem *p, const Adjoint *a, Change *c, Slopes *s, double *at) {
+static long lay_out_forward(const Problem *p, const Adjoint *a, Forward *c, Slopes *s, double *at) {
   double *begin = at;
   const Pulled *works[] = {&a->internal_forces, &a->drag};
-  c->on_borders = allocate_ways(&at, p->borders);
-  c->block = allocate_ways(&at, p->positions), c->reached = (int *)allocate(&at, p->positions);
+  c->on_borders = allocate_changes(&at, p->borders);
+  c->block = allocate_changes(&at, p->positions), c->reached = (int *)allocate(&at, p->positions);
   for (int i = 0; i < 2; ++i)
     s->of_elements[i] = allocate(&at, blocks_of(&works[i]->slopes) * works[i]->slope_numbers * LANES);
-  long followed = (long)WAYS * p->points->followed.size;
+  long followed = (long)GROUP_SIZE * p->points->followed.size;
   c->found = allocate(&at, followed), c->trial = allocate(&at, followed);
   c->following.size = followed, c->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
   return at - begin;
 }
 
 long fx_forward_scratch(const Problem *p, const Adjoint *a) {
-  Change c;
+  Forward c;
   Slopes s;
   return lay_out_forward(p, a, &c, &s, 0);
 }
@@ -64,9 +64,9 @@ static int factorise_tangent(Problem *p, const Work *w) {
 }
 
 /* Unknowns of the borders, and the others with them (solve_borders). */
-static void change_borders(const Problem *p, const Work *w, const Change *c) {
+static void change_borders(const Problem *p, const Work *w, const Forward *c) {
   int m = p->borders;
-  Ways *g = c->on_borders;
+  Changes *g = c->on_borders;
   memset(g, 0, m * sizeof *g);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     if (a->column < p->free) /* the slide is an unknown of the other equations that is its right side there */
@@ -83,7 +83,7 @@ static void change_borders(const Problem *p, const Work *w, const Change *c) {
 }
 
 /* Solves for the right sides of the block, by the tangent's factors. */
-static void solve_right_sides(const Problem *p, const Work *w, const Change *c) {
+static void solve_right_sides(const Problem *p, const Work *w, const Forward *c) {
   int middle = middle_of_tangent(p);
   Work own = *w;
   own.block = (double *)c->block, own.reached = c->reached;
@@ -95,12 +95,12 @@ static void solve_right_sides(const Problem *p, const Work *w, const Change *c) 
 }
 
 /* Rows [direction][size] of changes. */
-static void store_rows(const Ways *from, long size, int count, double *to) {
+static void store_rows(const Changes *from, long size, int count, double *to) {
   for (long i = 0; i < size; ++i)
     for (int j = 0; j < count; ++j) to[j * size + i] = from[i][j];
 }
 
-static void store_state(const Problem *p, const Directions *d, const Layout *at, const Ways *x, int count, long boundary,
+static void store_state(const Problem *p, const Directions *d, const Layout *at, const Changes *x, int count, long boundary,
                         long first) {
   long k = d->row_at[boundary], row = k * d->count + first, n = p->dofs;
   if (k < 0) return;
@@ -119,20 +119,20 @@ static void store_state(const Problem *p, const Directions *d, const Layout *at,
 }
 
 /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
-static int holds_ends(const Problem *p, const Layout *at, const Change *c, const Ways *x) {
-  return !c->moves_joints && !any((long)p->driven * WAYS, (const double *)(x + at->driven));
+static int holds_ends(const Problem *p, const Layout *at, const Forward *c, const Changes *x) {
+  return !c->moves_joints && !any((long)p->driven * GROUP_SIZE, (const double *)(x + at->driven));
 }
 
 /* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. */
-static void set_ends(const Problem *p, const Linear *l, const Change *c, int held, const Ways *solution,
-                     Ways *x) {
+static void set_ends(const Problem *p, const Linear *l, const Forward *c, int held, const Changes *solution,
+                     Changes *x) {
   const Layout *at = &l->at;
   const int *order = order_now(p);
   int first = solution ? p->free : 0, forces = p->points->all || p->points->members;
   for (int i = 0; i < first; ++i) x[at->Y1 + i] = -solution[order[i]];
   if (!held || forces || p->joints || p->closures || p->sliders)
-    memset(x + at->Y1 + first, 0, (at->natural1 - at->Y1 - first) * sizeof(Ways));
-  memset(x + at->natural1, 0, (at->internal1 - at->natural1) * sizeof(Ways));
+    memset(x + at->Y1 + first, 0, (at->natural1 - at->Y1 - first) * sizeof(Changes));
+  memset(x + at->natural1, 0, (at->internal1 - at->natural1) * sizeof(Changes));
   if (held) push(l->of + STRAINED, x), push(l->of + WEIGHED, x);
   for (int i = STRAINED; !held && i <= PLACED; ++i)
     if (i != ARMS || c->moves_joints) push(l->of + i, x);
@@ -140,32 +140,32 @@ static void set_ends(const Problem *p, const Linear *l, const Change *c, int hel
 
 /* The changes of forces and rows for that of the configuration at the end. */
 static void push_forces(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s,
-                        const Directions *d, const Change *c, long group, int held, Ways *x) {
+                        const Directions *d, const Forward *c, long group, int held, Changes *x) {
   const Layout *at = &l->at;
-  memset(x + at->springs1, 0, (at->R - at->springs1) * sizeof(Ways));
+  memset(x + at->springs1, 0, (at->R - at->springs1) * sizeof(Changes));
   change_elements(p, &a->internal_forces, s->of_elements[0], s->by_ends[0], at, held, x,
-                  (Ways *)d->of_elements + group * d->element_numbers);
+                  (Changes *)d->of_elements + group * d->element_numbers);
   change_elements(p, &a->drag, s->of_elements[1], s->by_ends[1], at, held, x,
-                  (Ways *)d->of_drag + group * d->drag_numbers);
+                  (Changes *)d->of_drag + group * d->drag_numbers);
   push_inertia(p, w, at, d->changes_mass[group], held, x);
-  memset(x + at->R, 0, (at->size - at->R) * sizeof(Ways)); /* after its use as room */
+  memset(x + at->R, 0, (at->size - at->R) * sizeof(Changes)); /* after its use as room */
   for (int i = TOUCHED; i <= SLID; ++i) push(l->of + i, x);
   if (c->moves_joints) push(l->of + LEVERS, x);
   for (int i = CARRIED; i <= MAPPED; ++i) push(l->of + i, x);
 }
 
 /* The right sides of the block. */
-static void set_right_sides(const Problem *p, const Layout *at, const Ways *x, Ways *block) {
+static void set_right_sides(const Problem *p, const Layout *at, const Changes *x, Changes *block) {
   const int *order = order_now(p);
   for (int i = 0; i < p->free; ++i) block[order[i]] = x[at->R + i];
-  for (int i = p->free; i < p->unknowns; ++i) block[order[i]] = (Ways){0};
+  for (int i = p->free; i < p->unknowns; ++i) block[order[i]] = (Changes){0};
   for (int i = 0; i < p->closures; ++i) block[order[p->unknowns - p->closures + i]] = x[at->gaps + i];
 }
 
 /* The changes of closing forces and of forces of joints, and of those that friction follows. */
-static void push_joints(const Problem *p, const Work *w, const Linear *l, const Change *c, Ways *x) {
+static void push_joints(const Problem *p, const Work *w, const Linear *l, const Forward *c, Changes *x) {
   const Layout *at = &l->at;
-  for (int j = 0; p->closures && j < WAYS; ++j) {
+  for (int j = 0; p->closures && j < GROUP_SIZE; ++j) {
     for (int i = 0; i < p->closures; ++i) w->gap[i] = x[at->R + p->loop_column[p->following[i]]][j];
     solve_gaps_transposed(p, w, w->part_virtual, w->order_virtual, w->gap);
     for (int i = 0; i < p->closures; ++i) x[at->closing + i][j] = w->gap[i];
@@ -175,16 +175,16 @@ static void push_joints(const Problem *p, const Work *w, const Linear *l, const 
 }
 
 /* Sets the changes of the forces that friction follows; returns whether they are others. */
-static int change_followed(const Problem *p, Change *c, const Layout *at, Ways *x) {
+static int change_followed(const Problem *p, Forward *c, const Layout *at, Changes *x) {
   long n = 0;
   for (int set = 0, changed = 0; set < 2; ++set, n = 0) {
     if (set && !(changed = next_trial(&c->following, c->found, 0, c->trial))) return 0;
     for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e) {
       if (e->load < 0) continue;
-      Ways *followed = x + at->spring_internal + e->first_internal + FOLLOWED;
-      for (int j = 0; j < WAYS; ++j, ++n)
+      Changes *followed = x + at->spring_internal + e->first_internal + FOLLOWED;
+      for (int j = 0; j < GROUP_SIZE; ++j, ++n)
         if (set) (*followed)[j] = c->trial[n];
-        else c->trial[n] = (*followed)[j], c->found[n] = x[at->followed + n / WAYS][j];
+        else c->trial[n] = (*followed)[j], c->found[n] = x[at->followed + n / GROUP_SIZE][j];
     }
   }
   return 1;
@@ -192,28 +192,28 @@ static int change_followed(const Problem *p, Change *c, const Layout *at, Ways *
 
 /* The changes of the state at the end, from the solution. */
 static void change_state(const Problem *p, const Work *w, const Adjoint *a, const Layout *at, const Slopes *s,
-                         const Ways *numbers, Ways *x) {
+                         const Changes *numbers, Changes *x) {
   double per_dt = rates_per_path(p, w->dt);
-  Ways *q = x + at->q, *v = x + at->v, *end = x + at->q1;
+  Changes *q = x + at->q, *v = x + at->v, *end = x + at->q1;
   if (p->cell_internal)
     change_cells(p->cell_dofs, p, &a->internal_forces, s->of_elements[0], s->by_ends[0], at, 0, x, numbers, 1);
   for (int k = 0; k < p->massless_count; ++k) { /* half of their rates */
     int i = p->massless[k];
     v[i] = per_dt / 2 * w->slope[i] * (end[i] - q[i]);
   }
-  if (a->internal_forces.before) memcpy(x + at->before, q, p->dofs * sizeof(Ways));
+  if (a->internal_forces.before) memcpy(x + at->before, q, p->dofs * sizeof(Changes));
   for (int i = 0; i < p->dofs; ++i) v[i] = per_dt * w->slope[i] * (end[i] - q[i]) - v[i], q[i] = end[i];
-  if (p->scene_joints) memcpy(x + at->Y, x + at->Y1, (p->columns + p->ties) * sizeof(Ways));
-  memcpy(x + at->spring_internal, x + at->springs1, p->spring_width * sizeof(Ways));
-  memcpy(x + at->natural, x + at->natural1, (at->loads - at->natural) * sizeof(Ways));
+  if (p->scene_joints) memcpy(x + at->Y, x + at->Y1, (p->columns + p->ties) * sizeof(Changes));
+  memcpy(x + at->spring_internal, x + at->springs1, p->spring_width * sizeof(Changes));
+  memcpy(x + at->natural, x + at->natural1, (at->loads - at->natural) * sizeof(Changes));
 }
 
 /* A group of directions through a sub-step, which is repeated for the forces that friction follows. */
-static void push_group(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s, Change *c,
-                       const Directions *d, long group, long row, int count, Ways *x) {
+static void push_group(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s, Forward *c,
+                       const Directions *d, long group, long row, int count, Changes *x) {
   const Layout *at = &l->at;
   int forces = row >= 0 || p->friction_follows, constrained = p->columns - p->free, joints = 3 * p->scene_joints;
-  long to = row * d->count + group * WAYS;
+  long to = row * d->count + group * GROUP_SIZE;
   begin_fixed_point(&c->following);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
     int held = holds_ends(p, at, c, x);
@@ -228,14 +228,14 @@ static void push_group(const Problem *p, const Work *w, const Adjoint *a, const 
   if (row >= 0) store_rows(x + at->R + p->free, constrained, count, d->constraint_rows + to * constrained);
   if (row >= 0) store_rows(x + at->forces, joints, count, d->joint_rows + to * joints);
   if (!forces && p->spring_width) {
-    memset(x + at->springs1, 0, p->spring_width * sizeof(Ways));
+    memset(x + at->springs1, 0, p->spring_width * sizeof(Changes));
     push(l->of + TOUCHED, x), push(l->of + FORCED, x);
   }
-  change_state(p, w, a, at, s, (Ways *)d->of_elements + group * d->element_numbers, x);
+  change_state(p, w, a, at, s, (Changes *)d->of_elements + group * d->element_numbers, x);
 }
 
 /* A sub-step of a tape with its laws and the factors of its tangent; returns 0 in a singular position. */
-static int begin_push(Problem *p, Work *w, const Adjoint *a, Linear *l, const Slopes *s, const Change *c,
+static int begin_push(Problem *p, Work *w, const Adjoint *a, Linear *l, const Slopes *s, const Forward *c,
                       const double *row, int forces, int first) {
   if (!begin_taped(p, w, a, row, l)) return 0;
   linearise(p, w, a, l, forces, first);
@@ -254,38 +254,38 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   Work work, *w = &work;
   Linear l;
   Backward b;
-  Change c;
+  Forward c;
   Slopes s;
   double *trial;
   lay_out(p, w, p->scratch), lay_out_backward(p, a, &l, &b, &trial, a->scratch);
   lay_out_forward(p, a, &c, &s, d->scratch), begin_linear(p, w, a, &l);
   const Layout *at = &l.at;
-  long groups = (d->count + WAYS - 1) / WAYS, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
+  long groups = (d->count + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
   w->dt = NAN, c.inside = b.of_internal;
   memset(b.of_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));
-  memset(c.block, 0, p->positions * sizeof(Ways));
+  memset(c.block, 0, p->positions * sizeof(Changes));
   for (int i = 0; i < p->positions; ++i) c.reached[i] = 1;
   c.moves_joints = 0;
   for (long i = 0; i < groups; ++i) {
-    const Ways *x = (Ways *)d->x + i * at->size;
-    c.moves_joints |= any((at->members - at->offset) * WAYS, (double *)(x + at->offset));
+    const Changes *x = (Changes *)d->x + i * at->size;
+    c.moves_joints |= any((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset));
   }
   s.by_ends[0] = can_be_by_ends(p, &a->internal_forces), s.by_ends[1] = can_be_by_ends(p, &a->drag);
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
     if (!begin_push(p, w, a, &l, &s, &c, tape->row + row * tape->size, d->force_at[k] >= 0 || p->friction_follows, !k)) break;
     for (long i = 0; i < groups; ++i) {
-      Ways *x = (Ways *)d->x + i * at->size;
-      int count = d->count - i * WAYS < WAYS ? d->count - i * WAYS : WAYS;
-      if (tape->apart) memset(x + at->Y, 0, of_state * sizeof(Ways));
+      Changes *x = (Changes *)d->x + i * at->size;
+      int count = d->count - i * GROUP_SIZE < GROUP_SIZE ? d->count - i * GROUP_SIZE : GROUP_SIZE;
+      if (tape->apart) memset(x + at->Y, 0, of_state * sizeof(Changes));
       if (k == 0) {
-        memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(Ways));
-        memset(x + at->q, 0, p->dofs * sizeof(Ways)), push(l.of + BEGUN, x);
+        memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(Changes));
+        memset(x + at->q, 0, p->dofs * sizeof(Changes)), push(l.of + BEGUN, x);
       }
-      if (row == 0) store_state(p, d, at, x, count, k, i * WAYS);
-      memcpy(x + at->loads, (Ways *)d->of_steps + (i * tape->all + k) * steps, steps * sizeof(Ways));
+      if (row == 0) store_state(p, d, at, x, count, k, i * GROUP_SIZE);
+      memcpy(x + at->loads, (Changes *)d->of_steps + (i * tape->all + k) * steps, steps * sizeof(Changes));
       push_group(p, w, a, &l, &s, &c, d, i, d->force_at[k], count, x);
-      store_state(p, d, at, x, count, k + 1, i * WAYS);
+      store_state(p, d, at, x, count, k + 1, i * GROUP_SIZE);
     }
   }
   p->kept.present = 0;

@@ -21,12 +21,12 @@ enum {
 typedef struct {
   Layout at;
   Block of[BLOCKS];
-  double *loads, *thrust, *natural; /* given on the tape */
+  double *loads, *follower_force, *natural; /* given on the tape */
   double *on_ties;                  /* forces on ties */
 } Linear;
 
 static void lay_out_linear(const Problem *p, Linear *l, double **at) {
-  l->loads = allocate(at, 2 * p->loads), l->thrust = allocate(at, 2 * p->thrusts);
+  l->loads = allocate(at, 2 * p->loads), l->follower_force = allocate(at, 2 * p->follower_forces);
   l->natural = allocate(at, p->naturals), l->on_ties = allocate(at, p->columns + p->ties);
 }
 
@@ -62,12 +62,12 @@ static void set_load_factor(const Problem *p, const Adjoint *a) {
 /* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
 static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row, Linear *l) {
   double dt = row[1], level;
-  take_from_tape(p, w, row, l->loads, l->thrust, l->natural);
+  take_from_tape(p, w, row, l->loads, l->follower_force, l->natural);
   level = p->t + p->level * dt;
   if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
   begin_loads(p, w, l->loads);
   if (p->naturals) begin_natural(p, w, l->natural);
-  w->thrust = l->thrust;
+  w->follower_force = l->follower_force;
   if (p->at_rest) set_load_factor(p, a);
   fx_set_parameters(p->points, p->parameter);
   begin_internal(p, w->fields, level, dt, 0);
@@ -171,7 +171,7 @@ static void put_loads(const Problem *p, Linear *l) {
 }
 
 /* A force or an internal variable of a law of forces at points by all that it is given; returns the slopes of the next. */
-static const double *put_point(const Linear *l, const PointForce *e, int numbers, int first, int thrust,
+static const double *put_point(const Linear *l, const PointForce *e, int numbers, int first, int follower_force,
                                const double *slopes, int to, Block *block) {
   int n = e->size, slides = e->slide >= 0;
   const double *inside = slopes + 2 * n, *of_number = inside + e->internal, *of_parameter = of_number + numbers;
@@ -181,19 +181,19 @@ static const double *put_point(const Linear *l, const PointForce *e, int numbers
     put(block, in(slides ? l->at.Y1 : l->at.q1, at), to, slopes[n + i]);
   }
   for (int i = 0; i < e->internal; ++i) put(block, l->at.spring_internal + e->first_internal + i, to, inside[i]);
-  for (int i = 0; i < numbers; ++i) put(block, thrust >= 0 && i < 2 ? thrust + i : first + i, to, of_number[i]);
+  for (int i = 0; i < numbers; ++i) put(block, follower_force >= 0 && i < 2 ? follower_force + i : first + i, to, of_number[i]);
   for (int i = 0; i < e->parameters; ++i) put(block, l->at.parameters + e->parameter[i], to, of_parameter[i]);
   return of_parameter + e->parameters;
 }
 
 static void put_points(const Problem *p, const Adjoint *a, Linear *l) {
   const PointForces *points = p->points;
-  int first = l->at.points, thrust = l->at.thrust;
+  int first = l->at.points, follower_force = l->at.follower_force;
   Block *to = l->of + FORCED;
   for (int k = 0; k < points->all; first += a->numbers[k++]) {
     const PointForce *e = points->of + k;
     int n = e->size, all = n + e->internal, numbers = a->numbers[k];
-    int pushed = k >= points->external && k < points->external + p->thrusts ? thrust : -1;
+    int pushed = k >= points->external && k < points->external + p->follower_forces ? follower_force : -1;
     const double *slopes = a->found;
     call(a->slopes[k], e->given, a->found, all * (2 * n + e->internal + numbers + e->parameters));
     for (int i = 0; i < all; ++i) {
@@ -202,7 +202,7 @@ static void put_points(const Problem *p, const Adjoint *a, Linear *l) {
       if (i == 1 && e->joint >= 0) put_point(l, e, numbers, first, -1, slopes, l->at.moments + e->joint, to);
       slopes = put_point(l, e, numbers, first, pushed, slopes, row, to);
     }
-    if (pushed >= 0) thrust += 2;
+    if (pushed >= 0) follower_force += 2;
   }
 }
 

@@ -15,7 +15,7 @@
    borders are numbered downwards from ON_BORDER. */
 enum {
   LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, NATURAL = 6,
-  NATURAL_END = 7, WEIGHT = 8, OF_INTERNAL = 9, PULLED_FIELDS = 10, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, WAYS = 4, ON_BORDER = -2
+  NATURAL_END = 7, WEIGHT = 8, OF_INTERNAL = 9, PULLED_FIELDS = 10, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, GROUP_SIZE = 4, ON_BORDER = -2
 };
 
 /* Why a step failed. */
@@ -222,7 +222,7 @@ typedef struct {
   /* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
      which forms and laws are evaluated, those of the state where they do not vary. */
   struct { int parameter_count, parameters_vary, energies_vary; double *parameter; };
-  int spring_width, thrusts; /* thrusts: follower forces, the first external ones */
+  int spring_width, follower_forces; /* the latter are the first external ones */
   struct { int *point_stored_at; };
   struct {
     int rated;
@@ -341,10 +341,10 @@ typedef struct {
 typedef struct {
   double *loads;  /* [sub-step][start, end][load] */
   double *driven; /* [sub-step][driven column], at the end */
-  double *thrust; /* [sub-step][thrust][x, y], at the scheme's level */
+  double *follower_force; /* [sub-step][follower_force][x, y], at the scheme's level */
   double *parameters; /* [sub-step][level, end][parameter] */
   double *natural;    /* [sub-step][natural strain], at the end */
-  long load_stride, thrust_stride, natural_stride;
+  long load_stride, follower_stride, natural_stride;
 } Inputs;
 
 /* The work of forms on a weight: the work itself, then its derivatives, those that there are, by increment, start,
@@ -369,7 +369,7 @@ typedef struct {
 typedef struct {
   int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places;
   int Y, q, v, before, internal, spring_internal, natural;
-  int loads, driven, thrust, parameters, naturals;
+  int loads, driven, follower_force, parameters, naturals;
   int Y1, q1, arms, slides, natural1, internal1, springs1, map, held, r, R, gaps, closing, pushed, carried, moments;
   int forces, axes, followed, size;
 } Layout;
@@ -398,7 +398,7 @@ typedef struct {
   double *scratch;
 } Adjoint;
 
-/* Changes of all numbers of a scene in several directions (forward.h), in groups of WAYS directions, the last one filled
+/* Changes of all numbers of a scene in several directions (forward.h), in groups of GROUP_SIZE directions, the last one filled
    with zeros: [group][number][direction]. Of elements the numbers in the sums of `Pulled`: [block][lane][number]. */
 typedef struct {
   int count, *changes_mass; /* whether masses or weights change in each group */

@@ -14,13 +14,13 @@ typedef struct {
 
 /* Start of a sub-step, loads at both ends, natural strains at its end, follower forces and parameters in it, and
    increments of the columns. */
-static TapedArrays taped_arrays(const Problem *p, const Work *w, double *loads, double *thrust, double *natural) {
+static TapedArrays taped_arrays(const Problem *p, const Work *w, double *loads, double *follower_force, double *natural) {
   long n = p->dofs, before = p->keeps_before ? n : 0, internal = (long)p->cells * p->cell_internal;
   return (TapedArrays){
-      {p->q, p->v, p->before, p->slides, p->internal, p->spring_internal, p->natural, loads, thrust, natural,
+      {p->q, p->v, p->before, p->slides, p->internal, p->spring_internal, p->natural, loads, follower_force, natural,
        p->parameter, w->z},
       {n, n, before, p->scene_joints, internal, p->spring_width, (long)p->cells * p->cell_natural, 2L * p->loads,
-       2L * p->thrusts, p->naturals, p->parameter_count, p->columns}};
+       2L * p->follower_forces, p->naturals, p->parameter_count, p->columns}};
 }
 
 long fx_tape_size(const Problem *p) {
@@ -32,23 +32,23 @@ long fx_tape_size(const Problem *p) {
 }
 
 /* Adds a sub-step that succeeded, before the state advances. */
-static void put_on_tape(const Problem *p, const Work *w, Tape *tape, double *loads, double *thrust,
+static void put_on_tape(const Problem *p, const Work *w, Tape *tape, double *loads, double *follower_force,
                         double *natural) {
   if (!tape->row) {
     memcpy(tape->increments + tape->rows++ * p->columns, w->z, p->columns * sizeof(double));
     return;
   }
   double *to = tape->row + tape->rows++ * tape->size;
-  TapedArrays arrays = taped_arrays(p, w, loads, thrust, natural);
+  TapedArrays arrays = taped_arrays(p, w, loads, follower_force, natural);
   *to++ = p->t, *to++ = w->dt, *to++ = p->ratio, *to++ = p->share, *to++ = p->earlier;
   for (int i = 0; i < TAPED; to += arrays.size[i++])
     if (arrays.size[i]) memcpy(to, arrays.of[i], arrays.size[i] * sizeof(double));
 }
 
 /* Takes a row back into the state. */
-static void take_from_tape(Problem *p, const Work *w, const double *row, double *loads, double *thrust,
+static void take_from_tape(Problem *p, const Work *w, const double *row, double *loads, double *follower_force,
                            double *natural) {
-  TapedArrays arrays = taped_arrays(p, w, loads, thrust, natural);
+  TapedArrays arrays = taped_arrays(p, w, loads, follower_force, natural);
   p->t = row[0], p->ratio = row[2];
   row += TAPED_NUMBERS;
   for (int i = 0; i < TAPED; row += arrays.size[i++])

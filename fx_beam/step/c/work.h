@@ -21,7 +21,7 @@ typedef struct {
   double *natural_end;
   const double *fields[WEIGHT]; /* by the kinds of Form */
   double dt;
-  const double *thrust;
+  const double *follower_force;
   int transposed; /* whether borders are those of the transposed tangent */
 } Work;
 

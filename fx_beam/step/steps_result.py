@@ -24,7 +24,7 @@ class Steps(NamedTuple):
     watch: bool = False
 
 
-class Attempt(NamedTuple):
+class StepsResult(NamedTuple):
     """What came of steps of equal length."""
 
     #: State at the end of the steps that succeeded, and their number.

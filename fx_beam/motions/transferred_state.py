@@ -49,7 +49,7 @@ def has_changed(model: Model, start: Solution) -> bool:
     return not np.array_equal(end.constraints, constraints_of(scene))
 
 
-def carried_state(model: Model, start: Solution) -> State:
+def transferred_state(model: Model, start: Solution) -> State:
     """The state of a scene that has changed, before its rates are made to fit; it has no past.
 
     Members and joints are known by their names and nodes. Those that are new are as at the start.

@@ -177,7 +177,7 @@ class Problem:
         model, points = self.model, self.model.points
         self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
         self._set(friction_follows=points.follow_joints)
-        self._set(thrusts=len(points.followers))
+        self._set(follower_forces=len(points.followers))
         if len(of_scene := model.forms.parameters):
             self._set(
                 parameter_count=len(of_scene),
