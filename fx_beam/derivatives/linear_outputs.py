@@ -1,4 +1,4 @@
-"""Outputs as sums of terms: parts of states and forces, times numbers."""
+"""Outputs of nodes and joints: their derivatives by states, forces and numbers of the scene."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Steps
 
-from .gradient import Gradient
+from .gradient import Block, of_entry
 
 
 class Places(NamedTuple):
@@ -42,58 +42,19 @@ class Places(NamedTuple):
         return np.flatnonzero(~self.after)
 
 
-class Term(NamedTuple):
-    """Terms of some rows of an output: a value of the states or of the scene, times factors."""
+class LinearOutput(NamedTuple):
+    """An output that is linear in what changes, at given states."""
 
-    #: Name of an array of states, or with `direct` of numbers of the scene; flat index in it.
-    name: str
-    at: int
-    #: Rows (k,) in their order, factors (k,) or one, and component of the output.
-    rows: np.ndarray
-    factors: Any
-    part: int = 0
-    #: Places (k,) among the states or forces; none for numbers of the scene.
-    places: np.ndarray | None = None
+    every: list[Block]
+    #: Lengths of a row.
+    shape: tuple[int, ...]
+
+    def blocks(self, rows: np.ndarray) -> list[Block]:
+        """Its derivatives, in all rows."""
+        return self.every
 
 
-class LinearOutput:
-    """An output that is a sum of terms, at given states."""
-
-    def __init__(self, terms: list[Term], components: int):
-        #: The terms, and the number of components; 0 for a single number.
-        self.terms = [term for term in terms if len(term.rows)]
-        self.components = components
-
-    def pull(self, weights: np.ndarray, to: Gradient) -> None:
-        """Add the derivatives of the sum of weights (n, ...) times the output."""
-        weights = weights.reshape(len(weights), -1)
-        for term in self.terms:
-            values = term.factors * weights[term.rows, term.part]
-            if term.places is None:
-                to.add_number(term.name, term.at, float(values.sum()))
-            else:
-                np.add.at(to.at(term.name)[:, term.at], term.places, values)
-
-    def push(
-        self, rows: int, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
-    ) -> np.ndarray:
-        """Changes (rows, ..., m) from those of the states and of the numbers of the scene."""
-        count = len(changes["X"])
-        found = np.zeros((rows, max(1, self.components), count))
-        for term in self.terms:
-            factors = np.broadcast_to(term.factors, term.rows.shape)[:, None]
-            if term.places is None:
-                of_number = changes[term.name].reshape(count, -1)[:, term.at]
-                values = factors * of_number
-            else:
-                own = of_state[term.name]
-                values = factors * own.reshape(*own.shape[:2], -1)[term.places, :, term.at]
-            first = np.flatnonzero(np.diff(term.rows, prepend=-1))
-            found[term.rows[first], term.part] += np.add.reduceat(values, first)
-        return found if self.components else found[:, 0]
-
-
-# -- Terms of the outputs ---------------------------------------------------------------------
+# -- Blocks of the outputs --------------------------------------------------------------------
 
 
 def linear_output(
@@ -101,53 +62,54 @@ def linear_output(
 ) -> LinearOutput:
     """An output of a node or a joint; `states` has "q", and "rates" if there are any."""
     of = _OfJoint if isinstance(output.of, Joint) else _OfNode
-    terms = list(of(model, output, places, states).terms())
+    blocks = [block for block in of(model, output, places, states).blocks() if len(block.rows)]
     if output.index is not None:
-        terms = [term._replace(part=0) for term in terms if term.part == output.index]
-    return LinearOutput(terms, len(output.components))
+        blocks = [block._replace(part=0) for block in blocks if block.part == output.index]
+    return LinearOutput(blocks, (len(output.components),) if output.components else ())
 
 
-class _Terms:
+class _Blocks:
     def __init__(self, model: Model, output: Output, places: Places, states: Mapping):
         self.model, self.output, self.places, self.states = model, output, places, states
         self.fits = model.fitted_rates is not None
         #: Name of the rates of nodes.
         self.rates = "rates" if self.fits else "v"
 
-    def terms(self) -> Iterator[Term]:
+    def blocks(self) -> Iterator[Block]:
         """Those of all components."""
         if self.model.scheme.rates.at_rest and self.output.quantity in _OF_RATES:
             return
         yield from getattr(self, self.output.quantity)()
 
-    def _at_ends(self, name: str, index: int, part: int = 0, factor: Any = 1.0) -> Term:
+    def _at_ends(self, name: str, index: int, part: int = 0, factor: Any = 1.0) -> Block:
         ends = self.places.ends
-        return Term(name, index, np.arange(len(ends)), factor, part, ends)
+        return of_entry(name, index, np.arange(len(ends)), factor, part=part, places=ends)
 
-    def _change(self, name: str, index: int, part: int) -> Iterator[Term]:
+    def _change(self, name: str, index: int, part: int) -> Iterator[Block]:
         """The change over the steps, by their lengths."""
         places, rows = self.places, self.places.moved
         per_time = 1 / places.steps.lengths[rows]
-        yield Term(name, index, rows, per_time, part, places.ends[rows])
-        yield Term(name, index, rows, -per_time, part, places.starts[rows])
+        for at, factor in ((places.ends, per_time), (places.starts, -per_time)):
+            yield of_entry(name, index, rows, factor, part=part, places=at[rows])
 
-    def _at_start(self, name: str, index: int, part: int) -> Term:
-        return Term(name, index, self.places.at_start, 1.0, part)
+    def _at_start(self, name: str, index: int, part: int) -> Block:
+        return of_entry(name, index, self.places.at_start, 1.0, part=part)
 
     def _force(self, name: str, at_start: str, impulse: str, index: int, part: int):
         """A mean force over the steps, with what rates that fit add to it."""
         steps = self.places.steps
-        yield Term(name, index, steps.of, steps.shares, part, self.places.forces)
+        forces = self.places.forces
+        yield of_entry(name, index, steps.of, steps.shares, part=part, places=forces)
         yield self._at_start(at_start, index, part)
         if self.fits:
             yield from self._change(impulse, index, part)
 
-    def _of_column(self, column: int, part: int = 0) -> Iterator[Term]:
+    def _of_column(self, column: int, part: int = 0) -> Iterator[Block]:
         names = "constraints", "forces of columns", "impulses of columns"
         yield from self._force(*names, column, part)
 
 
-class _OfNode(_Terms):
+class _OfNode(_Blocks):
     @property
     def _node(self) -> int:
         assert isinstance(self.output.of, Node)
@@ -157,38 +119,38 @@ class _OfNode(_Terms):
     def _dofs(self) -> list[int]:
         return self.model.mesh.dofs[self._node].tolist()
 
-    def displacement(self) -> Iterator[Term]:
+    def displacement(self) -> Iterator[Block]:
         for i in range(2):
             yield self._at_ends("q", self._dofs[i], i)
 
-    def position(self) -> Iterator[Term]:
+    def position(self) -> Iterator[Block]:
         yield from self.displacement()
         every = np.arange(len(self.places.ends))
         for i in range(2):
-            yield Term("X", 2 * self._node + i, every, 1.0, i)
+            yield of_entry("X", 2 * self._node + i, every, 1.0, part=i)
 
-    def rotation(self) -> Iterator[Term]:
+    def rotation(self) -> Iterator[Block]:
         yield self._at_ends("q", self._dofs[2])
 
-    def velocity(self) -> Iterator[Term]:
+    def velocity(self) -> Iterator[Block]:
         for i in range(2):
             yield self._at_ends(self.rates, self._dofs[i], i)
 
-    def spin(self) -> Iterator[Term]:
+    def spin(self) -> Iterator[Block]:
         yield self._at_ends(self.rates, self._dofs[2])
 
-    def acceleration(self) -> Iterator[Term]:
+    def acceleration(self) -> Iterator[Block]:
         for i in range(2):
             yield from self._change(self.rates, self._dofs[i], i)
             yield self._at_start("a", self._dofs[i], i)
 
-    def reaction(self) -> Iterator[Term]:
+    def reaction(self) -> Iterator[Block]:
         nodes, components, columns = self.model.supports
         for k in np.flatnonzero(nodes == self._node):
             yield from self._of_column(int(columns[k]), int(components[k]))
 
 
-class _OfJoint(_Terms):
+class _OfJoint(_Blocks):
     @property
     def _joint(self) -> Joint:
         assert isinstance(self.output.of, Joint)
@@ -200,18 +162,18 @@ class _OfJoint(_Terms):
             if node is not GROUND:
                 yield self.model.mesh.dofs[node.number].tolist(), sign
 
-    def angle(self) -> Iterator[Term]:
+    def angle(self) -> Iterator[Block]:
         for dofs, sign in self._ends():
             yield self._at_ends("q", dofs[2], factor=sign)
 
-    def slide(self) -> Iterator[Term]:
+    def slide(self) -> Iterator[Block]:
         yield self._at_ends("slides", self._joint.number)
 
-    def spin(self) -> Iterator[Term]:
+    def spin(self) -> Iterator[Block]:
         for dofs, sign in self._ends():
             yield self._at_ends(self.rates, dofs[2], factor=sign)
 
-    def rate(self) -> Iterator[Term]:
+    def rate(self) -> Iterator[Block]:
         """Along a slide: t . (v_b - v_a) + omega_a offset x axis, with t = R(psi_a) axis."""
         joint = self._joint
         if isinstance(joint, SlidingJoint):
@@ -243,10 +205,10 @@ class _OfJoint(_Terms):
         of_offset = -omega * axis[1], omega * axis[0]
         number, every = joint.number, np.arange(len(q))
         for i in range(2):
-            yield Term("axes of slides", 2 * number + i, every, of_axis[i])
-            yield Term("offsets of slides", 2 * number + i, every, of_offset[i])
+            yield of_entry("axes of slides", 2 * number + i, every, of_axis[i])
+            yield of_entry("offsets of slides", 2 * number + i, every, of_offset[i])
 
-    def _rate_on_beam(self) -> Iterator[Term]:
+    def _rate_on_beam(self) -> Iterator[Block]:
         """t . (v_b - sum N v_a) / t . t with the slope t of the beam where the node is."""
         ends, n, reduction = self.places.ends, self._joint.number, self.model.reduction
         assert isinstance(reduction, JointReduction) and reduction.sliders is not None
@@ -268,7 +230,7 @@ class _OfJoint(_Terms):
         before = [other.path.numbers.size for other in self.model.sliding]
         first = sum(before[: [other.number for other in self.model.sliding].index(n)])
         for k in np.flatnonzero(by_path.any(axis=0)).tolist():
-            yield Term("paths", first + k, np.arange(len(q)), by_path[:, k])
+            yield of_entry("paths", first + k, np.arange(len(q)), by_path[:, k])
         for i in range(2):
             yield self._at_ends(self.rates, int(own.node_dofs[i]), factor=along[:, i])
             for k, dof in enumerate(place.dofs[:, i].tolist()):
@@ -276,12 +238,12 @@ class _OfJoint(_Terms):
                 yield self._at_ends(self.rates, dof, factor=factor)
                 yield self._at_ends("q", dof, factor=by_q[:, dof])
 
-    def force(self) -> Iterator[Term]:
+    def force(self) -> Iterator[Block]:
         names = "joints", "forces of joints", "impulses of joints"
         for i in range(3):
             yield from self._force(*names, 3 * self._joint.number + i, i)
 
-    def motor_force(self) -> Iterator[Term]:
+    def motor_force(self) -> Iterator[Block]:
         motors = [joint.number for joint, _ in self.model.motors]
         column = len(self.model.prescribed) + motors.index(self._joint.number)
         yield from self._of_column(column)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import scipy.sparse
@@ -10,7 +10,7 @@ import scipy.sparse
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
-from .gradient import Gradient
+from .gradient import Block, of_row
 
 
 class NaturalRows:
@@ -35,17 +35,15 @@ class NaturalRows:
         """The strains (cells, degree, 3) before a sub-step."""
         return (self._strains.columns @ self._factors[boundary]).reshape(self._strains.shape)
 
-    def pull(self, boundary: int, by: np.ndarray, to: Gradient) -> None:
-        """Add the derivatives by numbers, from those by the strains before a sub-step."""
+    def blocks(self, row: int, boundary: int, by: np.ndarray) -> Iterator[Block]:
+        """Derivatives of a row by numbers, from those by the strains before a sub-step."""
         if boundary == 0:
-            to.add_numbers("natural", by.ravel())
+            yield of_row("natural", row, by)
             return
-        of_values, factors = by.ravel()[self._rows], self._factors[boundary]
-        to.add_numbers("natural columns", of_values * factors[self._of])
-        columns = self._strains.columns
+        of_values, columns = by.ravel()[self._rows], self._strains.columns
+        yield of_row("natural columns", row, of_values * self._factors[boundary][self._of])
         of_columns = np.bincount(self._of, of_values * columns.data, columns.shape[1])
-        for i, value in enumerate(of_columns.tolist(), start=(boundary - 1) * len(factors)):
-            to.add_number("naturals", i, value)
+        yield of_row("naturals", row, of_columns, boundary - 1)
 
     def push(self, boundary: int, changes: Mapping[str, np.ndarray], j: int) -> np.ndarray:
         """The change of the strains before a sub-step in one direction."""

@@ -15,14 +15,12 @@ from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
 from .energy_gradients import EnergyOutput
-from .gradient import Gradient
+from .gradient import Gradient, pull, push
 from .linear_outputs import LinearOutput, Places, linear_output, needs_rates
-from .natural_gradients import NaturalRows
-from .resultant_outputs import ResultantOutput, SubSteps
-from .step_losses import StepLosses
+from .resultant_outputs import ResultantOutput
+from .sub_steps import SubSteps
 from .work_outputs import (
     SINCE_START,
-    StepWork,
     WorkOutput,
     check_work,
     fits_rates,
@@ -104,68 +102,20 @@ class Observation:
             q, v, slides = (self._states[name] for name in ("q", "v", "slides"))
             self._fit = model.fitted_rates.derivatives(q, v, slides, driven)
             self._states["rates"] = self._fit.rates
-        self._values = self._parameter_values()
+        self._of = SubSteps(model, tape, self.boundaries, self._states)
         self._outputs = {name: self._observed(output) for name, output in outputs.items()}
 
     def _observed(
         self, output: Output
     ) -> LinearOutput | EnergyOutput | ResultantOutput | WorkOutput:
-        model, places, states = self._model, self._places, self._states
+        model, places, of = self._model, self._places, self._of
         if output.quantity in SINCE_START:
-            is_first = self._part.first == 0
-            sums = self._step_work, self._step_losses
-            return WorkOutput(model, output.quantity, is_first, self._energy_at, *sums)
+            return WorkOutput(of, output.quantity, places.ends, self._forces)
         if isinstance(output.of, Scene):
-            return self._energy(output.quantity, states, places.ends)
+            return EnergyOutput(of, output.quantity, places.ends)
         if isinstance(output.of, Beam):
-            return ResultantOutput(self._sub_steps(), output.of, output.quantity, places)
-        return linear_output(model, output, places, states)
-
-    def _sub_steps(self) -> SubSteps:
-        return SubSteps.of(self._model, self._tape, self.boundaries, self._states)
-
-    def _energy(self, quantity: str, states: dict[str, np.ndarray], ends: np.ndarray):
-        given = self._parameters(ends), self._naturals(ends)
-        return EnergyOutput(self._model, quantity, states, ends, *given)
-
-    def _energy_at(self, quantity: str, at_start: bool) -> EnergyOutput:
-        """At the rows; or at the start of the run."""
-        ends = np.zeros(1, dtype=int) if at_start else self._places.ends
-        return self._energy(quantity, self._states, ends)
-
-    def _step_work(self) -> StepWork:
-        first, end = self._part
-        states = {name: rows[first - end - 1 :] for name, rows in self._states.items()}
-        ends = self.boundaries[self._places.ends] - first
-        return StepWork(self._model, self._tape, states, self._forces(), ends)
-
-    def _step_losses(self) -> StepLosses:
-        ends = self.boundaries[self._places.ends] - self._part.first
-        return StepLosses(self._sub_steps(), self._states, ends)
-
-    def _parameter_values(self) -> np.ndarray | None:
-        """Values (1 + sub-steps, 2, n) of the parameters at the start, and in all sub-steps."""
-        of_scene, tape = self._model.forms.parameters, self._tape
-        if not len(of_scene):
-            return None
-        level, t0 = self._model.scheme.rates.level, tape.starts
-        over = of_scene.over_steps(t0, t0 + tape.lengths, level)
-        first = np.broadcast_to(of_scene.at(float(t0[0])), (1, 2, len(of_scene)))
-        return np.concatenate([first, over])
-
-    def _parameters(self, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Places of the parameters of rows among the numbers, -1 at the start, and values."""
-        if self._values is None:
-            return None
-        ends = self.boundaries[ends]
-        first = (2 * ends - 1) * self._values.shape[-1]
-        return np.where(ends > 0, first, -1), self._values[ends, 1]
-
-    def _naturals(self, ends: np.ndarray) -> tuple[NaturalRows, np.ndarray] | None:
-        """Natural strains, and the sub-steps before which rows are."""
-        if not self._model.natural:
-            return None
-        return NaturalRows(self._model, self._tape), self.boundaries[ends]
+            return ResultantOutput(of, output.of, output.quantity, places)
+        return linear_output(model, output, places, self._states)
 
     @property
     def _sizes(self) -> dict[str, tuple[int, int]]:
@@ -187,10 +137,14 @@ class Observation:
         """
         found = Gradient(self._sizes)
         for name, output in self._outputs.items():
+            own = weights[name]
             if isinstance(output, WorkOutput):
-                output.pull(weights[name], later[name], found)
+                output.pull(own, later[name], found)
+            elif isinstance(output, ResultantOutput):
+                output.pull(own, found)
             else:
-                output.pull(weights[name], found)
+                counting = np.flatnonzero(own.reshape(len(own), -1).any(axis=1))
+                pull(output.blocks(counting), own, found)
         if self._fit is not None:
             names = "rates", "impulses of joints", "impulses of columns"
             rates, joints, columns = (found.at(name) for name in names)
@@ -226,12 +180,16 @@ class Observation:
             given["driven rates"] = driven
             names = "rates", "impulses of joints", "impulses of columns"
             of_state |= dict(zip(names, self._fit.push(given, changes), strict=True))
-        return {
-            name: output.push(self._rows, before[name], of_state, changes)
-            if isinstance(output, WorkOutput)
-            else output.push(self._rows, of_state, changes)
-            for name, output in self._outputs.items()
-        }
+        values, rows = dict[str, np.ndarray](), self._rows
+        for name, output in self._outputs.items():
+            if isinstance(output, WorkOutput):
+                values[name] = output.push(rows, before[name], of_state, changes)
+            elif isinstance(output, ResultantOutput):
+                values[name] = output.push(rows, of_state, changes)
+            else:
+                blocks, shape = output.blocks(np.arange(rows)), (rows, *output.shape)
+                values[name] = push(blocks, shape, of_state, changes)
+        return values
 
 
 def observes_rates(model: Model, output: Output) -> bool:

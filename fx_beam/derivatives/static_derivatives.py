@@ -24,9 +24,10 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.static_tape import static_tape
 from fx_beam.step.tables import Problem
 
+from .gradient import push
 from .numbers import static_numbers_of
-from .resultant_outputs import SubSteps
 from .step_losses import StepLosses, why_no_losses
+from .sub_steps import SubSteps
 from .work_outputs import StepWork, why_no_work
 
 # Internal variables that round-off may leave at a contact without a force.
@@ -115,7 +116,8 @@ class StaticDerivatives:
         of_state = {"constraint_forces": "constraints", "joint_forces": "joints"}
         at_end |= {name: found[own][-1] for name, own in of_state.items()}
         for quantity, sums in self._sums().items():
-            at_end[quantity] = sums.push(found, changes)[-1]
+            of_steps = push(sums.blocks(every), every.shape, found, changes)
+            at_end[quantity] = of_steps.sum(axis=0)
         return StateChange(self, at_end | forward.at_end)
 
     def _sums(self) -> dict[str, StepWork | StepLosses]:
@@ -125,12 +127,11 @@ class StaticDerivatives:
         states = {name.replace("_", " "): rows for name, rows in self.states_at(every).items()}
         if self.path.continues:
             return {}
+        of = SubSteps(model, self.tape, every, states)
         if not why_no_work(model):
-            forces = self.adjoint.constraint_forces(self.tape)
-            found["work"] = StepWork(model, self.tape, states, forces, every[:1])
+            found["work"] = StepWork(of, self.adjoint.constraint_forces(self.tape))
         if model.forms.dissipate and not why_no_losses(model):
-            of = SubSteps.of(model, self.tape, every, states)
-            found["dissipated"] = StepLosses(of, states, every[:1])
+            found["dissipated"] = StepLosses(of)
         return found
 
     def states_at(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:

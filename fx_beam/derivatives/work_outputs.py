@@ -8,7 +8,7 @@ or energy is not conserved, what is dissipated is a sum over the steps as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -20,11 +20,11 @@ from fx_beam.scene.outputs import Output
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
-from fx_beam.step.tape import Tape
 
 from .energy_gradients import EnergyOutput
-from .gradient import Gradient, sums_after, weights_of_steps
+from .gradient import Block, Gradient, of_row, pull, push, weights_of_steps
 from .step_losses import StepLosses, why_no_losses
+from .sub_steps import SubSteps
 
 #: Quantities of scenes that add up over the steps.
 SINCE_START = "work", "dissipated_energy"
@@ -109,22 +109,18 @@ def why_no_work(model: Model) -> str:
 
 
 class WorkOutput:
-    """Work or dissipated energy since the start, at the rows (n,) of a run in a part of a tape.
+    """Work or dissipated energy since the start, at the rows of a run in a part of a tape.
 
-    `energy` makes an energy at the rows by its name, or (True) at the start of the run, and `steps`
-    the work of the steps of the part.
+    The rows are at `places` (n,) among the states, which `of` has; `forces` gives those of columns
+    in the sub-steps of the part.
     """
 
     def __init__(
-        self,
-        model: Model,
-        quantity: str,
-        is_first: bool,
-        energy: Callable[[str, bool], EnergyOutput],
-        steps: Callable[[], StepWork],
-        losses: Callable[[], StepLosses],
+        self, of: SubSteps, quantity: str, places: np.ndarray, forces: Callable[[], np.ndarray]
     ):
-        parts = _parts(model, quantity)
+        model, parts, part = of.model, _parts(of.model, quantity), of.present
+        #: Numbers of the sub-steps of the part before the rows, and of all.
+        self._ends, self._count = of.boundaries[places] - part.first, part.end - part.first
         #: Energies with their signs, at the rows, and at the start of the run.
         self._at_rows, self._at_start = list[tuple[int, EnergyOutput]](), ""
         self._before: EnergyOutput | None = None
@@ -132,33 +128,43 @@ class WorkOutput:
         if parts.energy:
             # Losses are those of the steps, without rates that fit.
             own = "total_energy" if quantity == "work" else "energy of steps"
-            self._at_rows.append((parts.energy, energy(own, False)))
+            self._at_rows.append((parts.energy, EnergyOutput(of, own, places)))
         elif quantity == "work" and model.couplings.driven and model.fitted_rates is not None:
-            self._at_rows.append((1, energy("work of rates that fit", False)))
-        if is_first and not model.scheme.rates.at_rest:
+            self._at_rows.append((1, EnergyOutput(of, "work of rates that fit", places)))
+        if not part.first and not model.scheme.rates.at_rest:
             self._at_start = f"{quantity} at the start"
-            self._before = energy("energy of steps", True) if parts.energy else None
+            if parts.energy:
+                self._before = EnergyOutput(of, "energy of steps", np.zeros(1, dtype=int))
         #: Sums over the steps, with their signs.
         self._sums: list[tuple[int, StepWork | StepLosses]] = []
         if parts.steps:
-            self._sums.append((parts.steps, steps()))
+            self._sums.append((parts.steps, StepWork(of, forces())))
         if parts.losses:
-            self._sums.append((parts.losses, losses()))
+            self._sums.append((parts.losses, StepLosses(of)))
+
+    def _of_rows(self, rows: np.ndarray) -> Iterator[Block]:
+        """What is not a sum, in some of the rows."""
+        for sign, energy in self._at_rows:
+            yield from (block.times(sign) for block in energy.blocks(rows))
+
+    def _of_steps(self, steps: np.ndarray) -> Iterator[Block]:
+        """What some of the steps add to all later rows, and at first the start (number 0)."""
+        if self._at_start:
+            yield of_row(self._at_start, 0, np.ones(1))
+        if self._before is not None:
+            start = self._before.blocks(np.zeros(1, dtype=int))
+            yield from (block.times(-self._sign) for block in start)
+        for sign, of in self._sums:
+            yield from (block.times(sign) for block in of.blocks(steps))
 
     def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """Add the derivatives of the sum of weights (n,) times the quantity.
 
         `later` is the sum of the weights of rows in later parts.
         """
-        total = float(weights.sum()) + later
-        for sign, energy in self._at_rows:
-            energy.pull(sign * weights, to)
-        if self._at_start:
-            to.add_number(self._at_start, 0, total)
-        if self._before is not None:
-            self._before.pull(np.array([-self._sign * total]), to)
-        for sign, of_steps in self._sums:
-            of_steps.pull(sign * weights, sign * later, to)
+        of_steps = weights_of_steps(self._ends, weights, later, self._count)
+        pull(self._of_steps(np.flatnonzero(of_steps)), of_steps, to)
+        pull(self._of_rows(np.flatnonzero(weights)), weights, to)
 
     def push(
         self,
@@ -171,43 +177,33 @@ class WorkOutput:
 
         `before` (m,) is what the parts before have given, to which this one adds.
         """
-        if self._at_start:
-            before += changes[self._at_start].ravel()
-        if self._before is not None:
-            before -= self._sign * self._before.push(1, of_state, changes)[0]
-        found = np.tile(before, (rows, 1))
-        for sign, energy in self._at_rows:
-            found += sign * energy.push(rows, of_state, changes)
-        for sign, of_steps in self._sums:
-            sums = sign * of_steps.push(of_state, changes)
-            found += sums[of_steps.ends]
-            before += sums[-1]
-        return found
+        steps = np.arange(self._count + 1)
+        sums = push(self._of_steps(steps), (len(steps),), of_state, changes)
+        sums[0] += before
+        sums = sums.cumsum(axis=0)
+        before[:] = sums[-1]
+        own = push(self._of_rows(np.arange(rows)), (rows,), of_state, changes)
+        return sums[self._ends] + own
 
 
 class StepWork:
-    """Work of dead loads and driven motions in the k sub-steps of a part of a tape.
+    """Work of dead loads and driven motions in the k sub-steps of a part of a tape, rows 1 to k.
 
     It is F . w, with the mean F of the loads at both ends and the path w, and the forces of driven
-    columns (k, columns) times their paths. `states` (k + 1, ...) are those before the sub-steps and
-    after the last; `ends` (n,) the numbers of sub-steps before the rows.
+    columns (k, columns) times their paths. The last states are those before these sub-steps and
+    after the last.
 
     In load steps the loads and the forces are those at the ends. The first one, to the equilibrium
     without loads, does not count; and of the weight, whose work is potential energy, what the load
     factor leaves out.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        tape: Tape,
-        states: Mapping[str, np.ndarray],
-        forces: np.ndarray,
-        ends: np.ndarray,
-    ):
-        self.ends, part, columns = ends, tape.present, model.loads.columns
-        self._own, self._all_steps = slice(*part), len(tape)
-        self._at_rest, t0 = model.scheme.rates.at_rest, tape.starts[self._own]
+    def __init__(self, of: SubSteps, forces: np.ndarray):
+        model, part, columns = of.model, of.present, of.model.loads.columns
+        self._own, self._first = np.arange(*part), len(of.boundaries) - 1 - (part.end - part.first)
+        states = {name: of.states[name][self._first :] for name in ("q", "slides")}
+        tape, self._at_rest = of.tape, model.scheme.rates.at_rest
+        t0 = tape.starts[self._own]
         t1, rates, turns = t0 + tape.lengths[self._own], model.scheme.rates, model.turns
         D = without_turns(model, np.diff(states["q"], axis=0))
         each = [rates.work_increment(increment, turns) for increment in D]
@@ -240,56 +236,39 @@ class StepWork:
             self._by_weight = missing * path
             self._by_increments += missing * model.weight * slope
 
-    def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
-        """Add the derivatives of the sum of weights (n,) times the work, and `later` all of it."""
-        of_steps = weights_of_steps(self.ends, weights, later, len(self._factors))[:, None]
-        for name, own in (("q", self._by_increments), ("slides", self._by_slides)):
-            to.at(name)[-len(own) :] += of_steps * own
-            to.at(name)[-len(own) - 1 : -1] -= of_steps * own
-        by_forces, by_factors = of_steps * self._paths, of_steps * self._unit_works
-        by_loads = np.zeros((self._all_steps, 2, self._factors.shape[1]))
-        if self._at_rest:
-            by_forces = _of_each(by_forces)
-            by_loads[self._own, 1] = _of_each(by_factors)
-        else:
-            by_loads[self._own] = (by_factors / 2)[:, None]
-        if self._paths.size:
-            forces = to.at("constraints")
-            forces[-len(self._paths) :, : self._paths.shape[1]] += by_forces
-        to.add_numbers("loads", by_loads)
-        factors = (of_steps * self._factors)[:, self._of_entry]
-        to.add_numbers("columns", (factors * self._at_entries).sum(axis=0))
-        if self._by_weight is not None:
-            to.add_numbers("weight", (of_steps * self._by_weight).sum(axis=0))
-
-    def push(
-        self, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
-    ) -> np.ndarray:
-        """Changes (k + 1, m) of the work before the first sub-steps, and after all of the part."""
-        q, slides = (np.diff(of_state[name], axis=0) for name in ("q", "slides"))
-        of_steps = np.einsum("kmi,ki->km", q, self._by_increments)
-        of_steps += np.einsum("kmi,ki->km", slides, self._by_slides)
-        if self._paths.size:
-            forces = of_state["constraints"][:, :, : self._paths.shape[1]]
-            forces = _with_last(forces) if self._at_rest else forces
-            of_steps += np.einsum("kmi,ki->km", forces, self._paths)
-        loads = changes["loads"][:, self._own].swapaxes(0, 1)
-        factors = _with_last(loads[:, :, 1]) if self._at_rest else loads.mean(axis=2)
-        of_steps += np.einsum("kml,kl->km", factors, self._unit_works)
-        of_steps += (self._factors[:, self._of_entry] * self._at_entries) @ changes["columns"].T
-        if self._by_weight is not None:
-            of_steps += self._by_weight @ changes["weight"].T
-        return sums_after(of_steps)
+    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+        """Their derivatives, in all rows."""
+        steps = np.arange(len(self._own))
+        for name, by in (("q", self._by_increments), ("slides", self._by_slides)):
+            if by.size:
+                every, starts = slice(0, by.shape[1]), self._first + steps
+                yield Block(name, every, 1 + steps, by, starts + 1)
+                yield Block(name, every, 1 + steps, -by, starts)
+        loads = self._unit_works.shape[1]
+        of_steps = (
+            ("constraints", 0, self._paths, steps),
+            ("loads", loads, self._unit_works, self._own),
+        )
+        for name, last, by, places in of_steps:
+            if not by.size:
+                continue
+            if self._at_rest:  # the means of forces and loads at both ends
+                entries = slice(last, last + by.shape[1])
+                yield Block(name, entries, 1 + steps, by / 2, places)
+                yield Block(name, entries, 1 + steps[1:], by[1:] / 2, places[:-1])
+            elif name == "loads":
+                yield Block(name, slice(0, 2 * loads), 1 + steps, np.tile(by / 2, 2), places)
+            else:
+                yield Block(name, slice(0, by.shape[1]), 1 + steps, by, places)
+        of_values = self._factors[:, self._of_entry] * self._at_entries
+        for name, by in (("columns", of_values), ("weight", self._by_weight)):
+            if by is not None:
+                yield Block(name, slice(0, by.shape[1]), 1 + steps, by)
 
 
 def _with_last(values: np.ndarray) -> np.ndarray:
     """Means (k, ...) of each row and the one before; of the first row itself."""
     return (values + np.concatenate([values[:1], values[:-1]])) / 2
-
-
-def _of_each(of_means: np.ndarray) -> np.ndarray:
-    """Derivatives by values (k, ...) from those by their means, where the first does not count."""
-    return (of_means + np.concatenate([of_means[1:], np.zeros_like(of_means[:1])])) / 2
 
 
 def _driven_paths(model: Model) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:

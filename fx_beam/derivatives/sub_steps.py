@@ -1,0 +1,153 @@
+"""The sub-steps of a tape, as outputs that are not linear in the states see them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from fx_beam.fem.step_start import Part, StepStart
+from fx_beam.laws.interval import Interval, instant
+from fx_beam.step.full_turns import without_turns
+from fx_beam.step.model import Model
+from fx_beam.step.tape import Part as TapePart
+from fx_beam.step.tape import Tape
+
+from .gradient import Block, of_row
+from .natural_gradients import NaturalRows
+
+# Length of the short step for the resultants at the start, relative to the first step.
+_SHORT = 1e-9
+#: Of natural strains of a sub-step, that before which they are; -1 stands for the start of the run.
+NATURAL: dict[str, Callable[[int], int]] = {
+    "natural": lambda k: max(k, 0),
+    "natural_end": lambda k: k + 1,
+}
+#: Data of sections by their names in forms.
+OF_NUMBERS = {"stiffness": "stiffness", "times": "retardation"}
+
+
+class SubSteps:
+    """The sub-steps of a tape; `states` (n, ...) are those before the sub-steps `boundaries`."""
+
+    def __init__(
+        self, model: Model, tape: Tape, boundaries: np.ndarray, states: Mapping[str, np.ndarray]
+    ):
+        self.model, self.tape, self.states, self.boundaries = model, tape, states, boundaries
+        of_scene, level, t0 = model.forms.parameters, model.scheme.rates.level, tape.starts
+        #: Values of the parameters (sub-steps, 2, n) at the level of the scheme and at the ends.
+        self._parameters = None
+        if len(of_scene):
+            self._parameters = of_scene.over_steps(t0, t0 + tape.lengths, level)
+            self._at_start = of_scene.at(float(t0[0]))
+        self.natural = NaturalRows(model, tape) if model.natural else None
+
+    @property
+    def present(self) -> TapePart:
+        """The sub-steps that are on the tape now."""
+        return self.tape.present
+
+    def load(self, k: int) -> tuple[float, float]:
+        """Load factor at the end of load step k, and its increment in it."""
+        return float(self.tape.memories[k]), float(self.tape.lengths[k])
+
+    def places(self, k: int) -> tuple[int, int, int]:
+        """Of the states before and after sub-step k, and of that a sub-step earlier."""
+        first = max(k, 0)
+        at = np.searchsorted(self.boundaries, [first, first + 1, max(first - 1, 0)])
+        return int(at[0]), int(at[1]), int(at[2])
+
+    def row(self, place: int) -> dict[str, np.ndarray]:
+        """A state by name, with the parameters and natural strains at this time."""
+        row, boundary = self._state(place), int(self.boundaries[place])
+        if self._parameters is not None:
+            row["parameters"] = self._parameters[boundary - 1, 1] if boundary else self._at_start
+        if self.natural is not None:
+            row["natural"] = self.natural.at(boundary)
+        return row
+
+    def _state(self, place: int) -> dict[str, np.ndarray]:
+        return {name: values[place] for name, values in self.states.items()}
+
+    def part(self, k: int) -> Part:
+        """Sub-step number k; -1 for the start of the run."""
+        tape, model, states = self.tape, self.model, self.states
+        first, i = max(k, 0), self.places(k)
+        q, internal = states["q"][i[0]], states["internal"][i[0]]
+        shape = model.forms.internal_shape
+        start = StepStart(q, internal=internal.reshape(shape) if internal.size else None)
+        if self._parameters is not None:
+            start = start._replace(parameters=self._parameters[first, 0])
+        if self.natural is not None:
+            strains = self.natural.at(first), self.natural.at(k + 1)
+            start = start._replace(natural=strains)
+        t, dt = float(tape.starts[first]), float(tape.lengths[first])
+        if k < 0:
+            dt = self.short
+            return Part(instant(t, dt), self.moves * dt * states["v"][i[0]], start)
+        D = without_turns(model, states["q"][i[1]] - q)
+        beams = model.forms.beams
+        if beams is not None and beams.needs_before:
+            back = without_turns(model, q - states["q"][i[2]])
+            start = start._replace(before=q - back, memory=float(tape.memories[k]))
+        return Part(Interval(t, t + dt), D, start)
+
+    @property
+    def short(self) -> float:
+        """Length of the short step for the resultants at the start [s]."""
+        return _SHORT * self.tape.first_length
+
+    @property
+    def moves(self) -> float:
+        """1 if the resultants at the start depend on rates, else 0."""
+        beams = self.model.forms.beams
+        return float(beams is not None and beams.resultants_move)
+
+    # -- Derivatives of a row, from those by what belongs to a state or a sub-step -----------------
+
+    def at_state(self, row: int, place: int, by: Mapping[str, np.ndarray]) -> Iterator[Block]:
+        """From those by what `row` has of a state, and by numbers of the scene."""
+        boundary, given = int(self.boundaries[place]), _there(by)
+        if (values := given.pop("parameters", None)) is not None:
+            yield self.of_parameters(row, boundary - 1, values, 1)
+        if (values := given.pop("natural", None)) is not None and self.natural is not None:
+            yield from self.natural.blocks(row, boundary, values)
+        for name, values in given.items():
+            yield of_row(name, row, values, place if name in self.states else None)
+
+    def in_step(self, row: int, k: int, by: Mapping[str, np.ndarray]) -> Iterator[Block]:
+        """From those by what forms read of sub-step k, or of the start of the run."""
+        (before, after, earlier), given = self.places(k), _there(by)
+        if (D := given.pop("increment", None)) is not None:
+            if k >= 0:
+                yield of_row("q", row, D, after)
+                yield of_row("q", row, -D, before)
+            elif self.moves:
+                yield of_row("v", row, self.short * D, before)
+        for name, at, place in (
+            ("start", "q", before),
+            ("before", "q", earlier),
+            ("internal", "internal", before),
+            ("spring internal", "spring internal", before),
+        ):
+            if name in given:
+                yield of_row(at, row, given.pop(name), place)
+        for name, boundary in NATURAL.items():
+            if name in given and self.natural is not None:
+                yield from self.natural.blocks(row, boundary(k), given.pop(name))
+        if (values := given.pop("parameters", None)) is not None:
+            yield self.of_parameters(row, k, values)
+        for name, values in given.items():
+            yield of_row(OF_NUMBERS.get(name, name), row, values)
+
+    @staticmethod
+    def of_parameters(row: int, k: int, values: np.ndarray, at_end: int = 0) -> Block:
+        """From those by the parameters (n,) at the level or the end of sub-step k."""
+        if k < 0:
+            return of_row("parameters at the start", row, values)
+        return of_row("parameters", row, values, k, at_end * values.size)
+
+
+def _there(by: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Derivatives that are not empty."""
+    return {name: values for name, values in by.items() if values.size}
