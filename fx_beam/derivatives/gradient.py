@@ -19,7 +19,7 @@ class Block(NamedTuple):
     derivatives: np.ndarray
     #: Places (k,) among the states, forces or sub-steps, each at most once; None for numbers that
     #: do not have a row for each sub-step.
-    places: np.ndarray | None = None
+    places: np.ndarray | slice | None = None
     part: int = 0
 
     def times(self, factor: float) -> Block:
@@ -32,7 +32,7 @@ def of_row(
 ) -> Block:
     """Derivatives of one row by all entries of a state, or of numbers, from the `first` on."""
     entries = slice(first, first + values.size)
-    places = None if place is None else np.array([place])
+    places = None if place is None else slice(place, place + 1)
     return Block(name, entries, np.array([row]), values.reshape(1, -1), places)
 
 
@@ -44,7 +44,8 @@ def of_entry(name: str, entry: int, rows: np.ndarray, derivatives: Any, **more: 
 
 def pull(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
     """Add the derivatives of the sum of weights (n, ...) times an output."""
-    weights = weights.reshape(len(weights), -1)
+    if weights.ndim == 1:
+        weights = weights[:, None]
     for name, entries, rows, derivatives, places, part in blocks:
         to.add(name, entries, places, weights[rows, part][:, None] * derivatives)
 
@@ -60,16 +61,19 @@ def push(
     found = np.zeros((shape[0], *(shape[1:] or (1,)), count))
     for name, entries, rows, derivatives, places, part in blocks:
         if places is None:
-            values = derivatives @ changes[name].reshape(count, -1)[:, entries].T
+            values = (changes[name].reshape(count, -1)[:, entries] @ derivatives.T).T
         else:
             if name in of_state:
                 states = of_state[name]
             else:  # numbers with a row for each sub-step
                 states = changes[name].swapaxes(0, 1)
             states = states.reshape(len(states), count, -1)[..., entries][places]
-            values = np.einsum("ke,kme->km", derivatives, states)
-        first = np.flatnonzero(np.diff(rows, prepend=-1))
-        found[rows[first], part] += np.add.reduceat(values, first)
+            values = (states @ derivatives[..., None])[..., 0]
+        if len(rows) == 1:  # as of energies, in each of their rows
+            found[rows[0], part] += values[0]
+        else:
+            first = np.flatnonzero(np.diff(rows, prepend=-1))
+            found[rows[first], part] += np.add.reduceat(values, first)
     return found.reshape(*shape, count)
 
 
@@ -85,7 +89,7 @@ class Gradient:
         self.of_state: dict[str, np.ndarray] = {}
         #: Those by entries of numbers, and by numbers with a row for each sub-step.
         self._of_numbers: dict[tuple[str, int, int], np.ndarray] = {}
-        self._of_steps: list[tuple[str, slice, np.ndarray, np.ndarray]] = []
+        self._of_steps: list[tuple[str, slice, Any, np.ndarray]] = []
 
     def at(self, name: str) -> np.ndarray:
         """Those by all states or forces of a name, to which one adds."""
@@ -93,11 +97,14 @@ class Gradient:
             self.of_state[name] = np.zeros(self._sizes[name])
         return self.of_state[name]
 
-    def add(self, name: str, entries: slice, places: np.ndarray | None, values: np.ndarray) -> None:
+    def add(self, name: str, entries: slice, places: Any, values: np.ndarray) -> None:
         """Add derivatives (k, e) by entries, as those of a `Block`."""
         if places is None:
             key, total = (name, entries.start, entries.stop), values.sum(axis=0)
-            self._of_numbers[key] = self._of_numbers.get(key, 0.0) + total
+            if key in self._of_numbers:
+                self._of_numbers[key] += total
+            else:
+                self._of_numbers[key] = total
         elif name in self._sizes:
             self.at(name)[:, entries][places] += values
         else:

@@ -10,13 +10,15 @@ import numpy as np
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.place_on_beam import PlaceOnBeam
 from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import GROUND, Joint
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.sliders import SlidingJoint
+from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Steps
 
 from .gradient import Block, of_entry
+from .output_values import record_of
 
 
 class Places(NamedTuple):
@@ -42,179 +44,114 @@ class Places(NamedTuple):
         return np.flatnonzero(~self.after)
 
 
-class LinearOutput(NamedTuple):
-    """An output that is linear in what changes, at given states."""
+#: Forces in steps, at the start, and of rates that fit, by the names of arrays in `State`.
+_FORCES = {
+    "joint_forces": ("joints", "forces of joints", "impulses of joints"),
+    "constraint_forces": ("constraints", "forces of columns", "impulses of columns"),
+}
+#: Numbers of joints by the fields of `Local`.
+_OF_JOINTS = {"offset": "offsets of slides", "axis": "axes of slides"}
+# Step in the imaginary direction, for slopes without cancellation.
+_STEP = 1e-100
 
-    every: list[Block]
-    #: Lengths of a row.
-    shape: tuple[int, ...]
+
+class LocalOutput:
+    """An output of a node or a joint, at given states with "q", and "rates" if there are any."""
+
+    def __init__(
+        self, model: Model, output: Output, places: Places, states: Mapping[str, np.ndarray]
+    ):
+        self._model, self._output, self._places, self._states = model, output, places, states
+        self._of = of = definition(output)
+        #: Lengths of a row, and the name of the rates of nodes.
+        self.shape = of.shape
+        self._rates = "v" if model.fitted_rates is None else "rates"
+        blocks = self._of_law if of.quantity.law is not None else self._linear
+        at_rest = model.scheme.rates.at_rest and of.quantity.of in ("v", "a")
+        self._blocks = [] if at_rest else [block for block in blocks() if len(block.rows)]
 
     def blocks(self, rows: np.ndarray) -> list[Block]:
         """Its derivatives, in all rows."""
-        return self.every
+        return self._blocks
 
+    def _linear(self) -> Iterator[Block]:
+        """Those of entries of states and forces."""
+        of, number = measured(self._model, self._output), self._of.number
+        if self._of.quantity.is_place:
+            every = np.arange(len(self._places.ends))
+            for i, column in enumerate(np.atleast_1d(self._of.columns).tolist()):
+                yield of_entry("X", 2 * number + column, every, 1.0, part=i)
+        for i, entry, sign in of.terms:
+            if of.array == "a":
+                yield from self._change(self._rates, entry, i)
+                yield self._at_start("a", entry, i)
+            elif of.array in _FORCES:
+                yield from self._force(*_FORCES[of.array], entry, i)
+            else:
+                name = self._rates if of.array == "v" else of.array
+                yield self._at_ends(name, entry, i, sign)
 
-# -- Blocks of the outputs --------------------------------------------------------------------
+    def _at_ends(self, name: str, entry: int, part: int = 0, factor: Any = 1.0) -> Block:
+        ends = self._places.ends
+        return of_entry(name, entry, np.arange(len(ends)), factor, part=part, places=ends)
 
-
-def linear_output(
-    model: Model, output: Output, places: Places, states: Mapping[str, np.ndarray]
-) -> LinearOutput:
-    """An output of a node or a joint; `states` has "q", and "rates" if there are any."""
-    of = _OfJoint if isinstance(output.of, Joint) else _OfNode
-    blocks = [block for block in of(model, output, places, states).blocks() if len(block.rows)]
-    if output.index is not None:
-        blocks = [block._replace(part=0) for block in blocks if block.part == output.index]
-    return LinearOutput(blocks, (len(output.components),) if output.components else ())
-
-
-class _Blocks:
-    def __init__(self, model: Model, output: Output, places: Places, states: Mapping):
-        self.model, self.output, self.places, self.states = model, output, places, states
-        self.fits = model.fitted_rates is not None
-        #: Name of the rates of nodes.
-        self.rates = "rates" if self.fits else "v"
-
-    def blocks(self) -> Iterator[Block]:
-        """Those of all components."""
-        if self.model.scheme.rates.at_rest and self.output.quantity in _OF_RATES:
-            return
-        yield from getattr(self, self.output.quantity)()
-
-    def _at_ends(self, name: str, index: int, part: int = 0, factor: Any = 1.0) -> Block:
-        ends = self.places.ends
-        return of_entry(name, index, np.arange(len(ends)), factor, part=part, places=ends)
-
-    def _change(self, name: str, index: int, part: int) -> Iterator[Block]:
+    def _change(self, name: str, entry: int, part: int) -> Iterator[Block]:
         """The change over the steps, by their lengths."""
-        places, rows = self.places, self.places.moved
+        places, rows = self._places, self._places.moved
         per_time = 1 / places.steps.lengths[rows]
         for at, factor in ((places.ends, per_time), (places.starts, -per_time)):
-            yield of_entry(name, index, rows, factor, part=part, places=at[rows])
+            yield of_entry(name, entry, rows, factor, part=part, places=at[rows])
 
-    def _at_start(self, name: str, index: int, part: int) -> Block:
-        return of_entry(name, index, self.places.at_start, 1.0, part=part)
+    def _at_start(self, name: str, entry: int, part: int) -> Block:
+        return of_entry(name, entry, self._places.at_start, 1.0, part=part)
 
-    def _force(self, name: str, at_start: str, impulse: str, index: int, part: int):
+    def _force(self, name: str, at_start: str, impulse: str, entry: int, part: int):
         """A mean force over the steps, with what rates that fit add to it."""
-        steps = self.places.steps
-        forces = self.places.forces
-        yield of_entry(name, index, steps.of, steps.shares, part=part, places=forces)
-        yield self._at_start(at_start, index, part)
-        if self.fits:
-            yield from self._change(impulse, index, part)
+        steps, forces = self._places.steps, self._places.forces
+        yield of_entry(name, entry, steps.of, steps.shares, part=part, places=forces)
+        yield self._at_start(at_start, entry, part)
+        if self._model.fitted_rates is not None:
+            yield from self._change(impulse, entry, part)
 
-    def _of_column(self, column: int, part: int = 0) -> Iterator[Block]:
-        names = "constraints", "forces of columns", "impulses of columns"
-        yield from self._force(*names, column, part)
-
-
-class _OfNode(_Blocks):
-    @property
-    def _node(self) -> int:
-        assert isinstance(self.output.of, Node)
-        return self.output.of.number
-
-    @property
-    def _dofs(self) -> list[int]:
-        return self.model.mesh.dofs[self._node].tolist()
-
-    def displacement(self) -> Iterator[Block]:
-        for i in range(2):
-            yield self._at_ends("q", self._dofs[i], i)
-
-    def position(self) -> Iterator[Block]:
-        yield from self.displacement()
-        every = np.arange(len(self.places.ends))
-        for i in range(2):
-            yield of_entry("X", 2 * self._node + i, every, 1.0, part=i)
-
-    def rotation(self) -> Iterator[Block]:
-        yield self._at_ends("q", self._dofs[2])
-
-    def velocity(self) -> Iterator[Block]:
-        for i in range(2):
-            yield self._at_ends(self.rates, self._dofs[i], i)
-
-    def spin(self) -> Iterator[Block]:
-        yield self._at_ends(self.rates, self._dofs[2])
-
-    def acceleration(self) -> Iterator[Block]:
-        for i in range(2):
-            yield from self._change(self.rates, self._dofs[i], i)
-            yield self._at_start("a", self._dofs[i], i)
-
-    def reaction(self) -> Iterator[Block]:
-        nodes, components, columns = self.model.supports
-        for k in np.flatnonzero(nodes == self._node):
-            yield from self._of_column(int(columns[k]), int(components[k]))
-
-
-class _OfJoint(_Blocks):
-    @property
-    def _joint(self) -> Joint:
-        assert isinstance(self.output.of, Joint)
-        return self.output.of
-
-    def _ends(self) -> Iterator[tuple[list[int], float]]:
-        """Degrees of freedom of the nodes, and their signs in what b has relative to a."""
-        for node, sign in ((self._joint.b, 1.0), (self._joint.a, -1.0)):
-            if node is not GROUND:
-                yield self.model.mesh.dofs[node.number].tolist(), sign
-
-    def angle(self) -> Iterator[Block]:
-        for dofs, sign in self._ends():
-            yield self._at_ends("q", dofs[2], factor=sign)
-
-    def slide(self) -> Iterator[Block]:
-        yield self._at_ends("slides", self._joint.number)
-
-    def spin(self) -> Iterator[Block]:
-        for dofs, sign in self._ends():
-            yield self._at_ends(self.rates, dofs[2], factor=sign)
-
-    def rate(self) -> Iterator[Block]:
-        """Along a slide: t . (v_b - v_a) + omega_a offset x axis, with t = R(psi_a) axis."""
-        joint = self._joint
-        if isinstance(joint, SlidingJoint):
-            yield from self._rate_on_beam()
+    def _of_law(self) -> Iterator[Block]:
+        """Those of a law: slopes by steps in the imaginary direction, exact to round-off."""
+        of, ends, dofs = self._of, self._places.ends, self._model.mesh.dofs
+        if isinstance(of.of, SlidingJoint):
+            yield from self._rate_on_beam(of.of)
             return
-        if joint.axis is None:
-            yield from self.spin()
-            return
-        places = self.places
-        q, v = self.states["q"][places.ends], self.states[self.rates][places.ends]
-        axis, offset = np.array(joint.axis), np.array(joint.offset)
-        apart, psi, omega = np.zeros((len(q), 2)), np.zeros(len(q)), np.zeros(len(q))
-        for dofs, sign in self._ends():
-            apart += sign * v[:, dofs[:2]]
-            if sign < 0:
-                psi, omega = q[:, dofs[2]], v[:, dofs[2]]
-        c, s = np.cos(psi), np.sin(psi)
-        t = c * axis[0] - s * axis[1], s * axis[0] + c * axis[1]
-        for dofs, sign in self._ends():
-            for i in range(2):
-                yield self._at_ends(self.rates, dofs[i], factor=sign * t[i])
-            if sign < 0:
-                turn = t[0] * apart[:, 1] - t[1] * apart[:, 0]
-                yield self._at_ends("q", dofs[2], factor=turn)
-                cross = offset[1] * axis[0] - offset[0] * axis[1]
-                yield self._at_ends(self.rates, dofs[2], factor=cross)
-        back = c * apart[:, 0] + s * apart[:, 1], c * apart[:, 1] - s * apart[:, 0]
-        of_axis = back[0] + omega * offset[1], back[1] - omega * offset[0]
-        of_offset = -omega * axis[1], omega * axis[0]
-        number, every = joint.number, np.arange(len(q))
-        for i in range(2):
-            yield of_entry("axes of slides", 2 * number + i, every, of_axis[i])
-            yield of_entry("offsets of slides", 2 * number + i, every, of_offset[i])
+        names, number, slide = {"q": "q", "v": self._rates}, of.number, np.zeros(len(ends))
 
-    def _rate_on_beam(self) -> Iterator[Block]:
+        def motion(name: str, node: Node) -> np.ndarray:
+            return self._states[names[name]][ends][:, dofs[node.number]].T
+
+        #: Field and component of `Local`, and name and entry of what it is.
+        inputs: list[tuple[str, Any, str, int]] = []
+        for sign, node in of.ends():
+            for array in of.quantity.reads:
+                field, own = f"{array}{'' if sign > 0 else '_a'}", dofs[node.number].tolist()
+                inputs += [(field, i, names[array], own[i]) for i in range(3)]
+        if isinstance(of.of, Joint):
+            slide = self._states["slides"][ends, number]
+            inputs.append(("slide", ..., "slides", number))
+            for field, name in _OF_JOINTS.items():
+                inputs += [(field, i, name, 2 * number + i) for i in range(2)]
+        local, every = of.local(motion, slide), np.arange(len(ends))
+        for field, component, name, entry in inputs:
+            moved = np.array(getattr(local, field), complex)
+            moved[component] += _STEP * 1j
+            value = of.law(local._replace(**{field: moved}))
+            for part, slope in enumerate(np.atleast_2d(np.imag(value) / _STEP)):
+                places = None if field in _OF_JOINTS else ends
+                if slope.any():
+                    yield of_entry(name, entry, every, slope, part=part, places=places)
+
+    def _rate_on_beam(self, joint: SlidingJoint) -> Iterator[Block]:
         """t . (v_b - sum N v_a) / t . t with the slope t of the beam where the node is."""
-        ends, n, reduction = self.places.ends, self._joint.number, self.model.reduction
+        ends, n, reduction = self._places.ends, joint.number, self._model.reduction
         assert isinstance(reduction, JointReduction) and reduction.sliders is not None
         own = next(slide for slide in reduction.sliders.all if slide.joint.number == n)
-        q, v = self.states["q"][ends], self.states[self.rates][ends]
-        place = PlaceOnBeam(own.path, own.dofs, q, self.states["slides"][ends, n])
+        q, v = self._states["q"][ends], self._states[self._rates][ends]
+        place = PlaceOnBeam(own.path, own.dofs, q, self._states["slides"][ends, n])
         of_beam = v[:, place.dofs[:, :2]]
         beneath = np.einsum("na,nai->ni", place.weights[0], of_beam)
         apart = v[:, own.node_dofs[:2]] - beneath
@@ -222,38 +159,20 @@ class _OfJoint(_Blocks):
         along = t / square
         rate = (along * apart).sum(axis=1)[:, None]
         by_slope = (apart - 2 * rate * t) / square
-        by_q = np.zeros_like(q)
+        by_q, by_v, every = np.zeros_like(q), np.zeros_like(v), np.arange(len(q))
         by_weights = -np.einsum("ni,nai->na", along, of_beam)
         by_place = np.column_stack([by_slope, np.zeros(len(q)), by_weights])
         by_s, by_path = place.pull(by_place, by_q)
+        by_v[:, place.dofs[:, :2]] = -place.weights[0][:, :, None] * along[:, None]
+        by_v[:, own.node_dofs[:2]] = along
+        before = [other.path.numbers.size for other in self._model.sliding]
+        first = sum(before[: [other.number for other in self._model.sliding].index(n)])
         yield self._at_ends("slides", n, factor=by_s)
-        before = [other.path.numbers.size for other in self.model.sliding]
-        first = sum(before[: [other.number for other in self.model.sliding].index(n)])
-        for k in np.flatnonzero(by_path.any(axis=0)).tolist():
-            yield of_entry("paths", first + k, np.arange(len(q)), by_path[:, k])
-        for i in range(2):
-            yield self._at_ends(self.rates, int(own.node_dofs[i]), factor=along[:, i])
-            for k, dof in enumerate(place.dofs[:, i].tolist()):
-                factor = -along[:, i] * place.weights[0][:, k]
-                yield self._at_ends(self.rates, dof, factor=factor)
-                yield self._at_ends("q", dof, factor=by_q[:, dof])
-
-    def force(self) -> Iterator[Block]:
-        names = "joints", "forces of joints", "impulses of joints"
-        for i in range(3):
-            yield from self._force(*names, 3 * self._joint.number + i, i)
-
-    def motor_force(self) -> Iterator[Block]:
-        motors = [joint.number for joint, _ in self.model.motors]
-        column = len(self.model.prescribed) + motors.index(self._joint.number)
-        yield from self._of_column(column)
-
-
-# What of nodes and joints has derivatives, and what of these needs rates or forces of steps.
-_OF_FORCES = {"reaction", "force", "motor_force"}
-_OF_RATES = {"velocity", "spin", "rate", "acceleration"}
+        yield Block("paths", slice(first, first + by_path.shape[1]), every, by_path)
+        for name, by in (("q", by_q), (self._rates, by_v)):
+            yield Block(name, slice(0, by.shape[1]), every, by, ends)
 
 
 def needs_rates(output: Output) -> bool:
     """Whether rates that fit the joints, or their impulses, are in an output."""
-    return output.quantity in _OF_RATES | _OF_FORCES
+    return record_of(output) in ("rates", "forces")

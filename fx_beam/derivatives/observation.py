@@ -16,7 +16,7 @@ from fx_beam.step.tape import Tape
 
 from .energy_gradients import EnergyOutput
 from .gradient import Gradient, pull, push
-from .linear_outputs import LinearOutput, Places, linear_output, needs_rates
+from .linear_outputs import LocalOutput, Places, needs_rates
 from .resultant_outputs import ResultantOutput
 from .sub_steps import SubSteps
 from .work_outputs import (
@@ -107,7 +107,7 @@ class Observation:
 
     def _observed(
         self, output: Output
-    ) -> LinearOutput | EnergyOutput | ResultantOutput | WorkOutput:
+    ) -> LocalOutput | EnergyOutput | ResultantOutput | WorkOutput:
         model, places, of = self._model, self._places, self._of
         if output.quantity in SINCE_START:
             return WorkOutput(of, output.quantity, places.ends, self._forces)
@@ -115,7 +115,7 @@ class Observation:
             return EnergyOutput(of, output.quantity, places.ends)
         if isinstance(output.of, Beam):
             return ResultantOutput(of, output.of, output.quantity, places)
-        return linear_output(model, output, places, self._states)
+        return LocalOutput(model, output, places, self._states)
 
     @property
     def _sizes(self) -> dict[str, tuple[int, int]]:

@@ -8,19 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.results.solution import Solution
+from fx_beam.results.histories import HISTORIES
+from fx_beam.results.solution import Solution, history
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import OF_BEAMS, Output
+from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.recorder import Record
 from fx_beam.validation import require
 
 #: An output: a quantity of a node, joint, beam or scene, or a function of the solution.
 Wanted = Output | Callable[[Solution], Any]
-# Resultants may depend on rates.
-_RATES = {"velocity", "acceleration", "spin", "rate", *OF_BEAMS}
-_FORCES = {"reaction", "force", "motor_force"}
 
 
 class Recording:
@@ -33,16 +30,24 @@ class Recording:
 
     def of(self, outputs: Mapping[str, Wanted]) -> Record:
         """The record for some outputs, the same one for those that need the same."""
-        given, of = self._given, set()
+        given, kinds = self._given, set[str]()
         for output in outputs.values():
             if not isinstance(output, Output):
                 return given
-            of.add(output.quantity)
-        needs = given.rates and not of.isdisjoint(_RATES), not of.isdisjoint(_FORCES)
+            kinds.add(record_of(output))
+            if isinstance(output.of, Beam):  # resultants may depend on rates
+                kinds.add("rates")
+        needs = given.rates and "rates" in kinds, "forces" in kinds
         if needs not in self._known:
             rates, forces = needs[0], given.forces and needs[1]
             self._known[needs] = replace(given, rates=rates, forces=forces)
         return self._known[needs]
+
+
+def record_of(output: Output) -> str:
+    """What of a `Record` has an output of a node or a joint: "motion", "rates" or "forces"."""
+    history = HISTORIES.get(definition(output).quantity.of)
+    return "" if history is None else history.record
 
 
 def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
@@ -52,14 +57,9 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
         wanted = "a number or an array of numbers"
         require(values.dtype.kind in "iufb", f"Response: the output {name!r}", values, wanted)
         return values
-    of = output.of
-    if isinstance(of, Scene):
+    if isinstance(output.of, Scene):
         name = output.quantity.removesuffix("_energy")
-        rows = getattr(solution.energy, "springs" if name == "spring" else name)
-    elif isinstance(of, Beam):
-        rows = getattr(solution.resultants(of), output.quantity)
-    elif isinstance(of, Joint):
-        rows = getattr(solution.joint(of), output.quantity)
-    else:
-        rows = getattr(solution, output.quantity)(of)
-    return rows if output.index is None else rows[:, output.index]
+        return getattr(solution.energy, "springs" if name == "spring" else name)
+    if isinstance(output.of, Beam):
+        return getattr(solution.resultants(output.of), output.quantity)
+    return history(solution, output)

@@ -3,45 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from fx_beam.scene.beam import Node
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.outputs import Output, definition
+from fx_beam.step.measured import Measured, measured
 from fx_beam.step.model import Model
 from fx_beam.step.recorder import Recorder
 
 from .output_values import Wanted
-
-# Rows, and their components at a node, by quantity.
-_ROWS: dict[str, tuple[str, slice | int]] = {
-    "position": ("q", slice(2)),
-    "displacement": ("q", slice(2)),
-    "rotation": ("q", 2),
-    "velocity": ("v", slice(2)),
-    "spin": ("v", 2),
-}
-
-
-class _Columns(NamedTuple):
-    """An output as columns of rows."""
-
-    rows: str
-    columns: np.ndarray | int
-    #: Node whose position is added, and its components; None for none.
-    at: tuple[int, slice | int] | None
 
 
 class RowOutputs:
     """Outputs by name as columns of the rows of a model's motions."""
 
     def __init__(self, outputs: Mapping[str, Wanted], model: Model):
-        self._model, self._kinds = model, _kinds(outputs)
-        columns = {name: _columns(of, model) for name, of in outputs.items()}
+        self._model, self._kinds, self._columns = model, _kinds(outputs), dict[str, Measured]()
+        for name, output in outputs.items():
+            if isinstance(output, Output) and isinstance(output.of, Node):
+                of = definition(output).quantity.of
+                if of == "q" or (of == "v" and not model.fits_rates):
+                    self._columns[name] = measured(model, output)
         #: Whether all of them are columns.
-        self.all = None not in columns.values()
-        self._columns = {name: of for name, of in columns.items() if of is not None}
+        self.all = len(self._columns) == len(outputs)
 
     def serve(self, outputs: Mapping[str, Wanted], model: Model) -> bool:
         """Whether these are the outputs of another scene for the same model."""
@@ -49,11 +35,8 @@ class RowOutputs:
 
     def of(self, recorder: Recorder) -> dict[str, np.ndarray]:
         """Their values (n, ...)."""
-        found, X = {}, self._model.mesh.X
-        for name, (rows, columns, at) in self._columns.items():
-            values = recorder.arrays[rows][: recorder.rows].take(columns, axis=1)
-            found[name] = values if at is None else X[at] + values
-        return found
+        rows, arrays = recorder.rows, recorder.arrays
+        return {name: of.of(arrays[of.array][:rows]) for name, of in self._columns.items()}
 
 
 def _kinds(outputs: Mapping[str, Wanted]) -> list[Any]:
@@ -64,16 +47,3 @@ def _kinds(outputs: Mapping[str, Wanted]) -> list[Any]:
         else of
         for name, of in outputs.items()
     ]
-
-
-def _columns(output: Wanted, model: Model) -> _Columns | None:
-    if not (isinstance(output, Output) and isinstance(output.of, Node)):
-        return None
-    rows, component = _ROWS.get(output.quantity, ("", 0))
-    if not rows or (rows == "v" and model.fits_rates):
-        return None
-    if output.index is not None:
-        component = output.index
-    number = output.of.number
-    at = (number, component) if output.quantity == "position" else None
-    return _Columns(rows, model.mesh.dofs[number, component], at)

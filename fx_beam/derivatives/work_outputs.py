@@ -241,8 +241,9 @@ class StepWork:
         steps = np.arange(len(self._own))
         for name, by in (("q", self._by_increments), ("slides", self._by_slides)):
             if by.size:
-                every, starts = slice(0, by.shape[1]), self._first + steps
-                yield Block(name, every, 1 + steps, by, starts + 1)
+                every, first = slice(0, by.shape[1]), self._first
+                starts, ends = slice(first, first + len(steps)), slice(first + 1, None)
+                yield Block(name, every, 1 + steps, by, ends)
                 yield Block(name, every, 1 + steps, -by, starts)
         loads = self._unit_works.shape[1]
         of_steps = (

@@ -14,11 +14,12 @@ from fx_beam.motions.motion import Motion
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import end_of
 from fx_beam.results.solution import Solution
-from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import check_names, widths
-from fx_beam.scene.joints import GROUND, Joint
-from fx_beam.scene.outputs import Output, check_outputs
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.outputs import Output, check_outputs, definition
+from fx_beam.scene.quantities import OF_JOINTS, OF_NODES
 from fx_beam.scene.scene import Scene
+from fx_beam.step.measured import measured
 from fx_beam.validation import is_whole, require
 
 from .first_order import FirstOrder, InputColumns
@@ -26,8 +27,14 @@ from .moving_state import Deviations, deviations
 
 # Jump of a rate with an input, relative to the outputs, that is round-off.
 _NONE = 1e-12
-_RATES = ("velocity", "spin", "rate")
-_LINEAR = (*("position", "displacement", "rotation", "angle", "slide"), *_RATES)
+# Quantities that are linearised: places, and rates.
+_LINEAR = dict.fromkeys(
+    name
+    for kind in (("q", "slides"), ("v",))
+    for known in (OF_NODES, OF_JOINTS)
+    for name, quantity in known.items()
+    if quantity.of in kind and (quantity.law is None or name == "rate")
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -318,27 +325,13 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):
 
 
 def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
-    model, T, dT, at = about.model, about.T, about.dT, output.of
-    dofs = model.mesh.dofs
-    if isinstance(at, Joint):
-        if output.quantity == "slide" or (output.quantity == "rate" and at.slide is not None):
-            column = model.couplings.slides[at.number]
-            moved, rates = (part[column][None] for part in (about.S, about.dS))
-        else:
-            moved, rates = (
-                sum(
-                    sign * part[dofs[node.number, 2]][None]
-                    for node, sign in ((at.b, 1), (at.a, -1))
-                    if node is not GROUND
-                )
-                for part in (T, dT)
-            )
+    quantity = definition(output).quantity
+    if quantity.law is not None or quantity.of == "slides":
+        assert isinstance(output.of, Joint)  # only slides have a law that is linear about a state
+        column = about.model.couplings.slides[output.of.number]
+        moved, rates = about.S[[column]], about.dS[[column]]
     else:
-        assert isinstance(at, Node)
-        own = dofs[at.number]
-        own = own[2:] if output.quantity in ("rotation", "spin") else own[:2]
-        if output.index is not None:
-            own = own[output.index :][:1]
-        moved, rates = T[own], dT[own]
+        of = measured(about.model, output)._replace(added=None)
+        moved, rates = (np.atleast_2d(of.of(part.T).T) for part in (about.T, about.dT))
     # The rate of a position T z is T z' + T' z.
-    return (rates, moved) if output.quantity in _RATES else (moved, 0 * moved)
+    return (rates, moved) if quantity.of == "v" else (moved, 0 * moved)

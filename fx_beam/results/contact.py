@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -65,7 +66,7 @@ class Contact:
     @property
     def gap(self) -> np.ndarray:
         """Distance (n, m) of the points from the obstacle [m]; negative behind it."""
-        return self._gaps_and_normals(self.solution.recorded("q"))[0]
+        return self._now[0].copy()
 
     @property
     def force(self) -> np.ndarray:
@@ -113,7 +114,13 @@ class Contact:
         side = -1.0 if isinstance(shape, Circle) and shape.inside else 1.0
         return side * known[..., variable]
 
-    @property
+    # Nearest points take time: they are found once for each `Contact`.
+    @functools.cached_property
+    def _now(self) -> tuple[np.ndarray, np.ndarray]:
+        """Gaps (n, m) and directions (n, m, 2) to the free side at the times t."""
+        return self._gaps_and_normals(self.solution.recorded("q"))
+
+    @functools.cached_property
     def _normals_at_level(self) -> np.ndarray:
         """Directions (n, m, 2) of the normal force in the steps between rows."""
         q, t, at = self.solution.recorded("q"), self.solution.t, self.solution.t_level
@@ -159,8 +166,7 @@ class Contact:
 
     def _sides(self, member: Beam) -> np.ndarray:
         """1 for the nodes (n, m) to the right of a member, for who looks along it, else -1."""
-        q = self.solution.recorded("q")
-        _, directions = self._from_member(q, member)
+        q, (_, directions) = self.solution.recorded("q"), self._now
         places = self.solution.X + q[:, :, :2]
         nodes, sides = self.solution.nodes_of_beam[member.name], np.empty(directions.shape[:2])
         last = len(nodes) - 1

@@ -142,13 +142,16 @@ class JointMotion:
     @property
     def _motion(self) -> tuple[NodalMotion, np.ndarray]:
         """Motion of the nodes, and the slide (n,)."""
-        solution = self.solution
-        motion = NodalMotion(
-            lambda name, node: solution.recorded(name)[:, node.number].T,
-            lambda name, beam: solution.recorded(name)[:, solution.nodes_of_beam[beam.name]],
-        )
-        return motion, solution.slides[:, self.joint.number]
+        return motion_of(self.solution), self.solution.slides[:, self.joint.number]
 
     def _check(self, there: bool, what: str) -> None:
         if not there:
             raise ValueError(f"{self.joint} has no {what}")
+
+
+def motion_of(solution: Any) -> NodalMotion:
+    """Motion of the nodes and beams of a solution."""
+    return NodalMotion(
+        lambda name, node: solution.recorded(name)[:, node.number].T,
+        lambda name, beam: solution.recorded(name)[:, solution.nodes_of_beam[beam.name]],
+    )

@@ -14,13 +14,14 @@ from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.obstacles import Obstacle
+from fx_beam.scene.outputs import Output, definition
 from fx_beam.validation import is_one_of, shown
 
 from . import beam_histories, export, joined, paraview, tables
 from .audit import BeamResultants, Energy, Stats, read_only
 from .contact import Contact
 from .histories import HISTORIES
-from .joint_motion import JointMotion
+from .joint_motion import JointMotion, motion_of
 from .lookup import joint_number, node_number, obstacle_of
 from .stability import Stability
 from .state import State
@@ -464,6 +465,26 @@ class Solution:
                 )
             raise ValueError(f"{kind} not recorded; simulate with record=Record({kind}=True)")
         return rows
+
+
+def history(solution: Solution, output: Output) -> np.ndarray:
+    """Values (n, ...) of an output of a node or a joint."""
+    of = definition(output)
+    quantity, number, columns = of.quantity, of.number, of.columns
+    if quantity.law is not None:
+        slide = solution.slides[:, number] if isinstance(output.of, Joint) else 0.0
+        return of.by_law(motion_of(solution), slide)
+    if quantity.of == "slides":
+        return solution.slides[:, number]
+    if quantity.of in ("joint_forces", "motor_forces"):
+        rows = solution.recorded(quantity.of)[:, number]
+        return rows[:, columns] if rows.ndim > 1 else rows
+    total = None
+    for sign, node in of.ends():
+        rows = solution._of_node(quantity.of, node)[:, columns]
+        total = sign * rows if total is None else total + sign * rows
+    assert total is not None  # not both ends are the ground
+    return total + solution.X[number, columns] if quantity.is_place else total
 
 
 def _attributes() -> str:

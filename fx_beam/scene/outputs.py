@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,38 +12,9 @@ from fx_beam.validation import is_one_of, require
 from .beam import Beam, Node
 from .joints import Joint
 from .loads import check_node
+from .quantities import OF_BEAMS, OF_JOINTS, OF_NODES, OF_SCENES, Defined, Quantity
 from .removal import own_joint
 from .scene import Scene
-
-_PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
-#: Components of the quantities of nodes, joints and scenes; none for a single number.
-OF_NODES: dict[str, tuple[str, ...]] = {
-    "position": _PLANE,
-    "displacement": _PLANE,
-    "rotation": (),
-    "velocity": _PLANE,
-    "spin": (),
-    "acceleration": _PLANE,
-    "reaction": _FORCE,
-}
-OF_JOINTS: dict[str, tuple[str, ...]] = {
-    "angle": (),
-    "slide": (),
-    "spin": (),
-    "rate": (),
-    "force": _FORCE,
-    "motor_force": (),
-}
-OF_SCENES: dict[str, tuple[str, ...]] = {
-    "kinetic_energy": (),
-    "strain_energy": (),
-    "potential_energy": (),
-    "spring_energy": (),
-    "total_energy": (),
-    "dissipated_energy": (),
-    "work": (),
-}
-OF_BEAMS: dict[str, tuple[str, ...]] = {"N": (), "Q": (), "M": ()}
 
 
 @dataclass(frozen=True)
@@ -50,12 +23,11 @@ class Output:
 
     `Response` also takes energies of the scene and stress resultants of beams.
 
-    Quantities have the names and units of `Solution`: "position", "displacement", "rotation",
-    "velocity", "spin", "acceleration" and "reaction" of a node; of a joint those of `JointMotion`:
-    "angle", "slide", "spin", "rate", "force" and "motor_force". Of a scene, those of `Energy`:
-    "kinetic_energy", "strain_energy", "potential_energy", "spring_energy" (also of
-    stops and obstacles) and their sum, "total_energy"; since the start "work" and
-    "dissipated_energy" [J]. Of a beam, the resultants "N", "Q" [N] and "M" [N m] at all its Gauss
+    QUANTITIES
+
+    They have the names of `Solution`, `JointMotion` and `Energy`. "spring_energy" is also that of
+    stops and obstacles; "total_energy" is the sum of the four before it, "work" and
+    "dissipated_energy" are those since the start; the resultants of a beam are at all its Gauss
     points.
 
     Parameters
@@ -92,7 +64,7 @@ class Output:
         wanted = f"one of {list(known)} for {self._place}"
         named = isinstance(self.quantity, str) and self.quantity in known
         require(named, "Output: quantity", self.quantity, wanted)
-        parts = known[self.quantity]
+        parts = known[self.quantity].components
         fits = self.component is None or is_one_of(self.component, parts)
         wanted = f"one of {list(parts)}" if parts else "left out: it is a single number"
         require(fits, f"Output: component of {self.quantity!r}", self.component, wanted)
@@ -107,7 +79,7 @@ class Output:
         return "the scene" if isinstance(self.of, Scene) else str(self.of)
 
     @property
-    def _known(self) -> dict[str, tuple[str, ...]]:
+    def _known(self) -> dict[str, Quantity]:
         if isinstance(self.of, Scene):
             return OF_SCENES
         if isinstance(self.of, Beam):
@@ -117,13 +89,21 @@ class Output:
     @property
     def components(self) -> tuple[str, ...]:
         """Names of its components; empty for a single number."""
-        return () if self.component else self._known[self.quantity]
+        return () if self.component else self._known[self.quantity].components
 
     @property
     def index(self) -> int | None:
         """Number of its component; None for all."""
-        parts = self._known[self.quantity]
+        parts = self._known[self.quantity].components
         return None if self.component is None else parts.index(self.component)
+
+
+def definition(output: Output) -> Defined:
+    """What is measured of a node or a joint, or of a beam or scene."""
+    quantity = output._known[output.quantity]
+    if isinstance(output.of, Joint) and output.of.slide is None and output.quantity == "rate":
+        quantity = quantity._replace(law=None)  # its spin
+    return Defined(quantity, output.of, output.index)
 
 
 def check_outputs(scene, outputs, what: str) -> None:
@@ -156,3 +136,20 @@ def check_output(scene, output: Output, what: str) -> None:
     assert own is not None
     lacking = own.lacks(output.quantity)
     require(not lacking, what, str(output), lacking)
+
+
+def _quantities() -> str:
+    """The quantities as a list in Markdown."""
+    lines = []
+    kinds = {"a node": OF_NODES, "a joint": OF_JOINTS, "a scene": OF_SCENES, "a beam": OF_BEAMS}
+    for of, known in kinds.items():
+        names = [f'"{name}" [{quantity.unit}]' for name, quantity in known.items()]
+        lines.append(f"- of {of}: {', '.join(names)}")
+    return "\n".join(
+        textwrap.fill(line, 96, subsequent_indent="  ", break_on_hyphens=False) for line in lines
+    )
+
+
+if Output.__doc__ is not None:  # else Python runs without docstrings
+    # Python takes the indentation away from 3.13 on.
+    Output.__doc__ = inspect.cleandoc(Output.__doc__).replace("QUANTITIES", _quantities())
