@@ -9,18 +9,22 @@ import numpy as np
 
 
 class Block(NamedTuple):
-    """Derivatives (k, e) of a component of an output by entries of states, forces or numbers."""
+    """Derivatives (k, e) of an output in rows (k,) by entries of states, forces or numbers.
+
+    Those (e,) of a single row have a number in the place of arrays (k,).
+    """
 
     name: str
-    #: The entries of each state, or of all numbers of the name, flat.
-    entries: slice
-    #: Rows (k,) of the output in their order.
-    rows: np.ndarray
+    #: The entries of each state, or of all numbers of the name, flat: a slice or an array (e,).
+    entries: Any
+    #: Rows of the output in their order.
+    rows: Any
     derivatives: np.ndarray
     #: Places (k,) among the states, forces or sub-steps, each at most once; None for numbers that
     #: do not have a row for each sub-step.
-    places: np.ndarray | slice | None = None
-    part: int = 0
+    places: Any = None
+    #: The component that depends on the entries, or (e,) that on each of them.
+    part: Any = 0
 
     def times(self, factor: float) -> Block:
         """The same of a multiple of the output."""
@@ -31,15 +35,16 @@ def of_row(
     name: str, row: int, values: np.ndarray, place: int | None = None, first: int = 0
 ) -> Block:
     """Derivatives of one row by all entries of a state, or of numbers, from the `first` on."""
-    entries = slice(first, first + values.size)
-    places = None if place is None else slice(place, place + 1)
-    return Block(name, entries, np.array([row]), values.reshape(1, -1), places)
+    return Block(name, slice(first, first + values.size), row, values.ravel(), place)
 
 
-def of_entry(name: str, entry: int, rows: np.ndarray, derivatives: Any, **more: Any) -> Block:
-    """Derivatives (k,), or the same one, of rows (k,) by one entry."""
-    values = np.broadcast_to(derivatives, rows.shape)[:, None]
-    return Block(name, slice(entry, entry + 1), rows, values, **more)
+def of_entries(
+    name: str, entries: Any, parts: Any, rows: np.ndarray, derivatives: Any, places: Any = None
+) -> Block:
+    """Derivatives (k,), or the same one, of rows (k,) of components by one entry each."""
+    entries, parts = np.atleast_1d(entries), np.atleast_1d(parts)
+    values = np.broadcast_to(np.reshape(derivatives, (-1, 1)), (len(rows), len(entries)))
+    return Block(name, entries, rows, values, places, parts)
 
 
 def pull(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
@@ -47,7 +52,8 @@ def pull(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
     if weights.ndim == 1:
         weights = weights[:, None]
     for name, entries, rows, derivatives, places, part in blocks:
-        to.add(name, entries, places, weights[rows, part][:, None] * derivatives)
+        at = rows if isinstance(rows, int) else rows[:, None]
+        to.add(name, entries, places, weights[at, part] * derivatives)
 
 
 def push(
@@ -61,19 +67,22 @@ def push(
     found = np.zeros((shape[0], *(shape[1:] or (1,)), count))
     for name, entries, rows, derivatives, places, part in blocks:
         if places is None:
-            values = (changes[name].reshape(count, -1)[:, entries] @ derivatives.T).T
+            given = changes[name].reshape(count, -1)[:, entries]
+        else:  # without states, numbers with a row for each sub-step
+            given = of_state[name] if name in of_state else changes[name].swapaxes(0, 1)
+            given = given.reshape(len(given), count, -1)[..., entries][places]
+        if isinstance(rows, int):  # as of energies, in each of their rows
+            found[rows, part] += given @ derivatives
+            continue
+        at = first = np.flatnonzero(np.diff(rows, prepend=-1))
+        if np.ndim(part):
+            values = (given * derivatives[:, None]).swapaxes(1, 2)
+            at = first[:, None]
+        elif places is None:
+            values = (given @ derivatives.T).T
         else:
-            if name in of_state:
-                states = of_state[name]
-            else:  # numbers with a row for each sub-step
-                states = changes[name].swapaxes(0, 1)
-            states = states.reshape(len(states), count, -1)[..., entries][places]
-            values = (states @ derivatives[..., None])[..., 0]
-        if len(rows) == 1:  # as of energies, in each of their rows
-            found[rows[0], part] += values[0]
-        else:
-            first = np.flatnonzero(np.diff(rows, prepend=-1))
-            found[rows[first], part] += np.add.reduceat(values, first)
+            values = (given @ derivatives[..., None])[..., 0]
+        found[rows[at], part] += np.add.reduceat(values, first)
     return found.reshape(*shape, count)
 
 
@@ -87,9 +96,9 @@ class Gradient:
         self._sizes = sizes
         #: Those by states and forces (n, size).
         self.of_state: dict[str, np.ndarray] = {}
-        #: Those by entries of numbers, and by numbers with a row for each sub-step.
+        #: Those by ranges of numbers, and by single ones or those with a row for each sub-step.
         self._of_numbers: dict[tuple[str, int, int], np.ndarray] = {}
-        self._of_steps: list[tuple[str, slice, Any, np.ndarray]] = []
+        self._picked: list[tuple[str, Any, Any, np.ndarray]] = []
 
     def at(self, name: str) -> np.ndarray:
         """Those by all states or forces of a name, to which one adds."""
@@ -97,22 +106,27 @@ class Gradient:
             self.of_state[name] = np.zeros(self._sizes[name])
         return self.of_state[name]
 
-    def add(self, name: str, entries: slice, places: Any, values: np.ndarray) -> None:
-        """Add derivatives (k, e) by entries, as those of a `Block`."""
-        if places is None:
-            key, total = (name, entries.start, entries.stop), values.sum(axis=0)
+    def add(self, name: str, entries: Any, places: Any, values: np.ndarray) -> None:
+        """Add derivatives (k, e) by entries, or (e,), as those of a `Block`."""
+        whole = isinstance(entries, slice)
+        if places is None and values.ndim > 1:
+            values = values.sum(axis=0)
+        if places is None and whole:
+            key = name, entries.start, entries.stop
             if key in self._of_numbers:
-                self._of_numbers[key] += total
+                self._of_numbers[key] += values
             else:
-                self._of_numbers[key] = total
-        elif name in self._sizes:
+                self._of_numbers[key] = values
+        elif places is None or name not in self._sizes:
+            self._picked.append((name, entries, places, values))
+        elif whole:
             self.at(name)[:, entries][places] += values
         else:
-            self._of_steps.append((name, entries, places, values))
+            self.at(name)[np.reshape(places, (-1, 1)), entries] += values
 
     def add_numbers(self, name: str, values: np.ndarray) -> None:
         """Add the derivatives by all numbers of a name."""
-        self.add(name, slice(0, values.size), None, values.reshape(1, -1))
+        self.add(name, slice(0, values.size), None, values.flatten())
 
     def along(self, changes: Mapping[str, np.ndarray]) -> np.ndarray:
         """What is by numbers, times changes (m, ...) of these: (m,)."""
@@ -120,9 +134,10 @@ class Gradient:
         found = np.zeros(count)
         for (name, start, stop), values in self._of_numbers.items():
             found += changes[name].reshape(count, -1)[:, start:stop] @ values
-        for name, entries, places, values in self._of_steps:
-            rows = changes[name].reshape(count, changes[name].shape[1], -1)
-            found += np.einsum("ke,mke->m", values, rows[..., entries][:, places])
+        for name, entries, places, values in self._picked:
+            shape = (count, -1) if places is None else (count, changes[name].shape[1], -1)
+            given = changes[name].reshape(shape)[..., entries]
+            found += along(given if places is None else given[:, places], values)
         return found
 
 

@@ -17,7 +17,7 @@ from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Steps
 
-from .gradient import Block, of_entry
+from .gradient import Block, of_entries
 from .output_values import record_of
 
 
@@ -78,40 +78,39 @@ class LocalOutput:
         """Those of entries of states and forces."""
         of, number = measured(self._model, self._output), self._of.number
         if self._of.quantity.is_place:
-            every = np.arange(len(self._places.ends))
-            for i, column in enumerate(np.atleast_1d(self._of.columns).tolist()):
-                yield of_entry("X", 2 * number + column, every, 1.0, part=i)
-        for i, entry, sign in of.terms:
+            parts, every = np.arange(np.size(of.plus)), np.arange(len(self._places.ends))
+            yield of_entries("X", 2 * number + self._of.columns, parts, every, 1.0)
+        for parts, entries, sign in of.terms():
             if of.array == "a":
-                yield from self._change(self._rates, entry, i)
-                yield self._at_start("a", entry, i)
+                yield from self._change(self._rates, entries, parts)
+                yield self._at_start("a", entries, parts)
             elif of.array in _FORCES:
-                yield from self._force(*_FORCES[of.array], entry, i)
+                yield from self._force(*_FORCES[of.array], entries, parts)
             else:
                 name = self._rates if of.array == "v" else of.array
-                yield self._at_ends(name, entry, i, sign)
+                yield self._at_ends(name, entries, parts, sign)
 
-    def _at_ends(self, name: str, entry: int, part: int = 0, factor: Any = 1.0) -> Block:
+    def _at_ends(self, name: str, entries: Any, parts: Any = 0, factor: Any = 1.0) -> Block:
         ends = self._places.ends
-        return of_entry(name, entry, np.arange(len(ends)), factor, part=part, places=ends)
+        return of_entries(name, entries, parts, np.arange(len(ends)), factor, ends)
 
-    def _change(self, name: str, entry: int, part: int) -> Iterator[Block]:
+    def _change(self, name: str, entries: Any, parts: Any) -> Iterator[Block]:
         """The change over the steps, by their lengths."""
         places, rows = self._places, self._places.moved
         per_time = 1 / places.steps.lengths[rows]
         for at, factor in ((places.ends, per_time), (places.starts, -per_time)):
-            yield of_entry(name, entry, rows, factor, part=part, places=at[rows])
+            yield of_entries(name, entries, parts, rows, factor, at[rows])
 
-    def _at_start(self, name: str, entry: int, part: int) -> Block:
-        return of_entry(name, entry, self._places.at_start, 1.0, part=part)
+    def _at_start(self, name: str, entries: Any, parts: Any) -> Block:
+        return of_entries(name, entries, parts, self._places.at_start, 1.0)
 
-    def _force(self, name: str, at_start: str, impulse: str, entry: int, part: int):
+    def _force(self, name: str, at_start: str, impulse: str, entries: Any, parts: Any):
         """A mean force over the steps, with what rates that fit add to it."""
         steps, forces = self._places.steps, self._places.forces
-        yield of_entry(name, entry, steps.of, steps.shares, part=part, places=forces)
-        yield self._at_start(at_start, entry, part)
+        yield of_entries(name, entries, parts, steps.of, steps.shares, forces)
+        yield self._at_start(at_start, entries, parts)
         if self._model.fitted_rates is not None:
-            yield from self._change(impulse, entry, part)
+            yield from self._change(impulse, entries, parts)
 
     def _of_law(self) -> Iterator[Block]:
         """Those of a law: slopes by steps in the imaginary direction, exact to round-off."""
@@ -143,7 +142,7 @@ class LocalOutput:
             for part, slope in enumerate(np.atleast_2d(np.imag(value) / _STEP)):
                 places = None if field in _OF_JOINTS else ends
                 if slope.any():
-                    yield of_entry(name, entry, every, slope, part=part, places=places)
+                    yield of_entries(name, entry, part, every, slope, places)
 
     def _rate_on_beam(self, joint: SlidingJoint) -> Iterator[Block]:
         """t . (v_b - sum N v_a) / t . t with the slope t of the beam where the node is."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,15 +36,13 @@ class Measured(NamedTuple):
             found[..., self.missing] = 0.0
         return found if self.added is None else self.added + found
 
-    @property
-    def terms(self) -> list[tuple[int, int, float]]:
-        """Components, entries and signs of all that counts."""
-        found = []
+    def terms(self) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+        """Components, their entries and the sign of all that counts."""
         for entries, sign in ((self.plus, 1.0), (self.minus, -1.0)):
             if entries is not None:
-                found += [(i, int(entry), sign) for i, entry in enumerate(np.atleast_1d(entries))]
-        gone = [] if self.missing is None else np.flatnonzero(self.missing).tolist()
-        return [term for term in found if term[0] not in gone]
+                missing = self.missing is not None and self.missing
+                parts = np.flatnonzero(~np.broadcast_to(missing, np.shape(entries)))
+                yield parts, np.atleast_1d(entries)[parts], sign
 
 
 def measured(model: Model, output: Output) -> Measured:
