@@ -109,7 +109,7 @@ class LoadPath:
             solution = self._solution(states)
             warn_of_depth(solution)
             warn_of_sharp_bends(solution)
-            solution.load_path = self
+            solution._load_path = self
         except BaseException as error:
             stats.failure = failure_of(error, states[-1].t if states else 0.0)
             if states:

@@ -101,7 +101,7 @@ class Solution:
     energy: Energy
     end: State | None
     #: The path whose equilibria these are, for derivatives; copies have none.
-    load_path: Any = None
+    _load_path: Any = None
 
     def __init__(
         self,
@@ -158,7 +158,7 @@ class Solution:
         known = {}
         if self.has_motion:
             known = {name: self.resultants_of_beam(name) for name in self.beams}
-        of_run = "_histories", "_end", "load_path"
+        of_run = "_histories", "_end", "_load_path"
         own = {name: value for name, value in self.__dict__.items() if name not in of_run}
         own |= {name: getattr(self, name) for name in _LATER}
         return {**own, "resultants_of_beam": known.__getitem__}

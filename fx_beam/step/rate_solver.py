@@ -25,7 +25,7 @@ from fx_beam.structs import Structs
 from .lu_layout import fill_in
 
 # Mass of what has none, relative to the least mass that there is.
-_LITTLE = 1e-6
+_LITTLE = 1e-2
 # Up to so many rates in the equations, those that follow from them by masses are left out.
 _MOST = 200
 
