@@ -9,7 +9,7 @@ import numpy as np
 from fx_beam.step.model import Model
 
 from .gradient import Block
-from .sub_steps import SubSteps
+from .sub_steps import OF_POINTS, SubSteps
 
 #: A state by name, with the values of the parameters there and the natural strains.
 Row = Mapping[str, np.ndarray]
@@ -17,21 +17,25 @@ Row = Mapping[str, np.ndarray]
 Derivatives = dict[str, np.ndarray]
 
 
+def _by_mass(model: Model, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Derivatives of x.M y by the entries of M."""
+    return np.repeat(x, np.diff(model.mass.indptr)) * y[model.mass.indices]
+
+
 def _kinetic(model: Model, row: Row) -> Derivatives:
     """v.M v / 2."""
     if model.scheme.rates.at_rest:
         return {}
-    mass, v = model.mass.tocoo(), row["v"]
-    return {"v": model.mass @ v, "mass": v[mass.row] * v[mass.col] / 2}
+    v = row["v"]
+    return {"v": model.mass @ v, "mass": _by_mass(model, v, v) / 2}
 
 
 def _of_fit(model: Model, row: Row) -> Derivatives:
     """v*.M (v* - v), the work of driven motions on the impulses with which rates v* fit."""
     if "rates" not in row or not model.couplings.driven:
         return {}
-    mass, v, rates = model.mass.tocoo(), row["v"], row["rates"]
-    fitting = model.mass @ rates
-    by_mass = rates[mass.row] * (rates - v)[mass.col]
+    v, rates = row["v"], row["rates"]
+    fitting, by_mass = model.mass @ rates, _by_mass(model, rates, rates - v)
     return {"v": -fitting, "rates": 2 * fitting - model.mass @ v, "mass": by_mass}
 
 
@@ -53,9 +57,8 @@ def _springs(model: Model, row: Row) -> Derivatives:
         return {}
     model.forms.parameters.use(row.get("parameters"))
     by = model.points.energy_by(row["q"], row["slides"], row["spring internal"])
-    names = {"internal": "spring internal", "numbers": "points"}
-    kept = {"q", "slides", "internal", "numbers", "parameters", "members", "X"}
-    return {names.get(name, name): by[name] for name in by if name in kept}
+    wanted = {"q", "slides", "internal", "numbers", "parameters", "members", "X"}
+    return {OF_POINTS.get(name, name): by[name] for name in by if name in wanted}
 
 
 _PARTS: dict[str, list[Callable[[Model, Row], Derivatives]]] = {

@@ -28,6 +28,8 @@ from .work_outputs import (
     sums_steps,
 )
 
+# Rates that fit the joints, and the impulses that make them fit, by their names as states.
+_FITTED = "rates", "impulses of joints", "impulses of columns"
 #: States (n, ...) before some sub-steps, by the names of the derivatives by them.
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 
@@ -146,8 +148,7 @@ class Observation:
                 counting = np.flatnonzero(own.reshape(len(own), -1).any(axis=1))
                 pull(output.blocks(counting), own, found)
         if self._fit is not None:
-            names = "rates", "impulses of joints", "impulses of columns"
-            rates, joints, columns = (found.at(name) for name in names)
+            rates, joints, columns = (found.at(name) for name in _FITTED)
             joints = joints.reshape(len(joints), -1, 3)
             of_state, of_numbers = self._fit.pull(rates, joints, columns)
             driven = of_state.pop("driven rates")
@@ -178,8 +179,7 @@ class Observation:
                 driven = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
             given = {name: of_state[name] for name in ("q", "v", "slides")}
             given["driven rates"] = driven
-            names = "rates", "impulses of joints", "impulses of columns"
-            of_state |= dict(zip(names, self._fit.push(given, changes), strict=True))
+            of_state |= dict(zip(_FITTED, self._fit.push(given, changes), strict=True))
         values, rows = dict[str, np.ndarray](), self._rows
         for name, output in self._outputs.items():
             if isinstance(output, WorkOutput):

@@ -10,7 +10,7 @@ from fx_beam.fem.step_start import Part
 from fx_beam.step.model import Model
 
 from .gradient import Block, of_row
-from .sub_steps import SubSteps
+from .sub_steps import OF_POINTS, SubSteps
 
 
 def why_no_losses(model: Model) -> str:
@@ -56,5 +56,4 @@ class StepLosses:
             if D.size:
                 yield of_row(name, row, by.pop(name) - D, before)
                 yield of_row(name, row, D, after)
-        names = {"internal": "spring internal", "numbers": "points"}
-        yield from of.in_step(row, k, {names.get(name, name): by[name] for name in by})
+        yield from of.in_step(row, k, {OF_POINTS.get(name, name): by[name] for name in by})

@@ -25,6 +25,8 @@ NATURAL: dict[str, Callable[[int], int]] = {
 }
 #: Data of sections by their names in forms.
 OF_NUMBERS = {"stiffness": "stiffness", "times": "retardation"}
+#: Numbers and internal variables of forces at points by their names in laws.
+OF_POINTS = {"internal": "spring internal", "numbers": "points"}
 
 
 class SubSteps:

@@ -24,7 +24,8 @@ from fx_beam.structs import Structs
 
 from .lu_layout import fill_in
 
-# Mass of what has none, relative to the least mass that there is.
+# Mass of what has none, relative to the least mass that there is. A smaller one takes more
+# repetitions: the regularisation of an equation is in proportion to the mobility of its rates.
 _LITTLE = 1e-2
 # Up to so many rates in the equations, those that follow from them by masses are left out.
 _MOST = 200

@@ -77,8 +77,8 @@ static long path_start(const Problem *p, int slider) {
   return start;
 }
 
-/* Numbers that keep large arrays apart: reading one would wait for what was written in another one at the same place of a
-   page. */
+/* Room between large arrays, so that their distance is no multiple of a page of memory: a read waits for an earlier write at
+   the same place of another page. */
 enum { SPACING = 40 };
 
 /* Numbers of a node that slides between its laws: weights N at both ends, those of the virtual slide,

@@ -22,7 +22,7 @@ typedef struct {
   Layout at;
   Block of[BLOCKS];
   double *loads, *follower_force, *natural; /* given on the tape */
-  double *on_ties;                  /* forces on ties */
+  double *on_ties;                          /* forces on ties */
 } Linear;
 
 static void lay_out_linear(const Problem *p, Linear *l, double **at) {
