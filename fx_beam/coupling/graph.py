@@ -21,7 +21,7 @@ from .sliding_order import with_order
 Entry = tuple[int, int, float]
 # Trees in which a degree of freedom would be a sum of more entries than the first number are tied:
 # sums then have as many entries as the second, or the few more of one joint. More entries make more
-# products in the tangent, more ties make it larger.
+# products in the tangent, more auxiliary unknowns make it larger.
 _LONG, _REACH = 14, 6
 # Key of the ground's column, which is fixed.
 _GROUND = ("ground",)
@@ -29,17 +29,17 @@ _GROUND = ("ground",)
 
 @dataclass(frozen=True)
 class Closure:
-    """A joint that closes a loop in a component: an equation between columns, gap = 0."""
+    """A joint that closes a loop in a component: an equation between columns, closure = 0."""
 
     joint: Joint
     #: 0 for x, 1 for y; 2 for the rotation, only in loops with a sleeve.
     component: int
-    #: Entries of the gap: the displacement of b minus that of the point of a where it is.
+    #: Entries of the closure: the displacement of b minus that of the point of a where it is.
     entries: list[Entry]
 
 
 @dataclass(frozen=True)
-class Tie:
+class Auxiliary:
     """A degree of freedom in a long tree that has a column of its own, which depends on others.
 
     What follows it refers to this column, not to all columns on the way from the root. Newton's
@@ -47,7 +47,7 @@ class Tie:
     """
 
     dof: int
-    #: Entries of its sum; those of columns of ties are of earlier ones.
+    #: Entries of its sum; those of columns of auxiliary unknowns are of earlier ones.
     entries: list[Entry]
     #: Arms of joints in it: 2 m for x and 2 m + 1 for y, for joint m of `Couplings.moving`.
     arms: list[int]
@@ -59,10 +59,10 @@ class Couplings:
 
     Order of columns: free degrees of freedom and slides; driven (prescribed motions, then motors);
     fixed, with one for the ground; those of nodes that slide on beams, which depend on the others.
-    Behind them are those of ties.
+    Behind them are those of auxiliary unknowns.
     """
 
-    #: Number of free columns, of driven ones, and of all but the ties.
+    #: Number of free columns, of driven ones, and of all but the auxiliary unknowns.
     free: int
     driven: int
     columns: int
@@ -78,8 +78,8 @@ class Couplings:
     sign: np.ndarray
     #: Arms of joints in each sum of `sums`, as in `Tie`.
     arms: dict[int, list[int]]
-    #: Ties, those of rotations first.
-    ties: list[Tie]
+    #: Auxiliaries, those of rotations first.
+    auxiliaries: list[Auxiliary]
     #: For x, y and rotation: the nodes that follow others through joints, parents first.
     forests: list[list[Branch]]
     #: Joints of nodes that slide on beams: each after those on whose nodes its beam depends.
@@ -140,7 +140,7 @@ class Couplings:
         slides[..., numbers] = y[..., columns]
         return slides
 
-    def entries_of_guide(self, joint: Joint, dofs: np.ndarray) -> list[Entry]:
+    def entries_of_carrier(self, joint: Joint, dofs: np.ndarray) -> list[Entry]:
         """Entries of the rotation of a joint's offset and axis; none on the ground."""
         return self.entries(dofs[joint.a.number, 2]) if joint.a is not GROUND else []
 
@@ -151,7 +151,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     columns = _Columns(scene, mesh, forests)
     moving = [b.joint for b in forests[0] if not b.joint.is_index]
     moving += [joint for joint in closing[0] if not joint.is_index]
-    # Ties depend on no columns of nodes that slide.
+    # Auxiliaries depend on no columns of nodes that slide.
     whole = {joint.b.number for joint in sliding_joints(scene.joints)}
     sums = _Sums(mesh, columns, forests, moving, whole)
     column = np.empty(mesh.dofs.size, dtype=int)
@@ -175,7 +175,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         moving=moving,
         sign=np.array([_signs(forest, scene.joint_count) for forest in forests]),
         arms=arms,
-        ties=sums.ties,
+        auxiliaries=sums.auxiliaries,
         forests=forests,
         sliding=sliding_joints(scene.joints),
         carried=columns.carried,
@@ -185,7 +185,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
 
 
 class _Sums:
-    """The sums of entries that the nodes of trees are, and the ties that keep them short."""
+    """The sums of entries that the nodes of trees are, and the auxiliaries that keep them short."""
 
     def __init__(
         self,
@@ -202,14 +202,14 @@ class _Sums:
         self.of: dict[tuple[int, int], tuple[list[Entry], list[int]]] = {
             (GROUND.number, i): (ground, []) for i in range(3)
         }
-        self.ties: list[Tie] = []
+        self.auxiliaries: list[Auxiliary] = []
         whole = _connected(forests, whole)
         for i in (2, 0, 1):
-            tied = self._in_long_trees(forests[i], i) - whole
+            auxiliary = self._in_long_trees(forests[i], i) - whole
             for branch in forests[i]:
                 own, arms = self._at(branch.parent, i)
                 more, through = self._of_joint(branch.joint, i, branch.sign)
-                self._set((branch.node, i), own + more, arms + through, branch.node in tied)
+                self._set((branch.node, i), own + more, arms + through, branch.node in auxiliary)
 
     def _at(self, node: int, component: int) -> tuple[list[Entry], list[int]]:
         root = int(self._columns.of_roots[node, component]) if node >= 0 else -1
@@ -235,12 +235,12 @@ class _Sums:
         self, key: tuple[int, int], own: list[Entry], arms: list[int], in_long_tree: bool
     ) -> None:
         if in_long_tree and len(own) > _REACH:
-            self.ties.append(Tie(int(self._dofs[key]), own, arms))
-            own, arms = [(self._columns.count + len(self.ties) - 1, 0, 1.0)], []
+            self.auxiliaries.append(Auxiliary(int(self._dofs[key]), own, arms))
+            own, arms = [(self._columns.count + len(self.auxiliaries) - 1, 0, 1.0)], []
         self.of[key] = own, arms
 
     def _in_long_trees(self, forest: list[Branch], i: int) -> set[int]:
-        """Nodes of trees in which a sum has many entries without ties."""
+        """Nodes of trees in which a sum has many entries without auxiliary unknowns."""
         entries, roots = dict[int, int](), dict[int, int]()
         most = dict[int, int]()
         for branch in forest:
@@ -259,8 +259,8 @@ class _Sums:
         for side, own in ((1.0, b), (-1.0, a), (1.0, self._of_joint(joint, i, -1.0)[0])):
             for *key, sign in own:
                 total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
-        gap = [(at, value, sign) for (at, value), sign in total.items() if sign]
-        return Closure(joint, i, gap)
+        closure = [(at, value, sign) for (at, value), sign in total.items() if sign]
+        return Closure(joint, i, closure)
 
 
 def _connected(forests: list[list[Branch]], nodes: set[int]) -> set[int]:

@@ -16,8 +16,8 @@ import scipy.sparse
 from fx_beam.content_cache import cached_by_content
 
 
-class TieTables(NamedTuple):
-    """Ties for the compiled loop, by the names in problem.h."""
+class AuxiliaryTables(NamedTuple):
+    """Auxiliaries for the compiled loop, by the names in problem.h."""
 
     values: dict[str, Any]
     #: Entries of the reduced tangent, -1 for none; those that are 1.
@@ -30,8 +30,8 @@ class Tables(NamedTuple):
 
     #: Entries of T and Tv: row, column, value (0 is the constant 1) and sign.
     entries: dict
-    #: Joints that depend on the motion: offset, axis, sign (x, y), guide (-1: ground), slide_column
-    #: (-1: none) and number.
+    #: Joints that depend on the motion: offset, axis, sign (x, y), carrier (-1: ground),
+    #: slide_column (-1: none) and number.
     joints: dict
     #: Degrees of freedom (dof) that follow through joint j: through is 2 j for x and 2 j + 1 for y.
     followers: dict
@@ -43,7 +43,7 @@ class Tables(NamedTuple):
     geometric: dict
     #: Derivatives of the forces of springs and dampers: to, of, side and sign.
     restoring: dict
-    ties: TieTables | None
+    auxiliaries: AuxiliaryTables | None
 
 
 class LoopTables(NamedTuple):
@@ -61,7 +61,7 @@ class Reduction(Protocol):
     free: int
     driven: int
     columns: int
-    #: Unknowns (2, m) of ties in it, and those on which they depend.
+    #: Unknowns (2, m) of auxiliary unknowns in it, and those on which they depend.
     dependent: np.ndarray
     #: Why no step can begin here; empty if it can.
     singularity: str
@@ -72,7 +72,7 @@ class Reduction(Protocol):
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Sparsity (indptr, indices) of the reduced matrix in compressed rows.
 
-        Of the unknowns, and of what `Ties` adds behind them.
+        Of the unknowns, and of what `Auxiliaries` adds behind them.
         """
 
     @property
@@ -131,10 +131,10 @@ class Reduction(Protocol):
     def carried(self, r: np.ndarray) -> np.ndarray:
         """Forces (size,) with those of sliding nodes on their beams."""
 
-    def guide_moments(self, forces: np.ndarray) -> np.ndarray | None:
+    def carrier_moments(self, forces: np.ndarray) -> np.ndarray | None:
         """Moments of offset and sliding joints on their nodes a, for their forces (joints, 2)."""
 
-    def borders(self) -> np.ndarray | None:
+    def bordering_rows(self) -> np.ndarray | None:
         """Gv and G (2, closures, unknowns) of loops that border the linear system; or None."""
 
     def condensed(self, tangent: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
@@ -156,7 +156,7 @@ class Reduction(Protocol):
         """What a matrix A of any sparsity adds to the one of `fill`: Tv^T A T."""
 
     def system(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the linear system for all columns and ties; -1 for none."""
+        """Rows and columns of the linear system for all columns and auxiliaries; -1 for none."""
 
 
 class WithoutLoops:
@@ -192,7 +192,7 @@ class WithoutLoops:
         """No forces."""
         return None
 
-    def borders(self) -> np.ndarray | None:
+    def bordering_rows(self) -> np.ndarray | None:
         """None."""
         return None
 
@@ -286,7 +286,7 @@ class IndexReduction(WithoutLoops):
         """The tangent as it is."""
         return tangent
 
-    def guide_moments(self, forces):
+    def carrier_moments(self, forces):
         """None: without offsets and slides there are no lever arms."""
         return None
 
@@ -311,7 +311,7 @@ class IndexReduction(WithoutLoops):
             "offset": pairs,
             "axis": pairs,
             "sign": pairs,
-            "guide": none,
+            "carrier": none,
             "slide_column": none,
             "number": none,
         }
@@ -334,7 +334,7 @@ class IndexReduction(WithoutLoops):
             coupled={"to": none, "source": none, "virtual": none, "value": none, "sign": none},
             geometric={"to": none, "joint": none, "kind": none, "sign": none},
             restoring={"to": none, "of": none},
-            ties=None,
+            auxiliaries=None,
         )
 
 

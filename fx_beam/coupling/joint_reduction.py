@@ -12,10 +12,10 @@ from fx_beam.fem.point_forces import PointForces
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.joints import Joint
 
+from .auxiliaries import Auxiliaries
 from .graph import Couplings
 from .index_reduction import Tables, WithoutLoops, sparsity
 from .sliders import Slide, Sliders
-from .ties import Ties
 
 # Signs of the components of W a, exchanged.
 _QUARTER_TURN = np.array([-1.0, 1.0])
@@ -25,9 +25,9 @@ class JointReduction(WithoutLoops):
     """Reduction for joints whose coupling changes with the motion, motors, springs and dampers.
 
     `matrix` has the sparsity of the full tangent; those of its entries that are not `used` remain
-    zero. In the linear system each tie has two unknowns,
-    its displacement u and the force on what it follows. Their rows are the tie's equation, and the
-    balance of u.
+    zero. In the linear system each auxiliary unknown has two unknowns,
+    its displacement u and the force on what it follows. Their rows are the auxiliary unknown's
+    equation, and the balance of u.
     """
 
     def __init__(
@@ -43,18 +43,21 @@ class JointReduction(WithoutLoops):
         self.sliders = sliders
         self.free, self.driven = couplings.free, couplings.driven
         self.columns = couplings.columns
-        self.ties = Ties(couplings)
-        self.dependent = self.ties.dependent
+        self.auxiliaries = Auxiliaries(couplings)
+        self.dependent = self.auxiliaries.dependent
         #: Column of the tangent that belongs to each column, and row of its forces; -1 where it is
         #: no unknown.
-        self._index, self._row_index = self.ties.columns_of_unknowns, self.ties.rows_of_unknowns
+        self._index, self._row_index = (
+            self.auxiliaries.columns_of_unknowns,
+            self.auxiliaries.rows_of_unknowns,
+        )
         if sliders is not None:
             for index in (self._index, self._row_index):
                 own = slice(couplings.independent, self.columns)
                 index[own] = sliders.index[own]
         self._rates, self._points, self._dofs = rates, points, dofs
         self._size = matrix.shape[0]
-        self._z = np.zeros(self.columns + len(self.ties))
+        self._z = np.zeros(self.columns + len(self.auxiliaries))
         rows, columns, value_at, signs = couplings.all_entries()
         self._row, self._col, self._value_at = rows, columns, value_at
         self._sign = signs
@@ -68,8 +71,8 @@ class JointReduction(WithoutLoops):
         self.set_arms(moving)
         #: Signs in x and y.
         self._joint_sign = couplings.sign[:2, [joint.number for joint in moving]].T
-        #: Rotation of the guide; -1 for the ground.
-        self._guide = np.array(
+        #: Rotation of the carrier; -1 for the ground.
+        self._carrier = np.array(
             [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in moving], dtype=int
         )
         self._slide = np.array([couplings.slides.get(j.number, -1) for j in moving], dtype=int)
@@ -92,7 +95,7 @@ class JointReduction(WithoutLoops):
         geometric = []
         for m, joint in enumerate(self._moving):
             turn = [
-                e for e in couplings.entries_of_guide(joint, self._dofs) if self._index[e[0]] >= 0
+                e for e in couplings.entries_of_carrier(joint, self._dofs) if self._index[e[0]] >= 0
             ]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
             for kind, maps, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
@@ -107,11 +110,12 @@ class JointReduction(WithoutLoops):
         pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
         rows, columns = self._row_index[pairs[:, 0]], self._index[pairs[:, 1]]
         position = self._set_pattern(
-            np.concatenate([rows, self.ties.rows]), np.concatenate([columns, self.ties.columns])
+            np.concatenate([rows, self.auxiliaries.rows]),
+            np.concatenate([columns, self.auxiliaries.columns]),
         )
         cuts = np.cumsum([len(source), len(geometric), len(restoring)])
         parts = np.split(position, cuts)
-        position, self._geometric_to, self._restoring_to, self._tied_to = parts
+        position, self._geometric_to, self._restoring_to, self._auxiliary_to = parts
         maps, values = self._value_at[left], self._value_at[right]
         signs = self._sign[left] * self._sign[right]
         direct = (maps == 0) & (values == 0) & (signs == 1)
@@ -124,7 +128,7 @@ class JointReduction(WithoutLoops):
         """Set the pattern of open loops; returns positions of entries before sliders are gone."""
         if self.sliders is not None:
             return self.sliders.set_tangent(rows, columns)
-        self._open, position = sparsity(rows, columns, self.ties.unknowns)
+        self._open, position = sparsity(rows, columns, self.auxiliaries.unknowns)
         return position
 
     @property
@@ -148,10 +152,10 @@ class JointReduction(WithoutLoops):
         return self._opened_factored
 
     def system(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the linear system for all columns and ties; -1 for none."""
+        """Rows and columns of the linear system for all columns and auxiliaries; -1 for none."""
         return self._row_index, self._index
 
-    def guides(self) -> tuple[np.ndarray, int]:
+    def carriers(self) -> tuple[np.ndarray, int]:
         """None."""
         return np.empty(0, int), 0
 
@@ -165,7 +169,7 @@ class JointReduction(WithoutLoops):
             "offset": self._offset,
             "axis": self._axis,
             "sign": self._joint_sign,
-            "guide": self._guide,
+            "carrier": self._carrier,
             "slide_column": self._slide,
             "number": np.array([joint.number for joint in self._moving], dtype=int),
         }
@@ -187,16 +191,16 @@ class JointReduction(WithoutLoops):
             coupled={"to": to, "source": source, "virtual": virtual, "value": value, "sign": sign},
             geometric={"to": self._geometric_to, "joint": joint, "kind": kind, "sign": signs},
             restoring={"to": self._restoring_to, "of": self._sprung},
-            ties=self.ties.tables(self._tied_to),
+            auxiliaries=self.auxiliaries.tables(self._auxiliary_to),
         )
 
     # -- A step -----------------------------------------------------------------------------------
 
     def begin(self, q, slides) -> None:
         """Set the start of a step."""
-        guide = self._guide
-        self._psi0 = np.where(guide >= 0, q[guide], 0.0) if len(guide) else np.empty(0)
-        self._arm_steps = np.zeros(2 * len(guide))
+        carrier = self._carrier
+        self._psi0 = np.where(carrier >= 0, q[carrier], 0.0) if len(carrier) else np.empty(0)
+        self._arm_steps = np.zeros(2 * len(carrier))
         self._d0 = slides[[joint.number for joint in self._moving]]
         self._rho0 = self._rho1 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
         self._t0 = _turn(self._psi0, self._axis)
@@ -208,10 +212,10 @@ class JointReduction(WithoutLoops):
         z = self._z
         z[: self.free] = y
         z[self.free : self.free + self.driven] = driven
-        if len(self.ties):
+        if len(self.auxiliaries):
             # First those of rotations, on which the arms of joints depend.
             for _ in range(2):
-                self.ties.set_increments(z, self._arm_steps)
+                self.auxiliaries.set_increments(z, self._arm_steps)
                 D = self._expand(z)
         else:
             D = self._expand(z)
@@ -225,9 +229,9 @@ class JointReduction(WithoutLoops):
     def _expand(self, z):
         row, col, sign = self._linear
         D = np.bincount(row, z[col] * sign, self._size)
-        guide, level = self._guide, self._rates.level
-        if len(guide):
-            Dpsi = np.where(guide >= 0, D[guide], 0.0)
+        carrier, level = self._carrier, self._rates.level
+        if len(carrier):
+            Dpsi = np.where(carrier >= 0, D[carrier], 0.0)
             Dd = np.where(self._slide >= 0, z[self._slide], 0.0)
             psi1, d1 = self._psi0 + Dpsi, self._d0 + Dd
             self._rho1 = _turn(psi1, self._offset + d1[:, None] * self._axis)
@@ -264,21 +268,21 @@ class JointReduction(WithoutLoops):
         return self._spread(z)
 
     def _spread(self, z):
-        if len(self.ties):
-            z = np.append(z, np.zeros(len(self.ties)))
-            self.ties.set_changes(z, self._values)
+        if len(self.auxiliaries):
+            z = np.append(z, np.zeros(len(self.auxiliaries)))
+            self.auxiliaries.set_changes(z, self._values)
         weights = z[self._col] * self._values[self._value_at] * self._sign
         return np.bincount(self._row, weights, self._size)
 
     def gather(self, r):
         """Forces on all columns without Tv, springs and sliding nodes: T^T r, in a tree."""
         weights = r[self._row] * self._values[self._value_at] * self._sign
-        out = np.bincount(self._col, weights, self.columns + len(self.ties))
-        self.ties.collect(out, self._values)
+        out = np.bincount(self._col, weights, self.columns + len(self.auxiliaries))
+        self.auxiliaries.collect(out, self._values)
         return out[: self.columns]
 
     def normal(self, weight):
-        """T^T W T of the unknowns for a matrix W (size, size), as the linear system with ties.
+        """T^T W T for a matrix W (size, size), as the system with auxiliaries.
 
         Its first unknowns x solve T^T W T x = b, if b is followed by zeros.
         """
@@ -286,30 +290,30 @@ class JointReduction(WithoutLoops):
         rows, columns, value_at, signs = (
             part[moves] for part in (self._row, self._col, self._value_at, self._sign)
         )
-        shape = (self._size, self.columns + len(self.ties))
+        shape = (self._size, self.columns + len(self.auxiliaries))
         T = scipy.sparse.csr_matrix((self._values[value_at] * signs, (rows, columns)), shape)
-        A, n = (T.T @ weight @ T).tocoo(), self.ties.unknowns
-        rows = np.concatenate([self._row_index[A.row], self.ties.rows])
-        columns = np.concatenate([self._index[A.col], self.ties.columns])
-        entries = np.concatenate([A.data, self.ties.entries(self._values, self._values)])
+        A, n = (T.T @ weight @ T).tocoo(), self.auxiliaries.unknowns
+        rows = np.concatenate([self._row_index[A.row], self.auxiliaries.rows])
+        columns = np.concatenate([self._index[A.col], self.auxiliaries.columns])
+        entries = np.concatenate([A.data, self.auxiliaries.entries(self._values, self._values)])
         return scipy.sparse.csc_matrix((entries, (rows, columns)), (n, n))
 
     def coupling(self):
         """The matrix of `spread`."""
         T = self._of_columns(self._values)
-        if len(self.ties):
-            T = (T @ self.ties.completion(self._values)).tocsr()
+        if len(self.auxiliaries):
+            T = (T @ self.auxiliaries.completion(self._values)).tocsr()
         return self._with_slides(T, self._values, T)
 
     def _of_columns(self, values):
-        """T (size, columns and ties), or Tv, of the trees."""
-        shape, at = (self._size, self.columns + len(self.ties)), (self._row, self._col)
+        """T (size, columns and auxiliary unknowns), or Tv, of the trees."""
+        shape, at = (self._size, self.columns + len(self.auxiliaries)), (self._row, self._col)
         return scipy.sparse.csr_matrix((values[self._value_at] * self._sign, at), shape)
 
     def _with_slides(self, T, values, trees=None):
         """A matrix by columns with those of nodes on beams by those of the beams; for T or Tv.
 
-        `trees` is the map of the trees, by default with ties.
+        `trees` is the map of the trees, by default with auxiliary unknowns.
         """
         before = self._of_columns(values) if trees is None else trees
         for slide in self._sliding[::-1]:
@@ -327,13 +331,13 @@ class JointReduction(WithoutLoops):
     def moves(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) moves one of some degrees of freedom (size,)."""
         own = (self._values[self._value_at] != 0) & dofs[self._row]
-        counts = np.bincount(self._col[own], minlength=self.columns + len(self.ties)) * 1.0
-        self.ties.collect_whether(counts, self._values)
+        counts = np.bincount(self._col[own], minlength=self.columns + len(self.auxiliaries)) * 1.0
+        self.auxiliaries.collect_whether(counts, self._values)
         return counts[: self.free] > 0
 
     def moves_alone(self, dofs):
         """Those of degrees of freedom that depend on nothing else; not on loops or beams."""
-        if len(self.ties) or self.sliders is not None:
+        if len(self.auxiliaries) or self.sliders is not None:
             return np.zeros(self.free, dtype=bool)
         alone = np.bincount(self._row, minlength=self._size) == 1
         own = alone[self._row] & dofs[self._row] & (self._value_at == 0)
@@ -360,15 +364,15 @@ class JointReduction(WithoutLoops):
         return self._project(r)[: self.columns]
 
     def _project(self, r):
-        """Generalised forces at all columns and ties."""
-        count = self.columns + len(self.ties)
+        """Generalised forces at all columns and auxiliary unknowns."""
+        count = self.columns + len(self.auxiliaries)
         forces = self._on_slides(count)
         if self.sliders is not None:
             r = self.sliders.carry(r, self._virtual_map, forces)
         weights = r[self._row] * self._virtual_map[self._value_at] * self._sign
         out = np.bincount(self._col, weights, count) + forces
-        if len(self.ties):
-            self.ties.collect(out, self._virtual_map)
+        if len(self.auxiliaries):
+            self.auxiliaries.collect(out, self._virtual_map)
         return out
 
     def reduced(self, matrix):
@@ -377,7 +381,7 @@ class JointReduction(WithoutLoops):
             self._with_slides(self._of_columns(values), values)
             for values in (self._values, self._virtual_map)
         )
-        A, n = (Tv.T @ matrix @ T).tocoo(), self.ties.unknowns
+        A, n = (Tv.T @ matrix @ T).tocoo(), self.auxiliaries.unknowns
         row, column = self._row_index[A.row], self._index[A.col]
         on = (row >= 0) & (column >= 0) & (row < n) & (column < n)
         return scipy.sparse.csr_matrix((A.data[on], (row[on], column[on])), (n, n))
@@ -404,9 +408,9 @@ class JointReduction(WithoutLoops):
         if len(self._restoring_to):
             slopes = self._points.on_slides(1)[self._sprung]
             out += np.bincount(self._restoring_to, slopes, len(out))
-        if len(self.ties):
-            tied = self.ties.entries(self._values, self._virtual_map)
-            out += np.bincount(self._tied_to, tied, len(out))
+        if len(self.auxiliaries):
+            auxiliary = self.auxiliaries.entries(self._values, self._virtual_map)
+            out += np.bincount(self._auxiliary_to, auxiliary, len(out))
 
     def _second_order(self, r):
         """Derivatives of Tv^T r of each joint: (psi, psi), (psi, d) and (d, psi)."""
@@ -424,18 +428,18 @@ class JointReduction(WithoutLoops):
 
     def transmitted(self, r):
         """Forces (joints, 2) [N] of the joints on b: sums over the nodes that follow."""
-        n, ties = len(self._moving), self.ties
+        n, auxiliaries = len(self._moving), self.auxiliaries
         sums = np.bincount(self._through, r[self._below], 2 * n)
-        if len(ties):
+        if len(auxiliaries):
             forces = self._project(r)[self.columns :]
-            sums += np.bincount(ties.arm, forces[ties.arm_tie], 2 * n)
+            sums += np.bincount(auxiliaries.arm, forces[auxiliaries.arm_auxiliary], 2 * n)
         return sums.reshape(n, 2) * self._joint_sign
 
     def condensed(self, tangent):
         """The tangent (free, free) of the unknowns alone."""
-        return self.ties.condensed(tangent, self._values, self._virtual_map)
+        return self.auxiliaries.condensed(tangent, self._values, self._virtual_map)
 
-    def guide_moments(self, forces):
+    def carrier_moments(self, forces):
         """Moments (n_node,) [N m] of these joints on their nodes a, from their forces on b."""
         lever = self._virtual_map[1:].reshape(-1, 4)[:, :2]
         own = forces[[joint.number for joint in self._moving]]

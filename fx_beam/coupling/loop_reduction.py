@@ -1,9 +1,9 @@
 """Closed loops of joints, without multipliers: some unknowns follow the others.
 
-The trees of joints leave the columns z; a joint that closes a loop gives equations gap(z) = 0. Of
-the unknowns some, d, follow the others, i, by Newton's method on these equations. The closing
-joints' forces on b are those that leave no residual R of d. With G the derivative of the gaps, and
-Gv that of virtual displacements, so that Gv times the work increments of a step is its gap:
+The trees of joints leave the columns z; a joint that closes a loop gives equations closure(z) = 0.
+Of the unknowns some, d, follow the others, i, by Newton's method on these equations. The closing
+joints' forces on b are those that leave no residual R of d. With G the derivative of the closures,
+and Gv that of virtual displacements, so that Gv times the work increments of a step is its closure:
 
     F = Gv_d^-T R_d,    0 = R_i - Gv_i^T F,    z_d = -G_d^-1 G_i z_i   (in small changes)
 
@@ -21,17 +21,17 @@ from fx_beam.fem.point_forces import PointForces
 from fx_beam.laws.rates import UpdateRule
 
 from .closed_pattern import ClosedPattern
-from .gap_borders import ClosedSystem, GapBorders
-from .gap_rows import blocks_of, gap_rows
+from .closure_bordering_rows import ClosedSystem, ClosureBorderingRows
+from .closure_rows import blocks_of, closure_rows
 from .graph import Couplings
 from .joint_reduction import JointReduction
 from .sliders import Sliders
 
-# Largest number of corrections that close the loops, and the gap that is left, relative to the
+# Largest number of corrections that close the loops, and the closure that is left, relative to the
 # size of the scene.
 _CORRECTIONS, _CLOSED = 30, 1e-15
-# Below this ratio of pivots loops are in a singular position. Near to it a gap of 1e-15 leaves the
-# unknowns open by its root.
+# Below this ratio of pivots loops are in a singular position. Near to it a closure of 1e-15 leaves
+# the unknowns open by its root.
 _SINGULAR = 1e-6
 
 
@@ -54,16 +54,17 @@ class LoopReduction(JointReduction):
         rows = [(k, *entry) for k, one in enumerate(self._closures) for entry in one.entries]
         k, columns, value_at, signs = np.array(rows, dtype=float).reshape(-1, 4).T
         on_beam = (columns >= couplings.independent) & (columns < couplings.columns)
-        #: Closures of loops with nodes on beams: their forces border the compiled loop's tangent.
-        self._guided = np.unique(k[on_beam]).astype(int)
-        self._gap_entries = k.astype(int), columns.astype(int), value_at.astype(int), signs
+        #: Closures of loops with nodes on beams: their forces border the compiled loop's
+        #: tangent.
+        self._carried = np.unique(k[on_beam]).astype(int)
+        self._closure_entries = k.astype(int), columns.astype(int), value_at.astype(int), signs
         self.unit = unit
-        #: Largest gap of closed loops; some are angles.
+        #: Largest closure of closed loops; some are angles.
         self._tolerance = _CLOSED * max(unit.max(), max(k.component == 2 for k in self._closures))
         slides = [] if sliders is None else sliders.all
-        self._rows = gap_rows(couplings, len(self._values), slides)
+        self._rows = closure_rows(couplings, len(self._values), slides)
         used_columns = np.unique([column for row in self._rows for column in row.columns])
-        #: Unknowns of the loops, and other columns on which their gaps depend.
+        #: Unknowns of the loops, and other columns on which their closures depend.
         self.loop = used_columns[used_columns < self.free].astype(int)
         self._others = used_columns[used_columns >= self.free].astype(int)
         #: Closures of loops that share unknowns, and these among those of all loops.
@@ -73,14 +74,14 @@ class LoopReduction(JointReduction):
         ]
         #: Forces that are unknowns of the compiled loop, behind all others.
         self.forces = len(self._closures)
-        self._build_gaps()
+        self._build_closures()
 
     def _unknowns_of(self, closures: np.ndarray) -> np.ndarray:
         columns = {column for k in closures for column in self._rows[k].columns}
         return np.array(sorted(column for column in columns if column < self.free), dtype=int)
 
-    def _build_gaps(self) -> None:
-        """The gaps as differences of displacements, less the arm of the joint."""
+    def _build_closures(self) -> None:
+        """The closures as differences of displacements, less the arm of the joint."""
         number = {joint.number: m for m, joint in enumerate(self._moving)}
         rows, columns, signs, arms = [], [], [], []
         for k, one in enumerate(self._closures):
@@ -92,7 +93,7 @@ class LoopReduction(JointReduction):
             if one.component < 2 and one.joint.number in number:
                 arms.append((k, number[one.joint.number], one.component))
         shape = len(self._closures), self._size
-        #: Gaps (closures, size) of displacements.
+        #: Closures (closures, size) of displacements.
         self._ends = scipy.sparse.csr_matrix((signs, (rows, columns)), shape)
         self._arms = tuple(np.array(arms, dtype=int).reshape(-1, 3).T)
         #: Arms of the joints in the reference configuration.
@@ -100,7 +101,7 @@ class LoopReduction(JointReduction):
         self._rho_at_rest = np.array(at_rest).reshape(-1, 2)
 
     @functools.cached_property
-    def _closed(self) -> ClosedPattern | GapBorders:
+    def _closed(self) -> ClosedPattern | ClosureBorderingRows:
         """The sparsity with the products that the loops add."""
         return self._close(self._opened)
 
@@ -108,17 +109,21 @@ class LoopReduction(JointReduction):
     def _system(self) -> ClosedSystem:
         """The linear system of the compiled loop, with closures block by block."""
         order = np.argsort(np.concatenate([own for own, _ in self.blocks]))
-        closure, *parts = self._gap_entries
+        closure, *parts = self._closure_entries
         by_block = np.argsort(order[closure], kind="stable")
         self._entries = tuple(part[by_block] for part in (order[closure], *parts))
-        index, guided = (self._row_index, self._index), order[self._guided]
-        borders = GapBorders(self._entries, *index, self._opened_factored, self.unit, guided)
-        return borders.system()
+        index, carried = (self._row_index, self._index), order[self._carried]
+        bordering_rows = ClosureBorderingRows(
+            self._entries, *index, self._opened_factored, self.unit, carried
+        )
+        return bordering_rows.system()
 
-    def _close(self, pattern: tuple[np.ndarray, np.ndarray]) -> ClosedPattern | GapBorders:
-        if len(self.ties):
+    def _close(
+        self, pattern: tuple[np.ndarray, np.ndarray]
+    ) -> ClosedPattern | ClosureBorderingRows:
+        if len(self.auxiliaries):
             index = self._row_index, self._index
-            return GapBorders(self._gap_entries, *index, pattern, self.unit)
+            return ClosureBorderingRows(self._closure_entries, *index, pattern, self.unit)
         return ClosedPattern(pattern, self.loop)
 
     @property
@@ -131,9 +136,9 @@ class LoopReduction(JointReduction):
         """The same without what slides."""
         return self._system.pattern
 
-    def guides(self) -> tuple[np.ndarray, int]:
-        """Positions in `factored` of forces that border it, which are 1; entries of all gaps."""
-        return self._system.ones, len(self._gap_entries[0])
+    def carriers(self) -> tuple[np.ndarray, int]:
+        """Positions in `factored` of forces that border it, which are 1; entries of all."""
+        return self._system.ones, len(self._closure_entries[0])
 
     @property
     def independent(self) -> np.ndarray:
@@ -145,15 +150,15 @@ class LoopReduction(JointReduction):
     def begin(self, q, slides) -> None:
         """Set the start of a step, and choose the unknowns that follow there."""
         super().begin(q, slides)
-        gap = self._ends @ q
+        closure = self._ends @ q
         k, joint, component = self._arms
-        gap[k] -= (self._rho0 - self._rho_at_rest)[joint, component]
-        self._gap0 = gap
+        closure[k] -= (self._rho0 - self._rho_at_rest)[joint, component]
+        self._closure0 = closure
         self.choose(np.zeros(self.free), np.zeros(self.driven))
 
     def choose(self, y, driven) -> None:
         """Choose the unknowns that follow after increments, and set `singularity`."""
-        self.gap(y, driven)
+        self.closure(y, driven)
         G = self.scaled_derivative()
         parts = [(own, _pivots(G[np.ix_(rows, own)])) for rows, own in self.blocks]
         self._following = self.loop[np.concatenate([own[pivots] for own, (pivots, _) in parts])]
@@ -169,37 +174,37 @@ class LoopReduction(JointReduction):
         """Increment of all degrees of freedom; corrects the unknowns that close the loops."""
         d, last, closed = self._following, np.inf, self._tolerance
         for _ in range(_CORRECTIONS):
-            gap = self.gap(y, driven)
-            size = abs(gap).max()
+            closure = self.closure(y, driven)
+            size = abs(closure).max()
             if size <= closed or last < size <= 1e3 * closed:
                 return self._D
-            y[d] -= _solved(self._of_gaps(self._values)[:, d], gap)
+            y[d] -= _solved(self._of_closures(self._values)[:, d], closure)
             last = size
         return np.full(self._size, np.nan)
 
-    def gap(self, y, driven) -> np.ndarray:
-        """Gaps (closures,) of the closing joints at unknowns that need not close the loops [m]."""
+    def closure(self, y, driven) -> np.ndarray:
+        """Closures (closures,) of joints at unknowns that need not close the loops [m]."""
         self._D = super().expand(y, driven)
-        gap = self._gap0 + self._ends @ self._D
+        closure = self._closure0 + self._ends @ self._D
         k, joint, component = self._arms
-        gap[k] -= (self._rho1 - self._rho0)[joint, component]
-        return gap
+        closure[k] -= (self._rho1 - self._rho0)[joint, component]
+        return closure
 
     def scaled_derivative(self) -> np.ndarray:
-        """Derivative (closures, loop) of the gaps by units of the unknowns [m]."""
-        return self._of_gaps(self._values)[:, self.loop] * self.unit[self.loop]
+        """Derivative (closures, loop) of the closures by units of the unknowns [m]."""
+        return self._of_closures(self._values)[:, self.loop] * self.unit[self.loop]
 
-    def _of_gaps(self, values: np.ndarray) -> np.ndarray:
-        k, columns, value_at, signs = self._gap_entries
-        G = np.zeros((len(self._closures), self.columns + len(self.ties)))
+    def _of_closures(self, values: np.ndarray) -> np.ndarray:
+        k, columns, value_at, signs = self._closure_entries
+        G = np.zeros((len(self._closures), self.columns + len(self.auxiliaries)))
         np.add.at(G, (k, columns), values[value_at] * signs)
-        if len(self._guided):
+        if len(self._carried):
             G = self._with_slides(scipy.sparse.csr_matrix(G), values).toarray()
-        return self.ties.by_columns(G, values) if len(self.ties) else G
+        return self.auxiliaries.by_columns(G, values) if len(self.auxiliaries) else G
 
     def _ratios(self, values: np.ndarray) -> np.ndarray:
         """Changes (closures, columns) of the unknowns that follow, by the other columns."""
-        G, d = self._of_gaps(values), self._following
+        G, d = self._of_closures(values), self._following
         W = -_solved(G[:, d], G)
         W[:, d] = 0.0
         return W
@@ -248,7 +253,7 @@ class LoopReduction(JointReduction):
     def project(self, r):
         """Generalised forces at all columns, with those of the closing joints; zero at d."""
         R = super().project(r)
-        G, d = self._of_gaps(self._virtual_map), self._following
+        G, d = self._of_closures(self._virtual_map), self._following
         self._forces = _solved(G[:, d].T, R[d])
         R -= G.T @ self._forces
         R[d] = 0.0
@@ -263,8 +268,8 @@ class LoopReduction(JointReduction):
         """Forces with those of nodes on beams, to which loops add; for forces of `closed`."""
         if self.sliders is None:
             return r
-        (k, columns, value_at, signs), on_ends = self._gap_entries, self._ends.T @ self._forces
-        forces = self._on_slides(self.columns + len(self.ties))
+        (k, columns, value_at, signs), on_ends = self._closure_entries, self._ends.T @ self._forces
+        forces = self._on_slides(self.columns + len(self.auxiliaries))
         np.add.at(forces, columns, -signs * self._virtual_map[value_at] * self._forces[k])
         return self.sliders.carry(r + on_ends, self._virtual_map, forces) - on_ends
 
@@ -285,13 +290,13 @@ class LoopReduction(JointReduction):
     def fill(self, values, r, out) -> None:
         """Values of the reduced tangent; rows of d say that they follow.
 
-        With ties: of the tangent of open loops, which `borders` close.
+        With auxiliary unknowns: of the tangent of open loops, which `bordering rows` close.
         """
         (indptr, indices), closed = self._opened, self._closed
         inner = np.empty(len(indices))
         super().fill(values, self.closed(r), inner)
         out[:] = 0.0
-        if isinstance(closed, GapBorders):
+        if isinstance(closed, ClosureBorderingRows):
             out[closed.open_entries] = inner
             closed.stiffen(out, self._values, self._virtual_map)
             return
@@ -311,9 +316,9 @@ class LoopReduction(JointReduction):
         return (virtual_map.T @ tangent @ S + W).tocsr()
 
     def reduced(self, matrix):
-        """The part of the linear system; with ties while loops are open."""
+        """The part of the linear system; with auxiliary unknowns while loops are open."""
         A, free = super().reduced(matrix), self.free
-        if len(self.ties):
+        if len(self.auxiliaries):
             return A
         S, virtual_map = (
             self._completion(v)[:free, :free] for v in (self._values, self._virtual_map)
@@ -322,12 +327,14 @@ class LoopReduction(JointReduction):
 
     def condensed(self, tangent):
         """The tangent (free, free) of the unknowns alone."""
-        return self._closed_tangent(super().condensed(tangent)) if len(self.ties) else tangent
+        return (
+            self._closed_tangent(super().condensed(tangent)) if len(self.auxiliaries) else tangent
+        )
 
-    def borders(self):
-        """What closes the loops in the linear system with ties; or None."""
+    def bordering_rows(self):
+        """What closes the loops in the linear system with auxiliary unknowns; or None."""
         closed = self._closed
-        if not isinstance(closed, GapBorders):
+        if not isinstance(closed, ClosureBorderingRows):
             return None
         return closed.of(self._values, self._virtual_map)
 
@@ -341,7 +348,7 @@ class LoopReduction(JointReduction):
         names = "direct", "coupled", "geometric", "restoring"
         parts = {name: getattr(tables, name) for name in names}
         moved = {n: {**part, "to": at[part["to"]]} for n, part in parts.items()}
-        return tables._replace(**moved, ties=self.ties.tables(at[self._tied_to]))
+        return tables._replace(**moved, auxiliaries=self.auxiliaries.tables(at[self._auxiliary_to]))
 
     def open_entries(self) -> np.ndarray:
         """Places of the entries of the trees' pattern in that with the loops."""
@@ -371,8 +378,8 @@ class LoopReduction(JointReduction):
         sizes = np.array([len(own) for own, _ in self.blocks])
         widths = np.array([len(own) for own in block_columns])
         of_rows = {
-            "gap_near": ([number[row.columns] for row in rows], "gap_start"),
-            "gap_tie": ([row.ties for row in rows], "gap_tie_start"),
+            "closure_near": ([number[row.columns] for row in rows], "closure_start"),
+            "closure_auxiliary": ([row.auxiliaries for row in rows], "closure_auxiliary_start"),
         }
         values_of = {
             "closures": len(closures),
@@ -385,19 +392,19 @@ class LoopReduction(JointReduction):
             "loop_dof": dofs[of_loops[: len(self.loop)]],
             "loop_unit": self.unit[of_loops[: len(self.loop)]],
             "following": np.zeros(len(closures), dtype=int),
-            "gap_b": ends[0],
-            "gap_a": ends[1],
-            "gap_arm": arms,
-            "gap_force": np.array([3 * one.joint.number + one.component for one in closures]),
-            "gap_entry_start": _starts(np.bincount(closure, minlength=len(closures))),
-            "gap_column": entry_columns,
-            "gap_value": values,
-            "gap_sign": signs,
+            "closure_b": ends[0],
+            "closure_a": ends[1],
+            "closure_arm": arms,
+            "closure_force": np.array([3 * one.joint.number + one.component for one in closures]),
+            "closure_entry_start": _starts(np.bincount(closure, minlength=len(closures))),
+            "closure_column": entry_columns,
+            "closure_value": values,
+            "closure_sign": signs,
             "block_closure": _starts(sizes),
             "block_column": _starts(widths),
             "block_part": _starts(sizes**2),
             "arm_at_rest": self._rho_at_rest,
-            "gap_closed": self._tolerance,
+            "closure_closed": self._tolerance,
         }
         for name, (parts, start) in of_rows.items():
             values_of[name] = np.concatenate([np.empty(0, int), *parts]).astype(int)

@@ -60,7 +60,7 @@ class PlaceOnBeam:
             changes += by_numbers.swapaxes(1, 2)
         return changes
 
-    def pull(self, by: np.ndarray, by_q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def vjp(self, by: np.ndarray, by_q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives by s (n,) and by the numbers of the path at each place (n, numbers).
 
         From those by t, k and N; adds to those by q (n, size).

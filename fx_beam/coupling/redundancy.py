@@ -11,7 +11,8 @@ from fx_beam.scene.scene import Scene
 from .graph import Couplings
 from .loop_reduction import LoopReduction
 
-# Below this ratio of singular values gaps depend on each other; forces below this ratio are zero.
+# Below this ratio of singular values closures depend on each other; forces below this ratio are
+# zero.
 _ROUNDING = 1e-7
 # Motion to a configuration near by, relative to a unit of each unknown, and corrections that close
 # the loops there.
@@ -45,7 +46,7 @@ def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) ->
 
 
 def _rank(reduction: LoopReduction) -> tuple[int, np.ndarray, np.ndarray]:
-    """Rank of the gaps, combinations (n, closures) that vanish, and motions (n, loop)."""
+    """Rank of the closures, combinations (n, closures) that vanish, and motions (n, loop)."""
     G = reduction.scaled_derivative()
     parts = [np.linalg.svd(G[np.ix_(rows, columns)]) for rows, columns in reduction.blocks]
     largest = max([1e-300, *(values.max(initial=0.0) for _, values, _ in parts)])
@@ -62,15 +63,15 @@ def _rank(reduction: LoopReduction) -> tuple[int, np.ndarray, np.ndarray]:
 
 
 def _rank_near_by(reduction: LoopReduction, motions: np.ndarray) -> int:
-    """Rank of the gaps after a small motion that keeps the loops closed; 0 if there is none."""
+    """Rank of the closures after a small motion that keeps the loops closed; 0 if there is none."""
     y = np.zeros(reduction.free)
     change = _AWAY * np.random.default_rng(0).choice([-1.0, 1.0], len(motions)) @ motions
     for _ in range(_CORRECTIONS):
         y[reduction.loop] += change * reduction.unit[reduction.loop]
-        gap = reduction.gap(y, np.zeros(reduction.driven))
-        if abs(gap).max() < 1e-13 * reduction.unit.max():
+        closure = reduction.closure(y, np.zeros(reduction.driven))
+        if abs(closure).max() < 1e-13 * reduction.unit.max():
             return _rank(reduction)[0]
-        change = -np.linalg.lstsq(reduction.scaled_derivative(), gap, rcond=_ROUNDING)[0]
+        change = -np.linalg.lstsq(reduction.scaled_derivative(), closure, rcond=_ROUNDING)[0]
     return 0
 
 

@@ -2,7 +2,7 @@
 
 The columns of such a node are functions of the other columns, z_c = sum T_e z_e over the entries e
 of a window of nodes around it. Here the pattern of the tangent has room for every window on the
-way; in the compiled loop they border a tangent without them (borders.h).
+way; in the compiled loop they border a tangent without them (bordering_rows.h).
 """
 
 from __future__ import annotations
@@ -102,17 +102,17 @@ class Sliders:
             Slide(joint, couplings, rates, mesh, mesh.nodes_of(scene, joint.beam))
             for joint in couplings.sliding
         ]
-        #: Index of each column among the unknowns and, behind them and the ties, the sliding
-        #: columns; or -1.
+        #: Index of each column among the unknowns and, behind them and the auxiliary unknowns, the
+        #: sliding columns; or -1.
         free, first = couplings.free, couplings.independent
-        ties = free + 2 * np.arange(len(couplings.ties))
-        self._unknowns = free + 2 * len(ties)
-        self.index = np.full(couplings.columns + len(ties), -1)
+        auxiliaries = free + 2 * np.arange(len(couplings.auxiliaries))
+        self._unknowns = free + 2 * len(auxiliaries)
+        self.index = np.full(couplings.columns + len(auxiliaries), -1)
         self.index[:free] = np.arange(free)
         self.index[first : couplings.columns] = np.arange(couplings.columns - first)
         self.index[first : couplings.columns] += self._unknowns
-        self.index[couplings.columns :] = ties
-        #: The same of the rows of forces on them (ties.py).
+        self.index[couplings.columns :] = auxiliaries
+        #: The same of the rows of forces on them (auxiliaries.py).
         self.row_index = self.index.copy()
         self.row_index[couplings.columns :] += 1
         self.size = self._unknowns + couplings.columns - first
@@ -157,13 +157,13 @@ class Sliders:
         slides = self.outside[self.outside < self._couplings.free]
         outside = np.zeros(self.size, dtype=bool)
         outside[n:] = outside[slides] = True
-        on_border = outside[rows] | outside[columns]
-        inside = np.flatnonzero(~on_border)
+        on_bordering = outside[rows] | outside[columns]
+        inside = np.flatnonzero(~on_bordering)
         # What slides is an unknown of the other equations that is zero there.
         all_rows = np.concatenate([rows[inside], slides])
         all_columns = np.concatenate([columns[inside], slides])
         pattern, position = sparsity(all_rows, all_columns, n)
-        beside = np.flatnonzero(on_border)
+        beside = np.flatnonzero(on_bordering)
         return Bordered(
             pattern=pattern,
             inside=inside,
@@ -177,8 +177,11 @@ class Sliders:
     def _column_of(self, index: np.ndarray) -> np.ndarray:
         """Columns of the scene that belong to rows or columns of the tangent."""
         free, c = self._couplings.free, self._couplings
-        ties, sliding = c.columns + (index - free) // 2, c.independent + index - self._unknowns
-        return np.where(index < free, index, np.where(index < self._unknowns, ties, sliding))
+        auxiliaries, sliding = (
+            c.columns + (index - free) // 2,
+            c.independent + index - self._unknowns,
+        )
+        return np.where(index < free, index, np.where(index < self._unknowns, auxiliaries, sliding))
 
     def diagonals(self, slide: Slide) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns (nodes, 3) that degrees of freedom of a beam equal, or -1 for others.

@@ -47,7 +47,7 @@ def of_entries(
     return Block(name, entries, rows, values, places, parts)
 
 
-def pull(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
+def vjp(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
     """Add the derivatives of the sum of weights (n, ...) times an output."""
     if weights.ndim == 1:
         weights = weights[:, None]
@@ -56,7 +56,7 @@ def pull(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
         to.add(name, entries, places, weights[at, part] * derivatives)
 
 
-def push(
+def jvp(
     blocks: Iterable[Block],
     shape: tuple[int, ...],
     of_state: Mapping[str, np.ndarray],

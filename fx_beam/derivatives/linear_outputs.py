@@ -161,7 +161,7 @@ class LocalOutput:
         by_q, by_v, every = np.zeros_like(q), np.zeros_like(v), np.arange(len(q))
         by_weights = -np.einsum("ni,nai->na", along, of_beam)
         by_place = np.column_stack([by_slope, np.zeros(len(q)), by_weights])
-        by_s, by_path = place.pull(by_place, by_q)
+        by_s, by_path = place.vjp(by_place, by_q)
         by_v[:, place.dofs[:, :2]] = -place.weights[0][:, :, None] * along[:, None]
         by_v[:, own.node_dofs[:2]] = along
         before = [other.path.numbers.size for other in self._model.sliding]

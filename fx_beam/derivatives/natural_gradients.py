@@ -45,7 +45,7 @@ class NaturalRows:
         of_columns = np.bincount(self._of, of_values * columns.data, columns.shape[1])
         yield of_row("naturals", row, of_columns, boundary - 1)
 
-    def push(self, boundary: int, changes: Mapping[str, np.ndarray], j: int) -> np.ndarray:
+    def jvp(self, boundary: int, changes: Mapping[str, np.ndarray], j: int) -> np.ndarray:
         """The change of the strains before a sub-step in one direction."""
         if boundary == 0:
             return changes["natural"][j].reshape(self._strains.shape)

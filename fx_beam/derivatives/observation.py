@@ -15,7 +15,7 @@ from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 
 from .energy_gradients import EnergyOutput
-from .gradient import Gradient, pull, push
+from .gradient import Gradient, jvp, vjp
 from .linear_outputs import LocalOutput, Places, needs_rates
 from .resultant_outputs import ResultantOutput
 from .sub_steps import SubSteps
@@ -44,7 +44,7 @@ def check_outputs(
     for name, output in outputs.items():
         if output.quantity in SINCE_START:
             check_work(model, output, name, start.get(output.quantity, ""))
-        parted = model.forms.needs_before and sums_losses(model, output)
+        parted = model.forms.needs_previous and sums_losses(model, output)
         if (isinstance(output.of, Beam) or parted) and not tape.is_whole:
             raise SceneError(
                 f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
@@ -132,7 +132,7 @@ class Observation:
         sizes = {name: (n, size) for name, size in of_state.items()}
         return sizes | {name: (k, size) for name, size in of_steps.items()}
 
-    def pull(self, weights: Mapping[str, np.ndarray], later: Mapping[str, float]) -> Gradient:
+    def vjp(self, weights: Mapping[str, np.ndarray], later: Mapping[str, float]) -> Gradient:
         """Derivatives of the sum of weights (n, ...) times outputs, by states and by numbers.
 
         `later` are sums of the weights of outputs that add up over the steps, in later parts.
@@ -141,16 +141,16 @@ class Observation:
         for name, output in self._outputs.items():
             own = weights[name]
             if isinstance(output, WorkOutput):
-                output.pull(own, later[name], found)
+                output.vjp(own, later[name], found)
             elif isinstance(output, ResultantOutput):
-                output.pull(own, found)
+                output.vjp(own, found)
             else:
                 counting = np.flatnonzero(own.reshape(len(own), -1).any(axis=1))
-                pull(output.blocks(counting), own, found)
+                vjp(output.blocks(counting), own, found)
         if self._fit is not None:
             rates, joints, columns = (found.at(name) for name in _FITTED)
             joints = joints.reshape(len(joints), -1, 3)
-            of_state, of_numbers = self._fit.pull(rates, joints, columns)
+            of_state, of_numbers = self._fit.vjp(rates, joints, columns)
             driven = of_state.pop("driven rates")
             for name, values in of_state.items():
                 found.at(name)[:] += values
@@ -162,7 +162,7 @@ class Observation:
                 found.add_numbers("driven rates", of_boundaries)
         return found
 
-    def push(
+    def jvp(
         self,
         of_state: dict[str, np.ndarray],
         changes: Mapping[str, np.ndarray],
@@ -179,16 +179,16 @@ class Observation:
                 driven = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
             given = {name: of_state[name] for name in ("q", "v", "slides")}
             given["driven rates"] = driven
-            of_state |= dict(zip(_FITTED, self._fit.push(given, changes), strict=True))
+            of_state |= dict(zip(_FITTED, self._fit.jvp(given, changes), strict=True))
         values, rows = dict[str, np.ndarray](), self._rows
         for name, output in self._outputs.items():
             if isinstance(output, WorkOutput):
-                values[name] = output.push(rows, before[name], of_state, changes)
+                values[name] = output.jvp(rows, before[name], of_state, changes)
             elif isinstance(output, ResultantOutput):
-                values[name] = output.push(rows, of_state, changes)
+                values[name] = output.jvp(rows, of_state, changes)
             else:
                 blocks, shape = output.blocks(np.arange(rows)), (rows, *output.shape)
-                values[name] = push(blocks, shape, of_state, changes)
+                values[name] = jvp(blocks, shape, of_state, changes)
         return values
 
 

@@ -327,12 +327,12 @@ class Response:
             if not (len(own) or any(later.values())):
                 return {}, boundaries[:0], boundaries[:0]
             observed = self._observed(model, tape, adjoint, wanted, boundaries[own])
-            found = observed.pull({name: given[name][own] for name in wanted}, later)
+            found = observed.vjp({name: given[name][own] for name in wanted}, later)
             of_state, found.of_state = found.of_state, {}  # not for longer than the part
             direct.append(found)
             return of_state, observed.boundaries, observed.sub_steps
 
-        by_numbers = adjoint.pull_parts(tape, weights_of)
+        by_numbers = adjoint.vjp_parts(tape, weights_of)
         self.stats.gradient_growth = growth = adjoint.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
@@ -387,9 +387,9 @@ class Response:
             observed = self._observed(model, tape, adjoint, wanted, own)
             return observed.boundaries, observed.sub_steps
 
-        for of_state in forward.push_parts(tape, changes, rows_of):
+        for of_state in forward.jvp_parts(tape, changes, rows_of):
             if observed is not None:
-                rows = observed.push(of_state, changes, before)
+                rows = observed.jvp(of_state, changes, before)
                 if rows.keys() == outputs.keys():
                     found.append(rows)
         return {name: np.concatenate([rows[name] for rows in found]) for name in outputs}

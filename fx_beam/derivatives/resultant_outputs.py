@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.scene.beam import Beam
 
-from .gradient import Gradient, pull
+from .gradient import Gradient, vjp
 from .linear_outputs import Places
 from .sub_steps import NATURAL, OF_NUMBERS, SubSteps
 
@@ -32,7 +32,7 @@ class ResultantOutput:
         indices = model.forms.beams.parameters[1]
         self._parameters = np.array(indices, dtype=int)
 
-    def pull(self, weights: np.ndarray, to: Gradient) -> None:
+    def vjp(self, weights: np.ndarray, to: Gradient) -> None:
         """Add the derivatives of the sum of weights (n, points) times the resultant."""
         of, shape = self._of, self._of.model.forms.internal_shape
         for row, k, share in self._parts:
@@ -40,13 +40,13 @@ class ResultantOutput:
                 continue
             of_cells = np.zeros((*shape[:2], 3))
             of_cells[self._cells, :, self._component] = share * weights[row].reshape(-1, shape[1])
-            by = self._derivatives.pull(of.part(k), of_cells)
+            by = self._derivatives.vjp(of.part(k), of_cells)
             if "parameters" in by:
                 own, by["parameters"] = by["parameters"], np.zeros(of.model.sizes["parameters"])
                 by["parameters"][self._parameters] = own
-            pull(of.in_step(0, k, by), np.ones(1), to)
+            vjp(of.in_step(0, k, by), np.ones(1), to)
 
-    def push(
+    def jvp(
         self, rows: int, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
     ) -> np.ndarray:
         """Changes (rows, points, m) from those of the states and of the numbers of the scene."""
@@ -57,7 +57,7 @@ class ResultantOutput:
             before, after, earlier = of.places(max(k, 0))
             for j in range(count):
                 q = of_state["q"][:, j]
-                own: dict[str, Any] = {"start": q[before], "before": q[earlier]}
+                own: dict[str, Any] = {"start": q[before], "q_previous": q[earlier]}
                 own["increment"] = q[after] - q[before]
                 if k < 0:
                     length = of.moves * part.interval.length
@@ -67,11 +67,11 @@ class ResultantOutput:
                 own["X"] = changes["X"][j]
                 if of.natural is not None:
                     natural = of.natural
-                    own |= {n: natural.push(at(k), changes, j) for n, at in NATURAL.items()}
+                    own |= {n: natural.jvp(at(k), changes, j) for n, at in NATURAL.items()}
                 if self._parameters.size:
                     name = "parameters at the start" if k < 0 else "parameters"
                     values = changes[name][j] if k < 0 else changes[name][j, k, 0]
                     own["parameters"] = values[self._parameters]
-                change = self._derivatives.push(part, own)[self._cells, :, self._component]
+                change = self._derivatives.jvp(part, own)[self._cells, :, self._component]
                 found[row, :, j] += share * change.ravel()
         return found

@@ -24,7 +24,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.static_tape import static_tape
 from fx_beam.step.tables import Problem
 
-from .gradient import push
+from .gradient import jvp
 from .numbers import static_numbers_of
 from .step_losses import StepLosses, why_no_losses
 from .sub_steps import SubSteps
@@ -110,13 +110,13 @@ class StaticDerivatives:
     def change_of_end(self, changes: Mapping[str, np.ndarray]) -> StateChange:
         """Changes of the last state with those (m, ...) of the numbers."""
         forward, every = Forward(self.adjoint), np.arange(len(self.tape) + 1)
-        found = forward.push(self.tape, changes, every, every[:-1])
+        found = forward.jvp(self.tape, changes, every, every[:-1])
         of_state = {"q": "q", "slides": "slides"}
         at_end = {name: found[own][-1] for name, own in of_state.items()}
         of_state = {"constraint_forces": "constraints", "joint_forces": "joints"}
         at_end |= {name: found[own][-1] for name, own in of_state.items()}
         for quantity, sums in self._sums().items():
-            of_steps = push(sums.blocks(every), every.shape, found, changes)
+            of_steps = jvp(sums.blocks(every), every.shape, found, changes)
             at_end[quantity] = of_steps.sum(axis=0)
         return StateChange(self, at_end | forward.at_end)
 

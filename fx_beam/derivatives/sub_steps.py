@@ -89,9 +89,9 @@ class SubSteps:
             return Part(instant(t, dt), self.moves * dt * states["v"][i[0]], start)
         D = without_turns(model, states["q"][i[1]] - q)
         beams = model.forms.beams
-        if beams is not None and beams.needs_before:
+        if beams is not None and beams.needs_previous:
             back = without_turns(model, q - states["q"][i[2]])
-            start = start._replace(before=q - back, memory=float(tape.memories[k]))
+            start = start._replace(q_previous=q - back, memory=float(tape.memories[k]))
         return Part(Interval(t, t + dt), D, start)
 
     @property
@@ -128,7 +128,7 @@ class SubSteps:
                 yield of_row("v", row, self.short * D, before)
         for name, at, place in (
             ("start", "q", before),
-            ("before", "q", earlier),
+            ("q_previous", "q", earlier),
             ("internal", "internal", before),
             ("spring internal", "spring internal", before),
         ):

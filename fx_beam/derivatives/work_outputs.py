@@ -22,7 +22,7 @@ from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
 
 from .energy_gradients import EnergyOutput
-from .gradient import Block, Gradient, of_row, pull, push, weights_of_steps
+from .gradient import Block, Gradient, jvp, of_row, vjp, weights_of_steps
 from .step_losses import StepLosses, why_no_losses
 from .sub_steps import SubSteps
 
@@ -157,16 +157,16 @@ class WorkOutput:
         for sign, of in self._sums:
             yield from (block.times(sign) for block in of.blocks(steps))
 
-    def pull(self, weights: np.ndarray, later: float, to: Gradient) -> None:
+    def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """Add the derivatives of the sum of weights (n,) times the quantity.
 
         `later` is the sum of the weights of rows in later parts.
         """
         of_steps = weights_of_steps(self._ends, weights, later, self._count)
-        pull(self._of_steps(np.flatnonzero(of_steps)), of_steps, to)
-        pull(self._of_rows(np.flatnonzero(weights)), weights, to)
+        vjp(self._of_steps(np.flatnonzero(of_steps)), of_steps, to)
+        vjp(self._of_rows(np.flatnonzero(weights)), weights, to)
 
-    def push(
+    def jvp(
         self,
         rows: int,
         before: np.ndarray,
@@ -178,11 +178,11 @@ class WorkOutput:
         `before` (m,) is what the parts before have given, to which this one adds.
         """
         steps = np.arange(self._count + 1)
-        sums = push(self._of_steps(steps), (len(steps),), of_state, changes)
+        sums = jvp(self._of_steps(steps), (len(steps),), of_state, changes)
         sums[0] += before
         sums = sums.cumsum(axis=0)
         before[:] = sums[-1]
-        own = push(self._of_rows(np.arange(rows)), (rows,), of_state, changes)
+        own = jvp(self._of_rows(np.arange(rows)), (rows,), of_state, changes)
         return sums[self._ends] + own
 
 

@@ -30,7 +30,8 @@ class Inertia:
 
     def __init__(self, model: Model):
         self._model, reduction = model, model.reduction
-        # Ties, loops, sliders and contact of members make it another matrix than the tangent.
+        # Auxiliary unknowns, loops, sliders and contact of members make it another matrix than the
+        # tangent.
         rows = len(reduction.pattern[0]) - 1
         plain = rows == reduction.free == len(reduction.independent)
         self._known = plain and not model.couplings.sliding and model.points.members is None

@@ -38,7 +38,7 @@ class BorderedLU:
     """Factors of bordered matrices of one pattern; `unit` (free,) are the sizes of unit unknowns.
 
     The pattern may have more rows, behind those of the unknowns: they are zero on the right side.
-    With ties, `dependent` is that of `Reduction`.
+    With auxiliary unknowns, `dependent` is that of `Reduction`.
     """
 
     def __init__(self, pattern: Pattern, unit: np.ndarray, dependent: np.ndarray | None = None):
@@ -55,7 +55,7 @@ class BorderedLU:
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the last matrix, without its border."""
+        """Values of the last matrix, without its bordering row."""
         return self._matrix.data
 
     def factorise(
@@ -87,7 +87,7 @@ class BorderedLU:
         self.sign = float(np.sign(np.linalg.det(self._small))) * (1 if negative else -1)
 
     def negative_eigenvalues(self) -> int | None:
-        """Their number, for the last matrix without its border; None if it is singular.
+        """Their number, for the last matrix without its bordering row; None if it is singular.
 
         The matrix must be symmetric. An eigenvalue of K + b e e^T that K has below zero: det K is
         det(K + b e e^T) (1 - e . (K + b e e^T)^-1 b e).
@@ -99,7 +99,7 @@ class BorderedLU:
         return self._lu.negative_pivots() + int(self._small[1, 1] > 0)
 
     def solve(self, b: np.ndarray) -> tuple[np.ndarray, float]:
-        """Solution (free,) and that of the border, for a right side (free + 1,).
+        """Solution (free,) and that of the bordering row, for a right side (free + 1,).
 
         Not finite if the bordered matrix is singular.
         """
@@ -161,7 +161,7 @@ class PathEquations:
         #: Weights of the degrees of freedom in the inner product.
         self.weight = 1 / (self.model.unit**2 * len(self.model.turns))
         #: Whether long loops border the tangent: here they are eliminated, which fills it.
-        self._fills = self._reduction.borders() is not None
+        self._fills = self._reduction.bordering_rows() is not None
 
     @functools.cached_property
     def bordered(self) -> BorderedLU:
@@ -169,10 +169,12 @@ class PathEquations:
         free, pattern = self._reduction.free, self._reduction.pattern
         if self._fills:
             pattern = free * np.arange(free + 1), np.tile(np.arange(free), free)
-        return BorderedLU(pattern, self.model.unit_of_unknowns, None if self._fills else self._ties)
+        return BorderedLU(
+            pattern, self.model.unit_of_unknowns, None if self._fills else self._auxiliaries
+        )
 
     @property
-    def _ties(self) -> np.ndarray | None:
+    def _auxiliaries(self) -> np.ndarray | None:
         dependent = self._reduction.dependent
         return dependent if dependent.size else None
 
@@ -236,7 +238,7 @@ class PathEquations:
             values = system.data
             if self.model.points.members is not None:  # its sparsity may have changed
                 pattern = system.indptr, system.indices
-                self.bordered = BorderedLU(pattern, self.model.unit_of_unknowns, self._ties)
+                self.bordered = BorderedLU(pattern, self.model.unit_of_unknowns, self._auxiliaries)
         across = reduction.coupling().T @ (self.weight * normal.D)
         corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
         self.bordered.factorise(values, column, across[:free], corner)

@@ -21,8 +21,8 @@ from . import dolfinx_api
 from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .mesh import Mesh
-from .pulled_form import WorkOnWeights, work_and_derivatives
 from .section_fields import Data, DataShape, FilledField, cell_data
+from .vjp_form import WorkOnWeights, work_and_derivatives
 
 
 class DragForms:
@@ -47,7 +47,7 @@ class DragForms:
         self.data = {at[name]: part.on_mesh for name, part in self.coefficients.items()}
 
 
-class PulledDrag:
+class VjpDrag:
     """The work of the drag on weights, and its derivatives, on no particular mesh.
 
     The fields are those of the drag; its coefficients, by name, vary cell by cell.
@@ -66,7 +66,7 @@ class PulledDrag:
 
 
 class LossToDrag:
-    """What the drag takes in a step, and its derivatives; as `PulledDrag`."""
+    """What the drag takes in a step, and its derivatives; as `VjpDrag`."""
 
     def __init__(self, fields: Fields, rates: Any, shapes: Mapping[str, DataShape]):
         self.fields = fields

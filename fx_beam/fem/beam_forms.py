@@ -12,15 +12,15 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
 
-from . import dolfinx_api, interval_mesh, pulled_form
-from .beam_drag import BeamDrag, DragForms, LossToDrag, PulledDrag, coefficients
+from . import dolfinx_api, interval_mesh, vjp_form
+from .beam_drag import BeamDrag, DragForms, LossToDrag, VjpDrag, coefficients
 from .dolfinx_api import CompiledForm
 from .fields import Fields, fields_of
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .pulled_form import ResultantDerivatives
 from .section_fields import Data, DataShape, FilledField, distinct, on_beam, refill, section_data
 from .step_start import Part, StepStart
+from .vjp_form import ResultantDerivatives
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
 
 Given = np.ndarray | None
@@ -81,7 +81,7 @@ class BeamForms:
             self._bind_evolution(weak.evolution)
         #: Whether the forces depend on the start of the last step, and on rates at the start of a
         #: step.
-        self.needs_before, self.needs_rates = weak.needs_before, weak.needs_rates
+        self.needs_previous, self.needs_rates = weak.needs_previous, weak.needs_rates
         #: Whether the resultants depend on rates at the start of a step, and on any rates.
         self.resultants_need_rates = weak.resultants_need_rates
         self.resultants_move = weak.resultants_move
@@ -214,13 +214,13 @@ class BeamForms:
 
     # -- Steps backwards ------------------------------------------------------------------------
 
-    def pulled(self) -> pulled_form.BoundPull:
+    def vjp(self) -> vjp_form.BoundVjp:
         """The work of the internal forces on weights, and its derivatives."""
-        weak, data, spaces = self._varied(pulled_form.PulledForm)
+        weak, data, spaces = self._varied(vjp_form.VjpForm)
         data[weak.weight] = dolfinx_api.function(self._space)
         if weak.width:
             data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
-        return self._bound_pull(weak.work, spaces, data, self.fields.increment)
+        return self._bound_vjp(weak.work, spaces, data, self.fields.increment)
 
     def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Any]]:
         """A form of a kind, whose data vary cell by cell; what is in the place of its symbols.
@@ -245,11 +245,11 @@ class BeamForms:
             spaces["parameters"] = data[weak.more].function_space
         return weak, data, spaces
 
-    def pulled_drag(self) -> pulled_form.BoundPull:
+    def vjp_drag(self) -> vjp_form.BoundVjp:
         """The work of the drag on weights, and its derivatives."""
-        plan, spaces, data = self._varied_drag(PulledDrag)
+        plan, spaces, data = self._varied_drag(VjpDrag)
         data[plan.weight] = dolfinx_api.function(data[plan.fields.increment].function_space)
-        return self._bound_pull(plan.work, spaces, data, plan.fields.increment)
+        return self._bound_vjp(plan.work, spaces, data, plan.fields.increment)
 
     def _varied_drag(self, kind: Any) -> tuple[Any, dict[str, Any], dict]:
         """Forms of the drag of a kind, whose coefficients vary cell by cell.
@@ -269,17 +269,17 @@ class BeamForms:
         spaces = {f"drag {name}": space for name, space in spaces.items()}
         return self._bound_forms(plan.forms, self._drag_increment.function_space, spaces, data)
 
-    def _bound_pull(
+    def _bound_vjp(
         self, work: Any, spaces: dict[str, Any], data: Mapping, increment: Any
-    ) -> pulled_form.BoundPull:
+    ) -> vjp_form.BoundVjp:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
-        spaces = self._spaces_of_pull(data[increment].function_space, spaces)
+        spaces = self._spaces_of_vjp(data[increment].function_space, spaces)
         moving = [data[increment], *self.moving[1:], *(data[weight] for weight in work.weights)]
         on = self._mesh.mesh, spaces, data, self._subdomains
-        return pulled_form.bound_pull(work, *on, moving)
+        return vjp_form.bound_vjp(work, *on, moving)
 
-    def _spaces_of_pull(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
-        nodal = {"increment": space, "start": self._mesh.space, "before": self._mesh.space}
+    def _spaces_of_vjp(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
+        nodal = {"increment": space, "start": self._mesh.space, "q_previous": self._mesh.space}
         positions = interval_mesh.positions_space(self._mesh.mesh)
         return {**spaces, **nodal, **self.natural.spaces, "coordinates": positions}
 
@@ -292,7 +292,7 @@ class BeamForms:
         "parameters" (n,) of the scene.
         """
         if self._stored is None:
-            self._stored = self._bind_energy(pulled_form.StoredForm, without=["times"])
+            self._stored = self._bind_energy(vjp_form.StoredForm, without=["times"])
         self._set(self._start, q)
         self._set_internal(internal)
         self.natural.set(natural)
@@ -303,7 +303,7 @@ class BeamForms:
 
     def _assembled(self, forms: Mapping, spaces: Mapping) -> dict[str, np.ndarray]:
         """Derivatives by name, those by all parameters of the scene."""
-        derivatives = pulled_form.assembled(forms, spaces, self._mesh)
+        derivatives = vjp_form.assembled(forms, spaces, self._mesh)
         if "parameters" in derivatives:
             of_all = np.zeros(len(self._parameters))
             of_all[self.parameters[1]] = derivatives["parameters"]
@@ -319,19 +319,20 @@ class BeamForms:
         self, compiled: Any, space: Any, spaces: dict[str, Any], data: Mapping
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Derivatives on the mesh by name, those by coefficients in given spaces; all spaces."""
-        spaces = self._spaces_of_pull(space, spaces)
-        forms = pulled_form.bound_forms(compiled, self._mesh.mesh, spaces, data, self._subdomains)
+        spaces = self._spaces_of_vjp(space, spaces)
+        forms = vjp_form.bound_forms(compiled, self._mesh.mesh, spaces, data, self._subdomains)
         return {name: forms[name][0] for name in forms if name in spaces}, spaces
 
     def losses_by(self, part: Part) -> list[dict[str, np.ndarray]]:
         """Derivatives of what beams lose in a completed step: of material and scheme, and of drag.
 
-        By "increment", "start" and "before" (size of beams,), "X", "internal" variables, strains
+        By "increment", "start" and "q_previous" (size of beams,), "X", "internal" variables,
+        strains
         "natural" at the start and "natural_end", "parameters" (n,) of the scene, "stiffness",
         "times", and coefficients of "drag ...".
         """
         if self._lost is None:
-            self._lost = [self._bind_energy(pulled_form.LossForm)] if any(self.of_loss[:2]) else []
+            self._lost = [self._bind_energy(vjp_form.LossForm)] if any(self.of_loss[:2]) else []
             self._lost += [self._bind_drag_loss()] if self.drag is not None else []
         self.begin_part(part)
         if self.drag is not None:
@@ -341,7 +342,7 @@ class BeamForms:
     def derive_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
         if self._derived is None:
-            weak, data, spaces = self._varied(pulled_form.ResultantForm)
+            weak, data, spaces = self._varied(vjp_form.ResultantForm)
             mesh, degree = self._mesh.mesh, self.fields.degree
             weight = dolfinx_api.function(interval_mesh.gauss_space(mesh, degree, 3))
             data[weak.weight] = weight
@@ -437,9 +438,9 @@ class BeamForms:
         if (self.needs_rates or self.drag is not None) and len(start.v):
             for function, rate in zip(self._start_rates, (start.v, start.a), strict=True):
                 self._set(function, rate)
-        if self.needs_before:
+        if self.needs_previous:
             self._values["memory"][...] = start.memory
-            self._set(self.moving[4], start.q if start.before is None else start.before)
+            self._set(self.moving[4], start.q if start.q_previous is None else start.q_previous)
         self._set_internal(start.internal)
         self.natural.set(*(start.natural or (None, None)))
 

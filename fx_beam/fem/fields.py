@@ -32,7 +32,7 @@ class Fields:
         #: Increment of the load factor in statics.
         self.load_increment = ufl.Constant(domain)
         #: Displacements and rotations at the start of the last step, and `Step.memory`.
-        self.before, self.memory = dolfinx_api.Coefficient(space), ufl.Constant(domain)
+        self.q_previous, self.memory = dolfinx_api.Coefficient(space), ufl.Constant(domain)
         #: Natural strains at the Gauss points, at the start and at the end of the step.
         self.natural = tuple(dolfinx_api.Coefficient(self.internal(3)) for _ in range(2))
         #: The fields without nodal rotations, for mass and loads.
@@ -77,7 +77,7 @@ class Fields:
     @property
     def moving(self) -> tuple:
         """Fields that change: the first in every iteration, the others in every step."""
-        return self.increment, self.start, *self.start_rates, self.before
+        return self.increment, self.start, *self.start_rates, self.q_previous
 
     @property
     def jacobian(self):
@@ -128,7 +128,7 @@ class Fields:
             nodes = Nodes(Dpsi, virtual_psi, shape, self.degree / h * slope)
             Dpsi, virtual_psi = ufl.dot(shape, Dpsi), ufl.dot(shape, virtual_psi)
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
-        u_before, psi_before = ufl.split(self.before)
+        u_before, psi_before = ufl.split(self.q_previous)
         v, omega = rates.fields(Du, Dpsi, v0, a0, self.dt)
         refuse_fields(fields_in(ufl.as_vector((*v, omega))), what, self.known)
         return Step(

@@ -179,9 +179,9 @@ class Forms:
         return (0, 1, 0) if self.beams is None else self.beams.internal_shape
 
     @property
-    def needs_before(self) -> bool:
+    def needs_previous(self) -> bool:
         """Whether the forces depend on the start of the last step."""
-        return self.beams is not None and self.beams.needs_before
+        return self.beams is not None and self.beams.needs_previous
 
     @property
     def has_added(self) -> bool:

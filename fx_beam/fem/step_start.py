@@ -20,7 +20,7 @@ class StepStart(NamedTuple):
     v: np.ndarray = _NONE
     a: np.ndarray = _NONE
     #: Start of the last step, q by default, and `Step.memory`.
-    before: np.ndarray | None = None
+    q_previous: np.ndarray | None = None
     memory: float = 0.0
     #: Internal variables (cells, degree, width) of beams.
     internal: np.ndarray | None = None

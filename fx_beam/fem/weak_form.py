@@ -272,8 +272,8 @@ class WeakForm:
         if self.width:
             self.evolution = dolfinx_api.compile_form(self._increments(), "internal variables")
         #: Whether the forces depend on the start of the last step.
-        self.needs_before = fields.before in residual.coefficients()
-        if self.needs_before and len(self.scheme.fractions) > 1:
+        self.needs_previous = fields.q_previous in residual.coefficients()
+        if self.needs_previous and len(self.scheme.fractions) > 1:
             raise SceneError(
                 f"{self.scheme.name}: its resultants depend on the last step, so that it cannot "
                 "have sub-steps. Use fractions=(1.0,)"
@@ -295,7 +295,7 @@ class WeakForm:
         """Fields of the start of a step that the forms have, those of drag if it `damps`."""
         _, start, *rates, before = self.fields.moving
         rates = rates if damps or self.needs_rates or self.resultants_need_rates else []
-        return [start, *rates, *[before] * self.needs_before]
+        return [start, *rates, *[before] * self.needs_previous]
 
     def _increments(self):
         dx = self.fields.measure(self.fields.degree)

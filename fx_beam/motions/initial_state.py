@@ -114,7 +114,7 @@ def resumed_state(
     a, _ = _acceleration(model, forcing, start, coupled, w, accelerations, dt, loads)
     # What the last step of another scheme leaves to the next one does not count.
     start = start.changed(a=a, parts=None, past=None)
-    return start.changed(before=None, algorithmic=0.0, length=0.0)
+    return start.changed(q_previous=None, algorithmic=0.0, length=0.0)
 
 
 def reference_state(model: Model) -> State:

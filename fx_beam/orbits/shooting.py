@@ -129,7 +129,7 @@ class Shooting:
     @property
     def remembers(self) -> bool:
         """Whether steps depend on earlier ones: by the scheme, or by friction of joints."""
-        return self.model.keeps_before or self.model.points.follow_joints
+        return self.model.keeps_previous or self.model.points.follow_joints
 
     def check_free(self) -> None:
         """Refuse what takes energy from any motion, if no loads give it back."""
@@ -169,8 +169,8 @@ class Shooting:
         model = self.model
         rates = 2 * np.pi / period * model.unit[self._rates]
         units = {name: np.ones(size) for name, size in self._inside.items()}
-        if model.keeps_before:
-            units["before"] = model.unit
+        if model.keeps_previous:
+            units["q_previous"] = model.unit
         if model.points.follow_joints:  # forces are large
             units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
         return np.concatenate([model.unit_of_unknowns, rates, *units.values()])
@@ -211,8 +211,8 @@ class Shooting:
         Internal variables of members and of springs, and the configuration a step before.
         """
         members, springs = int(np.prod(self.model.forms.internal_shape)), self.model.points.width
-        before = self.model.size * self.model.keeps_before
-        sizes = {"internal": members, "spring internal": springs, "before": before}
+        before = self.model.size * self.model.keeps_previous
+        sizes = {"internal": members, "spring internal": springs, "q_previous": before}
         return {name: size for name, size in sizes.items() if size}
 
     def moved(self, state: State, by: Directions, amounts: np.ndarray) -> State:
@@ -239,13 +239,13 @@ class Shooting:
     def run(self, state: State, parameter: float) -> Period:
         """The motion over a period; StepError if a step fails."""
         length = self.length_of(parameter)
-        if self.model.keeps_before and state.before is not None:
+        if self.model.keeps_previous and state.q_previous is not None:
             state = state.changed(length=length / self.steps)
         last = self._advance(state, self._times(state, length, self.steps))
         turns = self._turns(state, last)
         end = self._at_start(last.changed(q=last.q - turns, t=state.t))
-        if last.before is not None:
-            end = end.changed(before=last.before - turns)
+        if last.q_previous is not None:
+            end = end.changed(q_previous=last.q_previous - turns)
         scale, first = self.scales(state, length), self.rows_of(state)
         movable, parts = self._movable, len(self.model.scheme.fractions)
         apart = (self._taped_rows() - first[:movable]) / scale[:movable]
@@ -302,13 +302,13 @@ class Shooting:
         Over the scales.
         """
         at = np.array([len(self.model.scheme.fractions), len(self._tape)])
-        if self.model.keeps_before:
+        if self.model.keeps_previous:
             at = np.concatenate([at - 1, at])
         blocks = list[np.ndarray]()
         for first in range(0, by.matrix.shape[1], _AT_ONCE):
             some = {name: own[first : first + _AT_ONCE] for name, own in by.changes.items()}
-            ends = self._forward.push(self._tape, some, at)
-            ends = {name: rows[-2:] for name, rows in ends.items()} | {"before": ends["q"][:2]}
+            ends = self._forward.jvp(self._tape, some, at)
+            ends = {name: rows[-2:] for name, rows in ends.items()} | {"q_previous": ends["q"][:2]}
             parts = [self.model.couplings.unknowns(ends["q"], ends["slides"])]
             parts += [ends["v"][..., self._rates], *(ends[name] for name in self._inside)]
             blocks.append(np.concatenate(parts, axis=-1))

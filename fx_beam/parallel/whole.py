@@ -42,7 +42,7 @@ def _check(model: Model) -> None:
         ("contact between members", any(isinstance(o.shape, Beam) for o in scene.obstacles)),
         ("virtual works of your own", scene.virtual_works),
         ("a closed loop of joints", couplings.closures),
-        ("a long tree of joints", couplings.ties),
+        ("a long tree of joints", couplings.auxiliaries),
         ("a scheme of your own", not model.scheme.built_in),
         ("a mechanism that its loads hold", model.mechanism),
         ("a scene without unknowns", not model.reduction.free),
@@ -133,8 +133,8 @@ class DistributedEquations(Equations):
         numbers = [joint.number for joint, *_ in share.joints]
         of = {"q": start.q[dofs], "v": start.v[dofs], "a": start.a[dofs]}
         of |= {"slides": start.slides[numbers], "length": start.length}
-        if start.before is not None:
-            of["before"] = start.before[dofs]
+        if start.q_previous is not None:
+            of["q_previous"] = start.q_previous[dofs]
         for name in ("internal", "natural"):
             of[name] = self._in_part(share, getattr(start, name))
         return of

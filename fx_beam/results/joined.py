@@ -97,7 +97,7 @@ class _Joined:
         end = second.end
         if end is not None and len(self._gone):
             size = len(self.X)
-            named = ("q", "v", "a", "before", "added_forces", "fitted")
+            named = ("q", "v", "a", "q_previous", "added_forces", "fitted")
             values = {name: getattr(end, name) for name in named}
             padded = {
                 name: _padded(value[None], (size,))[0]

@@ -36,7 +36,7 @@ _KINDS |= dict.fromkeys(("end_negative_eigenvalues", "past_orders"), "i")
 # A lost motion may have infinite rates, forces and energies, but not these.
 _FINITE = {"t", "X", "q", "past_ages", "past_differences", "past_slides"}
 _FINITE |= {f"end_{name}" for name in ("t", "motors", "q", "slides", "parts", "inputs", "length")}
-_FINITE |= {f"end_{name}" for name in ("before", "internal", "spring_internal", "natural")}
+_FINITE |= {f"end_{name}" for name in ("q_previous", "internal", "spring_internal", "natural")}
 
 
 def check_arrays(data: Mapping[str, np.ndarray], beams: list[dict[str, Any]]) -> None:

@@ -104,7 +104,7 @@ class State:
     algorithmic: float = _number()
     #: The configuration at the start of the step that ended here, and its length [s]; only for
     #: schemes that need them.
-    before: np.ndarray | None = _array("kept dofs")
+    q_previous: np.ndarray | None = _array("kept dofs")
     length: float = _number()
     #: Internal variables at the Gauss points, and of the springs of joints in their order.
     internal: np.ndarray | None = _array("cells", "points", "variables", record="motion")

@@ -15,9 +15,9 @@ from fx_beam.structs import Structs
 from .element_data import aligned
 from .layout import Layout
 from .model import Model
-from .pulled_work import PulledWork
 from .tables import Problem
 from .tape import Part, Tape
+from .vjp_work import VjpWork
 
 _NONE = np.empty(0, dtype=int)
 
@@ -37,7 +37,7 @@ class Adjoint:
         self._structs = Structs(self._ffi, declarations("problem.h"))
         #: The C struct Adjoint.
         self.c = self._ffi.new("Adjoint *")
-        self._works: list[PulledWork] = []
+        self._works: list[VjpWork] = []
         self._has_forms = False
         self._hand_over_elements()
         self._hand_over_points()
@@ -62,9 +62,9 @@ class Adjoint:
         beams = self._model.forms.beams
         if beams is None:
             return
-        self._works.append(PulledWork("internal_forces", beams.pulled()))
+        self._works.append(VjpWork("internal_forces", beams.vjp()))
         if beams.drag is not None:
-            self._works.append(PulledWork("drag", beams.pulled_drag()))
+            self._works.append(VjpWork("drag", beams.vjp_drag()))
         for work in self._works:
             given = work.handed_over(self.problem, beams)
             self._structs.set(self.c, **{work.name: given})
@@ -83,7 +83,7 @@ class Adjoint:
             raise singular(tape, end - left)
         return found
 
-    def pull(
+    def vjp(
         self,
         tape: Tape,
         weights: Mapping[str, np.ndarray],
@@ -106,9 +106,9 @@ class Adjoint:
             }
             return own, rows[at], sub_steps[of]
 
-        return self.pull_parts(tape, of_part)
+        return self.vjp_parts(tape, of_part)
 
-    def pull_parts(self, tape: Tape, weights_of: Callable[[Part], Weights]) -> dict[str, Any]:
+    def vjp_parts(self, tape: Tape, weights_of: Callable[[Part], Weights]) -> dict[str, Any]:
         """The same with the weights of each part of the tape, the last one first.
 
         Then the state of the part is on the tape.
@@ -132,7 +132,7 @@ class Adjoint:
             # C keeps the addresses of the weights until the next part.
             own = Structs(self._ffi, declarations("problem.h"))
             own.set(self.c, **self._given(every, weights, rows, sub_steps))
-            left = self._library.fx_pull(p, tape.c, self.c)
+            left = self._library.fx_vjp(p, tape.c, self.c)
             if left:
                 raise singular(tape, part.first + left - 1)
         return self._named(of_steps[:-1])

@@ -48,8 +48,12 @@ class CoupledRates(Protocol):
 def coupled_rates(model: Model) -> CoupledRates:
     """The rates of a model, by the matrix T, or along its trees if they are long."""
     reduction = model.reduction
-    if isinstance(reduction, JointReduction) and len(reduction.ties) and reduction.sliders is None:
-        return TiedRates(reduction)
+    if (
+        isinstance(reduction, JointReduction)
+        and len(reduction.auxiliaries)
+        and reduction.sliders is None
+    ):
+        return AuxiliaryRates(reduction)
     return EqualRates(model) if isinstance(reduction, IndexReduction) else RatesByMatrix(reduction)
 
 
@@ -137,15 +141,15 @@ class RatesByMatrix:
         return T.T @ mass.toarray() @ T
 
 
-class TiedRates:
-    """Coupled rates by sums over the trees, and the equations as a system with ties."""
+class AuxiliaryRates:
+    """Coupled rates by sums over the trees, and the equations as a system with auxiliaries."""
 
     def __init__(self, reduction: JointReduction):
         self._reduction = reduction
         self.spread, self.gather = reduction.spread, reduction.gather
 
     def nearest(self, weight, missing):
-        """By the system with ties."""
+        """By the system with auxiliary unknowns."""
         reduction = self._reduction
         if isinstance(weight, np.ndarray):
             weight = scipy.sparse.diags(weight)
@@ -171,8 +175,8 @@ class TiedRates:
         return RatesByMatrix(reduction).accelerations(mass, force)
 
     def _solved(self, matrix, right: np.ndarray) -> np.ndarray:
-        if (borders := self._reduction.borders()) is not None:
-            columns, rows = (scipy.sparse.csr_matrix(part) for part in borders)
+        if (bordering_rows := self._reduction.bordering_rows()) is not None:
+            columns, rows = (scipy.sparse.csr_matrix(part) for part in bordering_rows)
             matrix = scipy.sparse.bmat([[matrix, columns.T], [rows, None]], format="csc")
         b = np.zeros(matrix.shape[0])
         b[: len(right)] = right

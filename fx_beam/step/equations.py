@@ -97,7 +97,7 @@ class Equations:
     def _nodal(self, rules: NodalRules, D: np.ndarray) -> np.ndarray:
         """Values (nodes, VALUES) of the nodal rules."""
         start = self._start
-        before = np.zeros_like(D) if start.before is None else start.q - start.before
+        before = np.zeros_like(D) if start.q_previous is None else start.q - start.q_previous
         parts = D, start.v, start.a, before, self._length
         return rules.at(self.sub_step, *parts)
 

@@ -28,7 +28,7 @@ class Forward:
         #: Names of the numbers whose changes it follows.
         self.names = {*self._layout.numbers, *self._layout.steps, *of_start, *of_elements}
 
-    def push(
+    def jvp(
         self,
         tape: Tape,
         changes: Mapping[str, np.ndarray],
@@ -46,10 +46,10 @@ class Forward:
         def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
             return rows[part.own(rows)], sub_steps[part.of_sub_steps(sub_steps)]
 
-        parts = [*self.push_parts(tape, changes, rows_of)]
+        parts = [*self.jvp_parts(tape, changes, rows_of)]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def push_parts(
+    def jvp_parts(
         self,
         tape: Tape,
         changes: Mapping[str, np.ndarray],
@@ -93,7 +93,7 @@ class Forward:
                 force_at=numbered(of, len(tape)),
                 **{name: never_empty(array) for name, array in results.items()},
             )
-            left = self._library.fx_push(p, tape.c, self._adjoint.c, directions)
+            left = self._library.fx_jvp(p, tape.c, self._adjoint.c, directions)
             if left:
                 raise singular(tape, part.end - left)
             names = "q", "v", "slides", "internal", "spring internal", "constraints", "joints"
@@ -142,12 +142,12 @@ class Forward:
         return steps.reshape(count, -1)
 
     def _columns(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-        """Changes of the columns at the start, with those of ties, which follow."""
+        """Changes of the columns at the start, with those of auxiliary unknowns, which follow."""
         model, p = self._model, self._p
         q = _rows(changes.get("q"), count, p.dofs)
         slides = _rows(changes.get("slides"), count, model.scene.joint_count)
         motors = _rows(changes.get("motors"), count, len(model.motors))
-        found = np.zeros((count, p.columns + p.ties))
+        found = np.zeros((count, p.columns + p.auxiliaries))
         found[:, : p.free] = model.couplings.unknowns(q, slides)
         found[:, p.free : p.free + p.driven] = np.hstack([q[:, model.prescribed], motors])
         return found

@@ -44,13 +44,13 @@ class TurnCounter:
     @staticmethod
     def without(turns: np.ndarray, state: State) -> State:
         """The state without turns."""
-        before = None if state.before is None else state.before - turns
-        return state.changed(q=state.q - turns, before=before)
+        before = None if state.q_previous is None else state.q_previous - turns
+        return state.changed(q=state.q - turns, q_previous=before)
 
     def with_turns(self, state: State) -> State:
         """The state with the turns that were subtracted."""
-        before = None if state.before is None else state.before + self.removed
-        return state.changed(q=state.q + self.removed, before=before)
+        before = None if state.q_previous is None else state.q_previous + self.removed
+        return state.changed(q=state.q + self.removed, q_previous=before)
 
 
 def without_turns(model: Model, D: np.ndarray) -> np.ndarray:

@@ -57,7 +57,7 @@ class JointForces:
             out[: len(closing)] += closing
         # Joints with an offset or a slide exert a moment on their guiding node, which is no moment
         # of another joint.
-        carried = reduction.guide_moments(out[:, :2])
+        carried = reduction.carrier_moments(out[:, :2])
         if carried is not None:
             r[model.mesh.dofs[:, 2]] += carried
         out[:, 2] += model.points.moments(len(out))

@@ -28,7 +28,7 @@ class LinearSolver:
         if reduction.free:  # else there is nothing to solve
             dependent = reduction.dependent if reduction.dependent.size else None
             self._lu = sparse_lu(reduction.pattern, dependent)
-            #: None with ties, or where new factors are cheap.
+            #: None with auxiliary unknowns, or where new factors are cheap.
             self._kept = None
             if self._lu.worth >= _LEAST_WORTH and dependent is None:
                 self._kept = KeptFactors(reduction.pattern, self._lu)
@@ -74,12 +74,12 @@ class LinearSolver:
         if factors is None:
             self.singular = True
             return np.full(free, np.nan) if b.any() else np.zeros(free)
-        if self._size > free:  # forces of ties and borders
+        if self._size > free:  # forces of auxiliary unknowns and bordering rows
             b = np.concatenate([b, np.zeros(self._size - free)])
         x = factors.solve(b)
-        borders = equations.model.reduction.borders()
-        if borders is not None:
-            columns, rows = borders
+        bordering_rows = equations.model.reduction.bordering_rows()
+        if bordering_rows is not None:
+            columns, rows = bordering_rows
             forced = np.array([factors.solve(column) for column in columns])
             x -= np.linalg.solve(rows @ forced.T, rows @ x) @ forced
         return x[:free]

@@ -51,9 +51,12 @@ class CompiledLoop:
         self._filled = {name: array for name, array in self._state_arrays.items() if array.size}
         #: Where C has what is recorded, by the names of rows and of starts of sub-steps.
         self._sources = {name: getattr(problem.c, name) for name in ROWS}
-        self._sources |= {f"before_{name}": self._sources[name] for name in ("q", "v", "a")}
-        self._sources |= {"before_internal": problem.c.internal, "earlier_q": problem.c.before}
-        self._sources["before_natural"] = problem.c.natural
+        self._sources |= {f"start_{name}": self._sources[name] for name in ("q", "v", "a")}
+        self._sources |= {
+            "start_internal": problem.c.internal,
+            "start_q_previous": problem.c.q_previous,
+        }
+        self._sources["start_natural"] = problem.c.natural
         #: Records of C by recorders, each with the recorder's plan and its arrays of rows.
         self._records: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
@@ -215,8 +218,8 @@ class CompiledLoop:
             if name != "driven_now":
                 value = getattr(state, name)
                 array[:] = 0.0 if value is None else value.ravel()
-        if p.keeps_before and state.before is None:
-            arrays["before"][:] = state.q
+        if p.keeps_previous and state.q_previous is None:
+            arrays["q_previous"][:] = state.q
         if len(state.motors):
             arrays["driven_now"][len(self.model.prescribed) :] = state.motors
         p.steps_done = state.constraint_forces is not None

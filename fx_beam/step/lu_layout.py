@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from fx_beam.content_cache import cached_by_content
-from fx_beam.coupling.tied_order import tied_fill_in
+from fx_beam.coupling.auxiliary_order import auxiliary_fill_in
 
 # Rows in a group: the degrees of freedom of a node.
 _GROUP = 3
@@ -105,8 +105,9 @@ def factors_of(
 ) -> Factors:
     """Storage in which a correction costs least: a band, or sparse rows, to keep if it pays.
 
-    With ties (`Reduction.dependent`): sparse rows, from the leaves of trees to the roots. The last
-    unknowns may be forces without a stiffness, which come after all with which they are coupled.
+    With auxiliary unknowns (`Reduction.dependent`): sparse rows, from the leaves of trees to the
+    roots. The last unknowns may be forces without a stiffness, which come after all with which they
+    are coupled.
     """
     none = np.empty(0, dtype=int)
     if len(indptr) == 1:  # nothing is unknown
@@ -129,7 +130,7 @@ def in_sparse_rows(
     dependent: np.ndarray | None = None,
     keep: bool = True,
 ) -> Factors:
-    """Storage in sparse rows; with ties (`Reduction.dependent`) as in `factors_of`."""
+    """Storage in sparse rows; with auxiliaries (`Reduction.dependent`) as in `factors_of`."""
     graph, rows = _graph(indptr, indices)
     return _with_cost(_in_rows(graph, rows, indices, dependent), len(indices), keep, COSTS)
 
@@ -223,7 +224,7 @@ def _in_rows(
         position, starts, filled = fill_in(of_groups, last)
     else:
         parts = np.bincount(group_of), group_of[dependent], last
-        position, starts, filled = tied_fill_in(of_groups, *parts)
+        position, starts, filled = auxiliary_fill_in(of_groups, *parts)
     group_of = position[group_of]
     sizes = np.bincount(group_of).astype(np.int32)
     first, order = _starts(sizes), np.empty(n, dtype=np.int32)
@@ -251,7 +252,8 @@ def groups_of(
 ) -> dict[str, np.ndarray]:
     """Groups of unknowns with equal columns, and which groups are coupled, for changing_rows.h.
 
-    Also which ones wait until others are eliminated: with ties and forces as in `factors_of`.
+    Also which ones wait until others are eliminated: with auxiliary unknowns and forces as in
+    `factors_of`.
     """
     graph, _ = _graph(indptr, indices)
     group_of = _alike(graph, dependent, forces)
@@ -315,7 +317,8 @@ def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces:
     new = np.diff(sums[by_sum], prepend=sums[by_sum[0]] - 1) != 0
     since = np.arange(n) - np.maximum.accumulate(np.where(new, np.arange(n), 0))
     first = np.flatnonzero(since % _GROUP == 0)
-    # Numbered as their first unknowns: minimum degree with ties leaves less fill-in than otherwise.
+    # Numbered as their first unknowns: minimum degree with auxiliary unknowns leaves less fill-in
+    # than otherwise.
     number = np.empty(len(first), dtype=np.int32)
     number[np.argsort(by_sum[first])] = np.arange(len(first))
     group_of = np.empty(n, dtype=np.int32)

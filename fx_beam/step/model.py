@@ -191,7 +191,7 @@ class Model:
             state.q,
             state.v,
             state.a,
-            state.before,
+            state.q_previous,
             state.memory(length),
             state.internal,
             state.slides,
@@ -298,7 +298,7 @@ class Model:
             "contacts": self.points.contacts,
             "parameters": len(self.forms.parameters),
             "added dofs": self.size if self.forms.has_added else 0,
-            "kept dofs": self.size if self.keeps_before else 0,
+            "kept dofs": self.size if self.keeps_previous else 0,
             "cells": cells,
             "points": points,
             "variables": variables,
@@ -321,9 +321,9 @@ class Model:
         return None
 
     @property
-    def keeps_before(self) -> bool:
+    def keeps_previous(self) -> bool:
         """Whether a step needs the configuration at the start of the last one."""
-        return self.forms.needs_before or self.scheme.rates.of_user
+        return self.forms.needs_previous or self.scheme.rates.of_user
 
     @functools.cached_property
     def factors_of_mass(self) -> LU:

@@ -131,7 +131,7 @@ class RateDerivatives:
 
     # -- Derivatives ------------------------------------------------------------------------------
 
-    def pull(
+    def vjp(
         self, rates: np.ndarray, joints: np.ndarray, columns: np.ndarray
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Derivatives by "q", "v", "slides" and "driven rates" (n, ...), and by numbers.
@@ -170,7 +170,7 @@ class RateDerivatives:
             of = _times(of_rows[:, rows], weight) * self.rates[:, place.dofs]
             of -= _times(mu[:, rows], weight) * of_c[:, place.dofs]
             by = np.hstack([by_along[:, rows].sum(axis=1), of.sum(axis=-1)])
-            by_slides[:, one.number], by_path = place.pull(by, by_q)
+            by_slides[:, one.number], by_path = place.vjp(by, by_q)
             by_paths.append(by_path.sum(axis=0))
         masses, of_joints = self._mass.tocoo(), np.zeros((2, equations.joints + 1, 2))
         np.add.at(of_joints[0], self._joint, by_arm.sum(axis=0))
@@ -188,7 +188,7 @@ class RateDerivatives:
         by_v = rates - _sums(self._to_dofs, entries * of_rows[:, equations.row])
         return {"q": by_q, "slides": by_slides, "v": by_v, "driven rates": by_driven}, numbers
 
-    def push(
+    def jvp(
         self, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Changes of rates (n, m, size), and of impulses (n, m, joints, 3) and (n, m, columns).

@@ -397,7 +397,7 @@ class Recorder:
         names += ["internal"] * (beams.internal_shape[-1] > 0)
         names += ["natural"] * bool(self.model.natural)
         if own.stop > own.start:
-            starts = {name: self._starts.arrays[f"before_{name}"][own] for name in names}
+            starts = {name: self._starts.arrays[f"start_{name}"][own] for name in names}
         else:
             starts = {name: arrays[name][row - 1 : row] for name in names}
         turns = self._missing(row)
@@ -419,11 +419,11 @@ class Recorder:
                 ends = starts["natural"][i], [*starts["natural"][1:], arrays["natural"][row]][i]
                 shape = *beams.internal_shape[:2], 3
                 start = start._replace(natural=tuple(end.reshape(shape) for end in ends))
-            if beams.needs_before:
+            if beams.needs_previous:
                 before, memory = (
-                    self._starts.arrays[name][own][i] for name in ("earlier_q", "memory")
+                    self._starts.arrays[name][own][i] for name in ("start_q_previous", "memory")
                 )
-                start = start._replace(before=before + turns, memory=float(memory))
+                start = start._replace(q_previous=before + turns, memory=float(memory))
             yield Part(Interval(*times[i : i + 2]), D[i], start)
 
     @property

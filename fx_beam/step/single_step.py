@@ -123,8 +123,8 @@ class SingleStep:
         slides = state.slides + self._slide_increments(step, driven)
         motors = positions[len(model.prescribed) :]
         new = State(interval.end, motors, state.q + step.D, v, a, slides)
-        if model.keeps_before:
-            new.before, new.length = state.q, dt
+        if model.keeps_previous:
+            new.q_previous, new.length = state.q, dt
         new.natural = self.forcing.natural(interval.end)
         model.forms.set_natural_end(new.natural)
         new.internal = model.forms.evolve(step.D)

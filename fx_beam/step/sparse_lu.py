@@ -19,7 +19,7 @@ Pattern = tuple[np.ndarray, np.ndarray]
 def sparse_lu(pattern: Pattern, dependent: np.ndarray | None = None) -> LU:
     """Factors without exchange of rows for a pattern (indptr, indices).
 
-    With ties, `dependent` is that of `Reduction`.
+    With auxiliary unknowns, `dependent` is that of `Reduction`.
     """
     return LU(*_library(), pattern, dependent)
 

@@ -30,21 +30,21 @@ class SubStepStarts:
 
     def __init__(self, model: Model, motion: bool, rates: bool):
         self._scheme, n, size, beams = model.scheme, 0, model.size, model.forms.beams
-        self._always = len(self._scheme.fractions) > 1 or model.forms.needs_before
+        self._always = len(self._scheme.fractions) > 1 or model.forms.needs_previous
         #: Starts (n, ...) by name, and the shares of the sub-steps in their steps.
         self.arrays = {"share": np.zeros(n)}
         if motion:
-            self.arrays["before_q"] = np.zeros((n, size))
+            self.arrays["start_q"] = np.zeros((n, size))
             if rates and beams is not None and beams.resultants_need_rates:
-                self.arrays |= {f"before_{name}": np.zeros((n, size)) for name in "va"}
+                self.arrays |= {f"start_{name}": np.zeros((n, size)) for name in "va"}
             if width := math.prod(model.forms.internal_shape):
-                self.arrays["before_internal"] = np.zeros((n, width))
+                self.arrays["start_internal"] = np.zeros((n, width))
             if model.natural:
-                self.arrays["before_natural"] = np.zeros((n, model.natural.size))
-            if model.forms.needs_before:
-                self.arrays |= {"earlier_q": np.zeros((n, size)), "memory": np.zeros(n)}
+                self.arrays["start_natural"] = np.zeros((n, model.natural.size))
+            if model.forms.needs_previous:
+                self.arrays |= {"start_q_previous": np.zeros((n, size)), "memory": np.zeros(n)}
         if model.fits_rates:
-            self.arrays |= {f"before_{name}": np.zeros((n, size)) for name in "qv"}
+            self.arrays |= {f"start_{name}": np.zeros((n, size)) for name in "qv"}
         #: Their number.
         self.count = 0
 
@@ -78,11 +78,11 @@ class SubStepStarts:
         self.make_room(len(starts))
         for start, fraction in zip(starts, self._scheme.fractions, strict=True):
             values = {
-                f"before_{name}": getattr(start, name)
+                f"start_{name}": getattr(start, name)
                 for name in ("q", "v", "a", "internal", "natural")
             }
             values |= {"share": fraction / parts, "memory": start.memory(end.length)}
-            values["earlier_q"] = start.q if start.before is None else start.before
+            values["start_q_previous"] = start.q if start.q_previous is None else start.q_previous
             for name, array in self.arrays.items():
                 array[self.count] = np.ravel(values[name]) if array.ndim > 1 else values[name]
             self.count += 1
@@ -92,5 +92,5 @@ class SubStepStarts:
 
         `up_to_row` (n,) has the numbers of the starts up to each row, the first of them the start.
         """
-        q, v = (self.arrays[f"before_{name}"][up_to_row[:-1]] for name in "qv")
+        q, v = (self.arrays[f"start_{name}"][up_to_row[:-1]] for name in "qv")
         return q, v

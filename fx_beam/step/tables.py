@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import declarations
-from fx_beam.coupling.index_reduction import Tables, TieTables
+from fx_beam.coupling.index_reduction import AuxiliaryTables, Tables
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.fem import dolfinx_api
 from fx_beam.laws.schemes import MOST_SUB_STEPS
@@ -23,7 +23,7 @@ from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, joints_by_number
 from fx_beam.structs import Structs
 
-from .border_tables import BorderTables, on_borders, ones_of, storage_of
+from .bordering_tables import BorderingTables, on_bordering_rows, ones_of, storage_of
 from .build import load_library
 from .element_data import aligned, element_data
 from .form_tables import FormTables
@@ -53,7 +53,7 @@ class Problem:
         self.c = self.ffi.new("Problem *")
         stored_at = self._hand_over_couplings(model.reduction.tables())
         self._hand_over_mesh(stored_at)
-        self._set(has_added=model.forms.has_added, keeps_before=model.keeps_before)
+        self._set(has_added=model.forms.has_added, keeps_previous=model.keeps_previous)
         self._hand_over_rates(stored_at)
         self._hand_over_points(stored_at)
         self._hand_over_motors()
@@ -245,7 +245,7 @@ class Problem:
             equal=np.count_nonzero(equal),
             **{f"entry_{name}": values[first] for name, values in t.entries.items()},
             joints=len(t.joints["number"]),
-            guide=t.joints["guide"],
+            carrier=t.joints["carrier"],
             slide_column=t.joints["slide_column"],
             slide_of=t.joints["number"],
             joint_sign=t.joints["sign"],
@@ -264,23 +264,27 @@ class Problem:
         if self.model.points.members is not None:
             self._hand_over_changing_rows(t)
         alone = alone_in_column(t, self.model.size, reduction.free)
-        if t.ties:
-            alone[np.isin(self.model.couplings.column, t.ties.values["tie_column"])] = False
+        if t.auxiliaries:
+            alone[
+                np.isin(self.model.couplings.column, t.auxiliaries.values["auxiliary_column"])
+            ] = False
         if loops is not None:
             alone[np.isin(self.model.couplings.column, loops.values["loop_column"])] = False
             self._set(**loops.values)
             self._set(**{name: at[k] for name, k in loops.entries.items()})
         padding = [*factors.padding, *ones_of(reduction, at)]
         at, stored = storage_of(reduction, at, stored)
-        padding += [*self._hand_over_ties(t.ties, at)]
+        padding += [*self._hand_over_auxiliaries(t.auxiliaries, at)]
         stored_at, p.stored_values = storage_of_entries(
             t, self.model.forms.stiffness, alone, at, stored
         )
         if isinstance(reduction, JointReduction):
             first = self.library.ON_BORDER
             diagonal_at = stored_at[diagonal_of(self.model.forms.stiffness)]
-            borders = BorderTables(reduction, factors, at, diagonal_at, self.model.massless, first)
-            self._set(**borders.all())
+            bordering_rows = BorderingTables(
+                reduction, factors, at, diagonal_at, self.model.massless, first
+            )
+            self._set(**bordering_rows.all())
         self._set(
             band=factors.band,
             chain=factors.chain,
@@ -309,8 +313,10 @@ class Problem:
     def _hand_over_changing_rows(self, t: Tables) -> None:
         """Hand over what a pattern that changes with the touches of members is found from."""
         size, reduction, couplings = self.model.size, self.model.reduction, self.model.couplings
-        groups = groups_of(*reduction.factored, self._ties, reduction.forces)
-        row_of, unknown_of = on_borders(reduction, *reduction.system(), self.library.ON_BORDER)
+        groups = groups_of(*reduction.factored, self._auxiliaries, reduction.forces)
+        row_of, unknown_of = on_bordering_rows(
+            reduction, *reduction.system(), self.library.ON_BORDER
+        )
         order = np.argsort(t.entries["row"], kind="stable")
         starts = np.concatenate([[0], np.cumsum(np.bincount(t.entries["row"], minlength=size))])
         values = {f"dof_{name}": t.entries[name][order] for name in ("column", "value", "sign")}
@@ -321,7 +327,7 @@ class Problem:
             **values,
             "row_of": row_of,
             "unknown_of": unknown_of,
-            "keep": not couplings.closures and not couplings.ties and not couplings.sliding,
+            "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,
             "row_entry": COSTS.row_entry,
             "substitution": COSTS.substitution,
             "least_worth": COSTS.least_worth,
@@ -332,18 +338,18 @@ class Problem:
         self._rows = self.ffi.gc(self.c.changing, lambda rows, owner=owner: free(rows))
 
     @property
-    def _ties(self) -> np.ndarray | None:
+    def _auxiliaries(self) -> np.ndarray | None:
         dependent = self.model.reduction.dependent
         return dependent if dependent.size else None
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction = self.model.reduction
-        ties = self._ties
-        if self.model.points.members is not None and ties is None and not reduction.forces:
+        auxiliaries = self._auxiliaries
+        if self.model.points.members is not None and auxiliaries is None and not reduction.forces:
             return in_sparse_rows(indptr, indices, None, not self.model.couplings.sliding)
         # Rows of unknowns that close loops are no forces, by which errors are judged.
         keep = not self.model.couplings.closures
-        return factors_of(indptr, indices, keep, ties, COSTS, reduction.forces)
+        return factors_of(indptr, indices, keep, auxiliaries, COSTS, reduction.forces)
 
     def transposed(self) -> np.ndarray:
         """Storage index, among sparse factors, of each entry of the tangent in its transpose."""
@@ -356,18 +362,20 @@ class Problem:
         at[turned.data] = self._factors_of(turned.indptr, turned.indices).at
         return at
 
-    def _hand_over_ties(self, ties: TieTables | None, at: np.ndarray) -> np.ndarray:
-        """Hand over the ties; returns the storage indices of their diagonals, which are 1.
+    def _hand_over_auxiliaries(
+        self, auxiliaries: AuxiliaryTables | None, at: np.ndarray
+    ) -> np.ndarray:
+        """Hand over the auxiliaries; returns the storage indices of their diagonals, which are 1.
 
         `at` has those of the entries of the pattern.
         """
         self._set(unknowns=self.c.free)
-        if ties is None:
+        if auxiliaries is None:
             return np.empty(0, int)
         at = np.append(at, -1)  # for what is no unknown
-        self._set(**ties.values)
-        self._set(**{name: at[k] for name, k in ties.entries.items()})
-        return at[ties.ones]
+        self._set(**auxiliaries.values)
+        self._set(**{name: at[k] for name, k in auxiliaries.entries.items()})
+        return at[auxiliaries.ones]
 
     def _hand_over_motors(self) -> None:
         model = self.model

@@ -275,9 +275,9 @@ class Tape:
         Not that at the end of the run.
         """
         found, first, p = {}, TAPED_NUMBERS, self._problem
-        n, kept = p.dofs, p.dofs * p.keeps_before
+        n, kept = p.dofs, p.dofs * p.keeps_previous
         internal = p.cells * p.cell_internal
-        sizes = {"q": n, "v": n, "before": kept, "slides": p.scene_joints, "internal": internal}
+        sizes = {"q": n, "v": n, "q_previous": kept, "slides": p.scene_joints, "internal": internal}
         places = boundaries - self.c.first
         behind = (places == self.c.rows) & (boundaries < len(self))
         for name, size in (sizes | {"spring_internal": p.spring_width}).items():

@@ -11,7 +11,7 @@ static long lay_out_backward(const Problem *p, const Adjoint *a, Linear *l, Back
   double *begin = at;
   long n = p->dofs + LANES;
   lay_out_linear(p, l, &at);
-  b->by_increment = allocate(&at, n), b->by_start = allocate(&at, n), b->by_before = allocate(&at, n);
+  b->by_increment = allocate(&at, n), b->by_start = allocate(&at, n), b->by_previous = allocate(&at, n);
   b->of_internal = allocate(&at, (long)p->cells * p->cell_internal);
   b->following.size = p->points->followed.size;
   b->following.memory = allocate(&at, FIXED_POINT_ROWS * (long)b->following.size);
@@ -26,7 +26,7 @@ long fx_backward_scratch(const Problem *p, const Adjoint *a) {
   return lay_out_backward(p, a, &l, &b, &trial, 0);
 }
 
-/* The transpose of the reduced tangent in its place; sparse factors are made of the transpose, and borders are
+/* The transpose of the reduced tangent in its place; sparse factors are made of the transpose, and bordering rows are
    transposed already. */
 static void swap(double *x, double *y) {
   double kept = *x;
@@ -82,9 +82,9 @@ static void add_given(const Problem *p, const Adjoint *a, const Layout *at, long
 }
 
 /* Begins a sub-step with the derivatives by the state at its end, which are those by the start of the next one. */
-static void begin_pull(const Problem *p, const Work *w, const Adjoint *a, const Layout *at, long k, double *x) {
-  int n = p->dofs, columns = p->columns + p->ties;
-  double per_dt = rates_per_path(p, w->dt), *q = x + at->q, *q1 = x + at->q1, *v = x + at->v, *before = x + at->before;
+static void begin_vjp(const Problem *p, const Work *w, const Adjoint *a, const Layout *at, long k, double *x) {
+  int n = p->dofs, columns = p->columns + p->auxiliaries;
+  double per_dt = rates_per_path(p, w->dt), *q = x + at->q, *q1 = x + at->q1, *v = x + at->v, *previous = x + at->q_previous;
   add_given(p, a, at, k + 1, x);
   memset(x + at->loads, 0, (at->Y1 - at->loads) * sizeof(double));
   memset(x + at->arms, 0, (at->size - at->arms) * sizeof(double));
@@ -96,7 +96,7 @@ static void begin_pull(const Problem *p, const Work *w, const Adjoint *a, const 
   for (int i = 0; i < p->massless_count; ++i) v[p->massless[i]] /= 2;
   for (int i = 0; i < n; ++i) {
     double of_path = per_dt * w->slope[i] * v[i];
-    q1[i] = q[i] + of_path, q[i] = before[i] - of_path, before[i] = 0, v[i] = -v[i];
+    q1[i] = q[i] + of_path, q[i] = previous[i] - of_path, previous[i] = 0, v[i] = -v[i];
   }
   for (int i = 0; i < p->massless_count; ++i) v[p->massless[i]] = 0;
 }
@@ -110,43 +110,43 @@ static void begin_forces(const Problem *p, const Adjoint *a, const Layout *at, l
   memcpy(x + at->forces, a->joint_weight + row * joints, joints * sizeof(double));
 }
 
-static void pull_places(const Linear *l, double *x) {
-  for (int i = PLACED; i >= WEIGHED; --i) pull(l->of + i, x);
+static void vjp_places(const Linear *l, double *x) {
+  for (int i = PLACED; i >= WEIGHED; --i) vjp(l->of + i, x);
 }
 
 /* From the derivatives by all that a sub-step gives to those by all that it reads; with `last` also by the numbers of
    elements and masses. */
-static void pull_laws(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Backward *b, double *x,
+static void vjp_laws(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Backward *b, double *x,
                       int last) {
   const Layout *at = &l->at;
-  pull(l->of + JOINED, x);
-  pull(l->of + CLOSED, x);
-  if (p->closures) solve_gaps(p, w, w->part_virtual, w->order_virtual, x + at->closing);
+  vjp(l->of + JOINED, x);
+  vjp(l->of + CLOSED, x);
+  if (p->closures) solve_closures(p, w, w->part_virtual, w->order_virtual, x + at->closing);
   for (int i = 0; i < p->closures; ++i) x[at->R + p->loop_column[p->following[i]]] += x[at->closing + i];
-  for (int i = MAPPED; i > LEVERS; --i) pull(l->of + i, x);
-  if (last) pull(l->of + LEVERS, x);
-  for (int i = SLID; i >= TOUCHED; --i) pull(l->of + i, x);
-  pull_bodies(p, w, a, at, b, x, last);
-  pull_places(l, x);
-  for (int i = ARMS; last && i >= 0; --i) pull(l->of + i, x);
+  for (int i = MAPPED; i > LEVERS; --i) vjp(l->of + i, x);
+  if (last) vjp(l->of + LEVERS, x);
+  for (int i = SLID; i >= TOUCHED; --i) vjp(l->of + i, x);
+  vjp_bodies(p, w, a, at, b, x, last);
+  vjp_places(l, x);
+  for (int i = ARMS; last && i >= 0; --i) vjp(l->of + i, x);
 }
 
 /* Adds the derivatives by the equations of a sub-step, as many as make those by the unknowns zero: in `trial` they are found
    without; returns 0 if its tangent is singular. */
-static int pull_solution(Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Backward *b, int whole,
+static int vjp_solution(Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Backward *b, int whole,
                          double *x, double *trial) {
   const Layout *at = &l->at;
-  if (whole) memcpy(trial + at->Y, x + at->Y, (at->size - at->Y) * sizeof(double)), pull_laws(p, w, a, l, b, trial, 0);
-  else memcpy(trial + at->Y1, x + at->Y1, (at->natural1 - at->Y1) * sizeof(double)), pull_places(l, trial);
+  if (whole) memcpy(trial + at->Y, x + at->Y, (at->size - at->Y) * sizeof(double)), vjp_laws(p, w, a, l, b, trial, 0);
+  else memcpy(trial + at->Y1, x + at->Y1, (at->natural1 - at->Y1) * sizeof(double)), vjp_places(l, trial);
   memcpy(w->reduced, trial + at->Y1, p->free * sizeof(double));
   if (!solve_transposed(p, w, a)) return 0;
   for (int i = 0; i < p->free; ++i) x[at->R + i] -= w->step[i];
-  for (int i = 0; i < p->closures; ++i) x[at->gaps + i] -= w->y[order_now(p)[p->unknowns - p->closures + i]];
+  for (int i = 0; i < p->closures; ++i) x[at->closures + i] -= w->y[order_now(p)[p->unknowns - p->closures + i]];
   return 1;
 }
 
 /* The same with the derivatives by the forces that friction follows: those by internal variables that have them. */
-static int pull_followed(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward *b, const double *row, long k,
+static int vjp_followed(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward *b, const double *row, long k,
                          double *x, double *trial) {
   const Layout *at = &l->at;
   double found[p->points->all];
@@ -155,9 +155,9 @@ static int pull_followed(Problem *p, Work *w, const Adjoint *a, Linear *l, Backw
     int n = 0;
     if (i && !begin_taped(p, w, a, row, l)) return 0;
     begin_forces(p, a, at, a->force_at[k], x);
-    if (!pull_solution(p, w, a, l, b, 1, x, trial)) return 0;
+    if (!vjp_solution(p, w, a, l, b, 1, x, trial)) return 0;
     memcpy(trial + at->Y, x + at->Y, (at->size - at->Y) * sizeof(double));
-    pull_laws(p, w, a, l, b, trial, 0);
+    vjp_laws(p, w, a, l, b, trial, 0);
     for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e)
       if (e->load >= 0) found[n++] = trial[at->spring_internal + e->first_internal + FOLLOWED];
     if (!next_trial(&b->following, found, 0, x + at->followed)) break;
@@ -166,7 +166,7 @@ static int pull_followed(Problem *p, Work *w, const Adjoint *a, Linear *l, Backw
 }
 
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
-static int pull_step(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward *b, double *trial, const Tape *tape,
+static int vjp_step(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward *b, double *trial, const Tape *tape,
                      long number) {
   const Layout *at = &l->at;
   const double *row = tape->row + number * tape->size;
@@ -175,12 +175,12 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward 
   double *x = a->x;
   if (!begin_taped(p, w, a, row, l)) return 0;
   linearise(p, w, a, l, forces, k == 0);
-  begin_pull(p, w, a, at, k, x);
+  begin_vjp(p, w, a, at, k, x);
   begin_forces(p, a, at, a->force_at[k], x);
   if (p->friction_follows) {
-    if (!pull_followed(p, w, a, l, b, row, k, x, trial)) return 0;
-  } else if (!pull_solution(p, w, a, l, b, forces || p->cell_internal || p->spring_width, x, trial)) return 0;
-  pull_laws(p, w, a, l, b, x, 1);
+    if (!vjp_followed(p, w, a, l, b, row, k, x, trial)) return 0;
+  } else if (!vjp_solution(p, w, a, l, b, forces || p->cell_internal || p->spring_width, x, trial)) return 0;
+  vjp_laws(p, w, a, l, b, x, 1);
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e)
     if (e->load >= 0) x[at->spring_internal + e->first_internal + FOLLOWED] = 0; /* but a first trial */
   memcpy(a->of_steps + k * steps, x + at->loads, steps * sizeof(double));
@@ -188,7 +188,7 @@ static int pull_step(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward 
   if (k) return 1;
   add_given(p, a, at, 0, x);
   memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(double));
-  pull(l->of + BEGUN, x);
+  vjp(l->of + BEGUN, x);
   return 1;
 }
 
@@ -213,7 +213,7 @@ long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *for
 }
 
 /* Follows a tape backwards; returns the number of sub-steps that are left where a tangent is singular. */
-long fx_pull(Problem *p, const Tape *tape, const Adjoint *a) {
+long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a) {
   Work work, *w = &work;
   Linear l;
   Backward b;
@@ -223,7 +223,7 @@ long fx_pull(Problem *p, const Tape *tape, const Adjoint *a) {
   w->dt = NAN, w->transposed = 1;
   for (; left; --left) {
     if (tape->apart) memset(a->x + l.at.Y, 0, (l.at.v - l.at.Y) * sizeof(double));
-    if (!pull_step(p, w, a, &l, &b, trial, tape, left - 1)) break;
+    if (!vjp_step(p, w, a, &l, &b, trial, tape, left - 1)) break;
   }
   end_linear(&l);
   return left;

@@ -38,7 +38,7 @@ static inline void put(Block *b, int from, int to, double slope) {
 static inline double slope_in(const Block *b, long k) { return b->value ? b->sign[k] * b->values[b->value[k]] : 1; }
 
 /* What the same number changes by is added up before it is stored. */
-static void push(const Block *b, Changes *x) {
+static void jvp(const Block *b, Changes *x) {
   Changes *to_array = x + b->to_array, *from_array = x + b->from_array;
   for (long k = 0; b->from && k < b->count; ++k) to_array[b->to[k]] += slope_in(b, k) * from_array[b->from[k]];
   if (b->from) return;
@@ -51,7 +51,7 @@ static void push(const Block *b, Changes *x) {
   }
 }
 
-static void pull(const Block *b, double *x) {
+static void vjp(const Block *b, double *x) {
   double *to = x + b->to_array, *from = x + b->from_array;
   for (long k = b->count; b->from && k-- > 0;) from[b->from[k]] += slope_in(b, k) * to[b->to[k]];
   if (b->from) return;
@@ -92,7 +92,7 @@ enum {
 Layout fx_layout(const Problem *p, const Adjoint *a) {
   Layout l;
   int next = 0, n = p->dofs, joints = p->joints, points = 0, followed = 0;
-  int columns = p->columns + p->ties, internal = p->cells * p->cell_internal, natural = p->cells * p->cell_natural;
+  int columns = p->columns + p->auxiliaries, internal = p->cells * p->cell_internal, natural = p->cells * p->cell_natural;
   for (int k = 0; k < p->points->all; ++k) {
     const PointForce *e = p->points->of + k;
     points += a->numbers[k], followed += e->load >= 0;
@@ -102,15 +102,15 @@ Layout fx_layout(const Problem *p, const Adjoint *a) {
   ARRAY(natural_columns, p->naturals ? p->natural_start[p->naturals] : 0), ARRAY(offset, 2 * joints);
   ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, path_start(p, p->sliders));
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
-  ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(before, n), ARRAY(internal, internal);
+  ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n), ARRAY(internal, internal);
   ARRAY(spring_internal, p->spring_width), ARRAY(natural, natural);
   ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->follower_forces);
   ARRAY(parameters, 2 * p->parameter_count), ARRAY(naturals, p->naturals);
   ARRAY(Y1, columns + SPACING), ARRAY(q1, n), ARRAY(arms, 2 * joints), ARRAY(slides, SLIDE_NUMBERS * p->sliders);
   ARRAY(natural1, natural), ARRAY(internal1, internal), ARRAY(springs1, p->spring_width), ARRAY(map, 1 + 4 * joints);
   ARRAY(held, 3 * p->sliders), next += SPACING, ARRAY(r, n), next += SPACING, ARRAY(R, columns > n ? columns : n);
-  ARRAY(gaps, p->closures), ARRAY(closing, p->closures);
-  ARRAY(pushed, p->guided ? columns : 0), ARRAY(carried, p->guided ? n : 0);
+  ARRAY(closures, p->closures), ARRAY(closing, p->closures);
+  ARRAY(pushed, p->carried ? columns : 0), ARRAY(carried, p->carried ? n : 0);
   ARRAY(moments, p->scene_joints), ARRAY(forces, 3 * p->scene_joints), ARRAY(axes, 2 * p->sliders);
   ARRAY(followed, followed), ARRAY(size, 0);
 #undef ARRAY

@@ -14,7 +14,7 @@ void fx_free_rows(ChangingRows *c) {
   free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
   free(r->run_start), free(r->run_column), free(r->run_length);
   free(c->near_to), free(c->order), free(c->at), free(c->factors), free(c->work), free(c->entry), free(c->entry_at), free(c->entry_start);
-  free(c->position), free(c->border_entry), free(c->transposed_at), free(c->transposed_entry_at);
+  free(c->position), free(c->bordering_entry), free(c->transposed_at), free(c->transposed_entry_at);
 }
 
 static void add_to(IntList *list, int value) {
@@ -28,17 +28,17 @@ static void add_once(IntList *list, int value) {
   add_to(list, value);
 }
 
-/* Steps within which a touch that closes may do so with the same pattern. */
+/* Steps within which a contact point that closes may do so with the same pattern. */
 static const double SOON = 4;
 
-/* Chooses the touches that the pattern has: those with a force, and those that may soon have one. */
-static void count_touches(MemberContacts *m) {
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+/* Chooses the contact points that the pattern has: those with a force, and those that may soon have one. */
+static void count_contact_points(MemberContacts *m) {
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
     double rates[4][2], fastest = 0, dt = fabs(e->given[3 * c->sums + 1]);
     differences(e, m->v, rates);
     for (int k = 0; k < 4; ++k) fastest = fmax(fastest, dot2(rates[k], rates[k]));
-    e->counted = e->touching || e->first.distance - *number_of(c, e->point) < SOON * dt * sqrt(fastest);
+    e->counted = e->closed || e->first.distance - *number_of(c, e->point) < SOON * dt * sqrt(fastest);
   }
 }
 
@@ -46,32 +46,32 @@ static void count_touches(MemberContacts *m) {
 static void find_entries(const Problem *p, ChangingRows *c) {
   const MemberContacts *m = p->points->members;
   c->entries = 0;
-  for (int i = 0; i < m->touches; ++i) {
+  for (int i = 0; i < m->contact_points; ++i) {
     c->work[i] = c->entries;
-    for (int k = 0; m->touch[i].counted && k < TOUCH_DOFS; ++k)
-      for (int e = c->dof_start[m->touch[i].dof[k]]; e < c->dof_start[m->touch[i].dof[k] + 1]; ++e) {
+    for (int k = 0; m->contact_point[i].counted && k < CONTACT_POINT_DOFS; ++k)
+      for (int e = c->dof_start[m->contact_point[i].dof[k]]; e < c->dof_start[m->contact_point[i].dof[k] + 1]; ++e) {
         int column = c->dof_column[e];
         if (c->unknown_of[column] == -1) continue;
         if (c->entries == c->entry_room)
-          c->entry = realloc(c->entry, (c->entry_room = 2 * c->entry_room + 64) * sizeof(TouchEntry));
+          c->entry = realloc(c->entry, (c->entry_room = 2 * c->entry_room + 64) * sizeof(ContactPointEntry));
         c->entry[c->entries++] =
-            (TouchEntry){k, c->row_of[column], c->unknown_of[column], c->dof_value[e], c->dof_sign[e]};
+            (ContactPointEntry){k, c->row_of[column], c->unknown_of[column], c->dof_value[e], c->dof_sign[e]};
       }
   }
-  c->work[m->touches] = c->entries;
+  c->work[m->contact_points] = c->entries;
 }
 
 /* The graph of groups: that of the scene, and all pairs of each touch. */
-static void make_graph(const ChangingRows *c, int touches) {
+static void make_graph(const ChangingRows *c, int contact_points) {
   IntList of = {0};
   for (int g = 0; g < c->groups; ++g) {
     c->near_to[g].count = 0;
     for (int k = c->graph_start[g]; k < c->graph_start[g + 1]; ++k) add_to(c->near_to + g, c->graph[k]);
   }
-  for (int i = 0; i < touches; ++i) {
+  for (int i = 0; i < contact_points; ++i) {
     of.count = 0;
     for (int a = c->work[i]; a < c->work[i + 1]; ++a) {
-      const TouchEntry *e = c->entry + a;
+      const ContactPointEntry *e = c->entry + a;
       if (e->row >= 0) add_once(&of, c->group_of[e->row]);
       if (e->column >= 0) add_once(&of, c->group_of[e->column]);
     }
@@ -101,7 +101,7 @@ static void put_in(Degrees *d, int g, int degree) {
   if (last >= 0) d->next[last] = g; else d->head[degree] = g;
 }
 
-/* Eliminates the groups in an order of minimum degree; ties come from the leaves of trees to the roots, and forces
+/* Eliminates the groups in an order of minimum degree; auxiliary unknowns come from the leaves of trees to the roots, and forces
    after what they act on (lu_layout.py). What each is coupled with then remains in its list; its position is in
    `position`. */
 static void eliminate_groups(const ChangingRows *c, int *position, int *room) {
@@ -221,56 +221,56 @@ static int worth_of(const Problem *p, const ChangingRows *c) {
 }
 
 /* Whether the pattern has all touches with a force. */
-static int has_touches(const ChangingRows *c, const MemberContacts *m) {
+static int has_contact_points(const ChangingRows *c, const MemberContacts *m) {
   if (c->searches != m->searches) return 0;
-  for (const Touch *e = m->touch; e < m->touch + m->touches; ++e)
-    if (e->touching && !e->counted) return 0;
+  for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e)
+    if (e->closed && !e->counted) return 0;
   return 1;
 }
 
-/* The same of an unknown's row and a column; -1 if one of them is a border. */
+/* The same of an unknown's row and a column; -1 if one of them is a bordering row. */
 static int place_of_pair(const ChangingRows *c, int i, int j) {
   if (i < 0 || j < 0) return -1;
   return place_in(c, c->position[c->group_of[i]], c->position[c->group_of[j]], c->order[i], c->order[j]);
 }
 
-/* Position in the elimination of an unknown, or its border. */
+/* Position in the elimination of an unknown, or its bordering row. */
 static int place_now(const ChangingRows *c, int of) { return of < 0 ? of : c->order[of]; }
 
-/* Places of all columns in a new order, and room for the entries of touches in the rows of borders. */
-static void place_borders(Problem *p, int touches) {
+/* Places of all columns in a new order, and room for the entries of touches in the bordering rows. */
+static void place_bordering_rows(Problem *p, int contact_points) {
   ChangingRows *c = p->changing;
-  long most = p->most_border_entries;
-  for (int k = 0; k < p->columns + p->ties; ++k)
+  long most = p->most_bordering_entries;
+  for (int k = 0; k < p->columns + p->auxiliaries; ++k)
     p->row_at[k] = place_now(c, c->row_of[k]), p->unknown_at[k] = place_now(c, c->unknown_of[k]);
-  for (int t = 0; t < touches; ++t) {
+  for (int t = 0; t < contact_points; ++t) {
     long rows = 0;
     for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) rows += c->entry[a].row < 0;
     most += rows * (c->entry_start[t + 1] - c->entry_start[t]);
   }
-  ROOM(c->border_entry, most);
+  ROOM(c->bordering_entry, most);
 }
 
 /* Finds the pattern for the present touches, if it lacks one. */
 static void change_rows(Problem *p) {
   ChangingRows *c = p->changing;
   MemberContacts *m = p->points->members;
-  if (has_touches(c, m)) return;
+  if (has_contact_points(c, m)) return;
   c->searches = m->searches, ++c->found;
-  count_touches(m);
+  count_contact_points(m);
   int n = c->groups;
-  ROOM(c->work, 9L * n + m->touches + 8);
+  ROOM(c->work, 9L * n + m->contact_points + 8);
   if (!c->near_to) c->near_to = calloc(n, sizeof(IntList));
   find_entries(p, c);
-  make_graph(c, m->touches);
+  make_graph(c, m->contact_points);
   long pairs = 0;
-  for (int i = 0; i < m->touches; ++i) {
+  for (int i = 0; i < m->contact_points; ++i) {
     long many = c->work[i + 1] - c->work[i];
     pairs += many * many;
   }
   ROOM(c->entry_at, pairs), ROOM(c->at, p->tangent_start[p->unknowns]);
-  int *position = c->work + m->touches + 1, *starts = malloc((m->touches + 1) * sizeof(int));
-  memcpy(starts, c->work, (m->touches + 1) * sizeof(int));
+  int *position = c->work + m->contact_points + 1, *starts = malloc((m->contact_points + 1) * sizeof(int));
+  memcpy(starts, c->work, (m->contact_points + 1) * sizeof(int));
   ROOM(c->position, n);
   int *positions = c->position;
   c->rows.unknowns = p->unknowns;
@@ -285,34 +285,34 @@ static void change_rows(Problem *p) {
       c->at[k] = place_of_pair(c, i, j);
     }
   pairs = 0;
-  for (int t = 0; t < m->touches; ++t)
+  for (int t = 0; t < m->contact_points; ++t)
     for (int a = starts[t]; a < starts[t + 1]; ++a)
       for (int b = starts[t]; b < starts[t + 1]; ++b) {
         int i = c->entry[a].row, j = c->entry[b].column;
         c->entry_at[pairs++] = place_of_pair(c, i, j);
       }
-  c->entry_start = realloc(c->entry_start, (m->touches + 1) * sizeof(int));
-  memcpy(c->entry_start, starts, (m->touches + 1) * sizeof(int));
+  c->entry_start = realloc(c->entry_start, (m->contact_points + 1) * sizeof(int));
+  memcpy(c->entry_start, starts, (m->contact_points + 1) * sizeof(int));
   free(starts);
-  if (p->borders) place_borders(p, m->touches);
+  if (p->bordering_rows) place_bordering_rows(p, m->contact_points);
   p->kept.present = 0;
   if (c->keep) p->kept.worth = worth_of(p, c);
 }
 
 /* Adds the tangents of all touches to the factors, with the places of their entries. */
-static void add_touches(const Problem *p, const Work *w, const int *to) {
+static void add_contact_points(const Problem *p, const Work *w, const int *to) {
   const ChangingRows *c = p->changing;
   const MemberContacts *m = p->points->members;
-  for (int t = 0; t < m->touches; ++t) {
-    const Touch *e = m->touch + t;
+  for (int t = 0; t < m->contact_points; ++t) {
+    const ContactPoint *e = m->contact_point + t;
     int first = c->entry_start[t], end = c->entry_start[t + 1];
-    if (e->touching)
+    if (e->closed)
       for (int a = first; a < end; ++a) {
-        const TouchEntry *row = c->entry + a;
+        const ContactPointEntry *row = c->entry + a;
         double factor = row->sign * w->virtual_map[row->value];
-        const double *K = e->tangent + row->of * TOUCH_DOFS;
+        const double *K = e->tangent + row->of * CONTACT_POINT_DOFS;
         for (int b = first; b < end; ++b) {
-          const TouchEntry *column = c->entry + b;
+          const ContactPointEntry *column = c->entry + b;
           int at = to[(long)(a - first) * (end - first) + b - first];
           if (at >= 0) c->factors[at] += factor * K[column->of] * column->sign * w->values[column->value];
         }
@@ -322,21 +322,21 @@ static void add_touches(const Problem *p, const Work *w, const int *to) {
 }
 
 /* Adds the product of their tangents and a vector of unknowns. */
-static void times_touches(const Problem *p, const Work *w, const double *x, double *out) {
+static void times_contact_points(const Problem *p, const Work *w, const double *x, double *out) {
   const ChangingRows *c = p->changing;
   const MemberContacts *m = p->points->members;
-  for (int t = 0; t < m->touches; ++t) {
-    const Touch *e = m->touch + t;
-    if (!e->touching) continue;
-    double along[TOUCH_DOFS] = {0}, force[TOUCH_DOFS] = {0};
+  for (int t = 0; t < m->contact_points; ++t) {
+    const ContactPoint *e = m->contact_point + t;
+    if (!e->closed) continue;
+    double along[CONTACT_POINT_DOFS] = {0}, force[CONTACT_POINT_DOFS] = {0};
     for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) {
-      const TouchEntry *column = c->entry + a;
+      const ContactPointEntry *column = c->entry + a;
       along[column->of] += column->sign * w->values[column->value] * x[column->column];
     }
-    for (int i = 0; i < TOUCH_DOFS; ++i)
-      for (int j = 0; j < TOUCH_DOFS; ++j) force[i] += e->tangent[i * TOUCH_DOFS + j] * along[j];
+    for (int i = 0; i < CONTACT_POINT_DOFS; ++i)
+      for (int j = 0; j < CONTACT_POINT_DOFS; ++j) force[i] += e->tangent[i * CONTACT_POINT_DOFS + j] * along[j];
     for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) {
-      const TouchEntry *row = c->entry + a;
+      const ContactPointEntry *row = c->entry + a;
       out[row->column] += row->sign * w->virtual_map[row->value] * force[row->of];
     }
   }
@@ -346,6 +346,6 @@ static int factorise_changing(const Problem *p, const Work *w) {
   ChangingRows *c = p->changing;
   memset(c->factors, 0, c->rows.start[p->unknowns] * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) c->factors[c->at[k]] = w->tangent[k];
-  add_touches(p, w, c->entry_at);
+  add_contact_points(p, w, c->entry_at);
   return factorise_sparse(&c->rows, c->factors, w->row);
 }

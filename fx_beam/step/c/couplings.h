@@ -2,7 +2,7 @@
 
 #pragma once
 
-#include "borders.h"
+#include "bordering_rows.h"
 #include "point_forces.h"
 #include "slide_rates.h"
 
@@ -27,7 +27,7 @@ static int begin_couplings(const Problem *p, const Work *w) {
   for (int j = 0; j < p->joints; ++j) {
     double d = at(p->slides, p->slide_of[j]);
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
-    w->psi0[j] = at(p->q, p->guide[j]);
+    w->psi0[j] = at(p->q, p->carrier[j]);
     turn(w->psi0[j], o[0] + d * e[0], o[1] + d * e[1], w->rho0 + 2 * j);
     turn(w->psi0[j], e[0], e[1], w->t0 + 2 * j);
   }
@@ -46,11 +46,11 @@ INLINED void sum_columns(const Problem *p, const Work *w) {
 /* Increment of all degrees of freedom for the columns z, and the values of T and Tv for it. */
 static void expand_columns(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
-  if (p->ties) increase_ties(p, w); /* first those of rotations, on which the arms depend */
+  if (p->auxiliaries) increase_auxiliaries(p, w); /* first those of rotations, on which the arms depend */
   sum_columns(p, w);
   for (int j = 0; j < p->joints; ++j) {
     const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
-    double Dpsi = at(D, p->guide[j]);
+    double Dpsi = at(D, p->carrier[j]);
     double d = at(p->slides, p->slide_of[j]);
     if (p->slide_column[j] >= 0) d += w->z[p->slide_column[j]];
     double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t0 = w->t0 + 2 * j, *t1 = w->t1 + 2 * j;
@@ -58,8 +58,8 @@ static void expand_columns(const Problem *p, const Work *w) {
     rotate(c, s, o[0] + d * e[0], o[1] + d * e[1], rho1);
     rotate(c, s, e[0], e[1], t1);
     double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
-    w->guide_slope[j] = slope;
-    w->guide_bend[j] = p->rule == 0 ? tangent * slope : 0;
+    w->carrier_slope[j] = slope;
+    w->carrier_bend[j] = p->rule == 0 ? tangent * slope : 0;
     double mean_rho[2], *mean_t = w->mean_t + 2 * j;
     for (int i = 0; i < 2; ++i) {
       mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
@@ -70,7 +70,7 @@ static void expand_columns(const Problem *p, const Work *w) {
     virtual_map[0] = -mean_rho[1], virtual_map[1] = mean_rho[0];
     virtual_map[2] = slope * mean_t[0], virtual_map[3] = slope * mean_t[1];
   }
-  if (p->ties) increase_ties(p, w), sum_columns(p, w);
+  if (p->auxiliaries) increase_auxiliaries(p, w), sum_columns(p, w);
   for (int k = 0; k < p->followers; ++k) {
     int i = p->through[k];
     D[p->follower[k]] += p->joint_sign[i] * (w->rho1[i] - w->rho0[i]);
@@ -93,7 +93,7 @@ static void expand_trees(const Problem *p, const Work *w) {
    singular. */
 static int choose_ahead(const Problem *p, const Work *w) {
   expand_trees(p, w);
-  derive_gaps(p, w, w->values, w->G);
+  derive_closures(p, w, w->values, w->G);
   return choose_following(p, w);
 }
 
@@ -111,7 +111,7 @@ static int expand(const Problem *p, const Work *w) {
 }
 
 static void spread_columns(const Problem *p, const double *values, double *z, double *out) {
-  if (p->ties) change_ties(p, values, z);
+  if (p->auxiliaries) change_auxiliaries(p, values, z);
   memset(out, 0, p->dofs * sizeof *out);
   for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
   for (int k = p->equal; k < p->entries; ++k)
@@ -137,7 +137,7 @@ INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *
 
 static void project(const Problem *p, const Work *w, const double *r, double *out) {
   const double *on_nodes = r;
-  memset(out, 0, (p->columns + p->ties) * sizeof *out);
+  memset(out, 0, (p->columns + p->auxiliaries) * sizeof *out);
   if (p->sliders) {
     push_columns(p, out);
     memcpy(w->loaded, r, p->dofs * sizeof *r);
@@ -146,9 +146,9 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
   }
   add_rows(p, w, r, out);
   if (!p->sliders) push_columns(p, out);
-  if (p->ties) collect_ties(p, w->virtual_map, out);
+  if (p->auxiliaries) collect_auxiliaries(p, w->virtual_map, out);
   if (p->closures) close_residual(p, w, out);
-  if (p->guided) carry_in_loops(p, w, on_nodes);
+  if (p->carried) carry_in_loops(p, w, on_nodes);
 }
 
 /* Nodal forces of the last residual, with those of sliding nodes on their beams. */
@@ -158,18 +158,18 @@ static const double *with_carried(const Problem *p, const Work *w) { return p->s
 static void transmitted(const Problem *p, const Work *w, const double *r) {
   const double *forces = w->reduced;
   r = closed(p, w, r);
-  if (p->closures && p->ties) {
-    memset(w->columns, 0, (p->columns + p->ties) * sizeof(double));
-    add_rows(p, w, r, w->columns), collect_ties(p, w->virtual_map, w->columns);
+  if (p->closures && p->auxiliaries) {
+    memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
+    add_rows(p, w, r, w->columns), collect_auxiliaries(p, w->virtual_map, w->columns);
     forces = w->columns;
   }
   memset(w->passing, 0, 2 * p->joints * sizeof(double));
   for (int k = 0; k < p->followers; ++k)
     w->passing[p->through[k]] += p->joint_sign[p->through[k]] * r[p->follower[k]];
-  for (int k = 0; k < p->tie_arms; ++k)
-    w->passing[p->tie_arm[k]] += p->joint_sign[p->tie_arm[k]] * forces[p->columns + p->tie_arm_of[k]];
+  for (int k = 0; k < p->auxiliary_arms; ++k)
+    w->passing[p->auxiliary_arm[k]] += p->joint_sign[p->auxiliary_arm[k]] * forces[p->columns + p->auxiliary_arm_of[k]];
   for (int k = 0; k < p->closures; ++k)
-    if (p->gap_arm[k] >= 0) w->passing[p->gap_arm[k]] = w->closing[k];
+    if (p->closure_arm[k] >= 0) w->passing[p->closure_arm[k]] = w->closing[k];
 }
 
 /* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
@@ -190,15 +190,15 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
     else if (p->geometric_kind[k] == 1)
       term = turned;
     else
-      term = w->guide_bend[j] * (F0 * w->mean_t[2 * j] + F1 * w->mean_t[2 * j + 1]) +
-             w->guide_slope[j] * turned;
+      term = w->carrier_bend[j] * (F0 * w->mean_t[2 * j] + F1 * w->mean_t[2 * j + 1]) +
+             w->carrier_slope[j] * turned;
     K[p->geometric_to[k]] += p->geometric_sign[k] * term;
   }
-  for (int k = 0; k < p->tie_entries; ++k) {
-    if (p->tie_equation[k] < 0) continue;
-    K[p->tie_equation[k]] -= p->tie_sign[k] * w->values[p->tie_value[k]];
-    K[p->tie_force[k]] -= p->tie_sign[k] * w->virtual_map[p->tie_value[k]];
+  for (int k = 0; k < p->auxiliary_entries; ++k) {
+    if (p->auxiliary_equation[k] < 0) continue;
+    K[p->auxiliary_equation[k]] -= p->auxiliary_sign[k] * w->values[p->auxiliary_value[k]];
+    K[p->auxiliary_force[k]] -= p->auxiliary_sign[k] * w->virtual_map[p->auxiliary_value[k]];
   }
   if (p->closures) close_tangent(p, w);
-  if (p->borders) hold_beams(p, w), fill_borders(p, w);
+  if (p->bordering_rows) hold_beams(p, w), fill_bordering_rows(p, w);
 }

@@ -5,7 +5,7 @@
 
 #include "linearised.h"
 
-/* Derivatives of the forces of elements as pieces of `Pulled`, and whether these are by the configurations at the end
+/* Derivatives of the forces of elements as pieces of `Vjp`, and whether these are by the configurations at the end
    and at the start, not by increment and start. */
 typedef struct {
   double *of_elements[2];
@@ -15,19 +15,19 @@ typedef struct {
 /* Room for derivatives by nodes, with that of elements that only fill a block, and for those by forces that friction
    follows. */
 typedef struct {
-  double *by_increment, *by_start, *by_before, *of_internal;
+  double *by_increment, *by_start, *by_previous, *of_internal;
   FixedPoint following;
 } Backward;
 
 /* Adds the derivatives of the work of elements on the weights `fields`: those by nodes to vectors, with `last` the others to
    the sums of each element. */
-static void pull_elements(const Problem *p, const Pulled *of, const double *const *fields, const Backward *b,
+static void vjp_elements(const Problem *p, const Vjp *of, const double *const *fields, const Backward *b,
                           const Layout *at, double t, double dt, double *x, int last) {
   const Form *form = &of->form;
-  int n = p->cell_dofs, m = of->internal ? p->cell_internal : 0, there[] = {of->increment, of->start, of->before};
+  int n = p->cell_dofs, m = of->internal ? p->cell_internal : 0, there[] = {of->increment, of->start, of->q_previous};
   int s = p->cell_natural, strained[] = {of->natural, of->natural_end};
   double A[(1 + 3 * n + m + 2 * s + of->tail) * LANES], *sums = of->sums, *natural[] = {x + at->natural, x + at->natural1};
-  double *nodal[] = {b->by_increment, b->by_start, b->by_before};
+  double *nodal[] = {b->by_increment, b->by_start, b->by_previous};
   set_time(p, form, t, dt);
   for (int i = 0; i < form->integrals; ++i) {
     const Integral *own = form->of + i;
@@ -52,27 +52,27 @@ static void pull_elements(const Problem *p, const Pulled *of, const double *cons
 }
 
 /* The derivatives of the forces of elements and of inertia, and of internal variables; with `last` also by numbers. */
-static void pull_bodies(const Problem *p, const Work *w, const Adjoint *a, const Layout *at, const Backward *b,
+static void vjp_bodies(const Problem *p, const Work *w, const Adjoint *a, const Layout *at, const Backward *b,
                         double *x, int last) {
-  const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal,
+  const double *fields[VJP_FIELDS] = {w->D, p->q, p->v, p->a, p->q_previous, p->internal,
                                          p->natural, w->natural_end, x + at->r, b->of_internal};
   double t = p->t + p->level * w->dt, per_dt = rates_per_path(p, w->dt);
   int n = p->dofs, internal = p->cells * p->cell_internal;
   memset(b->by_increment, 0, n * sizeof(double)), memset(b->by_start, 0, n * sizeof(double));
-  if (a->internal_forces.before) memset(b->by_before, 0, n * sizeof(double));
+  if (a->internal_forces.q_previous) memset(b->by_previous, 0, n * sizeof(double));
   for (int i = 0; i < internal; ++i) {
     x[at->internal + i] += x[at->internal1 + i];
     b->of_internal[i] = x[at->internal1 + i] * p->per_weight[i % p->cell_internal];
   }
-  pull_elements(p, &a->internal_forces, fields, b, at, t, w->dt, x, last);
-  pull_elements(p, &a->drag, fields, b, at, t, w->dt, x, last);
+  vjp_elements(p, &a->internal_forces, fields, b, at, t, w->dt, x, last);
+  vjp_elements(p, &a->drag, fields, b, at, t, w->dt, x, last);
   times_mass(p, x + at->r, w->scratch);
   for (int i = 0; i < n; ++i) {
     double by_increment = b->by_increment[i] + per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
     x[at->q1 + i] += by_increment, x[at->q + i] += b->by_start[i] - by_increment;
     x[at->v + i] -= per_dt * w->scratch[i];
   }
-  for (int i = 0; a->internal_forces.before && i < n; ++i) x[at->before + i] += b->by_before[i];
+  for (int i = 0; a->internal_forces.q_previous && i < n; ++i) x[at->q_previous + i] += b->by_previous[i];
   for (int i = 0; last && i < n; ++i) {
     double weight = x[at->r + i];
     x[at->weight + i] -= acting(p) * weight;
@@ -81,7 +81,7 @@ static void pull_bodies(const Problem *p, const Work *w, const Adjoint *a, const
 }
 
 /* Adds the changes of the forces of inertia and weight. */
-static void push_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
+static void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
   double per_dt = rates_per_path(p, w->dt);
   const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v;
   Changes *moving = x + at->R; /* which begins afterwards */
@@ -98,8 +98,8 @@ static void push_inertia(const Problem *p, const Work *w, const Layout *at, int 
   }
 }
 
-static int numbers_of_element(const Problem *p, const Pulled *of) {
-  return (of->increment + of->start + of->before) * p->cell_dofs + of->internal * p->cell_internal +
+static int numbers_of_element(const Problem *p, const Vjp *of) {
+  return (of->increment + of->start + of->q_previous) * p->cell_dofs + of->internal * p->cell_internal +
          (of->natural + of->natural_end) * p->cell_natural + of->tail;
 }
 
@@ -109,34 +109,34 @@ static long blocks_of(const Form *form) {
   return blocks;
 }
 
-static int weights_of_piece(const Problem *p, const Pulled *of, int i) {
+static int weights_of_piece(const Problem *p, const Vjp *of, int i) {
   return of->of_internal[i] ? p->cell_internal : p->cell_dofs;
 }
 
 /* Where a piece begins in the slopes of a block, behind the work. */
-static double *piece_in(const Problem *p, const Pulled *of, int piece, double *slopes) {
+static double *piece_in(const Problem *p, const Vjp *of, int piece, double *slopes) {
   long at = 1;
   for (int i = 0; i < piece; ++i) at += of->piece_size[i] * weights_of_piece(p, of, i);
   return slopes + at * LANES;
 }
 
-static int is_by_increment(const Pulled *of, int i) { return of->increment && of->piece_at[i] == 0; }
+static int is_by_increment(const Vjp *of, int i) { return of->increment && of->piece_at[i] == 0; }
 
 /* The piece by the start with the weights of one by the increment, or -1. */
-static int piece_by_start(const Problem *p, const Pulled *of, int i) {
+static int piece_by_start(const Problem *p, const Vjp *of, int i) {
   for (int k = 0; of->start && k < of->pieces; ++k)
     if (of->piece_at[k] == p->cell_dofs && of->of_internal[k] == of->of_internal[i]) return k;
   return -1;
 }
 
-static int can_be_by_ends(const Problem *p, const Pulled *of) {
+static int can_be_by_ends(const Problem *p, const Vjp *of) {
   for (int i = 0; i < of->pieces; ++i)
     if (is_by_increment(of, i) && piece_by_start(p, of, i) < 0) return 0;
   return of->increment;
 }
 
 /* With `by_ends` the slopes by the start become those at a fixed end. */
-static void find_slopes(const Problem *p, const Pulled *of, int by_ends, const double *const *fields, double t, double dt,
+static void find_slopes(const Problem *p, const Vjp *of, int by_ends, const double *const *fields, double t, double dt,
                         double *to) {
   const Form *form = &of->slopes;
   set_time(p, form, t, dt);
@@ -160,7 +160,7 @@ INLINED void add_products(int numbers, int weights, const double *slopes, const 
 
 /* The change of the forces of an element, or of the increments of its internal variables, by those of its numbers: those
    before `tail` in x. With `held` the end does not change. */
-INLINED void sum_pieces(const Pulled *of, int held, int internal, int weights, const double *slopes, const Changes *x,
+INLINED void sum_pieces(const Vjp *of, int held, int internal, int weights, const double *slopes, const Changes *x,
                         int before_tail, const Changes *tail, int n, int m, Changes *sums) {
   slopes += LANES; /* behind the work */
   for (int k = 0; k < weights; ++k) sums[k] = (Changes){0};
@@ -175,7 +175,7 @@ INLINED void sum_pieces(const Pulled *of, int held, int internal, int weights, c
 
 /* Adds the change of the forces of elements with n degrees of freedom, or with `grows` that of their internal variables
    to these. */
-INLINED void change_cells(int n, const Problem *p, const Pulled *of, const double *slopes, int by_ends, const Layout *at,
+INLINED void change_cells(int n, const Problem *p, const Vjp *of, const double *slopes, int by_ends, const Layout *at,
                           int fixed, Changes *changes, const Changes *tail, int grows) {
   const Form *form = &of->slopes;
   int m = p->cell_internal, all = numbers_of_element(p, of), s = p->cell_natural;
@@ -196,7 +196,7 @@ INLINED void change_cells(int n, const Problem *p, const Pulled *of, const doubl
       }
       to += of->increment * n;
       for (int k = 0; of->start && k < n; ++k) *to++ = q[dofs[k * LANES]];
-      for (int k = 0; of->before && k < n; ++k) *to++ = changes[at->before + dofs[k * LANES]];
+      for (int k = 0; of->q_previous && k < n; ++k) *to++ = changes[at->q_previous + dofs[k * LANES]];
       for (int k = 0; of->internal && k < m; ++k) *to++ = inner[inside[k * LANES]];
       for (int k = 0; k < 2; ++k)
         for (int l = 0; strained[k] && l < s; ++l) *to++ = natural[k][own->natural[(block * s + l) * LANES + lane]];
@@ -218,7 +218,7 @@ INLINED void change_cells(int n, const Problem *p, const Pulled *of, const doubl
   }
 }
 
-static void change_elements(const Problem *p, const Pulled *of, const double *slopes, int by_ends, const Layout *l,
+static void change_elements(const Problem *p, const Vjp *of, const double *slopes, int by_ends, const Layout *l,
                             int held, Changes *x, const Changes *tail) {
   if (p->cell_dofs == 6) change_cells(6, p, of, slopes, by_ends, l, held, x, tail, 0); /* sums stay in registers */
   else change_cells(p->cell_dofs, p, of, slopes, by_ends, l, held, x, tail, 0);

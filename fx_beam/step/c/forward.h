@@ -7,9 +7,9 @@
 
 #include "adjoint.h"
 
-/* Room for changes in a sub-step: right sides and solutions (work.h), and those of borders. */
+/* Room for changes in a sub-step: right sides and solutions (work.h), and those of bordering rows. */
 typedef struct {
-  Changes *block, *on_borders;
+  Changes *block, *on_bordering_rows;
   double *found, *trial, *inside;
   FixedPoint following;
   /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
@@ -27,8 +27,8 @@ static Changes *allocate_changes(double **at, long n) { return (Changes *)alloca
 
 static long lay_out_forward(const Problem *p, const Adjoint *a, Forward *c, Slopes *s, double *at) {
   double *begin = at;
-  const Pulled *works[] = {&a->internal_forces, &a->drag};
-  c->on_borders = allocate_changes(&at, p->borders);
+  const Vjp *works[] = {&a->internal_forces, &a->drag};
+  c->on_bordering_rows = allocate_changes(&at, p->bordering_rows);
   c->block = allocate_changes(&at, p->positions), c->reached = (int *)allocate(&at, p->positions);
   for (int i = 0; i < 2; ++i)
     s->of_elements[i] = allocate(&at, blocks_of(&works[i]->slopes) * works[i]->slope_numbers * LANES);
@@ -45,16 +45,16 @@ long fx_forward_scratch(const Problem *p, const Adjoint *a) {
 }
 
 /* Position in the elimination about which a chain or a band is eliminated. */
-static int middle_of_tangent(const Problem *p) { return p->borders ? middle_of_elimination(p) : p->positions / 2; }
+static int middle_of_tangent(const Problem *p) { return p->bordering_rows ? middle_of_elimination(p) : p->positions / 2; }
 
-/* Factors of the tangent with its borders; returns 0 if it is singular. */
+/* Factors of the tangent with its bordering rows; returns 0 if it is singular. */
 static int factorise_tangent(Problem *p, const Work *w) {
   int middle = middle_of_tangent(p), n = p->unknowns;
   Ends of = ends_around(n, p->band, middle);
   memset(w->reduced, 0, p->free * sizeof(double)), memset(w->y, 0, n * sizeof(double));
   if (p->chain && !eliminate_chain(p, w, middle / 3, 1)) return 0;
   if (!p->chain && !(p->band ? eliminate_tangent(p, w, n, of) : factorise(p, w))) return 0;
-  if (!p->borders) return 1;
+  if (!p->bordering_rows) return 1;
   for (int i = 0; i < p->positions; ++i) reach(p, w, i);
   if (p->chain) solve_chain_block(p, w, middle / 3);
   else if (p->band) solve_band_block(p, w, of);
@@ -63,18 +63,18 @@ static int factorise_tangent(Problem *p, const Work *w) {
   return 1;
 }
 
-/* Unknowns of the borders, and the others with them (solve_borders). */
-static void change_borders(const Problem *p, const Work *w, const Forward *c) {
-  int m = p->borders;
-  Changes *g = c->on_borders;
+/* Unknowns of the bordering rows, and the others with them (solve_bordering_rows). */
+static void change_bordering_rows(const Problem *p, const Work *w, const Forward *c) {
+  int m = p->bordering_rows;
+  Changes *g = c->on_bordering_rows;
   memset(g, 0, m * sizeof *g);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     if (a->column < p->free) /* the slide is an unknown of the other equations that is its right side there */
       g[ON_BORDER - p->row_at[a->column]] = c->block[p->order[a->column]];
-  for (int i = 0; i < p->guided; ++i) /* and so are the forces of guides */
-    g[p->guide_border + i] = c->block[p->order[p->unknowns - p->closures + p->guided_closure[i]]];
-  for (const BorderEntry *e = w->border_entry; e < w->border_entry + *w->border_entries; ++e)
-    g[e->border] -= e->value * c->block[e->column];
+  for (int i = 0; i < p->carried; ++i) /* and so are the forces of carriers */
+    g[p->carrier_bordering + i] = c->block[p->order[p->unknowns - p->closures + p->carried_closure[i]]];
+  for (const BorderingEntry *e = w->bordering_entry; e < w->bordering_entry + *w->bordering_entries; ++e)
+    g[e->bordering_row] -= e->value * c->block[e->column];
   solve_corner(p, w, g);
   for (int i = 0; i < p->positions; ++i)
     c->block[i] -= sum_of_products(m, w->block + (long)i * p->block + 1, g);
@@ -91,7 +91,7 @@ static void solve_right_sides(const Problem *p, const Work *w, const Forward *c)
   else if (p->band) solve_band_columns(p, &own, ends_around(p->unknowns, p->band, middle), 0, 1);
   else if (p->changing) solve_sparse_columns(p, &own, &p->changing->rows, p->changing->factors, 1);
   else solve_sparse_columns(p, &own, &p->rows, w->factors, 1);
-  if (p->borders) change_borders(p, w, c);
+  if (p->bordering_rows) change_bordering_rows(p, w, c);
 }
 
 /* Rows [direction][size] of changes. */
@@ -133,13 +133,13 @@ static void set_ends(const Problem *p, const Linear *l, const Forward *c, int he
   if (!held || forces || p->joints || p->closures || p->sliders)
     memset(x + at->Y1 + first, 0, (at->natural1 - at->Y1 - first) * sizeof(Changes));
   memset(x + at->natural1, 0, (at->internal1 - at->natural1) * sizeof(Changes));
-  if (held) push(l->of + STRAINED, x), push(l->of + WEIGHED, x);
+  if (held) jvp(l->of + STRAINED, x), jvp(l->of + WEIGHED, x);
   for (int i = STRAINED; !held && i <= PLACED; ++i)
-    if (i != ARMS || c->moves_joints) push(l->of + i, x);
+    if (i != ARMS || c->moves_joints) jvp(l->of + i, x);
 }
 
 /* The changes of forces and rows for that of the configuration at the end. */
-static void push_forces(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s,
+static void jvp_forces(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s,
                         const Directions *d, const Forward *c, long group, int held, Changes *x) {
   const Layout *at = &l->at;
   memset(x + at->springs1, 0, (at->R - at->springs1) * sizeof(Changes));
@@ -147,11 +147,11 @@ static void push_forces(const Problem *p, const Work *w, const Adjoint *a, const
                   (Changes *)d->of_elements + group * d->element_numbers);
   change_elements(p, &a->drag, s->of_elements[1], s->by_ends[1], at, held, x,
                   (Changes *)d->of_drag + group * d->drag_numbers);
-  push_inertia(p, w, at, d->changes_mass[group], held, x);
+  jvp_inertia(p, w, at, d->changes_mass[group], held, x);
   memset(x + at->R, 0, (at->size - at->R) * sizeof(Changes)); /* after its use as room */
-  for (int i = TOUCHED; i <= SLID; ++i) push(l->of + i, x);
-  if (c->moves_joints) push(l->of + LEVERS, x);
-  for (int i = CARRIED; i <= MAPPED; ++i) push(l->of + i, x);
+  for (int i = TOUCHED; i <= SLID; ++i) jvp(l->of + i, x);
+  if (c->moves_joints) jvp(l->of + LEVERS, x);
+  for (int i = CARRIED; i <= MAPPED; ++i) jvp(l->of + i, x);
 }
 
 /* The right sides of the block. */
@@ -159,19 +159,19 @@ static void set_right_sides(const Problem *p, const Layout *at, const Changes *x
   const int *order = order_now(p);
   for (int i = 0; i < p->free; ++i) block[order[i]] = x[at->R + i];
   for (int i = p->free; i < p->unknowns; ++i) block[order[i]] = (Changes){0};
-  for (int i = 0; i < p->closures; ++i) block[order[p->unknowns - p->closures + i]] = x[at->gaps + i];
+  for (int i = 0; i < p->closures; ++i) block[order[p->unknowns - p->closures + i]] = x[at->closures + i];
 }
 
 /* The changes of closing forces and of forces of joints, and of those that friction follows. */
-static void push_joints(const Problem *p, const Work *w, const Linear *l, const Forward *c, Changes *x) {
+static void jvp_joints(const Problem *p, const Work *w, const Linear *l, const Forward *c, Changes *x) {
   const Layout *at = &l->at;
   for (int j = 0; p->closures && j < GROUP_SIZE; ++j) {
-    for (int i = 0; i < p->closures; ++i) w->gap[i] = x[at->R + p->loop_column[p->following[i]]][j];
-    solve_gaps_transposed(p, w, w->part_virtual, w->order_virtual, w->gap);
-    for (int i = 0; i < p->closures; ++i) x[at->closing + i][j] = w->gap[i];
+    for (int i = 0; i < p->closures; ++i) w->closure[i] = x[at->R + p->loop_column[p->following[i]]][j];
+    solve_closures_transposed(p, w, w->part_virtual, w->order_virtual, w->closure);
+    for (int i = 0; i < p->closures; ++i) x[at->closing + i][j] = w->closure[i];
   }
-  push(l->of + CLOSED, x);
-  push(l->of + JOINED, x);
+  jvp(l->of + CLOSED, x);
+  jvp(l->of + JOINED, x);
 }
 
 /* Sets the changes of the forces that friction follows; returns whether they are others. */
@@ -201,15 +201,15 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
     int i = p->massless[k];
     v[i] = per_dt / 2 * w->slope[i] * (end[i] - q[i]);
   }
-  if (a->internal_forces.before) memcpy(x + at->before, q, p->dofs * sizeof(Changes));
+  if (a->internal_forces.q_previous) memcpy(x + at->q_previous, q, p->dofs * sizeof(Changes));
   for (int i = 0; i < p->dofs; ++i) v[i] = per_dt * w->slope[i] * (end[i] - q[i]) - v[i], q[i] = end[i];
-  if (p->scene_joints) memcpy(x + at->Y, x + at->Y1, (p->columns + p->ties) * sizeof(Changes));
+  if (p->scene_joints) memcpy(x + at->Y, x + at->Y1, (p->columns + p->auxiliaries) * sizeof(Changes));
   memcpy(x + at->spring_internal, x + at->springs1, p->spring_width * sizeof(Changes));
   memcpy(x + at->natural, x + at->natural1, (at->loads - at->natural) * sizeof(Changes));
 }
 
 /* A group of directions through a sub-step, which is repeated for the forces that friction follows. */
-static void push_group(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s, Forward *c,
+static void jvp_group(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s, Forward *c,
                        const Directions *d, long group, long row, int count, Changes *x) {
   const Layout *at = &l->at;
   int forces = row >= 0 || p->friction_follows, constrained = p->columns - p->free, joints = 3 * p->scene_joints;
@@ -218,29 +218,29 @@ static void push_group(const Problem *p, const Work *w, const Adjoint *a, const 
   for (int i = 0; i <= MOST_TRIALS; ++i) {
     int held = holds_ends(p, at, c, x);
     set_ends(p, l, c, held, 0, x);
-    push_forces(p, w, a, l, s, d, c, group, held, x);
+    jvp_forces(p, w, a, l, s, d, c, group, held, x);
     set_right_sides(p, at, x, c->block);
     solve_right_sides(p, w, c);
     set_ends(p, l, c, 0, c->block, x);
-    if (forces) push_forces(p, w, a, l, s, d, c, group, 0, x), push_joints(p, w, l, c, x);
+    if (forces) jvp_forces(p, w, a, l, s, d, c, group, 0, x), jvp_joints(p, w, l, c, x);
     if (!p->friction_follows || !change_followed(p, c, at, x)) break;
   }
   if (row >= 0) store_rows(x + at->R + p->free, constrained, count, d->constraint_rows + to * constrained);
   if (row >= 0) store_rows(x + at->forces, joints, count, d->joint_rows + to * joints);
   if (!forces && p->spring_width) {
     memset(x + at->springs1, 0, p->spring_width * sizeof(Changes));
-    push(l->of + TOUCHED, x), push(l->of + FORCED, x);
+    jvp(l->of + TOUCHED, x), jvp(l->of + FORCED, x);
   }
   change_state(p, w, a, at, s, (Changes *)d->of_elements + group * d->element_numbers, x);
 }
 
 /* A sub-step of a tape with its laws and the factors of its tangent; returns 0 in a singular position. */
-static int begin_push(Problem *p, Work *w, const Adjoint *a, Linear *l, const Slopes *s, const Forward *c,
+static int begin_jvp(Problem *p, Work *w, const Adjoint *a, Linear *l, const Slopes *s, const Forward *c,
                       const double *row, int forces, int first) {
   if (!begin_taped(p, w, a, row, l)) return 0;
   linearise(p, w, a, l, forces, first);
   memset(w->scratch, 0, p->dofs * sizeof(double));
-  const double *fields[PULLED_FIELDS] = {w->D, p->q, p->v, p->a, p->before, p->internal,
+  const double *fields[VJP_FIELDS] = {w->D, p->q, p->v, p->a, p->q_previous, p->internal,
                                          p->natural, w->natural_end, w->scratch, c->inside};
   double t = p->t + p->level * w->dt;
   find_slopes(p, &a->internal_forces, s->by_ends[0], fields, t, w->dt, s->of_elements[0]);
@@ -250,7 +250,7 @@ static int begin_push(Problem *p, Work *w, const Adjoint *a, Linear *l, const Sl
 
 /* Follows a tape with changes in several directions; returns the number of sub-steps that are left where a
    tangent is singular. */
-long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d) {
+long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d) {
   Work work, *w = &work;
   Linear l;
   Backward b;
@@ -273,18 +273,18 @@ long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d
   s.by_ends[0] = can_be_by_ends(p, &a->internal_forces), s.by_ends[1] = can_be_by_ends(p, &a->drag);
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
-    if (!begin_push(p, w, a, &l, &s, &c, tape->row + row * tape->size, d->force_at[k] >= 0 || p->friction_follows, !k)) break;
+    if (!begin_jvp(p, w, a, &l, &s, &c, tape->row + row * tape->size, d->force_at[k] >= 0 || p->friction_follows, !k)) break;
     for (long i = 0; i < groups; ++i) {
       Changes *x = (Changes *)d->x + i * at->size;
       int count = d->count - i * GROUP_SIZE < GROUP_SIZE ? d->count - i * GROUP_SIZE : GROUP_SIZE;
       if (tape->apart) memset(x + at->Y, 0, of_state * sizeof(Changes));
       if (k == 0) {
         memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(Changes));
-        memset(x + at->q, 0, p->dofs * sizeof(Changes)), push(l.of + BEGUN, x);
+        memset(x + at->q, 0, p->dofs * sizeof(Changes)), jvp(l.of + BEGUN, x);
       }
       if (row == 0) store_state(p, d, at, x, count, k, i * GROUP_SIZE);
       memcpy(x + at->loads, (Changes *)d->of_steps + (i * tape->all + k) * steps, steps * sizeof(Changes));
-      push_group(p, w, a, &l, &s, &c, d, i, d->force_at[k], count, x);
+      jvp_group(p, w, a, &l, &s, &c, d, i, d->force_at[k], count, x);
       store_state(p, d, at, x, count, k + 1, i * GROUP_SIZE);
     }
   }

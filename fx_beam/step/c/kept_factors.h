@@ -23,16 +23,16 @@ static void add_times(int n, double factor, const double *restrict y, double *re
   for (int i = 0; i < n; ++i) x[i] += factor * y[i];
 }
 
-/* The product of the tangent and d, which the factors propose for r. With borders, whose columns are not there any
+/* The product of the tangent and d, which the factors propose for r. With bordering rows, whose columns are not there any
    more: r, and the product with what A has changed by since its factorisation. */
 static void times_tangent(const Problem *p, const Work *w, const double *d, const double *r, double *out) {
   for (int i = 0; i < p->free; ++i) {
-    double sum = p->borders ? r[i] : 0;
+    double sum = p->bordering_rows ? r[i] : 0;
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
-      sum += (p->borders ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * d[p->tangent_column[k]];
+      sum += (p->bordering_rows ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * d[p->tangent_column[k]];
     out[i] = sum;
   }
-  if (p->changing) times_touches(p, w, d, out);
+  if (p->changing) times_contact_points(p, w, d, out);
 }
 
 /* Largest correction of a degree of freedom, for corrections x of the unknowns. */
@@ -50,24 +50,24 @@ static const double *factors_now(const Problem *p, const Work *w) {
   return p->changing ? p->changing->factors : w->factors;
 }
 
-/* Right sides and solutions of the borders; zero except for what slides. */
+/* Right sides and solutions of the bordering rows; zero except for what slides. */
 static void begin_right_sides(const Problem *p, const Work *w, const double *b) {
-  memset(w->border_right, 0, p->borders * sizeof(double));
+  memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
-    if (p->row_at[a->column] < -1) w->border_right[ON_BORDER - p->row_at[a->column]] = b[a->column];
+    if (p->row_at[a->column] < -1) w->bordering_right[ON_BORDER - p->row_at[a->column]] = b[a->column];
 }
 
-static void end_borders(const Problem *p, const Work *w, double *x) {
+static void end_bordering_rows(const Problem *p, const Work *w, double *x) {
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
-    if (p->row_at[a->column] < -1) x[a->column] = w->border_right[ON_BORDER - p->row_at[a->column]];
-  for (int i = 0; i < p->guided; ++i)
-    w->y[order_now(p)[p->unknowns - p->closures + p->guided_closure[i]]] = w->border_right[p->guide_border + i];
+    if (p->row_at[a->column] < -1) x[a->column] = w->bordering_right[ON_BORDER - p->row_at[a->column]];
+  for (int i = 0; i < p->carried; ++i)
+    w->y[order_now(p)[p->unknowns - p->closures + p->carried_closure[i]]] = w->bordering_right[p->carrier_bordering + i];
 }
 
 static const SparseRows *rows_now(const Problem *p) { return p->changing ? &p->changing->rows : &p->rows; }
 
 /* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
-static void eliminate_borders(const Problem *p, const Work *w) {
+static void eliminate_bordering_rows(const Problem *p, const Work *w) {
   solve_sparse_columns(p, w, rows_now(p), factors_now(p, w), p->block / 4);
   factorise_corner(p, w);
 }
@@ -79,18 +79,18 @@ static void by_factors(const Problem *p, const Work *w, const double *b, double 
   for (int i = 0; i < p->free; ++i) w->y[order[i]] = b[i];
   for (int i = p->free; i < p->unknowns; ++i) w->y[order[i]] = 0;
   substitute_forward(rows, A, w->y);
-  if (p->borders) {
+  if (p->bordering_rows) {
     begin_right_sides(p, w, b);
     substitute_backward(rows, A, w->y, w->reached, 1);
     for (int i = 0; i < p->unknowns; ++i)
       if (w->reached[i]) w->block[(long)i * p->block] = w->y[i];
-    solve_borders(p, w);
+    solve_bordering_rows(p, w);
     for (int i = 0; i < p->unknowns; ++i)
       if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
   }
-  substitute_backward(rows, A, w->y, p->borders ? w->reached : 0, 0);
+  substitute_backward(rows, A, w->y, p->bordering_rows ? w->reached : 0, 0);
   for (int i = 0; i < p->free; ++i) x[i] = w->y[order[i]];
-  if (p->borders) end_borders(p, w, x);
+  if (p->bordering_rows) end_bordering_rows(p, w, x);
 }
 
 static int factorise(Problem *p, const Work *w) {
@@ -98,7 +98,7 @@ static int factorise(Problem *p, const Work *w) {
   if (p->changing) return p->kept.present = factorise_changing(p, w);
   memset(w->factors, 0, p->factor_size * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
-  if (p->kept.worth && p->borders) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
+  if (p->kept.worth && p->bordering_rows) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
   return p->kept.present = factorise_sparse(&p->rows, w->factors, w->row);
 }
 
@@ -170,22 +170,22 @@ static int middle_of_elimination(const Problem *p) {
   return p->positions / 2;
 }
 
-/* Adds the tangents of touches in rows and columns of borders: of nodes that slide. */
-static void border_touches(const Problem *p, const Work *w) {
+/* Adds the tangents of touches in rows and columns of bordering rows: of nodes that slide. */
+static void bordering_contact_points(const Problem *p, const Work *w) {
   const ChangingRows *c = p->changing;
   const MemberContacts *m = p->points->members;
-  for (int t = 0; t < m->touches; ++t)
-    for (int a = c->entry_start[t]; m->touch[t].touching && a < c->entry_start[t + 1]; ++a)
+  for (int t = 0; t < m->contact_points; ++t)
+    for (int a = c->entry_start[t]; m->contact_point[t].closed && a < c->entry_start[t + 1]; ++a)
       for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b) {
-        const TouchEntry *row = c->entry + a, *column = c->entry + b;
+        const ContactPointEntry *row = c->entry + a, *column = c->entry + b;
         if (row->row >= 0 && column->column >= 0) continue;
-        double value = m->touch[t].tangent[row->of * TOUCH_DOFS + column->of] * row->sign * column->sign *
+        double value = m->contact_point[t].tangent[row->of * CONTACT_POINT_DOFS + column->of] * row->sign * column->sign *
                        w->virtual_map[row->value] * w->values[column->value];
         add_at(p, w, place_now(c, row->row), place_now(c, column->column), value);
       }
 }
 
-/* Solution of a chain or a band with borders, for the right side `reduced`; returns 0 if it is singular. */
+/* Solution of a chain or a band with bordering rows, for the right side `reduced`; returns 0 if it is singular. */
 static int solve_bordered(const Problem *p, const Work *w) {
   int middle = middle_of_elimination(p), n = p->unknowns;
   Ends of = ends_around(n, p->band, middle);
@@ -195,7 +195,7 @@ static int solve_bordered(const Problem *p, const Work *w) {
   if (p->chain) solve_chain_block(p, w, middle / 3);
   else solve_band_block(p, w, of);
   factorise_corner(p, w);
-  solve_borders(p, w);
+  solve_bordering_rows(p, w);
   if (p->chain) {
     finish_chain(p, w, middle / 3);
   } else {
@@ -204,7 +204,7 @@ static int solve_bordered(const Problem *p, const Work *w) {
     substitute_tangent(p, w, n, of, w->reached);
     for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
   }
-  end_borders(p, w, w->step);
+  end_bordering_rows(p, w, w->step);
   return 1;
 }
 
@@ -213,7 +213,7 @@ static int solve_bordered(const Problem *p, const Work *w) {
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
-  if (p->borders && (p->chain || p->band)) return solve_bordered(p, w);
+  if (p->bordering_rows && (p->chain || p->band)) return solve_bordered(p, w);
   if (p->chain) return solve_chain(p, w);
   if (p->band) {
     for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
@@ -222,13 +222,13 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
     return 1;
   }
   if (p->kept.worth && p->kept.present && !p->kept.exact) {
-    if (p->borders) eliminate_borders(p, w);
+    if (p->bordering_rows) eliminate_bordering_rows(p, w);
     if (iterate(p, w, wanted, rest)) return 1;
-    if (p->borders) fill_borders(p, w);
+    if (p->bordering_rows) fill_bordering_rows(p, w);
   }
   if (!factorise(p, w)) return 0;
-  if (p->borders && p->changing) border_touches(p, w);
-  if (p->borders) eliminate_borders(p, w);
+  if (p->bordering_rows && p->changing) bordering_contact_points(p, w);
+  if (p->bordering_rows) eliminate_bordering_rows(p, w);
   by_factors(p, w, w->reduced, w->step);
   return 1;
 }

@@ -22,12 +22,12 @@ typedef struct {
   Layout at;
   Block of[BLOCKS];
   double *loads, *follower_force, *natural; /* given on the tape */
-  double *on_ties;                          /* forces on ties */
+  double *on_auxiliaries;                          /* forces on auxiliary unknowns */
 } Linear;
 
 static void lay_out_linear(const Problem *p, Linear *l, double **at) {
   l->loads = allocate(at, 2 * p->loads), l->follower_force = allocate(at, 2 * p->follower_forces);
-  l->natural = allocate(at, p->naturals), l->on_ties = allocate(at, p->columns + p->ties);
+  l->natural = allocate(at, p->naturals), l->on_auxiliaries = allocate(at, p->columns + p->auxiliaries);
 }
 
 static void begin_linear(const Problem *p, const Work *w, const Adjoint *a, Linear *l) {
@@ -97,14 +97,14 @@ static void put_strains(const Problem *p, Linear *l) {
 static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int first, int j) {
   const Layout *at_ = &l->at;
   int column = p->slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
-  double psi = w->psi0[j], d = at(p->slides, p->slide_of[j]), slope = w->guide_slope[j];
+  double psi = w->psi0[j], d = at(p->slides, p->slide_of[j]), slope = w->carrier_slope[j];
   const double *mean = w->mean_t + 2 * j;
   for (int end = 0; end < 2; ++end) {
-    if (end) psi += at(w->D, p->guide[j]), d += at(w->z, column);
+    if (end) psi += at(w->D, p->carrier[j]), d += at(w->z, column);
     const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
     double c = cos(psi), s = sin(psi), R[2][2] = {{c, -s}, {s, c}}, share = end ? p->level : 1 - p->level;
-    double bend = end ? w->guide_bend[j] : -w->guide_bend[j], across[] = {-t[1], t[0]};
-    int turn = in(end ? at_->q1 : at_->q, p->guide[j]), slide = in(end ? at_->Y1 : at_->Y, column);
+    double bend = end ? w->carrier_bend[j] : -w->carrier_bend[j], across[] = {-t[1], t[0]};
+    int turn = in(end ? at_->q1 : at_->q, p->carrier[j]), slide = in(end ? at_->Y1 : at_->Y, column);
     for (int i = 0; i < 2; ++i) {
       int arm = at_->arms + 2 * j + i, lever = map + 1 - i;
       double lever_share = i ? -share : share;
@@ -124,12 +124,12 @@ static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear 
   }
 }
 
-/* Columns of ties, from arms and other columns. */
-static void put_ties(const Problem *p, const Linear *l, const double *values, int Y, Block *to) {
-  for (int k = 0; k < p->tie_arms; ++k)
-    put(to, l->at.arms + p->tie_arm[k], Y + p->columns + p->tie_arm_of[k], p->joint_sign[p->tie_arm[k]]);
-  for (int k = 0; k < p->tie_entries; ++k)
-    put(to, Y + p->tie_column[k], Y + p->columns + p->tie_of[k], p->tie_sign[k] * values[p->tie_value[k]]);
+/* Columns of auxiliary unknowns, from arms and other columns. */
+static void put_auxiliaries(const Problem *p, const Linear *l, const double *values, int Y, Block *to) {
+  for (int k = 0; k < p->auxiliary_arms; ++k)
+    put(to, l->at.arms + p->auxiliary_arm[k], Y + p->columns + p->auxiliary_arm_of[k], p->joint_sign[p->auxiliary_arm[k]]);
+  for (int k = 0; k < p->auxiliary_entries; ++k)
+    put(to, Y + p->auxiliary_column[k], Y + p->columns + p->auxiliary_of[k], p->auxiliary_sign[k] * values[p->auxiliary_value[k]]);
 }
 
 /* Places q at the start (0) or at the end (1), there besides EQUAL and SPREAD, from columns Y, arms, and the beams on which
@@ -212,8 +212,8 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
   int R = l->at.R, map = l->at.map;
   Block *to = l->of + CARRIED;
   for (int i = 0; i < p->closures; ++i)
-    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
-      put(to, map + p->gap_value[k], R + p->gap_column[k], -p->gap_sign[k] * w->closing[i]);
+    for (int k = p->closure_entry_start[i]; k < p->closure_entry_start[i + 1]; ++k)
+      put(to, map + p->closure_value[k], R + p->closure_column[k], -p->closure_sign[k] * w->closing[i]);
   for (int i = p->sliders - 1; i >= 0; --i) {
     const Slider *a = p->slider + i;
     for (int c = 0; c < a->components; ++c) {
@@ -232,32 +232,32 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
   }
 }
 
-/* Forces on ties, which pass them on. */
-static void put_forces_on_ties(const Problem *p, const Work *w, Linear *l) {
-  double *on_ties = l->on_ties;
-  if (!p->ties) return;
-  memset(on_ties, 0, (p->columns + p->ties) * sizeof(double));
-  add_rows(p, w, with_carried(p, w), on_ties);
+/* Forces on auxiliary unknowns, which pass them on. */
+static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l) {
+  double *on_auxiliaries = l->on_auxiliaries;
+  if (!p->auxiliaries) return;
+  memset(on_auxiliaries, 0, (p->columns + p->auxiliaries) * sizeof(double));
+  add_rows(p, w, with_carried(p, w), on_auxiliaries);
   for (int i = 0; i < p->closures; ++i)
-    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
-      on_ties[p->gap_column[k]] -= p->gap_sign[k] * w->virtual_map[p->gap_value[k]] * w->closing[i];
-  collect_ties(p, w->virtual_map, on_ties);
-  for (int k = p->tie_entries - 1; k >= 0; --k) {
-    int tie = p->columns + p->tie_of[k], value = p->tie_value[k], to = l->at.R + p->tie_column[k];
-    put(l->of + MAPPED, l->at.R + tie, to, p->tie_sign[k] * w->virtual_map[value]);
-    if (value) put(l->of + MAPPED, l->at.map + value, to, p->tie_sign[k] * on_ties[tie]);
+    for (int k = p->closure_entry_start[i]; k < p->closure_entry_start[i + 1]; ++k)
+      on_auxiliaries[p->closure_column[k]] -= p->closure_sign[k] * w->virtual_map[p->closure_value[k]] * w->closing[i];
+  collect_auxiliaries(p, w->virtual_map, on_auxiliaries);
+  for (int k = p->auxiliary_entries - 1; k >= 0; --k) {
+    int auxiliary = p->columns + p->auxiliary_of[k], value = p->auxiliary_value[k], to = l->at.R + p->auxiliary_column[k];
+    put(l->of + MAPPED, l->at.R + auxiliary, to, p->auxiliary_sign[k] * w->virtual_map[value]);
+    if (value) put(l->of + MAPPED, l->at.map + value, to, p->auxiliary_sign[k] * on_auxiliaries[auxiliary]);
   }
 }
 
-/* Gaps of loops at the end, less the arms of the joints. */
-static void put_gaps(const Problem *p, const Work *w, Linear *l) {
+/* Closures of loops at the end, less the arms of the joints. */
+static void put_closures(const Problem *p, const Work *w, Linear *l) {
   for (int k = 0; k < p->closures; ++k) {
-    int i = p->gap_arm[k], j = i / 2, gap = l->at.gaps + k;
-    put(l->of + MAPPED, in(l->at.q1, p->gap_b[k]), gap, 1), put(l->of + MAPPED, in(l->at.q1, p->gap_a[k]), gap, -1);
+    int i = p->closure_arm[k], j = i / 2, closure = l->at.closures + k;
+    put(l->of + MAPPED, in(l->at.q1, p->closure_b[k]), closure, 1), put(l->of + MAPPED, in(l->at.q1, p->closure_a[k]), closure, -1);
     if (i < 0) continue;
-    put(l->of + MAPPED, l->at.arms + i, gap, -1);
-    put(l->of + MAPPED, in(l->at.q1, p->guide[j]), gap, i % 2 ? -w->rho1[i - 1] : w->rho1[i + 1]);
-    put(l->of + MAPPED, in(l->at.Y1, p->slide_column[j]), gap, -w->t1[i]);
+    put(l->of + MAPPED, l->at.arms + i, closure, -1);
+    put(l->of + MAPPED, in(l->at.q1, p->carrier[j]), closure, i % 2 ? -w->rho1[i - 1] : w->rho1[i + 1]);
+    put(l->of + MAPPED, in(l->at.Y1, p->slide_column[j]), closure, -w->t1[i]);
   }
 }
 
@@ -266,13 +266,13 @@ static void put_closing(const Problem *p, const Work *w, Linear *l) {
   Block *to = l->of + CLOSED;
   for (int i = 0; i < p->closures; ++i) {
     int closing = l->at.closing + i;
-    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k)
-      put(to, closing, l->at.R + p->loop_column[p->gap_near[k]], -w->G_virtual[k]);
-    put(to, closing, in(l->at.r, p->gap_b[i]), -1), put(to, closing, in(l->at.r, p->gap_a[i]), 1);
-    for (int k = p->gap_entry_start[i]; p->guided && k < p->gap_entry_start[i + 1]; ++k)
-      put(to, closing, l->at.pushed + p->gap_column[k], -p->gap_sign[k] * w->virtual_map[p->gap_value[k]]);
+    for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
+      put(to, closing, l->at.R + p->loop_column[p->closure_near[k]], -w->G_virtual[k]);
+    put(to, closing, in(l->at.r, p->closure_b[i]), -1), put(to, closing, in(l->at.r, p->closure_a[i]), 1);
+    for (int k = p->closure_entry_start[i]; p->carried && k < p->closure_entry_start[i + 1]; ++k)
+      put(to, closing, l->at.pushed + p->closure_column[k], -p->closure_sign[k] * w->virtual_map[p->closure_value[k]]);
   }
-  for (const Slider *a = p->slider + p->sliders - 1; p->guided && a >= p->slider; --a)
+  for (const Slider *a = p->slider + p->sliders - 1; p->carried && a >= p->slider; --a)
     for (int c = 0; c < a->components; ++c) {
       int held = l->at.pushed + a->carried[c];
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
@@ -280,7 +280,7 @@ static void put_closing(const Problem *p, const Work *w, Linear *l) {
       for (int k = 0; k < a->components * a->width; ++k)
         put(to, held, l->at.carried + local_dof(a, k), a->virtual_map[c][k]);
     }
-  for (int i = 0; p->guided && i < p->dofs; ++i) put(to, l->at.carried + i, l->at.r + i, 1);
+  for (int i = 0; p->carried && i < p->dofs; ++i) put(to, l->at.carried + i, l->at.r + i, 1);
 }
 
 static void put_passes(const Problem *p, Linear *l, int first, int end) {
@@ -305,10 +305,10 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
   Block *to = l->of + JOINED;
   int forces = l->at.forces, followed = l->at.followed;
   put_passes(p, l, 0, p->passes_of_forces);
-  for (int k = 0; k < p->closures; ++k) put(to, l->at.closing + k, forces + p->gap_force[k], 1);
+  for (int k = 0; k < p->closures; ++k) put(to, l->at.closing + k, forces + p->closure_force[k], 1);
   for (int j = 0; j < p->joints; ++j)
     for (int i = 0; i < 2; ++i) {
-      int lever = 1 + 4 * j + i, force = 3 * p->slide_of[j] + i, turn = in(l->at.r, p->guide[j]);
+      int lever = 1 + 4 * j + i, force = 3 * p->slide_of[j] + i, turn = in(l->at.r, p->carrier[j]);
       put(to, forces + force, turn, w->virtual_map[lever]), put(to, l->at.map + lever, turn, w->joint_forces[force]);
     }
   for (int i = 0; i < p->scene_joints; ++i) put(to, l->at.moments + i, forces + 3 * i + 2, -1);
@@ -343,12 +343,12 @@ static void linearise(const Problem *p, const Work *w, const Adjoint *a, Linear 
     if (first) put_weights_at(l->of + BEGUN, p, &l->at, i, 0);
     put_slide(l->of + SLID, p, &l->at, i);
   }
-  put_ties(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
-  put_loads(p, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_ties(p, w, l), put_gaps(p, w, l);
+  put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
+  put_loads(p, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l), put_closures(p, w, l);
   if (first) {
     double values[1 + 4 * p->joints];
     values_at_start(p, w, values);
-    put_ties(p, l, values, l->at.Y, l->of + BEGUN), put_places(p, l, values, 0, l->of + BEGUN);
+    put_auxiliaries(p, l, values, l->at.Y, l->of + BEGUN), put_places(p, l, values, 0, l->of + BEGUN);
   }
   if (!forces) return;
   put_closing(p, w, l);

@@ -1,10 +1,10 @@
 /* Closed loops of joints: unknowns that follow others (loop_reduction.py). Loops that share no unknowns are
-   blocks for themselves, and the gap of a closure depends on few unknowns, also in long trees. */
+   blocks for themselves, and the closure of a closure depends on few unknowns, also in long trees. */
 
 #pragma once
 
 #include "sliders.h"
-#include "ties.h"
+#include "auxiliaries.h"
 
 /* Largest number of corrections that close the loops, and least ratio of pivots. */
 enum { CLOSINGS = 30 };
@@ -26,27 +26,27 @@ static void derive_by_beams(const Problem *p, const Work *w, const double *value
     }
 }
 
-/* Derivatives G of the gaps by the loops' columns, in compressed rows, for values of T or Tv. */
-static void derive_gaps(const Problem *p, const Work *w, const double *values, double *G) {
-  double *row = w->gap_row;
+/* Derivatives G of the closures by the loops' columns, in compressed rows, for values of T or Tv. */
+static void derive_closures(const Problem *p, const Work *w, const double *values, double *G) {
+  double *row = w->closure_row;
   for (int i = 0; i < p->closures; ++i) {
-    int first = p->gap_entry_start[i], end = p->gap_entry_start[i + 1];
-    int first_tie = p->gap_tie_start[i], last_tie = p->gap_tie_start[i + 1];
-    for (int k = first; k < end; ++k) row[p->gap_column[k]] += p->gap_sign[k] * values[p->gap_value[k]];
-    if (p->guided) derive_by_beams(p, w, values, row);
-    for (int k = first_tie; k < last_tie; ++k) {
-      int t = p->gap_tie[k];
-      double of_tie = row[p->columns + p->tie_of[t]];
-      row[p->tie_column[t]] += p->tie_sign[t] * values[p->tie_value[t]] * of_tie;
+    int first = p->closure_entry_start[i], end = p->closure_entry_start[i + 1];
+    int first_auxiliary = p->closure_auxiliary_start[i], last_auxiliary = p->closure_auxiliary_start[i + 1];
+    for (int k = first; k < end; ++k) row[p->closure_column[k]] += p->closure_sign[k] * values[p->closure_value[k]];
+    if (p->carried) derive_by_beams(p, w, values, row);
+    for (int k = first_auxiliary; k < last_auxiliary; ++k) {
+      int t = p->closure_auxiliary[k];
+      double of_auxiliary = row[p->columns + p->auxiliary_of[t]];
+      row[p->auxiliary_column[t]] += p->auxiliary_sign[t] * values[p->auxiliary_value[t]] * of_auxiliary;
     }
-    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k) {
-      double *of = row + p->loop_column[p->gap_near[k]];
+    for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k) {
+      double *of = row + p->loop_column[p->closure_near[k]];
       G[k] = *of, *of = 0;
     }
-    for (int k = first; k < end; ++k) row[p->gap_column[k]] = 0;
-    for (int k = first_tie; k < last_tie; ++k) {
-      row[p->columns + p->tie_of[p->gap_tie[k]]] = 0;
-      row[p->tie_column[p->gap_tie[k]]] = 0;
+    for (int k = first; k < end; ++k) row[p->closure_column[k]] = 0;
+    for (int k = first_auxiliary; k < last_auxiliary; ++k) {
+      row[p->columns + p->auxiliary_of[p->closure_auxiliary[k]]] = 0;
+      row[p->auxiliary_column[p->closure_auxiliary[k]]] = 0;
     }
   }
 }
@@ -81,9 +81,9 @@ static int choose_following(const Problem *p, const Work *w) {
     int *at = w->largest_at;
     memset(M, 0, (long)m * n * sizeof(double));
     for (int i = 0; i < m; ++i) {
-      for (int k = p->gap_start[begin + i]; k < p->gap_start[begin + i + 1]; ++k)
-        if (p->gap_near[k] < p->loop_free)
-          M[i * n + p->gap_near[k] - from] = w->G[k] * p->loop_unit[p->gap_near[k]];
+      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k)
+        if (p->closure_near[k] < p->loop_free)
+          M[i * n + p->closure_near[k] - from] = w->G[k] * p->loop_unit[p->closure_near[k]];
       largest[i] = -1;
       for (int j = 0; j < n; ++j)
         if (fabs(M[i * n + j]) > largest[i]) largest[i] = fabs(M[i * n + j]), at[i] = j;
@@ -114,14 +114,14 @@ static int choose_following(const Problem *p, const Work *w) {
 }
 
 /* LU factors of the part of G that belongs to the unknowns that follow, block by block. */
-static void factorise_gaps(const Problem *p, const Work *w, const double *G, double *factors, int *order) {
+static void factorise_closures(const Problem *p, const Work *w, const double *G, double *factors, int *order) {
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     double *A = factors + p->block_part[b];
     memset(A, 0, (long)m * m * sizeof(double));
     for (int i = 0; i < m; ++i)
-      for (int k = p->gap_start[begin + i]; k < p->gap_start[begin + i + 1]; ++k) {
-        int at = w->follows[p->gap_near[k]];
+      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
+        int at = w->follows[p->closure_near[k]];
         if (at >= 0) A[(long)i * m + at - begin] = G[k];
       }
     factorise_dense(m, A, order + begin);
@@ -129,11 +129,11 @@ static void factorise_gaps(const Problem *p, const Work *w, const double *G, dou
 }
 
 /* Solves G_d x = b for the part G_d of the unknowns that follow, in place of b. */
-static void solve_gaps(const Problem *p, const Work *w, const double *factors, const int *order, double *x) {
+static void solve_closures(const Problem *p, const Work *w, const double *factors, const int *order, double *x) {
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     const double *A = factors + p->block_part[b];
-    double *y = w->gap_scratch, *of = x + begin;
+    double *y = w->closure_scratch, *of = x + begin;
     for (int i = 0; i < m; ++i) {
       const double *row = A + (long)order[begin + i] * m;
       y[i] = of[order[begin + i]];
@@ -149,12 +149,12 @@ static void solve_gaps(const Problem *p, const Work *w, const double *factors, c
 }
 
 /* The same for the transposed part. */
-static void solve_gaps_transposed(const Problem *p, const Work *w, const double *factors, const int *order,
+static void solve_closures_transposed(const Problem *p, const Work *w, const double *factors, const int *order,
                                   double *x) {
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     const double *A = factors + p->block_part[b];
-    double *y = w->gap_scratch, *of = x + begin;
+    double *y = w->closure_scratch, *of = x + begin;
     memcpy(y, of, m * sizeof(double));
     for (int i = 0; i < m; ++i) {
       const double *row = A + (long)order[begin + i] * m;
@@ -169,30 +169,30 @@ static void solve_gaps_transposed(const Problem *p, const Work *w, const double 
   }
 }
 
-/* Gaps of displacements, less the arms of the joints between two configurations. */
-static void find_gaps(const Problem *p, const double *u, const double *rho0, const double *rho1,
-                      double *gap) {
+/* Closures of displacements, less the arms of the joints between two configurations. */
+static void find_closures(const Problem *p, const double *u, const double *rho0, const double *rho1,
+                      double *closure) {
   for (int k = 0; k < p->closures; ++k) {
-    gap[k] = at(u, p->gap_b[k]) - at(u, p->gap_a[k]);
-    if (p->gap_arm[k] >= 0) gap[k] -= rho1[p->gap_arm[k]] - rho0[p->gap_arm[k]];
+    closure[k] = at(u, p->closure_b[k]) - at(u, p->closure_a[k]);
+    if (p->closure_arm[k] >= 0) closure[k] -= rho1[p->closure_arm[k]] - rho0[p->closure_arm[k]];
   }
 }
 
-/* Start of a step: its gaps, and the unknowns that follow; returns 0 in a singular position. */
+/* Start of a step: its closures, and the unknowns that follow; returns 0 in a singular position. */
 static int begin_loops(const Problem *p, const Work *w) {
   if (!p->closures) return 1;
-  find_gaps(p, p->q, p->arm_at_rest, w->rho0, w->gap0);
+  find_closures(p, p->q, p->arm_at_rest, w->rho0, w->closure0);
   for (int j = 0; j < p->joints; ++j) {
     double *value = w->values + 1 + 4 * j;
     value[0] = -w->rho0[2 * j + 1], value[1] = w->rho0[2 * j];
     value[2] = w->t0[2 * j], value[3] = w->t0[2 * j + 1];
   }
-  if (p->guided) memset(w->D, 0, p->dofs * sizeof(double));
-  for (Slider *a = p->slider; p->guided && a < p->slider + p->sliders; ++a) {
+  if (p->carried) memset(w->D, 0, p->dofs * sizeof(double));
+  for (Slider *a = p->slider; p->carried && a < p->slider + p->sliders; ++a) {
     a->s0 = a->s1 = p->slides[a->joint];
     slide_on(a, p->q, w->D);
   }
-  derive_gaps(p, w, w->values, w->G);
+  derive_closures(p, w, w->values, w->G);
   return choose_following(p, w);
 }
 
@@ -204,61 +204,61 @@ static void go_on(const Problem *p, const Work *w) {
   }
 }
 
-/* Corrects the unknowns that follow for the gaps at an increment. Returns whether they are closed. */
+/* Corrects the unknowns that follow for the closures at an increment. Returns whether they are closed. */
 static int correct_loops(const Problem *p, const Work *w, double *last) {
   int m = p->closures;
-  double *gap = w->gap, size = 0;
-  find_gaps(p, w->D, w->rho0, w->rho1, gap);
+  double *closure = w->closure, size = 0;
+  find_closures(p, w->D, w->rho0, w->rho1, closure);
   for (int k = 0; k < m; ++k) {
-    gap[k] += w->gap0[k];
-    size = size < fabs(gap[k]) || isnan(gap[k]) ? fabs(gap[k]) : size;
+    closure[k] += w->closure0[k];
+    size = size < fabs(closure[k]) || isnan(closure[k]) ? fabs(closure[k]) : size;
   }
-  if (size <= p->gap_closed || (*last < size && size <= 1e3 * p->gap_closed)) return 1;
+  if (size <= p->closure_closed || (*last < size && size <= 1e3 * p->closure_closed)) return 1;
   *last = size;
-  derive_gaps(p, w, w->values, w->G);
-  factorise_gaps(p, w, w->G, w->part, w->part_order);
-  solve_gaps(p, w, w->part, w->part_order, gap);
-  for (int k = 0; k < m; ++k) w->z[p->loop_column[p->following[k]]] -= gap[k];
+  derive_closures(p, w, w->values, w->G);
+  factorise_closures(p, w, w->G, w->part, w->part_order);
+  solve_closures(p, w, w->part, w->part_order, closure);
+  for (int k = 0; k < m; ++k) w->z[p->loop_column[p->following[k]]] -= closure[k];
   return 0;
 }
 
-/* Derivatives of the gaps at the present increment. */
+/* Derivatives of the closures at the present increment. */
 static void linearise_loops(const Problem *p, const Work *w) {
-  derive_gaps(p, w, w->values, w->G);
-  factorise_gaps(p, w, w->G, w->part, w->part_order);
-  derive_gaps(p, w, w->virtual_map, w->G_virtual);
-  factorise_gaps(p, w, w->G_virtual, w->part_virtual, w->order_virtual);
+  derive_closures(p, w, w->values, w->G);
+  factorise_closures(p, w, w->G, w->part, w->part_order);
+  derive_closures(p, w, w->virtual_map, w->G_virtual);
+  factorise_closures(p, w, w->G_virtual, w->part_virtual, w->order_virtual);
 }
 
 /* Small changes of the unknowns that follow. */
 static void complete(const Problem *p, const Work *w, double *z) {
   for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = 0;
   for (int i = 0; i < p->closures; ++i) {
-    w->gap[i] = 0;
-    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k)
-      w->gap[i] += w->G[k] * z[p->loop_column[p->gap_near[k]]];
+    w->closure[i] = 0;
+    for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
+      w->closure[i] += w->G[k] * z[p->loop_column[p->closure_near[k]]];
   }
-  if (p->closures) solve_gaps(p, w, w->part, w->part_order, w->gap);
-  for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = -w->gap[k];
+  if (p->closures) solve_closures(p, w, w->part, w->part_order, w->closure);
+  for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = -w->closure[k];
 }
 
 /* Forces of the closing joints, those that leave no residual of the unknowns that follow. */
 static void close_residual(const Problem *p, const Work *w, double *R) {
   for (int k = 0; k < p->closures; ++k) w->closing[k] = R[p->loop_column[p->following[k]]];
-  solve_gaps_transposed(p, w, w->part_virtual, w->order_virtual, w->closing);
+  solve_closures_transposed(p, w, w->part_virtual, w->order_virtual, w->closing);
   for (int i = 0; i < p->closures; ++i)
-    for (int k = p->gap_start[i]; k < p->gap_start[i + 1]; ++k)
-      R[p->loop_column[p->gap_near[k]]] -= w->G_virtual[k] * w->closing[i];
+    for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
+      R[p->loop_column[p->closure_near[k]]] -= w->G_virtual[k] * w->closing[i];
   for (int k = 0; k < p->closures; ++k) R[p->loop_column[p->following[k]]] = 0;
 }
 
 /* Forces with those of nodes on beams, to which loops add, after `close_residual` of r. */
 static void carry_in_loops(const Problem *p, const Work *w, const double *r) {
-  memset(w->columns, 0, (p->columns + p->ties) * sizeof(double));
+  memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
   push_columns(p, w->columns);
   for (int i = 0; i < p->closures; ++i)
-    for (int k = p->gap_entry_start[i]; k < p->gap_entry_start[i + 1]; ++k)
-      w->columns[p->gap_column[k]] -= p->gap_sign[k] * w->virtual_map[p->gap_value[k]] * w->closing[i];
+    for (int k = p->closure_entry_start[i]; k < p->closure_entry_start[i + 1]; ++k)
+      w->columns[p->closure_column[k]] -= p->closure_sign[k] * w->virtual_map[p->closure_value[k]] * w->closing[i];
   memcpy(w->loaded, r, p->dofs * sizeof(double));
   carry(p, w, w->loaded, w->columns);
 }
@@ -268,13 +268,13 @@ static const double *closed(const Problem *p, const Work *w, const double *r) {
   if (!p->closures) return r;
   memcpy(w->closed, r, p->dofs * sizeof(double));
   for (int k = 0; k < p->closures; ++k) {
-    if (p->gap_b[k] >= 0) w->closed[p->gap_b[k]] -= w->closing[k];
-    if (p->gap_a[k] >= 0) w->closed[p->gap_a[k]] += w->closing[k];
+    if (p->closure_b[k] >= 0) w->closed[p->closure_b[k]] -= w->closing[k];
+    if (p->closure_a[k] >= 0) w->closed[p->closure_a[k]] += w->closing[k];
   }
   return w->closed;
 }
 
-/* The gaps in the tangent: their derivatives, with the closing forces as unknowns behind all others, and a
+/* The closures in the tangent: their derivatives, with the closing forces as unknowns behind all others, and a
    stiffness. It does no work where they are closed, and keeps the tangent of open loops regular. */
 static void close_tangent(const Problem *p, const Work *w) {
   double stiff = 0, *K = w->tangent;
@@ -282,12 +282,12 @@ static void close_tangent(const Problem *p, const Work *w) {
     stiff = fmax(stiff, fabs(K[p->scale_at[i]]) / (p->scale_unit[i] * p->scale_unit[i]));
   for (int k = 0; k < p->stiffened; ++k) {
     int a = p->stiff_left[k], b = p->stiff_right[k];
-    K[p->stiff_to[k]] += stiff * p->gap_sign[a] * w->virtual_map[p->gap_value[a]] * p->gap_sign[b] *
-                         w->values[p->gap_value[b]];
+    K[p->stiff_to[k]] += stiff * p->closure_sign[a] * w->virtual_map[p->closure_value[a]] * p->closure_sign[b] *
+                         w->values[p->closure_value[b]];
   }
-  for (int k = 0; k < p->gap_unknowns; ++k) {
-    int e = p->gap_entry[k];
-    K[p->gap_equation[k]] += p->gap_sign[e] * w->values[p->gap_value[e]];
-    K[p->gap_balance[k]] += p->gap_sign[e] * w->virtual_map[p->gap_value[e]];
+  for (int k = 0; k < p->closure_unknowns; ++k) {
+    int e = p->closure_entry[k];
+    K[p->closure_equation[k]] += p->closure_sign[e] * w->values[p->closure_value[e]];
+    K[p->closure_balance[k]] += p->closure_sign[e] * w->virtual_map[p->closure_value[e]];
   }
 }

@@ -6,10 +6,10 @@
 typedef void Law(double *, const double *, const double *, const double *, const int *,
                  const unsigned char *, void *);
 
-/* Entries of a touch: x and y of the point and of four nodes; vectors of its law, and room for what it
+/* Entries of a contact point: x and y of the point and of four nodes; vectors of its law, and room for what it
    is given and finds. */
-enum { TOUCH_DOFS = 10, MOST_SUMS = 6, TOUCH_GIVEN = 64, TOUCH_RESULTS = 96 };
-/* Memory of friction: at most so many touches of a point; of each its place on the member, counted from 1,
+enum { CONTACT_POINT_DOFS = 10, MOST_SUMS = 6, CONTACT_POINT_GIVEN = 64, CONTACT_POINT_RESULTS = 96 };
+/* Memory of friction: at most so many contact points of a point; of each its place on the member, counted from 1,
    and the two internal variables of its law. */
 enum { SLOTS = 2, IN_SLOT = 3 };
 
@@ -47,8 +47,8 @@ typedef struct {
 
 /* A point that is near a member. */
 typedef struct {
-  int contact, point, piece, dof[TOUCH_DOFS];
-  int begins, ends, touching; /* whether the pieces reach the ends of the member; whether there is a force */
+  int contact, point, piece, dof[CONTACT_POINT_DOFS];
+  int begins, ends, closed; /* whether the pieces reach the ends of the member; whether there is a force */
   int slot;                   /* of its friction, or -1 */
   int left, leans;            /* whether the nearest point has left the two pieces; to which side they should go */
   int counted;                /* whether the pattern of the tangent has it */
@@ -56,22 +56,22 @@ typedef struct {
   NearPoint first;            /* the nearest point at the start */
   double end, seen, motion;   /* its place at the end; where it was last followed along the member; its way in a step */
   double sums[5][MOST_SUMS];  /* weights of the sums at the point and at the nodes */
-  double given[TOUCH_GIVEN], results[TOUCH_RESULTS], tangent[TOUCH_DOFS * TOUCH_DOFS];
-} Touch;
+  double given[CONTACT_POINT_GIVEN], results[CONTACT_POINT_RESULTS], tangent[CONTACT_POINT_DOFS * CONTACT_POINT_DOFS];
+} ContactPoint;
 
 typedef struct {
   int contacts, conditions;
   MemberContact *of;
   int dofs, moving, *moves; /* all degrees of freedom; those of all points and members, as pairs */
   double margin, moved, step; /* of the last search; largest motions since then, and in the last step */
-  long searches;            /* their number: when it changes, so do the touches */
+  long searches;            /* their number: when it changes, so do the contact points */
   int wide;                 /* whether the next search must have a larger margin */
   int slots, first_internal; /* of friction; where they begin among all internal variables */
-  struct { int *taken; };    /* [slots] whether a touch has it */
+  struct { int *taken; };    /* [slots] whether a contact point has it */
   /* [dofs]: configurations of the last search and of the start of the step, rates there, room; its slots */
   struct { double *searched_at, *q, *v, *product, *memory; };
-  struct { Touch *touch; }; /* [room] */
-  int touches, room;
+  struct { ContactPoint *contact_point; }; /* [room] */
+  int contact_points, room;
   /* The cells of a search: where the nodes in each begin, the nodes, and their places. */
   struct { int *cell_start, *cell_node, *cell_of; };
   struct { double *node_at; };
@@ -79,7 +79,7 @@ typedef struct {
 } MemberContacts;
 
 /* What is wrong at the end of a step: nothing, points have moved further than was expected, a point has passed through
-   a member, or has moved further along one than its touch can. */
+   a member, or has moved further along one than its contact point can. */
 enum { MEMBERS_FINE, MEMBERS_MOVED, MEMBERS_PASSED, MEMBERS_SLID };
 
 void fx_free_members(MemberContacts *m);

@@ -11,13 +11,13 @@
    to the radii; least arm at the end of a step in the direction of that at its start. */
 static const double SPARE = 1.5, LASTS = 8, LEAST_MARGIN = 1e-3;
 
-/* Pieces along which a touch follows its nearest point, from one step to the next. */
+/* Pieces along which a contact point follows its nearest point, from one step to the next. */
 enum { MOST_PIECES = 4 };
 
 static void *grown(void *old, long count, long size) { return realloc(old, count * size); }
 
 void fx_free_members(MemberContacts *m) {
-  free(m->searched_at), free(m->q), free(m->v), free(m->product), free(m->touch), free(m->taken), free(m->memory);
+  free(m->searched_at), free(m->q), free(m->v), free(m->product), free(m->contact_point), free(m->taken), free(m->memory);
   free(m->cell_start), free(m->cell_node), free(m->cell_of), free(m->node_at);
 }
 
@@ -163,16 +163,16 @@ static void search(MemberContacts *m, const double *q, double margin, Visit *vis
   }
 }
 
-static void set_pieces(const MemberContact *c, Touch *t, int piece) {
+static void set_pieces(const MemberContact *c, ContactPoint *t, int piece) {
   t->piece = piece, t->begins = piece == 0, t->ends = piece + 2 >= c->nodes, t->counted = 0;
   for (int k = 0; k < 4; ++k)
     memcpy(t->dof + 2 + 2 * k, c->node_dof + 2 * node_of(c, piece, k), 2 * sizeof(int));
 }
 
-static void add_touch(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
+static void add_contact_point(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
   const MemberContact *c = m->of + contact;
-  if (m->touches == m->room) m->touch = grown(m->touch, m->room = 2 * m->room + 16, sizeof(Touch));
-  Touch *t = m->touch + m->touches++;
+  if (m->contact_points == m->room) m->contact_point = grown(m->contact_point, m->room = 2 * m->room + 16, sizeof(ContactPoint));
+  ContactPoint *t = m->contact_point + m->contact_points++;
   memset(t, 0, sizeof *t);
   t->contact = contact, t->point = point;
   memcpy(t->dof, c->point_dof + 2 * point, 2 * sizeof(int));
@@ -180,8 +180,8 @@ static void add_touch(MemberContacts *m, int contact, int point, int piece, doub
   set_pieces(c, t, piece - ((x < 0 && piece > 0) || piece == c->nodes - 1));
 }
 
-/* The nearest point of a touch in a configuration, from the piece on which it is then; `r` has its arms. */
-static NearPoint follow(const MemberContacts *m, Touch *e, const double *q, int *piece, double r[5][2]) {
+/* The nearest point of a contact point in a configuration, from the piece on which it is then; `r` has its arms. */
+static NearPoint follow(const MemberContacts *m, ContactPoint *e, const double *q, int *piece, double r[5][2]) {
   const MemberContact *c = m->of + e->contact;
   NearPoint near;
   point_at(c, e->point, q, r[0]);
@@ -196,23 +196,23 @@ static NearPoint follow(const MemberContacts *m, Touch *e, const double *q, int 
   return near;
 }
 
-/* Whether a touch that has moved along its member may be one that there should not be: of a point with what is too
+/* Whether a contact point that has moved along its member may be one that there should not be: of a point with what is too
    near to it along the same member, or one that another touch has. */
-static int is_lost(const MemberContacts *m, const Touch *e) {
+static int is_lost(const MemberContacts *m, const ContactPoint *e) {
   const MemberContact *c = m->of + e->contact;
   if (c->apart > 0 && fabs(c->arc[e->point] - c->arc[(int)(e->seen + 0.5)]) < c->apart) return 1;
   for (int way = -1; way <= 1; way += 2)
-    for (const Touch *t = e + way; t >= m->touch && t < m->touch + m->touches; t += way) {
+    for (const ContactPoint *t = e + way; t >= m->contact_point && t < m->contact_point + m->contact_points; t += way) {
       if (t->contact != e->contact || t->point != e->point) break;
       if (fabs(t->seen - e->seen) < 0.5) return 1;
     }
   return 0;
 }
 
-static void find_touches(MemberContacts *m, const double *q, double margin) {
-  m->touches = 0, m->margin = margin, m->wide = 0, ++m->searches;
+static void find_contact_points(MemberContacts *m, const double *q, double margin) {
+  m->contact_points = 0, m->margin = margin, m->wide = 0, ++m->searches;
   memcpy(m->searched_at, q, m->dofs * sizeof(double));
-  search(m, q, margin, add_touch, 0);
+  search(m, q, margin, add_contact_point, 0);
 }
 
 static void allocate_members(MemberContacts *m) {
@@ -229,8 +229,8 @@ static inline int internal_at(const MemberContact *c) { return 3 * c->sums + 2; 
 static inline int places_at(const MemberContact *c) { return internal_at(c) + c->internal + c->remembered; }
 static inline int numbers_at(const MemberContact *c) { return places_at(c) + (c->internal ? 5 : 2); }
 
-/* The slot of a touch: that of a place less than two pieces away, or a free one; -1 if all are taken. */
-static int slot_of(MemberContacts *m, const Touch *e) {
+/* The slot of a contact point: that of a place less than two pieces away, or a free one; -1 if all are taken. */
+static int slot_of(MemberContacts *m, const ContactPoint *e) {
   const MemberContact *c = m->of + e->contact;
   int first = c->first_slot + SLOTS * e->point, best = -1;
   double least = 2, place = e->piece + e->first.place + 1;
@@ -241,8 +241,8 @@ static int slot_of(MemberContacts *m, const Touch *e) {
   return best;
 }
 
-/* Internal variables of a touch at the start of a step; without a slot it has no friction. */
-static void begin_friction(MemberContacts *m, Touch *e, double *internal, double *numbers) {
+/* Internal variables of a contact point at the start of a step; without a slot it has no friction. */
+static void begin_friction(MemberContacts *m, ContactPoint *e, double *internal, double *numbers) {
   const MemberContact *c = m->of + e->contact;
   e->slot = slot_of(m, e);
   if (e->slot >= 0) m->taken[e->slot] = 1;
@@ -250,21 +250,21 @@ static void begin_friction(MemberContacts *m, Touch *e, double *internal, double
   for (int i = 0; i < c->internal; ++i) internal[i] = e->slot < 0 ? 0 : m->memory[IN_SLOT * e->slot + 1 + i];
 }
 
-/* Differences of a vector at the nodes of a touch and at its point, images included. */
-static inline void differences(const Touch *e, const double *x, double r[4][2]) {
+/* Differences of a vector at the nodes of a contact point and at its point, images included. */
+static inline void differences(const ContactPoint *e, const double *x, double r[4][2]) {
   for (int k = 0; k < 4; ++k)
     for (int i = 0; i < 2; ++i) r[k][i] = x[e->dof[2 + 2 * k + i]] - x[e->dof[i]];
   image(r, e->begins, e->ends);
 }
 
-/* Whether the pieces of a touch can go to one side and still have its nearest point. */
+/* Whether the pieces of a contact point can go to one side and still have its nearest point. */
 static int can_lean(double place, int way) { return place - way > -0.5 && place - way < 1.5; }
 
 /* How far from the ends of its pieces, in pieces, the nearest point should remain in a step. */
 static const double SPARE_PIECE = 0.1;
 
-/* About how far the nearest point of a touch will move along its member in a step. */
-static double motion_along(const Touch *e, const NearPoint *near, double r[4][2], const double *v, double dt) {
+/* About how far the nearest point of a contact point will move along its member in a step. */
+static double motion_along(const ContactPoint *e, const NearPoint *near, double r[4][2], const double *v, double dt) {
   double rates[4][2], sum = 0;
   differences(e, v, rates);
   for (int j = 0; j < 4; ++j)
@@ -276,8 +276,8 @@ static double motion_along(const Touch *e, const NearPoint *near, double r[4][2]
 /* Steps in which pieces change together, as the pattern of the tangent changes with them. */
 static const double TOGETHER = 4;
 
-/* To which side the pieces of a touch go if its nearest point is to remain in them for some steps. */
-static int way_to_lean(const Touch *e, double steps) {
+/* To which side the pieces of a contact point go if its nearest point is to remain in them for some steps. */
+static int way_to_lean(const ContactPoint *e, double steps) {
   double there = e->first.place + steps * e->motion, far = fmax(e->first.place, there), near = fmin(e->first.place, there);
   if (far > 1.5 - SPARE_PIECE && !e->ends && can_lean(e->first.place, 1)) return 1;
   return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(e->first.place, -1) ? -1 : 0;
@@ -285,9 +285,9 @@ static int way_to_lean(const Touch *e, double steps) {
 
 /* The nearest points at the start of a step, which touches follow along their members; returns whether they are all
    that there can be. */
-static int place_touches(MemberContacts *m, const double *q, const double *v, double dt) {
+static int place_contact_points(MemberContacts *m, const double *q, const double *v, double dt) {
   int moved = 0, piece, changes = 0;
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     NearPoint near = follow(m, e, q, &piece, e->start);
     if (near.left) return 0;
     moved |= piece != e->piece;
@@ -298,20 +298,20 @@ static int place_touches(MemberContacts *m, const double *q, const double *v, do
     e->leans = e->leans ? (can_lean(e->first.place, e->leans) ? e->leans : 0) : way_to_lean(e, 1);
     changes |= e->leans && e->counted;
   }
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     int way = e->leans || !changes ? e->leans : way_to_lean(e, TOGETHER);
     e->leans = 0;
     if (!way) continue;
     set_pieces(m->of + e->contact, e, e->piece + way);
     e->first = follow(m, e, q, &piece, e->start);
   }
-  for (const Touch *e = m->touch; moved && e < m->touch + m->touches; ++e)
+  for (const ContactPoint *e = m->contact_point; moved && e < m->contact_point + m->contact_points; ++e)
     if (is_lost(m, e)) return 0;
   return 1;
 }
 
-/* What the law of a touch is given in the whole step. */
-static void begin_touch(MemberContacts *m, Touch *e, double t, double dt) {
+/* What the law of a contact point is given in the whole step. */
+static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, double dt) {
   const MemberContact *c = m->of + e->contact;
   double *to = e->given + 3 * c->sums, *numbers = e->given + numbers_at(c);
   e->slot = -1;
@@ -329,15 +329,15 @@ void fx_begin_members(MemberContacts *m, const double *q, const double *v, doubl
   for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
   double wanted = fmax(2 * SPARE * LASTS * step, LEAST_MARGIN * least);
   m->moved = m->searches ? largest_motion(m, q, m->searched_at, 1) : 0;
-  if (!m->searches || m->wide || 2 * (m->moved + SPARE * step) > m->margin || !place_touches(m, q, v, dt)) {
-    find_touches(m, q, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
-    place_touches(m, q, v, dt);
+  if (!m->searches || m->wide || 2 * (m->moved + SPARE * step) > m->margin || !place_contact_points(m, q, v, dt)) {
+    find_contact_points(m, q, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
+    place_contact_points(m, q, v, dt);
   }
   memcpy(m->q, q, m->dofs * sizeof(double));
   if (v) memcpy(m->v, v, m->dofs * sizeof(double));
   memset(m->taken, 0, m->slots * sizeof(int));
   if (m->slots) memcpy(m->memory, internal + m->first_internal, IN_SLOT * m->slots * sizeof(double));
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) begin_touch(m, e, t, dt);
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) begin_contact_point(m, e, t, dt);
 }
 
 /* Sums of vectors at the nodes, images included, with all kinds of weights. */
@@ -365,23 +365,23 @@ static double arc_at(const MemberContact *c, double place, double *slope) {
   return c->arc[i] + (place - i) * *slope;
 }
 
-/* Sets what the law of a touch is given at an increment; returns whether there may be a force. */
-static int move_touch(MemberContacts *m, Touch *e, const double *D) {
+/* Sets what the law of a contact point is given at an increment; returns whether there may be a force. */
+static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *D) {
   const MemberContact *c = m->of + e->contact;
   double change[4][2], end[4][2], radius = *number_of(c, e->point), widest = 0;
   double (*start)[2] = e->start + 1, *internal = e->given + internal_at(c);
   differences(e, D, change);
-  e->touching = e->first.distance < radius, e->left = 0;
-  for (int i = 0; i < c->internal; ++i) e->touching |= internal[i] != 0;
+  e->closed = e->first.distance < radius, e->left = 0;
+  for (int i = 0; i < c->internal; ++i) e->closed |= internal[i] != 0;
   /* The distance changes by no more than the arms do. */
   for (int k = 0; k < 4; ++k) widest = fmax(widest, dot2(change[k], change[k]));
-  if (!e->touching && sqrt(widest) < e->first.distance - radius) return 0;
+  if (!e->closed && sqrt(widest) < e->first.distance - radius) return 0;
   for (int k = 0; k < 4; ++k)
     for (int i = 0; i < 2; ++i) end[k][i] = start[k][i] + change[k][i];
   NearPoint near = nearest_point(end, e->begins, e->ends);
   e->left = near.left, e->end = near.place;
-  e->touching |= near.distance < radius;
-  if (!e->touching) return 0;
+  e->closed |= near.distance < radius;
+  if (!e->closed) return 0;
   double sums[MOST_SUMS][4], rates[4][2], *of_places = e->given + places_at(c);
   const NearPoint *first = &e->first;
   int count = c->sums / 2;
@@ -411,9 +411,9 @@ static inline void call_law(Law *law, const double *given, double *results, int 
   law(results, 0, given, 0, 0, 0, 0);
 }
 
-/* The tangent of a touch from that of so many of its sums. */
-INLINED void tangent_of(Touch *e, double K[2 * MOST_SUMS][2 * MOST_SUMS], int count) {
-  double half[2 * MOST_SUMS][TOUCH_DOFS];
+/* The tangent of a contact point from that of so many of its sums. */
+INLINED void tangent_of(ContactPoint *e, double K[2 * MOST_SUMS][2 * MOST_SUMS], int count) {
+  double half[2 * MOST_SUMS][CONTACT_POINT_DOFS];
   for (int i = 0; i < 2 * count; ++i)
     for (int j = 0; j < 5; ++j)
       for (int y = 0; y < 2; ++y) {
@@ -423,30 +423,30 @@ INLINED void tangent_of(Touch *e, double K[2 * MOST_SUMS][2 * MOST_SUMS], int co
       }
   for (int i = 0; i < 5; ++i)
     for (int x = 0; x < 2; ++x)
-      for (int j = 0; j < TOUCH_DOFS; ++j) {
+      for (int j = 0; j < CONTACT_POINT_DOFS; ++j) {
         double sum = 0;
         for (int k = 0; k < count; ++k) sum += e->sums[i][k] * half[2 * k + x][j];
-        e->tangent[(2 * i + x) * TOUCH_DOFS + j] = sum;
+        e->tangent[(2 * i + x) * CONTACT_POINT_DOFS + j] = sum;
       }
 }
 
-static void make_tangent(const MemberContact *c, Touch *e) {
+static void make_tangent(const MemberContact *c, ContactPoint *e) {
   double K[2 * MOST_SUMS][2 * MOST_SUMS] = {{0}};
   for (int i = 0; i < c->entries; ++i) K[c->entry_row[i]][c->entry_column[i]] = e->results[c->sums + i];
   if (c->loaded == 6) tangent_of(e, K, 3);
   else tangent_of(e, K, 4);
 }
 
-/* Calls the law of a touch, after `move_touch`. */
-static void find_force(const MemberContact *c, Touch *e) {
+/* Calls the law of a contact point, after `move_contact_point`. */
+static void find_force(const MemberContact *c, ContactPoint *e) {
   int values = c->sums + c->entries + c->internal + c->remembered;
   call_law(c->law, e->given, e->results, values);
 }
 
 void fx_evaluate_members(MemberContacts *m, const double *D) {
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
-    if (!move_touch(m, e, D)) continue;
+    if (!move_contact_point(m, e, D)) continue;
     find_force(c, e);
     int before = c->sums + c->entries + c->internal;
     memcpy(e->given + internal_at(c) + c->internal, e->results + before, c->remembered * sizeof(double));
@@ -454,30 +454,30 @@ void fx_evaluate_members(MemberContacts *m, const double *D) {
   }
 }
 
-/* Force of the law of a touch on one of its entries. */
-static inline double force_on(const MemberContact *c, const Touch *e, int i) {
+/* Force of the law of a contact point on one of its entries. */
+static inline double force_on(const MemberContact *c, const ContactPoint *e, int i) {
   double sum = 0;
   for (int k = 0; k < c->loaded / 2; ++k) sum += e->sums[i / 2][k] * e->results[2 * k + i % 2];
   return sum;
 }
 
 void fx_add_members(const MemberContacts *m, double *f) {
-  for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
-    for (int i = 0; e->touching && i < TOUCH_DOFS; ++i) f[e->dof[i]] += force_on(m->of + e->contact, e, i);
+  for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
+    for (int i = 0; e->closed && i < CONTACT_POINT_DOFS; ++i) f[e->dof[i]] += force_on(m->of + e->contact, e, i);
   }
 }
 
 void fx_times_members(const MemberContacts *m, const double *x, double *out) {
-  for (const Touch *e = m->touch; e < m->touch + m->touches; ++e)
-    for (int i = 0; e->touching && i < TOUCH_DOFS; ++i) {
+  for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e)
+    for (int i = 0; e->closed && i < CONTACT_POINT_DOFS; ++i) {
       double sum = 0;
-      for (int j = 0; j < TOUCH_DOFS; ++j) sum += e->tangent[i * TOUCH_DOFS + j] * x[e->dof[j]];
+      for (int j = 0; j < CONTACT_POINT_DOFS; ++j) sum += e->tangent[i * CONTACT_POINT_DOFS + j] * x[e->dof[j]];
       out[e->dof[i]] += sum;
     }
 }
 
-/* Whether a point has passed through a member, after `move_touch`. */
-static int has_passed(const MemberContacts *m, const Touch *e) {
+/* Whether a point has passed through a member, after `move_contact_point`. */
+static int has_passed(const MemberContacts *m, const ContactPoint *e) {
   const double *start = e->given, *change = start + m->of[e->contact].sums;
   double first[2], last[2];
   for (int i = 0; i < 2; ++i) {
@@ -488,7 +488,7 @@ static int has_passed(const MemberContacts *m, const Touch *e) {
 }
 
 /* Whether a point touches its member at the end of a step, beyond the pieces of its touch as well. */
-static int touches_beyond(const MemberContacts *m, Touch *e, const double *end) {
+static int contact_points_beyond(const MemberContacts *m, ContactPoint *e, const double *end) {
   double r[5][2];
   int piece;
   return follow(m, e, end, &piece, r).distance < *number_of(m->of + e->contact, e->point);
@@ -500,9 +500,9 @@ int fx_check_members(MemberContacts *m, const double *D) {
   m->step = largest_motion(m, D, 0, 1);
   if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
   for (int i = 0; i < m->dofs; ++i) end[i] = m->q[i] + D[i];
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
-    if (move_touch(m, e, D) && has_passed(m, e)) return MEMBERS_PASSED;
-    if (!e->left || !(e->touching || touches_beyond(m, e, end))) continue;
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
+    if (move_contact_point(m, e, D) && has_passed(m, e)) return MEMBERS_PASSED;
+    if (!e->left || !(e->closed || contact_points_beyond(m, e, end))) continue;
     if (!can_lean(e->first.place, e->left)) return MEMBERS_SLID;
     e->leans = e->left, state = MEMBERS_MOVED;
   }
@@ -511,7 +511,7 @@ int fx_check_members(MemberContacts *m, const double *D) {
 
 /* What the law of a point is given at a distance, with its internal variables. */
 static void give_distance(const MemberContact *c, int point, double distance, const double *internal, double *given) {
-  memset(given, 0, TOUCH_GIVEN * sizeof(double));
+  memset(given, 0, CONTACT_POINT_GIVEN * sizeof(double));
   given[0] = distance, given[3 * c->sums + 1] = 1;
   if (internal) memcpy(given + internal_at(c), internal, c->internal * sizeof(double));
   memcpy(given + numbers_at(c), number_of(c, point), c->numbers * sizeof(double));
@@ -528,20 +528,20 @@ typedef struct {
 static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int point, double distance,
                           const double *internal, double *found) {
   const MemberContact *c = m->of + contact;
-  double given[TOUCH_GIVEN];
+  double given[CONTACT_POINT_GIVEN];
   give_distance(c, point, distance, internal, given);
   if (!to->by) {
     call_law(c->energy, given, found, 1), to->sum += *found;
     return;
   }
-  call_law(to->by[contact], given, found, TOUCH_GIVEN);
+  call_law(to->by[contact], given, found, CONTACT_POINT_GIVEN);
   for (int i = 0; i < c->numbers; ++i)
     to->of_numbers[c->first_number + point * c->numbers + i] += found[numbers_at(c) + i];
 }
 
 /* That of friction in slots; with `left` only in those that no touch has. */
 static void add_energy_in_slots(const MemberContacts *m, Energy *to, const double *memory, int left) {
-  double found[TOUCH_GIVEN];
+  double found[CONTACT_POINT_GIVEN];
   for (int i = 0; i < m->contacts; ++i)
     for (int k = 0; m->of[i].internal && k < SLOTS * m->of[i].points; ++k) {
       const MemberContact *c = m->of + i;
@@ -557,9 +557,9 @@ double fx_lost_at_members(MemberContacts *m, const double *D) {
   Energy left = {0};
   double lost;
   add_energy_in_slots(m, &left, m->memory, 1);
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
-    if (!c->loss || !move_touch(m, e, D)) continue;
+    if (!c->loss || !move_contact_point(m, e, D)) continue;
     call_law(c->loss, e->given, &lost, 1);
     left.sum += lost;
   }
@@ -569,9 +569,9 @@ double fx_lost_at_members(MemberContacts *m, const double *D) {
 void fx_evolve_members(MemberContacts *m, const double *D, double *internal) {
   double *memory = internal + m->first_internal;
   if (m->slots) memset(memory, 0, IN_SLOT * m->slots * sizeof(double));
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
-    if (!c->internal || e->slot < 0 || !move_touch(m, e, D)) continue;
+    if (!c->internal || e->slot < 0 || !move_contact_point(m, e, D)) continue;
     find_force(c, e);
     memory[IN_SLOT * e->slot] = e->piece + e->end + 1;
     memcpy(memory + IN_SLOT * e->slot + 1, e->results + c->sums + c->entries, c->internal * sizeof(double));
@@ -584,16 +584,16 @@ static void visit_all(MemberContacts *m, const double *q, Visit *visit, void *wi
   int piece, moved = 0;
   allocate_members(m);
   int known = m->searches && 2 * largest_motion(m, q, m->searched_at, 1) <= m->margin;
-  for (Touch *e = m->touch; known && e < m->touch + m->touches; ++e) {
+  for (ContactPoint *e = m->contact_point; known && e < m->contact_point + m->contact_points; ++e) {
     known = !follow(m, e, q, &piece, r).left;
     moved |= piece != e->piece;
   }
-  for (const Touch *e = m->touch; known && moved && e < m->touch + m->touches; ++e) known = !is_lost(m, e);
+  for (const ContactPoint *e = m->contact_point; known && moved && e < m->contact_point + m->contact_points; ++e) known = !is_lost(m, e);
   if (!known) {
     search(m, q, 0, visit, with);
     return;
   }
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     NearPoint near = follow(m, e, q, &piece, r);
     visit(m, e->contact, e->point, piece, near.place, near.distance, with);
   }
@@ -602,7 +602,7 @@ static void visit_all(MemberContacts *m, const double *q, Visit *visit, void *wi
 static void add_energy(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
   Energy *to = with;
   const MemberContact *c = m->of + contact;
-  double found[TOUCH_GIVEN], at[2], r[4][2], n[4] = {0}, slope[3], arm[2] = {0, 0};
+  double found[CONTACT_POINT_GIVEN], at[2], r[4][2], n[4] = {0}, slope[3], arm[2] = {0, 0};
   int second = x > 0.5;
   if (distance >= *number_of(c, point)) return;
   add_energy_at(m, to, contact, point, distance, 0, found);
@@ -647,9 +647,9 @@ void fx_member_gaps(MemberContacts *m, const double *q, double *out) {
 }
 
 void fx_record_members(const MemberContacts *m, double factor, double *out) {
-  for (const Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+  for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
-    for (int k = 0; e->touching && k < 5; ++k) {
+    for (int k = 0; e->closed && k < 5; ++k) {
       int slot = k ? c->node_slot[node_of(c, e->piece, k - 1)] : c->point_slot[e->point];
       for (int i = 0; slot >= 0 && i < 2; ++i) out[2 * slot + i] -= factor * force_on(c, e, 2 * k + i);
     }

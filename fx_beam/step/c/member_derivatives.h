@@ -6,7 +6,7 @@
 #include "blocks.h"
 #include "newton.h"
 
-/* What the law of a touch is derived by (fem/compiled_laws.py): start, increments, internal variables, what is of
+/* What the law of a contact point is derived by (fem/compiled_laws.py): start, increments, internal variables, what is of
    places, and numbers. */
 enum { MOST_FOLLOWED = 60 };
 static inline int followed_by(const MemberContact *c) {
@@ -14,7 +14,7 @@ static inline int followed_by(const MemberContact *c) {
 }
 
 /* What changes with the arcs of a member: the slip, and its slopes at the end and at the start. */
-static void put_arcs(Block *b, const MemberContact *c, const Touch *e, int arcs, const double *by, int to) {
+static void put_arcs(Block *b, const MemberContact *c, const ContactPoint *e, int arcs, const double *by, int to) {
   double places[] = {e->piece + e->end, e->piece + e->first.place};
   for (int k = 0; k < 2; ++k) {
     int i = (int)places[k];
@@ -24,12 +24,12 @@ static void put_arcs(Block *b, const MemberContact *c, const Touch *e, int arcs,
   }
 }
 
-/* A force on an entry of a touch, or an internal variable, by all that its law is given; sets the row of the tangent. */
-static void put_touch_row(Block *b, const MemberContact *c, const Touch *e, const Layout *at, const double *by, int own,
+/* A force on an entry of a contact point, or an internal variable, by all that its law is given; sets the row of the tangent. */
+static void put_contact_point_row(Block *b, const MemberContact *c, const ContactPoint *e, const Layout *at, const double *by, int own,
                           int to, double *tangent) {
   int n = c->sums;
   const double *of_places = by + 2 * n + c->internal, *of_numbers = by + followed_by(c) - c->numbers;
-  for (int j = 0; j < TOUCH_DOFS; ++j) {
+  for (int j = 0; j < CONTACT_POINT_DOFS; ++j) {
     double by_start = 0, by_change = 0;
     for (int k = 0; k < n / 2; ++k) {
       by_start += e->sums[j / 2][k] * by[2 * k + j % 2];
@@ -48,20 +48,20 @@ static void put_touch_row(Block *b, const MemberContact *c, const Touch *e, cons
 /* The forces of all touches, and their internal variables; sets their tangents. */
 static void put_members(Block *b, const Problem *p, const Layout *at) {
   MemberContacts *m = p->points->members;
-  for (Touch *e = m->touch; e < m->touch + m->touches; ++e) {
+  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
     int n = c->sums, wide = followed_by(c), own = e->slot < 0 ? -1 : m->first_internal + IN_SLOT * e->slot + 1;
     double slopes[(2 * MOST_SUMS + IN_SLOT) * MOST_FOLLOWED];
-    if (!e->touching) continue;
+    if (!e->closed) continue;
     call(c->slopes, e->given, slopes, (n + c->internal) * wide);
-    for (int i = 0; i < TOUCH_DOFS; ++i) {
+    for (int i = 0; i < CONTACT_POINT_DOFS; ++i) {
       double by[MOST_FOLLOWED] = {0};
       for (int k = 0; k < n / 2; ++k)
         for (int j = 0; j < wide; ++j) by[j] += e->sums[i / 2][k] * slopes[(2 * k + i % 2) * wide + j];
-      put_touch_row(b, c, e, at, by, own, at->r + e->dof[i], e->tangent + i * TOUCH_DOFS);
+      put_contact_point_row(b, c, e, at, by, own, at->r + e->dof[i], e->tangent + i * CONTACT_POINT_DOFS);
     }
     for (int i = 0; own >= 0 && i < c->internal; ++i)
-      put_touch_row(b, c, e, at, slopes + (n + i) * wide, own, at->springs1 + own + i, 0);
+      put_contact_point_row(b, c, e, at, slopes + (n + i) * wide, own, at->springs1 + own + i, 0);
   }
 }
 
@@ -84,24 +84,24 @@ static void find_transposed(const Problem *p) {
   for (int i = 0; i < p->unknowns; ++i)
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
       c->transposed_at[k] = place_of_pair(c, p->tangent_column[k], i);
-  for (int t = 0; t < m->touches; ++t) {
+  for (int t = 0; t < m->contact_points; ++t) {
     long many = c->entry_start[t + 1] - c->entry_start[t];
     pairs += many * many;
   }
   ROOM(c->transposed_entry_at, pairs);
   int *to = c->transposed_entry_at;
-  for (int t = 0; t < m->touches; ++t)
+  for (int t = 0; t < m->contact_points; ++t)
     for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a)
       for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b)
         *to++ = place_of_pair(c, c->entry[b].column, c->entry[a].row);
 }
 
-/* Factors of the transposed tangent, with that of the touches. */
+/* Factors of the transposed tangent, with that of the contact points. */
 static int factorise_changing_transposed(const Problem *p, const Work *w) {
   ChangingRows *c = p->changing;
   find_transposed(p);
   memset(c->factors, 0, c->rows.start[p->unknowns] * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) c->factors[c->transposed_at[k]] = w->tangent[k];
-  add_touches(p, w, c->transposed_entry_at);
+  add_contact_points(p, w, c->transposed_entry_at);
   return factorise_sparse(&c->rows, c->factors, w->row);
 }

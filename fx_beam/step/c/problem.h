@@ -12,10 +12,10 @@
    internal variables, and of natural strains at its start and its end among the changing coefficients, in steps
    backwards those of the weights and of weights of internal variables and the number of these coefficients, largest order of a scheme, number of averaged differences in local errors,
    number of directions of an iteration with kept factors, and of directions of derivatives that are followed at once;
-   borders are numbered downwards from ON_BORDER. */
+   bordering rows are numbered downwards from ON_BORDER. */
 enum {
   LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, NATURAL = 6,
-  NATURAL_END = 7, WEIGHT = 8, OF_INTERNAL = 9, PULLED_FIELDS = 10, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, GROUP_SIZE = 4, ON_BORDER = -2
+  NATURAL_END = 7, WEIGHT = 8, OF_INTERNAL = 9, VJP_FIELDS = 10, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, GROUP_SIZE = 4, ON_BORDER = -2
 };
 
 /* Why a step failed. */
@@ -49,7 +49,7 @@ typedef struct {
   int integrals, width;
   Integral *of;
   int moving;          /* number of changing coefficients:
-                          0 increment, START, 2 v, 3 a, 4 before, INTERNAL, NATURAL, NATURAL_END */
+                          0 increment, START, 2 v, 3 a, 4 q_previous, INTERNAL, NATURAL, NATURAL_END */
   int changing;        /* the first of them change in every iteration, the others in every step */
   int *kind, *offset;
   double *constants;
@@ -77,31 +77,31 @@ typedef struct {
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): groups of unknowns
    with equal columns, their graph, and those that wait until others are eliminated; entries of T and Tv of each
    degree of freedom, as those of the couplings; of each of their columns the unknown and the row of forces on it,
-   a border, or -1. Then what is found: the rows, the order, and where the entries of the tangent, and those of touches, are. */
+   a bordering row, or -1. Then what is found: the rows, the order, and where the entries of the tangent, and those of touches, are. */
 typedef struct {
   int *of, count, room;
 } IntList;
 typedef struct {
   int of, row, column, value; /* which of its entries; the row of forces, and the unknown */
   double sign;
-} TouchEntry;
-/* An entry in the rows of borders, and its position in the elimination. */
+} ContactPointEntry;
+/* An entry in the bordering rows, and its position in the elimination. */
 typedef struct {
-  int border, column;
+  int bordering_row, column;
   double value;
-} BorderEntry;
+} BorderingEntry;
 typedef struct {
   int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting;
   int *dof_start, *dof_column, *dof_value, *row_of, *unknown_of;
   double *dof_sign;
   int keep;             /* whether factors may be kept; the costs of lu_layout.py */
   double row_entry, substitution, least_worth;
-  long searches, found; /* those of the touches for which it was found; how often it was */
+  long searches, found; /* those of the contact points for which it was found; how often it was */
   int entries, entry_room;
   SparseRows rows;
   struct { IntList *near_to; };
-  struct { TouchEntry *entry; };
-  struct { BorderEntry *border_entry; }; /* room for all entries in rows of borders */
+  struct { ContactPointEntry *entry; };
+  struct { BorderingEntry *bordering_entry; }; /* room for all entries in bordering rows */
   struct { int *order, *at, *work, *entry_start, *entry_at, *position; };
   struct { double *factors; };
   long transposed_for;  /* the pattern for which it is known where the transposed tangent is */
@@ -119,7 +119,7 @@ typedef struct {
   Form drag, lost_to_drag; /* of beams: forces, then their tangent; energy lost to it */
   Form lost, taken, held_by_scheme; /* energies lost to the material and to the scheme, and held by it */
   Form held_before;     /* what it held at the start, with the parameters of the step */
-  int has_added, keeps_before;
+  int has_added, keeps_previous;
   Form evolution;       /* increments of the internal variables, each times the weight of its point */
   struct {
     int cell_internal;  /* internal variables of a cell */
@@ -152,16 +152,16 @@ typedef struct {
   double *entry_sign;
   int joints;
   double *offset, *axis, *joint_sign;
-  int *guide, *slide_column, *slide_of; /* rotation (-1: ground), column (-1: none), joint */
+  int *carrier, *slide_column, *slide_of; /* rotation (-1: ground), column (-1: none), joint */
   int followers;
   int *follower, *through;
-  /* Degrees of freedom in long trees with columns of their own, behind all others (ties.py): entries of
+  /* Degrees of freedom in long trees with columns of their own, behind all others (auxiliaries.py): entries of
      their sums, with the positions of their equations and forces in the tangent (-1: no unknown), and the
      arms of joints in them. */
   struct {
-    int ties, tie_entries, tie_arms;
-    int *tie_of, *tie_column, *tie_value, *tie_equation, *tie_force, *tie_arm_of, *tie_arm;
-    double *tie_sign;
+    int auxiliaries, auxiliary_entries, auxiliary_arms;
+    int *auxiliary_of, *auxiliary_column, *auxiliary_value, *auxiliary_equation, *auxiliary_force, *auxiliary_arm_of, *auxiliary_arm;
+    double *auxiliary_sign;
   };
   struct {
     int sliders;
@@ -169,12 +169,12 @@ typedef struct {
   };
 
   /* Reduced tangent, in an order with little fill-in: as a chain, as a band matrix or in sparse rows; its
-     number of unknowns with the two of each tie. */
+     number of unknowns with the two of each auxiliary unknown. */
   int unknowns;
   int *order;           /* position of each unknown in the elimination */
   int band;             /* half bandwidth; 0 for sparse rows */
   int chain;            /* groups of three unknowns in a row (chain.h); 0 if they are more entangled */
-  int paddings, *padding; /* diagonal entries that are 1: of groups that have fewer, and of ties */
+  int paddings, *padding; /* diagonal entries that are 1: of groups that have fewer, and of auxiliary unknowns */
   long factor_size;
   SparseRows rows;
   /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has
@@ -182,10 +182,10 @@ typedef struct {
   struct { int *tangent_start, *tangent_column, *factor_at; };
   KeptFactors kept;
   struct { ChangingRows *changing; };
-  /* What borders it (borders.h): their number, that of the columns of a block of right sides, and of the
+  /* What borders it (bordering_rows.h): their number, that of the columns of a block of right sides, and of the
      positions in the elimination; most entries of their rows. Row and column of the system for each column
-     of the scene: a position, -1 for none, or a border; entries of the tangent on borders. */
-  struct { int borders, guide_border, block, most_border_entries, *row_at, *unknown_at; };
+     of the scene: a position, -1 for none, or a bordering row; entries of the tangent on bordering rows. */
+  struct { int bordering_rows, carrier_bordering, block, most_bordering_entries, *row_at, *unknown_at; };
   int positions;
   struct { int beside, *beside_row, *beside_column, *beside_at; };
   int direct, coupled, geometric;
@@ -195,23 +195,23 @@ typedef struct {
   int *geometric_to, *geometric_joint, *geometric_kind;
   double *geometric_sign;
 
-  /* Closed loops: gaps of the joints that close them, those of a block one after the other. Of each:
+  /* Closed loops: closures of the joints that close them, those of a block one after the other. Of each:
      degrees of freedom of b and a (-1: ground), arm (2 times the joint plus component; -1: none), entry in
-     the joint forces; entries of its derivative, and those of ties on which it depends, in the order in which
+     the joint forces; entries of its derivative, and those of auxiliary unknowns on which it depends, in the order in which
      they are collected; in compressed rows the loops' columns on which it depends, the first of which are
      unknowns, those of a block one after the other. */
   struct {
     int closures, loop_columns, loop_free, blocks, part_size, pivoting_size;
-    int *gap_b, *gap_a, *gap_arm, *gap_force, *gap_entry_start, *gap_column, *gap_value;
-    int *gap_tie_start, *gap_tie, *gap_start, *gap_near, *loop_column, *loop_dof;
+    int *closure_b, *closure_a, *closure_arm, *closure_force, *closure_entry_start, *closure_column, *closure_value;
+    int *closure_auxiliary_start, *closure_auxiliary, *closure_start, *closure_near, *loop_column, *loop_dof;
     int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins; in the factors */
-    double *gap_sign, *loop_unit, *arm_at_rest, gap_closed;
+    double *closure_sign, *loop_unit, *arm_at_rest, closure_closed;
     int *following;     /* [closures] the columns that follow, chosen in each step */
     /* Storage indices in the tangent of entries of the derivatives by unknowns, as equations and in the
        balance. Products of two entries, by a stiffness from the diagonals at these storage indices, with a unit
        of each unknown. */
-    int gap_unknowns, *gap_entry, *gap_equation, *gap_balance;
-    int guided, *guided_closure; /* those with nodes on beams, whose forces are borders from guide_border on */
+    int closure_unknowns, *closure_entry, *closure_equation, *closure_balance;
+    int carried, *carried_closure; /* those with nodes on beams, whose forces are bordering rows from carrier_bordering on */
     int stiffened, *stiff_to, *stiff_left, *stiff_right, scales, *scale_at;
     double *scale_unit;
   };
@@ -348,36 +348,36 @@ typedef struct {
 } Inputs;
 
 /* The work of forms on a weight: the work itself, then its derivatives, those that there are, by increment, start,
-   configuration before, internal variables, and natural strains at both ends; behind them the `tail`, whose `sums`
+   previous configuration, internal variables, and natural strains at both ends; behind them the `tail`, whose `sums`
    are kept: [block][number][lane]. */
 typedef struct {
   Form form;
-  int increment, start, before, internal, natural, natural_end, tail;
+  int increment, start, q_previous, internal, natural, natural_end, tail;
   int parameters_at; /* first parameter in the tail, or -1 */
   struct { double *sums; };
   /* For runs forwards the derivatives of these by the weights: behind the work pieces [number][weight][lane], by
      the weights of nodes or of internal variables. Of each piece the first number behind the work, and how many. */
   Form slopes;
   struct { int pieces, slope_numbers; int *of_internal, *piece_at, *piece_size; };
-} Pulled;
+} Vjp;
 
 /* Where the named arrays begin in the vector x of a sub-step that is linearised (blocks.h), each of which ends where the
    next one begins: numbers of the scene; the state at the start; numbers of the sub-step; the state at the end; what
    is between the laws of nodes that slide (slide_derivatives.h), arms of joints, values of Tv; forces on the columns of
-   nodes that slide, on nodes and on columns, gaps of loops and the forces that close them, what these push on beams;
+   nodes that slide, on nodes and on columns, closures of loops and the forces that close them, what these push on beams;
    moments of springs at joints, forces of joints, axes of beams, and sizes of forces that friction follows. */
 typedef struct {
   int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places;
-  int Y, q, v, before, internal, spring_internal, natural;
+  int Y, q, v, q_previous, internal, spring_internal, natural;
   int loads, driven, follower_force, parameters, naturals;
-  int Y1, q1, arms, slides, natural1, internal1, springs1, map, held, r, R, gaps, closing, pushed, carried, moments;
+  int Y1, q1, arms, slides, natural1, internal1, springs1, map, held, r, R, closures, closing, pushed, carried, moments;
   int forces, axes, followed, size;
 } Layout;
 
 /* A run followed backwards (adjoint.h): derivatives of a function of the states at its boundaries, the ends of
    sub-steps. */
 typedef struct {
-  Pulled internal_forces, drag;
+  Vjp internal_forces, drag;
   /* Of each boundary the number of a row of derivatives by q, v and the slides of joints; -1 for none. */
   int *weight_at;
   double *q_weight, *v_weight, *slide_weight;
@@ -399,7 +399,7 @@ typedef struct {
 } Adjoint;
 
 /* Changes of all numbers of a scene in several directions (forward.h), in groups of GROUP_SIZE directions, the last one filled
-   with zeros: [group][number][direction]. Of elements the numbers in the sums of `Pulled`: [block][lane][number]. */
+   with zeros: [group][number][direction]. Of elements the numbers in the sums of `Vjp`: [block][lane][number]. */
 typedef struct {
   int count, *changes_mass; /* whether masses or weights change in each group */
   long element_numbers, drag_numbers;
@@ -423,8 +423,8 @@ long fx_tape_size(const Problem *p);
 Layout fx_layout(const Problem *p, const Adjoint *a);
 long fx_backward_scratch(const Problem *p, const Adjoint *a);
 long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces);
-long fx_pull(Problem *p, const Tape *tape, const Adjoint *a);
+long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a);
 long fx_forward_scratch(const Problem *p, const Adjoint *a);
-long fx_push(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d);
+long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d);
 void fx_free_rows(ChangingRows *c);
 double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */

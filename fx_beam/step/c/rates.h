@@ -33,7 +33,7 @@ static void evaluate_rule(const Problem *p, const Work *w, double dt) {
     const int *dof = p->node_dofs + 3 * i;
     for (int c = 0; c < 3; ++c) {
       int k = dof[c];
-      in[c] = w->D[k], in[3 + c] = p->v[k], in[6 + c] = p->a[k], in[9 + c] = p->q[k] - p->before[k];
+      in[c] = w->D[k], in[3 + c] = p->v[k], in[6 + c] = p->a[k], in[9 + c] = p->q[k] - p->q_previous[k];
     }
     memset(w->rule + RULE_VALUES * i, 0, RULE_VALUES * sizeof(double));
     rule(w->rule + RULE_VALUES * i, 0, in, 0, 0, 0, 0);

@@ -21,12 +21,12 @@ static void find_joint_forces(const Problem *p, const Work *w) {
   memcpy(on_nodes, r, p->dofs * sizeof(double));
   memset(on_joints, 0, 3 * p->scene_joints * sizeof(double));
   pass_forces(p, 0, p->passes_of_forces, on_nodes, on_joints);
-  for (int k = 0; k < p->closures; ++k) on_joints[p->gap_force[k]] += w->closing[k];
+  for (int k = 0; k < p->closures; ++k) on_joints[p->closure_force[k]] += w->closing[k];
   /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
      joint. */
   for (int j = 0; j < p->joints; ++j) {
     const double *lever = w->virtual_map + 1 + 4 * j, *F = on_joints + 3 * p->slide_of[j];
-    if (p->guide[j] >= 0) on_nodes[p->guide[j]] += lever[0] * F[0] + lever[1] * F[1];
+    if (p->carrier[j] >= 0) on_nodes[p->carrier[j]] += lever[0] * F[0] + lever[1] * F[1];
   }
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->nodal; ++e)
     if (e->joint >= 0) on_joints[3 * e->joint + 2] -= e->results[1];

@@ -44,7 +44,7 @@ typedef struct {
   double by_s[LOCAL], of_s[LOCAL], square, left[PRODUCTS][LOCAL], right[PRODUCTS][LOCAL], turn[LOCAL];
 } Second;
 
-/* Its columns border the reduced tangent (borders.h). */
+/* Its columns border the reduced tangent (bordering_rows.h). */
 typedef struct {
   int joint, column;    /* number of the joint, and column of the arc length */
   int components, carried[3], node[3]; /* columns of the node, and its degrees of freedom */
@@ -63,7 +63,7 @@ typedef struct {
      storage indices of the diagonal of its rotations in the full tangent. */
   int *part_start, *part_column, *part_value, *turn_stored_at;
   double *part_sign;
-  int border, products; /* first border that is no column; number of products */
+  int bordering_row, products; /* first bordering row that is no column; number of products */
   /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
      of their diagonals. */
   int anchors, anchor_column[3], anchor_at[3];

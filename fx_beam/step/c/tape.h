@@ -15,9 +15,9 @@ typedef struct {
 /* Start of a sub-step, loads at both ends, natural strains at its end, follower forces and parameters in it, and
    increments of the columns. */
 static TapedArrays taped_arrays(const Problem *p, const Work *w, double *loads, double *follower_force, double *natural) {
-  long n = p->dofs, before = p->keeps_before ? n : 0, internal = (long)p->cells * p->cell_internal;
+  long n = p->dofs, before = p->keeps_previous ? n : 0, internal = (long)p->cells * p->cell_internal;
   return (TapedArrays){
-      {p->q, p->v, p->before, p->slides, p->internal, p->spring_internal, p->natural, loads, follower_force, natural,
+      {p->q, p->v, p->q_previous, p->slides, p->internal, p->spring_internal, p->natural, loads, follower_force, natural,
        p->parameter, w->z},
       {n, n, before, p->scene_joints, internal, p->spring_width, (long)p->cells * p->cell_natural, 2L * p->loads,
        2L * p->follower_forces, p->naturals, p->parameter_count, p->columns}};

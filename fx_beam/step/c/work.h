@@ -7,22 +7,22 @@
 
 typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
-  double *tangent, *inertia, *values, *virtual_map, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *guide_slope;
-  double *guide_bend, *passing, *columns, *y, *row, *start, *force, *dead, *scratch;
+  double *tangent, *inertia, *values, *virtual_map, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *carrier_slope;
+  double *carrier_bend, *passing, *columns, *y, *row, *start, *force, *dead, *scratch;
   double *saved, *rule, *loaded, *factors, *factorised, *residual, *direction, *image, *guess;
-  double *G, *G_virtual, *part, *part_virtual, *gap, *gap0, *gap_row, *gap_scratch, *pivoting; /* of loops */
+  double *G, *G_virtual, *part, *part_virtual, *closure, *closure0, *closure_row, *closure_scratch, *pivoting; /* of loops */
   double *closing, *closed;
   int *follows, *largest_at, *part_order, *order_virtual; /* closure that each loop column follows, or -1 */
-  double *block, *corner, *corner_units, *border_right; /* of borders: rows of right sides by position, D, right sides */
+  double *block, *corner, *corner_units, *bordering_right; /* of bordering rows: rows of right sides by position, D, right sides */
   int *corner_order;
-  int *reached, *border_entries;         /* rows of the block that are not zero; number of entries */
-  BorderEntry *border_entry;
+  int *reached, *bordering_entries;         /* rows of the block that are not zero; number of entries */
+  BorderingEntry *bordering_entry;
   double *passed, *joint_forces;
   double *natural_end;
   const double *fields[WEIGHT]; /* by the kinds of Form */
   double dt;
   const double *follower_force;
-  int transposed; /* whether borders are those of the transposed tangent */
+  int transposed; /* whether bordering rows are those of the transposed tangent */
 } Work;
 
 static double *allocate(double **at, long n) {
@@ -33,7 +33,7 @@ static double *allocate(double **at, long n) {
 
 static long lay_out(const Problem *p, Work *w, double *at) {
   double *begin = at;
-  long n = p->dofs, c = p->columns + p->ties, j = p->joints, u = p->unknowns;
+  long n = p->dofs, c = p->columns + p->auxiliaries, j = p->joints, u = p->unknowns;
   w->D = allocate(&at, n), w->path = allocate(&at, n), w->slope = allocate(&at, n);
   w->acc = allocate(&at, n), w->f = allocate(&at, n + LANES), w->r = allocate(&at, n);
   w->correction = allocate(&at, n), w->force = allocate(&at, n), w->dead = allocate(&at, n);
@@ -48,30 +48,30 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->rule = allocate(&at, p->rules ? RULE_VALUES * (long)p->nodes : 0);
   w->saved = allocate(&at, p->memory_size);
   w->factors = allocate(&at, p->factor_size);
-  w->factorised = allocate(&at, p->kept.worth && p->borders ? p->tangent_start[p->free] : 0);
+  w->factorised = allocate(&at, p->kept.worth && p->bordering_rows ? p->tangent_start[p->free] : 0);
   long d = p->kept.worth || p->changing ? DIRECTIONS : 0;
   u = p->factor_size ? p->free : 0;
   w->residual = allocate(&at, u), w->guess = allocate(&at, u);
   w->direction = allocate(&at, d * u), w->image = allocate(&at, d * u);
   w->loaded = allocate(&at, p->sliders ? n : 0);
-  w->guide_slope = allocate(&at, j), w->guide_bend = allocate(&at, j), w->passing = allocate(&at, 2 * j);
-  long m = p->closures, g = p->closures ? p->gap_start[p->closures] : 0;
+  w->carrier_slope = allocate(&at, j), w->carrier_bend = allocate(&at, j), w->passing = allocate(&at, 2 * j);
+  long m = p->closures, g = p->closures ? p->closure_start[p->closures] : 0;
   w->G = allocate(&at, g), w->G_virtual = allocate(&at, g);
   w->part = allocate(&at, p->part_size), w->part_virtual = allocate(&at, p->part_size);
-  w->gap = allocate(&at, m), w->gap0 = allocate(&at, m), w->gap_row = allocate(&at, m ? c : 0);
-  w->gap_scratch = allocate(&at, m), w->pivoting = allocate(&at, p->pivoting_size);
+  w->closure = allocate(&at, m), w->closure0 = allocate(&at, m), w->closure_row = allocate(&at, m ? c : 0);
+  w->closure_scratch = allocate(&at, m), w->pivoting = allocate(&at, p->pivoting_size);
   w->closing = allocate(&at, m), w->closed = allocate(&at, m ? n : 0);
   w->follows = (int *)allocate(&at, p->loop_columns), w->largest_at = (int *)allocate(&at, m);
   w->part_order = (int *)allocate(&at, m), w->order_virtual = (int *)allocate(&at, m);
-  long b = p->borders;
+  long b = p->bordering_rows;
   w->block = allocate(&at, (long)p->positions * p->block);
-  w->corner = allocate(&at, b * b), w->corner_units = allocate(&at, 2 * b), w->border_right = allocate(&at, b);
+  w->corner = allocate(&at, b * b), w->corner_units = allocate(&at, 2 * b), w->bordering_right = allocate(&at, b);
   w->corner_order = (int *)allocate(&at, b);
-  w->reached = (int *)allocate(&at, p->positions), w->border_entries = (int *)allocate(&at, 1);
-  w->border_entry = (BorderEntry *)allocate(&at, 2 * (long)p->most_border_entries);
+  w->reached = (int *)allocate(&at, p->positions), w->bordering_entries = (int *)allocate(&at, 1);
+  w->bordering_entry = (BorderingEntry *)allocate(&at, 2 * (long)p->most_bordering_entries);
   w->passed = allocate(&at, n), w->joint_forces = allocate(&at, 3 * p->scene_joints);
   w->natural_end = allocate(&at, (long)p->cells * p->cell_natural);
-  const double *fields[] = {w->D, p->q, p->v, p->a, p->before, p->internal, p->natural, w->natural_end};
+  const double *fields[] = {w->D, p->q, p->v, p->a, p->q_previous, p->internal, p->natural, w->natural_end};
   memcpy(w->fields, fields, sizeof fields);
   w->transposed = 0;
   return at - begin;

@@ -10,13 +10,13 @@ import numpy as np
 
 from fx_beam.fem import dolfinx_api
 from fx_beam.fem.beam_forms import BeamForms
-from fx_beam.fem.pulled_form import BoundPull
+from fx_beam.fem.vjp_form import BoundVjp
 
 from .kernels import Kernel
 from .tables import Problem
 
 # These derivatives come first, in this order; the others are summed for each element.
-_FIRST = "work", "increment", "start", "before", "internal", "natural", "natural_end"
+_FIRST = "work", "increment", "start", "q_previous", "internal", "natural", "natural_end"
 # Names of the others, besides the coefficients of drag.
 _NAMES = {
     "coordinates": "coordinates",
@@ -26,13 +26,13 @@ _NAMES = {
 }
 
 
-class PulledWork:
+class VjpWork:
     """A work on weights: its derivatives by the numbers of each element are summed over steps."""
 
-    def __init__(self, name: str, pull: BoundPull):
+    def __init__(self, name: str, vjp: BoundVjp):
         #: Its name in C.
-        self.name, self._pull = name, pull
-        sizes = {name: dolfinx_api.tensor_size(form) for name, (form, _) in pull.forms.items()}
+        self.name, self._vjp = name, vjp
+        sizes = {name: dolfinx_api.tensor_size(form) for name, (form, _) in vjp.forms.items()}
         self._sizes = sizes
         #: Numbers of an element by name.
         self._tail = {name: size for name, size in sizes.items() if name not in _FIRST}
@@ -43,8 +43,8 @@ class PulledWork:
         self.sums, self._cells = np.empty((0, 0, 0)), list[np.ndarray]()
 
     def handed_over(self, problem: Problem, beams: BeamForms) -> dict[str, Any]:
-        """The work as ``Pulled`` of c/problem.h, without its form."""
-        self._cells = [beams.cells_of(tag) for tag in self._pull.tags]
+        """The work as ``Vjp`` of c/problem.h, without its form."""
+        self._cells = [beams.cells_of(tag) for tag in self._vjp.tags]
         lanes, total = problem.library.LANES, sum(self._tail.values())
         blocks = sum(-(-len(cells) // lanes) for cells in self._cells)
         self.sums = np.zeros((blocks, total, lanes))
@@ -58,13 +58,13 @@ class PulledWork:
     def form(self, problem: Problem) -> dict[str, Any]:
         """Its form, for runs backwards."""
         assert problem.tables is not None
-        kernel = Kernel([*self._pull.forms.values()], [*self._sizes.values()])
-        table = problem.tables.of("work by start", kernel, self._pull.moving)
+        kernel = Kernel([*self._vjp.forms.values()], [*self._sizes.values()])
+        table = problem.tables.of("work by start", kernel, self._vjp.moving)
         table["changing"] = table["moving"]
         return {"form": table}
 
     def slopes(self, problem: Problem, by_places: bool) -> dict[str, Any]:
-        """What runs forwards need of it besides, as members of ``Pulled``: by places if wanted."""
+        """What runs forwards need of it besides, as members of ``Vjp``: by places if wanted."""
         if by_places not in self._slopes:
             self._slopes[by_places] = self._made_slopes(problem, by_places)
         return self._slopes[by_places]
@@ -76,10 +76,10 @@ class PulledWork:
             zip(names, itertools.accumulate(self._sizes[name] for name in names), strict=True)
         )
         wanted = [name for name in names if by_places or name != "coordinates"]
-        pieces = self._pull.slopes(wanted)
-        forms = [self._pull.forms["work"], *pieces.values()]
+        pieces = self._vjp.slopes(wanted)
+        forms = [self._vjp.forms["work"], *pieces.values()]
         kernel = Kernel(forms, [1, *(dolfinx_api.tensor_size(form) for form, _ in pieces.values())])
-        table = problem.tables.of("slopes of forces", kernel, self._pull.moving)
+        table = problem.tables.of("slopes of forces", kernel, self._vjp.moving)
         table["changing"] = table["moving"]
         return {
             "slopes": table,

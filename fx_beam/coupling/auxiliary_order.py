@@ -1,8 +1,8 @@
-"""The order of elimination of linear systems with ties.
+"""The order of elimination of linear systems with auxiliary unknowns.
 
-The pivots of a tie are 1. The pivot of another unknown is the stiffness and inertia of all that
-follows it, as in the reduced tangent, if the ties that depend on it are eliminated before: from the
-leaves of the trees to their roots.
+The pivots of an auxiliary unknown are 1. The pivot of another unknown is the stiffness and inertia
+of all that follows it, as in the reduced tangent, if the auxiliary unknowns that depend on it are
+eliminated before: from the leaves of the trees to their roots.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ import numpy as np
 import scipy.sparse
 
 
-def tied_fill_in(
+def auxiliary_fill_in(
     graph: scipy.sparse.csr_matrix, sizes: np.ndarray, dependent: np.ndarray, last: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (n,) in an order of minimum degree, and the pattern of L + U: starts, columns.
 
     From a symmetric graph of n groups of unknowns with these sizes. Of the groups of `dependent`
-    (2, m) the first contain ties that depend on the second, and come before them; those of `last`
-    come after all with which they are coupled.
+    (2, m) the first contain auxiliary unknowns that depend on the second, and come before them;
+    those of `last` come after all with which they are coupled.
     """
     n, (of, on) = graph.shape[0], dependent
     near = [set(row.tolist()) for row in np.split(graph.indices, graph.indptr[1:-1])]
     for k in range(n):
         near[k].discard(k)
-    #: Groups on which those of ties depend, and how many depend on each.
+    #: Groups on which those of auxiliary unknowns depend, and how many depend on each.
     needs: list[set[int]] = [set() for _ in range(n)]
-    for tie, other in zip(of.tolist(), on.tolist(), strict=True):
-        if tie != other:
-            needs[tie].add(other)
+    for auxiliary, other in zip(of.tolist(), on.tolist(), strict=True):
+        if auxiliary != other:
+            needs[auxiliary].add(other)
     for force in last.tolist():
         for k in near[force]:
             needs[k].add(force)

@@ -14,18 +14,18 @@
 #include "loops.h"
 #include "sliders.h"
 
-static void begin_borders(const Problem *p, const Work *w) {
+static void begin_bordering_rows(const Problem *p, const Work *w) {
   memset(w->reached, 0, p->positions * sizeof *w->reached);
-  memset(w->corner, 0, (long)p->borders * p->borders * sizeof(double));
-  *w->border_entries = 0;
+  memset(w->corner, 0, (long)p->bordering_rows * p->bordering_rows * sizeof(double));
+  *w->bordering_entries = 0;
 }
 
-static BorderEntry *border_entries(const Problem *p, const Work *w) {
-  return p->changing ? p->changing->border_entry : w->border_entry;
+static BorderingEntry *bordering_entries(const Problem *p, const Work *w) {
+  return p->changing ? p->changing->bordering_entry : w->bordering_entry;
 }
 
 /* Adds a number in a row and a column of the system, or of its transpose: positions in the elimination, or
-   ON_BORDER less the number of a border. Nothing for -1, and nothing is added to A. */
+   ON_BORDER less the number of a bordering row. Nothing for -1, and nothing is added to A. */
 INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
   int row = w->transposed ? j : i, column = w->transposed ? i : j;
   if (x == 0 || row == -1 || column == -1) return;
@@ -34,9 +34,9 @@ INLINED void add_at(const Problem *p, const Work *w, int i, int j, double x) {
     w->block[(long)row * p->block + 1 + ON_BORDER - column] += x;
   } else if (column >= 0) {
     reach(p, w, column);
-    border_entries(p, w)[(*w->border_entries)++] = (BorderEntry){ON_BORDER - row, column, x};
+    bordering_entries(p, w)[(*w->bordering_entries)++] = (BorderingEntry){ON_BORDER - row, column, x};
   } else {
-    w->corner[(ON_BORDER - row) * p->borders + ON_BORDER - column] += x;
+    w->corner[(ON_BORDER - row) * p->bordering_rows + ON_BORDER - column] += x;
   }
 }
 
@@ -53,8 +53,8 @@ static void turn_beams(const Problem *p, const Work *w) {
 
 /* A node that slides: its columns c, the forces f that hold it on the beam, and the products of which the
    derivatives of Tv consist. */
-static void border_slider(const Problem *p, const Work *w, Slider *a) {
-  int n = a->width, m = a->components, force = ON_BORDER - a->border, product = force - m;
+static void bordering_slider(const Problem *p, const Work *w, Slider *a) {
+  int n = a->width, m = a->components, force = ON_BORDER - a->bordering_row, product = force - m;
   int row_s = p->row_at[a->column], column_s = p->unknown_at[a->column];
   const Second *h = &a->of_force;
   for (int l = 0; l < m * n; ++l) {
@@ -85,7 +85,7 @@ static void border_slider(const Problem *p, const Work *w, Slider *a) {
   for (int r = 0; r < a->products; ++r) add_at(p, w, product - r, product - r, -1);
 }
 
-/* A node of the beam is held in A, twice as stiff, and set free by borders: otherwise A may be singular. */
+/* A node of the beam is held in A, twice as stiff, and set free by bordering rows: otherwise A may be singular. */
 static void hold_beams(const Problem *p, const Work *w) {
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     for (int i = 0; i < a->anchors; ++i) w->tangent[a->anchor_at[i]] *= 2;
@@ -93,31 +93,31 @@ static void hold_beams(const Problem *p, const Work *w) {
 
 static void anchor_beam(const Problem *p, const Work *w, const Slider *a) {
   for (int i = 0; i < a->anchors; ++i) {
-    int border = ON_BORDER - a->border - a->components - a->products - i, column = a->anchor_column[i];
+    int bordering_row = ON_BORDER - a->bordering_row - a->components - a->products - i, column = a->anchor_column[i];
     double k = w->tangent[a->anchor_at[i]] / 2;
-    add_at(p, w, p->row_at[column], border, -k);
-    add_at(p, w, border, p->unknown_at[column], 1);
-    add_at(p, w, border, border, -1);
+    add_at(p, w, p->row_at[column], bordering_row, -k);
+    add_at(p, w, bordering_row, p->unknown_at[column], 1);
+    add_at(p, w, bordering_row, bordering_row, -1);
   }
 }
 
-/* The forces that close loops with nodes on beams: the gaps are derived by columns of these nodes. */
-static void border_gaps(const Problem *p, const Work *w) {
-  for (int i = 0; i < p->guided; ++i) {
-    int k = p->guided_closure[i], force = ON_BORDER - p->guide_border - i;
-    for (int e = p->gap_entry_start[k]; e < p->gap_entry_start[k + 1]; ++e) {
-      add_at(p, w, force, p->unknown_at[p->gap_column[e]], p->gap_sign[e] * w->values[p->gap_value[e]]);
-      add_at(p, w, p->row_at[p->gap_column[e]], force, p->gap_sign[e] * w->virtual_map[p->gap_value[e]]);
+/* The forces that close loops with nodes on beams: the closures are derived by columns of these nodes. */
+static void bordering_closures(const Problem *p, const Work *w) {
+  for (int i = 0; i < p->carried; ++i) {
+    int k = p->carried_closure[i], force = ON_BORDER - p->carrier_bordering - i;
+    for (int e = p->closure_entry_start[k]; e < p->closure_entry_start[k + 1]; ++e) {
+      add_at(p, w, force, p->unknown_at[p->closure_column[e]], p->closure_sign[e] * w->values[p->closure_value[e]]);
+      add_at(p, w, p->row_at[p->closure_column[e]], force, p->closure_sign[e] * w->virtual_map[p->closure_value[e]]);
     }
   }
 }
 
-/* The borders for the tangent of a step. */
-static void fill_borders(const Problem *p, const Work *w) {
-  begin_borders(p, w);
+/* The bordering rows for the tangent of a step. */
+static void fill_bordering_rows(const Problem *p, const Work *w) {
+  begin_bordering_rows(p, w);
   for (int i = 0; i < p->sliders; ++i)
-    border_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);
-  border_gaps(p, w);
+    bordering_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);
+  bordering_closures(p, w);
   for (int k = 0; k < p->beside; ++k)
     add_at(p, w, p->row_at[p->beside_row[k]], p->unknown_at[p->beside_column[k]], w->tangent[p->beside_at[k]]);
 }
@@ -156,16 +156,16 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, const SparseR
 /* Factors of D - C A^-1 B, from D. Equations are divided by their largest entries, and forces counted in a stiffness:
    otherwise the units would choose the pivots. */
 static void factorise_corner(const Problem *p, const Work *w) {
-  int m = p->borders;
+  int m = p->bordering_rows;
   double soft = 0, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
-  for (const BorderEntry *c = border_entries(p, w); c < border_entries(p, w) + *w->border_entries; ++c)
-    for (int j = 0; j < m; ++j) D[c->border * m + j] -= c->value * w->block[(long)c->column * p->block + 1 + j];
+  for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)
+    for (int j = 0; j < m; ++j) D[c->bordering_row * m + j] -= c->value * w->block[(long)c->column * p->block + 1 + j];
   for (int i = 0; i < m; ++i) unit[i] = 1;
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
-    for (int j = a->border; j < a->border + a->components; ++j) soft = fmax(soft, fabs(D[j * m + j]));
+    for (int j = a->bordering_row; j < a->bordering_row + a->components; ++j) soft = fmax(soft, fabs(D[j * m + j]));
   for (const Slider *a = p->slider; soft > 0 && a < p->slider + p->sliders; ++a)
-    for (int j = a->border; j < a->border + a->components + a->products; ++j) unit[j] = 1 / soft;
-  for (int j = p->guide_border; soft > 0 && j < m; ++j) unit[j] = 1 / soft;
+    for (int j = a->bordering_row; j < a->bordering_row + a->components + a->products; ++j) unit[j] = 1 / soft;
+  for (int j = p->carrier_bordering; soft > 0 && j < m; ++j) unit[j] = 1 / soft;
   for (int i = 0; i < m; ++i) {
     double most = 0;
     for (int j = 0; j < m; ++j) most = fmax(most, fabs(D[i * m + j] *= unit[j]));
@@ -175,9 +175,9 @@ static void factorise_corner(const Problem *p, const Work *w) {
   factorise_dense(m, D, w->corner_order);
 }
 
-/* Solves for the unknowns of the borders, with four right sides g, in their place. */
+/* Solves for the unknowns of the bordering rows, with four right sides g, in their place. */
 static void solve_corner(const Problem *p, const Work *w, Four *g) {
-  int m = p->borders;
+  int m = p->bordering_rows;
   const double *unit = w->corner_units, *per_most = unit + m;
   Four x[m];
   for (int i = 0; i < m; ++i) {
@@ -193,14 +193,14 @@ static void solve_corner(const Problem *p, const Work *w, Four *g) {
   }
 }
 
-/* Unknowns y of the borders from the first column of the block, A^-1 b, and the others, A^-1 B. The first
-   column becomes x, as far as the borders reach. */
-static void solve_borders(const Problem *p, const Work *w) {
-  int m = p->borders, n = p->block;
-  double *g = w->border_right;
+/* Unknowns y of the bordering rows from the first column of the block, A^-1 b, and the others, A^-1 B. The first
+   column becomes x, as far as the bordering rows reach. */
+static void solve_bordering_rows(const Problem *p, const Work *w) {
+  int m = p->bordering_rows, n = p->block;
+  double *g = w->bordering_right;
   Four y[m];
-  for (const BorderEntry *c = border_entries(p, w); c < border_entries(p, w) + *w->border_entries; ++c)
-    g[c->border] -= c->value * w->block[(long)c->column * n];
+  for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)
+    g[c->bordering_row] -= c->value * w->block[(long)c->column * n];
   for (int i = 0; i < m; ++i) y[i] = (Four){g[i]};
   solve_corner(p, w, y);
   for (int i = 0; i < m; ++i) g[i] = y[i][0];

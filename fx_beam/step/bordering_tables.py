@@ -1,4 +1,4 @@
-"""What borders the factorised tangent of the compiled loop (c/borders.h), as lists of numbers."""
+"""What borders the tangent of the compiled loop (c/bordering_rows.h), as lists of numbers."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _LANES = 4
 
 
 def storage_of(reduction: Reduction, at: np.ndarray, stored: int) -> tuple[np.ndarray, int]:
-    """Storage indices of the entries of a tangent with its borders, and the number of values.
+    """Storage indices of the entries of a bordered tangent, and the number of values.
 
-    Given are those of `Reduction.factored`. Entries on borders are behind them.
+    Given are those of `Reduction.factored`. Entries on bordering rows are behind them.
     """
     if not isinstance(reduction, JointReduction) or (sliders := reduction.sliders) is None:
         return at, stored
@@ -34,15 +34,15 @@ def ones_of(reduction: Reduction, at: np.ndarray) -> np.ndarray:
     """Storage indices of diagonals of slides in the factorised tangent, which are 1."""
     if not isinstance(reduction, JointReduction) or (sliders := reduction.sliders) is None:
         return at[:0]
-    return at[np.append(reduction.open_entries()[sliders.bordered.ones], reduction.guides()[0])]
+    return at[np.append(reduction.open_entries()[sliders.bordered.ones], reduction.carriers()[0])]
 
 
-def on_borders(
+def on_bordering_rows(
     reduction: Reduction, rows: np.ndarray, columns: np.ndarray, first: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the system for all columns of the scene, with those on borders.
+    """Rows and columns of the system for all columns of the scene, with those on bordering rows.
 
-    Borders are numbered downwards from `first`.
+    BorderingRows are numbered downwards from `first`.
     """
     rows, columns = rows.copy(), columns.copy()
     if isinstance(reduction, JointReduction) and (sliders := reduction.sliders) is not None:
@@ -51,8 +51,8 @@ def on_borders(
     return rows, columns
 
 
-class BorderTables:
-    """The borders of a scene: columns of what slides, and what belongs to them.
+class BorderingTables:
+    """The bordering rows of a scene: columns of what slides, and what belongs to them.
 
     `at` are the storage indices of `storage_of`, `diagonal_at` (size,) those of the diagonal of the
     full tangent; `massless` (size,) are degrees of freedom.
@@ -72,18 +72,18 @@ class BorderTables:
         self._massless, self._first = massless, first
 
     def all(self) -> dict[str, Any]:
-        """Members of ``Problem``; empty without borders."""
+        """Members of ``Problem``; empty without bordering rows."""
         if (sliders := self._reduction.sliders) is None:
             return {}
         order = np.append(self._factors.order, np.full(1 + self._reduction.columns, -1))
         rows, columns = (order[index] for index in self._reduction.system())
-        rows, columns = on_borders(self._reduction, rows, columns, self._first)
+        rows, columns = on_bordering_rows(self._reduction, rows, columns, self._first)
         outside, bordered = sliders.outside, sliders.bordered
         tables = self._tables(sliders, len(outside))
         longest = [table.pop("longest") for table in tables]
         own = [table["components"] + table["products"] for table in tables]
-        guides = len(outside) + sum(own) + sum(table["anchors"] for table in tables)
-        alone, gap_entries = self._reduction.guides()
+        carriers = len(outside) + sum(own) + sum(table["anchors"] for table in tables)
+        alone, closure_entries = self._reduction.carriers()
         entries = sum(n * (1 + k) for n, k in zip(longest, own, strict=True))
         return {
             "row_at": rows,
@@ -94,13 +94,16 @@ class BorderTables:
             "beside_row": bordered.rows,
             "beside_column": bordered.columns,
             "beside_at": self._at[bordered.beside],
-            "borders": guides + len(alone),
-            "guide_border": guides,
-            "block": -(-(1 + guides + len(alone)) // _LANES) * _LANES,
-            "most_border_entries": entries + len(bordered.beside) + 3 * len(tables) + gap_entries,
+            "bordering_rows": carriers + len(alone),
+            "carrier_bordering": carriers,
+            "block": -(-(1 + carriers + len(alone)) // _LANES) * _LANES,
+            "most_bordering_entries": entries
+            + len(bordered.beside)
+            + 3 * len(tables)
+            + closure_entries,
         }
 
-    def _tables(self, sliders: Sliders, border: int) -> list[dict[str, Any]]:
+    def _tables(self, sliders: Sliders, bordering_row: int) -> list[dict[str, Any]]:
         """Sliding nodes as ``Slider``; each also with the largest number of parts of a window."""
         tables, anchored = [], set()
         for k, slide in enumerate(sliders.all):
@@ -112,8 +115,8 @@ class BorderTables:
             if beam not in anchored and self._massless[slide.dofs[:, :2]].any():
                 anchored.add(beam)
                 table |= self._anchor_of(slide, sliders)
-            table["border"] = border
-            border += table["components"] + table["products"] + table["anchors"]
+            table["bordering_row"] = bordering_row
+            bordering_row += table["components"] + table["products"] + table["anchors"]
             tables.append(table)
         return tables
 

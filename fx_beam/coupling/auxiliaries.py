@@ -1,7 +1,7 @@
-"""Ties: degrees of freedom in long trees that are unknowns of the linear system.
+"""Auxiliaries: degrees of freedom in long trees that are unknowns of the linear system.
 
-With the displacements u of ties, u = B y + N u in small changes of the columns y, and the forces h
-that what follows them exerts on them, the reduced tangent A of y and u becomes
+With the displacements u of auxiliary unknowns, u = B y + N u in small changes of the columns y, and
+the forces h that what follows them exerts on them, the reduced tangent A of y and u becomes
 
     [A_yy  A_yu  -Bv^T ] [dy]   [R]
     [A_uy  A_uu  1-Nv^T] [du] = [0]
@@ -17,39 +17,41 @@ import numpy as np
 import scipy.sparse
 
 from .graph import Couplings
-from .index_reduction import TieTables
+from .index_reduction import AuxiliaryTables
 
 
-class Ties:
-    """The ties of a scene, in the order of `Couplings.ties`."""
+class Auxiliaries:
+    """The auxiliary unknowns of a scene, in the order of `Couplings.auxiliary unknowns`."""
 
     def __init__(self, couplings: Couplings):
-        ties, free, first = couplings.ties, couplings.free, couplings.columns
-        self._count, self._free, self._first = len(ties), free, first
+        auxiliaries, free, first = couplings.auxiliaries, couplings.free, couplings.columns
+        self._count, self._free, self._first = len(auxiliaries), free, first
         #: Unknowns of the linear system.
-        self.unknowns = free + 2 * len(ties)
-        numbers = free + 2 * np.arange(len(ties))
+        self.unknowns = free + 2 * len(auxiliaries)
+        numbers = free + 2 * np.arange(len(auxiliaries))
         none = np.full(first - free, -1)
         #: For all columns: the column of the linear system for a change, and the row for forces.
-        #: The tie's equation is in the row of its displacement, the balance in that of its force:
-        #: the diagonals are 1.
+        #: The auxiliary unknown's equation is in the row of its displacement, the balance in that
+        #: of its force: the diagonals are 1.
         self.columns_of_unknowns = np.concatenate([np.arange(free), none, numbers])
         self.rows_of_unknowns = np.concatenate([np.arange(free), none, numbers + 1])
-        entries = [(k, *entry) for k, tie in enumerate(ties) for entry in tie.entries]
-        tie, column, value_at, sign = np.array(entries, dtype=float).reshape(-1, 4).T
+        entries = [
+            (k, *entry) for k, auxiliary in enumerate(auxiliaries) for entry in auxiliary.entries
+        ]
+        auxiliary, column, value_at, sign = np.array(entries, dtype=float).reshape(-1, 4).T
         #: Tie, column, position of the value, and sign of each entry.
-        self.tie, self.column, self.value_at = (
-            tie.astype(int),
+        self.auxiliary, self.column, self.value_at = (
+            auxiliary.astype(int),
             column.astype(int),
             value_at.astype(int),
         )
         self.sign = sign
-        arms = [(k, arm) for k, tie in enumerate(ties) for arm in tie.arms]
+        arms = [(k, arm) for k, auxiliary in enumerate(auxiliaries) for arm in auxiliary.arms]
         #: Tie and arm of each arm of a joint in their sums.
-        self.arm_tie, self.arm = np.array(arms, dtype=int).reshape(-1, 2).T
+        self.arm_auxiliary, self.arm = np.array(arms, dtype=int).reshape(-1, 2).T
         self._moves = np.flatnonzero(self.columns_of_unknowns[self.column] >= 0)
-        of, column = numbers[self.tie[self._moves]], self.column[self._moves]
-        #: Entries that ties add to the linear system: diagonals, equations, forces.
+        of, column = numbers[self.auxiliary[self._moves]], self.column[self._moves]
+        #: Entries that auxiliary unknowns add to the linear system: diagonals, equations, forces.
         self.rows = np.concatenate([numbers, numbers + 1, of, self.rows_of_unknowns[column]])
         self.columns = np.concatenate(
             [numbers, numbers + 1, self.columns_of_unknowns[column], of + 1]
@@ -69,51 +71,51 @@ class Ties:
             [np.ones(2 * self._count), -sign * values[value_at], -sign * virtual_map[value_at]]
         )
 
-    def tables(self, at: np.ndarray) -> TieTables | None:
-        """The ties as lists of numbers, for the positions of the entries; None without any."""
+    def tables(self, at: np.ndarray) -> AuxiliaryTables | None:
+        """The lists of numbers, for the positions of the entries; None without any."""
         if not self._count:
             return None
-        entries = np.full((2, len(self.tie)), -1)
+        entries = np.full((2, len(self.auxiliary)), -1)
         ones, entries[:, self._moves] = at[: 2 * self._count], at[2 * self._count :].reshape(2, -1)
-        return TieTables(
+        return AuxiliaryTables(
             values={
-                "ties": self._count,
+                "auxiliaries": self._count,
                 "unknowns": self.unknowns,
-                "tie_entries": len(self.tie),
-                "tie_arms": len(self.arm),
-                "tie_of": self.tie,
-                "tie_column": self.column,
-                "tie_value": self.value_at,
-                "tie_arm_of": self.arm_tie,
-                "tie_arm": self.arm,
-                "tie_sign": self.sign,
+                "auxiliary_entries": len(self.auxiliary),
+                "auxiliary_arms": len(self.arm),
+                "auxiliary_of": self.auxiliary,
+                "auxiliary_column": self.column,
+                "auxiliary_value": self.value_at,
+                "auxiliary_arm_of": self.arm_auxiliary,
+                "auxiliary_arm": self.arm,
+                "auxiliary_sign": self.sign,
             },
-            entries=dict(zip(("tie_equation", "tie_force"), entries, strict=True)),
+            entries=dict(zip(("auxiliary_equation", "auxiliary_force"), entries, strict=True)),
             ones=ones,
         )
 
     # -- Sums over the trees --------------------------------------------------------------------
 
     def set_increments(self, z: np.ndarray, steps: np.ndarray) -> None:
-        """Set the columns of the ties in the increments z, for those of the joints' arms."""
+        """Set the columns of the auxiliaries in the increments z, for those of the joints' arms."""
         constant = self.value_at == 0
-        own = np.bincount(self.arm_tie, steps[self.arm], self._count)
+        own = np.bincount(self.arm_auxiliary, steps[self.arm], self._count)
         self._add_down(z, np.where(constant, self.sign, 0.0), own)
 
     def set_changes(self, z: np.ndarray, values: np.ndarray) -> None:
-        """Set the columns of the ties in small changes z, for the values of T."""
+        """Set the columns of the auxiliary unknowns in small changes z, for the values of T."""
         self._add_down(z, self.sign * values[self.value_at], np.zeros(self._count))
 
     def _add_down(self, z: np.ndarray, weights: np.ndarray, own: np.ndarray) -> None:
         changes, first = z.tolist(), self._first
         changes[first:] = own.tolist()
-        terms = self.tie.tolist(), self.column.tolist(), weights.tolist()
-        for tie, column, weight in zip(*terms, strict=True):
-            changes[first + tie] += weight * changes[column]
+        terms = self.auxiliary.tolist(), self.column.tolist(), weights.tolist()
+        for auxiliary, column, weight in zip(*terms, strict=True):
+            changes[first + auxiliary] += weight * changes[column]
         z[first:] = changes[first:]
 
     def collect(self, out: np.ndarray, virtual_map: np.ndarray) -> None:
-        """Add the forces on the ties, in `out`, to those on the columns before, for Tv."""
+        """Add the forces on the auxiliaries, in `out`, to those on the columns before, for Tv."""
         self._collect(out, self.sign * virtual_map[self.value_at])
 
     def collect_whether(self, out: np.ndarray, values: np.ndarray) -> None:
@@ -122,28 +124,30 @@ class Ties:
 
     def _collect(self, out: np.ndarray, weights: np.ndarray) -> None:
         forces, first = out.tolist(), self._first
-        terms = self.tie.tolist(), self.column.tolist(), weights.tolist()
-        for tie, column, weight in reversed(list(zip(*terms, strict=True))):
-            forces[column] += weight * forces[first + tie]
+        terms = self.auxiliary.tolist(), self.column.tolist(), weights.tolist()
+        for auxiliary, column, weight in reversed(list(zip(*terms, strict=True))):
+            forces[column] += weight * forces[first + auxiliary]
         out[:] = forces
 
     def by_columns(self, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Rows (n, columns) from those by columns and ties, for the values of T or Tv."""
+        """Rows (n, columns) from those by columns and auxiliaries, for the values of T or Tv."""
         out, weights = rows.T.copy(), self.sign * values[self.value_at]
-        for tie, column, weight in reversed(list(zip(self.tie, self.column, weights, strict=True))):
-            out[column] += weight * out[self._first + tie]
+        for auxiliary, column, weight in reversed(
+            list(zip(self.auxiliary, self.column, weights, strict=True))
+        ):
+            out[column] += weight * out[self._first + auxiliary]
         return out[: self._first].T
 
     def completion(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Matrix (columns and ties, columns) that gives all columns, for the values of T or Tv.
+        """Matrix (columns and auxiliaries, columns) that gives all columns, for T or Tv.
 
         It is full: for small motions, not for steps.
         """
         rows = np.zeros((self._first + self._count, self._first))
         rows[: self._first] = np.eye(self._first)
         weights = self.sign * values[self.value_at]
-        for tie, column, weight in zip(self.tie, self.column, weights, strict=True):
-            rows[self._first + tie] += weight * rows[column]
+        for auxiliary, column, weight in zip(self.auxiliary, self.column, weights, strict=True):
+            rows[self._first + auxiliary] += weight * rows[column]
         return scipy.sparse.csr_matrix(rows)
 
     def condensed(

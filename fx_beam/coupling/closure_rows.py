@@ -1,4 +1,4 @@
-"""On what the gaps of closed loops depend: few unknowns, also in long trees."""
+"""On what the closures of closed loops depend: few unknowns, also in long trees."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from .graph import Closure, Couplings, Entry
 from .sliders import Slide
 
 
-class GapRow(NamedTuple):
-    """What one gap depends on."""
+class ClosureRow(NamedTuple):
+    """What one closure depends on."""
 
-    #: Columns other than ties.
+    #: Columns other than auxiliary unknowns.
     columns: list[int]
-    #: Entries of ties, in the order in which they are collected.
-    ties: list[int]
+    #: Entries of auxiliary unknowns, in the order in which they are collected.
+    auxiliaries: list[int]
 
 
-def gap_rows(couplings: Couplings, arms: int, slides: Sequence[Slide]) -> list[GapRow]:
+def closure_rows(couplings: Couplings, arms: int, slides: Sequence[Slide]) -> list[ClosureRow]:
     """Of each closure. What is common to both ends of a loop goes out.
 
     `arms` is the number of values of entries. A node on a beam may be at all places of it.
@@ -31,7 +31,9 @@ def gap_rows(couplings: Couplings, arms: int, slides: Sequence[Slide]) -> list[G
     random = np.random.default_rng(0)
     values = random.uniform(1.0, 2.0, arms).tolist()
     values[0] = 1.0
-    starts = np.cumsum([0, *(len(tie.entries) for tie in couplings.ties)]).tolist()
+    starts = np.cumsum(
+        [0, *(len(auxiliary.entries) for auxiliary in couplings.auxiliaries)]
+    ).tolist()
     beams = dict[int, list[Entry]]()
     for slide in slides:
         dofs = slide.dofs.ravel().tolist()
@@ -49,7 +51,7 @@ def _row(
     values: list[float],
     starts: list[int],
     beams: dict[int, list[Entry]],
-) -> GapRow:
+) -> ClosureRow:
     first, row, used = couplings.columns, dict[int, float](), list[int]()
     waiting: list[int] = []
 
@@ -68,15 +70,17 @@ def _row(
     for entry in one.entries:
         add(entry, 1.0)
     while waiting:
-        tie = -heapq.heappop(waiting)  # the latest first: others depend on earlier ones only
-        factor = row.pop(first + tie)
-        for k, entry in enumerate(couplings.ties[tie].entries if factor else [], starts[tie]):
+        auxiliary = -heapq.heappop(waiting)  # the latest first: others depend on earlier ones only
+        factor = row.pop(first + auxiliary)
+        for k, entry in enumerate(
+            couplings.auxiliaries[auxiliary].entries if factor else [], starts[auxiliary]
+        ):
             used.append(k)
             add(entry, factor)
-    return GapRow([column for column, factor in row.items() if factor], used)
+    return ClosureRow([column for column, factor in row.items() if factor], used)
 
 
-def blocks_of(rows: list[GapRow], free: int) -> list[np.ndarray]:
+def blocks_of(rows: list[ClosureRow], free: int) -> list[np.ndarray]:
     """Closures of loops that share unknowns, directly or through others."""
     entries = [(k, column) for k, row in enumerate(rows) for column in row.columns if column < free]
     k, columns = np.array(entries, dtype=int).reshape(-1, 2).T

@@ -17,7 +17,7 @@ from .mesh import Mesh
 from .weak_form import WeakForm
 
 #: Names of the derivatives by nodal vectors.
-NODAL = "increment", "start", "before"
+NODAL = "increment", "start", "q_previous"
 
 
 class WorkOnWeights:
@@ -48,7 +48,7 @@ class WorkOnWeights:
         return dict(zip(slopes, compiled, strict=True))
 
 
-class BoundPull(NamedTuple):
+class BoundVjp(NamedTuple):
     """A work on a mesh: by name, the work and its derivatives as bound and compiled."""
 
     work: WorkOnWeights
@@ -81,17 +81,17 @@ def bound_forms(
     }
 
 
-def bound_pull(
+def bound_vjp(
     work: WorkOnWeights, mesh: Any, spaces: Mapping, data: Mapping, tags: Any, moving: list[Any]
-) -> BoundPull:
-    """The same as a `BoundPull`."""
+) -> BoundVjp:
+    """The same as a `BoundVjp`."""
 
     def bind(name: str, weight: Any, form: CompiledForm) -> Any:
         both = [spaces[name], data[weight].function_space]
         return dolfinx_api.bind(form, mesh, both, data, tags)
 
     forms = bound_forms(work.forms, mesh, spaces, data, tags)
-    return BoundPull(work, forms, moving, bind)
+    return BoundVjp(work, forms, moving, bind)
 
 
 def work_and_derivatives(
@@ -137,12 +137,12 @@ class DerivedForm(WeakForm):
         if self.parameters is not None:
             self.more = fields.data((1, self.parameters.ufl_shape))
         quantity = self._with_more(quantity)
-        by = {"before": fields.before, "internal": self.internal}
+        by = {"q_previous": fields.q_previous, "internal": self.internal}
         by |= dict(zip(("natural", "natural_end"), fields.natural, strict=True))
         by |= {"stiffness": self.stiffness, "times": self.times, "parameters": self.more}
         #: Those in the quantity by name.
         self.by = {name: field for name, field in by.items() if field in quantity.coefficients()}
-        #: The quantity as "work", and its derivatives in the order of `Pulled` in problem.h.
+        #: The quantity as "work", and its derivatives in the order of `Vjp` in problem.h.
         self.forms = work_and_derivatives(self.title, quantity, fields, self.by, self.flags)
 
     def _with_more(self, quantity: Any) -> Any:
@@ -151,7 +151,7 @@ class DerivedForm(WeakForm):
         return ufl.replace(quantity, {self.parameters: self._values + self.more})
 
 
-class PulledForm(DerivedForm):
+class VjpForm(DerivedForm):
     """The work of the internal forces of a step on weights in the place of virtual displacements.
 
     With internal variables, their increments times further weights are added.
@@ -281,17 +281,17 @@ class ResultantDerivatives:
         points = dolfinx_api.element_dofs(weight.function_space).shape[1]
         self._point_weights = np.polynomial.legendre.leggauss(points)[1][:, None] / 2
 
-    def pull(self, part: Any, weights: np.ndarray) -> dict[str, np.ndarray]:
+    def vjp(self, part: Any, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of the sum of weights (cells, points, 3) times N, Q and M, by name.
 
-        By "increment", "start" and "before" (size of beams,), "internal" variables, the data of
+        By "increment", "start" and "q_previous" (size of beams,), "internal" variables, the data of
         sections, strains "natural" at the start and "natural_end", "parameters", and "X".
         """
         self._begin(part)
         dolfinx_api.set_at_gauss_points(self._weight, weights / self._point_weights)
         return assembled(self._forms, self._spaces, self._mesh)
 
-    def push(self, part: Any, changes: Mapping[str, np.ndarray]) -> np.ndarray:
+    def jvp(self, part: Any, changes: Mapping[str, np.ndarray]) -> np.ndarray:
         """Changes (cells, points, 3) of N, Q and M from those by these names."""
         self._begin(part)
         for name, field in self._changes.items():

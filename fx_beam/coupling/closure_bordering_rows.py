@@ -1,4 +1,4 @@
-"""Loops: the derivatives of their gaps, with the closing forces, border the linear system.
+"""Loops: the derivatives of their closures, with the closing forces, border the linear system.
 
     [A + k Gv^T G   Gv^T] [dy]   [R]
     [G              0   ] [F ] = [0]
@@ -28,8 +28,8 @@ class ClosedSystem(NamedTuple):
     ones: np.ndarray
 
 
-class GapBorders:
-    """The borders, from the entries of the gaps: closure, column, position of value, and sign."""
+class ClosureBorderingRows:
+    """The rows, from the entries of closures: closure, column, position of value, and sign."""
 
     def __init__(
         self,
@@ -38,20 +38,22 @@ class GapBorders:
         columns: np.ndarray,
         pattern: tuple[np.ndarray, np.ndarray],
         unit: np.ndarray,
-        guided: np.ndarray | tuple[int, ...] = (),
+        carried: np.ndarray | tuple[int, ...] = (),
     ):
-        self._gap, self._column, self._value_at, self._sign = entries
+        self._closure, self._column, self._value_at, self._sign = entries
         #: Row and column of each entry in the linear system; -1 if it belongs to no unknown.
         self._rows, self._columns = rows[self._column], columns[self._column]
-        # Those of loops with nodes on beams border the system (c/borders.h).
-        outside, self._guided = np.isin(self._gap, guided), np.array(guided, dtype=int)
+        # Those of loops with nodes on beams border the system (c/bordering_rows.h).
+        outside, self._carried = np.isin(self._closure, carried), np.array(carried, dtype=int)
         self._rows[outside] = self._columns[outside] = -1
-        self._count = int(self._gap.max()) + 1
+        self._count = int(self._closure.max()) + 1
         moves = np.flatnonzero(self._columns >= 0)
-        shape = len(self._gap), self._count
-        of_gap = scipy.sparse.csr_matrix((np.ones(len(moves)), (moves, self._gap[moves])), shape)
-        #: Pairs of entries of one gap.
-        self._left, self._right = (of_gap @ of_gap.T).nonzero()
+        shape = len(self._closure), self._count
+        of_closure = scipy.sparse.csr_matrix(
+            (np.ones(len(moves)), (moves, self._closure[moves])), shape
+        )
+        #: Pairs of entries of one closure.
+        self._left, self._right = (of_closure @ of_closure.T).nonzero()
         indptr, indices = pattern
         self._n = n = len(indptr) - 1
         inner = np.repeat(np.arange(n), np.diff(indptr))
@@ -73,38 +75,38 @@ class GapBorders:
 
     def of(self, values: np.ndarray, virtual_map: np.ndarray) -> np.ndarray:
         """Gv and G (2, closures, unknowns) in the linear system."""
-        borders, on = np.zeros((2, self._count, self._n)), self._columns >= 0
+        bordering_rows, on = np.zeros((2, self._count, self._n)), self._columns >= 0
         for out, at, entries in zip(
-            borders, (self._rows, self._columns), (virtual_map, values), strict=True
+            bordering_rows, (self._rows, self._columns), (virtual_map, values), strict=True
         ):
-            np.add.at(out, (self._gap[on], at[on]), (self._sign * entries[self._value_at])[on])
-        return borders
+            np.add.at(out, (self._closure[on], at[on]), (self._sign * entries[self._value_at])[on])
+        return bordering_rows
 
     def system(self) -> ClosedSystem:
         """The linear system in which the forces are unknowns behind the others."""
         n, on = self._n, np.flatnonzero(self._columns >= 0)
         indptr, indices = self.pattern
-        of_forces = n + self._gap[on]
-        row, alone = np.repeat(np.arange(n), np.diff(indptr)), n + self._guided
+        of_forces = n + self._closure[on]
+        row, alone = np.repeat(np.arange(n), np.diff(indptr)), n + self._carried
         rows = [row, of_forces, self._rows[on], alone]
         columns = [indices, self._columns[on], of_forces, alone]
         pattern, position = sparsity(np.concatenate(rows), np.concatenate(columns), n + self._count)
         cuts = np.cumsum([len(indices), len(on), len(on)])
         inner, equation, balance, ones = np.split(position, cuts)
         values = {
-            "gap_unknowns": len(on),
-            "gap_entry": on,
+            "closure_unknowns": len(on),
+            "closure_entry": on,
             "stiffened": len(self._pairs),
             "stiff_left": self._left,
             "stiff_right": self._right,
             "scales": len(self._diagonal),
             "scale_unit": self._unit,
-            "guided": len(self._guided),
-            "guided_closure": self._guided,
+            "carried": len(self._carried),
+            "carried_closure": self._carried,
         }
         at = {
-            "gap_equation": equation,
-            "gap_balance": balance,
+            "closure_equation": equation,
+            "closure_balance": balance,
             "stiff_to": inner[self._pairs],
             "scale_at": inner[self._diagonal],
         }

@@ -1,0 +1,32 @@
+/* Degrees of freedom in long trees that are unknowns of the linear system (auxiliaries.py). */
+
+#pragma once
+
+#include "algebra.h"
+
+/* Columns of the auxiliary unknowns in increments, for the arms of the joints. */
+static void increase_auxiliaries(const Problem *p, const Work *w) {
+  double *auxiliary = w->z + p->columns;
+  memset(auxiliary, 0, p->auxiliaries * sizeof *auxiliary);
+  for (int k = 0; k < p->auxiliary_arms; ++k) {
+    int i = p->auxiliary_arm[k];
+    auxiliary[p->auxiliary_arm_of[k]] += p->joint_sign[i] * (w->rho1[i] - w->rho0[i]);
+  }
+  for (int k = 0; k < p->auxiliary_entries; ++k)
+    if (p->auxiliary_value[k] == 0) auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * w->z[p->auxiliary_column[k]];
+}
+
+/* Columns of the auxiliary unknowns in small changes z, for values of T or Tv. */
+static void change_auxiliaries(const Problem *p, const double *values, double *z) {
+  double *auxiliary = z + p->columns;
+  memset(auxiliary, 0, p->auxiliaries * sizeof *auxiliary);
+  for (int k = 0; k < p->auxiliary_entries; ++k)
+    auxiliary[p->auxiliary_of[k]] += p->auxiliary_sign[k] * values[p->auxiliary_value[k]] * z[p->auxiliary_column[k]];
+}
+
+/* Adds the forces on the auxiliary unknowns to those on the columns before, for values of T or Tv. */
+static void collect_auxiliaries(const Problem *p, const double *virtual_map, double *out) {
+  const double *auxiliary = out + p->columns;
+  for (int k = p->auxiliary_entries - 1; k >= 0; --k)
+    out[p->auxiliary_column[k]] += p->auxiliary_sign[k] * virtual_map[p->auxiliary_value[k]] * auxiliary[p->auxiliary_of[k]];
+}
