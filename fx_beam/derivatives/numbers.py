@@ -114,13 +114,13 @@ def _of_model(model: Model) -> dict[str, Any]:
     numbers: dict[str, Any] = {
         "X": model.mesh.X,
         "mass": model.mass.data,
-        "columns": model.loads.columns.data,
+        "columns": model.loads.unit_loads.data,
         "points": model.points.numbers,
     }
     if (members := model.points.members) is not None:
         numbers |= {"members": members.numbers, "arcs": members.arcs}
     if model.natural:
-        numbers["natural columns"] = model.natural.columns.data
+        numbers["natural columns"] = model.natural.unit_strains.data
     if model.weight is not None:
         numbers["weight"] = model.weight
     if model.forms.beams is not None:

@@ -199,7 +199,7 @@ class StepWork:
     """
 
     def __init__(self, of: SubSteps, forces: np.ndarray):
-        model, part, columns = of.model, of.present, of.model.loads.columns
+        model, part, columns = of.model, of.present, of.model.loads.unit_loads
         self._own, self._first = np.arange(*part), len(of.boundaries) - 1 - (part.end - part.first)
         states = {name: of.states[name][self._first :] for name in ("q", "slides")}
         tape, self._at_rest = of.tape, model.scheme.rates.at_rest

@@ -69,7 +69,7 @@ class SumOfLoads:
     def __init__(self, scene: Scene, size: int):
         values, rows, starts = self._read(scene)
         #: Unit loads, as a matrix (size, n).
-        self.columns = scipy.sparse.csc_matrix((values, rows, starts), (size, len(starts) - 1))
+        self.unit_loads = scipy.sparse.csc_matrix((values, rows, starts), (size, len(starts) - 1))
 
     def _unit_loads(self, scene: Scene) -> list[UnitLoad]:
         """Those of a scene."""
@@ -93,7 +93,7 @@ class SumOfLoads:
         OtherStructureError if they act on other degrees of freedom.
         """
         values, rows, starts = self._read(scene)
-        known = self.columns
+        known = self.unit_loads
         if not (np.array_equal(rows, known.indices) and np.array_equal(starts, known.indptr)):
             raise OtherStructureError("loads act on other degrees of freedom")
         known.data = values
@@ -106,9 +106,9 @@ class SumOfLoads:
     def at(self, t: float) -> np.ndarray:
         """Their sum (size,) at the time t [s]; StepError if a function fails."""
         if not self.functions:
-            return np.zeros(self.columns.shape[0])
+            return np.zeros(self.unit_loads.shape[0])
         pairs = zip(self.functions, self._whats, strict=True)
-        return self.columns @ np.concatenate([evaluate(f, t, what) for (_, f), what in pairs])
+        return self.unit_loads @ np.concatenate([evaluate(f, t, what) for (_, f), what in pairs])
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""

@@ -260,10 +260,10 @@ class Decaying:
             of_before = work_of(law.linear(before), before)
             held_before = self.damping / 4 * of_before
             lost_before = (1 - step.memory**2) * of_before
-        taken = law.linear(rest)
-        N, Q, M = (self.damping / 2 * force for force in taken)
+        forces = law.linear(rest)
+        N, Q, M = (self.damping / 2 * force for force in forces)
         share = 2 if self.order == 1 else 1
-        loss = self.damping / 4 * (share * work_of(taken, rest) + lost_before)
+        loss = self.damping / 4 * (share * work_of(forces, rest) + lost_before)
         mean = averaged(step, law)
         total = mean._replace(N=mean.N + N, Q=mean.Q + Q, M=mean.M + M)
         return DecayingResultants(with_exact_work(step, total), mean, loss, held, held_before)

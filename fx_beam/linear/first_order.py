@@ -93,7 +93,7 @@ def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
             continue
         width = columns_of(load)
         if value is not None:
-            force += model.loads.columns[:, column : column + width] @ value
+            force += model.loads.unit_loads[:, column : column + width] @ value
         column += width
     return force
 

@@ -101,7 +101,7 @@ class Forcing:
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
-        found = np.empty((len(t0), 2, self.model.loads.columns.shape[1]))
+        found = np.empty((len(t0), 2, self.model.loads.unit_loads.shape[1]))
         if found.size:  # both ends at once
             ends = self.model.loads.series(np.concatenate(just_inside(t0, t1)))
             found[:, 0], found[:, 1] = ends[: len(t0)], ends[len(t0) :]

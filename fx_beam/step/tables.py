@@ -88,7 +88,7 @@ class Problem:
             cell_coordinates=coordinates.shape[1],
         )
         if natural := model.natural:
-            strains = natural.columns
+            strains = natural.unit_strains
             self._set(
                 cell_natural=int(np.prod(natural.shape[1:])),
                 naturals=strains.shape[1],
@@ -100,7 +100,7 @@ class Problem:
         turns[model.turns] = True
         heavy = (mass.data != 0) & (not model.scheme.rates.at_rest)
         turning = heavy & turns[mass.indices]
-        columns = model.loads.columns
+        columns = model.loads.unit_loads
         self._set(
             turning=len(model.turns),
             turns=model.turns,
@@ -144,7 +144,7 @@ class Problem:
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
-        model, mass, loads = self.model, self.model.mass.data, self.model.loads.columns
+        model, mass, loads = self.model, self.model.mass.data, self.model.loads.unit_loads
         of = model.reduction.joint_tables()
         numbers = {"offset": of["offset"], "axis": of["axis"], "load_force": loads.data}
         if masses:
@@ -152,7 +152,7 @@ class Problem:
         if model.weight is not None:
             numbers["weight"] = model.weight
         if model.natural:
-            numbers["natural_value"] = model.natural.columns.data
+            numbers["natural_value"] = model.natural.unit_strains.data
         return numbers
 
     def refill(self) -> None:

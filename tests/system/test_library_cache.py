@@ -27,7 +27,7 @@ from fx_beam.step import build
 def cache(monkeypatch, tmp_path):
     """An empty cache, and an empty folder for when it cannot be written."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    (tmp_path / "temporary").mkdir()
+    (tmp_path / "temporary").mkdir(mode=0o700)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     library_cache._warn.cache_clear()
     forget(monkeypatch)
