@@ -24,7 +24,7 @@ class NaturalRows:
             self._factors = factors[:, None] * self._strains.series(times)
         else:
             self._factors = self._strains.series(times)
-        columns = self._strains.columns
+        columns = self._strains.unit_loads
         # Of each value of the columns its strain and its column.
         self._rows, self._of = (
             columns.indices,
@@ -33,14 +33,14 @@ class NaturalRows:
 
     def at(self, boundary: int) -> np.ndarray:
         """The strains (cells, degree, 3) before a sub-step."""
-        return (self._strains.columns @ self._factors[boundary]).reshape(self._strains.shape)
+        return (self._strains.unit_loads @ self._factors[boundary]).reshape(self._strains.shape)
 
     def blocks(self, row: int, boundary: int, by: np.ndarray) -> Iterator[Block]:
         """Derivatives of a row by numbers, from those by the strains before a sub-step."""
         if boundary == 0:
             yield of_row("natural", row, by)
             return
-        of_values, columns = by.ravel()[self._rows], self._strains.columns
+        of_values, columns = by.ravel()[self._rows], self._strains.unit_loads
         yield of_row("natural columns", row, of_values * self._factors[boundary][self._of])
         of_columns = np.bincount(self._of, of_values * columns.data, columns.shape[1])
         yield of_row("naturals", row, of_columns, boundary - 1)
@@ -49,7 +49,7 @@ class NaturalRows:
         """The change of the strains before a sub-step in one direction."""
         if boundary == 0:
             return changes["natural"][j].reshape(self._strains.shape)
-        columns, factors = self._strains.columns, self._factors[boundary]
+        columns, factors = self._strains.unit_loads, self._factors[boundary]
         parts = changes["natural columns"][j].ravel(), columns.indices, columns.indptr
         changed = scipy.sparse.csc_matrix(parts, columns.shape) @ factors
         more = changes["naturals"][j].reshape(-1, len(factors))[boundary - 1]

@@ -120,7 +120,7 @@ def _of_model(model: Model) -> dict[str, Any]:
     if (members := model.points.members) is not None:
         numbers |= {"members": members.numbers, "arcs": members.arcs}
     if model.natural:
-        numbers["natural columns"] = model.natural.unit_strains.data
+        numbers["natural columns"] = model.natural.unit_loads.data
     if model.weight is not None:
         numbers["weight"] = model.weight
     if model.forms.beams is not None:

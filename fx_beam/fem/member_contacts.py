@@ -30,7 +30,8 @@ from fx_beam.structs import Structs
 from .compiled_laws import CompiledLaw, compiled_law, slopes_of
 from .mesh import Mesh
 
-# Entries of a touch, slots of memory of a point's friction, and numbers in each (member_contact.h).
+# Entries of a contact point, slots of memory of a point's friction, and numbers in each
+# (member_contact.h).
 _ENTRIES, _SLOTS, _IN_SLOT = 10, 2, 3
 # What `MemberContacts.check` finds.
 FINE, MOVED, PASSED, SLID = range(4)
@@ -170,7 +171,7 @@ class MemberContacts:
             slots=self._first_slots[-1],
             first_internal=first_internal,
         )
-        # Freed with this object: C allocates as much as there are touches.
+        # Freed with this object: C allocates as much as there are contact points.
         self._freed = ffi.gc(self._all, library.fx_free_members)
         return int(ffi.cast("uintptr_t", self._all))
 
@@ -301,10 +302,10 @@ class MemberContacts:
 
     def tangent(self) -> scipy.sparse.csr_matrix:
         """Their derivatives (size, size) by the increments."""
-        count, size = self._all.touches, self._mesh.dofs.size
-        touches = [self._all.touch[i] for i in range(count) if self._all.touch[i].touching]
-        dofs = np.array([list(touch.dof) for touch in touches], dtype=int).reshape(-1, _ENTRIES)
-        values = np.array([list(touch.tangent) for touch in touches])
+        count, size = self._all.contact_points, self._mesh.dofs.size
+        closed = [point for point in self._all.contact_point[0:count] if point.closed]
+        dofs = np.array([list(point.dof) for point in closed], dtype=int).reshape(-1, _ENTRIES)
+        values = np.array([list(point.tangent) for point in closed])
         rows, columns = np.repeat(dofs, _ENTRIES, axis=1), np.tile(dofs, (1, _ENTRIES))
         entries = values.ravel(), (rows.ravel(), columns.ravel())
         return scipy.sparse.csr_matrix(entries, (size, size))

@@ -192,7 +192,7 @@ class WeakForm:
         self._residual: Any = 0
         self._stored: Any = 0
         lost: Any = 0
-        loss_to_scheme: Any = 0
+        of_scheme: Any = 0
         held: Any = 0
         held_before: Any = 0
         #: Work of natural strains that change.
@@ -204,7 +204,7 @@ class WeakForm:
                 if self.has_natural:
                     self._actuation += actuation(self.step, r) * dx_law
                 if isinstance(r, DecayingResultants):
-                    loss_to_scheme += r.loss * dx_law
+                    of_scheme += r.loss * dx_law
                     held += 0 if r.held is None else r.held * dx_law
                     held_before += 0 if r.held_before is None else r.held_before * dx_law
             self._stored += law.start.energy(*self.step.strains0) * dx_law
@@ -218,7 +218,7 @@ class WeakForm:
                 lost += evolution_loss(stored, *ends, *strains, at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
-        self._losses = {"lost energy": lost, "scheme's loss": loss_to_scheme, "scheme's energy": held}
+        self._losses = {"lost energy": lost, "scheme's loss": of_scheme, "scheme's energy": held}
         self._held_before = held_before
         self._refuse_fields()
 

@@ -55,7 +55,7 @@ class CompiledSingleSteps:
             np.zeros((steps, p.driven)),
             np.zeros((steps, follower_forces, 2)),
             np.zeros((steps, 2, len(model.forms.parameters))),
-            np.zeros((steps, model.natural.unit_strains.shape[1])),
+            np.zeros((steps, model.natural.unit_loads.shape[1])),
             steps,
         )
         self._c_inputs = self._loop.c_inputs(self._inputs)

@@ -88,7 +88,7 @@ class Problem:
             cell_coordinates=coordinates.shape[1],
         )
         if natural := model.natural:
-            strains = natural.unit_strains
+            strains = natural.unit_loads
             self._set(
                 cell_natural=int(np.prod(natural.shape[1:])),
                 naturals=strains.shape[1],
@@ -152,7 +152,7 @@ class Problem:
         if model.weight is not None:
             numbers["weight"] = model.weight
         if model.natural:
-            numbers["natural_value"] = model.natural.unit_strains.data
+            numbers["natural_value"] = model.natural.unit_loads.data
         return numbers
 
     def refill(self) -> None:
