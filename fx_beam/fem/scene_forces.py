@@ -15,14 +15,14 @@ from fx_beam.laws.coordinates import (
     SLIDE,
     Kind,
 )
-from fx_beam.laws.gaps import circle_gap, line_gap
+from fx_beam.laws.gaps import gap_of
 from fx_beam.laws.point_laws import FOLLOWER, PointLaw, drag
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate, Coulomb, Friction, bristle
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.obstacles import Circle, Obstacle
+from fx_beam.scene.obstacles import Obstacle
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.stop import Stop
 
@@ -62,39 +62,26 @@ def _contacts(
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()
     points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)
     count, thick = points.nodes.shape[1], friction is not None and obstacle.radii > 0
-    kind, origin, of_shape, carrier = _gap(obstacle, count, mesh)
+    shape, half = obstacle.shape, obstacle.radii
+    assert not isinstance(shape, Beam)
+    carried = shape.carrier is not None
+    kind = gap_of(shape.name, count, carried, friction is not None, thick)
+    carrier = mesh.dofs[shape.carrier.number].tolist() if shape.carrier is not None else []
+    carrier = carrier[: kind.size - count * (3 if thick else 2)]
     law = laws.contact(kind, loses)
     if obstacle.energy is not None:
         law = laws.contact_law(kind, obstacle.energy, loses)
-    relative = points.of(mesh.X[nodes]) - origin
+    relative = points.of(mesh.X[nodes]) - shape.origin
     for i, of_point in enumerate(nodes[points.nodes]):
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()
-        numbers = [*relative[i], *of_shape, *weights, obstacle.stiffness * length, *of_loss]
+        law_numbers = obstacle.stiffness * length, *of_loss
+        numbers = [*relative[i], *shape.of_gap, half, *weights, *law_numbers]
         if friction is not None:
             moves = mobility[mesh.dofs[of_point, :2]].max() + mobility[carrier[:2]].max(initial=0.0)
             numbers += bristle(friction, length, moves)
         dofs = [*mesh.dofs[of_point, :2].ravel().tolist(), *carrier]
         dofs += mesh.dofs[of_point, 2].tolist() if thick else []
         yield PointForce(law, numbers, dofs, role=Role.CONTACT, nodes=count, owner=str(obstacle))
-
-
-def _gap(
-    obstacle: Obstacle, nodes: int, mesh: Mesh
-) -> tuple[Kind, np.ndarray, tuple[float, ...], list[int]]:
-    """The gap of a contact, where its shape starts, its numbers, and what carries it."""
-    shape, half = obstacle.shape, obstacle.radii
-    assert not isinstance(shape, Beam)
-    carrier = shape.carrier
-    slips, carried = obstacle.friction is not None, carrier is not None
-    origin, variant = np.array(shape.origin), (nodes, carried, slips, slips and half > 0)
-    of_carrier = mesh.dofs[carrier.number].tolist() if carrier is not None else []
-    if isinstance(shape, Circle):
-        side = -1.0 if shape.inside else 1.0
-        numbers = shape.radius + side * half, side, *[half] * slips
-        return circle_gap(*variant), origin, numbers, of_carrier[: 3 if slips else 2]
-    if slips or carried:
-        return line_gap(*variant), origin, (*shape.normal, half), of_carrier
-    return line_gap(nodes), origin + half * np.array(shape.normal), shape.normal, []
 
 
 def _followers(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:

@@ -1,9 +1,9 @@
-"""Gaps and slips of points at lines and circles that are fixed or carried by a node, in UFL."""
+"""Gaps and slips of points at shapes that are fixed or carried by a node, in UFL."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import ufl
@@ -62,121 +62,141 @@ class _Pair(NamedTuple):
         return of_nodes + ", carried" * bool(self.of_carrier) + ", thick" * self.turns
 
 
+class _Meeting:
+    """A point and a shape over a step, seen from the origin of the shape."""
+
+    def __init__(
+        self, motion: Motion, D: Sequence[Any], numbers: Sequence[Any], pair: _Pair, of_shape: int
+    ):
+        (x, y), rest = numbers[:2], numbers[2 + of_shape :]
+        self.motion, self.pair, self._D = motion, pair, D
+        #: Numbers of the shape, half thickness of the member, and weights of several nodes.
+        self.numbers, self.half, self.weights = numbers[2 : 2 + of_shape], rest[0], rest[1:]
+        #: From the shape to the point at the start and at the level, its increment, and its rate.
+        self.r0 = _sum((x, y), pair.relative(motion.start, self.weights))
+        self.Dr = pair.relative(D, self.weights)
+        self.r = [motion.at_level(x, d) for x, d in zip(self.r0, self.Dr, strict=True)]
+        self.rates = pair.relative(motion.rates, self.weights)
+
+    def turn(self, values: Sequence[Any] | None = None) -> Any:
+        """The increment of the carrier's rotation, or another of its values."""
+        return self.pair.turn(self._D if values is None else values)
+
+    def spread(self, force: Sequence[Any], on_carrier: Any, on_point: Any = 0.0) -> list[Any]:
+        """A force on the point and two moments, as forces on all entries."""
+        return self.pair.spread(force, on_carrier, self.weights, on_point)
+
+    def slip(self, n: Sequence[Any], apart: Any, half: Any) -> Slip:
+        """Slip of a member's material against that of the shape, along W n.
+
+        The member touches at a distance `half` from its axis, which is `apart` from the origin of
+        the shape in the direction n. The rest of this is the arm of the shape: then the friction
+        has no moment in all, and a rotation of both is no slip.
+        """
+        along, on_shape, motion = _normal_to(n), apart - half, self.motion
+        path = dot(along, self.Dr)
+        for N, Dpsi in zip(self.weights or [1], self.pair.rotations(self._D), strict=False):
+            path -= half * N * motion.path(Dpsi)
+        if self.pair.of_carrier:
+            path -= on_shape * motion.path(self.turn())
+        return Slip(path, self.spread(along, -on_shape, -half))
+
+
+class _ShapeLaw(NamedTuple):
+    """A kind of shape: its gap and its slip, and how many numbers it has."""
+
+    numbers: int
+    #: Whether it turns with its carrier.
+    turns: bool
+    gap: Callable[[_Meeting], Coordinate]
+    slip: Callable[[_Meeting], Slip]
+
+
 @functools.cache
-def circle_gap(
-    nodes: int = 1, carried: bool = False, slips: bool = False, thick: bool = False
+def gap_of(
+    shape: str, nodes: int = 1, carried: bool = False, slips: bool = False, thick: bool = False
 ) -> Kind:
-    """Gap of a point of so many nodes from a circle.
+    """Gap of a point of so many nodes from a shape.
 
-    Numbers: the place of the point relative to the centre, radius with the half thickness of the
-    member, side, if it `slips` the half thickness, and weights of several nodes.
-
-    The direction is (r0 + r1) / (|r0| + |r1|): its product with Dr is the change of the gap, and it
-    has no moment about the centre.
+    Numbers: the place of the point relative to the shape, those of the shape, the half thickness
+    of the member, and weights of several nodes.
     """
-    pair = _Pair(nodes, (3 if slips else 2) * carried, thick)
+    law = _LAWS[shape]
+    pair = _Pair(nodes, (3 if slips or law.turns else 2) * carried, thick)
 
-    def of(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
-        (*place, radius, side), weights = numbers[:4], numbers[4 + slips :]
-        r0 = _sum(place, pair.relative(motion.start, weights))
-        Dr, rate = (pair.relative(values, weights) for values in (D, motion.rates))
-        gap = arm_length(motion, r0, Dr, rate, radius, side)
-        along = pair.spread(gap.along, 0.0, weights)
-        return gap._replace(along=along, across=along)
+    def meeting(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> _Meeting:
+        return _Meeting(motion, D, numbers, pair, law.numbers)
 
-    def slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
-        (*place, _, side, half), weights = numbers[:5], numbers[5:]
-        r0 = _sum(place, pair.relative(motion.start, weights))
-        r = _at_level(motion, r0, pair.relative(D, weights))
-        length, level = ufl.sqrt(dot(r, r)), motion.rule.level
-        r1 = _sum(r0, pair.relative(D, weights))
-        mean = (1 - level) * ufl.sqrt(dot(r0, r0)) + level * ufl.sqrt(dot(r1, r1))
-        slip = _slip(motion, D, pair, weights, [x / length for x in r], length, side * half)
-        return slip._replace(normal=length / mean)
-
-    name = f"the gap of a circle{pair}"
-    return Kind(name, pair.size, 4 + slips + pair.weights, of, slip=slip if slips else None)
+    return Kind(
+        f"the gap of a {shape.lower()}{pair}",
+        pair.size,
+        3 + law.numbers + pair.weights,
+        lambda *given: law.gap(meeting(*given)),
+        slip=(lambda *given: law.slip(meeting(*given))) if slips else None,
+    )
 
 
-@functools.cache
-def line_gap(
-    nodes: int = 1, carried: bool = False, slips: bool = False, thick: bool = False
-) -> Kind:
-    """Gap of a point of so many nodes from a line.
+def _circle_gap(at: _Meeting) -> Coordinate:
+    """The direction is (r0 + r1) / (|r0| + |r1|), which has no moment about the centre.
 
-    Numbers: the place of the point relative to the line, the normal, if the line is carried or the
-    point `slips` the half thickness of the member, and weights of several nodes.
-
-    If a node carries the line, with Dtheta = 2 tan(Dpsi/2), the change of n.r is
-    n.Dr + Dtheta (W n).r, with the means of n and r over the step.
+    Its product with Dr is the change of the gap.
     """
-    pair, more = _Pair(nodes, 3 * carried, thick), int(carried or slips)
-
-    def ends(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> tuple[Any, ...]:
-        """Arm and its increment; normals at both ends; arm and normal at the level; weights."""
-        place, normal, weights = numbers[:2], numbers[2:4], numbers[4 + more :]
-        r0, Dr = _sum(place, pair.relative(motion.start, weights)), pair.relative(D, weights)
-        r = _at_level(motion, r0, Dr)
-        if not carried:
-            return r0, Dr, normal, normal, r, normal, weights
-        psi, Dpsi = pair.turn(motion.start), pair.turn(D)
-        n0, n1 = _turned(normal, psi), _turned(normal, psi + Dpsi)
-        if motion.rule.turning:
-            return r0, Dr, n0, n1, r, [(x + y) / 2 for x, y in zip(n0, n1, strict=True)], weights
-        return r0, Dr, n0, n1, r, _turned(normal, motion.at_level(psi, Dpsi)), weights
-
-    def of(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
-        r0, Dr, n0, n1, r, n, weights = ends(motion, D, numbers)
-        half, rates = numbers[4] if more else 0, pair.relative(motion.rates, weights)
-        lever = dot(_normal_to(n), r) if carried else 0.0
-        along = pair.spread(n, lever, weights)
-        start, end = dot(n0, r0) - half, dot(n1, _sum(r0, Dr)) - half
-        change, rate = dot(n, Dr), dot(n0, rates)
-        if not carried:
-            return Coordinate(start, start + change, along, along, change, rate)
-        rate += pair.turn(motion.rates) * dot(_normal_to(n0), r0)
-        exact = change + motion.path(pair.turn(D)) * lever
-        return Coordinate(
-            start, end, along, along, exact if motion.rule.turning else end - start, rate
-        )
-
-    def slip(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Slip:
-        *_, r, n, weights = ends(motion, D, numbers)
-        length = ufl.sqrt(dot(n, n)) if carried else 1.0
-        n = [x / length for x in n]
-        slip = _slip(motion, D, pair, weights, n, dot(n, r), numbers[4])
-        return slip._replace(normal=length)
-
-    name = f"the gap of a line{pair}"
-    return Kind(name, pair.size, 4 + more + pair.weights, of, slip=slip if slips else None)
+    radius, side = at.numbers
+    gap = arm_length(at.motion, at.r0, at.Dr, at.rates, radius + side * at.half, side)
+    along = at.spread(gap.along, 0.0)
+    return gap._replace(along=along, across=along)
 
 
-def _slip(
-    motion: Motion,
-    D: Sequence[Any],
-    pair: _Pair,
-    weights: Sequence[Any],
-    n: Sequence[Any],
-    apart: Any,
-    half: Any,
-) -> Slip:
-    """Slip of a member's material against that of the shape, along W n.
+def _circle_slip(at: _Meeting) -> Slip:
+    length, level = ufl.sqrt(dot(at.r, at.r)), at.motion.rule.level
+    r1 = _sum(at.r0, at.Dr)
+    mean = (1 - level) * ufl.sqrt(dot(at.r0, at.r0)) + level * ufl.sqrt(dot(r1, r1))
+    slip = at.slip([x / length for x in at.r], length, at.numbers[1] * at.half)
+    return slip._replace(normal=length / mean)
 
-    The member touches at a distance `half` from its axis, which is `apart` from the origin of the
-    shape in the direction n. The rest of this is the arm of the shape: then the friction has no
-    moment in all, and a rotation of both is no slip.
+
+def _line_normals(at: _Meeting) -> tuple[Sequence[Any], Sequence[Any], Sequence[Any]]:
+    """Normals at both ends of the step, and at the level."""
+    normal, motion = at.numbers, at.motion
+    if not at.pair.of_carrier:
+        return normal, normal, normal
+    psi, Dpsi = at.turn(motion.start), at.turn()
+    n0, n1 = _turned(normal, psi), _turned(normal, psi + Dpsi)
+    if motion.rule.turning:
+        return n0, n1, [(x + y) / 2 for x, y in zip(n0, n1, strict=True)]
+    return n0, n1, _turned(normal, motion.at_level(psi, Dpsi))
+
+
+def _line_gap(at: _Meeting) -> Coordinate:
+    """If a node carries the line, the change of n.r is n.Dr + Dtheta (W n).r.
+
+    Dtheta = 2 tan(Dpsi/2), with the means of n and r over the step.
     """
-    along, on_shape = _normal_to(n), apart - half
-    path = dot(along, pair.relative(D, weights))
-    for N, Dpsi in zip(weights or [1], pair.rotations(D), strict=False):
-        path -= half * N * motion.path(Dpsi)
-    if pair.of_carrier:
-        path -= on_shape * motion.path(pair.turn(D))
-    return Slip(path, pair.spread(along, -on_shape, weights, -half))
+    n0, n1, n = _line_normals(at)
+    carried, motion = bool(at.pair.of_carrier), at.motion
+    lever = dot(_normal_to(n), at.r) if carried else 0.0
+    along = at.spread(n, lever)
+    start, change, rate = dot(n0, at.r0) - at.half, dot(n, at.Dr), dot(n0, at.rates)
+    if not carried:
+        return Coordinate(start, start + change, along, along, change, rate)
+    end = dot(n1, _sum(at.r0, at.Dr)) - at.half
+    rate += at.turn(motion.rates) * dot(_normal_to(n0), at.r0)
+    exact = change + motion.path(at.turn()) * lever
+    return Coordinate(start, end, along, along, exact if motion.rule.turning else end - start, rate)
 
 
-def _at_level(motion: Motion, start: Sequence[Any], change: Sequence[Any]) -> list[Any]:
-    return [motion.at_level(x, d) for x, d in zip(start, change, strict=True)]
+def _line_slip(at: _Meeting) -> Slip:
+    *_, n = _line_normals(at)
+    length = ufl.sqrt(dot(n, n)) if at.pair.of_carrier else 1.0
+    n = [x / length for x in n]
+    return at.slip(n, dot(n, at.r), at.half)._replace(normal=length)
+
+
+#: By the names of the shapes.
+_LAWS = {
+    "Circle": _ShapeLaw(2, False, _circle_gap, _circle_slip),
+    "Line": _ShapeLaw(2, True, _line_gap, _line_slip),
+}
 
 
 def _sum(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
@@ -191,6 +211,3 @@ def _normal_to(a: Sequence[Any]) -> list[Any]:
 def _turned(a: Sequence[Any], angle: Any) -> list[Any]:
     c, s = ufl.cos(angle), ufl.sin(angle)
     return [c * a[0] - s * a[1], s * a[0] + c * a[1]]
-
-
-LINE, CIRCLE = line_gap(), circle_gap()

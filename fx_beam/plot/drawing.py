@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
-from fx_beam.scene.obstacles import Circle, Line, Obstacle
+from fx_beam.scene.obstacles import Obstacle, Shape
 from fx_beam.validation import is_whole, numbers, positive, require
 
 # Fractions of the scene's size: what is drawn beyond the nearest positions, distance and length
@@ -52,12 +52,9 @@ def outlines(
             yield outline(shape, positions, size)
 
 
-def outline(shape: Line | Circle, positions: np.ndarray, size: float) -> Outline:
+def outline(shape: Shape, positions: np.ndarray, size: float) -> Outline:
     """The outline of a fixed shape that reaches past some positions."""
-    if isinstance(shape, Circle):
-        line, away = _arc(shape, positions, size)
-    else:
-        line, away = _straight(shape, positions, size)
+    line, away = shape.outline(positions, size, _BEYOND * size)
     s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     at = np.arange(0.5 * _APART * size, s[-1], _APART * size)
     starts, out = (
@@ -66,28 +63,6 @@ def outline(shape: Line | Circle, positions: np.ndarray, size: float) -> Outline
     aside = 0.8 * out[:, ::-1] * (1, -1)
     ends = starts + _STROKE * size * (out + aside)
     return Outline(line, np.stack([starts, ends], axis=1))
-
-
-def _straight(shape: Line, positions: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Ends (2, 2) of the line, and its directions (2, 2) away from the free side."""
-    x, y = shape.normal
-    along = np.array([-y, x])
-    s = (positions - shape.point) @ along
-    reach = np.array([s.min() - _BEYOND * size, s.max() + _BEYOND * size])
-    return shape.point + reach[:, None] * along, np.tile((-x, -y), (2, 1))
-
-
-def _arc(shape: Circle, positions: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 2) of the circle or of its near part, and directions away from the free side."""
-    middle, half = 0.0, np.pi
-    if shape.radius > size:
-        arms = positions - shape.centre
-        middle = np.arctan2(*arms.mean(axis=0)[::-1])
-        apart = np.angle(np.exp(1j * (np.arctan2(*arms.T[::-1]) - middle)))
-        half = min(np.pi, abs(apart).max() + _BEYOND * size / shape.radius)
-    angle = middle + np.linspace(-half, half, 181)
-    out = np.column_stack([np.cos(angle), np.sin(angle)])
-    return shape.centre + shape.radius * out, out if shape.inside else -out
 
 
 _UNITS = (1e-3, 1e6, r"$\mu$s"), (1e-2, 1e3, "ms"), (math.inf, 1.0, "s")
@@ -200,14 +175,14 @@ class Drawing:
     @cached_property
     def _carried(self) -> list[tuple[int, Outline]]:
         """Nodes that carry obstacles, and the outlines as if these nodes were at the origin."""
-        outlines_of: dict[Line | Circle, tuple[int, Outline]] = {}
+        outlines_of: dict[Shape, tuple[int, Outline]] = {}
         for obstacle in self.solution.obstacles:
             shape = obstacle.shape
             if isinstance(shape, Beam) or shape.carrier is None or shape in outlines_of:
                 continue
             seen = [self._seen_from(shape.carrier.number, obstacle.target, k) for k in self.rows]
-            place = {"centre" if isinstance(shape, Circle) else "point": (0.0, 0.0)}
-            drawn = outline(replace(shape, **place), np.concatenate([[(0, 0)], *seen]), self.reach)
+            seen_and_place = np.concatenate([[(0, 0)], *seen])
+            drawn = outline(shape.at((0.0, 0.0)), seen_and_place, self.reach)
             outlines_of[shape] = shape.carrier.number, drawn
         return list(outlines_of.values())
 

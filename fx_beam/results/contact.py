@@ -11,7 +11,7 @@ import numpy as np
 
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.member_contact import arc_of, nearest
-from fx_beam.scene.obstacles import Circle, Obstacle
+from fx_beam.scene.obstacles import Obstacle
 
 
 def as_recorded(contacts: Iterable[Obstacle]) -> list[Obstacle]:
@@ -111,8 +111,7 @@ class Contact:
         shape = self.obstacle.shape
         if isinstance(shape, Beam):
             return self._sides(shape) * known[..., variable]
-        side = -1.0 if isinstance(shape, Circle) and shape.inside else 1.0
-        return side * known[..., variable]
+        return shape.side * known[..., variable]
 
     # Nearest points take time: they are found once for each `Contact`.
     @functools.cached_property
@@ -141,13 +140,8 @@ class Contact:
         if shape.carrier is not None:
             arms = arms - q[:, None, shape.carrier.number, :2]
             psi = q[:, shape.carrier.number, 2]
-        if isinstance(shape, Circle):
-            distance, side = np.hypot(*np.moveaxis(arms, -1, 0)), -1.0 if shape.inside else 1.0
-            directions = side * arms / np.maximum(distance, 1e-300)[..., None]
-            return side * (distance - shape.radius) - radius, directions
-        (x, y), c, s = shape.normal, np.cos(psi), np.sin(psi)
-        normals = np.stack([c * x - s * y, s * x + c * y], axis=-1)[:, None]
-        return (arms * normals).sum(axis=-1) - radius, np.broadcast_to(normals, arms.shape)
+        distances, directions = shape.seen(arms, psi[:, None])
+        return distances - radius, directions
 
     def _from_member(self, q: np.ndarray, member: Beam) -> tuple[np.ndarray, np.ndarray]:
         """The same for a member, from the nearest points on it."""

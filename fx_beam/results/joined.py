@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.obstacles import Circle, Obstacle
+from fx_beam.scene.obstacles import Obstacle
 
 from .audit import BeamResultants, Energy, Stats
 from .contact import as_recorded
@@ -178,9 +178,7 @@ class _Joined:
             if isinstance(one.target, Node):
                 moved = replace(moved, target=self._node(one.target))
             if not isinstance(one.shape, Beam) and one.shape.carrier is not None:
-                place = "centre" if isinstance(one.shape, Circle) else "point"
-                at = {place: self._node(one.shape.carrier)}
-                moved = replace(moved, shape=replace(one.shape, **at))
+                moved = replace(moved, shape=one.shape.at(self._node(one.shape.carrier)))
             same = known.get(_contact_key(moved))
             if same is None and moved.number in taken:
                 moved = replace(moved, number=1 + max(taken))

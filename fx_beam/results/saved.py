@@ -13,7 +13,7 @@ from fx_beam.errors import Failure
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.coordinate import Coulomb
-from fx_beam.scene.obstacles import Circle, Line, Obstacle
+from fx_beam.scene.obstacles import Obstacle, Shape
 
 from .audit import BeamResultants, Energy, Stats
 from .export import FORMAT
@@ -156,17 +156,16 @@ def _divide_by_beams(data: dict[str, np.ndarray], beams: list[dict]) -> None:
 
 def _obstacles(saved: list[dict], beams: dict[str, Beam], X: np.ndarray) -> list[Obstacle]:
     obstacles = []
+    kinds: dict[str, Any] = {kind.__name__: kind for kind in Shape.__subclasses__()}
 
     def node(number: int) -> Node:
         return Node(number, *map(float, X[number]))
 
-    def made(kind: str, shape: dict) -> Circle | Line | Beam:
+    def made(kind: str, shape: dict) -> Shape | Beam:
         if kind == "Beam":
             return beams[shape["beam"]]
-        origin = "centre" if kind == "Circle" else "point"
-        if isinstance(shape[origin], int):
-            shape[origin] = node(shape[origin])
-        return Circle(**shape) if kind == "Circle" else Line(**shape)
+        place, *others = shape.values()
+        return kinds[kind](node(place) if isinstance(place, int) else place, *others)
 
     for number, item in enumerate(saved):
         on, shape, kind = item.pop("on"), item.pop("shape"), item.pop("kind")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -37,6 +37,7 @@ _SHARES = {
 }
 # Most integration points in an element.
 _MOST_POINTS = 50
+_Two = tuple[np.ndarray, np.ndarray]
 
 
 def _place(given: Any, what: str) -> Any:
@@ -52,7 +53,89 @@ def _place(given: Any, what: str) -> Any:
 
 
 @dataclass(frozen=True)
-class Line:
+class Shape:
+    """What points cannot enter: a frozen dataclass, whose first field is its place.
+
+    The place is a point (x, y), or a node that carries it. `laws/gaps.py` has its gap over a step,
+    by its name.
+    """
+
+    #: Fields that are numbers: scenes that differ in these only have one structure.
+    NUMBERS: ClassVar[tuple[str, ...]]
+    #: -1 where points stay inside.
+    side: ClassVar[float] = 1.0
+
+    def __post_init__(self):
+        name = self._place
+        object.__setattr__(self, name, _place(getattr(self, name), f"{self.name}: {name}"))
+
+    @property
+    def name(self) -> str:
+        """Its kind."""
+        return type(self).__name__
+
+    @property
+    def _place(self) -> str:
+        return fields(self)[0].name
+
+    @property
+    def carrier(self) -> Node | None:
+        """The node that carries it; None for a fixed one."""
+        place = getattr(self, self._place)
+        return place if isinstance(place, Node) else None
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Its place in the reference configuration [m]."""
+        return position_of(getattr(self, self._place))
+
+    def at(self, place: Node | tuple[float, float]) -> Self:
+        """The same shape at another place."""
+        return replace(self, **{self._place: place})
+
+    def gap(self, positions) -> np.ndarray:
+        """Distance of positions from the shape, in its reference configuration if it is carried.
+
+        Parameters
+        ----------
+        positions : (..., 2) float
+            Positions [m].
+
+        Returns
+        -------
+        (...) float
+            Distance [m]; negative on the side that is not allowed.
+        """
+        checked = numbers(positions)
+        fits = checked.ndim > 0 and checked.shape[-1] == 2
+        require(fits, f"{self.name}.gap: positions", positions, "positions (x, y)")
+        return self.seen(checked - self.origin)[0]
+
+    @property
+    def of_gap(self) -> tuple[float, ...]:
+        """Numbers of its gap."""
+        raise NotImplementedError
+
+    def seen(self, arms: np.ndarray, turn: Any = 0.0) -> _Two:
+        """Distances (...) and directions (..., 2) to the free side, of arms (..., 2) from it.
+
+        It has turned by an angle (...) [rad].
+        """
+        raise NotImplementedError
+
+    def check_room(self, radius: float, what: str) -> None:
+        """Refuse a shape in which what touches has no room."""
+
+    def outline(self, positions: np.ndarray, size: float, beyond: float) -> _Two:
+        """Points (n, 2) of a fixed shape near positions, and directions away from the free side.
+
+        It is whole up to a size, else it reaches a length beyond the positions.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Line(Shape):
     """A straight wall, fixed or carried by a node; others stay where its normal points.
 
     Parameters
@@ -76,10 +159,13 @@ class Line:
     1.5
     """
 
+    NUMBERS = "point", "normal"
+
     point: Any
     normal: Any
 
     def __post_init__(self):
+        super().__post_init__()
         normal = vector(self.normal, 2, "Line: normal")
         if not normal.any():
             raise SceneError(f"Line: normal = {self.normal!r} has no direction")
@@ -87,36 +173,29 @@ class Line:
         if abs(length - 1) > 4e-16:  # a unit vector stays as it is, to the last digit
             normal = normal / length
         object.__setattr__(self, "normal", tuple(normal.tolist()))
-        object.__setattr__(self, "point", _place(self.point, "Line: point"))
 
     @property
-    def carrier(self) -> Node | None:
-        """The node that carries it; None for a fixed one."""
-        return self.point if isinstance(self.point, Node) else None
+    def of_gap(self) -> tuple[float, ...]:
+        """The normal."""
+        return self.normal
 
-    @property
-    def origin(self) -> tuple[float, float]:
-        """A point of it in the reference configuration [m]."""
-        return position_of(self.point)
+    def seen(self, arms: np.ndarray, turn: Any = 0.0) -> _Two:
+        """Distances, and the normal."""
+        (x, y), c, s = self.normal, np.cos(turn), np.sin(turn)
+        normals = np.stack([c * x - s * y, s * x + c * y], axis=-1)
+        return (arms * normals).sum(axis=-1), np.broadcast_to(normals, arms.shape)
 
-    def gap(self, positions) -> np.ndarray:
-        """Distance of positions from the wall, in its reference configuration if it is carried.
-
-        Parameters
-        ----------
-        positions : (..., 2) float
-            Positions [m].
-
-        Returns
-        -------
-        (...) float
-            Distance [m]; negative behind the wall.
-        """
-        return (_checked("Line", positions) - self.origin) @ np.array(self.normal)
+    def outline(self, positions: np.ndarray, size: float, beyond: float) -> _Two:
+        """The two ends of the part past the positions."""
+        x, y = self.normal
+        along = np.array([-y, x])
+        s = (positions - self.point) @ along
+        reach = np.array([s.min() - beyond, s.max() + beyond])
+        return self.point + reach[:, None] * along, np.tile((-x, -y), (2, 1))
 
 
 @dataclass(frozen=True)
-class Circle:
+class Circle(Shape):
     """A circle, fixed or carried by a node; others stay outside of it, or inside.
 
     Parameters
@@ -140,61 +219,51 @@ class Circle:
     array([ 1., -1.])
     """
 
+    NUMBERS = "centre", "radius"
+
     centre: Any
     radius: float
     inside: bool = False
 
     def __post_init__(self):
+        super().__post_init__()
         set_finite(self, "radius", "positive")
         require(is_flag(self.inside), "Circle: inside", self.inside, "True or False")
-        object.__setattr__(self, "centre", _place(self.centre, "Circle: centre"))
 
     @property
-    def carrier(self) -> Node | None:
-        """The node that carries it; None for a fixed one."""
-        return self.centre if isinstance(self.centre, Node) else None
+    def side(self) -> float:  # type: ignore[override]
+        """-1 where points stay inside."""
+        return -1.0 if self.inside else 1.0
 
     @property
-    def origin(self) -> tuple[float, float]:
-        """Its centre in the reference configuration [m]."""
-        return position_of(self.centre)
+    def of_gap(self) -> tuple[float, ...]:
+        """Radius and side."""
+        return self.radius, self.side
 
-    def gap(self, positions) -> np.ndarray:
-        """Distance of positions from the circle, in its reference configuration if it is carried.
+    def seen(self, arms: np.ndarray, turn: Any = 0.0) -> _Two:
+        """Distances, and directions from the centre, or towards it inside."""
+        distance = np.hypot(*np.moveaxis(arms, -1, 0))
+        directions = self.side * arms / np.maximum(distance, 1e-300)[..., None]
+        return self.side * (distance - self.radius), directions
 
-        Parameters
-        ----------
-        positions : (..., 2) float
-            Positions [m].
+    def check_room(self, radius: float, what: str) -> None:
+        """Refuse a circle that is smaller than the one inside."""
+        if self.inside and self.radius <= radius:
+            raise SceneError(
+                f"{what}: its radius {self.radius:g} must be above that of the inner one"
+            )
 
-        Returns
-        -------
-        (...) float
-            Distance [m]; negative on the side that is not allowed.
-        """
-        x, y = np.moveaxis(_checked("Circle", positions) - self.origin, -1, 0)
-        distance = np.hypot(x, y) - self.radius
-        return -distance if self.inside else distance
-
-
-def _checked(what: str, positions) -> np.ndarray:
-    """Positions (..., 2) as an array."""
-    checked = numbers(positions)
-    fits = checked.ndim > 0 and checked.shape[-1] == 2
-    require(fits, f"{what}.gap: positions", positions, "positions (x, y)")
-    return checked
-
-
-def moved(shape: Line | Circle, q: np.ndarray) -> Line | Circle:
-    """A shape where its carrier has moved by q = (u_x, u_y, rotation); a fixed one as it is."""
-    if shape.carrier is None:
-        return shape
-    x, y = (float(p + u) for p, u in zip(shape.origin, q[:2], strict=True))
-    if isinstance(shape, Circle):
-        return Circle((x, y), shape.radius, shape.inside)
-    c, s = np.cos(q[2]), np.sin(q[2])
-    a, b = shape.normal
-    return Line((x, y), (c * a - s * b, s * a + c * b))
+    def outline(self, positions: np.ndarray, size: float, beyond: float) -> _Two:
+        """Points of the circle or of its near part."""
+        middle, half = 0.0, np.pi
+        if self.radius > size:
+            arms = positions - self.centre
+            middle = np.arctan2(*arms.mean(axis=0)[::-1])
+            apart = np.angle(np.exp(1j * (np.arctan2(*arms.T[::-1]) - middle)))
+            half = min(np.pi, abs(apart).max() + beyond / self.radius)
+        angle = middle + np.linspace(-half, half, 181)
+        out = np.column_stack([np.cos(angle), np.sin(angle)])
+        return self.centre + self.radius * out, -self.side * out
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +306,7 @@ class Obstacle:
     """
 
     target: Node | Beam
-    shape: Line | Circle | Beam
+    shape: Shape | Beam
     stiffness: float
     restitution: float = 1.0
     speed: float | None = None
@@ -257,7 +326,7 @@ class Obstacle:
             other = "itself" if self.shape is self.target else label(self.shape)
             return f"{number}{label(self.target)} against {other}"
         carrier = f" on {self.shape.carrier}" if self.shape.carrier is not None else ""
-        return f"{number}{type(self.shape).__name__}{carrier} for {label(self.target)}"
+        return f"{number}{self.shape.name}{carrier} for {label(self.target)}"
 
     @property
     def loss(self) -> float:
@@ -323,7 +392,7 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
 
 def checked_obstacle(
     target: Beam | Node,
-    shape: Line | Circle | Beam,
+    shape: Shape | Beam,
     impact: tuple,
     number: int,
     radius: Any = 0.0,
@@ -331,7 +400,7 @@ def checked_obstacle(
     friction: Coulomb | None = None,
 ) -> Obstacle:
     """An obstacle with valid numbers. SceneError for others; where it starts is not checked."""
-    if not isinstance(shape, Line | Circle | Beam):
+    if not isinstance(shape, Shape | Beam):
         raise SceneError(
             f"a contact needs an fx_beam.Line, an fx_beam.Circle or a beam, not {shown(shape)}. A "
             "body has none of its own: give it one, such as fx_beam.Circle(body.centre, radius)"
@@ -373,13 +442,12 @@ def checked_radii(what: str, radius: Any) -> tuple[float, float]:
 def check_start(made: Obstacle, size: float) -> None:
     """SceneError if the target starts behind a shape, in a scene of this size [m]."""
     target, shape = made.target, made.shape
-    assert isinstance(shape, Line | Circle)
-    if isinstance(shape, Circle) and shape.inside and shape.radius <= made.radii:
-        raise SceneError(f"{made}: its radius {shape.radius:g} must be above that of the inner one")
+    assert isinstance(shape, Shape)
+    shape.check_room(made.radii, str(made))
     nodes = target.nodes if isinstance(target, Beam) else (target,)
     if shape.carrier is not None and shape.carrier in nodes:
         raise SceneError(
-            f"{made}: {shape.carrier} carries the {type(shape).__name__.lower()} and belongs to "
+            f"{made}: {shape.carrier} carries the {shape.name.lower()} and belongs to "
             "what it should stop. Let a node of another member or body carry it"
         )
     positions = start_of(made.target)

@@ -23,7 +23,7 @@ from .law import parameters_of_energy
 from .member_contact import check_members
 from .natural_strains import NaturalStrain, changed_strain, natural_strain
 from .notebook import facts, html_table, sketch
-from .obstacles import Circle, Line, Obstacle, check_start, checked_obstacle
+from .obstacles import Obstacle, Shape, check_start, checked_obstacle
 from .parameters import Parameter, Parameters
 from .removal import locked, own_joint, remove_beam, remove_body, remove_joint, unlocked
 from .section import Section
@@ -421,7 +421,7 @@ class Scene:
     def add_obstacle(
         self,
         target: Beam | Node,
-        obstacle: Line | Circle,
+        obstacle: Shape,
         stiffness: float | None = None,
         restitution: float = 1.0,
         speed: float | None = None,
@@ -487,7 +487,7 @@ class Scene:
     def add_contact(
         self,
         a: Beam | Node,
-        b: Line | Circle | Beam,
+        b: Shape | Beam,
         *,
         stiffness: float | None = None,
         energy: Callable[[Any], Any] | None = None,

@@ -25,7 +25,7 @@ from .joints import Joint
 from .law import functions_of_energy
 from .loads import Drag, Load, Velocity, VirtualWork
 from .natural_strains import StrainPart
-from .obstacles import Circle, Line, Obstacle
+from .obstacles import Obstacle
 from .scene import Scene
 from .section import Section
 from .stop import Stop
@@ -53,8 +53,9 @@ def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
     return own + [("virtual work", work) for work in works]
 
 
-#: Attributes of which only the kind must be the same: an array keeps its shape, a function of time
-#: or place stays one or becomes a number, and None stays None.
+#: Attributes of which only the kind must be the same, besides those that shapes name themselves: an
+#: array keeps its shape, a function of time or place stays one or becomes a number, and None stays
+#: None.
 NUMBERS: dict[type, tuple[str, ...]] = {
     Scene: ("gravity", "prescribed", "masses", "parameters"),
     Beam: ("s", "inner"),
@@ -67,8 +68,6 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Friction: ("force", "speed"),
     Coulomb: ("mu", "stiffness", "radius", "damping"),
     Stop: ("lower", "upper", "stiffness", "restitution", "speed"),
-    Line: ("point", "normal"),
-    Circle: ("centre", "radius"),
     Obstacle: ("stiffness", "restitution", "speed", "radius"),
     ForceBetween: ("b",),
     Load: ("value", "along"),
@@ -182,7 +181,7 @@ def _checks(kind: Any) -> Any:
     if issubclass(kind, np.ndarray):
         return _arrays
     own = {of: names for of, names in NUMBERS.items() if issubclass(kind, of)}
-    numbers = {name for names in own.values() for name in names}
+    numbers = {name for names in own.values() for name in names} | {*getattr(kind, "NUMBERS", ())}
     functions = {name for of, names in _OWN.items() if issubclass(kind, of) for name in names}
     if not is_dataclass(kind):
         return None
