@@ -31,22 +31,21 @@ from .laws.schemes import (
     Newmark,
     Scheme,
 )
-from .linear.harmonic import FrequencyResponse, frequency_response
+from .linear.harmonic import frequency_response
 from .linear.linear_system import LinearSystem, linearise
-from .linear.modal import Modes, modes
+from .linear.modal import modes
 from .linear.rayleigh import rayleigh
 from .motions.dynamics import simulate
 from .motions.motion import Motion
 from .motions.snapshot import Snapshot
 from .orbits.forced_response import forced_response
-from .orbits.periodic_family import PeriodicFamily
-from .orbits.periodic_motion import PeriodicMotion
 from .orbits.periodic_search import backbone, periodic
 from .results.audit import BeamResultants, Energy, Stats
 from .results.contact import Contact
 from .results.joint_motion import JointMotion
 from .results.saved import load
 from .results.solution import Solution
+from .results.vibrations import FrequencyResponse, Modes, PeriodicFamily, PeriodicMotion
 from .scene.beam import Beam, Node
 from .scene.body import Body
 from .scene.changes import Fuse, Latch

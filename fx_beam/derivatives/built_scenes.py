@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.motions.numbers import OF_STEPS
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.validation import all_of, check_takes, numbers, require, shown
 
-from .numbers import OF_STEPS
 from .output_values import Wanted
 
 #: A function of numbers (m,) that gives a scene and its outputs by name.

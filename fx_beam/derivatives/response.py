@@ -17,6 +17,7 @@ from fx_beam.equilibria.load_path import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.motion_series import MotionSeries
+from fx_beam.motions.numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
 from fx_beam.results.audit import Stats
@@ -37,7 +38,6 @@ from fx_beam.validation import array_of, check_takes, is_one_of, positive, requi
 
 from .built_scenes import Build, BuiltScenes, checked_numbers
 from .gradient import Gradient, along
-from .numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, summed
 from .output_values import Recording, values_of

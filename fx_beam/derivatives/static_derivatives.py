@@ -11,6 +11,7 @@ from fx_beam.equilibria.load_path import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.numbers import static_numbers_of
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.scene import Scene
@@ -25,7 +26,6 @@ from fx_beam.step.static_tape import static_tape
 from fx_beam.step.tables import Problem
 
 from .gradient import jvp
-from .numbers import static_numbers_of
 from .step_losses import StepLosses, why_no_losses
 from .sub_steps import SubSteps
 from .work_outputs import StepWork, why_no_work

@@ -10,10 +10,10 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from fx_beam.laws.interval import Interval
-from fx_beam.linear.undamped_modes import lowest
 from fx_beam.results.state import State
 from fx_beam.step.sparse_lu import pivoted_lu, sparse_lu
 from fx_beam.step.symmetry import Symmetry
+from fx_beam.step.undamped_modes import lowest
 
 from .load_steps import LoadStepper
 

@@ -11,8 +11,7 @@ import numpy as np
 import scipy.linalg
 
 from fx_beam.step.sparse_lu import pivoted_lu
-
-from .undamped_modes import lowest
+from fx_beam.step.undamped_modes import lowest
 
 # A root is known when inverse iteration changes it by less, relative to its size.
 _CLOSE = 1e-9

@@ -3,144 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
-from fx_beam.results.tables import data_frame, write_csv
+from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.beam import COMPONENTS, Node
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import check_node
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
-from fx_beam.validation import LARGEST, is_one_of, numbers, require
+from fx_beam.validation import LARGEST, numbers, require
 
 from .linearisation import Linearisation, check_equilibrium, linearised
 
-# Units of the columns of a response.
-_UNITS = {"x": "m", "y": "m", "rotation": "rad", "slide": "m", "angle": "rad"}
 # Motion per force, in the units of the equations' diagonal, at which only rounding bounds it.
 _UNBOUNDED = 1e14
-
-
-@dataclass(frozen=True, repr=False)
-class FrequencyResponse:
-    r"""Steady vibrations of a node or joint; returned by `frequency_response`.
-
-    Under the load :math:`\mathrm{Re}\,\hat F e^{i \omega t}` the motion about the configuration is
-    :math:`\mathrm{Re}\,\hat x e^{i \omega t}`.
-
-    Parameters
-    ----------
-    at : Node or Joint
-        Where the motion is.
-    frequencies : (n,) float
-        Frequencies of the load [Hz].
-    names : tuple of str
-        Components of the motion: "x", "y" and "rotation" of a node, "slide" or "angle" or both of a
-        joint.
-    values : (n, m) complex
-        Complex amplitudes of the components [m or rad].
-
-    Examples
-    --------
-    A damped oscillator at half its natural frequency, which is 1 Hz: 1/(1 - 1/4) of the static
-    displacement, without damping.
-
-    >>> import math, fx_beam as fb
-    >>> scene = fb.Scene()
-    >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=4 * math.pi**2, GA=1.0, EI=1.0))
-    >>> scene.fix(bar.start, "x", "y", "rotation")
-    >>> mass = scene.add_mass(bar.end, mass=1.0)
-    >>> response = fb.frequency_response(scene, (bar.end, (4 * math.pi**2, 0)), bar.end, [0.0, 0.5])
-    >>> response.amplitude[:, 0].round(3)
-    array([1.   , 1.333])
-    """
-
-    at: Node | Joint
-    frequencies: np.ndarray
-    names: tuple[str, ...]
-    values: np.ndarray
-
-    def __repr__(self):
-        return f"<FrequencyResponse of {', '.join(self.names)} at {len(self)} frequencies>"
-
-    def __len__(self):
-        return len(self.frequencies)
-
-    @property
-    def amplitude(self) -> np.ndarray:
-        """Amplitudes (n, m) [m or rad]."""
-        return abs(self.values)
-
-    @property
-    def phase(self) -> np.ndarray:
-        """Phase (n, m) [rad], from -pi to pi; negative where the motion lags behind the load."""
-        return np.angle(self.values)
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Unit of each component."""
-        return tuple(_UNITS[name] for name in self.names)
-
-    def component(self, name: str) -> np.ndarray:
-        """Complex amplitudes of one component.
-
-        Parameters
-        ----------
-        name : str
-            One of `names`.
-
-        Returns
-        -------
-        (n,) complex
-            Its amplitudes [m or rad].
-
-        Raises
-        ------
-        SceneError
-            If there is no such component.
-        """
-        require(is_one_of(name, self.names), "component", name, f"one of {list(self.names)}")
-        return self.values[:, self.names.index(name)]
-
-    def to_csv(self, path: Path | str) -> None:
-        """Write frequencies, amplitudes and phases as comma-separated columns.
-
-        Parameters
-        ----------
-        path : str or path
-            File to write; its first row names the columns.
-        """
-        write_csv(self._columns(), path)
-
-    def to_pandas(self):
-        """Table of amplitudes and phases, with the columns of `to_csv`.
-
-        Returns
-        -------
-        pandas.DataFrame
-            A row for each frequency, which is its index.
-
-        Raises
-        ------
-        RuntimeError
-            Where pandas is not installed.
-        """
-        return data_frame(self._columns())
-
-    def _columns(self) -> dict[str, np.ndarray]:
-        columns = {"frequency": self.frequencies}
-        for i, name in enumerate(self.names):
-            columns |= {
-                f"{name} amplitude": self.amplitude[:, i],
-                f"{name} phase": self.phase[:, i],
-            }
-        return columns
 
 
 def frequency_response(

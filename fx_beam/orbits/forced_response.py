@@ -10,6 +10,7 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.results.vibrations import PeriodicFamily
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.newton import NewtonOptions
@@ -17,7 +18,7 @@ from fx_beam.validation import LARGEST, check_takes, is_whole, numbers, require,
 
 from .closing import Closed
 from .mode_family import STEP
-from .periodic_family import Path, PeriodicFamily
+from .periodic_family import Path
 from .periodic_motion import motion_of
 from .periodic_search import check_tolerance, longest_step, of_period
 from .shooting import Period, Shooting

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,10 +9,8 @@ import scipy.linalg
 
 from fx_beam.errors import StepError
 from fx_beam.results.state import State
-from fx_beam.scene.beam import Node
 
 from .closing import Closed, Condition, NotClosed, close, turning_point
-from .periodic_motion import PeriodicMotion
 from .shooting import Directions, Period, Shooting
 
 # Iterations up to which steps become longer, and allowed ones; the factors, and the shortest step.
@@ -102,94 +99,3 @@ def _tangent(closed: Closed, before: np.ndarray) -> np.ndarray:
     right = np.append(np.zeros(len(matrix)), 1.0)
     direction = scipy.linalg.lstsq(np.vstack([matrix, onwards]), right, lapack_driver="gelsy")[0]
     return direction / np.linalg.norm(_in_rows(closed, direction))
-
-
-class PeriodicFamily:
-    """Periodic motions of a family; `backbone` and `forced_response` return it.
-
-    It is a sequence of `PeriodicMotion`.
-
-    Parameters
-    ----------
-    motions : list of PeriodicMotion
-        The motions, along the curve.
-    free : bool
-        Whether they are free motions, a backbone curve.
-
-    Examples
-    --------
-    A body on a spring that softens.
-
-    >>> import fx_beam as fb
-    >>> scene = fb.Scene()
-    >>> body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
-    >>> spring = fb.Spring(stiffness=1.0, strain_energy=lambda x: -(x**4) / 8)
-    >>> joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
-    >>> family = fb.backbone(scene, amplitude=1.0)
-    >>> bool(family.stable.all()), (family.frequencies * 6.2832).round(2)[[0, -1]]
-    (True, array([1.  , 0.78]))
-    """
-
-    def __init__(self, motions: list[PeriodicMotion], free: bool):
-        self.motions, self.free = motions, free
-
-    def __len__(self):
-        return len(self.motions)
-
-    def __getitem__(self, number: int) -> PeriodicMotion:
-        return self.motions[number]
-
-    def __iter__(self) -> Iterator[PeriodicMotion]:
-        return iter(self.motions)
-
-    def __repr__(self):
-        low, high = self.frequencies.min(), self.frequencies.max()
-        kind = "free" if self.free else "forced"
-        return f"<PeriodicFamily: {len(self)} {kind} motions from {low:.4g} to {high:.4g} Hz>"
-
-    @property
-    def frequencies(self) -> np.ndarray:
-        """Frequencies (n,) [Hz]."""
-        return np.array([motion.frequency for motion in self.motions])
-
-    @property
-    def energies(self) -> np.ndarray:
-        """Energies (n,) at the starts [J]."""
-        return np.array([motion.energy for motion in self.motions])
-
-    @property
-    def stable(self) -> np.ndarray:
-        """Whether the motions are stable, (n,)."""
-        return np.array([motion.stable for motion in self.motions])
-
-    @property
-    def critical(self) -> list[tuple[int, str]]:
-        """Where stability changes: (k, kind) if multipliers cross the circle before motion k.
-
-        They do so between the motions k - 1 and k. The kind is `PeriodicMotion.instability` of the
-        motions that are unstable: at a fold the curve turns back in frequency, or another branch
-        leaves it; at a period doubling one of motions with twice the period.
-        """
-        kinds = [motion.instability for motion in self.motions]
-        return [
-            (k, after or before)
-            for k, (before, after) in enumerate(itertools.pairwise(kinds), 1)
-            if before != after
-        ]
-
-    def amplitudes(self, node: Node, component: str = "y") -> np.ndarray:
-        """Amplitudes of a node.
-
-        Parameters
-        ----------
-        node : Node
-            A node of the scene.
-        component : {"x", "y", "rotation"}
-            Component of its motion.
-
-        Returns
-        -------
-        (n,) float
-            `PeriodicMotion.amplitude` of all motions [m or rad].
-        """
-        return np.array([motion.amplitude(node, component) for motion in self.motions])

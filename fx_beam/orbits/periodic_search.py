@@ -11,14 +11,14 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.prepared import end_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.validation import as_float, is_number, is_whole, positive, require
 
 from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close
 from .mode_family import STEP, ModeFamily, holds_energy, mode_start
-from .periodic_family import PeriodicFamily
-from .periodic_motion import PeriodicMotion, motion_of
+from .periodic_motion import motion_of
 from .shooting import Shooting, nearest_return
 
 # Periods after which the search for a forced motion begins again.

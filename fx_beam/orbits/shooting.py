@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.derivatives.numbers import numbers_of
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions.evaluation import solution_of
+from fx_beam.motions.numbers import numbers_of
 from fx_beam.motions.options import Options, check_scene
 from fx_beam.motions.prepared import Prepared
 from fx_beam.results.solution import Solution

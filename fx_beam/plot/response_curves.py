@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fx_beam.linear.harmonic import FrequencyResponse
-from fx_beam.orbits.periodic_family import PeriodicFamily
+from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
 from fx_beam.scene.beam import Node
 from fx_beam.validation import require
 

@@ -11,14 +11,13 @@ import scipy.linalg
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.step.sparse_lu import sparse_lu
+
+from .sparse_lu import sparse_lu
 
 # Largest error of a vector in its iteration.
 _EXACT = 1e-12
 # Share of a vector that is left of it where a basis is complete: more than its rounding errors.
 _ROUNDING = 1e-10
-# Sizes of parts of a mode that differ by less, relative to the largest, are equal.
-_EQUAL = 1e-3
 
 
 def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -38,11 +37,6 @@ def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     vectors = np.sqrt(unit) * scale[:, None] * vectors
     values, rigid = unit * values, abs(values) <= rounding
     return np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values))), rigid, vectors
-
-
-def first_of_largest(sizes: np.ndarray) -> int:
-    """Number of the first size (n,) that is the largest one, but for rounding errors."""
-    return int((sizes >= (1 - _EQUAL) * sizes.max()).argmax())
 
 
 def _scaled(matrix, scale: np.ndarray):

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from fx_beam.coupling.joint_reduction import JointReduction
-from fx_beam.motions.initial_state import reference_state
-from fx_beam.motions.prepared import Prepared
 from fx_beam.results.state import State
 from fx_beam.scene.joints import joints_by_number
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.model import Model
+
+from .initial_state import reference_state
+from .prepared import Prepared
 
 #: Numbers that no step reads, but outputs; without beams also the positions of nodes.
 OF_OUTPUTS = {

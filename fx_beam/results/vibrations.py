@@ -1,0 +1,523 @@
+"""Vibrations as they are found: modes, responses to harmonic loads, periodic motions."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import SceneError
+from fx_beam.scene.beam import COMPONENTS, Beam, Node
+from fx_beam.scene.body import Body
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.notebook import sketch
+from fx_beam.validation import as_float, is_number, is_one_of, is_whole, require, shown
+
+from .solution import Solution
+from .tables import data_frame, write_csv
+
+# Sizes of parts of a mode that differ by less, relative to the largest, are equal.
+_EQUAL = 1e-3
+# Units of the columns of a response.
+_UNITS = {"x": "m", "y": "m", "rotation": "rad", "slide": "m", "angle": "rad"}
+
+
+@dataclass(frozen=True)
+class Modes:
+    r"""Free vibrations about a configuration, lowest first.
+
+    A vibration :math:`\hat x \sin(\omega t)` of small amplitude obeys
+    :math:`K \hat x = \omega^2 M \hat x` in the unknowns of the scene. If :math:`\omega^2` is
+    negative, the configuration is unstable: the amplitude grows as :math:`e^{|\omega| t}`, and the
+    frequency is given as the negative number :math:`-|\omega|`.
+
+    With damping the motion is :math:`\mathrm{Re}\,\hat x e^{\lambda t}`, with
+    :math:`(\lambda^2 M + \lambda C + K) \hat x = 0`. A pair of complex roots is one mode,
+    :math:`\lambda = \omega (-\zeta + i \sqrt{1 - \zeta^2})`. An overdamped mode has two real
+    roots; the slower one stands for both. Its frequency and damping ratio are those of the modal
+    mass 1, :math:`\omega^2 = \hat x.K \hat x` and :math:`2 \zeta \omega = \hat x.C \hat x`.
+    In a frame that turns, C has the Coriolis forces as well, which do not damp.
+
+    Parameters
+    ----------
+    angular_frequencies : (n,) float
+        Natural angular frequencies omega [rad/s]; zero for rigid modes, negative for unstable ones,
+        which grow without vibrating.
+    rigid : (n,) bool
+        Whether a mode is a rigid-body motion: its strain energy is zero up to rounding.
+    shapes : (n, n_node, 3) float or complex
+        Displacements and rotations of the nodes, with modal mass 1: shape.M.shape = 1 kg m^2, with
+        the conjugate of one of both. Complex for damped scenes, since the nodes of a mode need not
+        move in phase; the phase is chosen such that the imaginary part is small. The sign: of the
+        displacements along x and y of all nodes, in their order, the first one that is within
+        0.1 % of the largest is positive (of complex ones the real part); where nodes only turn, of
+        the rotations.
+    positions : (n_node, 2) float
+        Positions of the nodes in the configuration [m].
+    nodes_of_beam : dict
+        All nodes of each beam in order, those inside elements included.
+    degree : int
+        Degree of the elements.
+    damping_ratios : (n,) float
+        Damping ratios zeta: 0 for rigid modes, above 1 for overdamped ones, negative for vibrations
+        that grow, nan for growth without vibration.
+    eigenvalues : (n,) complex
+        Roots lambda [1/s]: the amplitude changes as e^(Re(lambda) t), the vibration has the angular
+        frequency Im(lambda).
+    bodies, beams : dict, optional
+        The bodies and the beams by name.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0))
+    >>> scene.fix(bar.start, "x", "y", "rotation")
+    >>> mass = scene.add_mass(bar.end, mass=1.0)
+    >>> modes = fb.modes(scene, n=2)
+    >>> moved = modes.shape(bar, mode=0, size=0.1)[-1] - modes.positions[-1]
+    >>> len(modes), abs(moved).round(3)
+    (2, array([0. , 0.1]))
+    """
+
+    angular_frequencies: np.ndarray
+    rigid: np.ndarray
+    shapes: np.ndarray
+    positions: np.ndarray
+    nodes_of_beam: dict[str, np.ndarray]
+    degree: int
+    damping_ratios: np.ndarray
+    eigenvalues: np.ndarray
+    bodies: dict[str, Body] = field(default_factory=dict)
+    beams: dict[str, Beam] = field(default_factory=dict)
+
+    def __post_init__(self):
+        size = float(np.ptp(self.positions, axis=0).max()) or 1.0
+        # Rotations count if nothing else moves.
+        parts = (self.shapes.real * (1.0, 1.0, 1e-6 * size)).reshape(len(self), -1)
+        signs = [np.copysign(1.0, part[first_of_largest(abs(part))]) for part in parts]
+        object.__setattr__(self, "shapes", np.reshape(signs, (-1, 1, 1)) * self.shapes)
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Natural frequencies [Hz], (n,); negative for modes that grow without vibrating."""
+        return self.angular_frequencies / (2 * np.pi)
+
+    @property
+    def unstable(self) -> np.ndarray:
+        """Whether a mode grows, (n,)."""
+        return (self.angular_frequencies < 0) | (self.damping_ratios < 0)
+
+    @property
+    def overdamped(self) -> np.ndarray:
+        """Whether a mode decays without vibrating, (n,)."""
+        return self.damping_ratios > 1
+
+    def __len__(self):
+        return len(self.rigid)
+
+    def __repr__(self):
+        low, high = self.frequencies.min(), self.frequencies.max()
+        return f"<Modes: {len(self)} from {low:.4g} to {high:.4g} Hz>"
+
+    def _repr_html_(self):
+        shown = range(min(4, len(self)))
+        size = 0.15 * float(np.ptp(self.positions, axis=0).max())
+        shapes = [
+            sketch(
+                [
+                    *(self.positions[nodes] for nodes in self.nodes_of_beam.values()),
+                    *(self.shape(name, mode, size) for name in self.nodes_of_beam),
+                ],
+                ["#bbb"] * len(self.nodes_of_beam) + ["#0072B2"] * len(self.nodes_of_beam),
+            )
+            for mode in shown
+        ]
+        return f"<pre>{escape(str(self))}</pre>{' '.join(shapes)}"
+
+    def __str__(self):
+        kinds = [self.rigid, self.unstable, self.overdamped]
+        names = np.select(kinds, ["rigid", "unstable", "overdamped"], "")
+        ratios = [f", damping ratio {z:.4g}" if abs(z) > 0 else "" for z in self.damping_ratios]
+        rows = zip(range(len(self)), self.frequencies, ratios, names, strict=True)
+        return "\n".join(f"mode {k}: {f:.6g} Hz{z} {name}".rstrip() for k, f, z, name in rows)
+
+    def shape(
+        self, beam: Beam | Body | str, mode: int, size: float, phase: float = 0.0
+    ) -> np.ndarray:
+        """Axis of a beam, or nodes of a body, displaced by a mode.
+
+        Parameters
+        ----------
+        beam : Beam, Body or str
+            A beam or its name, or a body.
+        mode : int
+            Number of the mode, from 0.
+        size : float
+            Largest displacement of a node of the scene [m].
+        phase : float
+            Angle of the vibration [rad]; pi/2 is a quarter of the period later, and pi half of it.
+
+        Returns
+        -------
+        (elements * degree + 1, 2) float
+            Positions of its nodes, those inside elements included [m]. Of a body: its centre, then
+            its points.
+
+        Raises
+        ------
+        SceneError
+            If there is no such beam or mode.
+        """
+        name = beam.name if isinstance(beam, Beam) else beam
+        for what, value in (("size", size), ("phase", phase)):
+            require(is_number(value), f"shape: {what}", value, "a finite number")
+        if isinstance(beam, Body):
+            nodes = np.array([node.number for node in beam.nodes])
+        elif not isinstance(name, str) or name not in self.nodes_of_beam:
+            raise SceneError(
+                f"{shown(name)} is not a beam of these modes; they have {list(self.nodes_of_beam)}"
+            )
+        else:
+            nodes = self.nodes_of_beam[name]
+        if not is_whole(mode, -len(self), len(self) - 1):
+            raise SceneError(f"mode {shown(mode)}: there are {len(self)} modes, numbered from 0")
+        moved = self.shapes[mode, :, :2]
+        # The largest half-axis of the ellipses on which the nodes move.
+        squares = (abs(moved) ** 2).sum(axis=1) + abs((moved**2).sum(axis=1))
+        scale = as_float(size) / np.sqrt(squares.max() / 2)
+        return self.positions[nodes] + scale * (moved[nodes] * np.exp(1j * as_float(phase))).real
+
+
+def modes_of(model: Any, q, vectors, omega, rigid, ratios, roots) -> Modes:
+    """Modes about a configuration q (size,), from motions (size, n) of its nodes."""
+    shapes = np.array([model.to_nodes(vector) for vector in vectors.T])
+    positions = model.mesh.X + model.to_nodes(q)[:, :2]
+    beams = {beam.name: beam for beam in model.scene.beams}
+    nodes = dict(zip(beams, model.mesh.nodes, strict=True))
+    degree = model.scene.beams[0].degree if beams else 1
+    bodies = {body.name: body for body in model.scene.bodies}
+    return Modes(omega, rigid, shapes, positions, nodes, degree, ratios, roots, bodies, beams)
+
+
+def first_of_largest(sizes: np.ndarray) -> int:
+    """Number of the first size (n,) that is the largest one, but for rounding errors."""
+    return int((sizes >= (1 - _EQUAL) * sizes.max()).argmax())
+
+
+@dataclass(frozen=True, repr=False)
+class FrequencyResponse:
+    r"""Steady vibrations of a node or joint; returned by `frequency_response`.
+
+    Under the load :math:`\mathrm{Re}\,\hat F e^{i \omega t}` the motion about the configuration is
+    :math:`\mathrm{Re}\,\hat x e^{i \omega t}`.
+
+    Parameters
+    ----------
+    at : Node or Joint
+        Where the motion is.
+    frequencies : (n,) float
+        Frequencies of the load [Hz].
+    names : tuple of str
+        Components of the motion: "x", "y" and "rotation" of a node, "slide" or "angle" or both of a
+        joint.
+    values : (n, m) complex
+        Complex amplitudes of the components [m or rad].
+
+    Examples
+    --------
+    A damped oscillator at half its natural frequency, which is 1 Hz: 1/(1 - 1/4) of the static
+    displacement, without damping.
+
+    >>> import math, fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=4 * math.pi**2, GA=1.0, EI=1.0))
+    >>> scene.fix(bar.start, "x", "y", "rotation")
+    >>> mass = scene.add_mass(bar.end, mass=1.0)
+    >>> response = fb.frequency_response(scene, (bar.end, (4 * math.pi**2, 0)), bar.end, [0.0, 0.5])
+    >>> response.amplitude[:, 0].round(3)
+    array([1.   , 1.333])
+    """
+
+    at: Node | Joint
+    frequencies: np.ndarray
+    names: tuple[str, ...]
+    values: np.ndarray
+
+    def __repr__(self):
+        return f"<FrequencyResponse of {', '.join(self.names)} at {len(self)} frequencies>"
+
+    def __len__(self):
+        return len(self.frequencies)
+
+    @property
+    def amplitude(self) -> np.ndarray:
+        """Amplitudes (n, m) [m or rad]."""
+        return abs(self.values)
+
+    @property
+    def phase(self) -> np.ndarray:
+        """Phase (n, m) [rad], from -pi to pi; negative where the motion lags behind the load."""
+        return np.angle(self.values)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each component."""
+        return tuple(_UNITS[name] for name in self.names)
+
+    def component(self, name: str) -> np.ndarray:
+        """Complex amplitudes of one component.
+
+        Parameters
+        ----------
+        name : str
+            One of `names`.
+
+        Returns
+        -------
+        (n,) complex
+            Its amplitudes [m or rad].
+
+        Raises
+        ------
+        SceneError
+            If there is no such component.
+        """
+        require(is_one_of(name, self.names), "component", name, f"one of {list(self.names)}")
+        return self.values[:, self.names.index(name)]
+
+    def to_csv(self, path: Path | str) -> None:
+        """Write frequencies, amplitudes and phases as comma-separated columns.
+
+        Parameters
+        ----------
+        path : str or path
+            File to write; its first row names the columns.
+        """
+        write_csv(self._columns(), path)
+
+    def to_pandas(self):
+        """Table of amplitudes and phases, with the columns of `to_csv`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each frequency, which is its index.
+
+        Raises
+        ------
+        RuntimeError
+            Where pandas is not installed.
+        """
+        return data_frame(self._columns())
+
+    def _columns(self) -> dict[str, np.ndarray]:
+        columns = {"frequency": self.frequencies}
+        for i, name in enumerate(self.names):
+            columns |= {
+                f"{name} amplitude": self.amplitude[:, i],
+                f"{name} phase": self.phase[:, i],
+            }
+        return columns
+
+
+class PeriodicMotion:
+    """A motion that repeats itself; `periodic`, `backbone` and `forced_response` find it.
+
+    Parameters
+    ----------
+    period : float
+        Its length [s].
+    energy : float
+        Energy at its start [J], zero in the reference configuration: kinetic, stored, of the
+        weight, and of dead loads if these are constant. Without losses and other loads it is that
+        of all times.
+    multipliers : (n,) complex
+        Floquet multipliers, largest first: a small deviation that is an eigenvector of the
+        monodromy matrix is so many times as large after a period. Those of deviations that turn by
+        more than a quarter in one step, which steps do not resolve, are left out. A free motion has
+        the multiplier 1 for a shift in time, and once more if it belongs to a family.
+    instability : str
+        "fold" if the largest multiplier is real and above 1, "period doubling" if it is below -1,
+        "Neimark-Sacker" for a complex pair outside the unit circle; empty for a stable motion. A
+        multiplier counts from 1 + 1e-5 on.
+    error : float
+        Distance of the states before and after the period, relative to the largest distance in it;
+        to the scene for one at rest.
+    iterations : int
+        Number of Newton's iterations.
+    run : callable
+        ``run()`` gives the solution.
+
+    Examples
+    --------
+    A body that swings on a spring.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    >>> spring = fb.Spring(stiffness=4.0)
+    >>> joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+    >>> swing = fb.periodic(scene, mode=0, amplitude=0.1)
+    >>> swing.stable, round(swing.frequency, 3), round(swing.amplitude(body.centre, "x"), 3)
+    (True, 0.318, 0.1)
+    """
+
+    def __init__(
+        self,
+        period: float,
+        energy: float,
+        multipliers: np.ndarray,
+        instability: str,
+        error: float,
+        iterations: int,
+        run: Callable[[], Solution],
+    ):
+        self.period, self.energy, self.multipliers = period, energy, multipliers
+        self.instability, self.error, self.iterations = instability, error, iterations
+        self._run = run
+
+    @property
+    def frequency(self) -> float:
+        """How often it repeats itself [Hz]."""
+        return 1 / self.period
+
+    @property
+    def stable(self) -> bool:
+        """Whether no small deviation grows."""
+        return not self.instability
+
+    @cached_property
+    def solution(self) -> Solution:
+        """The motion over one period; `simulate(scene, start=...)` continues it."""
+        return self._run()
+
+    def amplitude(self, node: Node, component: str = "y") -> float:
+        """Half of the distance between the ends of the motion of a node.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+        component : {"x", "y", "rotation"}
+            Component of its motion.
+
+        Returns
+        -------
+        float
+            Amplitude [m or rad].
+
+        Raises
+        ------
+        SceneError
+            For a node that is none, or another component.
+        """
+        fits = is_one_of(component, COMPONENTS)
+        require(fits, "amplitude: component", component, f"one of {list(COMPONENTS)}")
+        if not isinstance(node, Node):
+            raise SceneError(f"amplitude: {node!r} is no node of the scene")
+        rows = self.solution.rotation(node)
+        if component != "rotation":
+            rows = self.solution.displacement(node)[:, COMPONENTS.index(component)]
+        return float(np.ptp(rows)) / 2
+
+    def __repr__(self):
+        verdict = self.instability or "stable"
+        return f"<PeriodicMotion: {self.frequency:.6g} Hz, {verdict}, {self.energy:.4g} J>"
+
+
+class PeriodicFamily:
+    """Periodic motions of a family; `backbone` and `forced_response` return it.
+
+    It is a sequence of `PeriodicMotion`.
+
+    Parameters
+    ----------
+    motions : list of PeriodicMotion
+        The motions, along the curve.
+    free : bool
+        Whether they are free motions, a backbone curve.
+
+    Examples
+    --------
+    A body on a spring that softens.
+
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene()
+    >>> body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    >>> spring = fb.Spring(stiffness=1.0, strain_energy=lambda x: -(x**4) / 8)
+    >>> joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+    >>> family = fb.backbone(scene, amplitude=1.0)
+    >>> bool(family.stable.all()), (family.frequencies * 6.2832).round(2)[[0, -1]]
+    (True, array([1.  , 0.78]))
+    """
+
+    def __init__(self, motions: list[PeriodicMotion], free: bool):
+        self.motions, self.free = motions, free
+
+    def __len__(self):
+        return len(self.motions)
+
+    def __getitem__(self, number: int) -> PeriodicMotion:
+        return self.motions[number]
+
+    def __iter__(self) -> Iterator[PeriodicMotion]:
+        return iter(self.motions)
+
+    def __repr__(self):
+        low, high = self.frequencies.min(), self.frequencies.max()
+        kind = "free" if self.free else "forced"
+        return f"<PeriodicFamily: {len(self)} {kind} motions from {low:.4g} to {high:.4g} Hz>"
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Frequencies (n,) [Hz]."""
+        return np.array([motion.frequency for motion in self.motions])
+
+    @property
+    def energies(self) -> np.ndarray:
+        """Energies (n,) at the starts [J]."""
+        return np.array([motion.energy for motion in self.motions])
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether the motions are stable, (n,)."""
+        return np.array([motion.stable for motion in self.motions])
+
+    @property
+    def critical(self) -> list[tuple[int, str]]:
+        """Where stability changes: (k, kind) if multipliers cross the circle before motion k.
+
+        They do so between the motions k - 1 and k. The kind is `PeriodicMotion.instability` of the
+        motions that are unstable: at a fold the curve turns back in frequency, or another branch
+        leaves it; at a period doubling one of motions with twice the period.
+        """
+        kinds = [motion.instability for motion in self.motions]
+        return [
+            (k, after or before)
+            for k, (before, after) in enumerate(itertools.pairwise(kinds), 1)
+            if before != after
+        ]
+
+    def amplitudes(self, node: Node, component: str = "y") -> np.ndarray:
+        """Amplitudes of a node.
+
+        Parameters
+        ----------
+        node : Node
+            A node of the scene.
+        component : {"x", "y", "rotation"}
+            Component of its motion.
+
+        Returns
+        -------
+        (n,) float
+            `PeriodicMotion.amplitude` of all motions [m or rad].
+        """
+        return np.array([motion.amplitude(node, component) for motion in self.motions])
