@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fx_beam import plot
-from fx_beam.studies.work_precision.precision import Precision, Run, counted, floor
+from fx_beam.studies.work_precision.accuracy import Precision, Run, counted, floor
 
 # Differences of looks that remain in grey: markers, and dashes.
 _LOOKS = [

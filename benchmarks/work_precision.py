@@ -45,7 +45,7 @@ from scipy.integrate import cumulative_trapezoid
 
 import fx_beam as fb
 from fx_beam.studies.reporting import short, table, write_csv
-from fx_beam.studies.work_precision.precision import floor
+from fx_beam.studies.work_precision.accuracy import floor
 
 # One line adds a candidate.
 SCHEMES = {

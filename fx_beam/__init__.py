@@ -17,8 +17,7 @@ from .equilibria.critical_points import CriticalPoint
 from .equilibria.statics import static
 from .errors import Failure, SceneError, StepError
 from .laws.kinematics import Step
-from .laws.nodal_rates import NodalRates
-from .laws.rates import AtRest, MidPointRates, NewmarkRates
+from .laws.rates import AtRest, MidPointRates, NewmarkRates, NodalRates
 from .laws.resultants import Resultants, WeightedResultants
 from .laws.schemes import (
     HHT,
@@ -31,10 +30,10 @@ from .laws.schemes import (
     Newmark,
     Scheme,
 )
+from .linear.damped_modes import rayleigh
 from .linear.harmonic import frequency_response
 from .linear.linear_system import LinearSystem, linearise
 from .linear.modal import modes
-from .linear.rayleigh import rayleigh
 from .motions.dynamics import simulate
 from .motions.motion import Motion
 from .motions.snapshot import Snapshot
@@ -49,7 +48,7 @@ from .results.vibrations import FrequencyResponse, Modes, PeriodicFamily, Period
 from .scene.beam import Beam, Node
 from .scene.body import Body
 from .scene.changes import Fuse, Latch
-from .scene.coordinate import Coordinate, Coulomb, Damper, Friction, Spring
+from .scene.coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop
 from .scene.curve import Curve, arc, spline
 from .scene.forces_between import ForceBetween
 from .scene.inputs import Input
@@ -63,7 +62,6 @@ from .scene.parameters import Parameter
 from .scene.scene import Scene
 from .scene.section import Section
 from .scene.sliders import Sleeve, Slider
-from .scene.stop import Stop
 from .step.newton import NewtonOptions
 from .step.recorder import Record
 from .sweeps.convergence import Converged, converge

@@ -26,7 +26,7 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
 
 from fx_beam import c_library, library_cache  # noqa: E402
 from fx_beam.fem import ffcx_api, interval_mesh  # noqa: E402
-from fx_beam.motions import motion, options, step_warnings  # noqa: E402
+from fx_beam.motions import motion, options, run  # noqa: E402
 from fx_beam.step import build  # noqa: E402
 
 # Pictures without a display, as `./run` has it.
@@ -94,7 +94,7 @@ if _STRETCH != 1:
 @pytest.fixture(autouse=True)
 def warnings_come_again():
     """What is said once in a process is said once in a test."""
-    step_warnings._warn_once.cache_clear()
+    run._warn_once.cache_clear()
     with np.errstate():  # an interrupt inside NumPy may leave another behind
         yield
 

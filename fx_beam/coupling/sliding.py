@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam import c_library
+from fx_beam.c_library import Structs
 from fx_beam.scene.path import Path
-from fx_beam.structs import Structs
 
 _LIBRARY = "nodes on beams", "sliding.c", "sliding.h"
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.results.histories import HISTORIES
 from fx_beam.results.solution import Solution, history
+from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.scene import Scene

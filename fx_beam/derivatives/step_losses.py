@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fx_beam.fem.step_start import Part
+from fx_beam.laws.interval import Part
 from fx_beam.step.model import Model
 
 from .gradient import Block, of_row

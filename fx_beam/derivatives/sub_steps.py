@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
-from fx_beam.fem.step_start import Part, StepStart
-from fx_beam.laws.interval import Interval, instant
+from fx_beam.laws.interval import Interval, Part, StepStart, instant
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Part as TapePart

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 
+from fx_beam.results.audit import Stability
 from fx_beam.results.solution import Solution
-from fx_beam.results.stability import Stability
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.step.newton import StepFailed

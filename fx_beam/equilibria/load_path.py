@@ -10,14 +10,13 @@ import numpy as np
 
 from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.laws.schemes import Equilibrium
-from fx_beam.motions.bend_check import warn_of_sharp_bends
-from fx_beam.motions.contact_check import warn_of_depth
+from fx_beam.motions.contact_check import warn_of_depth, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import reference_state
-from fx_beam.motions.mpi_ranks import waiting_team, warn_of_equal_work
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import state_of
 from fx_beam.motions.progress import attach, failure_of, progress_bar
+from fx_beam.motions.surroundings import waiting_team, warn_of_equal_work
 from fx_beam.parallel.whole import shared
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution

@@ -19,9 +19,8 @@ from fx_beam.scene.scene import Scene
 
 from . import dolfinx_api
 from .dolfinx_api import CompiledForm
-from .fields import Fields
+from .fields import Data, DataShape, Fields, FilledField, cell_data
 from .mesh import Mesh
-from .section_fields import Data, DataShape, FilledField, cell_data
 from .vjp_form import WorkOnWeights, work_and_derivatives
 
 

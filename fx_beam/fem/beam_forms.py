@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.laws.interval import Interval
+from fx_beam.laws.interval import Interval, Part, StepStart
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
@@ -15,11 +15,19 @@ from fx_beam.scene.scene import Scene
 from . import dolfinx_api, interval_mesh, vjp_form
 from .beam_drag import BeamDrag, DragForms, LossToDrag, VjpDrag, coefficients
 from .dolfinx_api import CompiledForm
-from .fields import Fields, fields_of
+from .fields import (
+    Data,
+    DataShape,
+    Fields,
+    FilledField,
+    distinct,
+    fields_of,
+    on_beam,
+    refill,
+    section_data,
+)
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .section_fields import Data, DataShape, FilledField, distinct, on_beam, refill, section_data
-from .step_start import Part, StepStart
 from .vjp_form import ResultantDerivatives
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.laws.interval import Interval
+from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import StepRule
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
@@ -21,7 +21,6 @@ from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForce, PointForces
 from .scene_forces import may_have_forces, point_forces
-from .step_start import StepStart
 
 
 def with_blocks(

@@ -16,10 +16,9 @@ from fx_beam.scene.structure import OtherStructureError
 from . import dolfinx_api
 from .beam_forms import BeamForms
 from .dolfinx_api import CompiledForm
-from .fields import Fields
+from .fields import Data, DataShape, Fields, FilledField, distinct, refill, section_data
 from .forms import Forms
 from .mesh import Mesh
-from .section_fields import Data, DataShape, FilledField, distinct, refill, section_data
 
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 

@@ -9,23 +9,21 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.c_library import Structs
 from fx_beam.errors import SceneError
 from fx_beam.laws import scalar_laws as laws
-from fx_beam.laws.coordinates import Kind
 from fx_beam.laws.member_gap import (
     FOLLOWED,
     FOLLOWED_WITH_FRICTION,
     MEMBER,
     MEMBER_WITH_FRICTION,
 )
-from fx_beam.laws.point_laws import PointLaw, StepRule
+from fx_beam.laws.point_laws import Kind, PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.coordinate import bristle
-from fx_beam.scene.member_contact import arc_of
-from fx_beam.scene.obstacles import Obstacle, points_of
+from fx_beam.scene.obstacles import Obstacle, arc_of, points_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.structs import Structs
 
 from .compiled_laws import CompiledLaw, compiled_law, slopes_of
 from .mesh import Mesh

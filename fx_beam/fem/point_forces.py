@@ -11,16 +11,15 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam import c_library
-from fx_beam.laws.interval import Interval
+from fx_beam.c_library import Structs
+from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.structs import Structs
 
 from .compiled_laws import CompiledLaw, compiled_law
 from .loads import Followers
 from .member_contacts import MemberContacts
 from .parameter_values import ParameterValues
-from .step_start import StepStart
 
 _NONE = np.empty(0)
 _HEADER = "point_force.h"

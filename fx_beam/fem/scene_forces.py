@@ -8,23 +8,24 @@ from typing import Any
 import numpy as np
 
 from fx_beam.laws import scalar_laws as laws
-from fx_beam.laws.coordinates import (
+from fx_beam.laws.gaps import gap_of
+from fx_beam.laws.point_laws import (
     ANGLE,
     DISTANCE,
+    FOLLOWER,
     FROM_POINT,
     SLIDE,
     Kind,
+    PointLaw,
+    drag,
 )
-from fx_beam.laws.gaps import gap_of
-from fx_beam.laws.point_laws import FOLLOWER, PointLaw, drag
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.coordinate import Coordinate, Coulomb, Friction, bristle
+from fx_beam.scene.coordinate import Coordinate, Coulomb, Friction, Stop, bristle
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.obstacles import Obstacle
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.stop import Stop
 
 from .mesh import Mesh
 from .point_forces import Load, PointForce, Role

@@ -12,7 +12,6 @@ from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.check_arities import check_integrand_arity
 
 from fx_beam.errors import SceneError
-from fx_beam.laws.evolution import evolution_loss, evolved, law_of_step
 from fx_beam.laws.kinematics import Step, arc_derivative, director
 from fx_beam.laws.resultants import (
     DecayingResultants,
@@ -21,6 +20,7 @@ from fx_beam.laws.resultants import (
     viscous,
     viscous_loss,
 )
+from fx_beam.laws.scalar_laws import evolution_loss, evolved, law_of_step
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.internal_variables import InternalVariables
 from fx_beam.scene.law import Energy, Law, own_law, parameters_of_energy, quadratic_law
@@ -30,8 +30,7 @@ from fx_beam.validation import fields_in, refuse_fields
 
 from . import dolfinx_api
 from .dolfinx_api import REFUSALS, CompiledForm
-from .fields import Fields
-from .section_fields import DataShape
+from .fields import DataShape, Fields
 
 
 def added_virtual_work(

@@ -7,8 +7,8 @@ from typing import Any
 
 import ufl
 
-from .exact_work import turning_work
 from .kinematics import Step, director, perp
+from .resultants import turning_work
 
 #: Added to the square of a speed, whose root then has a derivative at rest; below all rounding.
 _AT_REST = 1e-300

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 
 import ufl
 
-from .coordinates import Kind, Slip, arm_length, dot
-from .point_laws import Coordinate, Motion
+from .point_laws import Coordinate, Kind, Motion, Slip, arm_length, dot
 
 
 class _Pair(NamedTuple):

@@ -1,4 +1,4 @@
-"""An interval of time, or of the load factor in statics."""
+"""An interval of time, or of the load factor in statics, and what a step over it starts from."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+
+_NONE = np.empty(0)
 
 
 class Interval(NamedTuple):
@@ -47,3 +49,36 @@ def just_inside(t0, t1):
     """
     inset = np.maximum(1e-12 * abs(t1 - t0), 4 * np.spacing(t1)) * np.sign(t1 - t0)
     return t0 + inset, t1 - inset
+
+
+class StepStart(NamedTuple):
+    """Configuration, rates and memory at the start of a step."""
+
+    #: Displacements and rotations (size,), their rates and accelerations; these may be left out if
+    #: nothing depends on them.
+    q: np.ndarray
+    v: np.ndarray = _NONE
+    a: np.ndarray = _NONE
+    #: Start of the last step, q by default, and `Step.memory`.
+    q_previous: np.ndarray | None = None
+    memory: float = 0.0
+    #: Internal variables (cells, degree, width) of beams.
+    internal: np.ndarray | None = None
+    #: Slides and their rates (joints,), zero by default, and internal variables of springs.
+    slides: np.ndarray = _NONE
+    slide_rates: np.ndarray = _NONE
+    spring_internal: np.ndarray | None = None
+    #: Parameters (n,) at the scheme's level, where they are not functions of time.
+    parameters: np.ndarray | None = None
+    #: Natural strains (cells, degree, 3) at the start and at the end of the step, if there are any.
+    natural: tuple[np.ndarray, np.ndarray] | None = None
+
+
+class Part(NamedTuple):
+    """A completed step, or a part of a halved one."""
+
+    interval: Interval
+    #: Increment (size,).
+    D: np.ndarray
+    #: Its start; rates only if resultants depend on them.
+    start: StepStart

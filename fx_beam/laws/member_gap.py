@@ -17,8 +17,7 @@ from typing import Any
 
 import ufl
 
-from .coordinates import Kind, Slip
-from .point_laws import TINY, Coordinate, Motion
+from .point_laws import TINY, Coordinate, Kind, Motion, Slip
 
 # Least change of a . t, relative to |a|^2, for which forces do work on it: below it what they
 # would add is less than round-off.

@@ -13,8 +13,7 @@ from fx_beam.scene.parameters import Parameter
 from fx_beam.validation import as_float, is_number, is_one_of, require, shown
 
 from .kinematics import Step
-from .nodal_rates import NodalRates
-from .rates import AtRest, MidPointRates, NewmarkRates
+from .rates import AtRest, MidPointRates, NewmarkRates, NodalRates
 from .resultants import (
     AtEnds,
     Decaying,

@@ -16,8 +16,7 @@ from fx_beam.motions.prepared import end_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import check_names, widths
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import Output, check_outputs, definition
-from fx_beam.scene.quantities import OF_JOINTS, OF_NODES
+from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.measured import measured
 from fx_beam.validation import is_whole, require

@@ -15,7 +15,7 @@ from fx_beam.step.step_control import StepControl
 from fx_beam.step.stepper import Stepper, Trial
 from fx_beam.step.steps_result import StepsResult
 
-from .tolerance import Tolerance
+from .options import Tolerance
 
 # Steps that are prepared at once: at first, after a change of their length, and at most.
 _FIRST_BLOCK, _LARGEST_BLOCK = 16, 1024

@@ -17,7 +17,7 @@ from .changing_scene import ChangingScene
 from .motion_series import MotionSeries
 from .options import Condition, Options, check_scene
 from .progress import keeping_steps
-from .thread_series import thread_series
+from .surroundings import thread_series
 
 
 @keeping_steps

@@ -13,8 +13,7 @@ from fx_beam.results.state import Past, State
 from fx_beam.step.recorder import NullRecorder, Recorder
 from fx_beam.validation import is_number, shown
 
-from .fitted_state import FittedState
-from .measurement import reading
+from .measurement import FittedState, reading
 from .prepared import Prepared
 
 # Accuracy of the time of the end, relative to the step, and to the time.

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam.fem.dolfinx_api import gauss_points
-from fx_beam.results.audit import BeamResultants, Stats
+from fx_beam.results.audit import BeamResultants, Stability, Stats
 from fx_beam.results.solution import Solution
-from fx_beam.results.stability import Stability
 from fx_beam.results.state import State
 from fx_beam.scene.beam import arc_lengths
 from fx_beam.scene.joints import constraints_of

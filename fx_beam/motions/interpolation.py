@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.results.audit import Energy
-from fx_beam.results.histories import HISTORIES
+from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import lagrange_and_slopes
 from fx_beam.step.model import Model
 

@@ -1,21 +1,151 @@
-"""Reading of outputs from the present state of a motion."""
+"""Outputs read from the present state of a motion, with rates that fit its joints."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.results.state import State
 from fx_beam.scene.joint_kinematics import NodalMotion
-from fx_beam.scene.outputs import Output, definition
-from fx_beam.scene.quantities import Defined
+from fx_beam.scene.outputs import Defined, Output, definition
+from fx_beam.step.fitted_histories import driven_ways
+from fx_beam.step.fitted_rates import Fit
+from fx_beam.step.forcing import Forcing
+from fx_beam.step.held_inputs import Ramp
 from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 
-from .fitted_state import FittedState
-
 Reading = Callable[[], Any]
+
+
+class _Instant(NamedTuple):
+    """The state after some steps."""
+
+    #: Number of steps.
+    number: int
+    q: np.ndarray
+    v: np.ndarray
+    slides: np.ndarray
+    #: Rates (driven,) of driven inputs, by which they went straight in the step; NaN without one.
+    inputs: np.ndarray
+
+
+class FittedState:
+    """The present state; rates, and what depends on them, are found when they are asked for.
+
+    Forces and accelerations of a state that was loaded are those that it has. An interrupt may come
+    anywhere: the number of steps of `stepper` says which start belongs to the present state.
+    """
+
+    def __init__(self, model: Model, forcing: Forcing, stepper: Any):
+        self._model, self._fits, self._forcing = model, model.fitted_rates, forcing
+        self._stepper = stepper
+        inputs = [isinstance(function, Ramp) for function in forcing.functions]
+        #: Driven motions that are inputs.
+        self._inputs = np.array(inputs, dtype=bool)
+
+    def begin(self, state: State) -> None:
+        """Begin at a state that was loaded."""
+        #: Starts of the last step and of that before; fits by the number of steps to the state.
+        self._starts: tuple[_Instant | None, _Instant | None] = None, None
+        self._fit_by_step: dict[int, Fit] = {}
+        self._first = state.driven_rates
+
+    def leave(self) -> None:
+        """A step begins in the present state."""
+        if self._fits is not None:
+            now = self._present()
+            copies = now._replace(q=now.q.copy(), v=now.v.copy(), slides=now.slides.copy())
+            self._starts = copies, self._start()
+
+    def state(self) -> State:
+        """The present state with these forces; its rates are those of the steps."""
+        state = self._stepper.state()
+        if self._fits is None:
+            return state
+        return replace(
+            state,
+            a=self._with_change(state.a, "corrections"),
+            joint_forces=self._with_change(state.joint_forces, "joints"),
+            constraint_forces=self._with_change(state.constraint_forces, "constraints"),
+            driven_rates=self._driven(self._present()),
+        )
+
+    @property
+    def q(self) -> np.ndarray:
+        """Displacements and rotations (size,)."""
+        return self._stepper.steps.now.q
+
+    @property
+    def slides(self) -> np.ndarray:
+        """Slides of the joints (joints,) [m]."""
+        return self._stepper.steps.now.slides
+
+    @property
+    def v(self) -> np.ndarray:
+        """Rates (size,)."""
+        return self._stepper.steps.now.v if self._fits is None else self._fit().rates[0]
+
+    @property
+    def a(self) -> np.ndarray:
+        """Accelerations (size,), means over the step."""
+        return self._with_change(self._stepper.steps.now.a, "corrections")
+
+    @property
+    def joint_forces(self) -> np.ndarray | None:
+        """Forces of the joints (joints, 3) [N, N m]."""
+        return self._with_change(self._stepper.steps.now.joint_forces, "joints")
+
+    @property
+    def constraint_forces(self) -> np.ndarray | None:
+        """Forces of driven and fixed columns [N, N m]."""
+        return self._with_change(self._stepper.steps.now.constraint_forces, "constraints")
+
+    def _with_change(self, mean, name: str):
+        """A mean of the step, with the change of a part of the fit over it."""
+        if self._fits is None or mean is None or (start := self._start()) is None:
+            return mean
+        before, after = (getattr(self._fit(instant), name)[0] for instant in (start, None))
+        return mean + (after - before) / self._stepper.grid.dt
+
+    def _fit(self, instant: _Instant | None = None) -> Fit:
+        """Fit of a state, by default of the present one."""
+        number = self._stepper.number if instant is None else instant.number
+        if (fit := self._fit_by_step.get(number)) is None:
+            assert self._fits is not None
+            m = self._present() if instant is None else instant
+            fit = self._fits.fit(m.q[None], m.v[None], m.slides[None], self._driven(m)[None])
+            last = {k: fit for k, fit in self._fit_by_step.items() if number - 2 < k < number + 2}
+            self._fit_by_step = last | {number: fit}
+        return fit
+
+    def _start(self) -> _Instant | None:
+        """The start of the last step that was taken."""
+        before = self._stepper.number - 1
+        return next((m for m in self._starts if m is not None and m.number == before), None)
+
+    def _present(self) -> _Instant:
+        number, now = self._stepper.number, self._stepper.steps.now
+        inputs = np.full(len(self._inputs), np.nan)
+        start = self._start() if self._inputs.any() else None
+        if start is not None:
+            q, slides = np.array([start.q, now.q]), np.array([start.slides, now.slides])
+            inputs = driven_ways(self._model, q, slides)[0] / self._stepper.grid.dt
+        return _Instant(number, now.q, now.v, now.slides, inputs)
+
+    def _driven(self, instant: _Instant) -> np.ndarray:
+        """Rates (driven,) of driven motions; NaN where they are not known."""
+        if not len(self._inputs):
+            return instant.inputs
+        if instant.number == 0 and self._first is not None:
+            return self._first
+        grid = self._stepper.grid
+        length = grid.dt if instant.number else -grid.dt
+        rates = self._forcing.end_rates(np.array([grid(instant.number)]), np.array([length]))[0]
+        return np.where(self._inputs, instant.inputs, rates)
 
 
 def reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:

@@ -25,11 +25,11 @@ from fx_beam.validation import as_float, check_takes, is_number, positive, requi
 
 from .evaluation import solution_of
 from .measurement import reading
-from .mpi_ranks import waiting_team
 from .open_motion import OpenMotion
 from .options import MOST_STEPS, Options, check_scene
 from .prepared import Prepared, state_of
 from .snapshot import Snapshot
+from .surroundings import waiting_team
 
 Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
 

@@ -21,11 +21,10 @@ from fx_beam.step.recorder import Recorder
 from fx_beam.step.tape import LIMIT, Tape
 
 from .evaluation import solution_of
-from .mpi_ranks import waiting_team, warn_of_equal_work
 from .options import Options
 from .prepared import Prepared
-from .run import Run, warn_of_places
-from .step_warnings import warn_of_damping
+from .run import Run, warn_of_damping, warn_of_places
+from .surroundings import waiting_team, warn_of_equal_work
 from .transferred_state import end_of
 
 

@@ -15,7 +15,7 @@ from fx_beam.step.recorder import Record
 from fx_beam.step.single_stepper import Grid, SingleStepper, SingleSteps
 from fx_beam.step.single_steps import CompiledSingleSteps
 
-from .fitted_state import FittedState
+from .measurement import FittedState
 from .open_record import OpenRecord
 from .prepared import Prepared
 from .snapshot import Snapshot

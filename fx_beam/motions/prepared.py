@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +13,8 @@ from fx_beam.fem.parameter_values import before
 from fx_beam.parallel.team import Team
 from fx_beam.parallel.team_loop import TeamLoop
 from fx_beam.results.audit import Stats
-from fx_beam.results.histories import HISTORIES
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import ARRAYS, FORCES, State
+from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, State
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
@@ -29,7 +29,6 @@ from .initial_state import (
     resumed_state,
 )
 from .options import Options
-from .smooth_start import smooth_start
 from .transferred_state import end_of, has_changed, transferred_state
 
 
@@ -191,3 +190,28 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
         if model.fitted_rates is not None and len(start.a):
             state = replace(state, a=model.from_nodes(start.a[-1]))
     return state
+
+
+def smooth_start(
+    model: Model, forcing: Forcing, stepper: Stepper, stats: Stats, state: State, dt: float
+) -> State:
+    """The state of initial rates with the slow part, found by a step of the length dt [s].
+
+    The same state for schemes without sub-steps, whose forces are of order two.
+    """
+    if len(model.scheme.fractions) == 1 or (fits := model.fitted_rates) is None:
+        return state
+    counts = copy(vars(stats)) | {"ended_by": dict(stats.ended_by)}
+    end = stepper.trial(state, state.t + dt).state
+    vars(stats).update(counts)
+    if end is None:
+        return state
+    driven = forcing.end_rates(np.array([end.t]), np.array([dt]))
+    swing = fits.fit(end.q[None], end.v[None], end.slides[None], driven).corrections
+    # The slow part is the mean of both ends, as the start fits; at the start it is normal to what
+    # joints allow there.
+    at_rest = np.zeros((1, model.couplings.driven))
+    slow = fits.fit(state.q[None], swing / 2, state.slides[None], at_rest).corrections[0]
+    # Driven motions give it; as the record has their work, that at the start is zero.
+    given = state.v @ (model.mass @ slow) if model.couplings.driven else 0.0
+    return replace(state, v=state.v + slow, work=state.work + given)

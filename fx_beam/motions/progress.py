@@ -12,7 +12,7 @@ from fx_beam.errors import Failure, StepError
 from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import without_ctrl_c
 
-from .thread_series import thread_series
+from .surroundings import thread_series
 
 _P = ParamSpec("_P")
 

@@ -13,8 +13,7 @@ from fx_beam.errors import SceneError
 from fx_beam.parallel.whole import DistributedEquations
 from fx_beam.results.fields import RESULTANTS
 from fx_beam.results.files import replacing, writable
-from fx_beam.results.grids import Fields, write_collection, write_pieces
-from fx_beam.results.piece import Piece
+from fx_beam.results.paraview import Fields, Piece, write_collection, write_pieces
 from fx_beam.results.solution import Solution
 from fx_beam.scene.natural_strains import NAMES
 from fx_beam.step.interrupts import uninterrupted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import time
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fx_beam.errors import StepError
+from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at
@@ -18,17 +20,16 @@ from fx_beam.step.local_error import order_and_constant
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import equal_steps
+from fx_beam.step.substeps import LARGE_TURN
 
 from .adaptive_run import AdaptiveRun
-from .bend_check import warn_of_sharp_bends
-from .contact_check import warn_of_depth, warn_of_short_impacts
+from .contact_check import warn_of_depth, warn_of_sharp_bends, warn_of_short_impacts
 from .ending import Ending
 from .evaluation import solution_of
+from .options import Tolerance
 from .prepared import Prepared
 from .progress import attach, failure_of, progress_bar
 from .row_files import RowFiles
-from .step_warnings import warn_of_damping, warn_of_parts
-from .tolerance import Tolerance
 
 _log = logging.getLogger("fx_beam")
 
@@ -41,6 +42,38 @@ _IMPACTS = (
     "order 4. Errors are then far above a small tolerance, up to 70 times at 1e-4 and 1e-5. Use "
     "order=2 or dt_max"
 )
+
+
+def warn_of_parts(stats: Stats, dt: float) -> None:
+    """Warn if steps were divided, and if they are too large for the motion."""
+    if not stats.halvings:
+        return
+    text = f"{stats.steps} steps took {stats.substeps} sub-steps, since some failed and were halved"
+    if stats.too_large:
+        text += (
+            f". dt = {dt:g} is too large for this motion: in {stats.too_large} sub-steps a node "
+            f"turned by more than {LARGE_TURN:g} rad per step, so the motion may depend on "
+            "rounding errors. Try a smaller dt"
+        )
+    _warn_once(f"{stats.scheme}: {text}")
+
+
+@functools.lru_cache(maxsize=256)
+def _warn_once(text: str) -> None:
+    """Warn, but not in each of many equal runs: `Stats` has what the warning says."""
+    _log.warning("%s", text)
+
+
+def warn_of_damping(stats: Stats, dt: float | None) -> None:
+    """Warn if sub-steps that go back in time amplified the motion."""
+    if stats.amplified:
+        _log.warning(
+            "%s: in %d of %d steps damping added energy to the motion. One sub-step of the scheme "
+            "goes back in time, and there damping amplifies. This happens if the damping rate is "
+            "about 3 / dt%s. Try another dt, or order=2",
+            *(stats.scheme, stats.amplified, stats.substeps),
+            "" if dt is None else f" = {3 / dt:.3g} /s",
+        )
 
 
 class Run:

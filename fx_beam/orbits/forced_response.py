@@ -18,8 +18,7 @@ from fx_beam.validation import LARGEST, check_takes, is_whole, numbers, require,
 
 from .closing import Closed
 from .mode_family import STEP
-from .periodic_family import Path
-from .periodic_motion import motion_of
+from .periodic_family import Path, motion_of
 from .periodic_search import check_tolerance, longest_step, of_period
 from .shooting import Period, Shooting
 

@@ -9,9 +9,13 @@ import scipy.linalg
 
 from fx_beam.errors import StepError
 from fx_beam.results.state import State
+from fx_beam.results.vibrations import PeriodicMotion
 
 from .closing import Closed, Condition, NotClosed, close, turning_point
 from .shooting import Directions, Period, Shooting
+
+# Multipliers that are larger than 1 by less are round-off.
+_NEUTRAL = 1e-5
 
 # Iterations up to which steps become longer, and allowed ones; the factors, and the shortest step.
 _FEW, _MOST, _DAMPED = 5, 12, 1e-6
@@ -19,6 +23,55 @@ _LONGER, _SHORTER, _SHORTEST = 1.5, 0.4, 1e-4
 # How far a motion may lie beside the end of a step, relative to it, and how little the directions
 # at both ends may agree (cosine).
 _BENT, _STRAIGHT = 0.5, 0.7
+
+
+def multipliers_of(closed: Closed) -> np.ndarray:
+    """Multipliers (n,), largest first, of what steps resolve.
+
+    Without changes that turn by more than a quarter in the first step, as those that alternate.
+    """
+    own = closed.by.own
+    unit = closed.by.matrix[own]
+    values, vectors = np.linalg.eig(np.linalg.solve(unit, closed.monodromy[own]))
+    after = np.linalg.solve(unit, closed.first_step[own]) @ vectors
+    along = np.real(np.einsum("ij,ij->j", vectors.conj(), after))
+    slow = values[(along > 0) | (abs(values) < _NEUTRAL)]
+    return slow[np.lexsort((-slow.imag, -abs(slow)))]
+
+
+def instability_of(multipliers: np.ndarray, trivial: int) -> str:
+    """How a motion is unstable, by the largest multiplier; empty if it is stable.
+
+    Some multipliers are `trivial`: 1 for shifts in time, and for the energy of a family.
+    """
+    others = np.delete(multipliers, np.argsort(abs(multipliers - 1))[:trivial])
+    growing = others[abs(others) > 1 + _NEUTRAL]
+    if not len(growing):
+        return ""
+    largest = growing[np.argmax(abs(growing))]
+    if abs(largest.imag) > _NEUTRAL:
+        return "Neimark-Sacker"
+    return "fold" if largest.real > 0 else "period doubling"
+
+
+# Losses in a period that are round-off, relative to the energy of the motion.
+_NO_LOSS = 1e-12
+
+
+def motion_of(shooting: Shooting, closed: Closed, free: bool) -> PeriodicMotion:
+    """What users get of a periodic motion."""
+    period = closed.period
+    energy, multipliers = shooting.energy(period.start), multipliers_of(closed)
+    conserves = period.lost <= _NO_LOSS * max(1.0, abs(energy))
+    return PeriodicMotion(
+        float(period.length),
+        energy,
+        multipliers,
+        instability_of(multipliers, free * (1 + conserves)),
+        float(period.error),
+        closed.iterations,
+        lambda: shooting.solution(period),
+    )
 
 
 class Path:

@@ -18,7 +18,7 @@ from fx_beam.validation import as_float, is_number, is_whole, positive, require
 
 from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close
 from .mode_family import STEP, ModeFamily, holds_energy, mode_start
-from .periodic_motion import motion_of
+from .periodic_family import motion_of
 from .shooting import Shooting, nearest_return
 
 # Periods after which the search for a forced motion begins again.

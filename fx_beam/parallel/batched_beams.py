@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fx_beam.c_library import declarations
+from fx_beam.c_library import Structs, declarations
 from fx_beam.fem import dolfinx_api
-from fx_beam.fem.step_start import StepStart
-from fx_beam.laws.interval import Interval
+from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.step.build import load_library
 from fx_beam.step.element_data import element_data
 from fx_beam.step.form_tables import FormTables
 from fx_beam.step.model import Model
-from fx_beam.structs import Structs
 
 
 class BatchedBeams:

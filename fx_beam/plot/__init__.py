@@ -13,9 +13,8 @@ from .browser_page import Page, interactive
 from .deformed_shapes import shapes
 from .drawing import axis
 from .force_diagrams import diagrams
-from .load_paths import equilibrium_paths
 from .mode_shapes import modes
-from .response_curves import frequency_response, response
+from .response_curves import equilibrium_paths, frequency_response, response
 from .scene_drawing import scene
 from .time_curves import curves, figure, quantities, save, style
 

@@ -1,7 +1,8 @@
-"""Energies, stress resultants and statistics of a simulation."""
+"""Energies, resultants, stability and statistics of a simulation; these in a few lines."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -324,3 +325,67 @@ class BeamResultants:
 def _lock(histories: Energy | BeamResultants) -> None:
     for name, values in vars(histories).items():
         object.__setattr__(histories, name, read_only(values))
+
+
+def facts(solution: Any) -> dict[str, str]:
+    """Range, steps, effort and energy of a solution, by their names."""
+    stats, energy = solution.stats, solution.energy
+    time = "load factor" if stats.static else "t"
+    entries = {
+        "scheme": stats.scheme,
+        time: f"{solution.t[0]:g} to {solution.t[-1]:g}, {len(solution.t)} rows",
+        "steps": f"{stats.steps}, {stats.halvings} halvings",
+        "Newton iterations": str(stats.newton_iterations),
+        "solver": f"{stats.solver}, {stats.unknowns} unknowns",
+        "seconds": f"{stats.seconds:.3g}, and {stats.setup_seconds:.3g} to set up",
+        "total energy": f"{energy.total[0]:.6g} to {energy.total[-1]:.6g}",
+        "largest energy error": f"{abs(energy.balance_error).max():.2g}",
+    }
+    return entries | ({"ended early": str(stats.failure)} if stats.failure else {})
+
+
+class Stability:
+    """What a path knows of its stability: functions, and what they have found.
+
+    Copies and files keep what has been found; numbers of unstable modes are found for them.
+    """
+
+    def __init__(
+        self,
+        count: Callable[[], np.ndarray] | None = None,
+        locate: Callable[[], list[Any]] | None = None,
+        counted: np.ndarray | None = None,
+    ):
+        self._count, self._locate = count, locate
+        self._counted = counted
+        self._points: list[Any] | None = None
+
+    def __getstate__(self):
+        try:
+            counted: np.ndarray | None = self.unstable_modes()
+        except ValueError:
+            counted = None
+        return {"_count": None, "_locate": None, "_counted": counted, "_points": self._points}
+
+    def unstable_modes(self) -> np.ndarray:
+        """Numbers of modes (n,) that grow."""
+        if self._counted is None:
+            if self._count is None:
+                raise _unknown("unstable_modes")
+            self._counted = self._count()
+        return read_only(self._counted)
+
+    def critical_points(self) -> list[Any]:
+        """The critical points of the path."""
+        if self._points is None:
+            if self._locate is None:
+                raise _unknown("critical_points")
+            self._points = self._locate()
+        return list(self._points)
+
+
+def _unknown(name: str) -> ValueError:
+    return ValueError(
+        f"{name}: a solution from a file has none, nor has a copy of one in which they were not "
+        "read before. Compute the path again by static"
+    )

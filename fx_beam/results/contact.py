@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.member_contact import arc_of, nearest
-from fx_beam.scene.obstacles import Obstacle
+from fx_beam.scene.obstacles import Obstacle, arc_of, nearest
 
 
 def as_recorded(contacts: Iterable[Obstacle]) -> list[Obstacle]:

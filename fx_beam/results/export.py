@@ -12,7 +12,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.obstacles import Obstacle
 
 from .files import replacing
-from .histories import HISTORIES
+from .state import HISTORIES
 
 #: Format of saved files.
 FORMAT = "fx_beam solution 2"

@@ -13,7 +13,7 @@ from fx_beam.scene.obstacles import Obstacle
 
 from .audit import BeamResultants, Energy, Stats
 from .contact import as_recorded
-from .histories import HISTORIES
+from .state import HISTORIES
 
 # Statistics that add up.
 _SUMS = (

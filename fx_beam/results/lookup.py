@@ -1,14 +1,19 @@
-"""Numbers and names of a solution's nodes, joints and beams, or a clear error."""
+"""Nodes, joints and beams of a solution by names, or a clear error; histories along its beams."""
 
 from __future__ import annotations
 
 import itertools
 from typing import Any
 
+import numpy as np
+
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.natural_strains import NAMES
 from fx_beam.scene.obstacles import Obstacle
 from fx_beam.validation import is_one_of, shown
+
+from .audit import BeamResultants
 
 
 def node_number(solution: Any, node: Node) -> int:
@@ -82,3 +87,83 @@ def beam_name(solution: Any, beam: Beam | str) -> str:
     if not is_one_of(name, beams):
         raise ValueError(f"{shown(name)} is not a beam of this solution; it has {list(beams)}")
     return name
+
+
+def shape(solution: Any, beam: Beam | str) -> np.ndarray:
+    """Deformed axis of a beam over time.
+
+    Parameters
+    ----------
+    solution : Solution
+        What is read.
+    beam : Beam or str
+        A beam or its name.
+
+    Returns
+    -------
+    (n, elements * degree + 1, 2) float
+        Positions of its nodes, those inside elements included [m].
+    """
+    nodes = solution.nodes_of_beam[beam_name(solution, beam)]
+    return solution.X[nodes] + solution.recorded("q")[:, nodes, :2]
+
+
+def resultants(solution: Any, beam: Beam | str) -> BeamResultants:
+    """Stress resultants along a beam over time.
+
+    Parameters
+    ----------
+    solution : Solution
+        What is read.
+    beam : Beam or str
+        A beam or its name.
+
+    Returns
+    -------
+    BeamResultants
+        Axial force N, shear force Q and bending moment M at the arc lengths s and the times
+        `t_level`. Row 0 is the start configuration. Forces of `Scene.add_virtual_work` that act
+        inside a beam are not included.
+
+    Raises
+    ------
+    ValueError
+        If the motion was not recorded, or the rates that the scheme's resultants need.
+    """
+    solution.recorded("q")  # they are computed from the motion
+    return solution.resultants_of_beam(beam_name(solution, beam))
+
+
+def internal(solution: Any, beam: Beam | str, variable: str | None = None) -> np.ndarray:
+    """An internal variable along a beam over time.
+
+    Parameters
+    ----------
+    solution : Solution
+        What is read.
+    beam : Beam or str
+        A beam or its name.
+    variable : str, optional
+        Name of one of the `InternalVariables` of its section; not needed if there is only one.
+
+    Returns
+    -------
+    (n, elements * degree) float
+        Its values at the times t, at the arc lengths s of `resultants`.
+
+    Raises
+    ------
+    ValueError
+        If the motion was not recorded, or the beam has no such variable.
+    """
+    name = beam_name(solution, beam)
+    solution.recorded("q")  # internal variables are recorded with the motion
+    known = solution.variables_of_beam.get(name, {})
+    own = [name for name in known if name not in NAMES.values()]
+    if variable is None and len(own) == 1:
+        (variable,) = own
+    if not is_one_of(variable, known):
+        raise ValueError(
+            f"beam {name!r} has no internal variable {shown(variable)}; it has {list(known)}"
+        )
+    return known[variable]

@@ -1,15 +1,123 @@
-"""Solutions as files for ParaView: a collection (PVD) of unstructured grids (VTU)."""
+"""Files for ParaView: grids of elements with fields (VTU, PVTU), and their collection (PVD)."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree as xml
 
 import numpy as np
 
-from .fields import RESULTANTS, along, nodes_of_elements
+from .fields import RESULTANTS, along, at_ends, nodes_of_elements
 from .files import replacing, writable
-from .grids import Grid, node_fields, write_collection
+
+#: VTK's numbers of the line, and of the curves of degree 2 and 3.
+_CELLS = {1: 3, 2: 21, 3: 35}
+_TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
+_LITTLE = {"byte_order": "LittleEndian", "header_type": "UInt64"}
+
+
+class Fields(NamedTuple):
+    """Kinds of the arrays of a grid: XML attributes by what they belong to."""
+
+    points: list[dict[str, str]]
+    cells: list[dict[str, str]]
+
+
+class Grid:
+    """Elements, each with nodes of its own, at which fields may jump.
+
+    `X` are the positions (elements, degree + 1, 2) of the nodes in order along each element, `beam`
+    (elements,) the numbers of their beams.
+    """
+
+    def __init__(self, X: np.ndarray, beam: np.ndarray):
+        self._count, per_element = X.shape[:2]
+        self._points, self._beam = in_space(X.reshape(-1, 2)), beam.astype(int)
+        # The ends of an element come before the nodes inside it.
+        order = np.r_[0, per_element - 1, 1 : per_element - 1]
+        first = per_element * np.arange(self._count)[:, None]
+        self._cells = {
+            "connectivity": (first + order).ravel(),
+            "offsets": first.ravel() + per_element,
+            "types": np.full(self._count, _CELLS[per_element - 1], dtype=np.uint8),
+        }
+
+    def write(self, path: Path | str, fields: Mapping[str, np.ndarray]) -> Fields:
+        """Write the grid with fields, (points,) or (points, 3) each; their kinds.
+
+        Arrays follow each other as they are in memory, behind the text that says where each begins.
+        """
+        root = xml.Element("VTKFile", {"type": "UnstructuredGrid", "version": "1.0", **_LITTLE})
+        piece = xml.SubElement(
+            xml.SubElement(root, "UnstructuredGrid"),
+            "Piece",
+            NumberOfPoints=str(len(self._points)),
+            NumberOfCells=str(self._count),
+        )
+        parts: dict[str, Mapping[str, np.ndarray]] = {
+            "Points": {"Points": self._points},
+            "Cells": self._cells,
+            "PointData": fields,
+            "CellData": {"beam": self._beam},
+        }
+        blocks, at, kinds = list[Any](), 0, dict[str, list[dict[str, str]]]()
+        for part, arrays in parts.items():
+            parent, kinds[part] = xml.SubElement(piece, part), []
+            for name, values in arrays.items():
+                kinds[part].append(_kind(name, values))
+                where = {"format": "appended", "offset": str(at)}
+                xml.SubElement(parent, "DataArray", kinds[part][-1] | where)
+                little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+                blocks += [np.array(little.nbytes, "<u8").tobytes(), little.data]
+                at += 8 + little.nbytes
+        text = xml.tostring(root).removesuffix(b"</VTKFile>")
+        with open(path, "wb") as file:
+            file.writelines([text, b'<AppendedData encoding="raw">_', *blocks])
+            file.write(b"</AppendedData></VTKFile>")
+        return Fields(kinds["PointData"], kinds["CellData"])
+
+
+def write_pieces(path: Path, pieces: Sequence[str], fields: Fields) -> None:
+    """Write the file that joins grids, in files beside it, which have the same fields."""
+    root = xml.Element("VTKFile", {"type": "PUnstructuredGrid", "version": "1.0", **_LITTLE})
+    whole = xml.SubElement(root, "PUnstructuredGrid", GhostLevel="0")
+    points = _kind("Points", np.empty((0, 3)))
+    parts = {"PPoints": [points], "PPointData": fields.points, "PCellData": fields.cells}
+    for part, kinds in parts.items():
+        parent = xml.SubElement(whole, part)
+        for kind in kinds:
+            xml.SubElement(parent, "PDataArray", kind)
+    for name in pieces:
+        xml.SubElement(whole, "Piece", Source=name)
+    xml.ElementTree(root).write(path)
+
+
+def write_collection(path: Path, times: Iterable[float], names: Sequence[str]) -> None:
+    """Write the file that gives grids, in files by their names, their times."""
+    root = xml.Element("VTKFile", type="Collection", version="1.0")
+    collection = xml.SubElement(root, "Collection")
+    for t, name in zip(times, names, strict=True):
+        xml.SubElement(collection, "DataSet", timestep=repr(float(t)), file=name)
+    xml.ElementTree(root).write(path)
+
+
+def node_fields(q: np.ndarray, v: np.ndarray | None) -> dict[str, np.ndarray]:
+    """Displacement, rotation, and their rates if there are any, from values (points, 3)."""
+    fields = {"displacement": in_space(q[:, :2]), "rotation": q[:, 2]}
+    return fields if v is None else fields | {"velocity": in_space(v[:, :2]), "spin": v[:, 2]}
+
+
+def in_space(plane: np.ndarray) -> np.ndarray:
+    """Vectors (n, 3) of vectors (n, 2) in the plane."""
+    return np.column_stack([plane, np.zeros(len(plane))])
+
+
+def _kind(name: str, values: np.ndarray) -> dict[str, str]:
+    kind = {"type": _TYPES[values.dtype.kind], "Name": name}
+    return kind if values.ndim == 1 else {**kind, "NumberOfComponents": str(values.shape[1])}
 
 
 def to_paraview(solution, path) -> None:
@@ -84,3 +192,26 @@ def _along(solution, nodes: int) -> dict[str, np.ndarray]:
         ).reshape(len(solution.t), -1)
         for kind in dict.fromkeys([*RESULTANTS, *internal])
     }
+
+
+class Piece:
+    """Elements by the places (n, 2) of their nodes, and their nodes (elements, degree + 1).
+
+    `beam` (elements,) are the numbers of their beams.
+    """
+
+    def __init__(self, X: np.ndarray, nodes: np.ndarray, beam: np.ndarray):
+        self._grid, self._nodes = Grid(X[nodes], beam), nodes.ravel()
+
+    def write(
+        self, path: Path, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
+    ) -> Fields:
+        """Write a row: q and v (n, 3) of its nodes, others (elements, degree) at Gauss points."""
+        rates = None if v is None else v[self._nodes]
+        fields = node_fields(q[self._nodes], rates)
+        fields |= {name: at_ends(values).ravel() for name, values in along.items()}
+        with replacing(path, durable=False) as new:
+            return self._grid.write(new, fields)
+
+    def destroy(self) -> None:
+        """Nothing: its memory is Python's."""

@@ -17,15 +17,12 @@ from fx_beam.scene.obstacles import Obstacle
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.validation import is_one_of, shown
 
-from . import beam_histories, export, joined, paraview, tables
-from .audit import BeamResultants, Energy, Stats, read_only
+from . import export, joined, lookup, paraview, tables
+from .audit import BeamResultants, Energy, Stability, Stats, facts, read_only
 from .contact import Contact
-from .histories import HISTORIES
 from .joint_motion import JointMotion, motion_of
 from .lookup import joint_number, node_number, obstacle_of
-from .stability import Stability
-from .state import State
-from .summary import facts
+from .state import HISTORIES, State
 
 # Histories that a `Record` may omit, with its name for them.
 _KINDS = {name: of.record for name, of in HISTORIES.items() if of.record != "always"}
@@ -427,9 +424,9 @@ class Solution:
 
     # -- Beams ----------------------------------------------------------------------------------
 
-    shape = beam_histories.shape
-    resultants = beam_histories.resultants
-    internal = beam_histories.internal
+    shape = lookup.shape
+    resultants = lookup.resultants
+    internal = lookup.internal
 
     # -- Files and tables -----------------------------------------------------------------------
 

@@ -13,10 +13,9 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import require, shown, vector
 
 from .beam import Node
-from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, checked_coordinate
+from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
 from .joint_kinematics import JointKinematics
 from .notebook import html_table
-from .stop import Stop
 
 # Largest gap of a joint that is made at a solution, relative to the size of the scene.
 _FITS = 1e-6

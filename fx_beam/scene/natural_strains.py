@@ -21,7 +21,7 @@ from fx_beam.validation import (
 
 from .beam import Beam
 from .inputs import Input, time_function
-from .place_functions import PlaceTimeFunction
+from .loads import PlaceTimeFunction
 
 #: Names of the components in results.
 NAMES = {

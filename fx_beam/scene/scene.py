@@ -14,21 +14,19 @@ from fx_beam.validation import TimeFunction, is_name, is_one_of, is_whole, requi
 from . import loads
 from .beam import COMPONENTS, Beam, Node
 from .body import Body, check_body, name_of, velocities_of
-from .coordinate import Coulomb, Damper, Friction, Spring, checked_coordinate, parameters_of
+from .coordinate import Coulomb, Damper, Friction, Spring, Stop, checked_coordinate, parameters_of
 from .curve import Curve, layout
 from .forces_between import ForceBetween, GivenPull, Pull, checked_force
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Rigid, check_new, moved_by, placed
 from .law import parameters_of_energy
-from .member_contact import check_members
 from .natural_strains import NaturalStrain, changed_strain, natural_strain
 from .notebook import facts, html_table, sketch
-from .obstacles import Obstacle, Shape, check_start, checked_obstacle
+from .obstacles import Obstacle, Shape, check_members, check_start, checked_obstacle
 from .parameters import Parameter, Parameters
 from .removal import locked, own_joint, remove_beam, remove_body, remove_joint, unlocked
 from .section import Section
 from .sliders import SlidingJoint
-from .stop import Stop
 
 
 class Scene:

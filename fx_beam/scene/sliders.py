@@ -12,11 +12,10 @@ from fx_beam.errors import SceneError
 from fx_beam.validation import as_float, require
 
 from .beam import Beam, Node
-from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, checked_coordinate
+from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
 from .joint_kinematics import SlidingKinematics
 from .joints import GROUND, Joint
 from .path import Path
-from .stop import Stop
 
 
 @dataclass(frozen=True, eq=False)

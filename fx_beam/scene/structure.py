@@ -18,7 +18,7 @@ import numpy as np
 
 from .beam import Beam, Node
 from .body import Body
-from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, functions_of
+from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, functions_of
 from .forces_between import ForceBetween
 from .internal_variables import InternalVariables
 from .joints import Joint
@@ -28,7 +28,6 @@ from .natural_strains import StrainPart
 from .obstacles import Obstacle
 from .scene import Scene
 from .section import Section
-from .stop import Stop
 from .symbols import STEP
 
 

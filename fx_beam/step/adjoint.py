@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.c_library import declarations
+from fx_beam.c_library import Structs, declarations
 from fx_beam.errors import SceneError
 from fx_beam.scene.joints import joints_by_number
-from fx_beam.structs import Structs
 
 from .element_data import aligned
 from .layout import Layout

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse
 
-from fx_beam.fem.nodal_rules import NodalRules
+from fx_beam.fem.compiled_laws import NodalRules
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.c_library import declarations
-from fx_beam.structs import Structs
+from fx_beam.c_library import Structs, declarations
 
 from .adjoint import Adjoint, never_empty, numbered, singular
 from .element_data import aligned

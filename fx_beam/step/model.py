@@ -19,14 +19,14 @@ from fx_beam.coupling.rate_equations import RateEquations, rigid_points
 from fx_beam.coupling.redundancy import check_loops
 from fx_beam.coupling.sliders import Sliders
 from fx_beam.errors import SceneError
+from fx_beam.fem.compiled_laws import NodalRules
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import Loads, NaturalStrains
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
-from fx_beam.fem.nodal_rules import NodalRules
 from fx_beam.fem.point_forces import PointForces
-from fx_beam.fem.step_start import StepStart
-from fx_beam.laws.nodal_rates import NodalRates
+from fx_beam.laws.interval import StepStart
+from fx_beam.laws.rates import NodalRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.coordinate import Coulomb

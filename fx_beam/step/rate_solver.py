@@ -17,10 +17,10 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from fx_beam import c_library
+from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_by_content
 from fx_beam.coupling.rate_equations import RateEquations
 from fx_beam.results.state import MACROS
-from fx_beam.structs import Structs
 
 from .lu_layout import fill_in
 

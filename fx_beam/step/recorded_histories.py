@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.results.audit import Energy
-from fx_beam.results.histories import HISTORIES
-from fx_beam.results.state import ROWS
+from fx_beam.results.state import HISTORIES, ROWS
 
 from .model import Model
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.beam_forms import BeamForms
-from fx_beam.fem.step_start import Part, StepStart
-from fx_beam.laws.interval import Interval, instant
+from fx_beam.laws.interval import Interval, Part, StepStart, instant
 from fx_beam.results.files import writable
 from fx_beam.results.state import ROWS, State
 from fx_beam.validation import is_flag, is_whole, numbers, require

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse.linalg import SuperLU, splu
 
 from fx_beam import c_library
-from fx_beam.structs import Structs
+from fx_beam.c_library import Structs
 
 from .lu_layout import in_sparse_rows
 

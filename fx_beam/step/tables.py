@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.c_library import declarations
+from fx_beam.c_library import Structs, declarations
 from fx_beam.coupling.index_reduction import AuxiliaryTables, Tables
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.fem import dolfinx_api
@@ -21,7 +21,6 @@ from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, joints_by_number
-from fx_beam.structs import Structs
 
 from .bordering_tables import BorderingTables, on_bordering_rows, ones_of, storage_of
 from .build import load_library

@@ -4,7 +4,7 @@ import cffi
 import numpy as np
 import pytest
 
-from fx_beam.structs import Structs
+from fx_beam.c_library import Structs
 
 DECLARED = """
 typedef double Law(double);

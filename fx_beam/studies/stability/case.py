@@ -8,17 +8,230 @@ from operator import attrgetter
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, StepError
+from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.validation import positive
 
-from .verdict import FEWEST, Drift, Verdict
+#: Kept: the energy ratio differs from 1 by at most this.
+KEPT = 1e-8
+#: Blown up: the energy ratio exceeded this.
+BLOWN_UP = 10.0
+#: The last is for a case that cannot be computed, or in which nothing moves.
+KINDS = "kept", "lost", "gained", "blew up", "failed", "no verdict"
+
+#: Lags of the fit to a drift, as parts of the run. For longer lags there are too few samples; for
+#: shorter ones the round-off of the energy itself dominates.
+LAGS = 1 / 50, 1 / 5
+#: Smallest number of errors from which a drift can be determined.
+FEWEST = 100
+#: Laws of a drift by their exponents.
+LAWS = {0.0: "stays within bounds", 0.5: "random walk", 1.0: "drifts to one side"}
 
 #: Relative difference up to which the numbers of two runs with different round-off are equal.
 SAME = 0.1
 #: Steps taken per step of the time grid from which on steps count as halved often.
 OFTEN = 2.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Verdict on the energy of a run.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    time, reached : float
+        Time reached [s], and as a part of the requested time.
+    highest, lowest : float
+        Extremes of `energy_ratio`; NaN if there is no verdict.
+    steps, substeps : int
+        Steps of the time grid, and steps taken, including each part of a halved step.
+    iterations, halvings : int
+        Total numbers of Newton iterations and of halvings.
+    reason : str
+        Why the run failed, or why there is no verdict; empty if the run was completed.
+    """
+
+    kind: str
+    time: float = 0.0
+    reached: float = 0.0
+    highest: float = np.nan
+    lowest: float = np.nan
+    steps: int = 0
+    substeps: int = 0
+    iterations: int = 0
+    halvings: int = 0
+    reason: str = ""
+
+    @property
+    def worst(self) -> float:
+        """Largest distance of the ratio from one; infinite where the energy is not finite."""
+        return max(self.highest - 1, 1 - self.lowest)
+
+    @property
+    def gain(self) -> float:
+        """Largest energy gained, as a part of the reference energy; 0 if none."""
+        return max(self.highest - 1, 0.0)
+
+    @property
+    def amount(self) -> float:
+        """The number for this kind of verdict.
+
+        The largest error if the energy was kept; the part that was lost or gained; the energy
+        ratio if it blew up; the part of the time that was reached if the run failed.
+        """
+        numbers = {"lost": 1 - self.lowest, "gained": self.gain}
+        numbers |= {"blew up": self.highest, "failed": self.reached}
+        return numbers.get(self.kind, self.worst)
+
+    @property
+    def parts(self) -> float:
+        """Steps taken per step of the time grid; 1 if none was halved."""
+        return self.substeps / self.steps if self.steps else 1.0
+
+
+def energy_ratio(solution: Solution) -> np.ndarray:
+    r"""Ratio of the energy to its exact value, scaled by the energy that moves.
+
+    .. math:: r = 1 + \frac{e(t)}{E_0}, \qquad e = E - E(0) - W,
+        \qquad E_0 = \max_t \left(T(0) + U(0) + W(t) - V(t) + V(0)\right),
+
+    with the work W of all loads less what dampers took, so that r = 1 under loads as well. What
+    `EnergyDecaying` takes counts as lost. E_0 is the largest kinetic and strain energy T + U that
+    the motion should have, with the work of the loads and of the weight, whose potential is V:
+    the energy at the start without loads, the largest potential energy released in a fall from
+    rest. As T and U are not negative, r is not negative.
+
+    Parameters
+    ----------
+    solution : Solution
+        A run, complete or up to a failed step.
+
+    Returns
+    -------
+    (n,) float
+        The ratio at the times of the solution; infinite if the energy is not finite.
+
+    Raises
+    ------
+    SceneError
+        If nothing moves, so that there is no energy to compare with.
+    """
+    energy = solution.energy
+    with np.errstate(invalid="ignore", over="ignore"):
+        # What the scheme takes lessens no supply: it counts as lost.
+        supplied = energy.supplied + (energy.numerical - energy.numerical[0])
+        start = energy.kinetic[0] + energy.stored[0]
+        moving = start + supplied - energy.potential + energy.potential[0]
+        scale = moving[np.isfinite(moving)].max()
+        if scale > 0:
+            ratio = 1 + energy.gained / scale
+            return np.where(np.isfinite(ratio), ratio, np.inf)
+    if solution.stats.failure:  # before anything moved
+        return np.ones(len(solution.t))
+    raise SceneError(
+        f"no energy moves from t = 0 to {solution.t[-1]:g}: give a scene with loads or velocities"
+    )
+
+
+def classify(run: Solution | StepError, t_end: float) -> Verdict:
+    """Verdict on a run.
+
+    In this order: `blew up` if the energy ratio exceeded `BLOWN_UP` or was not finite, also if a
+    step failed later; `failed` if a step failed otherwise; `kept` if the ratio always differed
+    from 1 by at most `KEPT`; else `gained` or `lost`, the larger of the two.
+
+    Parameters
+    ----------
+    run : Solution or StepError
+        What `simulate` gave or raised.
+    t_end : float
+        Requested end of the run [s].
+
+    Returns
+    -------
+    Verdict
+        The verdict.
+
+    Raises
+    ------
+    SceneError
+        If nothing moves.
+    """
+    if isinstance(run, StepError):
+        solution, time = run.solution, run.time
+    else:
+        solution, time = run, float(run.t[-1])
+    if solution is None:  # no step was tried
+        return Verdict("failed", time, time / t_end, 1.0, 1.0, reason=str(run))
+    ratio, stats, failure = energy_ratio(solution), solution.stats, solution.stats.failure
+    highest, lowest = float(ratio.max()), float(ratio.min())
+    reason = f"{failure.reason}. {failure.where}".rstrip(". ") if failure else ""
+    applies = {
+        "blew up": highest > BLOWN_UP,
+        "failed": bool(reason),
+        "kept": max(highest - 1, 1 - lowest) <= KEPT,
+        "gained": highest - 1 > 1 - lowest,
+        "lost": True,
+    }
+    kind = next(kind for kind in applies if applies[kind])
+    numbers = stats.steps, stats.substeps, stats.newton_iterations, stats.halvings
+    return Verdict(kind, time, time / t_end, highest, lowest, *numbers, reason)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Growth of an error with the number of steps.
+
+    Parameters
+    ----------
+    exponent : float
+        Slope p of rms(e(n + k) - e(n)) ~ k^p: 0 for a bounded error, 1/2 for a random
+        walk, as from round-off, and 1 for a drift to one side.
+    steps : dict
+        Largest magnitude of the error so far, by number of steps.
+    """
+
+    exponent: float
+    steps: dict[int, float]
+
+    @property
+    def law(self) -> str:
+        """The nearest of the three laws, in words."""
+        return LAWS[min(LAWS, key=lambda p: abs(p - self.exponent))]
+
+
+def drift_of(error: np.ndarray) -> Drift:
+    """Growth of the error of an invariant with the number of steps.
+
+    Parameters
+    ----------
+    error : (n,) float
+        Error of the invariant after each step, from the start on.
+
+    Returns
+    -------
+    Drift
+        The exponent, and the errors by number of steps.
+
+    Raises
+    ------
+    SceneError
+        For fewer than `FEWEST` errors, or values that are not finite.
+    """
+    n = len(error)
+    if n < FEWEST or not np.isfinite(error).all():
+        raise SceneError(f"the law of a drift needs at least {FEWEST} finite errors, not {n}")
+    lags = np.unique(np.geomspace(LAGS[0] * n, LAGS[1] * n, 20).astype(int))
+    rms = np.array([np.sqrt(np.mean((error[k:] - error[:-k]) ** 2)) for k in lags])
+    moved = rms > 0
+    exponent = np.polyfit(np.log(lags[moved]), np.log(rms[moved]), 1)[0] if moved.any() else 0.0
+    largest = np.maximum.accumulate(abs(error - error[0]))
+    decades = [10**k for k in range(1, 10) if 10**k < n - 1]
+    return Drift(float(exponent), {k: float(largest[k]) for k in (*decades, n - 1)})
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ import numpy as np
 from fx_beam.results.files import replacing
 from fx_beam.studies.reporting import short
 
-from .case import Cell, grouped
-from .verdict import Verdict
+from .case import Cell, Verdict, grouped
 
 #: Colours of the verdicts, from pale for kept to dark for failed.
 COLOURS = {

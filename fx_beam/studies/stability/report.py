@@ -13,10 +13,9 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.studies.reporting import beside, section, short, table, write_report
 
-from . import case, verdict
-from .case import Cell, grouped
+from . import case
+from .case import KINDS, Cell, grouped
 from .picture import draw_curves, draw_map, symbol
-from .verdict import KINDS
 
 #: Verdicts on a motion that is wrong.
 LOST_MOTION = "gained", "blew up", "failed"
@@ -53,7 +52,6 @@ def write(
     draw_curves(beside(path, "_curves.png"), cells)
     page = _PAGE.format(
         case=case,
-        verdict=verdict,
         title=title,
         name=Path(path).name,
         limits=" or ".join(map(str, limits)),
@@ -64,8 +62,8 @@ def write(
         remarks=remarks,
     )
     criteria = {
-        "kept": verdict.KEPT,
-        "blew up": verdict.BLOWN_UP,
+        "kept": case.KEPT,
+        "blew up": case.BLOWN_UP,
         "halvings of a step at most": limits,
         "halved often, from steps taken for each": case.OFTEN,
         "the same with other rounding, up to": case.SAME,

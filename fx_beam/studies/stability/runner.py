@@ -22,8 +22,7 @@ from fx_beam.step.recorder import Record
 from fx_beam.studies import candidates
 from fx_beam.sweeps import workers
 
-from .case import Case, Cell
-from .verdict import Verdict, classify, drift_of, energy_ratio
+from .case import Case, Cell, Verdict, classify, drift_of, energy_ratio
 
 _log = logging.getLogger("fx_beam")
 

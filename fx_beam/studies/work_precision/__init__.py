@@ -1,6 +1,6 @@
 """Error against run time: schemes, time steps and meshes compared on any scene and quantity."""
 
-from .precision import Mesh, Precision, Run
+from .accuracy import Mesh, Precision, Run
 from .report import sentence, write
 from .runner import study
 

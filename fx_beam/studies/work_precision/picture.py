@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .accuracy import MARGIN
-from .precision import Precision, Run, counted, floor
+from .accuracy import MARGIN, Precision, Run, counted, floor
 
 CLOCKS = {"seconds": "whole call of simulate", "step_seconds": "steps alone"}
 _MARKERS = {

@@ -11,10 +11,9 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.studies.reporting import beside, machine, section, short, write_json, write_report
 
-from . import accuracy, precision
-from .accuracy import ROUND_OFF, observed_order
+from . import accuracy
+from .accuracy import ROUND_OFF, Mesh, Precision, Run, counted, floor, observed_order
 from .picture import CLOCKS, draw
-from .precision import Mesh, Precision, Run, counted, floor
 
 #: Relative errors for which the cheapest runs are listed.
 LEVELS = 1e-2, 1e-4, 1e-6, 1e-8, 1e-10
@@ -77,7 +76,6 @@ def write(path: Path | str, study: Precision) -> None:
         draw(beside(path, f"{ending}.png"), [(name, study, name) for name in shown], clock)
     page = _PAGE.format(
         accuracy=accuracy,
-        precision=precision,
         study=study,
         name=Path(path).name,
         title=Path(path).name.replace("_", " "),

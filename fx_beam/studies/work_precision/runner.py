@@ -24,8 +24,7 @@ from fx_beam.sweeps import workers
 from fx_beam.validation import check_takes, is_number, is_whole, positive, require
 
 from . import accuracy
-from .accuracy import Exact, History, Quantity
-from .precision import MAX_HALVINGS, Mesh, Precision, Run
+from .accuracy import MAX_HALVINGS, Exact, History, Mesh, Precision, Quantity, Run
 from .report import prepare, write
 
 #: Time step of the solutions that give the error of a mesh: the smallest step over this number.

@@ -1,17 +1,46 @@
-"""A warning about processes of mpirun that all do the same."""
+"""What runs around a motion: the sweep whose worker calls, or other processes of mpirun."""
 
 from __future__ import annotations
 
 import functools
 import logging
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
 
+from fx_beam.array_calls import calling_with_arrays
 from fx_beam.fem.mpi import rank_and_size
 from fx_beam.parallel.team import Team, present
 
-from .thread_series import thread_series
-
 _log = logging.getLogger("fx_beam")
+
+
+class _OfThread(threading.local):
+    """What each thread has by itself."""
+
+    #: The `MotionSeries` of the worker that calls a function of the user here; None outside sweeps.
+    series: Any = None
+
+
+_THREAD = _OfThread()
+
+
+def thread_series() -> Any:
+    """The series that a sweep's worker has set for this thread; None outside of sweeps."""
+    return _THREAD.series
+
+
+@contextmanager
+def simulating_by(series: Any) -> Iterator[None]:
+    """In this block, which only workers of a sweep have, `simulate` uses their series."""
+    before, _THREAD.series = _THREAD.series, series
+    try:
+        with calling_with_arrays(series.calls):
+            yield
+    finally:
+        _THREAD.series = before
 
 
 def warn_of_equal_work() -> None:
