@@ -36,7 +36,7 @@ from .linear.linear_system import LinearSystem, linearise
 from .linear.modal import modes
 from .motions.dynamics import simulate
 from .motions.motion import Motion
-from .motions.snapshot import Snapshot
+from .motions.open_motion import Snapshot
 from .orbits.forced_response import forced_response
 from .orbits.periodic_search import backbone, periodic
 from .results.audit import BeamResultants, Energy, Stats

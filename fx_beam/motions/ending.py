@@ -199,20 +199,15 @@ class _Step:
     """A step from one state to another, as `FittedState` reads the present state of a stepper."""
 
     number: int
-    now: State
+    present: State
 
     def set(self, start: State, end: State) -> None:
         """Begin at the start of a step."""
-        self.number, self.now, self._ends = 0, start, (start, end)
+        self.number, self.present, self._ends = 0, start, (start, end)
 
     def arrive(self) -> None:
         """Go to its end."""
-        self.number, self.now = 1, self._ends[1]
-
-    @property
-    def steps(self) -> _Step:
-        """What has the present state."""
-        return self
+        self.number, self.present = 1, self._ends[1]
 
     @property
     def grid(self) -> _Step:

@@ -77,32 +77,32 @@ class FittedState:
     @property
     def q(self) -> np.ndarray:
         """Displacements and rotations (size,)."""
-        return self._stepper.steps.now.q
+        return self._stepper.present.q
 
     @property
     def slides(self) -> np.ndarray:
         """Slides of the joints (joints,) [m]."""
-        return self._stepper.steps.now.slides
+        return self._stepper.present.slides
 
     @property
     def v(self) -> np.ndarray:
         """Rates (size,)."""
-        return self._stepper.steps.now.v if self._fits is None else self._fit().rates[0]
+        return self._stepper.present.v if self._fits is None else self._fit().rates[0]
 
     @property
     def a(self) -> np.ndarray:
         """Accelerations (size,), means over the step."""
-        return self._with_change(self._stepper.steps.now.a, "corrections")
+        return self._with_change(self._stepper.present.a, "corrections")
 
     @property
     def joint_forces(self) -> np.ndarray | None:
         """Forces of the joints (joints, 3) [N, N m]."""
-        return self._with_change(self._stepper.steps.now.joint_forces, "joints")
+        return self._with_change(self._stepper.present.joint_forces, "joints")
 
     @property
     def constraint_forces(self) -> np.ndarray | None:
         """Forces of driven and fixed columns [N, N m]."""
-        return self._with_change(self._stepper.steps.now.constraint_forces, "constraints")
+        return self._with_change(self._stepper.present.constraint_forces, "constraints")
 
     def _with_change(self, mean, name: str):
         """A mean of the step, with the change of a part of the fit over it."""
@@ -128,7 +128,7 @@ class FittedState:
         return next((m for m in self._starts if m is not None and m.number == before), None)
 
     def _present(self) -> _Instant:
-        number, now = self._stepper.number, self._stepper.steps.now
+        number, now = self._stepper.number, self._stepper.present
         inputs = np.full(len(self._inputs), np.nan)
         start = self._start() if self._inputs.any() else None
         if start is not None:

@@ -20,15 +20,13 @@ from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.interrupts import ctrl_c_between_blocks, one_thread, uninterrupted
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
-from fx_beam.step.single_stepper import Grid
 from fx_beam.validation import as_float, check_takes, is_number, positive, require
 
 from .evaluation import solution_of
 from .measurement import reading
-from .open_motion import OpenMotion
+from .open_motion import Grid, OpenMotion, Snapshot
 from .options import MOST_STEPS, Options, check_scene
 from .prepared import Prepared, state_of
-from .snapshot import Snapshot
 from .surroundings import waiting_team
 
 Controller = Callable[[float, dict[str, Any]], Mapping[str, Any] | None]
@@ -152,7 +150,7 @@ class Motion:
         self._open = OpenMotion(prepared, held, self._dt, record, forces)
         turns = prepared.turn_counter.removed
         self._readings = {
-            name: reading(prepared.model, self._open.now, turns, output)
+            name: reading(prepared.model, self._open.shown, turns, output)
             for name, output in outputs.items()
         }
         state = prepared.first_state(self._dt, start)
@@ -251,7 +249,7 @@ class Motion:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
         self._open.settle()
         return self._prepared.model.to_nodes(
-            self._open.stepper.steps.now.q + self._prepared.turn_counter.removed
+            self._open.present.q + self._prepared.turn_counter.removed
         )
 
     @property
@@ -259,14 +257,14 @@ class Motion:
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
         self._open.settle()
-        return self._prepared.model.to_nodes(self._open.now.v)
+        return self._prepared.model.to_nodes(self._open.shown.v)
 
     @property
     @one_thread
     def slides(self) -> np.ndarray:
         """Present slides of the joints, (joints,) [m]; NaN of those that were removed."""
         self._open.settle()
-        slides = self._open.stepper.steps.now.slides.copy()
+        slides = self._open.present.slides.copy()
         slides[self._prepared.model.removed_joints] = np.nan
         return slides
 
@@ -292,7 +290,7 @@ class Motion:
     def stats(self) -> Stats:
         """Statistics of all steps so far."""
         self._open.settle()
-        self._open.stepper.count()
+        self._open.count()
         return copy(self._prepared.stats)
 
     @property
@@ -319,7 +317,11 @@ class Motion:
             If nothing is recorded.
         """
         self._open.settle()
-        recorder = self._open.rows.complete()
+        recorder = self._open.recorder
+        if not isinstance(recorder, Recorder):
+            raise SceneError(
+                "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"
+            )
         return solution_of(self._prepared.model, recorder, self.stats, self._open.end)
 
     # -- Snapshots --------------------------------------------------------------------------------

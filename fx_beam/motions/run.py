@@ -197,7 +197,7 @@ class Run:
             with uninterrupted:
                 recorder.end = counter.without(turns, recorder.end)
                 counter.removed += turns
-                recorder.turns[recorder.rows] = counter.removed.copy()
+                recorder.miss(counter.removed)
 
     # -- The solution -----------------------------------------------------------------------------
 

@@ -128,6 +128,12 @@ class NullRecorder:
     def record(self, step: int, state: State) -> None:
         """Nothing."""
 
+    def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
+        """Nothing."""
+
+    def miss(self, turns: np.ndarray) -> None:
+        """Nothing."""
+
     def truncate(self, rows: int) -> None:
         """Nothing."""
 
@@ -245,6 +251,10 @@ class Recorder:
         if gone:
             self._begins, self.late_accelerations = False, None
         self.plans += 1
+
+    def miss(self, turns: np.ndarray) -> None:
+        """Note that full turns (size,) [rad] are missing in the rows from here on."""
+        self.turns[self.rows] = turns.copy()
 
     @property
     def impact(self) -> float:
