@@ -76,8 +76,7 @@ class Slide:
         self.dofs = mesh.dofs[nodes]
         #: Those of the node (3,).
         self.node_dofs = mesh.dofs[joint.b.number]
-        at_once, _ = rates.work_increment(np.array([1.0]), np.array([0]))
-        self.relation = Sliding(self.path, components, rates.level, bool(at_once[0] != 1.0))
+        self.relation = Sliding(self.path, components, rates.level, rates.turning)
         #: Forces (components,) of the node on the beam.
         self.force = np.zeros(components)
 

@@ -11,7 +11,6 @@ import ufl
 import numpy as np
 
 from fx_beam.laws.drag import drag_loss, drag_work
-from fx_beam.laws.rates import MidPointRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.loads import Drag
@@ -34,7 +33,7 @@ class DragForms:
         self, scene: Scene, drags: Sequence[Drag], mesh: Mesh, scheme: Scheme, fields: Fields
     ):
         data = coefficients(scene, drags, mesh)
-        if "rotation" in data and isinstance(scheme.rates, MidPointRates):
+        if "rotation" in data and scheme.rates.by_mean:
             fields = fields.with_nodal_rotations
         self.fields = fields
         compiling: Any = _compiled if scheme.built_in else _compiled.__wrapped__

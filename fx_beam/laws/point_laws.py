@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 import ufl
 
-import numpy as np
-
 from .kinematics import tan
 from .rates import UpdateRule
 
@@ -36,9 +34,7 @@ class StepRule(NamedTuple):
     @staticmethod
     def of(rates: UpdateRule, instant: bool = False) -> StepRule:
         """The rule of some rates."""
-        path, _ = rates.work_increment(np.full(1, 0.1), np.zeros(1, dtype=int))
-        turning = bool(path[0] != 0.1)
-        return StepRule(float(rates.level), turning, bool(rates.at_rest), instant)
+        return StepRule(float(rates.level), rates.turning, bool(rates.at_rest), instant)
 
 
 class Motion:

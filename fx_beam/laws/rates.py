@@ -45,6 +45,11 @@ class UpdateRule(Protocol):
     def level(self) -> float:
         """Level of the step at which forces are evaluated: 0 is its start, 1 its end."""
 
+    @property
+    def turning(self) -> bool:
+        """Whether forces do work on 2 tan(Dpsi/2) of rotations, and not on the increment itself."""
+        return self.by_mean
+
     def work_increment(self, D: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Increment with which forces do work in the step.
 
@@ -58,8 +63,13 @@ class UpdateRule(Protocol):
         Returns
         -------
         tuple of (size,) float arrays
-            The increment, entry by entry a function of `D`, and its derivative.
+            The increment, entry by entry a function of `D`, and its derivative (eqs 32 and 33).
         """
+        work, slope = D.copy(), np.ones(len(D))
+        if self.turning:
+            tangent = np.tan(D[turns] / 2)
+            work[turns], slope[turns] = 2 * tangent, 1 + tangent**2
+        return work, slope
 
     def slope_derivative(self, Dpsi: np.ndarray) -> np.ndarray:
         """Second derivative of the work increment of rotations, for the tangent of joints.
@@ -74,6 +84,8 @@ class UpdateRule(Protocol):
         (n,) float
             d2(work increment)/dDpsi2.
         """
+        tangent = np.tan(Dpsi / 2) if self.turning else np.zeros_like(Dpsi)
+        return tangent * (1 + tangent**2)
 
     def acceleration(
         self, D: np.ndarray, v0: np.ndarray, a0: np.ndarray, dt: float, turns: np.ndarray
@@ -166,19 +178,6 @@ class MidPointRates(UpdateRule):
         """The middle of the step."""
         return 0.5
 
-    def work_increment(self, D, turns):
-        """Displacement increment and Dtheta = 2 tan(Dpsi/2) (eqs 32 and 33)."""
-        work, slope = D.copy(), np.ones(len(D))
-        tangent = np.tan(D[turns] / 2)
-        work[turns] = 2 * tangent
-        slope[turns] = 1 + tangent**2
-        return work, slope
-
-    def slope_derivative(self, Dpsi):
-        """Second derivative of 2 tan(Dpsi/2): tan(Dpsi/2) (1 + tan^2(Dpsi/2))."""
-        tangent = np.tan(Dpsi / 2)
-        return tangent * (1 + tangent**2)
-
     def acceleration(self, D, v0, a0, dt, turns):
         """a = (v1 - v0)/dt, alpha = (omega1 - omega0)/dt (eq. 30)."""
         work, slope = self.work_increment(D, turns)
@@ -242,14 +241,6 @@ class NewmarkRates(UpdateRule):
         """Level of the forces, 1 - alpha_f."""
         return 1 - self.alpha_f
 
-    def work_increment(self, D, turns):
-        """The increment itself."""
-        return D, np.ones(len(D))
-
-    def slope_derivative(self, Dpsi):
-        """Zero: the work increment is linear."""
-        return np.zeros_like(Dpsi)
-
     def acceleration(self, D, v0, a0, dt, turns):
         """Acceleration at level 1 - alpha_m."""
         a1 = self._end_acceleration(D, v0, a0, dt)
@@ -294,14 +285,6 @@ class AtRest(UpdateRule):
     def level(self) -> float:
         """The end of the step."""
         return 1.0
-
-    def work_increment(self, D, turns):
-        """The increment itself."""
-        return D, np.ones(len(D))
-
-    def slope_derivative(self, Dpsi):
-        """Zero: the work increment is linear."""
-        return np.zeros_like(Dpsi)
 
     def acceleration(self, D, v0, a0, dt, turns):
         """Zero."""
@@ -389,14 +372,15 @@ class NodalRates(UpdateRule):
         return self.rule if isinstance(self.rule, tuple) else (self.rule,)
 
     @property
-    def constants(self) -> dict[str, float]:
-        """The rule that has the same work increments."""
-        return self.of_work.constants
+    def turning(self) -> bool:
+        """At level 0.5."""
+        return self.level == 0.5
 
     @property
-    def of_work(self) -> MidPointRates | NewmarkRates:
-        """The rule that has the same work increments."""
-        return MidPointRates() if self.level == 0.5 else NewmarkRates(0.25, 0.5)
+    def constants(self) -> dict[str, float]:
+        """Those of a rule that has the same work increments."""
+        same = MidPointRates() if self.turning else NewmarkRates(0.25, 0.5)
+        return same.constants
 
     def values(self, rule: Rule, D, v0, a0, before, dt) -> tuple[Any, Any, Any]:
         """Values of a rule; SceneError if they are not three UFL vectors (3,).
@@ -432,16 +416,8 @@ class NodalRates(UpdateRule):
             )
         return parts
 
-    def work_increment(self, D, turns):
-        """As by the mid-point rule, or the increment itself at level 1."""
-        return self.of_work.work_increment(D, turns)
-
-    def slope_derivative(self, Dpsi):
-        """Second derivative of the work increment."""
-        return self.of_work.slope_derivative(Dpsi)
-
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Mean velocity and mean spin of the step."""
-        if self.level == 0.5:
+        if self.turning:
             return MidPointRates().fields(Du, Dpsi, v0, a0, dt)
         return Du / dt, Dpsi / dt
