@@ -23,7 +23,7 @@ import fx_beam as fb
 from fx_beam.studies import reporting
 from fx_beam.studies.reporting import section, table
 from fx_beam.studies.stability.case import grouped
-from fx_beam.studies.stability.picture import draw_map
+from fx_beam.studies.stability.report import draw_map
 
 Case = fb.stability.Case
 SCHEMES = {

@@ -30,15 +30,13 @@ from .laws.schemes import (
     Newmark,
     Scheme,
 )
-from .linear.damped_modes import rayleigh
 from .linear.harmonic import frequency_response
 from .linear.linear_system import LinearSystem, linearise
-from .linear.modal import modes
+from .linear.modal import modes, rayleigh
 from .motions.dynamics import simulate
 from .motions.motion import Motion
 from .motions.open_motion import Snapshot
-from .orbits.forced_response import forced_response
-from .orbits.periodic_search import backbone, periodic
+from .orbits.periodic_search import backbone, forced_response, periodic
 from .results.audit import BeamResultants, Energy, Stats
 from .results.contact import Contact
 from .results.joint_motion import JointMotion
@@ -55,7 +53,7 @@ from .scene.inputs import Input
 from .scene.internal_variables import InternalVariables
 from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
 from .scene.law import Law
-from .scene.natural_strains import thermal
+from .scene.loads import thermal
 from .scene.obstacles import Circle, Line, Obstacle
 from .scene.outputs import Output
 from .scene.parameters import Parameter

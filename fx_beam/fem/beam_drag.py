@@ -10,7 +10,7 @@ import ufl
 
 import numpy as np
 
-from fx_beam.laws.drag import drag_loss, drag_work
+from fx_beam.laws.resultants import drag_loss, drag_work
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.loads import Drag

@@ -10,8 +10,7 @@ import scipy.sparse
 
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, Node, arc_lengths
-from fx_beam.scene.loads import Load, PlaceTimeFunction, label, values_along
-from fx_beam.scene.natural_strains import NAMES, StrainPart
+from fx_beam.scene.loads import NAMES, Load, PlaceTimeFunction, StrainPart, label, values_along
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 from fx_beam.validation import Constant, TimeFunction, evaluate, series

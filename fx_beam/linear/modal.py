@@ -1,19 +1,244 @@
-"""Natural frequencies and mode shapes about a configuration."""
+"""Natural frequencies and mode shapes about a configuration, also damped ones."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
+from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.undamped_modes import lowest
-from fx_beam.validation import is_flag, is_whole, require
+from fx_beam.validation import is_flag, is_whole, require, vector
 
-from .damped_modes import lowest_damped
 from .linearisation import check_equilibrium, linearised
+
+# A root is known when inverse iteration changes it by less, relative to its size.
+_CLOSE = 1e-9
+_ROUNDS = 20
+
+
+class Damped(NamedTuple):
+    """Modes that are not rigid, lowest first."""
+
+    #: Roots lambda (n,) [1/s]: of a pair the one above the real axis, of two real ones the larger.
+    values: np.ndarray
+    #: Natural angular frequencies (n,) [rad/s]; of real roots that grow -lambda.
+    frequencies: np.ndarray
+    #: Damping ratios (n,): above 1 for overdamped modes, nan for real roots that grow.
+    ratios: np.ndarray
+    #: Vectors (size, n) of modal mass 1.
+    vectors: np.ndarray
+
+    def only(self, chosen: np.ndarray) -> Damped:
+        """Some of them, by their numbers or a mask."""
+        return Damped(*(part[..., chosen] for part in self))
+
+
+def lowest_damped(K, C, M, n: int):
+    """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes."""
+    # All rigid and unstable modes, some that are neither, and more in which damping may show:
+    # Coriolis forces may carry what is unstable without them.
+    count = 2 * n + 10
+    while True:
+        omega, rigid, vectors = lowest(K, M, count)
+        if (omega > 0).sum() > n // 2 or len(omega) < count:
+            break
+        count *= 2
+    unit = 0.7 * abs(omega[~rigid]).min(initial=np.inf)
+    if np.isinf(unit):
+        unit = abs(C.diagonal()).max() / M.diagonal().max()
+    still = vectors[:, rigid]
+    damped = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
+    x = damped.vectors
+    # The phase in which the imaginary part is smallest.
+    x = x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
+    none = np.zeros(still.shape[1])
+    frequencies = np.concatenate([none, damped.frequencies])
+    order = np.argsort(frequencies, kind="stable")[:n]
+    return (
+        frequencies[order],
+        order < len(none),
+        np.concatenate([none, damped.ratios])[order],
+        np.concatenate([none, damped.values])[order],
+        np.column_stack([still, x])[:, order],
+    )
+
+
+def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float) -> Damped:
+    """The n lowest modes, from vectors (size, m) of undamped ones; `rigid` (size, k) are others.
+
+    `unit` [rad/s] has the size of the lowest angular frequency, but is no root. A Rayleigh-Ritz
+    method; inverse iteration at the roots extends its subspace.
+    """
+    shifted = pivoted_lu(K + unit * C + unit**2 * M)
+    Z, zeros = _untouched(C, shifted, rigid, unit)
+    held, scale = M @ Z, (abs(K.diagonal()) + unit**2 * M.diagonal()) ** -0.5
+    start = [undamped, shifted.solve(C @ undamped), rigid]
+    whole = K.shape[0] <= 40 + sum(part.shape[1] for part in start)
+    V = np.diag(scale) if whole else _independent(start, scale)
+    values: np.ndarray = np.empty(0)
+    for _ in range(_ROUNDS):
+        k, c, m = (V.T @ (A @ V) for A in (K, C, M))
+        # Rigid motions without damping are double roots at zero: moved away, since they are known.
+        k += (1e3 * unit) ** 2 * (V.T @ held) @ (held.T @ V)
+        damped = _roots(k, c, m, unit, zeros)
+        damped = damped._replace(vectors=V @ damped.vectors)
+        moved = (abs(held.T @ damped.vectors) ** 2).sum(axis=0) > 0.5
+        damped = damped.only(np.flatnonzero(~moved)[:n])
+        close = _CLOSE * abs(damped.values) + _rounding(K, C, damped)
+        changes = abs(damped.values[:, None] - values).min(axis=1, initial=np.inf)
+        new = np.flatnonzero(changes > close)
+        if whole or not len(new):
+            return damped
+        values = damped.values
+        V = _independent(
+            [V, *(_nearer(K, C, M, values[k], damped.vectors[:, k]) for k in new)], scale
+        )
+    raise RuntimeError(
+        f"modes: {len(new)} of {n} damped modes did not converge. Try fewer modes, or leave "
+        "damping out by damping=False"
+    )
+
+
+def _rounding(K, C, damped: Damped) -> np.ndarray:
+    """Rounding errors (n,) of the roots."""
+    sizes, root = abs(damped.vectors), abs(damped.values)
+    work = (sizes * (abs(K) @ sizes + root * (abs(C) @ sizes))).sum(axis=0)
+    # The derivative of lambda^2 + lambda c + k at its root; bounded near critical damping.
+    slope = np.maximum(2 * abs(damped.values.imag), 1e-3 * root)
+    return 100 * np.finfo(float).eps * work / slope
+
+
+def _untouched(C, shifted, R: np.ndarray, unit: float) -> tuple[np.ndarray, int]:
+    """Combinations of rigid modes R (size, m) that C leaves alone, and roots at zero of the others.
+
+    One that is damped has a single root at zero; one that Coriolis forces turn has two, since
+    another spin is another steady turn.
+    """
+    if not R.size:
+        return R, 0
+    force = C @ R
+    # Squares of damping rates, relative to the unit of angular frequencies.
+    _, squares, turned = scipy.linalg.svd(force.T @ shifted.solve(force))
+    alone = squares < 1e-10
+    moved = R @ turned[~alone].T
+    own = scipy.linalg.svdvals(moved.T @ (C @ moved)) if moved.size else squares[:0]
+    return R @ turned[alone].T, moved.shape[1] + int((own < 1e-5 * unit).sum())
+
+
+def _independent(parts: list[np.ndarray], scale: np.ndarray) -> np.ndarray:
+    """Basis of the span of columns (size, n), without those that depend on others."""
+    columns = np.column_stack(parts) / scale[:, None]
+    sizes = np.linalg.norm(columns, axis=0)
+    basis, R, _ = scipy.linalg.qr(
+        columns[:, sizes > 0] / sizes[sizes > 0], mode="economic", pivoting=True
+    )
+    return scale[:, None] * basis[:, abs(R.diagonal()) > 1e-9]
+
+
+def _nearer(K, C, M, root: complex, x: np.ndarray) -> np.ndarray:
+    """Real and imaginary part (size, 2) after a step of inverse iteration at a root."""
+    try:
+        factors = pivoted_lu((K + root * C + root**2 * M).astype(complex))
+    except RuntimeError:  # the root is exact
+        return np.column_stack([x.real, x.imag])
+    x = factors.solve(2 * root * (M @ x) + C @ x)
+    return np.column_stack([x.real, x.imag]) / abs(x).max()
+
+
+def _roots(k, c, m, unit: float, zeros: int) -> Damped:
+    """All modes of small dense matrices, lowest first, without so many simple roots at zero."""
+    c, m = unit * c, unit**2 * m
+    # Linear in (x, lambda x), inverse about the shift 1: the low roots come out best.
+    size = len(k)
+    left, right = np.hsplit(-scipy.linalg.solve(k + c + m, np.hstack([m + c, m])), 2)
+    mu, vectors = np.linalg.eig(np.block([[left, right], [np.eye(size) + left, right]]))
+    finite = np.flatnonzero(abs(mu) > 1e-14 * abs(mu).max())
+    modes = finite[np.argsort(abs(1 + 1 / mu[finite]))[zeros:]]
+    modes = modes[mu[modes].imag <= 0]  # one of each pair
+    mu, x = mu[modes], vectors[:size, modes]
+    root = 1 + 1 / mu
+    k, c, m = (np.einsum("ij,ij->j", x.conj(), A @ x) for A in (k, c, m))
+    k, m = k.real, m.real
+    massive = m > 1e-18 * abs(k)
+    real = mu.imag == 0
+    # Of two real roots the larger: the smaller is its partner, exactly so in proportional damping.
+    modes = massive & (~real | (2 * root.real * m + c.real > 0))
+    k, c, m, x, root, real = k[modes], c[modes], m[modes], x[:, modes], root[modes], real[modes]
+    grows = real & (root.real > 0)
+    natural = np.where(real, np.sqrt(abs(k / m)), abs(root))
+    ratio = np.where(real, c.real / (2 * m * natural), -root.real / natural)
+    still = ~real & (abs(ratio) < 1e-12)  # rounding must not look like growth
+    ratio, root = np.where(still, 0.0, ratio), np.where(still, 1j * root.imag, root)
+    natural, ratio = np.where(grows, -root.real, natural), np.where(grows, np.nan, ratio)
+    order = np.argsort(natural)
+    damped = Damped(unit * root, unit * natural, ratio, unit * x / np.sqrt(m))
+    return damped.only(order)
+
+
+def rayleigh(frequencies: Sequence[float], ratios: Sequence[float]) -> tuple[float, float]:
+    r"""Choose Rayleigh damping C = alpha M + tau K for two given damping ratios.
+
+    A mode of angular frequency omega then has the damping ratio
+    :math:`\zeta = \alpha / (2 \omega) + \tau \omega / 2`: less between the two frequencies, more
+    outside.
+
+    Parameters
+    ----------
+    frequencies : (f1, f2)
+        Two different natural frequencies [Hz].
+    ratios : (zeta1, zeta2)
+        Their damping ratios.
+
+    Returns
+    -------
+    alpha : float
+        Mass factor [1/s] for ``add_drag(beam, linear=alpha * rhoA, rotation=alpha * rhoI)``.
+    tau : float
+        Retardation time [s] for ``Section(..., retardation=tau)``.
+
+    Raises
+    ------
+    SceneError
+        If one of both would be negative, or for frequencies that are equal or not positive.
+
+    Examples
+    --------
+    Two per cent at 5 Hz and at 50 Hz.
+
+    >>> import fx_beam as fb
+    >>> alpha, tau = fb.rayleigh((5.0, 50.0), (0.02, 0.02))
+    >>> round(alpha, 4), round(tau, 6)
+    (1.1424, 0.000116)
+    """
+    f = vector(frequencies, 2, "rayleigh: frequencies")
+    zeta = vector(ratios, 2, "rayleigh: ratios")
+    require(
+        f.min() > 0 and f[0] != f[1], "rayleigh: frequencies", frequencies, "positive and different"
+    )
+    require(zeta.min() >= 0, "rayleigh: ratios", ratios, "zero or positive")
+    # alpha + tau omega^2 = 2 zeta omega, with the frequencies in order.
+    (w1, z1), (w2, z2) = sorted(zip(2 * np.pi * f, zeta, strict=True))
+    alpha = 2 * w1 * w2 * (z1 * w2 - z2 * w1) / (w2**2 - w1**2)
+    tau = 2 * (z2 * w2 - z1 * w1) / (w2**2 - w1**2)
+    # With one factor alone the ratios are as the frequencies, or inversely.
+    for name, unit, value, bound in (
+        ("mass factor alpha", "1/s", alpha, f"at most {z1 * w2 / w1:.4g}"),
+        ("retardation time tau", "s", tau, f"at least {z1 * w1 / w2:.4g}"),
+    ):
+        if value < 0:
+            raise SceneError(
+                f"rayleigh: these ratios need a negative {name} = {value:.4g} {unit}, which would "
+                f"drive the motion. Choose a ratio of {bound} at {w2 / (2 * np.pi):.4g} Hz"
+            )
+    return float(alpha), float(tau)
 
 
 def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool = True) -> Modes:

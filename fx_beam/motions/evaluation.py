@@ -13,7 +13,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import arc_lengths
 from fx_beam.scene.joints import constraints_of
-from fx_beam.scene.natural_strains import NAMES
+from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder

@@ -15,7 +15,7 @@ from fx_beam.results.fields import RESULTANTS
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.paraview import Fields, Piece, write_collection, write_pieces
 from fx_beam.results.solution import Solution
-from fx_beam.scene.natural_strains import NAMES
+from fx_beam.scene.loads import NAMES
 from fx_beam.step.interrupts import uninterrupted
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import RecordedHistories

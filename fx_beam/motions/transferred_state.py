@@ -14,7 +14,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import JointKey, constraints_of, joints_in, key_of
-from fx_beam.scene.natural_strains import NAMES
+from fx_beam.scene.loads import NAMES
 from fx_beam.scene.obstacles import Obstacle
 from fx_beam.step.model import Model
 from fx_beam.validation import shown

@@ -8,8 +8,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Held
 from fx_beam.scene.inputs import InputSlot
 from fx_beam.scene.joints import GROUND
-from fx_beam.scene.loads import Load, PlaceTimeFunction, label
-from fx_beam.scene.natural_strains import StrainPart
+from fx_beam.scene.loads import Load, PlaceTimeFunction, StrainPart, label
 from fx_beam.scene.scene import Scene
 from fx_beam.validation import Constant
 

@@ -18,9 +18,8 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 from fx_beam.validation import is_whole, require
 
-from .colouring import Colouring
 from .drawing import Drawing, checked_drawing, clock, three_digits
-from .members import Members
+from .members import Colouring, Members
 from .plane import LARGEST, Plane, draw_obstacles
 from .supports import Supports
 from .symbols import draw_forces, draw_joints, draw_marks, draw_moving

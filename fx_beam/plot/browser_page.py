@@ -17,8 +17,8 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
 from fx_beam.validation import is_name, numbers, require
 
-from .colouring import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
 from .drawing import Drawing, axis, checked_drawing, time_unit
+from .members import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
 from .supports import Supports
 from .symbols import nodes_of_joints, nodes_with_mass
 

@@ -16,9 +16,8 @@ from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
-from .colouring import SEQUENTIAL, Colouring
 from .drawing import Drawing, checked_drawing, three_digits, time_unit
-from .members import Members
+from .members import SEQUENTIAL, Colouring, Members
 from .plane import PICTURES, Plane, draw_obstacles, written
 from .supports import Supports
 from .symbols import draw_forces, draw_joints, draw_marks, draw_moving

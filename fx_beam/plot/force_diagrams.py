@@ -16,8 +16,8 @@ from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 from fx_beam.validation import is_flag, is_name, is_one_of, require, shown
 
-from .colouring import SIGNED, words_for
 from .drawing import Drawing, checked_drawing, three_digits, time_unit
+from .members import SIGNED, words_for
 from .plane import PICTURES, draw_obstacles, grid, written
 from .supports import Supports, draw_lines
 from .symbols import draw_joints

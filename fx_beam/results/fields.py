@@ -10,7 +10,7 @@ import ufl
 import numpy as np
 
 from fx_beam.scene.beam import arc_lengths, lagrange, lagrange_and_slopes
-from fx_beam.scene.natural_strains import NAMES
+from fx_beam.scene.loads import NAMES
 from fx_beam.scene.parameters import replaced
 
 RESULTANTS = ("N", "Q", "M")

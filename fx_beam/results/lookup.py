@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import GROUND, Joint
-from fx_beam.scene.natural_strains import NAMES
+from fx_beam.scene.loads import NAMES
 from fx_beam.scene.obstacles import Obstacle
 from fx_beam.validation import is_one_of, shown
 

@@ -17,7 +17,7 @@ from fx_beam.scene.obstacles import Obstacle
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.validation import is_one_of, shown
 
-from . import export, joined, lookup, paraview, tables
+from . import export, joined, lookup, paraview
 from .audit import BeamResultants, Energy, Stability, Stats, facts, read_only
 from .contact import Contact
 from .joint_motion import JointMotion, motion_of
@@ -431,10 +431,10 @@ class Solution:
     # -- Files and tables -----------------------------------------------------------------------
 
     save = export.save
-    to_csv = tables.to_csv
-    to_pandas = tables.to_pandas
+    to_csv = export.to_csv
+    to_pandas = export.to_pandas
     to_paraview = paraview.to_paraview
-    to_xarray = tables.to_xarray
+    to_xarray = export.to_xarray
 
     then = joined.then
 

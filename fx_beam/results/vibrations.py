@@ -19,8 +19,8 @@ from fx_beam.scene.joints import Joint
 from fx_beam.scene.notebook import sketch
 from fx_beam.validation import as_float, is_number, is_one_of, is_whole, require, shown
 
+from .export import data_frame, write_csv
 from .solution import Solution
-from .tables import data_frame, write_csv
 
 # Sizes of parts of a mode that differ by less, relative to the largest, are equal.
 _EQUAL = 1e-3

@@ -20,7 +20,7 @@ from .forces_between import ForceBetween, GivenPull, Pull, checked_force
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Rigid, check_new, moved_by, placed
 from .law import parameters_of_energy
-from .natural_strains import NaturalStrain, changed_strain, natural_strain
+from .loads import NaturalStrain, changed_strain, natural_strain
 from .notebook import facts, html_table, sketch
 from .obstacles import Obstacle, Shape, check_members, check_start, checked_obstacle
 from .parameters import Parameter, Parameters

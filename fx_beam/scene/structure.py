@@ -23,8 +23,7 @@ from .forces_between import ForceBetween
 from .internal_variables import InternalVariables
 from .joints import Joint
 from .law import functions_of_energy
-from .loads import Drag, Load, Velocity, VirtualWork
-from .natural_strains import StrainPart
+from .loads import Drag, Load, StrainPart, Velocity, VirtualWork
 from .obstacles import Obstacle
 from .scene import Scene
 from .section import Section

@@ -11,7 +11,7 @@ from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.motions.progress import progress_bar
-from fx_beam.results import tables
+from fx_beam.results import export
 from fx_beam.validation import check_takes, is_whole, positive, require, shown
 
 from . import workers
@@ -193,7 +193,7 @@ def _row(case: dict, outcome: workers.Outcome) -> dict:
 
 def _table(rows: dict[int, dict]):
     ordered = (row for _, row in sorted(rows.items()))
-    return tables.of_rows(
+    return export.of_rows(
         [
             {**row["case"], **(row["result"] or {}), **{name: row[name] for name in _OWN}}
             for row in ordered

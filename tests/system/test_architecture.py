@@ -116,13 +116,13 @@ HOMES = {
     "slepc4py": "",
     "dolfinx basix": "fem.dolfinx_api fem.interval_mesh",
     "ffcx": "fem.ffcx_api",
-    "matplotlib": "plot.time_curves plot.symbols plot.plane plot.members plot.colouring "
+    "matplotlib": "plot.time_curves plot.symbols plot.plane plot.members "
     "plot.deformed_shapes plot.animations plot.mode_shapes plot.force_diagrams plot.sheet "
     "plot.scene_drawing",
     "pyvista vtk vtkmodules": "plot.deformed_shapes",
     "PIL imageio_ffmpeg": "plot.animations",
     "tqdm": "motions.progress",
-    "pandas xarray": "results.tables",
+    "pandas xarray": "results.export",
     "scooby tabulate": "studies.reporting",
 }
 
@@ -135,7 +135,7 @@ def test_each_library_is_called_from_one_place(packages):
 
 def test_physics_and_data_need_numpy_and_ufl_only():
     # scipy: splines, and the root of an arc length; tables are made on request
-    more = {"scene.curve": {"scipy"}, "results.tables": {"pandas", "xarray"}}
+    more = {"scene.curve": {"scipy"}, "results.export": {"pandas", "xarray"}}
     for module in SOURCES:
         if room_of(module) in ("scene", "laws", "results"):
             assert foreign_imports(module) <= {"numpy", "ufl"} | more.get(module, set()), module

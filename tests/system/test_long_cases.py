@@ -7,13 +7,13 @@ import pytest
 import sweep_cases
 
 import fx_beam as fb
-from fx_beam.results import tables
+from fx_beam.results import export
 
 
 @pytest.fixture(autouse=True)
 def lists(monkeypatch):
     """Tables as without pandas."""
-    monkeypatch.setattr(tables, "of_rows", lambda rows: rows)
+    monkeypatch.setattr(export, "of_rows", lambda rows: rows)
 
 
 @pytest.mark.parametrize("place", [1, 150])

@@ -10,7 +10,7 @@ from scenes import benchmark, pendulum
 
 import fx_beam as fb
 from fx_beam import stability
-from fx_beam.studies.stability.picture import telling
+from fx_beam.studies.stability.report import telling
 
 # -- Verdicts ----------------------------------------------------------------------------------
 

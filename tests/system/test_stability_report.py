@@ -26,9 +26,9 @@ def report(tmp_path_factory):
 def of_cases(draw):
     """The pictures of the largest study: those of the others are drawn by the same functions."""
 
-    def wrapper(path, cells):
+    def wrapper(path, cells, **look):
         if path.name.startswith("cases"):
-            draw(path, cells)
+            draw(path, cells, **look)
 
     return wrapper
 

@@ -16,7 +16,7 @@ import pytest
 import sweep_cases
 
 import fx_beam as fb
-from fx_beam.results import tables
+from fx_beam.results import export
 from fx_beam.sweeps import workers
 
 HERE = Path(__file__).parents[1]
@@ -32,7 +32,7 @@ def thread():
 @pytest.fixture
 def lists(monkeypatch):
     """Tables as without pandas."""
-    monkeypatch.setattr(tables, "of_rows", lambda rows: rows)
+    monkeypatch.setattr(export, "of_rows", lambda rows: rows)
 
 
 def script(tmp_path, text, *command, **keywords):

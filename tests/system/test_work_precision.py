@@ -13,8 +13,7 @@ import fx_beam as fb
 from fx_beam import work_precision
 from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, sentence, study
 from fx_beam.studies.work_precision.accuracy import History, counted
-from fx_beam.studies.work_precision.picture import draw
-from fx_beam.studies.work_precision.report import mesh_order, step_order
+from fx_beam.studies.work_precision.report import draw, mesh_order, step_order
 
 fronts = scenes.benchmark("fronts")
 

@@ -11,15 +11,147 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
+from fx_beam.results.files import replacing
 from fx_beam.studies.reporting import beside, section, short, table, write_report
 
-from . import case
-from .case import KINDS, Cell, grouped
-from .picture import draw_curves, draw_map, symbol
+from . import case as rules
+from .case import KINDS, Cell, Verdict, grouped
+
+#: Colours of the verdicts, from pale for kept to dark for failed.
+COLOURS = {
+    "kept": "#CFE6F4",
+    "lost": "#F6E7A1",
+    "gained": "#F2B48A",
+    "blew up": "#C8460B",
+    "failed": "#6E6E6E",
+    "no verdict": "#F0F0F0",
+}
+_ON_DARK = "blew up", "failed"
+#: Cases whose curves are drawn.
+TELLING = 6
 
 #: Verdicts on a motion that is wrong.
 LOST_MOTION = "gained", "blew up", "failed"
 _PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
+
+
+def symbol(verdict: Verdict) -> str:
+    """A verdict as a short text: 2e-13, -17%, +4e-5, x1e9, or a cross and the part reached."""
+    kind, amount = verdict.kind, verdict.amount
+    signs = {"lost": "-", "gained": "+", "blew up": "\u00d7", "failed": "\u2717", "kept": ""}
+    if kind == "failed" or kind in ("lost", "gained") and amount >= 0.01:
+        return f"{signs[kind]}{100 * amount:.0f}%"
+    return signs[kind] + short(amount) if kind in signs else "?"
+
+
+def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
+    """Write the heat map; `slots` is the number of cases and gaps side by side."""
+    # Imported here: a study without pictures needs neither matplotlib nor pyvista.
+    from fx_beam import plot
+
+    bands = _bands(cells, slots)
+    figure, axes = plot.figure(len(bands), 1, height=0.65 + 0.18 * len(grouped(cells, "scheme")))
+    figure.set_figwidth(0.48 * slots)
+    for ax, band in zip(axes.flat, bands, strict=True):
+        _draw_band(ax, band, list(grouped(cells, "scheme")))
+        ax.set_xlim(-0.55, slots - 0.45)
+    groups = grouped(cells, "verdict.kind")
+    legend: dict = {kind: ("s", look) for kind, look in COLOURS.items() if kind in groups}
+    legend["steps halved often"] = ((-1, 1), (1, 1), (-1, -1)), "black"
+    legend["sensitive to round-off"] = r"$\sim$", "black"
+    for label, (marker, colour) in legend.items():
+        look = {"marker": marker, "color": colour, "linestyle": "none", "markersize": 9}
+        axes[0, 0].plot([], [], label=label, **look)
+    figure.legend(ncols=slots // 3, loc="outside upper center", frameon=False)
+    with replacing(path) as new:
+        figure.savefig(new, dpi=150)
+
+
+def _bands(cells: list[Cell], slots: int) -> list[dict[int, list[Cell]]]:
+    """Groups that fit side by side, by the index of their first case."""
+    bands: list[dict[int, list[Cell]]] = [{}]
+    left = 0
+    for group, own in grouped(cells, "case.group").items():
+        letters = max(map(len, group.split(": ")))  # of the title, 7 to a slot
+        width = max(len(grouped(own, "case.label")) + 1, -(-letters // 7))
+        if left and left + width > slots + 1:
+            bands.append({})
+            left = 0
+        bands[-1][left] = own
+        left += width
+    return bands
+
+
+def _draw_band(ax, band: dict[int, list[Cell]], schemes: list[str]) -> None:
+    labels = {}
+    for left, group in band.items():
+        title = group[0].case.group.replace(": ", "\n")
+        ax.text(left - 0.5, -0.7, title, fontsize=7, va="bottom", linespacing=1.1)
+        for x, (label, case) in enumerate(grouped(group, "case.label").items(), left):
+            labels[x] = label.replace(" ", "\n")
+            for cell in case:
+                _draw_cell(ax, x, schemes.index(cell.scheme), cell)
+    ax.set_xticks(list(labels), list(labels.values()), fontsize=6.5, linespacing=0.95)
+    ax.set_yticks(range(len(schemes)), schemes, fontsize=7)
+    ax.set_ylim(len(schemes) - 0.45, -0.55)
+    ax.tick_params(length=0, pad=2)
+    ax.spines[:].set_visible(False)
+    ax.grid(visible=False)
+
+
+def _draw_cell(ax, x: int, y: int, cell: Cell) -> None:
+    """A square in the colour of the verdict; its right end shows a differing repeated verdict."""
+    verdict, other = cell.verdict, cell.other
+    ink = "white" if verdict.kind in _ON_DARK else "black"
+    stripe = 0.16 if other and other.kind != verdict.kind else 0.0
+    ax.barh(y, 0.96, 0.92, x - 0.48, color=COLOURS[verdict.kind])
+    if other and stripe:
+        ax.barh(y, stripe, 0.92, x + 0.48 - stripe, color=COLOURS[other.kind])
+    if cell.halved_often:
+        ax.fill((x - 0.48, x - 0.28, x - 0.48), (y - 0.46, y - 0.46, y - 0.1), color=ink, lw=0)
+    text = f"{'~' if other else ''}{symbol(verdict)}"
+    # The text lies in its cell: the layout need not measure it.
+    look = {"color": ink, "fontsize": 6, "ha": "center", "va": "center_baseline"}
+    ax.text(x - stripe / 2, y, text, **look).set_in_layout(False)
+
+
+def telling(cells: list[Cell]) -> list[list[Cell]]:
+    """Cases on which the schemes differ most, one of each group, with all their schemes.
+
+    First those with the most different verdicts, then those with the widest range of errors.
+    """
+
+    def differences(case: list[Cell]) -> tuple[int, float]:
+        worst = np.clip([cell.verdict.worst for cell in case], 1e-16, 1e16)
+        return len(grouped(case, "verdict.kind")), float(np.ptp(np.log10(worst)))
+
+    judged = [cell for cell in cells if cell.verdict.kind != "no verdict"]
+    first: dict[str, list[Cell]] = {}
+    for case in sorted(grouped(judged, "case.name").values(), key=differences, reverse=True):
+        first.setdefault(case[0].case.group, case)
+    return list(first.values())[:TELLING]
+
+
+def draw_curves(path: Path, cells: list[Cell]) -> None:
+    """Write the energy over time in the cases of `telling`."""
+    from fx_beam import plot
+
+    shown = telling(cells)
+    columns = 2 if len(shown) > 1 else 1
+    figure, axes = plot.figure(-(-len(shown) // columns) or 1, columns)
+    for ax in axes.flat[len(shown) :]:
+        ax.set_visible(False)
+    for ax, case in zip(axes.flat, shown, strict=False):
+        ax.set_title(case[0].case.name.replace(": ", "\n", 1), fontsize=8)
+        ax.set(ylim=(0.08, 12), yscale="log", xlabel="time $t$ [s]", ylabel="energy ratio $r$ [-]")
+        ax.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
+        for cell in case:
+            look = plot.style(cell.family)
+            ax.plot(cell.t, np.clip(cell.ratio, 0.01, 100), label=cell.scheme, **look)
+            if cell.verdict.reason and len(cell.t):
+                end = np.clip(cell.ratio[-1], 0.08, 12)
+                ax.plot(cell.t[-1], end, "X", color=look["color"], clip_on=False, zorder=5)
+    plot.save(figure, path)
 
 
 def write(
@@ -51,7 +183,7 @@ def write(
     draw_map(beside(path, ".png"), cells)
     draw_curves(beside(path, "_curves.png"), cells)
     page = _PAGE.format(
-        case=case,
+        case=rules,
         title=title,
         name=Path(path).name,
         limits=" or ".join(map(str, limits)),
@@ -62,11 +194,11 @@ def write(
         remarks=remarks,
     )
     criteria = {
-        "kept": case.KEPT,
-        "blew up": case.BLOWN_UP,
+        "kept": rules.KEPT,
+        "blew up": rules.BLOWN_UP,
         "halvings of a step at most": limits,
-        "halved often, from steps taken for each": case.OFTEN,
-        "the same with other rounding, up to": case.SAME,
+        "halved often, from steps taken for each": rules.OFTEN,
+        "the same with other rounding, up to": rules.SAME,
     }
     rows = [_row(cell) for cell in cells]
     numbers = {"criteria": criteria, "verdicts": tally, "what was found": findings, "cells": rows}
