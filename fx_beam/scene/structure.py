@@ -6,11 +6,10 @@ what is added to a scene later counts as structure until it is listed.
 
 from __future__ import annotations
 
-import copy
 import functools
 import itertools
 import operator
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -84,26 +83,16 @@ _OWN: dict[type, tuple[str, ...]] = {
     ForceBetween: ("force",),
     VirtualWork: ("term",),
 }
-#: Kinds of values that are compared quickly.
+#: Kinds of values that are their own outlines.
 _PLAIN = {float, int, bool, str, type(None)}
-#: Parts of a scene that are known to be the same: the known ones by the id of the new ones.
-_Same = dict[int, Any]
 #: What follows from the rest of a scene.
-_DERIVED: dict[type, tuple[str, ...]] = {
-    Scene: ("nodes", "_corners", "_couplings", "changes"),
-}
+_DERIVED = {"nodes", "_corners", "_couplings", "changes"}
+#: Outlines of parts by their ids: many beams have one section.
+_Known = dict[int, Any]
 
 
 class OtherStructureError(Exception):
     """A scene cannot use what was set up for another one; the message says why."""
-
-
-class _DiffersError(Exception):
-    """Parts differ. The place is added from part to part on the way out, and costs nothing else."""
-
-    def within(self, place: str) -> _DiffersError:
-        """The same of a larger part."""
-        return _DiffersError(place, *self.args)
 
 
 class ElsewhereError(OtherStructureError):
@@ -114,31 +103,24 @@ class Structure:
     """The structure of a scene as it is now; something may be added to the scene later."""
 
     def __init__(self, scene: Scene):
-        self._parts = {
-            name: copy.copy(part) if isinstance(part, list | dict | set) else part
-            for name, part in vars(scene).items()
-            if name not in _DERIVED[Scene]
-        }
-        # Most parts are empty, or of plain values: these are compared all at once.
-        plain = [name for name, part in self._parts.items() if _is_plain(part)]
-        self._plain = [self._parts[name] for name in plain], _getter(plain)
-        self._others = {name: part for name, part in self._parts.items() if name not in plain}
-        self._nodes = len(scene.nodes)
-        self._functions = expressions_of(scene)
+        parts, outlines = vars(scene), _Known()
+        # Most parts are empty lists, which is seen at once.
+        self._empty = [name for name in parts if type(parts[name]) is list and not parts[name]]
+        others = (name for name in parts if name not in {*self._empty, *_DERIVED})
+        self._parts = {name: _of_part(name, scene, outlines) for name in others}
+        self._nodes, self._functions = len(scene.nodes), expressions_of(scene)
 
     def check(self, scene: Scene) -> None:
         """OtherStructureError if a scene differs in more than numbers."""
         if len(scene.nodes) != self._nodes:
             raise OtherStructureError("another number of nodes")
-        numbers, now = NUMBERS[Scene], vars(scene)
-        same: _Same = {}
-        plain, own = self._plain
-        for name, known in (self._others if [*own(scene)] == plain else self._parts).items():
-            part = now[name]
-            try:
-                _check_part(name in numbers, part, known, same)
-            except _DiffersError as differs:
-                raise OtherStructureError(f"scene.{name}{''.join(differs.args)}") from None
+        for name in self._empty:
+            if getattr(scene, name):
+                raise OtherStructureError(f"scene.{name} has another length")
+        outlines = _Known()
+        for name, outline in self._parts.items():
+            if (other := _of_part(name, scene, outlines)) != outline:
+                raise OtherStructureError(f"scene.{name}{_difference(outline, other)}")
         functions = expressions_of(scene)
         for own, known in itertools.zip_longest(functions, self._functions):
             if own != known:
@@ -146,67 +128,61 @@ class Structure:
                 raise OtherStructureError(f"{what} of your own differs in more than parameters")
 
 
-def _is_plain(part: Any) -> bool:
-    """Whether a part is a set, a count or a flag, or empty."""
-    return isinstance(part, set | int) or (isinstance(part, list | dict) and not part)
+class _Outline(tuple):
+    """What is structure of something with parts: its kind, keys or length, then their outlines."""
+
+    __slots__ = ()
 
 
-def _check_part(is_number: bool, a: Any, b: Any, same: _Same) -> None:
-    if a is not b or callable(a):
-        (_check_number if is_number else _check)(a, b, same)
+def _of_part(name: str, scene: Scene, known: _Known) -> Any:
+    part = getattr(scene, name)
+    return _number(part) if name in NUMBERS[Scene] else _of(part, known)
 
 
-def _check(a: Any, b: Any, same: _Same) -> None:
-    kind: Any = type(a)
-    if kind is not type(b):
-        raise _DiffersError(" is of another kind")
-    check = _checks(kind)  # type: ignore[arg-type]
-    if check is not None:
-        check(a, b, same)
-    elif a != b or callable(a):
-        raise _DiffersError(" differs")
+def _of(value: Any, known: _Known) -> Any:
+    """The outline of a value; equal for two that differ in numbers only."""
+    kind: Any = type(value)
+    return value if kind in _PLAIN else _outliner(kind)(value, known)
 
 
 @functools.cache
-def _checks(kind: Any) -> Any:
-    """How objects of a kind are compared; None for plain values."""
+def _outliner(kind: type) -> Callable[[Any, _Known], Any]:
+    """How outlines of a kind are made."""
     if issubclass(kind, Node):
-        return _nodes
+        return lambda node, known: node.number
     if issubclass(kind, list | tuple):
-        return _sequences
+        return _of_sequence
+    if issubclass(kind, set):
+        return lambda values, known: frozenset(values)
     if issubclass(kind, Mapping):
-        return _mappings
+        return lambda items, known: _Outline(
+            (tuple(items), *(_of(part, known) for part in items.values()))
+        )
     if issubclass(kind, np.ndarray):
-        return _arrays
-    own = {of: names for of, names in NUMBERS.items() if issubclass(kind, of)}
-    numbers = {name for names in own.values() for name in names} | {*getattr(kind, "NUMBERS", ())}
+        return lambda array, known: (array.shape, *array.ravel().tolist())
+    if not is_dataclass(kind):  # a function that is not listed is always another one
+        return lambda value, known: object() if callable(value) else value
+    numbers = {name for of, names in NUMBERS.items() if issubclass(kind, of) for name in names}
+    numbers |= {*getattr(kind, "NUMBERS", ())}
     functions = {name for of, names in _OWN.items() if issubclass(kind, of) for name in names}
-    if not is_dataclass(kind):
-        return None
-    parts = tuple(
-        (field.name, field.name in numbers, field.name in functions) for field in fields(kind)
-    )
+    names = [field.name for field in fields(kind)]
+    are_numbers, of_user = [[name in of for name in names] for of in (numbers, functions)]
+    values = _getter(names)
 
-    values = _getter([name for name, *_ in parts])
+    def outline(of: Any, known: _Known) -> Any:
+        if id(of) not in known:
+            parts: list[Any] = [kind]
+            for value, is_number, may_be in zip(values(of), are_numbers, of_user, strict=True):
+                if may_be and callable(value):
+                    parts.append("a function")
+                elif is_number:
+                    parts.append(() if type(value) is float else _number(value))
+                else:
+                    parts.append(value if type(value) in _PLAIN else _of(value, known))
+            known[id(of)] = _Outline(parts)
+        return known[id(of)]
 
-    def check(a: Any, b: Any, same: _Same) -> None:
-        if same.get(id(a)) is b:
-            return
-        for part, one, other in zip(parts, values(a), values(b), strict=True):
-            name, is_number, may_be_function = part
-            if type(one) is type(other) in _PLAIN and (is_number or one == other):
-                continue
-            try:
-                if may_be_function and (callable(one) or callable(other)):
-                    if not (callable(one) and callable(other)):
-                        raise _DiffersError(" is of another kind")
-                    continue
-                _check_part(is_number, one, other, same)
-            except _DiffersError as differs:
-                raise differs.within(f".{name}") from None
-        same[id(a)] = b
-
-    return check
+    return outline
 
 
 def _getter(names: list[str]) -> Any:
@@ -216,57 +192,39 @@ def _getter(names: list[str]) -> Any:
     return lambda of: [getattr(of, name) for name in names]
 
 
-def _nodes(a: Node, b: Node, same: _Same) -> None:
-    if a.number != b.number:
-        raise _DiffersError(" is another node")
+def _of_sequence(values: Any, known: _Known) -> _Outline:
+    if values and type(values[0]) is Node:  # quickly, as in beams of many elements
+        return _Outline((len(values), *(node.number for node in values)))
+    return _Outline((len(values), *(_of(value, known) for value in values)))
 
 
-def _sequences(a: Any, b: Any, same: _Same) -> None:
-    if len(a) != len(b):
-        raise _DiffersError(" has another length")
-    if a and type(a[0]) is Node and type(b[0]) is Node:  # quickly, as in beams of many elements
-        if [node.number for node in a] != [node.number for node in b]:
-            raise _DiffersError(" are other nodes")
-        return
-    for i, (one, other) in enumerate(zip(a, b, strict=True)):
-        try:
-            _check(one, other, same)
-        except _DiffersError as differs:
-            raise differs.within(f"[{i}]") from None
+def _number(value: Any) -> Any:
+    """What is structure of a number: its shape, or its names; a function has that of one number."""
+    if value is None or isinstance(value, Node):
+        return value and value.number
+    if isinstance(value, list):  # lumped masses: first the number of the node
+        return tuple(row[0] for row in value)
+    if isinstance(value, Mapping):  # of functions
+        return tuple(value)
+    return () if callable(value) else np.shape(value)
 
 
-def _mappings(a: Any, b: Any, same: _Same) -> None:
-    if list(a) != list(b):
-        raise _DiffersError(" has other keys")
-    for key in a:
-        try:
-            _check(a[key], b[key], same)
-        except _DiffersError as differs:
-            raise differs.within(f"[{key!r}]") from None
-
-
-def _arrays(a: np.ndarray, b: np.ndarray, same: _Same) -> None:
-    if a.shape != b.shape or not (a == b).all():
-        raise _DiffersError(" differs")
-
-
-def _check_number(a: Any, b: Any, same: _Same) -> None:
-    kind, other = type(a), type(b)
-    if kind is float and other is float:
-        return
-    if a is None or b is None:
-        fits = a is b
-    elif kind is np.ndarray and other is np.ndarray:
-        fits = a.shape == b.shape
-    elif callable(a) and callable(b):
-        return
-    elif isinstance(a, list):  # lumped masses: first the number of the node
-        fits = [row[0] for row in a] == [row[0] for row in b]
-    elif isinstance(a, Node) or isinstance(b, Node):
-        return _check(a, b, same)
-    elif isinstance(a, Mapping):  # of functions
-        fits = list(a) == list(b)
-    else:
-        fits = np.shape(a) == np.shape(b)
-    if not fits:
-        raise _DiffersError(" is of another kind")
+def _difference(known: Any, other: Any) -> str:
+    """The place of the first difference of two outlines, and what it is."""
+    if type(known) is not type(other):
+        return " is of another kind"
+    if not isinstance(known, _Outline):
+        return " differs"
+    label = known[0]
+    if label != other[0]:
+        return " has another length" if isinstance(label, int) else " is of another kind"
+    places: Iterable[str] = (f"[{i}]" for i in range(len(known) - 1))
+    if isinstance(label, type):
+        places = (f".{field.name}" for field in fields(label))
+    elif isinstance(label, tuple):
+        places = (f"[{key!r}]" for key in label)
+    return next(
+        place + _difference(one, two)
+        for place, one, two in zip(places, known[1:], other[1:], strict=True)
+        if one != two
+    )
