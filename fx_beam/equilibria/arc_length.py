@@ -9,11 +9,15 @@ The system bordered by this plane is regular at limit points. The angle between 
 successive steps is acute; this gives the direction of a tangent. Where plastic flow starts, a
 contact closes or a law of springs has a kink, the path has a corner: a step ends there, and the
 next one goes along the tangent behind it.
+
+At a bifurcation the equations are singular in any plane: near it Newton's method may end on either
+path. No state is computed there. A step goes across, and a row at the point is interpolated from
+states on both sides.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -23,6 +27,7 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES, StepFailed, StepSolution
 
+from .interpolation import combined, root_near, weights
 from .load_steps import LoadStepper
 from .path_equations import Tangent
 
@@ -51,20 +56,26 @@ _EXCESS, _SHORTEST = 1 + 1e-6, 1e-12
 # accurate, since it is an extremum.
 _PLACE = 1e-5
 # Smallest number of states of a closed path; distance from its first state, relative to a step, of
-# a step that closes it.
+# a step that may close it.
 _ROUND, _BESIDE = 6, 0.1
+# Distances, relative to a step, of states on both sides of a bifurcation; and how far from each
+# other points on it may be that are interpolated from six of them, from four, or known.
+_SIDES = 0.1 * np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
+_ACROSS = 1e-3
 
 
 @dataclass
 class Advance:
-    """A step along the path: its end, the tangent there, its turn and number of corrections."""
+    """A step along the path: its rows, the tangent at its end, its turn, number of corrections."""
 
-    state: State
+    rows: list[State]
     ahead: Tangent
     turn: float
     corrections: int
     #: Load factor of a limit point in the step.
-    limit: float | None
+    limit: float | None = None
+    #: Whether it ends where the path began.
+    closes: bool = False
 
 
 @dataclass
@@ -101,7 +112,7 @@ class ArcLength:
         The first step goes along rising loads; or along a tangent, with a length. Such a path also
         ends where it returns to its first state.
         """
-        stats = self.stepper.stats
+        stats, home = self.stepper.stats, states[0] if start else None
         # The error of the work is then of second order in the steps.
         target = min(_TARGET, 1 / steps)
         if start is None:
@@ -112,9 +123,10 @@ class ArcLength:
             tangent, ds = start
             self._rising = 1.0 if tangent.load >= 0 else -1.0
         cuts, behind = 0, 0.0
-        while states[-1].t < 1 and stats.steps < max_steps and not (start and self._back(states)):
+        while states[-1].t < 1 and stats.steps < max_steps and not stats.closed:
+            back = home if len(states) >= _ROUND else None
             try:
-                step = self._advance(states[-1], tangent, ds, target)
+                step = self._advance(states[-1], tangent, ds, target, back)
             except StepFailed as failure:
                 corner = self._corner(states[-1], tangent, ds, target)
                 if corner is None or corner.step is None:
@@ -128,36 +140,25 @@ class ArcLength:
                         behind, ds = 0.0, ds / 2
                     continue
                 step = corner.step
-            excess = steps * abs(step.state.t - states[-1].t)
+            end = step.rows[-1]
+            excess = steps * abs(end.t - states[-1].t)
             if excess > _EXCESS and ds > _SHORTEST:
                 # Where the path gets stiffer, or bends away from a bifurcation.
                 ds, behind = ds * min(0.9, 1 / excess), 0.0
                 continue
-            states.append(step.state)
-            stats.steps += 1
+            for row in step.rows:
+                states.append(row)
+            stats.steps, stats.closed = stats.steps + len(step.rows), step.closes
             if step.limit is not None:
                 self._rising = -self._rising
                 stats.limit_points.append(step.limit)
-            if step.state.t < _LOWEST:
-                raise self._lost(step.state)
+            if end.t < _LOWEST:
+                raise self._lost(end)
             tangent, cuts = step.ahead, 0
             ratio = min(target / max(step.turn, 1e-6), _CORRECTIONS / step.corrections)
             ds = max(ds * min(2.0, max(0.5, ratio)), behind)
             # The load factor changes at most as much as in a load step.
             ds, behind = min(ds, 1 / (steps * max(abs(tangent.load), 1e-6))), 0.0
-
-    def _back(self, states: list[State]) -> bool:
-        """Whether the last of several steps has passed the first state."""
-        if len(states) < _ROUND:
-            return False
-        home, old, new = states[0], states[-2], states[-1]
-        step, way = new.q - old.q, home.q - old.q
-        weight, load = self._path.weight, new.t - old.t
-        length = self._path.length(step, load)
-        along = float((weight * step) @ way + load * (home.t - old.t)) / length
-        rest = way - along / length * step
-        beside = self._path.length(rest, home.t - old.t - along / length * load)
-        return 0 <= along <= length and beside <= _BESIDE * length
 
     def state_at(self, state: State, tangent: Tangent, distance: float) -> State:
         """State in the plane normal to a tangent at a distance along it; StepFailed if none."""
@@ -172,12 +173,14 @@ class ArcLength:
 
     # -- Steps ----------------------------------------------------------------------------------
 
-    def _advance(self, state: State, tangent: Tangent, ds: float, target: float) -> Advance:
-        """An arc-length step ds that ends at a limit point or at load factor 1 if it meets them."""
+    def _advance(
+        self, state: State, tangent: Tangent, ds: float, target: float, home: State | None
+    ) -> Advance:
+        """An arc-length step ds that ends at a limit point, load factor 1 or home if on its way."""
         new, ahead = self.step(state, tangent, ds)
         turn = self._turn(state, new, tangent, ahead, ds)
         straight = turn <= _STRAIGHT and ahead.load * tangent.load > 0
-        if ahead.sense != tangent.sense and not straight:
+        if self.model.nonsmooth and ahead.sense != tangent.sense and not straight:
             # At a bifurcation it is so on the way back, too; where flow begins it is not.
             if self._at_start(new, tangent, -_NEAR * ds).sense == tangent.sense:
                 raise StepFailed("off the path", "the path turns back", new.q - state.q, [])
@@ -189,13 +192,17 @@ class ArcLength:
                 reason = "the path deviates too far from its tangent"
                 raise StepFailed("off the path", reason, D, [])
             turn = target  # the path has a corner at the end of the step
+        if home and (last := self._last_row(home, state, tangent, ds, new)):
+            return Advance([last], ahead, turn, corrections, closes=True)
         limit = None
         if ahead.load * self._rising < -_FLAT:
-            new, ahead = self._limit_point(state, tangent, ds, ahead)
-            limit = new.t
+            limit, behind = self._limit_point(state, tangent, ds, target, ahead)
+            if behind is not None:
+                new, ahead = limit, behind
         if new.t >= 1:
             new, limit = self._last_step(state, tangent), None
-        return Advance(new, ahead, turn, corrections, limit)
+        rows = [new] if limit is None or limit is new else [limit, new]
+        return Advance(rows, ahead, turn, corrections, None if limit is None else limit.t)
 
     def step(self, state: State, tangent: Tangent, ds: float) -> tuple[State, Tangent]:
         """State after an arc-length step ds along a tangent, and the tangent there."""
@@ -212,29 +219,78 @@ class ArcLength:
         return max(self.stepper.deviation, 2 * gap)
 
     def _limit_point(
-        self, state: State, tangent: Tangent, ds: float, ahead: Tangent
-    ) -> tuple[State, Tangent]:
-        """Limit point in a step: its state and the tangent there."""
+        self, state: State, tangent: Tangent, ds: float, target: float, ahead: Tangent
+    ) -> tuple[State, Tangent | None]:
+        """Limit point in a step and the tangent there; none if it is a bifurcation."""
         # On a plateau, as of a plastic mechanism, the slope's sign is round-off.
         before = tangent.load if abs(tangent.load) > _FLAT else self._rising * _FLAT
         if before * ahead.load > 0:
             raise StepFailed(
                 "off the path", "the step contains two limit points", ds * tangent.D, []
             )
-        slopes = {0.0: before, ds: ahead.load}
         reached: dict[float, tuple[State, Tangent]] = {}
+        slopes, senses = {0.0: before, ds: ahead.load}, {0.0: tangent.sense, ds: ahead.sense}
 
         def slope(length: float) -> float:
             if length not in slopes:
                 reached[length] = self.step(state, tangent, length)
                 slopes[length] = reached[length][1].load
+                senses[length] = reached[length][1].sense
             return slopes[length]
 
         # Imported here: most paths have no limit point, and the import takes time.
         from scipy.optimize import brentq
 
-        root = brentq(slope, 0.0, ds, xtol=_PLACE * ds)
-        return reached.get(root) or self.step(state, tangent, root)
+        low, high, beside = 0.0, ds, _SIDES[3] * ds
+        while high - low > 2.1 * beside:
+            guess = low + slope(low) / (slope(low) - slope(high)) * (high - low)
+            for place in (guess - beside, guess + beside):
+                if low < place < high:
+                    low, high = (place, high) if slope(place) * before > 0 else (low, place)
+        if senses[low] == senses[high]:
+            root = brentq(slope, low, high, xtol=_PLACE * ds)
+            if slope(root) * before < 0:  # the row lies before the point, not behind by round-off
+                root -= 2 * _PLACE * ds
+            new, there = reached.get(root) or self.step(state, tangent, root)
+            turn = self._turn(state, new, tangent, there, root)
+            if self.model.nonsmooth or turn <= _REJECTED * target:
+                return new, there  # not at a bifurcation with two modes, which keeps the sign
+        return self._extremum(state, tangent, (low + high) / 2, ds), None
+
+    def _extremum(self, state: State, tangent: Tangent, near: float, ds: float) -> State:
+        """Where the load factor has an extremum near a distance: at a bifurcation."""
+        steps = [self.step(state, tangent, place) for place in near + ds * _SIDES]
+        slopes = np.array([ahead.load for _, ahead in steps])
+        return self._between(state, [new for new, _ in steps], root_near(_SIDES, slopes), ds)
+
+    def _between(self, state: State, states: list[State], place: float, ds: float) -> State:
+        """The state at a place among those at _SIDES; StepFailed if they are not on one path."""
+        new = combined(states, weights(_SIDES, place))
+        other = combined(states[1:-1], weights(_SIDES[1:-1], place))
+        if not self._path.length(new.q - other.q, new.t - other.t) <= _ACROSS * ds:
+            reason = "states on both sides of a bifurcation are not on one path"
+            raise StepFailed("off the path", reason, new.q - state.q, [])
+        return replace(new, negative_eigenvalues=state.negative_eigenvalues)
+
+    def _last_row(
+        self, home: State, state: State, tangent: Tangent, ds: float, new: State
+    ) -> State | None:
+        """The first state of the path, if a step to a new one passes it on this path; or None."""
+        path = self._path
+        step, load = new.q - state.q, new.t - state.t
+        way, rise = home.q - state.q, home.t - state.t
+        length = path.length(step, load)
+        part = float((path.weight * step) @ way + load * rise) / length**2
+        if not (0 <= part <= 1) or path.length(way - part * step, rise - part * load) > (
+            _BESIDE * length
+        ):
+            return None
+        place = float((path.weight * tangent.D) @ way + tangent.load * rise)
+        states = [self.state_at(state, tangent, place + ds * side) for side in _SIDES]
+        last = self._between(state, states, 0.0, ds)
+        if path.length(last.q - home.q, last.t - home.t) > _ACROSS * ds:
+            return None
+        return replace(last, t=home.t, q=home.q)
 
     def _last_step(self, state: State, tangent: Tangent) -> State:
         """State at load factor 1, from the last state before it."""
@@ -353,7 +409,7 @@ class ArcLength:
             if self._at_start(state, tangent, 2 * _NEAR * ds).sense == tangent.sense:
                 return None
         limit = state.t if ahead.load * self._rising < -_FLAT else None
-        return Corner(0.0, Advance(new, ahead, target, step.iterations, limit))
+        return Corner(0.0, Advance([new], ahead, target, step.iterations, limit))
 
     def error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
         """What to report of a step that failed after some cuts."""

@@ -121,8 +121,9 @@ class PathStability:
         branches_off: bool = False,
     ):
         self._stepper, self._states, self._solved = stepper, states, solved
-        # There an eigenvalue is zero: it counts as the first state behind it.
+        # There an eigenvalue is zero: it counts as the state beside it.
         self._first = int(branches_off and len(states) > 1)
+        self._last = int(stepper.stats.closed and len(states) > 1)
         self._motions, self._arc = SmallMotions(stepper), ArcLength(stepper)
 
     def found_when_read(self) -> Stability:
@@ -131,7 +132,7 @@ class PathStability:
 
     def unstable_modes(self) -> np.ndarray:
         """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
-        states = self._states[self._first :]
+        states = self._states[self._first : len(self._states) - self._last]
         known = [state.negative_eigenvalues for state in states]
         if None in known and self._motions.model.flows:
             raise ValueError(
@@ -145,7 +146,8 @@ class PathStability:
                 counts.append(counts[-1])  # an eigenvalue is zero
             else:
                 counts.append(sum(self._motions.growing(state)) if count is None else count)
-        return np.array(counts[:1] * self._first + counts, dtype=int)
+        ends = counts[:1] * self._first, counts[-1:] * self._last
+        return np.array(ends[0] + counts + ends[1], dtype=int)
 
     def critical_points(self) -> list[CriticalPoint]:
         """The critical points between the states, and at their end; none if modes are unknown.
@@ -184,7 +186,7 @@ class PathStability:
         failure = self._stepper.stats.failure
         failed = failure is not None and failure.kind != "too many steps"
         motions, row, count = self._motions, len(counts) - 2, int(counts[-1])
-        if row < 0 or counts[row] != count or count == len(motions.unit):
+        if row < 0 or self._last or counts[row] != count or count == len(motions.unit):
             return []
         try:
             piece = Piece(self._arc, motions, *self._states[row:])

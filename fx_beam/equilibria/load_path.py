@@ -100,7 +100,7 @@ class LoadPath:
         try:
             with bar, shared(self._team, self._stepper.single):
                 self._follow()
-            if states[-1].t < 1 and stats.steps >= options.max_steps:
+            if states[-1].t < 1 and not stats.closed and stats.steps >= options.max_steps:
                 factor, most = states[-1].t, options.max_steps
                 reason = f"static: load factor {factor:g}, below 1, after max_steps = {most} steps"
                 stats.failure = Failure("too many steps", reason, factor)

@@ -4,9 +4,9 @@ With the residual R of the unknowns y at the load factor l, a tangent (y', l') o
 
     dR/dy y' + dR/dl l' = 0,    and bordered by a row n:   n . (y', l') = 1.
 
-Bordered by the tangent itself, the determinant keeps its sign along a path, also at a corner: where
-a point begins to flow, dR/dy changes by a matrix of rank one along the normal of its yield surface,
-and this leaves the tangent's component across that surface.
+Bordered by the tangent itself, the determinant changes its sign at a bifurcation, but not at a
+limit point, nor at a corner: where a point begins to flow, dR/dy changes by a matrix of rank one
+along the normal of its yield surface, and this leaves the tangent's component across that surface.
 
 At a limit point the tangent K is singular. But K + b e e^T is not, where the unit vector e is that
 of the unknown that moves most along the path. With its factors
@@ -139,8 +139,7 @@ class Tangent:
     y: np.ndarray
     D: np.ndarray
     load: float
-    #: Sign of the determinant of the equations' derivative bordered by the tangent; 1 for paths
-    #: that have no corners.
+    #: Sign of the determinant of the equations' derivative bordered by the tangent.
     sense: float = 1.0
 
     def __neg__(self) -> Tangent:
@@ -253,8 +252,7 @@ class PathEquations:
         length = self.length(D, dload)
         if not np.isfinite(length):
             raise StepFailed("singular", "the bordered tangent is singular", D, [])
-        sense = bordered.sign if self.model.nonsmooth else 1.0
-        return Tangent(dy / length, D / length, dload / length, sense)
+        return Tangent(dy / length, D / length, dload / length, bordered.sign)
 
     def with_the_load(self, y: np.ndarray, load: float) -> Tangent:
         """Unit tangent after increments, in the direction of rising load."""

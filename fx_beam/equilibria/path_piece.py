@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from fx_beam.results.state import ARRAYS, NUMBERS, State
+from fx_beam.results.state import State
 from fx_beam.step.newton import StepFailed
 
 from .arc_length import ArcLength
 from .branch_step import unknowns_of
+from .interpolation import combined, root_near, weights
 from .path_equations import Tangent
 from .small_motions import SmallMotions
 
@@ -141,9 +142,9 @@ class Piece:
                 break
         else:
             return None
-        places = [_root_near(distances / h, column) for column in values[:, changed].T]
+        places = [root_near(distances / h, column) for column in values[:, changed].T]
         nearest = min(places, key=abs)
-        return _combined(states, _weights(distances / h, nearest)) if abs(nearest) < 2 else None
+        return combined(states, weights(distances / h, nearest)) if abs(nearest) < 2 else None
 
     def _values(self, state: State) -> np.ndarray:
         """Those that change their sign where a contact opens or closes."""
@@ -295,46 +296,17 @@ def _extrapolated(
     distances = near + apart * np.arange(1, _STATES + 1)
     values = np.array([measure(distance) for distance in distances])
     scaled = (distances - near) / apart
-    place = _root_near(scaled, values)
+    place = root_near(scaled, values)
     if not abs(place * apart) <= farthest:
         raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1), [])
-    states, weights = [piece.at(distance) for distance in distances], _weights(scaled, place)
-    state = _combined(states, weights)
+    states, shares = [piece.at(distance) for distance in distances], weights(scaled, place)
+    state = combined(states, shares)
     loads = np.array([state.t for state in states])
     slope = np.polynomial.Polynomial.fit(scaled, loads, _STATES - 1).deriv()(place)
     kind = SMOOTH[int(abs(slope) > _FLAT * max(1.0, abs(place)) * np.ptp(loads))]
     if piece.model.flows:
         tangents = [piece.stiffness(distance) for distance in distances]
-        K = sum(w * K for w, K in zip(weights, tangents, strict=True))
+        K = sum(w * K for w, K in zip(shares, tangents, strict=True))
     else:
         K = piece.stiffness_of(state)
     return Root(near + place * apart, state, K, kind)
-
-
-@np.errstate(divide="ignore", invalid="ignore")
-def _root_near(places: np.ndarray, values: np.ndarray) -> float:
-    """Root near zero of the polynomial through values at places; not finite if it has none."""
-    polynomial = np.polynomial.Polynomial(
-        np.linalg.solve(np.vander(places, increasing=True), values)
-    )
-    slope, root = polynomial.deriv(), 0.0
-    for _ in range(20):
-        root -= float(polynomial(root) / slope(root))
-    return root
-
-
-def _weights(places: np.ndarray, place: float) -> np.ndarray:
-    """Weights of values at places in that of their polynomial at another place."""
-    powers = place ** np.arange(len(places), dtype=float)
-    return np.linalg.solve(np.vander(places, increasing=True).T, powers)
-
-
-def _combined(states: list[State], weights: np.ndarray) -> State:
-    """The state whose arrays are sums of those of others."""
-    values: dict[str, object] = {}
-    for name in (*ARRAYS, *NUMBERS, "motors"):
-        parts = [getattr(state, name) for state in states]
-        if parts[0] is not None:
-            values[name] = sum(w * part for w, part in zip(weights, parts, strict=True))
-    values["t"] = float(values["t"])  # type: ignore[arg-type]
-    return replace(states[0], **values, negative_eigenvalues=None)  # type: ignore[arg-type]

@@ -87,7 +87,7 @@ def static(
         Or a branch, ``point.branch(+1)`` of a bifurcation among the `critical_points` of a path of
         the same scene that had no `start`, with the same `t` and `inputs`; with
         ``continuation="arc-length"``. The first row is the bifurcation. The path ends at load
-        factor 1, or where it returns to the bifurcation.
+        factor 1, or at the bifurcation if it returns there, which ``stats.closed`` says.
     branches : int
         Levels of branches that are followed, by arc length, from all bifurcations in both
         directions of each mode; those of the second level start at bifurcations of the first. They

@@ -200,6 +200,8 @@ class Stats:
         Whether the solution is static: its steps are load factors, not times.
     limit_points : list of float
         Load factors of the limit points on the path.
+    closed : bool
+        Whether the branch has returned to the bifurcation where it began, which is its last row.
     gradient_growth : float
         After `Response.vjp`: the largest derivative by the rates in the first half of the motion,
         relative to that in the second half. It is of the order of 1 if later states depend on
@@ -242,6 +244,7 @@ class Stats:
     file: str = ""
     static: bool = False
     limit_points: list[float] = field(default_factory=list)
+    closed: bool = False
     gradient_growth: float = 0.0
 
     def __repr__(self):

@@ -136,6 +136,11 @@ def test_a_sway_branch_leads_from_one_bifurcation_to_the_other_and_returns(tree)
         ends = sorted(point.load_factor for point in points)
         assert factors.min() == pytest.approx(ends[0], abs=1e-6)
         assert factors.max() == pytest.approx(ends[1], abs=1e-6)
+        assert branch.stats.closed  # it ends at the point itself
+        assert factors[-1] == factors[0] and (branch.q[-1] == branch.q[0]).all()
+    for one, other in (path.branches[:2], path.branches[2:]):
+        mirrored = -other.displacement(top)[:, 0]
+        assert one.displacement(top)[:, 0] == pytest.approx(mirrored, abs=1e-7)
     assert all(not branch.branches for branch in path.branches)  # they meet nothing new
     assert [b.origin.direction for b in path.branches] == [1, -1, 1, -1]
 
