@@ -76,7 +76,7 @@ class Couplings:
     moving: list[Joint]
     #: For x, y and rotation (3, joints): 1 if b follows a, -1 if a follows b, 0 if neither does.
     sign: np.ndarray
-    #: Arms of joints in each sum of `sums`, as in `Tie`.
+    #: Arms of joints in each sum of `sums`, as in `Auxiliary`.
     arms: dict[int, list[int]]
     #: Auxiliaries, those of rotations first.
     auxiliaries: list[Auxiliary]

@@ -367,10 +367,13 @@ class Model:
     @functools.cached_property
     def unit_of_unknowns(self) -> np.ndarray:
         """Size of a unit increment of each unknown (free,); compare `unit`."""
-        unit = np.full(self.couplings.columns, self.mesh.size)
-        turning = [entry[0] for dof in self.turns for entry in self.couplings.entries(dof)]
+        couplings, turns = self.couplings, set(self.turns.tolist())
+        sums = [couplings.entries(dof) for dof in turns]
+        sums += [auxiliary.entries for auxiliary in couplings.auxiliaries if auxiliary.dof in turns]
+        turning = [entry[0] for entries in sums for entry in entries]
+        unit = np.full(couplings.columns + len(couplings.auxiliaries), self.mesh.size)
         unit[turning] = 1.0
-        return unit[: self.couplings.free]
+        return unit[: couplings.free]
 
     @functools.cached_property
     def fits_rates(self) -> bool:

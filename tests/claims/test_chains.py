@@ -233,6 +233,16 @@ def test_springs_of_a_long_chain_carry_the_moments_of_its_load(options):
     assert 40.0 * np.diff(turns) == pytest.approx(-10.0 * (across[-1] - across[:-1]), abs=1e-7)
 
 
+@pytest.mark.parametrize("continuation", [None, "arc-length"])
+def test_a_long_driven_chain_hangs_with_its_centre_below_the_pin(continuation):
+    scene = MADE["driven"](25)
+    hanging = fb.static(scene, t=1.0, continuation=continuation)
+    centres = hanging.q[-1, [body.centre.number for body in scene.bodies]]
+    centres[:, :2] += [(body.centre.x, body.centre.y) for body in scene.bodies]
+    assert np.diff(centres[:, 2]) == pytest.approx(0.1, abs=1e-12)
+    assert abs(centres[:, 0].mean()) < 1e-9 and centres[:, 1].mean() < -0.3
+
+
 def test_a_long_chain_of_springs_has_the_frequencies_of_lagrange():
     scene, _ = spring_chain(21)
     n = 20
