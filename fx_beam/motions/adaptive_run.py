@@ -87,8 +87,8 @@ class AdaptiveRun:
             control.succeed(dt, result.before, result.ratio)
         if control.too_short:
             raise self._too_short(result.state.t)
-        kept = control.length == length and result.taken == len(ends)
-        self._block = min(2 * self._block, _LARGEST_BLOCK) if kept else _FIRST_BLOCK
+        unchanged = control.length == length and result.taken == len(ends)
+        self._block = min(2 * self._block, _LARGEST_BLOCK) if unchanged else _FIRST_BLOCK
         if result.state.t == until:
             self._next, self._started = self._next + 1, False
 
@@ -175,8 +175,8 @@ class AdaptiveRun:
                 continue
             if result.switched and dt > self._least:
                 # Fewer steps would have no error that is known up to there.
-                taken = round((now.t - state.t) / dt)
-                control.begin(dt * min((taken + 0.5) / (self._order + AVERAGED + 1), 0.5))
+                steps_taken = round((now.t - state.t) / dt)
+                control.begin(dt * min((steps_taken + 0.5) / (self._order + AVERAGED + 1), 0.5))
                 longest = min(longest, control.length)
                 continue
             # Only the first length may be far too small; at breaks a trial is lost time.

@@ -41,10 +41,10 @@ def warn_of_depth(solution: Solution, motion: bool = False) -> None:
     )
     whole = not motion or len(solution.t) == solution.stats.steps + 1
     for obstacle in solution.obstacles:
-        found = _first_in_depth(solution, obstacle, whole)
-        if found is None:
+        first_deep = _first_in_depth(solution, obstacle, whole)
+        if first_deep is None:
             continue
-        k, (x, y), what = found
+        k, (x, y), what = first_deep
         _log.warning(
             "%s: %s: at %s %.6g the point at (%.4g, %.4g) %s. The %s of bodies in contact. Raise "
             "the stiffness of the contact, take %s steps, or hold what moves away more firmly",
@@ -104,7 +104,7 @@ def warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
     """
     if len(solution.t) < 4 or len(solution.t) != solution.stats.steps + 1:
         return
-    found: list[tuple[int, float, str, Obstacle | Stop]] = []
+    short_impacts: list[tuple[int, float, str, Obstacle | Stop]] = []
     for what, law, gap in _with_losses(solution, joints):
         closed = gap < 0  # a step has a force if it begins or ends behind the obstacle
         closed[1:] |= closed[:-1]
@@ -113,9 +113,9 @@ def warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
         for k, i in np.argwhere(begins & fast):
             opens = np.flatnonzero(~closed[k + 2 :, i])
             if len(opens) and opens[0] < _STEPS:
-                found.append((int(opens[0]), float(solution.t[k + 1]), what, law))
-    if found:
-        steps, t, what, law = min(found, key=lambda impact: impact[0])
+                short_impacts.append((int(opens[0]), float(solution.t[k + 1]), what, law))
+    if short_impacts:
+        steps, t, what, law = min(short_impacts, key=lambda impact: impact[0])
         _log.warning(
             "simulate: %s: the impact at t = %.6g takes %d steps. Its restitution %g holds in "
             "contacts of %d steps or more, whose time is about pi sqrt(m / k). Take shorter steps "
@@ -153,8 +153,8 @@ def warn_of_sharp_bends(solution: Solution, motion: bool = False) -> None:
         if not isinstance(b, Beam):
             continue
         pairs = [(a, b)] if a is b or not isinstance(a, Beam) else [(a, b), (b, a)]
-        found = [_first_inside(solution, obstacle, *pair) for pair in pairs]
-        first = min((f for f in found if f is not None), key=lambda f: f[0], default=None)
+        touches = [_first_inside(solution, obstacle, *pair) for pair in pairs]
+        first = min((f for f in touches if f is not None), key=lambda f: f[0], default=None)
         if first is None:
             continue
         k, (x, y), radius, member = first
@@ -172,30 +172,30 @@ def _first_inside(
 ) -> tuple[int, np.ndarray, float, Beam] | None:
     """Row, place and radius of curvature of the first such touch of a member."""
     X, q = solution.X[:, :2], solution.recorded("q")
-    own = solution.nodes_of_beam[member.name]
-    points = own
+    of_member = solution.nodes_of_beam[member.name]
+    points = of_member
     if isinstance(touching, Node):
         points = np.array([touching.number])
     elif touching is not member:
         points = solution.nodes_of_beam[touching.name]
-    arc = arc_of(X[own]) if touching is member else None
-    rows = max(1, _NODES_AT_ONCE // len(own))
+    arc = arc_of(X[of_member]) if touching is member else None
+    rows = max(1, _NODES_AT_ONCE // len(of_member))
     for first in range(0, len(q), rows):
         places = X + q[first : first + rows, :, :2]
-        curvature = _curvature(places[:, own])
+        curvature = _curvature(places[:, of_member])
         sharp = abs(curvature) * obstacle.radii > _SHARP
         for k in np.flatnonzero(sharp.any(axis=1)):
             at = places[k]
-            found = nearest(at[points], at[own], obstacle.apart, arc)
-            tangent = np.gradient(at[own], axis=0)[found.node]
-            arms = at[points] - found.point
+            near = nearest(at[points], at[of_member], obstacle.apart, arc)
+            tangent = np.gradient(at[of_member], axis=0)[near.node]
+            arms = at[points] - near.point
             side = tangent[:, 0] * arms[:, 1] - tangent[:, 1] * arms[:, 0]
-            inside = side * curvature[k][found.node] > 0
-            bad = sharp[k][found.node] & inside & (found.distance < obstacle.radii)
+            inside = side * curvature[k][near.node] > 0
+            bad = sharp[k][near.node] & inside & (near.distance < obstacle.radii)
             if bad.any():
                 i = int(np.argmax(bad))
-                radius = 1 / abs(curvature[k][found.node[i]])
-                return first + int(k), found.point[i], float(radius), member
+                radius = 1 / abs(curvature[k][near.node[i]])
+                return first + int(k), near.point[i], float(radius), member
     return None
 
 

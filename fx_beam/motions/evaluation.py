@@ -31,9 +31,9 @@ def solution_of(
     ended: bool = False,
     scene_stays: bool = False,
     stability: Stability | None = None,
-    kept: RecordedHistories | None = None,
+    stored: RecordedHistories | None = None,
 ) -> Solution:
-    """Solution from a record, or from what is `kept` of it; `end` gives the last state.
+    """Solution from a record, or from what is `stored` of it; `end` gives the last state.
 
     With `times` its rows are at these times, otherwise those of the record; the motion is smooth
     between `breaks`. What depends on nothing that may change is made when it is first read: the
@@ -43,7 +43,7 @@ def solution_of(
     scene, mesh = model.scene, model.mesh
     # Fitted rates depend on the joints of the scene, which may be changed.
     later = ended and (scene_stays or not model.fits_rates)
-    recorded = recorder.histories() if kept is None else kept
+    recorded = recorder.histories() if stored is None else stored
     histories: Mapping[str, Any] = recorded
     rows: slice | np.ndarray = slice(None)
     if times is not None:
@@ -126,8 +126,8 @@ def _variables_of_beam(
             by_beam[beam.name] = {name: of_beam[..., i] for i, name in names}
         if beam.name in with_strains and natural is not None:
             of_beam = natural[:, cells].reshape(len(natural), -1, len(NAMES))
-            own = {name: of_beam[..., i] for i, name in enumerate(NAMES.values())}
-            by_beam[beam.name] = by_beam.get(beam.name, {}) | own
+            strains = {name: of_beam[..., i] for i, name in enumerate(NAMES.values())}
+            by_beam[beam.name] = by_beam.get(beam.name, {}) | strains
     return by_beam
 
 

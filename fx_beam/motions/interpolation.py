@@ -78,10 +78,12 @@ def _polynomials(t, q, v, unit, times, row, breaks, points: int) -> tuple[np.nda
             np.einsum("nk,nk...->n...", w, q[rows]) for w in (at, slope)
         )
         if len(v) and last - first < len(t) - 1 and points > 4:  # between events, long steps
-            own = first + ends + np.array([[-1], [0]])
-            slopes = (lagrange_and_slopes(t[rows], end)[1] for end in t[own])
-            missing = v[own] - [np.einsum("nk,nk...->n...", slope, q[rows]) for slope in slopes]
-            value, rate = _bend(t[own], times[inside], missing)
+            both_ends = first + ends + np.array([[-1], [0]])
+            slopes = (lagrange_and_slopes(t[rows], end)[1] for end in t[both_ends])
+            missing = v[both_ends] - [
+                np.einsum("nk,nk...->n...", slope, q[rows]) for slope in slopes
+            ]
+            value, rate = _bend(t[both_ends], times[inside], missing)
             values[inside] += value
             rates[inside] += rate
     if len(edges) == 1:
@@ -126,6 +128,6 @@ def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Slides (n, joints) of the joints [m] in the configurations q (n, n_node, 3)."""
     slides, at = slides.copy(), model.motion(q=q)
     for joint in model.scene.joints:
-        own = slides[:, joint.number]
-        own[:] = joint.kinematics.slide(at, own)
+        slide = slides[:, joint.number]
+        slide[:] = joint.kinematics.slide(at, slide)
     return slides

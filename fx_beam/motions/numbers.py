@@ -68,7 +68,7 @@ def observed_numbers_of(
     """
     model = prepared.model
     joints, columns = model.sizes["joints"], model.sizes["constraints"]
-    found: dict[str, Any] = {
+    observed: dict[str, Any] = {
         "a": state.a,
         "forces of columns": _or_zeros(state.constraint_forces, (columns,)),
         "forces of joints": _or_zeros(state.joint_forces, (joints, 3)),
@@ -77,12 +77,12 @@ def observed_numbers_of(
     }
     for joint in model.scene.joints:
         if joint.axis is not None:
-            found["axes of slides"][joint.number] = joint.axis
-            found["offsets of slides"][joint.number] = joint.offset
+            observed["axes of slides"][joint.number] = joint.axis
+            observed["offsets of slides"][joint.number] = joint.offset
     if model.fitted_rates is not None:
-        found |= model.fitted_rates.numbers
-        found["driven rates"] = prepared.forcing.end_rates(times, lengths)
-    return _arrays(found)
+        observed |= model.fitted_rates.numbers
+        observed["driven rates"] = prepared.forcing.end_rates(times, lengths)
+    return _arrays(observed)
 
 
 def _or_zeros(values: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
@@ -129,8 +129,8 @@ def _of_model(model: Model) -> dict[str, Any]:
     if isinstance(model.reduction, JointReduction):
         joints = model.reduction.joint_tables()
         numbers |= {name: joints[name] for name in ("offset", "axis")}
-        own = joints_by_number(model.scene)
-        numbers["rest"] = [own[joint.number].start()[0] for joint in model.couplings.moving]
+        by_number = joints_by_number(model.scene)
+        numbers["rest"] = [by_number[joint.number].start()[0] for joint in model.couplings.moving]
     if sliding := model.sliding:
         numbers["places"] = [joint.place_at_rest for joint in sliding]
         numbers["paths"] = np.concatenate([joint.path.numbers for joint in sliding])
@@ -147,10 +147,10 @@ def _of_state(model: Model, state: State) -> dict[str, Any]:
 
 def _before_motors(model: Model) -> np.ndarray:
     """Slides (driven,) in the reference configuration, from which motors go on; 0 for others."""
-    found = np.zeros(model.couplings.driven)
+    start = np.zeros(model.couplings.driven)
     for i, (joint, name) in enumerate(model.motors, start=len(model.prescribed)):
-        found[i] = joint.start()[0] if name == "slide" else 0.0
-    return found
+        start[i] = joint.start()[0] if name == "slide" else 0.0
+    return start
 
 
 def _arrays(numbers: dict[str, Any]) -> dict[str, np.ndarray]:

@@ -110,8 +110,8 @@ class Options:
     outputs: Mapping[str, Output] | None = None
 
     def __post_init__(self):
-        own, wanted = self.__dict__, "given with a tolerance only"
-        own.update({name: of for name, of in _DEFAULTS.items() if own[name] is None})
+        values, wanted = self.__dict__, "given with a tolerance only"
+        values.update({name: of for name, of in _DEFAULTS.items() if values[name] is None})
         _check_scheme(self.scheme)
         self._require("newton", isinstance(self.newton, NewtonOptions), "an fx_beam.NewtonOptions")
         self._require("max_halvings", is_whole(self.max_halvings, 0, MOST_HALVINGS), _HALVINGS)
@@ -122,15 +122,17 @@ class Options:
             self._require("dt_max", self.dt_max is None, wanted)
             without = isinstance(self.breaks, tuple | list) and not self.breaks
             self._require("breaks", without, wanted)
-            own["breaks"] = ()
-        own.update({name: as_float(own[name]) for name in ("t_end", "dt") if is_number(own[name])})
+            values["breaks"] = ()
+        values.update(
+            {name: as_float(values[name]) for name in ("t_end", "dt") if is_number(values[name])}
+        )
         if self.until is None:
             self._require("outputs", self.outputs is None, "given with `until` only")
             return
         named = self.until if isinstance(self.until, Mapping) else {"until": self.until}
         fits = all(isinstance(name, str) and callable(of) for name, of in named.items())
         self._require("until", fits, _CONDITIONS)
-        own["until"] = dict(named)
+        values["until"] = dict(named)
         if self.record.file is not None:
             text = f"{self.what}: a Record with a file is not possible with until or changes"
             raise SceneError(text)

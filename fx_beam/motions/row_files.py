@@ -70,9 +70,11 @@ class RowFiles:
         #: Nodes of each process.
         self._nodes, self._arguments = list[np.ndarray](), list[tuple]()
         for elements in self._elements:
-            own, local = np.unique(nodes[elements], return_inverse=True)
-            self._nodes.append(own)
-            self._arguments.append((mesh.X[own], local.reshape(-1, degree + 1), beam[elements]))
+            of_process, local = np.unique(nodes[elements], return_inverse=True)
+            self._nodes.append(of_process)
+            self._arguments.append(
+                (mesh.X[of_process], local.reshape(-1, degree + 1), beam[elements])
+            )
         self._crew = _Alone(self._arguments) if make is None else make(Piece, self._arguments)
 
     # -- Writing ------------------------------------------------------------------------------
@@ -130,8 +132,8 @@ class RowFiles:
         several = len(self._elements) > 1
         names = [f"{stem}{f'_{i}' if several else ''}.vtu" for i in range(len(self._elements))]
         for name, elements, nodes in zip(names, self._elements, self._nodes, strict=True):
-            own = {kind: values[elements] for kind, values in along.items()}
-            given.append((self._folder / name, q[nodes], None if v is None else v[nodes], own))
+            of_piece = {kind: values[elements] for kind, values in along.items()}
+            given.append((self._folder / name, q[nodes], None if v is None else v[nodes], of_piece))
         fields: list[Fields] = self._crew("write", given)
         if not several:
             return f"{self._folder.name}/{names[0]}"
@@ -178,24 +180,24 @@ class _Alone:
 
     def __call__(self, method: str, given: list[tuple]) -> list[Any]:
         pairs = zip(self._pieces, given, strict=True)
-        return [getattr(piece, method)(*own) for piece, own in pairs]
+        return [getattr(piece, method)(*arguments) for piece, arguments in pairs]
 
 
 def _variables(model: Model) -> dict[str, list[tuple[str, np.ndarray, int]]]:
     """Internal variables and natural strains by name: their history, elements, and column."""
     ends = np.cumsum([beam.elements for beam in model.scene.beams])
     with_strains = {strain.beam.name for strain in model.scene.natural_strains}
-    found: dict[tuple[str, str, int], list[np.ndarray]] = {}
+    elements_of: dict[tuple[str, str, int], list[np.ndarray]] = {}
     for beam, end in zip(model.scene.beams, ends.tolist(), strict=True):
         internal = beam.section.internal
         names = () if internal is None else internal.names
-        own = [("internal", name, i) for i, name in enumerate(names)]
+        columns = [("internal", name, i) for i, name in enumerate(names)]
         if beam.name in with_strains:
-            own += [("natural", name, i) for i, name in enumerate(NAMES.values())]
-        for kind, name, column in own:
+            columns += [("natural", name, i) for i, name in enumerate(NAMES.values())]
+        for kind, name, column in columns:
             elements = np.arange(end - beam.elements, end)
-            found.setdefault((kind, name, column), []).append(elements)
+            elements_of.setdefault((kind, name, column), []).append(elements)
     variables: dict[str, list[tuple[str, np.ndarray, int]]] = {}
-    for (kind, name, column), parts in found.items():
+    for (kind, name, column), parts in elements_of.items():
         variables.setdefault(name, []).append((kind, np.concatenate(parts), column))
     return variables

@@ -230,7 +230,7 @@ class Run:
             [*options.breaks, *self._events],
             ended=True,
             scene_stays=self._stays,
-            kept=rows,
+            stored=rows,
         )
 
 

@@ -75,8 +75,8 @@ def transferred_state(model: Model, start: Solution) -> State:
     at = model.motion(q=model.to_nodes(nodal["q"])[None])
     slides = new.slides
     for joint in model.scene.joints:
-        old, own = theirs.get(joint.number), slides[joint.number : joint.number + 1]
-        own[:] = joint.kinematics.slide(at, own) if old is None else end.slides[old.number]
+        old, slide = theirs.get(joint.number), slides[joint.number : joint.number + 1]
+        slide[:] = joint.kinematics.slide(at, slide) if old is None else end.slides[old.number]
     state = State(
         end.t,
         _motors(model, start, theirs, slides, at),
@@ -147,20 +147,20 @@ def _joints_before(model: Model, start: Solution, rows: np.ndarray) -> dict[int,
     """Joints of the solution by the numbers of the same joints of the scene."""
     end = end_of(start)
     texts = [] if end.constraints is None else end.constraints.tolist()
-    found: dict[tuple, list[JointKey]] = {}
+    keys: dict[tuple, list[JointKey]] = {}
     for key in joints_in(texts):
-        found.setdefault((key.kind, key.a, key.b), []).append(key)
+        keys.setdefault((key.kind, key.a, key.b), []).append(key)
     same = {}
     for joint in model.scene.joints:
         mine = key_of(joint)
         a, b = (int(rows[n]) if n >= 0 else _GROUND for n in (mine.a, mine.b))
         new = any(n >= 0 and rows[n] < 0 for n in (mine.a, mine.b))
-        if not new and (twins := found.get((mine.kind, a, b))):
-            own = next((key for key in twins if key.number == joint.number), twins[0])
-            if joint.place is not None and own.number != joint.number:
+        if not new and (twins := keys.get((mine.kind, a, b))):
+            twin = next((key for key in twins if key.number == joint.number), twins[0])
+            if joint.place is not None and twin.number != joint.number:
                 continue  # it is made anew
-            twins.remove(own)
-            same[joint.number] = own
+            twins.remove(twin)
+            same[joint.number] = twin
     return same
 
 
@@ -208,8 +208,8 @@ def _natural(model: Model, start: Solution) -> np.ndarray | None:
     end, elements_of = end_of(start), _elements_of(start)
     values = model.natural.at(end.t)
     for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
-        if (own := elements_of.get(beam.name)) is not None:
-            values[cells] = 0.0 if end.natural is None else end.natural[own]
+        if (theirs := elements_of.get(beam.name)) is not None:
+            values[cells] = 0.0 if end.natural is None else end.natural[theirs]
     return values
 
 
@@ -226,14 +226,16 @@ def _elements_of(start: Solution) -> dict[str, slice]:
 def _contacts_before(model: Model, start: Solution, rows: np.ndarray) -> dict[str, str]:
     """Contacts of the scene, and the same ones of the solution, if it has them."""
     left, same = list(start.obstacles), dict[str, str]()
-    for own in model.scene.obstacles:
-        key = _contact_key(own, lambda node: int(rows[node.number]))
+    for contact in model.scene.obstacles:
+        key = _contact_key(contact, lambda node: int(rows[node.number]))
         twins = [one for one in left if _contact_key(one, lambda node: node.number) == key]
-        same[str(own)] = ""
+        same[str(contact)] = ""
         if twins:
-            best = max(twins, key=lambda one: (one.shape == own.shape, one.number == own.number))
+            best = max(
+                twins, key=lambda one: (one.shape == contact.shape, one.number == contact.number)
+            )
             left.remove(best)
-            same[str(own)] = str(best)
+            same[str(contact)] = str(best)
     return same
 
 
@@ -271,8 +273,8 @@ def _spring_internal(
             key = theirs.get(int(words[0]))
             owner = "" if key is None else " ".join([of, str(key.number), *words[1:]])
         owner = contacts.get(owner, owner)
-        if old is not None and (own := places.get(owner)):
-            values[at] = old[own.pop(0)]
+        if old is not None and (columns := places.get(owner)):
+            values[at] = old[columns.pop(0)]
     return values
 
 

@@ -151,10 +151,10 @@ class Contact:
             arc, apart = arc_of(self.solution.X[nodes]), self.obstacle.apart
         gaps, directions = np.empty(places[:, touching, 0].shape), places[:, touching].copy()
         for i, row in enumerate(places):
-            found = nearest(row[touching], row[nodes], apart, arc)
-            gaps[i] = found.distance - self.obstacle.radii
-            arms = row[touching] - found.point
-            directions[i] = arms / np.maximum(found.distance, 1e-300)[:, None]
+            near = nearest(row[touching], row[nodes], apart, arc)
+            gaps[i] = near.distance - self.obstacle.radii
+            arms = row[touching] - near.point
+            directions[i] = arms / np.maximum(near.distance, 1e-300)[:, None]
         return gaps, directions
 
     def _sides(self, member: Beam) -> np.ndarray:

@@ -88,8 +88,8 @@ def _of_all_beams(solution) -> dict[str, np.ndarray]:
     arrays = {"nodes": [solution.nodes_of_beam[name] for name in solution.beams]}
     if solution.has_motion:
         parts = [vars(solution.resultants(name)) for name in solution.beams]
-        arrays |= {name: [own[name] for own in parts] for name in parts[0]}
-    return {f"beams_{name}": np.concatenate(own, axis=-1) for name, own in arrays.items()}
+        arrays |= {name: [resultants[name] for resultants in parts] for name in parts[0]}
+    return {f"beams_{name}": np.concatenate(parts, axis=-1) for name, parts in arrays.items()}
 
 
 def _stability(solution) -> dict[str, np.ndarray]:

@@ -86,21 +86,21 @@ def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
     stiffness, constant = np.empty((3, *strains.shape[2:])), dict[int, np.ndarray]()
     ends = np.cumsum([beam.elements for beam in beams]).tolist()
     of_beams = [slice(end - beam.elements, end) for beam, end in zip(beams, ends, strict=True)]
-    for beam, own in zip(beams, of_beams, strict=True):
-        stiffness[:, own] = _stiffness(beam, constant)
+    for beam, cells in zip(beams, of_beams, strict=True):
+        stiffness[:, cells] = _stiffness(beam, constant)
     density = np.einsum("kep,krep->rep", stiffness, strains**2) / 2
-    for beam, own in zip(beams, of_beams, strict=True):
+    for beam, cells in zip(beams, of_beams, strict=True):
         if beam.section.strain_energy is not None:
             variables = solution.variables_of_beam.get(beam.name, {})
             internal = [of for name, of in variables.items() if name not in NAMES.values()]
-            columns = [*strains[:, :, own].reshape(3, -1), *(of[rows].ravel() for of in internal)]
+            columns = [*strains[:, :, cells].reshape(3, -1), *(of[rows].ravel() for of in internal)]
             points = np.column_stack(columns).reshape(len(strains[0]), -1, len(columns))
             energies = [
                 _stored(beam.section.strain_energy, values, *point)
                 for values, of_row in zip(_parameters(solution, list(rows)), points, strict=True)
                 for point in of_row
             ]
-            density[:, own] = np.reshape(energies, density[:, own].shape)
+            density[:, cells] = np.reshape(energies, density[:, cells].shape)
     return density
 
 
@@ -133,10 +133,10 @@ def _strains(solution: Any, nodes: np.ndarray, degree: int, rows: list[int]) -> 
 def _natural(solution: Any, beam: Any, rows) -> np.ndarray:
     """Natural strains (3, rows, elements, degree) of a beam."""
     shape, variables = (-1, beam.elements, beam.degree), solution.variables_of_beam
-    own = variables.get(beam.name, {})
+    of_beam = variables.get(beam.name, {})
     none = np.zeros((len(rows), beam.elements * beam.degree))
     return np.stack(
-        [(own[n][list(rows)] if n in own else none).reshape(shape) for n in NAMES.values()]
+        [(of_beam[n][list(rows)] if n in of_beam else none).reshape(shape) for n in NAMES.values()]
     )
 
 

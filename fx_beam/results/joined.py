@@ -111,7 +111,7 @@ class _Joined:
         }
         beams = {name: self._beam(beam) for name, beam in first.beams.items()} | second.beams
         beams = {name: beams[name] for name in [*second.beams, *beams]}
-        nodes = {name: self._nodes[own] for name, own in first.nodes_of_beam.items()}
+        nodes = {name: self._nodes[of_beam] for name, of_beam in first.nodes_of_beam.items()}
         return type(first)(
             self._histories(),
             X=self.X,
@@ -130,12 +130,12 @@ class _Joined:
         )
 
     def _histories(self) -> dict[str, np.ndarray]:
-        first, second, found = self._first, self._second, dict[str, np.ndarray]()
+        first, second, histories = self._first, self._second, dict[str, np.ndarray]()
         obstacles, parameters = self._obstacles(), self._parameters()
         for name, history in HISTORIES.items():
             one, two = getattr(first, name), getattr(second, name)
             if len(one) != len(first.t) or len(two) != len(second.t):
-                found[name] = np.empty((0, *two.shape[1:]))  # one of them has none
+                histories[name] = np.empty((0, *two.shape[1:]))  # one of them has none
                 continue
             if history.shape[:1] == ("nodes",):
                 one, two = self._at_nodes(one), _padded(two, (len(self.X),))
@@ -152,8 +152,8 @@ class _Joined:
                 one, two = (
                     _of_names(of, rows, parameters) for of, rows in ((first, one), (second, two))
                 )
-            found[name] = _rows(one, two)
-        return found
+            histories[name] = _rows(one, two)
+        return histories
 
     def _at_nodes(self, rows: np.ndarray) -> np.ndarray:
         """Rows of the first motion at all nodes; zero at new ones."""
@@ -172,7 +172,7 @@ class _Joined:
     def _contacts_of_first(self) -> dict[int, Obstacle]:
         """Contacts of the first motion by their numbers there, as the joined one has them."""
         known = {_contact_key(one): one for one in self._second.obstacles}
-        taken, found = {one.number for one in self._second.obstacles}, dict[int, Obstacle]()
+        numbers, contacts = {one.number for one in self._second.obstacles}, dict[int, Obstacle]()
         for one in self._first.obstacles:
             moved = one
             if isinstance(one.target, Node):
@@ -180,11 +180,11 @@ class _Joined:
             if not isinstance(one.shape, Beam) and one.shape.carrier is not None:
                 moved = replace(moved, shape=one.shape.at(self._node(one.shape.carrier)))
             same = known.get(_contact_key(moved))
-            if same is None and moved.number in taken:
-                moved = replace(moved, number=1 + max(taken))
-            found[one.number] = moved if same is None else same
-            taken.add(found[one.number].number)
-        return found
+            if same is None and moved.number in numbers:
+                moved = replace(moved, number=1 + max(numbers))
+            contacts[one.number] = moved if same is None else same
+            numbers.add(contacts[one.number].number)
+        return contacts
 
     def _obstacles(self) -> list[Obstacle]:
         every = [*self._second.obstacles, *self._contacts.values()]
@@ -221,29 +221,29 @@ class _Joined:
 
 
 def _of_both(one: Mapping, two: Mapping, n: int, m: int) -> dict[Any, np.ndarray]:
-    found = {}
+    same = {}
     for key in {**one, **two}:
         shape = (one[key] if key in one else two[key]).shape[1:]
         rows = (one.get(key, np.zeros((n, *shape))), two.get(key, np.zeros((m, *shape))))
-        found[key] = _rows(*rows)
-    return found
+        same[key] = _rows(*rows)
+    return same
 
 
 def _nodes_of_first(first, second) -> np.ndarray:
     """Node of the joined motion for each node of the first one."""
     nodes = np.full(len(first.X), -1)
-    for name, own in first.nodes_of_beam.items():
+    for name, of_beam in first.nodes_of_beam.items():
         if name in second.nodes_of_beam:
-            nodes[own] = second.nodes_of_beam[name]
+            nodes[of_beam] = second.nodes_of_beam[name]
     for name, body in first.bodies.items():
         if name in second.bodies:
             nodes[[n.number for n in body.nodes]] = [n.number for n in second.bodies[name].nodes]
     # Nodes of the scene that belong to no member any more have kept their numbers.
-    taken = set(nodes.tolist())
-    taken |= {int(n) for name, own in second.nodes_of_beam.items() for n in own}
+    used = set(nodes.tolist())
+    used |= {int(n) for name, of_beam in second.nodes_of_beam.items() for n in of_beam}
     for number in np.flatnonzero(nodes < 0).tolist():
         same = number < len(second.X) and (second.X[number] == first.X[number]).all()
-        if same and number not in taken:
+        if same and number not in used:
             nodes[number] = number
     missing = nodes < 0
     nodes[missing] = len(second.X) + np.arange(np.count_nonzero(missing))
@@ -268,27 +268,27 @@ def _contact_key(contact: Obstacle) -> tuple:
     return str(contact), contact.along, shape
 
 
-def _of_contacts(own: list[Obstacle], rows: np.ndarray, obstacles: list[Obstacle]) -> np.ndarray:
+def _of_contacts(before: list[Obstacle], rows: np.ndarray, obstacles: list[Obstacle]) -> np.ndarray:
     """Forces at the contacts of both motions, from those of one."""
-    found = np.zeros((len(rows), sum(len(one.points.lengths) for one in obstacles), 2))
+    forces = np.zeros((len(rows), sum(len(one.points.lengths) for one in obstacles), 2))
     places, first = dict[int, slice](), 0
     for one in as_recorded(obstacles):
         places[one.number] = slice(first, first + len(one.points.lengths))
         first = places[one.number].stop
     first = 0
-    for one in as_recorded(own):
+    for one in as_recorded(before):
         count = len(one.points.lengths)
-        found[:, places[one.number]] = rows[:, first : first + count]
+        forces[:, places[one.number]] = rows[:, first : first + count]
         first += count
-    return found
+    return forces
 
 
 def _of_names(solution, rows: np.ndarray, names: list[str]) -> np.ndarray:
     """Values of the parameters of both motions, from those of one; NaN for others."""
-    found = np.full((len(rows), len(names)), np.nan)
+    values = np.full((len(rows), len(names)), np.nan)
     for i, name in enumerate(solution.names_of_parameters):
-        found[:, names.index(name)] = rows[:, i]
-    return found
+        values[:, names.index(name)] = rows[:, i]
+    return values
 
 
 def _stats(first: Stats, second: Stats) -> Stats:

@@ -23,9 +23,11 @@ def node_number(solution: Any, node: Node) -> int:
             f"{shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
             "beam.node(fraction)"
         )
-    X, own = solution.X, scene_of(solution)
+    X, scene = solution.X, scene_of(solution)
     known = node.number < len(X) and X[node.number].tolist() == [node.x, node.y]
-    if not known or (own and node.scene and node.scene is not own and _differ(own, node.scene)):
+    if not known or (
+        scene and node.scene and node.scene is not scene and _differ(scene, node.scene)
+    ):
         raise ValueError(f"{node} is not a node of this solution; take a node of its scene")
     return node.number
 
@@ -58,17 +60,17 @@ def joint_number(solution: Any, joint: Joint) -> int:
 
 def obstacle_of(solution: Any, obstacle: Obstacle) -> Obstacle:
     """The obstacle of a solution, also for that of its scene or of a copy."""
-    known = {own.number: own for own in solution.obstacles}
+    known = {ours.number: ours for ours in solution.obstacles}
     if not isinstance(obstacle, Obstacle) or obstacle.number not in known:
         raise ValueError(
             f"{shown(obstacle)} is not an obstacle of this solution; take the one that "
             "add_obstacle or add_contact returned"
         )
-    own = known[obstacle.number]
-    other = own.shape != obstacle.shape and not isinstance(own.shape, Beam)
-    if str(own) != str(obstacle) or other:
-        raise ValueError(f"{obstacle} belongs to another scene; this solution has {own}")
-    return own
+    ours = known[obstacle.number]
+    other = ours.shape != obstacle.shape and not isinstance(ours.shape, Beam)
+    if str(ours) != str(obstacle) or other:
+        raise ValueError(f"{obstacle} belongs to another scene; this solution has {ours}")
+    return ours
 
 
 def beam_name(solution: Any, beam: Beam | str) -> str:
@@ -159,9 +161,9 @@ def internal(solution: Any, beam: Beam | str, variable: str | None = None) -> np
     name = beam_name(solution, beam)
     solution.recorded("q")  # internal variables are recorded with the motion
     known = solution.variables_of_beam.get(name, {})
-    own = [name for name in known if name not in NAMES.values()]
-    if variable is None and len(own) == 1:
-        (variable,) = own
+    internal_names = [name for name in known if name not in NAMES.values()]
+    if variable is None and len(internal_names) == 1:
+        (variable,) = internal_names
     if not is_one_of(variable, known):
         raise ValueError(
             f"beam {name!r} has no internal variable {shown(variable)}; it has {list(known)}"

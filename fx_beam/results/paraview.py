@@ -185,7 +185,7 @@ def _along(solution, nodes: int) -> dict[str, np.ndarray]:
     Those that a beam lacks are zero there.
     """
     rows, places = range(len(solution.t)), np.linspace(0, 1, nodes)
-    internal = (name for own in solution.variables_of_beam.values() for name in own)
+    internal = (name for variables in solution.variables_of_beam.values() for name in variables)
     return {
         kind: np.concatenate(
             [along(solution, name, kind, rows, places) for name in solution.beams], axis=1

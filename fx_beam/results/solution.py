@@ -156,9 +156,9 @@ class Solution:
         if self.has_motion:
             known = {name: self.resultants_of_beam(name) for name in self.beams}
         of_run = "_histories", "_end", "_load_path"
-        own = {name: value for name, value in self.__dict__.items() if name not in of_run}
-        own |= {name: getattr(self, name) for name in _LATER}
-        return {**own, "resultants_of_beam": known.__getitem__}
+        state = {name: value for name, value in self.__dict__.items() if name not in of_run}
+        state |= {name: getattr(self, name) for name in _LATER}
+        return {**state, "resultants_of_beam": known.__getitem__}
 
     def __repr__(self):
         return (

@@ -88,12 +88,12 @@ class Journal:
                 *(len(damaged), path, damaged[0]),
             )
         self._file.truncate(end)
-        found = np.frombuffer(hashes, dtype=np.int64)
-        order = np.argsort(found, kind="stable")
-        self._hashes, self._places = found[order], np.frombuffer(places, dtype=np.int64)[order]
-        self._given = np.zeros(len(found), dtype=bool)
-        (again,) = np.nonzero(self._hashes[1:] == self._hashes[:-1])
-        self._next = {int(self._hashes[k]): int(k) for k in again[::-1]}
+        known = np.frombuffer(hashes, dtype=np.int64)
+        order = np.argsort(known, kind="stable")
+        self._hashes, self._places = known[order], np.frombuffer(places, dtype=np.int64)[order]
+        self._given = np.zeros(len(known), dtype=bool)
+        (repeated,) = np.nonzero(self._hashes[1:] == self._hashes[:-1])
+        self._next = {int(self._hashes[k]): int(k) for k in repeated[::-1]}
 
     def finished(self, case: Mapping[str, Any]) -> dict | None:
         """The row of a case, which is given once; None if the case has not been run."""

@@ -173,8 +173,8 @@ def _checked(case: Any) -> dict:
     """A case as a dict."""
     if not isinstance(case, Mapping):
         raise SceneError(f"the case {shown(case)} must be a dict of parameters by name")
-    if own := [name for name in _OWN if name in case]:
-        raise SceneError(f"{own[0]!r} is a column of the results; rename it in the cases")
+    if reserved := [name for name in _OWN if name in case]:
+        raise SceneError(f"{reserved[0]!r} is a column of the results; rename it in the cases")
     return dict(case)
 
 

@@ -246,14 +246,14 @@ class _OnProcesses:
             atexit.register(self.close)
         self._idle, first = False, self._numbered
         self._numbered += len(items)  # over all runs, as one may be sent when it is not awaited
-        left, again = deque(range(first, self._numbered)), deque[int]()
-        while left or again or self._is_busy():
-            if len(self._workers) < min(self._number, len(left) + len(again)):
-                self._start(min(self._number, len(left) + len(again)))
-            done = self._hand_out(lambda number: items[number - first], left or again)
+        left, retried = deque(range(first, self._numbered)), deque[int]()
+        while left or retried or self._is_busy():
+            if len(self._workers) < min(self._number, len(left) + len(retried)):
+                self._start(min(self._number, len(left) + len(retried)))
+            done = self._hand_out(lambda number: items[number - first], left or retried)
             if not done:
                 for worker in self._with_news():
-                    done += self._read(worker, left, again)
+                    done += self._read(worker, left, retried)
             yield from ((number - first, outcome) for number, outcome in done)
         self._idle = True
 
@@ -314,7 +314,7 @@ class _OnProcesses:
         return min(self._timeout, _LONG if len(worker.awaited) > 1 else math.inf)
 
     def _read(
-        self, worker: _Worker, left: deque[int], again: deque[int]
+        self, worker: _Worker, left: deque[int], retried: deque[int]
     ) -> list[tuple[int, Outcome]]:
         """What a worker has done. What it does not do any more goes back."""
         lives = worker.process.is_alive()  # asked first: then all that it sent is there
@@ -338,7 +338,7 @@ class _OnProcesses:
                 done.append((number, Outcome(None, np.nan, _DIED)))
             else:
                 self._died.add(number)
-                again.append(number)
+                retried.append(number)
         left += worker.awaited
         for source in (worker.pipe, worker.process.sentinel):
             self._news.unregister(source)

@@ -71,13 +71,13 @@ def _bands(cells: list[Cell], slots: int) -> list[dict[int, list[Cell]]]:
     """Groups that fit side by side, by the index of their first case."""
     bands: list[dict[int, list[Cell]]] = [{}]
     left = 0
-    for group, own in grouped(cells, "case.group").items():
+    for group, of_group in grouped(cells, "case.group").items():
         letters = max(map(len, group.split(": ")))  # of the title, 7 to a slot
-        width = max(len(grouped(own, "case.label")) + 1, -(-letters // 7))
+        width = max(len(grouped(of_group, "case.label")) + 1, -(-letters // 7))
         if left and left + width > slots + 1:
             bands.append({})
             left = 0
-        bands[-1][left] = own
+        bands[-1][left] = of_group
         left += width
     return bands
 
@@ -222,15 +222,17 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
         round-off), and whose "verdict depends on rounding".
     """
     rows: dict[str, dict[str, float]] = {}
-    for scheme, own in grouped(cells, "scheme").items():
-        kinds = Counter(cell.verdict.kind for cell in own)
-        kept, lost = ([c for c in own if c.verdict.kind == kind] for kind in ("kept", "lost"))
-        turned = [cell.verdict.kind != cell.other.kind for cell in own if cell.other]
+    for scheme, of_scheme in grouped(cells, "scheme").items():
+        kinds = Counter(cell.verdict.kind for cell in of_scheme)
+        keeping, lost = (
+            [c for c in of_scheme if c.verdict.kind == kind] for kind in ("kept", "lost")
+        )
+        turned = [cell.verdict.kind != cell.other.kind for cell in of_scheme if cell.other]
         rows[scheme] = {kind: kinds[kind] for kind in KINDS} | {
-            "largest error where kept": max((c.verdict.worst for c in kept), default=np.nan),
+            "largest error where kept": max((c.verdict.worst for c in keeping), default=np.nan),
             "largest loss where lost": max((c.verdict.amount for c in lost), default=np.nan),
-            "largest gain": max(0.0, *(cell.verdict.gain for cell in own)),
-            "steps halved often": sum(cell.halved_often for cell in kept),
+            "largest gain": max(0.0, *(cell.verdict.gain for cell in of_scheme)),
+            "steps halved often": sum(cell.halved_often for cell in keeping),
             "depends on rounding": len(turned),
             "verdict depends on rounding": sum(turned),
         }
@@ -264,8 +266,8 @@ def _tables(cells: list[Cell]) -> list[str]:
         if (one := cell.verdict).reason
     ]
     return [
-        section(lost, [_lost(group, own) for group, own in groups.items()]),
-        *(section(group, _verdicts(own)) for group, own in groups.items()),
+        section(lost, [_lost(group, of_group) for group, of_group in groups.items()]),
+        *(section(group, _verdicts(of_group)) for group, of_group in groups.items()),
         section("Drift with the number of steps", drifts),
         section("Reasons for failed runs", reasons),
     ]
@@ -274,8 +276,8 @@ def _tables(cells: list[Cell]) -> list[str]:
 def _lost(group: str, cells: list[Cell]) -> dict[str, Any]:
     """Number of cases of a group in which each scheme gained energy, blew up or failed."""
     row: dict[str, Any] = {"group": group, "cases": len(grouped(cells, "case.label"))}
-    for scheme, own in grouped(cells, "scheme").items():
-        row[scheme] = sum(cell.verdict.kind in LOST_MOTION for cell in own) or None
+    for scheme, of_scheme in grouped(cells, "scheme").items():
+        row[scheme] = sum(cell.verdict.kind in LOST_MOTION for cell in of_scheme) or None
     return row
 
 

@@ -102,8 +102,8 @@ def error(name: str, history: History, reference: History) -> float:
     if not inside.any():
         first, last = history.t[[0, -1]]
         raise SceneError(f"the reference of {name!r} has no time between {first:g} and {last:g} s")
-    if (own := history.values.shape[1]) != (other := expected.shape[1]):
-        raise SceneError(f"quantity {name!r} has {own} values at a time, its reference {other}")
+    if (width := history.values.shape[1]) != (other := expected.shape[1]):
+        raise SceneError(f"quantity {name!r} has {width} values at a time, its reference {other}")
     return _size(history.values[inside] - expected[inside]) / reference.size
 
 
@@ -293,8 +293,8 @@ class Precision:
 
 def floor(study: Precision, quantity: str) -> float:
     """Relative error below which the errors of runs are not known; NaN without a reference."""
-    own = study.references[quantity] or 0.0  # None if it is exact
-    return float(np.fmax(MARGIN * own, np.finfo(float).eps))
+    of_reference = study.references[quantity] or 0.0  # None if it is exact
+    return float(np.fmax(MARGIN * of_reference, np.finfo(float).eps))
 
 
 def counted(study: Precision, quantity: str, run: Run) -> float:

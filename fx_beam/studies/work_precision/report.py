@@ -68,8 +68,10 @@ def _panel(ax, study: Precision, quantity: str, clock: str, style) -> None:
         if name in used:  # with another parameter: another dotting
             looks[scheme] |= {"linestyle": (0, (1, 1 + used.count(name)))}
         used.append(name)
-        own = sorted((t, counted(study, quantity, r)) for r, t, _ in runs if r.scheme == scheme)
-        front = [p for k, p in enumerate(own) if p[1] <= 1 and all(p[1] < q[1] for q in own[:k])]
+        points = sorted((t, counted(study, quantity, r)) for r, t, _ in runs if r.scheme == scheme)
+        front = [
+            p for k, p in enumerate(points) if p[1] <= 1 and all(p[1] < q[1] for q in points[:k])
+        ]
         ax.plot(*np.array(front).reshape(-1, 2).T, label=scheme, **looks[scheme])
     for run, time, error in runs:
         at = max(error, known) if error <= 1 else heights[run.scheme]
@@ -179,7 +181,7 @@ def write(path: Path | str, study: Precision) -> None:
         asdict(run) | {"lost": run.lost, "counts with": {q: counted(study, q, run) for q in names}}
         for run in study.runs
     ]
-    errors = [asdict(mesh) | own for mesh, own in study.mesh_errors.items()]
+    errors = [asdict(mesh) | by_quantity for mesh, by_quantity in study.mesh_errors.items()]
     numbers = {"t_end": study.t_end, "start": study.start, "timed runs of each": study.repetitions}
     numbers |= {"relative errors of the references": study.references, "reference": study.origin}
     numbers |= {"why there is no reference": study.missing, "sentences": sentences, **tables}

@@ -281,14 +281,16 @@ def _compare(precision: Precision, measured, fine, exact: dict[str, History]) ->
     references = dict(exact)
     for name in list(precision.missing) if fine else ():
         try:
-            references[name] = accuracy.computed(name, *(_history(own, name) for own in fine[:2]))
+            references[name] = accuracy.computed(
+                name, *(_history(motion, name) for motion in fine[:2])
+            )
             precision.references[name] = references[name].error
             del precision.missing[name]
         except SceneError as wrong:
             precision.missing[name] = str(wrong)
-    for own in measured:
-        own[0].errors = {q: _error(own, q, references.get(q)) for q in precision.references}
-        own[0].step_errors = dict(own[0].errors)
+    for solved in measured:
+        solved[0].errors = {q: _error(solved, q, references.get(q)) for q in precision.references}
+        solved[0].step_errors = dict(solved[0].errors)
     for best in fine[2:]:
         mesh, errors = best[0].mesh, precision.mesh_errors.setdefault(best[0].mesh, {})
         for name in (name for name in references if name not in exact):
@@ -298,8 +300,8 @@ def _compare(precision: Precision, measured, fine, exact: dict[str, History]) ->
                 precision.missing[str(mesh)] = str(wrong)
                 continue
             errors[name] = _error(best, name, references[name])
-            for own in (own for own in measured if own[0].mesh == mesh):
-                own[0].step_errors[name] = _error(own, name, on_mesh)
+            for solved in (solved for solved in measured if solved[0].mesh == mesh):
+                solved[0].step_errors[name] = _error(solved, name, on_mesh)
 
 
 def _history(measured: Measured, name: str) -> History:
