@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -156,12 +157,16 @@ class FirstOrder:
         #: Jumps (free, m) of the unknowns with the inputs.
         self.jumps = V[:, a] @ self.shifts + V[:, b] @ (jump - by_a @ self.shifts)
         self._inverse, self._one, self._a = np.linalg.inv(V), one, a
+        #: Matrix (n, states) that gives the states of this system.
+        self._states = np.eye(len(self.dx))
         #: Shape of nodal motions, and number of joints.
         self.shape, self.joints = (len(about.model.mesh.X), 3), about.model.scene.joint_count
 
-    def projected(self, W: np.ndarray) -> Projected:
-        """Fewer states."""
-        return Projected(self, W)
+    def projected(self, W: np.ndarray) -> FirstOrder:
+        """With fewer states, W (n, states) times these."""
+        fewer = copy(self)
+        fewer._states = W @ self._states
+        return fewer
 
     def deviation(
         self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, t: float, inputs: np.ndarray | None
@@ -193,26 +198,7 @@ class FirstOrder:
                 u[number] = inputs[place] - value
         slow = y[self._a] - self.shifts @ u
         rates_of_masses = dy[self._one] + self.moved @ dp - self.kicks @ u
-        return np.concatenate([y[self._one], slow, p, rates_of_masses])
-
-
-class Projected:
-    """Some states of first-order equations, W (n, states) times those."""
-
-    def __init__(self, whole: FirstOrder | Projected, W: np.ndarray):
-        self._whole, self._W = whole, W
-        self.shape: tuple[int, int] = whole.shape
-        self.joints: int = whole.joints
-
-    def deviation(
-        self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, t: float, inputs: np.ndarray | None
-    ) -> np.ndarray:
-        """States of a motion."""
-        return self._W @ self._whole.deviation(q, v, slides, t, inputs)
-
-    def projected(self, W: np.ndarray) -> Projected:
-        """Fewer states."""
-        return Projected(self, W)
+        return self._states @ np.concatenate([y[self._one], slow, p, rates_of_masses])
 
 
 class _Kinds(NamedTuple):

@@ -198,28 +198,10 @@ class NullRecorder:
         """None."""
         return False
 
-    def make_room(self, starts: int) -> None:
-        """None."""
-
-    def count(self, rows: int, starts: int) -> None:
+    def record(self, *_: Any, **options: Any) -> None:
         """Nothing."""
 
-    def store_starts(
-        self, step: int, starts: Sequence[State], end: State, part: tuple[int, int] = (0, 1)
-    ) -> None:
-        """Nothing."""
-
-    def record(self, step: int, state: State) -> None:
-        """Nothing."""
-
-    def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
-        """Nothing."""
-
-    def miss(self, turns: np.ndarray) -> None:
-        """Nothing."""
-
-    def truncate(self, rows: int) -> None:
-        """Nothing."""
+    make_room = count = store_starts = plan = miss = truncate = record
 
 
 class Recorder:
