@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.laws.schemes import Equilibrium
-from fx_beam.motions.contact_check import warn_of_depth, warn_of_sharp_bends
+from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import check_scene
@@ -106,8 +106,7 @@ class LoadPath:
                 stats.failure = Failure("too many steps", reason, factor)
                 _log.warning(reason)
             solution = self._solution(states)
-            warn_of_depth(solution)
-            warn_of_sharp_bends(solution)
+            warn_of_places(solution)
             solution._load_path = self
         except BaseException as error:
             stats.failure = failure_of(error, states[-1].t if states else 0.0)

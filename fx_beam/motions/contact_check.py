@@ -29,17 +29,25 @@ _SHARP = 0.95
 _NODES_AT_ONCE = 200_000
 
 
-def warn_of_depth(solution: Solution, motion: bool = False) -> None:
+def warn_of_places(solution: Solution, joints: Sequence[Joint] = ()) -> None:
+    """Warn of contact where its forces say little."""
+    _warn_of_depth(solution)
+    if not solution.stats.static:
+        _warn_of_short_impacts(solution, joints)
+    warn_of_sharp_bends(solution)
+
+
+def _warn_of_depth(solution: Solution) -> None:
     """Warn of the first row in which a point comes deep into a circle, or goes through it.
 
     Of motions, rows between which there are several steps do not show the second.
     """
     name, row, are, steps = (
-        ("simulate", "t =", "motion from there on is not that", "shorter")
-        if motion
-        else ("static", "load factor", "equilibria from there on are not those", "more")
+        ("static", "load factor", "equilibria from there on are not those", "more")
+        if (static := solution.stats.static)
+        else ("simulate", "t =", "motion from there on is not that", "shorter")
     )
-    whole = not motion or len(solution.t) == solution.stats.steps + 1
+    whole = static or len(solution.t) == solution.stats.steps + 1
     for obstacle in solution.obstacles:
         first_deep = _first_in_depth(solution, obstacle, whole)
         if first_deep is None:
@@ -97,7 +105,7 @@ def _least_distances(arms: np.ndarray, way: np.ndarray) -> np.ndarray:
     return np.linalg.norm(arms + part[..., None] * way, axis=-1)
 
 
-def warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
+def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
     """Warn of the restitution whose impacts take the fewest steps, if these are too few.
 
     Where steps have a length of their own, and each has a row.
@@ -142,12 +150,12 @@ def _with_losses(
                     yield str(joint), stop, gap[:, None]
 
 
-def warn_of_sharp_bends(solution: Solution, motion: bool = False) -> None:
+def warn_of_sharp_bends(solution: Solution) -> None:
     """Warn of the first row in which a member is touched inside a bend sharper than its thickness.
 
     A contact may begin or end at a depth there: the energy jumps, or a step fails.
     """
-    name, row = ("simulate", "t =") if motion else ("static", "load factor")
+    name, row = ("static", "load factor") if solution.stats.static else ("simulate", "t =")
     for obstacle in solution.obstacles:
         a, b = obstacle.target, obstacle.shape
         if not isinstance(b, Beam):

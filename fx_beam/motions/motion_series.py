@@ -20,10 +20,11 @@ from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.tape import LIMIT, Tape
 
+from .contact_check import warn_of_places
 from .evaluation import solution_of
 from .options import Options
 from .prepared import Prepared
-from .run import Run, warn_of_damping, warn_of_places
+from .run import Run, warn_of_damping
 from .surroundings import waiting_team, warn_of_equal_work
 from .transferred_state import end_of
 
@@ -151,7 +152,7 @@ class MotionSeries:
         )
         self._solution = weakref.ref(solution.resultants_of_beam)
         if plan.options.record.motion:
-            warn_of_places(solution, scene)
+            warn_of_places(solution, scene.joints)
         return solution
 
     def rows(self, scene: Scene) -> tuple[Stats, Recorder] | None:

@@ -23,7 +23,7 @@ from fx_beam.step.stepper import equal_steps
 from fx_beam.step.substeps import LARGE_TURN
 
 from .adaptive_run import AdaptiveRun
-from .contact_check import warn_of_depth, warn_of_sharp_bends, warn_of_short_impacts
+from .contact_check import warn_of_places, warn_of_sharp_bends
 from .ending import Ending
 from .evaluation import solution_of
 from .options import Tolerance
@@ -134,14 +134,14 @@ class Run:
             warn_of_damping(stats, None if control is not None else self._first)
             solution = self._solution()
             if places_known:
-                warn_of_places(solution, self._scene)
+                warn_of_places(solution, self._scene.joints)
             return solution
         except BaseException as error:
             recorder.settle_at_end()
             stats.failure = failure_of(error, recorder.end.t)
             attach(error, self._solution)
             if places_known and isinstance(error, StepError):
-                warn_of_sharp_bends(error.solution, motion=True)
+                warn_of_sharp_bends(error.solution)
             raise
 
     @property
@@ -232,10 +232,3 @@ class Run:
             scene_stays=self._stays,
             stored=rows,
         )
-
-
-def warn_of_places(solution: Solution, scene: Scene) -> None:
-    """Warn of contact where its forces say little."""
-    warn_of_depth(solution, motion=True)
-    warn_of_short_impacts(solution, scene.joints)
-    warn_of_sharp_bends(solution, motion=True)
