@@ -9,7 +9,6 @@ compilation. Medians, the machine and the versions are written to results/steps/
 picture beside it.
 """
 
-import functools
 import os
 import subprocess
 import sys
@@ -67,9 +66,9 @@ def phases(elements, runs):
     """Time by phase, in ns per element and step of the pinned beam."""
     steps, beam = steps_for(elements), scene("pinned_beam", elements)
     load = tables.load_library
-    tables.load_library = functools.partial(build.load_library, "PHASES")
+    tables.load_library = lambda features: build.load_library(features, "PHASES")
     try:
-        ffi, built = tables.load_library()
+        ffi, built = tables.load_library("CHAIN")
         seconds = ffi.unpack(built.fx_phases(), len(PHASES))
         found = []
         for _ in range(runs):

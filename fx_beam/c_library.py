@@ -46,19 +46,32 @@ class CannotBuild(RuntimeError):
     """A C file cannot be compiled, or its library not be loaded."""
 
 
-def open_library(
-    what: str, file: str, header: str, definitions: Sequence[str] = ()
-) -> tuple[Any, Any]:
-    """The cffi.FFI with the declarations of a header, and the library of a C file; see `load`.
-
-    `definitions` are macros. The library says by `fx_missing` what the processor lacks.
-    """
+@functools.cache
+def declared(header: str, definitions: tuple[str, ...]) -> cffi.FFI:
+    """The cffi.FFI with the declarations of a header, in which `definitions` are macros."""
     ffi, text = cffi.FFI(), declarations(header)
     for name, _, value in (definition.partition(" ") for definition in definitions):
         text = re.sub(rf"\b{name}\b", value, text)
     ffi.cdef(text)
-    source = "".join(f"#define {name}\n" for name in definitions) + (SOURCES / file).read_text()
-    library = load(what, source, lambda: source, lambda path: ffi.dlopen(str(path)))
+    return ffi
+
+
+def open_library(
+    what: str,
+    file: str,
+    header: str,
+    definitions: tuple[str, ...] = (),
+    more: Sequence[str] = (),
+    flags: Sequence[str] = (),
+) -> tuple[Any, Any]:
+    """The cffi.FFI with the declarations of a header, and the library of a C file; see `load`.
+
+    `definitions` are macros of both, `more` of the library alone: several libraries may share their
+    structs. The library says by `fx_missing` what the processor lacks.
+    """
+    ffi, macros = declared(header, definitions), [*definitions, *more]
+    source = "".join(f"#define {name}\n" for name in macros) + (SOURCES / file).read_text()
+    library = load(what, source, lambda: source, lambda path: ffi.dlopen(str(path)), flags)
     _check_processor(ffi.string(library.fx_missing()).decode())
     return ffi, library
 

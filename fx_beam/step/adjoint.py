@@ -32,7 +32,7 @@ class Adjoint:
     def __init__(self, problem: Problem):
         check(problem.model)
         self.problem, self._model = problem, problem.model
-        self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
+        self._ffi, self._library, self._p = problem.ffi, problem.derivatives, problem.c
         self._structs = Structs(self._ffi, declarations("problem.h"))
         #: The C struct Adjoint.
         self.c = self._ffi.new("Adjoint *")

@@ -12,20 +12,27 @@ from fx_beam import c_library
 from fx_beam.fem import ffcx_api
 from fx_beam.results.state import MACROS
 
-#: Compiler flags of functions of several elements: the unused part of FFCx's code is dropped.
-BATCH_FLAGS = ["-fwhole-program"]
+#: What nothing needs of a library's code is dropped: of FFCx, and of features that scenes lack.
+_FLAGS = ["-fwhole-program"]
+# As fast as -O3, which takes half as long again to compile it.
+_FLAGS_OF_LOOP = [*_FLAGS, "-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic"]
 # Addresses in the libraries that this process has loaded, which Python does not unload.
 _loaded: dict[tuple[str, ...], list[int]] = {}
 
 
 @functools.cache
-def load_library(*definitions: str) -> tuple[Any, Any]:
-    """The cffi.FFI with the declarations of problem.h, and the compiled library of the loop.
+def load_library(features: str = "CHAIN", *definitions: str) -> tuple[Any, Any]:
+    """The cffi.FFI with the declarations of problem.h, and a compiled library of the loop.
 
-    `definitions` are macros, such as PHASES, which measures the time of each phase.
+    It serves scenes with some features (c/scene_features.h). `definitions` are macros: DERIVATIVES
+    for those of steps in their place, or PHASES, which measures the time of each phase.
     """
+    what = (
+        "derivatives of time steps" if "DERIVATIVES" in definitions else "the loop over time steps"
+    )
+    more = f"FEATURES {features}", *definitions
     return c_library.open_library(
-        "the loop over time steps", "loop.c", "problem.h", [*MACROS, *definitions]
+        f"{what} time steps", "loop.c", "problem.h", MACROS, more, _FLAGS_OF_LOOP
     )
 
 
@@ -38,7 +45,7 @@ def load_batches(
     coefficients and coordinates.
     """
     sizes = ", ".join(str(max(number, 1)) for number in numbers)
-    flags = [*BATCH_FLAGS, f"-I{ffcx_api.ufcx_folder()}"]
+    flags = [*_FLAGS, f"-I{ffcx_api.ufcx_folder()}"]
     asked = key, sizes, *c_library.target_flags()[1], *flags
     if asked in _loaded:
         return _loaded[asked]

@@ -22,7 +22,7 @@ class Forward:
     def __init__(self, adjoint: Adjoint):
         self._adjoint, problem, self._layout = adjoint, adjoint.problem, adjoint.layout
         self._model, self._heavy = problem.model, problem.heavy
-        self._ffi, self._library, self._p = problem.ffi, problem.library, problem.c
+        self._ffi, self._library, self._p = problem.ffi, problem.derivatives, problem.c
         of_start, of_elements = ("q", "slides", "motors", "mass", "X"), adjoint.of_element_names
         #: Names of the numbers whose changes it follows.
         self.names = {*self._layout.numbers, *self._layout.steps, *of_start, *of_elements}

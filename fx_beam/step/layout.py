@@ -16,7 +16,7 @@ class Layout:
     """Where the arrays begin and end, by their names in C with spaces."""
 
     def __init__(self, problem: Problem, adjoint: Any):
-        c = problem.library.fx_layout(problem.c, adjoint)
+        c = problem.derivatives.fx_layout(problem.c, adjoint)
         starts = {name.replace("_", " "): getattr(c, name) for name, _ in _fields(problem, c)}
         slices = itertools.starmap(slice, itertools.pairwise(starts.values()))
         #: The slices of all arrays; length of the vector.

@@ -6,6 +6,7 @@ in the C files: Newton's method, couplings and nodal rates.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from typing import Any
@@ -47,7 +48,9 @@ class Problem:
 
     def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
         self.model = model
-        self.ffi, self.library = load_library()
+        self.factors = self._factors_of(*model.reduction.factored)
+        self._features = self._features_of_scene()
+        self.ffi, self.library = load_library(self._features)
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
         stored_at = self._hand_over_couplings(model.reduction.tables())
@@ -69,6 +72,23 @@ class Problem:
         self._structs.check(self.c)
         #: The struct before any run.
         self._fresh = bytes(self.ffi.buffer(self.c))
+
+    def _features_of_scene(self) -> str:
+        """What the library for C must have (c/scene_features.h)."""
+        factors, couplings = self.factors, self.model.couplings
+        has = {
+            "CHAIN": factors.chain,
+            "BAND": factors.band and not factors.chain,
+            "LOOPS": couplings.closures,
+            "SLIDERS": couplings.sliding,
+            "MEMBERS": self.model.points.members is not None,
+        }
+        return "|".join(name for name, present in has.items() if present) or "0"
+
+    @functools.cached_property
+    def derivatives(self) -> Any:
+        """The library of the derivatives of steps."""
+        return load_library(self._features, "DERIVATIVES")[1]
 
     def _set(self, **values: Any) -> None:
         self._structs.set(self.c, **values)
@@ -253,7 +273,7 @@ class Problem:
             through=t.followers["through"],
         )
         loops = reduction.loop_tables()
-        self.factors = factors = self._factors_of(*reduction.factored)
+        factors = self.factors
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.factored

@@ -19,7 +19,7 @@ static long lay_out_backward(const Problem *p, const Adjoint *a, Linear *l, Back
   return at - begin;
 }
 
-long fx_backward_scratch(const Problem *p, const Adjoint *a) {
+OF_DERIVATIVES long fx_backward_scratch(const Problem *p, const Adjoint *a) {
   Linear l;
   Backward b;
   double *trial;
@@ -35,7 +35,7 @@ static void swap(double *x, double *y) {
 
 static void transpose_tangent(const Problem *p, const Work *w) {
   double *K = w->tangent;
-  if (p->chain) {
+  if (HAS(CHAIN)) {
     for (int g = 0; g < p->chain; ++g)
       for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) {
@@ -56,13 +56,13 @@ static int solve_transposed(Problem *p, const Work *w, const Adjoint *a) {
   double rest[2];
   Problem turned = *p;
   p->kept.present = 0;
-  if (p->changing) {
+  if (HAS(MEMBERS) && p->changing) {
     if (!factorise_changing_transposed(p, w)) return 0;
     by_factors(p, w, w->reduced, w->step);
     return 1;
   }
   turned.factor_at = a->transposed_at, turned.kept.present = 0;
-  if (p->band) transpose_tangent(p, w);
+  if (HAS(CHAIN | BAND)) transpose_tangent(p, w);
   return solve_reduced(&turned, w, 0, rest);
 }
 
@@ -121,7 +121,7 @@ static void vjp_laws(const Problem *p, const Work *w, const Adjoint *a, const Li
   const Layout *at = &l->at;
   vjp(l->of + JOINED, x);
   vjp(l->of + CLOSED, x);
-  if (p->closures) solve_closures(p, w, w->part_virtual, w->order_virtual, x + at->closing);
+  if (HAS(LOOPS) && p->closures) solve_closures(p, w, w->part_virtual, w->order_virtual, x + at->closing);
   for (int i = 0; i < p->closures; ++i) x[at->R + p->loop_column[p->following[i]]] += x[at->closing + i];
   for (int i = MAPPED; i > LEVERS; --i) vjp(l->of + i, x);
   if (last) vjp(l->of + LEVERS, x);
@@ -194,7 +194,7 @@ static int vjp_step(Problem *p, Work *w, const Adjoint *a, Linear *l, Backward *
 
 /* The forces of driven and fixed columns in the sub-steps of a tape; returns the number of those that are left in a
    singular position. */
-long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces) {
+OF_DERIVATIVES long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces) {
   Work work, *w = &work;
   Linear l;
   Backward b;
@@ -213,7 +213,7 @@ long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *for
 }
 
 /* Follows a tape backwards; returns the number of sub-steps that are left where a tangent is singular. */
-long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a) {
+OF_DERIVATIVES long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a) {
   Work work, *w = &work;
   Linear l;
   Backward b;

@@ -116,7 +116,7 @@ static void assemble_forces(const Problem *p, const Form *form, const double *co
     for (long block = 0; block * LANES < of->cells; ++block) {
       evaluate(p, form, of, block, fields, A);
       add(n, of->to + block * n * LANES, A, f);
-      if (K && of->run)
+      if (K && HAS(CHAIN) && of->run)
         add_to_chain(n, of, block, A + n * LANES, K);
       else if (K)
         add(n * n, of->stored_at + block * n * n * LANES, A + n * LANES, K);
@@ -124,13 +124,13 @@ static void assemble_forces(const Problem *p, const Form *form, const double *co
 }
 
 /* For parts of a scene on several processes (parallel/batched_beams.py), which set the constants: what changes from step to step. */
-void fx_begin_beams(const Problem *p, const double *const *fields) {
+OF_STEPS void fx_begin_beams(const Problem *p, const double *const *fields) {
   begin_form(p, &p->internal_forces, fields, 0, 0);
   begin_form(p, &p->drag, fields, 0, 0);
 }
 
 /* For these, adds internal forces and drag, and their tangent. */
-void fx_add_beams(const Problem *p, const double *const *fields, double *f, double *K) {
+OF_STEPS void fx_add_beams(const Problem *p, const double *const *fields, double *f, double *K) {
   assemble_forces(p, &p->internal_forces, fields, f, K);
   assemble_forces(p, &p->drag, fields, f, K);
 }

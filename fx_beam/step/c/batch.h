@@ -17,7 +17,6 @@
 #define fmax larger
 #define fmin smaller
 
-#define KEPT __attribute__((externally_visible))
 #define UNROLLED _Pragma("GCC unroll 1024")
 
 /* A function of one element: `size` entries of element tensors from `width` coefficients, the

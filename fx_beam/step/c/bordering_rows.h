@@ -21,7 +21,7 @@ static void begin_bordering_rows(const Problem *p, const Work *w) {
 }
 
 static BorderingEntry *bordering_entries(const Problem *p, const Work *w) {
-  return p->changing ? p->changing->bordering_entry : w->bordering_entry;
+  return HAS(MEMBERS) && p->changing ? p->changing->bordering_entry : w->bordering_entry;
 }
 
 /* Adds a number in a row and a column of the system, or of its transpose: positions in the elimination, or

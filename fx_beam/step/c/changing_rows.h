@@ -8,7 +8,7 @@
 #include "point_forces.h"
 #include "sparse_lu.h"
 
-void fx_free_rows(ChangingRows *c) {
+OF_STEPS void fx_free_rows(ChangingRows *c) {
   for (int g = 0; c->near_to && g < c->groups; ++g) free(c->near_to[g].of);
   SparseRows *r = &c->rows;
   free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
@@ -294,7 +294,7 @@ static void change_rows(Problem *p) {
   c->entry_start = realloc(c->entry_start, (m->contact_points + 1) * sizeof(int));
   memcpy(c->entry_start, starts, (m->contact_points + 1) * sizeof(int));
   free(starts);
-  if (p->bordering_rows) place_bordering_rows(p, m->contact_points);
+  if (HAS(SLIDERS) && p->bordering_rows) place_bordering_rows(p, m->contact_points);
   p->kept.present = 0;
   if (c->keep) p->kept.worth = worth_of(p, c);
 }

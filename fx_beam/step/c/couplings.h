@@ -80,7 +80,7 @@ static void expand_columns(const Problem *p, const Work *w) {
 /* The same with the columns of the nodes that slide on beams. */
 static void expand_trees(const Problem *p, const Work *w) {
   expand_columns(p, w);
-  for (int i = 0; i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
     Slider *a = p->slider + i;
     a->s0 = p->slides[a->joint], a->s1 = a->s0 + w->z[a->column];
     slide_on(a, p->q, w->D);
@@ -102,7 +102,7 @@ static int expand(const Problem *p, const Work *w) {
   double last = HUGE_VAL;
   int left = CLOSINGS;
   expand_trees(p, w);
-  if (p->closures) {
+  if (HAS(LOOPS) && p->closures) {
     for (; left && !correct_loops(p, w, &last); --left) expand_trees(p, w);
     linearise_loops(p, w);
   }
@@ -122,7 +122,7 @@ static void spread_columns(const Problem *p, const double *values, double *z, do
 static void spread(const Problem *p, const Work *w, double *z, double *out) {
   complete(p, w, z);
   spread_columns(p, w->values, z, out);
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
+  for (const Slider *a = p->slider; HAS(SLIDERS) && a < p->slider + p->sliders; ++a) {
     spread_slider(a, a->T, out, z);
     spread_columns(p, w->values, z, out);
   }
@@ -138,7 +138,7 @@ INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *
 static void project(const Problem *p, const Work *w, const double *r, double *out) {
   const double *on_nodes = r;
   memset(out, 0, (p->columns + p->auxiliaries) * sizeof *out);
-  if (p->sliders) {
+  if (HAS(SLIDERS) && p->sliders) {
     push_columns(p, out);
     memcpy(w->loaded, r, p->dofs * sizeof *r);
     carry(p, w, w->loaded, out);
@@ -147,8 +147,8 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
   add_rows(p, w, r, out);
   if (!p->sliders) push_columns(p, out);
   if (p->auxiliaries) collect_auxiliaries(p, w->virtual_map, out);
-  if (p->closures) close_residual(p, w, out);
-  if (p->carried) carry_in_loops(p, w, on_nodes);
+  if (HAS(LOOPS) && p->closures) close_residual(p, w, out);
+  if (HAS(SLIDERS) && HAS(LOOPS) && p->carried) carry_in_loops(p, w, on_nodes);
 }
 
 /* Nodal forces of the last residual, with those of sliding nodes on their beams. */
@@ -175,7 +175,7 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
 /* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
 static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent;
-  turn_beams(p, w);
+  if (HAS(SLIDERS)) turn_beams(p, w);
   for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
   for (int k = 0; k < p->coupled; ++k)
     K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->virtual_map[p->coupled_virtual[k]] *
@@ -199,6 +199,6 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
     K[p->auxiliary_equation[k]] -= p->auxiliary_sign[k] * w->values[p->auxiliary_value[k]];
     K[p->auxiliary_force[k]] -= p->auxiliary_sign[k] * w->virtual_map[p->auxiliary_value[k]];
   }
-  if (p->closures) close_tangent(p, w);
-  if (p->bordering_rows) hold_beams(p, w), fill_bordering_rows(p, w);
+  if (HAS(LOOPS) && p->closures) close_tangent(p, w);
+  if (HAS(SLIDERS) && p->bordering_rows) hold_beams(p, w), fill_bordering_rows(p, w);
 }

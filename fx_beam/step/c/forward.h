@@ -38,26 +38,26 @@ static long lay_out_forward(const Problem *p, const Adjoint *a, Forward *c, Slop
   return at - begin;
 }
 
-long fx_forward_scratch(const Problem *p, const Adjoint *a) {
+OF_DERIVATIVES long fx_forward_scratch(const Problem *p, const Adjoint *a) {
   Forward c;
   Slopes s;
   return lay_out_forward(p, a, &c, &s, 0);
 }
 
 /* Position in the elimination about which a chain or a band is eliminated. */
-static int middle_of_tangent(const Problem *p) { return p->bordering_rows ? middle_of_elimination(p) : p->positions / 2; }
+static int middle_of_tangent(const Problem *p) { return HAS(SLIDERS) && p->bordering_rows ? middle_of_elimination(p) : p->positions / 2; }
 
 /* Factors of the tangent with its bordering rows; returns 0 if it is singular. */
 static int factorise_tangent(Problem *p, const Work *w) {
   int middle = middle_of_tangent(p), n = p->unknowns;
   Ends of = ends_around(n, p->band, middle);
   memset(w->reduced, 0, p->free * sizeof(double)), memset(w->y, 0, n * sizeof(double));
-  if (p->chain && !eliminate_chain(p, w, middle / 3, 1)) return 0;
-  if (!p->chain && !(p->band ? eliminate_tangent(p, w, n, of) : factorise(p, w))) return 0;
-  if (!p->bordering_rows) return 1;
+  if (HAS(CHAIN) && !eliminate_chain(p, w, middle / 3, 1)) return 0;
+  if (!HAS(CHAIN) && !(HAS(BAND) ? eliminate_tangent(p, w, n, of) : factorise(p, w))) return 0;
+  if (!HAS(SLIDERS) || !p->bordering_rows) return 1;
   for (int i = 0; i < p->positions; ++i) reach(p, w, i);
-  if (p->chain) solve_chain_block(p, w, middle / 3);
-  else if (p->band) solve_band_block(p, w, of);
+  if (HAS(CHAIN)) solve_chain_block(p, w, middle / 3);
+  else if (HAS(BAND)) solve_band_block(p, w, of);
   else solve_sparse_columns(p, w, &p->rows, w->factors, p->block / 4);
   factorise_corner(p, w);
   return 1;
@@ -87,11 +87,11 @@ static void solve_right_sides(const Problem *p, const Work *w, const Forward *c)
   int middle = middle_of_tangent(p);
   Work own = *w;
   own.block = (double *)c->block, own.reached = c->reached;
-  if (p->chain) solve_chain_columns(p, &own, middle / 3, 0, 1);
-  else if (p->band) solve_band_columns(p, &own, ends_around(p->unknowns, p->band, middle), 0, 1);
-  else if (p->changing) solve_sparse_columns(p, &own, &p->changing->rows, p->changing->factors, 1);
+  if (HAS(CHAIN)) solve_chain_columns(p, &own, middle / 3, 0, 1);
+  else if (HAS(BAND)) solve_band_columns(p, &own, ends_around(p->unknowns, p->band, middle), 0, 1);
+  else if (HAS(MEMBERS) && p->changing) solve_sparse_columns(p, &own, &p->changing->rows, p->changing->factors, 1);
   else solve_sparse_columns(p, &own, &p->rows, w->factors, 1);
-  if (p->bordering_rows) change_bordering_rows(p, w, c);
+  if (HAS(SLIDERS) && p->bordering_rows) change_bordering_rows(p, w, c);
 }
 
 /* Rows [direction][size] of changes. */
@@ -250,7 +250,7 @@ static int begin_jvp(Problem *p, Work *w, const Adjoint *a, Linear *l, const Slo
 
 /* Follows a tape with changes in several directions; returns the number of sub-steps that are left where a
    tangent is singular. */
-long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d) {
+OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d) {
   Work work, *w = &work;
   Linear l;
   Backward b;

@@ -32,7 +32,7 @@ static void times_tangent(const Problem *p, const Work *w, const double *d, cons
       sum += (p->bordering_rows ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * d[p->tangent_column[k]];
     out[i] = sum;
   }
-  if (p->changing) times_contact_points(p, w, d, out);
+  if (HAS(MEMBERS) && p->changing) times_contact_points(p, w, d, out);
 }
 
 /* Largest correction of a degree of freedom, for corrections x of the unknowns. */
@@ -44,10 +44,10 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
 }
 
 /* Positions of the unknowns in the elimination. */
-static const int *order_now(const Problem *p) { return p->changing ? p->changing->order : p->order; }
+static const int *order_now(const Problem *p) { return HAS(MEMBERS) && p->changing ? p->changing->order : p->order; }
 
 static const double *factors_now(const Problem *p, const Work *w) {
-  return p->changing ? p->changing->factors : w->factors;
+  return HAS(MEMBERS) && p->changing ? p->changing->factors : w->factors;
 }
 
 /* Right sides and solutions of the bordering rows; zero except for what slides. */
@@ -64,7 +64,7 @@ static void end_bordering_rows(const Problem *p, const Work *w, double *x) {
     w->y[order_now(p)[p->unknowns - p->closures + p->carried_closure[i]]] = w->bordering_right[p->carrier_bordering + i];
 }
 
-static const SparseRows *rows_now(const Problem *p) { return p->changing ? &p->changing->rows : &p->rows; }
+static const SparseRows *rows_now(const Problem *p) { return HAS(MEMBERS) && p->changing ? &p->changing->rows : &p->rows; }
 
 /* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
 static void eliminate_bordering_rows(const Problem *p, const Work *w) {
@@ -79,7 +79,7 @@ static void by_factors(const Problem *p, const Work *w, const double *b, double 
   for (int i = 0; i < p->free; ++i) w->y[order[i]] = b[i];
   for (int i = p->free; i < p->unknowns; ++i) w->y[order[i]] = 0;
   substitute_forward(rows, A, w->y);
-  if (p->bordering_rows) {
+  if (HAS(SLIDERS) && p->bordering_rows) {
     begin_right_sides(p, w, b);
     substitute_backward(rows, A, w->y, w->reached, 1);
     for (int i = 0; i < p->unknowns; ++i)
@@ -90,12 +90,12 @@ static void by_factors(const Problem *p, const Work *w, const double *b, double 
   }
   substitute_backward(rows, A, w->y, p->bordering_rows ? w->reached : 0, 0);
   for (int i = 0; i < p->free; ++i) x[i] = w->y[order[i]];
-  if (p->bordering_rows) end_bordering_rows(p, w, x);
+  if (HAS(SLIDERS) && p->bordering_rows) end_bordering_rows(p, w, x);
 }
 
 static int factorise(Problem *p, const Work *w) {
   p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
-  if (p->changing) return p->kept.present = factorise_changing(p, w);
+  if (HAS(MEMBERS) && p->changing) return p->kept.present = factorise_changing(p, w);
   memset(w->factors, 0, p->factor_size * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
   if (p->kept.worth && p->bordering_rows) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
@@ -190,13 +190,13 @@ static int solve_bordered(const Problem *p, const Work *w) {
   int middle = middle_of_elimination(p), n = p->unknowns;
   Ends of = ends_around(n, p->band, middle);
   begin_right_sides(p, w, w->reduced);
-  for (int i = 0; i < n; ++i) w->y[p->order[i] * !p->chain] = i < p->free ? w->reduced[i] : 0;
-  if (!(p->chain ? eliminate_chain(p, w, middle / 3, 1) : eliminate_tangent(p, w, n, of))) return 0;
-  if (p->chain) solve_chain_block(p, w, middle / 3);
+  for (int i = 0; i < n; ++i) w->y[p->order[i] * !HAS(CHAIN)] = i < p->free ? w->reduced[i] : 0;
+  if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, 1) : eliminate_tangent(p, w, n, of))) return 0;
+  if (HAS(CHAIN)) solve_chain_block(p, w, middle / 3);
   else solve_band_block(p, w, of);
   factorise_corner(p, w);
   solve_bordering_rows(p, w);
-  if (p->chain) {
+  if (HAS(CHAIN)) {
     finish_chain(p, w, middle / 3);
   } else {
     for (int i = 0; i < n; ++i)
@@ -213,22 +213,22 @@ static int solve_bordered(const Problem *p, const Work *w) {
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
-  if (p->bordering_rows && (p->chain || p->band)) return solve_bordered(p, w);
-  if (p->chain) return solve_chain(p, w);
-  if (p->band) {
+  if (HAS(SLIDERS) && HAS(CHAIN | BAND) && p->bordering_rows) return solve_bordered(p, w);
+  if (HAS(CHAIN)) return solve_chain(p, w);
+  if (HAS(BAND)) {
     for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
     if (!solve_band(p, w)) return 0;
     for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
     return 1;
   }
   if (p->kept.worth && p->kept.present && !p->kept.exact) {
-    if (p->bordering_rows) eliminate_bordering_rows(p, w);
+    if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
     if (iterate(p, w, wanted, rest)) return 1;
-    if (p->bordering_rows) fill_bordering_rows(p, w);
+    if (HAS(SLIDERS) && p->bordering_rows) fill_bordering_rows(p, w);
   }
   if (!factorise(p, w)) return 0;
-  if (p->bordering_rows && p->changing) bordering_contact_points(p, w);
-  if (p->bordering_rows) eliminate_bordering_rows(p, w);
+  if (HAS(SLIDERS) && HAS(MEMBERS) && p->bordering_rows && p->changing) bordering_contact_points(p, w);
+  if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
   by_factors(p, w, w->reduced, w->step);
   return 1;
 }

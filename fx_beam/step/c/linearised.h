@@ -74,10 +74,10 @@ static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row,
   begin_form(p, &p->drag, w->fields, level, dt);
   if (!begin_couplings(p, w) && !choose_ahead(p, w)) return 0;
   if (!expand(p, w)) return 0;
-  if (p->points->members) settle_members(p, w);
+  if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
   balance(p, w);
   if (p->friction_follows) set_axes(p);
-  if (p->points->members) l->of[TOUCHED].count = 0, put_members(l->of + TOUCHED, p, &l->at);
+  if (HAS(MEMBERS) && p->points->members) l->of[TOUCHED].count = 0, put_members(l->of + TOUCHED, p, &l->at);
   reduce_tangent(p, w, w->r);
   return 1;
 }
@@ -140,7 +140,7 @@ static void put_places(const Problem *p, const Linear *l, const double *values, 
     put(to, Y + p->entry_column[k], q + p->entry_row[k], p->entry_sign[k] * values[p->entry_value[k]]);
   for (int k = 0; k < p->followers; ++k)
     put(to, l->at.arms + p->through[k], q + p->follower[k], p->joint_sign[p->through[k]]);
-  for (int i = 0; i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
     const Slider *a = p->slider + i;
     put_place(to, p, &l->at, i, end);
     for (int c = 0; c < a->components; ++c)
@@ -338,7 +338,7 @@ static void linearise(const Problem *p, const Work *w, const Adjoint *a, Linear 
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   put_strains(p, l);
   for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, l, first, j);
-  for (int i = 0; i < p->sliders; ++i) {
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) {
     for (int end = 0; end < 2; ++end) put_weights_at(l->of + WEIGHED, p, &l->at, i, end);
     if (first) put_weights_at(l->of + BEGUN, p, &l->at, i, 0);
     put_slide(l->of + SLID, p, &l->at, i);

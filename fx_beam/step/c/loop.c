@@ -254,13 +254,13 @@ static int switched(const Problem *p) {
 }
 
 /* Records the present state, from which the first step starts. */
-void fx_record_start(Problem *p, Record *to) {
+OF_STEPS void fx_record_start(Problem *p, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
   record(p, w, to);
 }
 
-int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
+OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   Work work, *w = &work;
   lay_out(p, w, p->scratch);
   w->dt = 0;
@@ -333,4 +333,6 @@ int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to) {
   return steps;
 }
 
+#ifdef DERIVATIVES
 #include "forward.h"
+#endif

@@ -33,7 +33,7 @@ static void derive_closures(const Problem *p, const Work *w, const double *value
     int first = p->closure_entry_start[i], end = p->closure_entry_start[i + 1];
     int first_auxiliary = p->closure_auxiliary_start[i], last_auxiliary = p->closure_auxiliary_start[i + 1];
     for (int k = first; k < end; ++k) row[p->closure_column[k]] += p->closure_sign[k] * values[p->closure_value[k]];
-    if (p->carried) derive_by_beams(p, w, values, row);
+    if (HAS(SLIDERS) && p->carried) derive_by_beams(p, w, values, row);
     for (int k = first_auxiliary; k < last_auxiliary; ++k) {
       int t = p->closure_auxiliary[k];
       double of_auxiliary = row[p->columns + p->auxiliary_of[t]];
@@ -180,7 +180,7 @@ static void find_closures(const Problem *p, const double *u, const double *rho0,
 
 /* Start of a step: its closures, and the unknowns that follow; returns 0 in a singular position. */
 static int begin_loops(const Problem *p, const Work *w) {
-  if (!p->closures) return 1;
+  if (!HAS(LOOPS) || !p->closures) return 1;
   find_closures(p, p->q, p->arm_at_rest, w->rho0, w->closure0);
   for (int j = 0; j < p->joints; ++j) {
     double *value = w->values + 1 + 4 * j;
@@ -188,7 +188,7 @@ static int begin_loops(const Problem *p, const Work *w) {
     value[2] = w->t0[2 * j], value[3] = w->t0[2 * j + 1];
   }
   if (p->carried) memset(w->D, 0, p->dofs * sizeof(double));
-  for (Slider *a = p->slider; p->carried && a < p->slider + p->sliders; ++a) {
+  for (Slider *a = p->slider; HAS(SLIDERS) && p->carried && a < p->slider + p->sliders; ++a) {
     a->s0 = a->s1 = p->slides[a->joint];
     slide_on(a, p->q, w->D);
   }
@@ -238,7 +238,7 @@ static void complete(const Problem *p, const Work *w, double *z) {
     for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
       w->closure[i] += w->G[k] * z[p->loop_column[p->closure_near[k]]];
   }
-  if (p->closures) solve_closures(p, w, w->part, w->part_order, w->closure);
+  if (HAS(LOOPS) && p->closures) solve_closures(p, w, w->part, w->part_order, w->closure);
   for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = -w->closure[k];
 }
 
@@ -265,7 +265,7 @@ static void carry_in_loops(const Problem *p, const Work *w, const double *r) {
 
 /* Nodal forces with those of the closing joints, of the last residual. */
 static const double *closed(const Problem *p, const Work *w, const double *r) {
-  if (!p->closures) return r;
+  if (!HAS(LOOPS) || !p->closures) return r;
   memcpy(w->closed, r, p->dofs * sizeof(double));
   for (int k = 0; k < p->closures; ++k) {
     if (p->closure_b[k] >= 0) w->closed[p->closure_b[k]] -= w->closing[k];

@@ -16,7 +16,7 @@ static double kinetic(const Problem *p, const Work *w) {
 
 static void evaluate_nodes(const Problem *p, const Work *w) {
   fx_evaluate_points(p->points, 0, p->points->nodal, w->D, w->z);
-  if (p->points->members) fx_evaluate_members(p->points->members, w->D);
+  if (HAS(MEMBERS) && p->points->members) fx_evaluate_members(p->points->members, w->D);
 }
 
 /* Internal forces f, and the tangent of internal and inertia forces. */
@@ -31,7 +31,7 @@ static void assemble(const Problem *p, const Work *w) {
     fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
     fx_add_point_tangents(p->points, p->point_stored_at, K);
   }
-  if (p->points->members) {
+  if (HAS(MEMBERS) && p->points->members) {
     if (!p->points->all) evaluate_nodes(p, w);
     fx_add_members(p->points->members, w->f);
   }
@@ -59,7 +59,7 @@ static void begin_inertia(const Problem *p, const Work *w) {
 /* The product of the tangent of contact with members and a vector; 0 without any. */
 static const double *times_members(const Problem *p, const double *x) {
   MemberContacts *m = p->points->members;
-  if (!m) return 0;
+  if (!HAS(MEMBERS) || !m) return 0;
   memset(m->product, 0, p->dofs * sizeof(double));
   fx_times_members(m, x, m->product);
   return m->product;
@@ -228,7 +228,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     balance(p, w);
     if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
     if (p->may_overshoot) fx_note_tangents(p->points);
-    if (p->changing) change_rows(p);
+    if (HAS(MEMBERS) && p->changing) change_rows(p);
     memset(w->step, 0, p->columns * sizeof(double));
     reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !order) {
@@ -296,7 +296,7 @@ enum { SEARCHES_IN_STEP = 8 };
 static int newton(Problem *p, const Work *w, const double *driven, int order) {
   for (int k = 0; k < SEARCHES_IN_STEP; ++k) {
     int failure = iterations_of(p, w, driven, order);
-    if (failure || !p->points->members) return failure;
+    if (failure || !HAS(MEMBERS) || !p->points->members) return failure;
     int state = fx_check_members(p->points->members, w->D);
     if (state == MEMBERS_PASSED) return PASSED_THROUGH;
     if (state == MEMBERS_SLID) return NO_CONVERGENCE;

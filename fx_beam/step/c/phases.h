@@ -3,6 +3,8 @@
 
 #pragma once
 
+#include "scene_features.h"
+
 enum { FORCES, SOLUTION, COUPLINGS, INERTIA, CHECKS, PREDICTOR, AUDIT, PHASES_IN_ALL };
 
 #ifdef PHASES
@@ -19,8 +21,8 @@ static void lap(int phase) {
 }
 
 #define LAP(phase) lap(phase)
-double *fx_phases(void) { return seconds; }
+OF_STEPS double *fx_phases(void) { return seconds; }
 #else
 #define LAP(phase) (void)0
-double *fx_phases(void) { return 0; }
+OF_STEPS double *fx_phases(void) { return 0; }
 #endif

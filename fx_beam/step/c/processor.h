@@ -2,6 +2,8 @@
 
 #pragma once
 
+#include "scene_features.h"
+
 #if defined __x86_64__
 /* Also this function must run on any processor. */
 #define EVERYWHERE __attribute__((target("arch=x86-64")))
@@ -19,7 +21,7 @@
 #endif
 
 /* Name of a feature, empty if nothing is missing. */
-EVERYWHERE const char *fx_missing(void) {
+KEPT EVERYWHERE const char *fx_missing(void) {
 #ifdef __SSE4_2__
   NEEDS("sse4.2", "SSE4.2")
 #endif

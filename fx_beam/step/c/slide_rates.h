@@ -5,7 +5,7 @@
 #include "sliders.h"
 
 static double rate_of_slide(const Problem *p, const SlideRate *a) {
-  if (a->slider >= 0) return slider_rate(p, p->slider + a->slider);
+  if (HAS(SLIDERS) && a->slider >= 0) return slider_rate(p, p->slider + a->slider);
   double v[2], seen[2];
   for (int i = 0; i < 2; ++i) v[i] = at(p->v, a->b[i]) - at(p->v, a->a[i]);
   double d = p->slides[a->joint], spin = at(p->v, a->a[2]);

@@ -54,7 +54,7 @@ static void set_axes(const Problem *p) {
 
 /* Whether a node leaves its beam in the step, or passes too many elements. */
 static int leaves_beam(const Problem *p) {
-  for (int i = 0; i < p->sliders; ++i) {
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) {
     const Slider *a = p->slider + i;
     double length = a->ends[a->elements], off = fmax(-a->s1, a->s1 - length);
     int passed = element_of(a, a->s1) - element_of(a, a->s0);

@@ -23,7 +23,7 @@ static TapedArrays taped_arrays(const Problem *p, const Work *w, double *loads, 
        2L * p->follower_forces, p->naturals, p->parameter_count, p->columns}};
 }
 
-long fx_tape_size(const Problem *p) {
+OF_STEPS long fx_tape_size(const Problem *p) {
   Work none = {0};
   TapedArrays arrays = taped_arrays(p, &none, 0, 0, 0);
   long size = TAPED_NUMBERS;

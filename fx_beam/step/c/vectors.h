@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <stdint.h>
+#include "scene_features.h"
 
 #define INLINED static inline __attribute__((always_inline))
 /* Four numbers side by side. */

@@ -77,14 +77,14 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   return at - begin;
 }
 
-long fx_scratch(const Problem *p) {
+OF_STEPS long fx_scratch(const Problem *p) {
   Work w;
   return lay_out(p, &w, 0);
 }
 
 /* Sets rows of the block to zero that were not yet reached: one, or those of a group of a chain. */
 static inline void reach(const Problem *p, const Work *w, int row) {
-  int first = p->chain ? row / 3 * 3 : row, end = first + (p->chain ? 3 : 1);
+  int first = HAS(CHAIN) ? row / 3 * 3 : row, end = first + (HAS(CHAIN) ? 3 : 1);
   if (w->reached[row]) return;
   memset(w->block + (long)first * p->block, 0, (long)(end - first) * p->block * sizeof(double));
   for (int i = first; i < end; ++i) w->reached[i] = 1;
