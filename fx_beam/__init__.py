@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.util
+from typing import TYPE_CHECKING
 
 if importlib.util.find_spec("dolfinx") is None:
     raise ImportError(
@@ -10,60 +11,61 @@ if importlib.util.find_spec("dolfinx") is None:
         name="dolfinx",
     )
 
-from .derivatives.response import Response
-from .derivatives.static_response import StaticResponse
-from .equilibria.branches import Branch, imperfect
-from .equilibria.critical_points import CriticalPoint
-from .equilibria.statics import static
-from .errors import Failure, SceneError, StepError
-from .laws.kinematics import Step
-from .laws.rates import AtRest, MidPointRates, NewmarkRates, NodalRates
-from .laws.resultants import Resultants, WeightedResultants
-from .laws.schemes import (
-    HHT,
-    EnergyDecaying,
-    EnergyMomentum,
-    Equilibrium,
-    GeneralizedAlpha,
-    MidPoint,
-    ModifiedMidPoint,
-    Newmark,
-    Scheme,
-)
-from .linear.harmonic import frequency_response
-from .linear.linear_system import LinearSystem, linearise
-from .linear.modal import modes, rayleigh
-from .motions.dynamics import simulate
-from .motions.motion import Motion
-from .motions.open_motion import Snapshot
-from .orbits.periodic_search import backbone, forced_response, periodic
-from .results.audit import BeamResultants, Energy, Stats
-from .results.contact import Contact
-from .results.joint_motion import JointMotion
-from .results.saved import load
-from .results.solution import Solution
-from .results.vibrations import FrequencyResponse, Modes, PeriodicFamily, PeriodicMotion
-from .scene.beam import Beam, Node
-from .scene.body import Body
-from .scene.changes import Fuse, Latch
-from .scene.coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop
-from .scene.curve import Curve, arc, spline
-from .scene.forces_between import ForceBetween
-from .scene.inputs import Input
-from .scene.internal_variables import InternalVariables
-from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
-from .scene.law import Law
-from .scene.loads import thermal
-from .scene.obstacles import Circle, Line, Obstacle
-from .scene.outputs import Output
-from .scene.parameters import Parameter
-from .scene.scene import Scene
-from .scene.section import Section
-from .scene.sliders import Sleeve, Slider
-from .step.newton import NewtonOptions
-from .step.recorder import Record
-from .sweeps.convergence import Converged, converge
-from .sweeps.sweep import sweep
+if TYPE_CHECKING:
+    from .derivatives.response import Response
+    from .derivatives.static_response import StaticResponse
+    from .equilibria.branches import Branch, imperfect
+    from .equilibria.critical_points import CriticalPoint
+    from .equilibria.statics import static
+    from .errors import Failure, SceneError, StepError
+    from .laws.kinematics import Step
+    from .laws.rates import AtRest, MidPointRates, NewmarkRates, NodalRates
+    from .laws.resultants import Resultants, WeightedResultants
+    from .laws.schemes import (
+        HHT,
+        EnergyDecaying,
+        EnergyMomentum,
+        Equilibrium,
+        GeneralizedAlpha,
+        MidPoint,
+        ModifiedMidPoint,
+        Newmark,
+        Scheme,
+    )
+    from .linear.harmonic import frequency_response
+    from .linear.linear_system import LinearSystem, linearise
+    from .linear.modal import modes, rayleigh
+    from .motions.dynamics import simulate
+    from .motions.motion import Motion
+    from .motions.open_motion import Snapshot
+    from .orbits.periodic_search import backbone, forced_response, periodic
+    from .results.audit import BeamResultants, Energy, Stats
+    from .results.contact import Contact
+    from .results.joint_motion import JointMotion
+    from .results.saved import load
+    from .results.solution import Solution
+    from .results.vibrations import FrequencyResponse, Modes, PeriodicFamily, PeriodicMotion
+    from .scene.beam import Beam, Node
+    from .scene.body import Body
+    from .scene.changes import Fuse, Latch
+    from .scene.coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop
+    from .scene.curve import Curve, arc, spline
+    from .scene.forces_between import ForceBetween
+    from .scene.inputs import Input
+    from .scene.internal_variables import InternalVariables
+    from .scene.joints import GROUND, Joint, PinInSlot, Prismatic, Revolute, Rigid
+    from .scene.law import Law
+    from .scene.loads import thermal
+    from .scene.obstacles import Circle, Line, Obstacle
+    from .scene.outputs import Output
+    from .scene.parameters import Parameter
+    from .scene.scene import Scene
+    from .scene.section import Section
+    from .scene.sliders import Sleeve, Slider
+    from .step.newton import NewtonOptions
+    from .step.recorder import Record
+    from .sweeps.convergence import Converged, converge
+    from .sweeps.sweep import sweep
 
 __version__ = "0.1.0"
 
@@ -156,9 +158,57 @@ __all__ = [
     "thermal",
 ]
 
-
-#: What is imported by those who ask for it: pictures, and studies.
-_ON_DEMAND = {
+# The files that are loaded when one of their names is first asked for.
+_FILES = {
+    "derivatives.response": "Response",
+    "derivatives.static_response": "StaticResponse",
+    "equilibria.branches": "Branch imperfect",
+    "equilibria.critical_points": "CriticalPoint",
+    "equilibria.statics": "static",
+    "errors": "Failure SceneError StepError",
+    "laws.kinematics": "Step",
+    "laws.rates": "AtRest MidPointRates NewmarkRates NodalRates",
+    "laws.resultants": "Resultants WeightedResultants",
+    "laws.schemes": "HHT EnergyDecaying EnergyMomentum Equilibrium "
+    "GeneralizedAlpha MidPoint ModifiedMidPoint Newmark Scheme",
+    "linear.harmonic": "frequency_response",
+    "linear.linear_system": "LinearSystem linearise",
+    "linear.modal": "modes rayleigh",
+    "motions.dynamics": "simulate",
+    "motions.motion": "Motion",
+    "motions.open_motion": "Snapshot",
+    "orbits.periodic_search": "backbone forced_response periodic",
+    "results.audit": "BeamResultants Energy Stats",
+    "results.contact": "Contact",
+    "results.joint_motion": "JointMotion",
+    "results.saved": "load",
+    "results.solution": "Solution",
+    "results.vibrations": "FrequencyResponse Modes PeriodicFamily PeriodicMotion",
+    "scene.beam": "Beam Node",
+    "scene.body": "Body",
+    "scene.changes": "Fuse Latch",
+    "scene.coordinate": "Coordinate Coulomb Damper Friction Spring Stop",
+    "scene.curve": "Curve arc spline",
+    "scene.forces_between": "ForceBetween",
+    "scene.inputs": "Input",
+    "scene.internal_variables": "InternalVariables",
+    "scene.joints": "GROUND Joint PinInSlot Prismatic Revolute Rigid",
+    "scene.law": "Law",
+    "scene.loads": "thermal",
+    "scene.obstacles": "Circle Line Obstacle",
+    "scene.outputs": "Output",
+    "scene.parameters": "Parameter",
+    "scene.scene": "Scene",
+    "scene.section": "Section",
+    "scene.sliders": "Sleeve Slider",
+    "step.newton": "NewtonOptions",
+    "step.recorder": "Record",
+    "sweeps.convergence": "Converged converge",
+    "sweeps.sweep": "sweep",
+}
+_HOMES = {name: f"{__name__}.{file}" for file, names in _FILES.items() for name in names.split()}
+# Pictures, and studies.
+_ROOMS = {
     "plot": "fx_beam.plot",
     "stability": "fx_beam.studies.stability",
     "work_precision": "fx_beam.studies.work_precision",
@@ -166,10 +216,13 @@ _ON_DEMAND = {
 
 
 def __getattr__(name: str):
-    if name in _ON_DEMAND:
-        return importlib.import_module(_ON_DEMAND[name])
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in _ROOMS:
+        return importlib.import_module(_ROOMS[name])
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(importlib.import_module(_HOMES[name]), name)
+    return value
 
 
 def __dir__():
-    return sorted({*__all__, *_ON_DEMAND, *(name for name in globals() if name.startswith("__"))})
+    return sorted({*__all__, *_ROOMS, *(name for name in globals() if name.startswith("__"))})
