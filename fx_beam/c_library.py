@@ -69,11 +69,15 @@ def open_library(
     `definitions` are macros of both, `more` of the library alone: several libraries may share their
     structs. The library says by `fx_missing` what the processor lacks.
     """
-    ffi, macros = declared(header, definitions), [*definitions, *more]
-    source = "".join(f"#define {name}\n" for name in macros) + (SOURCES / file).read_text()
+    ffi, source = declared(header, definitions), with_macros(file, *definitions, *more)
     library = load(what, source, lambda: source, lambda path: ffi.dlopen(str(path)), flags)
     _check_processor(ffi.string(library.fx_missing()).decode())
     return ffi, library
+
+
+def with_macros(file: str, *macros: str) -> str:
+    """Text of a C file after the definition of some macros."""
+    return "".join(f"#define {macro}\n" for macro in macros) + (SOURCES / file).read_text()
 
 
 @functools.cache

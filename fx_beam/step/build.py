@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from fx_beam import c_library
+from fx_beam.errors import SceneError
 from fx_beam.fem import ffcx_api
 from fx_beam.results.state import MACROS
 
@@ -16,6 +19,7 @@ from fx_beam.results.state import MACROS
 _FLAGS = ["-fwhole-program"]
 # As fast as -O3, which takes half as long again to compile it.
 _FLAGS_OF_LOOP = [*_FLAGS, "-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic"]
+_LOOP = "the loop over time steps"
 # Addresses in the libraries that this process has loaded, which Python does not unload.
 _loaded: dict[tuple[str, ...], list[int]] = {}
 
@@ -27,13 +31,21 @@ def load_library(features: str = "CHAIN", *definitions: str) -> tuple[Any, Any]:
     It serves scenes with some features (c/scene_features.h). `definitions` are macros: DERIVATIVES
     for those of steps in their place, or PHASES, which measures the time of each phase.
     """
-    what = (
-        "derivatives of time steps" if "DERIVATIVES" in definitions else "the loop over time steps"
-    )
+    what = "derivatives of time steps" if "DERIVATIVES" in definitions else _LOOP
     more = f"FEATURES {features}", *definitions
-    return c_library.open_library(
-        f"{what} time steps", "loop.c", "problem.h", MACROS, more, _FLAGS_OF_LOOP
-    )
+    return c_library.open_library(what, "loop.c", "problem.h", MACROS, more, _FLAGS_OF_LOOP)
+
+
+@functools.cache
+def begin_to_build(features: str) -> None:
+    """Compile a library of the loop, beside forms, if the cache lacks it."""
+    source = c_library.with_macros("loop.c", *MACROS, f"FEATURES {features}")
+
+    def build() -> None:
+        with suppress(c_library.CannotBuild, SceneError):  # who loads it is told why
+            c_library.load(_LOOP, source, lambda: source, lambda _: True, _FLAGS_OF_LOOP)
+
+    threading.Thread(target=build).start()
 
 
 def load_batches(
