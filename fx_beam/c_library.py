@@ -208,8 +208,8 @@ class Structs:
     """
 
     def __init__(self, ffi: Any, declarations: str):
-        self._ffi = ffi
-        self._groups = _groups(declarations)
+        self._ffi, self._declarations = ffi, declarations
+        self._arrays = {name: ffi.typeof(f"{name}[]") for name in _NUMBERS}
         self._referenced: list[Any] = []
 
     def set(self, struct: Any, **values: Any) -> None:
@@ -246,7 +246,9 @@ class Structs:
             raise TypeError(f"an array of {value.dtype} for C's {kind.cname}")
         value = np.asarray(value, wanted, "C")
         self._referenced.append(value)
-        return self._ffi.cast(kind, value.ctypes.data)
+        if wanted is np.uintp:
+            return self._ffi.cast(kind, value.ctypes.data)
+        return self._ffi.from_buffer(self._arrays[kind.item.cname], value)
 
     def _array(self, kind: Any, rows: list[dict[str, Any]]) -> Any:
         array = self._ffi.new(self._ffi.getctype(kind, "[]"), len(rows))
@@ -268,17 +270,28 @@ class Structs:
             raise ValueError(f"C struct {what}: not set: {', '.join(missing)}")
 
     def _missing(self, struct: Any, optional: bool) -> Iterator[str]:
-        members, groups = self._members(struct), self._groups[self._type(struct).cname]
-        inner = [name for name, kind in members.items() if kind.kind == "struct"]
-        apart = set(inner).union(*groups)
-        own = [name for name in members if name not in apart]
-        for names, free in ((own, optional), *((group, True) for group in groups)):
-            values = {n: getattr(struct, n) for n in names if members[n].kind != "array"}
-            if not free or any(values.values()):
-                pointers = (n for n in values if members[n].kind in ("pointer", "function"))
-                yield from (name for name in pointers if not values[name])
+        inner, groups = _layout(self._type(struct), self._declarations)
+        for free, (pointers, numbers) in enumerate(groups):
+            left = [name for name in pointers if not getattr(struct, name)]
+            partly = len(left) < len(pointers) or any(getattr(struct, n) for n in numbers)
+            yield from left if partly or not (free or optional) else ()
         for name in inner:
             yield from (f"{name}.{n}" for n in self._missing(getattr(struct, name), optional=True))
+
+
+@functools.cache
+def _layout(kind: Any, declarations: str) -> tuple[list[str], list[tuple[list[str], list[str]]]]:
+    """Members of a struct that are structs; pointers and numbers of others, and of each group."""
+    kinds = {name: of.kind for name, of in _types(kind).items()}
+    groups = _groups(declarations)[kind.cname]
+    inner = [name for name, of in kinds.items() if of == "struct"]
+    own = [name for name in kinds if name not in {*inner}.union(*groups)]
+
+    def of_kinds(names: list[str], *wanted: str) -> list[str]:
+        return [name for name in names if kinds[name] in wanted]
+
+    every = [(of_kinds(n, "pointer", "function"), of_kinds(n, "primitive")) for n in (own, *groups)]
+    return inner, every
 
 
 @functools.cache
