@@ -46,6 +46,7 @@ _BENT_SHOES = np.concatenate([_ROUND_SHOE, _GAP, -_ROUND_SHOE])
 _BENT_CUP = np.concatenate([1.25 * _ROUND, 2.05 * _ROUND[::-1], _GAP, _PLATE])
 _TURN = np.linspace(0, 5 * np.pi, 60)
 _SPIRAL = (_TURN * np.array([np.cos(_TURN), np.sin(_TURN)]) / _TURN[-1]).T
+_AROUND = {"spring": _SPIRAL, "damper": _BENT_CUP, "friction": _BENT_SHOES}
 
 
 # -- In every row ----------------------------------------------------------------------------------
@@ -131,15 +132,21 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
 # -- Joints and forces between points --------------------------------------------------------------
 
 
-def draw_joints(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
+def draw_joints(ax, drawing: Drawing, k: int) -> list:
     """Draw joints, springs, dampers, friction, forces between points of row k; the artists."""
     joints: list[Joint] = list(_of_scene(drawing, "joints"))
-    fine, thick = _looks(colour)
+    fine, thick = _looks("black")
     drawn = draw_lines(ax, _guides(drawing, joints, k), **fine | {"linestyle": ":"})
-    parts = _springs(drawing, joints, k) + _dampers(drawing, joints, k)
-    drawn += draw_lines(ax, parts, **fine)
-    drawn += draw_lines(ax, _shoes(drawing, joints, k), **thick)
-    return drawn + draw_between(ax, drawing, k, colour) + draw_hinges(ax, drawing, k, colour)
+    parts: dict[str, list[np.ndarray]] = {"spring": [], "damper": [], "friction": []}
+    for joint in joints:
+        for on in (joint.slide, joint.rotation):
+            for part, lines in parts.items():
+                if on is not None and getattr(on, part) is not None:
+                    along = on is joint.slide
+                    lines.append((_along_slide if along else _around)(drawing, joint, part, k))
+    drawn += draw_lines(ax, parts["spring"] + parts["damper"], **fine)
+    drawn += draw_lines(ax, parts["friction"], **thick)
+    return drawn + draw_between(ax, drawing, k) + draw_hinges(ax, drawing, k)
 
 
 def draw_between(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
@@ -225,40 +232,21 @@ def _position_on_a(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
     return drawing.positions(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
 
 
-def _springs(drawing: Drawing, joints: list[Joint], k: int) -> list[np.ndarray]:
-    """Springs of joints: a zigzag along a slide, a spiral around a hinge."""
-    parts = []
-    for joint in joints:
-        if joint.slide is not None and joint.slide.spring is not None:
-            parts.append(_zigzag(*_spring_ends(drawing, joint, k), drawing.size))
-        if joint.rotation is not None and joint.rotation.spring is not None:
-            parts.append(_position_of(drawing, joint, k) + _SPRING_WIDTH * drawing.size * _SPIRAL)
-    return parts
+def _along_slide(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarray:
+    """A part of a slide: a zigzag, a dashpot, or the shoes of a brake beside it."""
+    assert joint.slide is not None
+    if part == "friction":
+        shoes = _along(_SHOES, slide_direction(drawing, joint, k))
+        return _position_of(drawing, joint, k) + _SPRING_WIDTH * drawing.size * shoes
+    ends = _spring_ends(drawing, joint, k)
+    if part == "spring":
+        return _zigzag(*ends, drawing.size)
+    return _dashpot(*ends, drawing.size, joint.slide.spring is not None)
 
 
-def _dampers(drawing: Drawing, joints: list[Joint], k: int) -> list[np.ndarray]:
-    """Dampers of joints: a dashpot along a slide, a curved dashpot around a hinge."""
-    parts = []
-    for joint in joints:
-        if joint.slide is not None and joint.slide.damper is not None:
-            beside = joint.slide.spring is not None
-            parts.append(_dashpot(*_spring_ends(drawing, joint, k), drawing.size, beside))
-        if joint.rotation is not None and joint.rotation.damper is not None:
-            parts.append(_position_of(drawing, joint, k) + _SPRING_WIDTH * drawing.size * _BENT_CUP)
-    return parts
-
-
-def _shoes(drawing: Drawing, joints: list[Joint], k: int) -> list[np.ndarray]:
-    """Friction of joints: the shoes of a brake beside a slide, or around a hinge."""
-    parts = []
-    for joint in joints:
-        position, width = _position_of(drawing, joint, k), _SPRING_WIDTH * drawing.size
-        if joint.slide is not None and joint.slide.friction is not None:
-            on_b = position if joint.b is GROUND else drawing.positions(joint.b.number, k)
-            parts.append(on_b + width * _along(_SHOES, slide_direction(drawing, joint, k)))
-        if joint.rotation is not None and joint.rotation.friction is not None:
-            parts.append(position + width * _BENT_SHOES)
-    return parts
+def _around(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarray:
+    """A part of a hinge: a spiral, a curved dashpot, or the shoes of a brake."""
+    return _position_of(drawing, joint, k) + _SPRING_WIDTH * drawing.size * _AROUND[part]
 
 
 def _position_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
