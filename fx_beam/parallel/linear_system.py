@@ -80,11 +80,11 @@ class LinearSystem:
 
     def __init__(self, counts: np.ndarray, kind: str, negligible: float):
         PETSc = petsc()
-        own, first = int(counts[world().rank]), int(counts[: world().rank].sum())
-        self._places = np.arange(first, first + own)
+        here, first = int(counts[world().rank]), int(counts[: world().rank].sum())
+        self._places = np.arange(first, first + here)
         #: How it is solved.
         self.kind = kind
-        self._sizes = own, int(counts.sum())
+        self._sizes = here, int(counts.sum())
         self._comm = PETSc.COMM_WORLD
         self._b = PETSc.Vec().createMPI(self._sizes, comm=self._comm)
         self._x = self._b.duplicate()
@@ -152,11 +152,12 @@ class LinearSystem:
         self._entries[self._at_more] = 0.0
         self._entries[self._at] = values
         np.add.at(self._entries, self._at_more, more)
-        kept = self._is_kept()  # first of all: processes wait for each other, and signals arrive
+        # First of all: processes wait for each other, and signals arrive.
+        still_good = self._is_kept()
         self._own.stateIncrease()
         self._matrix.assemble()
         self._b.setArray(b)
-        if not ((kept and self._run()) or self._renewed()):
+        if not ((still_good and self._run()) or self._renewed()):
             self._new = 0.0
             return Solved(np.full(self._sizes[0], np.nan), self._name, self._last, 0.0, np.inf)
         self._accuracy.note(self._first, self._rest)
@@ -230,13 +231,13 @@ class LinearSystem:
             if self._assembled is not self._matrix:
                 self._assembled.destroy()
         options = PETSc.Options(_PREFIX)
-        own = KINDS[self.kind]
-        in_parts = options.getString("pc_type", own["pc_type"]) == "bddc"
-        own = BDDC if in_parts else own
+        defaults = KINDS[self.kind]
+        in_parts = options.getString("pc_type", defaults["pc_type"]) == "bddc"
+        defaults = BDDC if in_parts else defaults
         self._was = self._entries[self._diagonal]
         self._assembled = self._matrix if in_parts else self._sum_of_parts()
         self._ksp = ksp = PETSc.KSP().create(self._comm)
-        ours = {n: value for n, value in own.items() if not options.hasName(n)}
+        ours = {n: value for n, value in defaults.items() if not options.hasName(n)}
         for name, value in ours.items():
             options.setValue(name, value)
         ksp.setOptionsPrefix(_PREFIX)
@@ -276,16 +277,16 @@ class LinearSystem:
             first, _ = ends.get(key, (blocks[i], 0))
             ends[key] = [first, blocks[i]]
         chosen = BLOCK * np.unique([*ends.values()])[:, None] + np.arange(BLOCK)
-        own = np.intersect1d(chosen, self._places).astype(petsc().IntType)
-        return petsc().IS().createGeneral(own, comm=self._comm)
+        chosen_here = np.intersect1d(chosen, self._places).astype(petsc().IntType)
+        return petsc().IS().createGeneral(chosen_here, comm=self._comm)
 
     def _in_blocks(self, matrix: Any) -> Any:
         """The same matrix in blocks: PETSc's own conversion takes a time like their square."""
         PETSc = petsc()
         starts, columns, values = matrix.getValuesCSR()
         matrix.destroy()
-        own, all_ = self._sizes
-        rows = scipy.sparse.csr_matrix((values, columns, starts), (own, all_))
+        here, all_ = self._sizes
+        rows = scipy.sparse.csr_matrix((values, columns, starts), (here, all_))
         rows = rows.tobsr((BLOCK, BLOCK))
         parts = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data
         sizes = (self._sizes, self._sizes)
@@ -293,7 +294,7 @@ class LinearSystem:
 
     def destroy(self) -> None:
         """Free PETSc's objects; all processes at once."""
-        own = None if self._assembled is self._matrix else self._assembled
-        for thing in (self._ksp, own, self._matrix, self._b, self._x):
+        assembled = None if self._assembled is self._matrix else self._assembled
+        for thing in (self._ksp, assembled, self._matrix, self._b, self._x):
             if thing is not None:
                 thing.destroy()

@@ -40,12 +40,12 @@ def packed(thing: Any) -> bytes:
 
 def _can_be_imported(function: FunctionType) -> bool:
     """Whether another process finds the same function by its name."""
-    found: Any = sys.modules.get(function.__module__)
+    named: Any = sys.modules.get(function.__module__)
     if function.__module__ == "__main__":
         return False
     for name in function.__qualname__.split("."):
-        found = getattr(found, name, None)
-    return found is function
+        named = getattr(named, name, None)
+    return named is function
 
 
 def _names(code: CodeType) -> set[str]:

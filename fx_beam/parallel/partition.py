@@ -62,13 +62,13 @@ class _Cut:
         middles = X[ends].mean(axis=1)
         for a, b in whole:
             middles[a:b] = middles[a:b].mean(axis=0)
-        own = bisected(np.vstack([middles, X[alone]]), self._number)
+        process = bisected(np.vstack([middles, X[alone]]), self._number)
         for a, b in whole:
-            own[a:b] = own[a]
+            process[a:b] = process[a]
         #: Process of each element, and of each node of the scene.
-        self.of_element = own[: len(ends)]
+        self.of_element = process[: len(ends)]
         of_node = np.empty(count, dtype=int)
-        of_node[alone] = own[len(ends) :]
+        of_node[alone] = process[len(ends) :]
         of_node[ends[::-1]] = self.of_element[::-1, None]
         lowest = np.full(self._tree.max(initial=-1) + 1, count)
         np.minimum.at(lowest, self._tree, np.arange(count))
@@ -154,14 +154,14 @@ class _Cut:
         for drag in self._scene.drags:
             if isinstance(drag.target, Beam):
                 drags.setdefault(drag.target.name, []).append(drag)
-        own = self.of_element == process
+        of_process = self.of_element == process
         beam_of = np.repeat(np.arange(len(self._numbers)), np.diff(self._first))
-        for i in np.unique(beam_of[own]).tolist():
+        for i in np.unique(beam_of[of_process]).tolist():
             beam, first = self._scene.beams[i], self._first[i]
             section = known.setdefault(id(beam.section), len(known))
             if section == len(share.sections):
                 share.sections.append(beam.section)
-            for a, b in _runs(own[first : self._first[i + 1]]):
+            for a, b in _runs(of_process[first : self._first[i + 1]]):
                 inner = None if beam.inner is None else beam.inner[a:b]
                 nodes = local[self._numbers[i][a : b + 1]]
                 share.runs.append((beam.name, nodes, beam.s[a : b + 1], inner, section))
@@ -179,9 +179,9 @@ class _Cut:
             if local[node] >= 0:
                 share.prescribed.append((int(local[node]), i))
                 share.driven.append(at)
-        own = {joint.number for joint, *_ in share.joints}
+        numbers = {joint.number for joint, *_ in share.joints}
         for at, (joint, _) in enumerate(self._model.motors, start=len(scene.prescribed)):
-            if joint.number in own:
+            if joint.number in numbers:
                 share.driven.append(at)
 
     def _number_unknowns(self, share: Share, numbers: np.ndarray) -> None:
@@ -197,11 +197,11 @@ class _Cut:
 
 def bisected(X: np.ndarray, number: int) -> np.ndarray:
     """Process of each point (n, 2): cut in two across the longer side, again and again."""
-    own = np.zeros(len(X), dtype=int)
+    process = np.zeros(len(X), dtype=int)
 
     def cut(points: np.ndarray, first: int, count: int) -> None:
         if count == 1:
-            own[points] = first
+            process[points] = first
             return
         longer = int(np.argmax(np.ptp(X[points], axis=0))) if len(points) else 0
         order = points[np.lexsort((X[points, 1 - longer], X[points, longer]))]
@@ -211,7 +211,7 @@ def bisected(X: np.ndarray, number: int) -> np.ndarray:
         cut(order[at:], first + half, count - half)
 
     cut(np.arange(len(X)), 0, number)
-    return own
+    return process
 
 
 def _trees(scene: Scene) -> np.ndarray:
@@ -235,7 +235,7 @@ def _may_be_cut(beam: Beam) -> bool:
     )
 
 
-def _runs(own: np.ndarray) -> list[tuple[int, int]]:
+def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
     """First and last but one of all runs of True."""
-    change = np.flatnonzero(np.diff(np.concatenate([[0], own.astype(int), [0]])))
+    change = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]

@@ -79,26 +79,26 @@ class Team:
         packed = [_packed((left, *what)) for what in messages[1:]]
         with self._in_step():
             self._asked.put((packed, lambda: (left, *messages[0])))
-            found = self._wait()
-        for rank, (error, _) in enumerate(found):
+            answers = self._wait()
+        for rank, (error, _) in enumerate(answers):
             if error is not None:
                 if rank:
                     error.add_note(f"fx_beam: on process {rank} of {self.size}")
                 raise error
-        return [value for _, value in found]
+        return [value for _, value in answers]
 
     def _exchange(self) -> None:
         """In a thread, so that signals arrive: do what is asked, while the others do the same."""
         while (asked := self._asked.get()) is not None:
-            packed, own = asked
+            packed, first_asked = asked
             for rank in range(1, self.size):
                 self._comm.send(packed.pop(0), rank)
-            found = [answer(self._objects, own)]
-            self._own_error = found[0][0]
-            found += [_received(self._comm, rank) for rank in range(1, self.size)]
+            answers = [answer(self._objects, first_asked)]
+            self._own_error = answers[0][0]
+            answers += [_received(self._comm, rank) for rank in range(1, self.size)]
             self._own_error = None
-            self._found.put(found)
-            del asked, packed, own, found
+            self._found.put(answers)
+            del asked, packed, first_asked, answers
 
     def _wait(self) -> list:
         """What all found. KeyboardInterrupt if mpirun ends them."""
