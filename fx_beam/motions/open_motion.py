@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -136,12 +137,14 @@ class OpenMotion:
         self._load(state, 0)
         self.shown.begin(state)
         recorder: Rows = NullRecorder()
+        planned = math.inf
         if self._record is not None:
-            recorder = Recorder(model, np.array([state.t]), self._record)
+            recorder, planned = Recorder(model, np.array([state.t]), self._record), 0
             recorder.miss(counter.removed)
             recorder.record(0, state)
         #: The rows of the steps, and the number of those for which they have room.
-        self.recorder, self._planned = recorder, 0
+        self.recorder: Rows = recorder
+        self._planned: float = planned
         #: Present time [s].
         self.t = grid(0)
 
