@@ -14,29 +14,50 @@ from fx_beam.laws.interval import Interval
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
-from fx_beam.step.newton import NewtonOptions, StepSolution
+from fx_beam.step.equations import Equations
 from fx_beam.step.recorder import Record, Recorder
-from fx_beam.step.single_step import SingleStep
 
 MOST, EXACT, JUMP = 60, 1e-13, 1e-6
 
 
 class PlainStep:
-    """Takes the sub-steps of a model."""
+    """Takes the steps of a model: C only completes each, from its increments and forces."""
 
     def __init__(self, prepared):
-        self.model, self.forcing = prepared.model, prepared.forcing
-        self.states = SingleStep(self.model, self.forcing, NewtonOptions(), prepared.stats)
-        self.jacobian = None
+        self.model, self.forcing, self.loop = prepared.model, prepared.forcing, prepared.loop
+        natural = self.forcing.natural
+        self.equations, self.jacobian = Equations(self.model, natural=natural), None
 
-    def take(self, state, interval, number):
-        """The state at the end of a sub-step."""
+    def take(self, state, step, to):
+        """The state at the end of a step, which is recorded."""
+        fractions, known = self.model.scheme.fractions, []
+        times = step.start + step.length * np.cumsum([0.0, *fractions])
+        times[-1], now = step.end, state
+        for number, ends in enumerate(pairwise(times)):
+            interval = Interval(*ends)
+            found, started = self.increment(now, interval, number)
+            known, state = [*known, found], state if number else started
+            now = self.complete(state, step, known, to if number + 1 == len(fractions) else None)
+        return now
+
+    def complete(self, state, step, known, to=None):
+        """The state after some sub-steps with known increments and forces."""
+        loop, p = self.loop, self.loop.problem.c
+        loop.load(state)
+        count, p.sub_steps = p.sub_steps, len(known)
+        inputs = loop.inputs(step.start, np.array([step.end]))
+        loop.finish(inputs, step.length, *(np.array(of) for of in zip(*known, strict=True)), to)
+        p.sub_steps = count
+        return loop.state(step.end)
+
+    def increment(self, state, interval, number):
+        """Increment of the columns and forces in a sub-step, and the state from which it starts."""
         model, forcing = self.model, self.forcing
         forces, positions = forcing.forces(interval), forcing.positions(interval.end)
         level = model.scheme.rates.level
         self.force = (1 - level) * forces[0] + level * forces[1]
         self.driven = positions - forcing.current(state)
-        self.states.equations.sub_step = number
+        self.equations.sub_step = number
         y = np.zeros(model.reduction.free)
         for _ in range(8):
             y = self.solve(state, interval, y)
@@ -44,24 +65,35 @@ class PlainStep:
             if members is None or members.check(self.at(y)[0]) == FINE:
                 break
         if model.points.follow_joints:
-            y = self.follow(state, interval, y)
+            y, state = self.follow(state, interval, y)
+        return self.columns(y), state
+
+    def columns(self, y):
+        """Increment of all columns, and the forces with it."""
         D, r, _ = self.at(y)
-        step = StepSolution(D, y, r, 1, "increment", D)
-        return self.states.finish(state, interval, step, forces, positions)
+        return np.concatenate([y, self.driven, np.zeros(self.fixed)]), r
+
+    @property
+    def fixed(self):
+        """Number of columns that stay."""
+        reduction = self.model.reduction
+        return reduction.columns - reduction.free - reduction.driven
 
     def follow(self, state, interval, y):
         """The unknowns with the forces of joints that friction follows."""
         points, internal = self.model.points, state.spring_internal.copy()
         points.begin_following()
         for trial in range(100):
-            D, r, _ = self.at(y)
-            points.evaluate(D)
-            joints = self.states.joint_forces.evaluate(r)
+            given = replace(state, spring_internal=internal)
+            self.complete(given, interval, [self.columns(y)])
+            self.equations.begin(interval, given)
+            points.evaluate(self.at(y)[0])
+            joints = self.loop.problem.state_arrays["joint_forces"].reshape(-1, 3)
             for joint, axis in self.model.reduction.axes():
                 points.set_axis(joint, axis)
             if not points.follow(joints, state.q, internal, trial > 90):
-                return y
-            y = self.solve(replace(state, spring_internal=internal), interval, y)
+                return y, given
+            y = self.solve(given, interval, y)
         raise AssertionError("friction and force do not meet")
 
     def at(self, y):
@@ -73,14 +105,14 @@ class PlainStep:
             rates = model.scheme.rates
             a, _ = rates.acceleration(D, state.v, state.a, self.length, model.turns)
         else:
-            a = rules.to_vector(self.states.equations._nodal(rules, D)[:, :3])
+            a = rules.to_vector(self.equations._nodal(rules, D)[:, :3])
         r += model.mass @ a
         return D, r, model.reduction.project(r)[: len(y)]
 
     def solve(self, state, interval, y):
         """The unknowns for which the residual is zero, from those that are known."""
         self.start, self.length = state, interval.length
-        self.states.equations.begin(interval, state)
+        self.equations.begin(interval, state)
         if not len(y):
             return y
         unit = np.ones(len(y))
@@ -125,22 +157,9 @@ def plainly(scene, scheme=None, *, dt, t_end, newton=None):
     prepared = Prepared(scene, Options(scheme=scheme, newton=newton, max_halvings=0))
     model, times = prepared.model, dt * np.arange(round(t_end / dt) + 1)
     recorder = Recorder(model, times, Record())
-    state, step = prepared.first_state(dt, None), PlainStep(prepared)
-    recorder.record(0, state)
-    for number, (t0, t1) in enumerate(pairwise(times), start=1):
-        starts, ends = [state], t0 + (t1 - t0) * np.cumsum([0.0, *scheme.fractions])
-        ends[-1] = t1
-        for part, (a, b) in enumerate(pairwise(ends)):
-            starts.append(step.take(starts[-1], Interval(a, b), part))
-        *starts, new = starts
-        if len(starts) > 1:
-            if model.nodal_rules is None:
-                new.a = (new.v - state.v) / dt
-            for name in ("constraint_forces", "added_forces", "joint_forces", "contact_forces"):
-                if getattr(new, name) is not None:
-                    parts = [getattr(one, name) for one in (*starts[1:], new)]
-                    setattr(new, name, np.tensordot(scheme.fractions, parts, 1))
-        recorder.store_starts(number, starts, new, (0, 1))
-        recorder.record(number, new)
-        state = new
+    state, plain = prepared.first_state(dt, None), PlainStep(prepared)
+    to = prepared.loop.record_start(state, recorder, len(times))
+    for to.first, ends in enumerate(pairwise(times), start=1):
+        state = plain.take(state, Interval(*ends), to)
+        recorder.count(to.rows, to.starts)
     return solution_of(model, recorder, prepared.stats, lambda: state, ended=True)

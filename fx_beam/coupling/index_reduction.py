@@ -8,6 +8,7 @@ Tv^T r(g(z)) = 0; the tangent is Tv^T K T + (dTv/dz)^T r.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -110,9 +111,6 @@ class Reduction(Protocol):
     def closed(self, r: np.ndarray) -> np.ndarray:
         """Nodal forces with those of the joints that close loops, as of separate nodes."""
 
-    def closing(self) -> np.ndarray | None:
-        """Forces (joints, 3) of these joints on their nodes b, as `closed` found them."""
-
     def spread(self, z: np.ndarray) -> np.ndarray:
         """Small change of all degrees of freedom from a small change of all columns: T z."""
 
@@ -122,7 +120,7 @@ class Reduction(Protocol):
     def project(self, r: np.ndarray) -> np.ndarray:
         """Generalised forces of all columns: Tv^T r, with springs and dampers."""
 
-    def fault(self) -> tuple[str, str] | None:
+    def fault(self, arcs: Sequence[tuple[float, float]] = ()) -> tuple[str, str] | None:
         """Kind and reason of a step in which a node leaves the beam on which it slides; or None."""
 
     def axes(self) -> list[tuple[int, np.ndarray]]:
@@ -130,9 +128,6 @@ class Reduction(Protocol):
 
     def carried(self, r: np.ndarray) -> np.ndarray:
         """Forces (size,) with those of sliding nodes on their beams."""
-
-    def carrier_moments(self, forces: np.ndarray) -> np.ndarray | None:
-        """Moments of offset and sliding joints on their nodes a, for their forces (joints, 2)."""
 
     def bordering_rows(self) -> np.ndarray | None:
         """Gv and G (2, closures, unknowns) of loops that border the linear system; or None."""
@@ -187,10 +182,6 @@ class WithoutLoops:
     def closed(self, r: np.ndarray) -> np.ndarray:
         """The forces as they are."""
         return r
-
-    def closing(self) -> np.ndarray | None:
-        """No forces."""
-        return None
 
     def bordering_rows(self) -> np.ndarray | None:
         """None."""
@@ -270,7 +261,7 @@ class IndexReduction(WithoutLoops):
         self._dofs.of(r, out)
         return out
 
-    def fault(self):
+    def fault(self, arcs=()):
         """None: no node slides on a beam."""
         return None
 
@@ -285,10 +276,6 @@ class IndexReduction(WithoutLoops):
     def condensed(self, tangent):
         """The tangent as it is."""
         return tangent
-
-    def carrier_moments(self, forces):
-        """None: without offsets and slides there are no lever arms."""
-        return None
 
     def system(self):
         """Rows and columns of the unknowns; -1 for other columns."""

@@ -355,9 +355,9 @@ class JointReduction(WithoutLoops):
         np.add.at(forces, self._points.columns, self._points.on_slides(0))
         return forces
 
-    def fault(self):
+    def fault(self, arcs=()):
         """Kind and reason of a step in which a node leaves the beam on which it slides."""
-        return None if self.sliders is None else self.sliders.fault()
+        return None if self.sliders is None else self.sliders.fault(arcs)
 
     def project(self, r):
         """Generalised forces at all columns."""
@@ -438,17 +438,6 @@ class JointReduction(WithoutLoops):
     def condensed(self, tangent):
         """The tangent (free, free) of the unknowns alone."""
         return self.auxiliaries.condensed(tangent, self._values, self._virtual_map)
-
-    def carrier_moments(self, forces):
-        """Moments (n_node,) [N m] of these joints on their nodes a, from their forces on b."""
-        lever = self._virtual_map[1:].reshape(-1, 4)[:, :2]
-        own = forces[[joint.number for joint in self._moving]]
-        moments = np.einsum("ij,ij->i", lever, own)
-        carriers = np.array([joint.a.number for joint in self._moving], dtype=int)
-        total = np.zeros(len(self._dofs))
-        on_nodes = carriers >= 0
-        np.add.at(total, carriers[on_nodes], moments[on_nodes])
-        return total
 
 
 @cached_by_content

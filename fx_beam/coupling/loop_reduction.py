@@ -273,13 +273,6 @@ class LoopReduction(JointReduction):
         np.add.at(forces, columns, -signs * self._virtual_map[value_at] * self._forces[k])
         return self.sliders.carry(r + on_ends, self._virtual_map, forces) - on_ends
 
-    def closing(self):
-        """Forces and moments (joints, 3) of the closing joints on b, by the joint's number."""
-        forces = np.zeros((1 + max(one.joint.number for one in self._closures), 3))
-        for one, force in zip(self._closures, self._forces, strict=True):
-            forces[one.joint.number, one.component] = force
-        return forces
-
     def transmitted(self, r):
         """Forces (joints, 2) [N] of the joints on b, for nodal forces that `closed` gave."""
         F = super().transmitted(r)

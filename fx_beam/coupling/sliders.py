@@ -295,8 +295,13 @@ class Sliders:
         for slide in self.all:
             slide.relation.begin(q[slide.dofs], float(slides[slide.joint.number]))
 
-    def fault(self) -> tuple[str, str] | None:
-        """Kind and reason of a step that leaves a beam, or passes too many elements; or None."""
+    def fault(self, arcs: Sequence[tuple[float, float]] = ()) -> tuple[str, str] | None:
+        """Kind and reason of a step that leaves a beam, or passes too many elements; or None.
+
+        Of the last step, or of one with these arc lengths of all nodes at its ends.
+        """
+        for slide, ends in zip(self.all, arcs, strict=False):
+            slide.relation.place(*ends)
         for slide in self.all:
             relation, joint = slide.relation, slide.joint
             off, end = relation.off_the_end()

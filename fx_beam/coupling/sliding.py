@@ -97,6 +97,10 @@ class Sliding:
         self._motion[1] = self._of(np.ascontiguousarray(D))
         self._library.fx_slide(self._c, *self._motion)
 
+    def place(self, start: float, end: float) -> None:
+        """Set the arc lengths at both ends of a step [m]."""
+        self._c.s0, self._c.s1 = start, end
+
     @property
     def nodes(self) -> slice:
         """Nodes of the window."""

@@ -19,7 +19,6 @@ from fx_beam.scene.structure import ElsewhereError
 from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.forward import Forward
-from fx_beam.step.joint_forces import JointForces
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.static_tape import static_tape
@@ -83,8 +82,7 @@ class StaticDerivatives:
         if path.continues:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
-        forces = JointForces(path.model) if path.model.scene.joints else None
-        problem = Problem(path.model, forces, NewtonOptions())
+        problem = Problem(path.model, NewtonOptions())
         self.adjoint = Adjoint(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
         self._other: Model | None = None

@@ -25,7 +25,9 @@ from scipy.sparse import csr_matrix
 from fx_beam.errors import Failure, StepError
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
-from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES, StepFailed, StepSolution
+from fx_beam.step.load_loop import StepSolution
+from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES
+from fx_beam.step.step_failures import StepFailed
 
 from .interpolation import combined, root_near, weights
 from .load_steps import LoadStepper
@@ -94,7 +96,7 @@ class ArcLength:
 
     def __init__(self, stepper: LoadStepper):
         self.stepper, self.model, self._path = stepper, stepper.model, stepper.path
-        self._newton, self._forcing = stepper.single.newton, stepper.forcing
+        self._failures = stepper.loop.failures
         #: 1 where the load factor rises along the path, else -1.
         self._rising = 1.0
 
@@ -169,7 +171,7 @@ class ArcLength:
         """The tangent (free, free) there, in the direction in which one comes."""
         step, load = self._correct(state, tangent, distance, tangent, distance)
         balance, _, _ = self._path.balance(step.y, load)
-        return self.stepper.single.equations.tangent(balance.r)
+        return self.stepper.equations.tangent(balance.r)
 
     # -- Steps ----------------------------------------------------------------------------------
 
@@ -305,9 +307,7 @@ class ArcLength:
 
     def _end(self, state: State, t1: float, step: StepSolution) -> State:
         """State at the end of a converged step."""
-        interval, forcing = Interval(state.t, t1), self._forcing
-        forces, positions = forcing.forces(interval), forcing.positions(t1)
-        new = self.stepper.single.finish(state, interval, step, forces, positions)
+        new = self.stepper.loop.finished(state, Interval(state.t, t1), step.y, step.r)
         new.work += (1 - (state.t + t1) / 2) * float(self._path.held @ step.y)
         new.negative_eigenvalues = self.stepper.inertia.of(self._path.bordered)
         return new
@@ -332,35 +332,34 @@ class ArcLength:
         self, state: State, tangent: Tangent, along: float, normal: Tangent, distance: float
     ) -> tuple[StepSolution, float]:
         """The same with the members that points are near, as they are known."""
-        newton, free = self._newton, self.model.reduction.free
+        failures, free = self._failures, self.model.reduction.free
         self._path.begin(state)
         y, load, predicted = along * tangent.y, along * tangent.load, along * tangent.D
         residuals: list[float] = []
         previous = np.inf
-        for iteration in range(1, newton.options.max_iterations + 1):
+        for iteration in range(1, failures.options.max_iterations + 1):
             (D, f, r, residual), per_load, column = self._path.balance(y, load)
             residual = residual[:free]
             residuals.append(abs(residual).max(initial=0.0))
             missing = normal.D @ (self._path.weight * D) + normal.load * load - distance
             dy, dload = self._path.factors(r, column, normal).solve(-np.append(residual, missing))
             correction = self._path.spread(dy, dload)
-            factor = newton.shortening(correction)
+            factor = failures.shortening(correction)
             y, load = y + factor * dy, load + factor * dload
             size = max((abs(correction) / self.model.unit).max(), abs(dload))
-            newton.check_finite(size, residuals)
+            failures.check_finite(size, residuals)
             D = self._path.expand(y, load)
-            newton.check_turn(D, residuals)
+            failures.check_turn(D, residuals)
             work, energy = residual @ dy, abs(f) @ abs(D)
             stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
-            if size <= newton.options.tolerance or stuck:
+            if size <= failures.options.tolerance or stuck:
                 r = r + self.model.forms.tangent @ self._path.spread(dy, 0.0) + dload * per_load
-                newton.check_slides(D, residuals)
-                newton.check_members(D, residuals)
+                failures.check_slides(D, residuals)
+                failures.check_members(D, residuals)
                 ended_by = "round-off" if stuck else "increment"
                 return StepSolution(D, y, r, iteration, ended_by, predicted), load
             previous = size
-        reason = f"no convergence in {newton.options.max_iterations} iterations"
-        raise StepFailed("no convergence", reason, D, residuals)
+        raise failures.unconverged(D, residuals)
 
     def _at_start(self, state: State, tangent: Tangent, ds: float) -> Tangent:
         """The tangent at the start of a step, or a length ds from it along another one."""
@@ -413,7 +412,7 @@ class ArcLength:
 
     def error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
         """What to report of a step that failed after some cuts."""
-        return self.stepper.single.error(
+        return self._failures.error(
             f"the step along the arc length from load factor {state.t:.6g} failed",
             cuts,
             state,

@@ -12,7 +12,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from fx_beam.results.state import State
-from fx_beam.step.newton import StepFailed
+from fx_beam.step.step_failures import StepFailed
 
 from .arc_length import ArcLength
 from .path_equations import Tangent

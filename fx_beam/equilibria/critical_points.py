@@ -14,7 +14,7 @@ from fx_beam.results.audit import Stability
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import Modes, modes_of
-from fx_beam.step.newton import StepFailed
+from fx_beam.step.step_failures import StepFailed
 
 from .arc_length import ArcLength
 from .branches import Branch

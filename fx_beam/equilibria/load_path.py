@@ -24,10 +24,9 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.inverted_sections import InversionCheck
 from fx_beam.step.model import Model
-from fx_beam.step.newton import StepFailed
 from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.step_failures import StepFailed
 from fx_beam.step.turning_frame import TurningFrame
 
 from .arc_length import ArcLength
@@ -78,11 +77,11 @@ class LoadPath:
             )
         turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
         self.forcing = LoadForcing(model, options.t, turning)
-        self._stepper = LoadStepper(model, self.forcing, options.newton, self.stats)
         self._team = waiting_team() if options.continuation is None else None
+        given = model, self.forcing, options.newton, self.stats
+        self._stepper = LoadStepper(*given, alone=self._team is None)
         if self._team is not None:
             self.stats.solver = f"PETSc on {self._team.size} processes"
-        self._inversion = InversionCheck(model, self.stats)
         #: The states so far.
         self.states: list[State] = []
         self.stats.setup_seconds = time.perf_counter() - self.began
@@ -98,7 +97,7 @@ class LoadPath:
         self._clock, bar = time.perf_counter(), progress_bar(1.0, options.progress, bar_format=_BAR)
         self.states = states = _States(bar)
         try:
-            with bar, shared(self._team, self._stepper.single):
+            with bar, shared(self._team, self._stepper.loop):
                 self._follow()
             if states[-1].t < 1 and not stats.closed and stats.steps >= options.max_steps:
                 factor, most = states[-1].t, options.max_steps
@@ -195,7 +194,7 @@ class LoadPath:
         recorder = Recorder(model, np.array([state.t for state in states]), Record())
         for step, state in enumerate(turning):
             recorder.record(step, state)
-            self._inversion.check(state.t, state.q)
+            self._stepper.loop.inversion.check(state.t, state.q)
         end = replace(turning[-1], t=self.forcing.time, inputs=self._inputs)
         stability = self._stability(states, lambda state: self._solution([state]))
         return solution_of(

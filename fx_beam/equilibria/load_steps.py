@@ -13,10 +13,12 @@ from fx_beam.laws.interval import Interval
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
+from fx_beam.step.equations import Equations
 from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.load_loop import LoadLoop, StepSolution
 from fx_beam.step.model import Model
-from fx_beam.step.newton import NewtonOptions, StepFailed, StepSolution
-from fx_beam.step.single_step import SingleStep
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.step_failures import StepFailed
 
 from .inertia import Inertia
 from .path_equations import PathEquations
@@ -45,10 +47,19 @@ _SOFTENING = 4.0
 class LoadStepper:
     """Takes load steps; the states of a model have the load factor in place of time."""
 
-    def __init__(self, model: Model, forcing: LoadForcing, options: NewtonOptions, stats: Stats):
+    def __init__(
+        self,
+        model: Model,
+        forcing: LoadForcing,
+        options: NewtonOptions,
+        stats: Stats,
+        alone: bool = True,
+    ):
         self.model, self.forcing, self.stats = model, forcing, stats
-        self.single = SingleStep(model, forcing, options, stats)
-        self.path = PathEquations(self.single.equations, forcing)
+        #: Takes load steps.
+        self.loop = LoadLoop(model, forcing, options, stats, alone)
+        self.equations = Equations(model, forcing.time, forcing.turning, forcing.natural)
+        self.path = PathEquations(self.equations, forcing)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0
         #: Whether a step whose work is too inaccurate may be cut.
@@ -68,7 +79,7 @@ class LoadStepper:
         Holding forces balance the springs in the reference configuration; steps reduce them to 0.
         """
         start = reference_state(self.model)
-        equations = self.single.equations
+        equations = self.equations
         equations.begin(Interval(0.0, 0.0), start)
         balance = equations.at_start(np.zeros(self.model.size))
         tension = balance.residual[: self.model.reduction.free]
@@ -76,10 +87,9 @@ class LoadStepper:
             start.added_forces = self.model.forms.added_force()
 
         def release(state: State, before: float, after: float) -> State:
-            self._hold = (1 - before) * tension, (1 - after) * tension
-            self.single.newton.hold = self._hold[1]
+            self._hold_by((1 - before) * tension, (1 - after) * tension)
             new = self.step(state, 0.0)
-            if self.single.newton.linear.singular:
+            if self.loop.singular:
                 raise StepFailed("singular", "the tangent is singular", new.q - state.q, [])
             return new
 
@@ -94,13 +104,13 @@ class LoadStepper:
                 *_, state = self._in_steps(start, release, steps, max_cuts)
             except StepFailed as failure:
                 raise self._error_of_first(start, failure, max_cuts) from failure
-        self._hold = np.zeros_like(tension), np.zeros_like(tension)
+        self._hold_by(0 * tension, 0 * tension)
         state.work = 0.0
         return state
 
     def start_from(self, state: State) -> State:
         """A state as the start: the forces that hold it there fade as the loads rise."""
-        equations, model = self.single.equations, self.model
+        equations, model = self.equations, self.model
         self.forcing.start_from(state)
         equations.begin(Interval(0.0, 0.0), state)
         balance = equations.at_start(np.zeros(model.size))
@@ -113,19 +123,21 @@ class LoadStepper:
         except StepFailed as failure:
             what = "the state to start from is no equilibrium that the scene can hold"
             advice = "Check that the scene has the supports and joints of this state"
-            raise self.single.error(what, 0, state, failure, advice) from failure
+            raise self.loop.failures.error(what, 0, state, failure, advice) from failure
+
+    def _hold_by(self, before: np.ndarray, after: np.ndarray) -> None:
+        self._hold, self.loop.hold[:] = (before, after), after
 
     def hold_between(self, before: float, after: float) -> None:
         """Set the forces that hold the start, at both ends of a step."""
-        self._hold = (1 - before) * self.path.held, (1 - after) * self.path.held
-        self.single.newton.hold = self._hold[1]
+        self._hold_by((1 - before) * self.path.held, (1 - after) * self.path.held)
 
     def step(self, state: State, goal: float) -> State:
         """State after one load step; StepFailed if it leaves the path."""
         interval = Interval(state.t, goal)
-        new, step = self.single.take(state, interval)
+        new, step = self.loop.step(state, interval)
         new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
-        new.negative_eigenvalues = self.inertia.of(self.single.newton.linear)
+        new.negative_eigenvalues = self.inertia.of(self.loop)
         self.note(step)
         if self.model.flows or self.model.has_contact:
             self.deviation = 0.0  # the predictor does not know what begins in the step
@@ -144,7 +156,7 @@ class LoadStepper:
 
     def is_still(self, D: np.ndarray) -> bool:
         """Whether an increment (size,) is zero within the tolerance of Newton's method."""
-        return self.size(D) <= self.single.newton.options.tolerance
+        return self.size(D) <= self.loop.failures.options.tolerance
 
     def _check_path(self, old: State, new: State, step: StepSolution, softer: bool) -> None:
         """Reject a step that deviates from its predictor, or whose work differs from its energy."""
@@ -168,7 +180,7 @@ class LoadStepper:
         snapped = softer and work > gained
         short = self._may_be_cut or (snapped and not kinked())
         moved = abs(old.q) + abs(D)
-        rounding = 1e-14 * abs(D) @ self.single.equations.change_of_sizes(moved)
+        rounding = 1e-14 * self.loop.change_of_sizes(D, moved)
         rounding += 1e-12 * abs(energy)
         allowed = (_SHORT if short else _ON_PATH) * abs(at_end - at_start) / 2
         allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)
@@ -197,7 +209,7 @@ class LoadStepper:
                 return False
             between, ahead = legs[0] * before.load, legs[1] / 2 * behind.load
             middle = Interval(old.t, old.t + between + ahead)
-            D = self.single.take(old, middle)[1].D - legs[0] * before.D
+            D = self.loop.step(old, middle)[1].D - legs[0] * before.D
         except StepFailed:
             return False
         half = legs[1] / 2 * behind.D
@@ -260,7 +272,7 @@ class LoadStepper:
                 stride *= 2
 
     def _error_of_first(self, start: State, failure: StepFailed, cuts: int) -> StepError:
-        return self.single.error(
+        return self.loop.failures.error(
             "no equilibrium without loads was found",
             cuts,
             start,
@@ -287,4 +299,4 @@ class LoadStepper:
                 "place by a simulation with dampers. Elements longer than sqrt(EI / N), with the "
                 "axial force N, hold it as friction would"
             )
-        return self.single.error(what, cuts, state, failure, advice)
+        return self.loop.failures.error(what, cuts, state, failure, advice)

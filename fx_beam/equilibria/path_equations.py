@@ -30,8 +30,8 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.newton import StepFailed
 from fx_beam.step.sparse_lu import Pattern, sparse_lu
+from fx_beam.step.step_failures import StepFailed
 
 
 class BorderedLU:

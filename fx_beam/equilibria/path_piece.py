@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from fx_beam.results.state import State
-from fx_beam.step.newton import StepFailed
+from fx_beam.step.step_failures import StepFailed
 
 from .arc_length import ArcLength
 from .branch_step import unknowns_of

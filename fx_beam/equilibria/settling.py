@@ -12,15 +12,16 @@ least half of mu D.W D. Steps on the way up, to a saddle, are taken again with m
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.step.equations import Balance, Equations
-from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.model import Model
-from fx_beam.step.newton import StepFailed, StepSolution
+from fx_beam.step.equations import Balance
+from fx_beam.step.load_loop import StepSolution
+from fx_beam.step.sparse_lu import pivoted_lu
+from fx_beam.step.step_failures import StepFailed
 
 from .load_steps import LoadStepper
 
@@ -38,60 +39,28 @@ _MOST, _FAR = 400, 100.0
 _OF_LOADS, _ROUNDING = 1e-9, 1e-14
 
 
-class DragEquations(Equations):
-    """Equations of a step with a linear drag on the increments of all nodes."""
-
-    def __init__(self, model: Model, forcing: LoadForcing):
-        super().__init__(model, forcing.time, forcing.turning, forcing.natural)
-        self._project = model.reduction.project
-        K = model.forms.stiffness
-        rows = np.repeat(np.arange(model.size), np.diff(K.indptr))
-        self._diagonal = np.flatnonzero((rows == K.indices) & model.used_entries())
-        #: W; zero at points of bodies, at which nothing acts.
-        self._weight = np.zeros(model.size)
-        self._own = rows[self._diagonal]
-        self._weight[self._own] = model.unit[self._own] ** -2.0
-        #: The drag mu [J].
-        self.drag = 0.0
-
-    def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
-        """Evaluate at increments, as in `Equations`."""
-        D, f, r, residual = super().at(y, driven, force)
-        if self.drag:
-            self.model.forms.stiffness.data[self._diagonal] += self.drag * self._weight[self._own]
-            r = r + self.drag * self._weight * D
-            residual = self._project(r)
-        return Balance(D, f, r, residual)
-
-    def taken(self, D: np.ndarray) -> float:
-        """mu D.W D of an increment (size,) [J]."""
-        return float(self.drag * D @ (self._weight * D))
-
-
 class Settling:
     """Finds the equilibrium of a mechanism at a load factor."""
 
     def __init__(self, stepper: LoadStepper):
-        self.stepper, self.model, self._single = stepper, stepper.model, stepper.single
-        self._equations = DragEquations(stepper.model, stepper.forcing)
+        self.stepper, self.model, self._loop = stepper, stepper.model, stepper.loop
 
     def settled(self, state: State, goal: float) -> State:
         """The equilibrium that is found from a state. SceneError if there is none."""
-        before, work = self._single.equations, state.work
-        self._single.use(self._equations)
+        work = state.work
         self.stepper.hold_between(goal, goal)
         try:
             state = self._followed(state, goal)
         finally:
-            self._single.use(before)
+            self._loop.drag = 0.0
         return state.changed(work=work)
 
     def _followed(self, state: State, goal: float) -> State:
-        equations, first = self._equations, state.q
+        loop, first = self._loop, state.q
         largest = self._load(state, goal)
         drag, short, moved = largest / _WANTED, False, np.inf
         for _ in range(_MOST if drag else 0):
-            equations.drag = 0.0 if short else drag
+            loop.drag = 0.0 if short else drag
             try:
                 new, moved = self._step(state, goal)
             except StepFailed:
@@ -109,15 +78,15 @@ class Settling:
         else:
             found = "under its loads it finds no equilibrium" if drag else "it has no load"
             raise self._error(found)
-        state.negative_eigenvalues = self.stepper.inertia.of(self._single.newton.linear)
+        state.negative_eigenvalues = self.stepper.inertia.of(loop)
         self._check(largest, state, goal)
         return state
 
     def _begin(self, state: State, goal: float) -> tuple[Balance, np.ndarray]:
         """The equations in a state, and its dead loads."""
-        forces = self._single.forcing.forces(Interval(goal, goal))[0]
-        self._equations.begin(Interval(goal, goal), state)
-        return self._equations.at_start(forces), forces
+        forces, equations = goal * self.stepper.forcing.full, self.stepper.equations
+        equations.begin(Interval(goal, goal), state)
+        return equations.at_start(forces), forces
 
     def _load(self, state: State, goal: float) -> float:
         """Largest load or force without balance in a state, times its unit [J]."""
@@ -128,12 +97,12 @@ class Settling:
 
     def _step(self, state: State, goal: float) -> tuple[State, float]:
         """State after a step, and its length; StepFailed if it is too long or goes up."""
-        new, step = self._single.take(state, Interval(goal, goal))
+        new, step = self._loop.step(state, Interval(goal, goal))
         self.stepper.note(step)
         moved = self._size(step.D)
         if moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D, [])
-        if self._lost(state, new, step) < _TAKEN * self._equations.taken(step.D):
+        if self._lost(state, new, step) < _TAKEN * self._taken(step.D):
             raise StepFailed("off the path", "the step goes up", step.D, [])
         return new, moved
 
@@ -144,23 +113,29 @@ class Settling:
         lost = new.work - old.work + weight - energy[0] + energy[1]
         rounding = 1e-12 * (max(map(abs, energy)) + abs(new.work) + abs(weight))
         moved = abs(old.q) + abs(step.D)
-        rounding += 1e-14 * float(abs(step.D) @ self._equations.change_of_sizes(moved))
+        rounding += 1e-14 * self._loop.change_of_sizes(step.D, moved)
         return lost + rounding
+
+    def _taken(self, D: np.ndarray) -> float:
+        """mu D.W D of an increment (size,) [J]."""
+        return float(self._loop.drag * D @ (self._loop.drag_weight * D))
 
     def _size(self, D: np.ndarray) -> float:
         return float(abs(D / self.model.unit).max(initial=0.0))
 
     def _check(self, largest: float, state: State, goal: float) -> None:
         """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
-        model, linear = self.model, self._single.newton.linear
-        # With so little drag the tangent is never singular.
-        self._equations.drag = 0.1 * _OF_LOADS * largest
+        model, free = self.model, self.model.reduction.free
         balance, _ = self._begin(state, goal)
+        # With so little drag the tangent is never singular.
+        T = model.reduction.coupling()[:, :free]
+        drag = T.T @ scipy.sparse.diags(0.1 * _OF_LOADS * largest * self._loop.drag_weight) @ T
+        factors = pivoted_lu(self.stepper.equations.tangent(balance.r) + drag)
         stiffest = abs(model.forms.stiffness.diagonal() * model.unit**2).max()
         unit = model.unit_of_unknowns
         least, x = 0.0, np.random.default_rng(0).standard_normal(len(unit)) * unit
         for _ in range(4):  # inverse iteration
-            x = linear.solve(self._equations, balance.r, x / unit**2)
+            x = factors.solve(x / unit**2)
             size = float(np.linalg.norm(x / unit))
             least, x = 1 / size, x / size
         if least > max(_OF_LOADS * largest, _ROUNDING * stiffest):

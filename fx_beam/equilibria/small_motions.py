@@ -53,7 +53,7 @@ class SmallMotions:
     def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
         """The tangent (n, n) of an equilibrium without flow."""
         stepper = self.stepper
-        equations = stepper.single.equations
+        equations = stepper.equations
         equations.begin(Interval(state.t, state.t), state)
         balance = equations.at_start(state.t * stepper.forcing.full)
         return self.independent(equations.tangent(balance.r))

@@ -78,10 +78,10 @@ class LossToDrag:
 class BeamDrag:
     """The drag of a scene's beams in a step, by its forms on the mesh."""
 
-    def __init__(self, mesh, increment, force, tangent, loss):
+    def __init__(self, mesh, increment, force, tangent):
         #: The increment in these forms, another function than that of the internal forces.
         self.increment = increment
-        self._force, self._tangent, self._loss = force, tangent, loss
+        self._force, self._tangent = force, tangent
         self._matrix = dolfinx_api.create_matrix(tangent, mesh)
         self._vector = np.zeros(len(increment.x.array))
 
@@ -98,11 +98,6 @@ class BeamDrag:
         """Add their derivative by the last D to the values of the stiffness at some positions."""
         dolfinx_api.assemble_matrix(self._matrix, self._tangent)
         values[at] += self._matrix.data
-
-    def loss(self, D: np.ndarray) -> float:
-        """Energy that they take in the step [J]."""
-        self._set(D)
-        return dolfinx_api.assemble_scalar(self._loss)
 
 
 def coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, Data]:

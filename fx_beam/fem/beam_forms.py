@@ -83,8 +83,9 @@ class BeamForms:
         self._energy = self._bind(weak.energy)
         #: Forms of `WeakForm.losses`; None where there is none.
         self.of_loss = [form and self._bind(form) for form in weak.losses]
-        self._held_before = weak.held_before and self._bind(weak.held_before)
-        self._actuation = weak.actuation and self._bind(weak.actuation)
+        for form in (weak.held_before, weak.actuation):
+            if form:
+                self._bind(form)
         if weak.evolution is not None:
             self._bind_evolution(weak.evolution)
         #: Whether the forces depend on the start of the last step, and on rates at the start of a
@@ -146,7 +147,7 @@ class BeamForms:
         forms = [self._bound(form, space, data) for form in plan.compiled]
         #: Coefficients of the drag on beams by name.
         self.of_drag, self._drag_fields = plan.coefficients, plan.fields
-        return BeamDrag(self._mesh.mesh, unknowns[plan.fields.increment], *forms)
+        return BeamDrag(self._mesh.mesh, unknowns[plan.fields.increment], *forms[:2])
 
     def _weak_form(self, scene: Scene) -> WeakForm:
         """The weak form of the scene; the data of the sections are those of the forms."""
@@ -390,7 +391,7 @@ class BeamForms:
 
     def _bind_evolution(self, compiled: CompiledForm) -> None:
         space = self._data[self._weak.internal].function_space
-        self._evolution = self._bound(compiled, space, self._data)
+        self._bound(compiled, space, self._data)
         self._internal = self._data[self._weak.internal].x.array.reshape(-1, self._weak.width)
         #: Weights (degree,) of the Gauss points, relative to the element's length.
         self.point_weights = np.polynomial.legendre.leggauss(self.fields.degree)[1] / 2
@@ -460,34 +461,6 @@ class BeamForms:
         """Set the internal variables (cells, degree, width) at the start of the step."""
         if internal is not None:
             self._internal[self._cell_points] = internal
-
-    def actuation(self, D: np.ndarray) -> float:
-        """Work [J] of natural strains that change in the step."""
-        self._set(self.increment, D)
-        return dolfinx_api.assemble_scalar(self._actuation) if self._actuation else 0.0
-
-    def evolve(self, D: np.ndarray) -> np.ndarray | None:
-        """Internal variables (cells, degree, width) at the end of the step; None without any."""
-        if self._weak.evolution is None:
-            return None
-        self._set(self.increment, D)
-        grown = np.zeros(self._internal.size)
-        dolfinx_api.assemble_vector(grown, self._evolution)
-        at_points = grown.reshape(self._internal.shape)[self._cell_points]
-        return self._internal[self._cell_points] + at_points / self.point_weights[:, None]
-
-    def held_before(self, D: np.ndarray) -> float:
-        """Energy [J] that the scheme held at the start, with the parameters of the step."""
-        self._set(self.increment, D)
-        return dolfinx_api.assemble_scalar(self._held_before) if self._held_before else 0.0
-
-    def losses(self, D: np.ndarray) -> list[float]:
-        """Energies [J] that material and drag take; that the scheme takes, and holds."""
-        self._set(self.increment, D)
-        lost, *of_scheme = (
-            dolfinx_api.assemble_scalar(form) if form is not None else 0.0 for form in self.of_loss
-        )
-        return [lost if self.drag is None else lost + self.drag.loss(D), *of_scheme]
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Add the internal forces (eq. 53), by the reduced rule, and drag to `out` (size,)."""

@@ -249,25 +249,10 @@ class Forms:
         self.set_load(factor, increment)
         return more - now
 
-    def losses(self, D: np.ndarray) -> list[float]:
-        """Energies [J] that material, drag and contact take; that the scheme takes, and holds."""
-        if self.beams is None:
-            return [self.points.loss(), 0.0, 0.0]
-        lost, *of_scheme = self.beams.losses(D)
-        return [lost + self.points.loss(), *of_scheme]
-
-    def evolve(self, D: np.ndarray) -> np.ndarray | None:
-        """Internal variables (cells, degree, width) at the end of the step; None without any."""
-        return None if self.beams is None else self.beams.evolve(D)
-
     def set_natural_end(self, values: np.ndarray | None) -> None:
         """Set the natural strains (cells, degree, 3) at the end of the step, if there are any."""
         if self.beams is not None and values is not None:
             self.beams.natural.set(None, values)
-
-    def actuation(self, D: np.ndarray) -> float:
-        """Work [J] of natural strains that change in the step."""
-        return 0.0 if self.beams is None else self.beams.actuation(D)
 
     def strain_energy(
         self,

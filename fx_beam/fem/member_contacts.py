@@ -311,9 +311,3 @@ class MemberContacts:
     def check(self, D: np.ndarray) -> int:
         """What is wrong at the end of a step: FINE, MOVED or SLID (too far), PASSED (a member)."""
         return int(self._c.fx_check_members(self._all, self._of(D)))
-
-    def forces(self) -> np.ndarray:
-        """Forces (slots, 2) on points [N], as they were last evaluated."""
-        out = np.zeros((self.slots, 2))
-        self._c.fx_record_members(self._all, 1.0, self._of(out))
-        return out

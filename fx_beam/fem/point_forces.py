@@ -390,12 +390,6 @@ class PointForces:
         """Forces (0) on the slides, or their slopes (1)."""
         return np.array([result[entry] for result in self._results[self._nodal :]])
 
-    def loss(self) -> float:
-        """Energy [J] that is lost in the step, at its mean rates."""
-        if not self.any:
-            return 0.0
-        return self._c.fx_lost_at_points(self._all, self._of(self._D), self._of(self._z))
-
     def energy(self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None) -> float:
         """Energy [J] that is stored in a configuration."""
         if not self.any:
@@ -420,14 +414,15 @@ class PointForces:
         return sums
 
     def losses_by(self, D: np.ndarray, slides: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives of `loss`, for increments of nodes (size,) and of slides (joints,).
+        """Derivatives of energy lost at mean rates, for increments of nodes (size,) and of slides.
 
         By "q" and "slides" at the start, their "increment" and "slide increment", "internal"
         variables, "numbers" and "parameters". Losses of members that touch are left out.
         """
         self._D, self._z = D, np.zeros(int(self.columns.max(initial=-1)) + 1)
         self._z[self.columns] = slides[self.slides]
-        self.loss()  # which moves all forces
+        if self.any:  # all forces are given the motion
+            self._c.fx_lost_at_points(self._all, self._of(D), self._of(self._z))
         return self._sums("loss", len(D), len(slides))
 
     def _sums(self, of: str, size: int, joints: int) -> dict[str, np.ndarray]:
@@ -458,15 +453,6 @@ class PointForces:
                     sums["parameters"][self._names.index(name)] += by[last + i]
             first += numbers
         return sums
-
-    def evolve(self) -> np.ndarray | None:
-        """Internal variables (width,) at the end of the step; None without any."""
-        if not self.width:
-            return None
-        variables = np.zeros(self.width)
-        increments = self._of(self._D), self._of(self._z)
-        self._c.fx_evolve_points(self._all, *increments, self._of(variables))
-        return variables
 
     @property
     def follow_joints(self) -> bool:
@@ -524,38 +510,6 @@ class PointForces:
             vectors = (self._of(x) for x in (q, slides, values))
             self._c.fx_find_switches(self._all, *vectors)
         return values
-
-    def contact_forces(self) -> np.ndarray:
-        """Forces (contacts, 2) of obstacles on points [N]."""
-        first = self.ends[Role.CONTACT]
-        pairs = zip(self._forces[:first], self._results, strict=False)
-        on_points = [r[: 2 * f.nodes].reshape(-1, 2).sum(axis=0) for f, r in pairs]
-        forces = -np.array(on_points).reshape(-1, 2)
-        return np.concatenate([forces, self.members.forces()]) if self.members else forces
-
-    def moments(self, joints: int) -> np.ndarray:
-        """Moments (joints,) of springs and dampers between the nodes of joints, on b [N m]."""
-        total = np.zeros(joints)
-        for force, result in zip(self._forces, self._results, strict=True):
-            if force.joint >= 0:
-                total[force.joint] -= result[1]
-        return total
-
-    # -- Shorter corrections ----------------------------------------------------------------------
-
-    def remember(self) -> None:
-        """Keep the tangents of the forces with which Newton's method may go too far."""
-        if self._forces:
-            self._c.fx_note_tangents(self._all)
-
-    def deviation(self, correction: np.ndarray, step: np.ndarray, part: float) -> float:
-        """Work on a part of the last correction of what the forces deviate from the tangent.
-
-        Given are the correction of all nodes (size,), and that of all columns.
-        """
-        if not self._forces:
-            return 0.0
-        return self._c.fx_point_deviation(self._all, self._of(correction), self._of(step), part)
 
 
 def _parts(sizes: list[int]) -> list[np.ndarray]:

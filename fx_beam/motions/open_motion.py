@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.parallel.team_loop import TeamLoop, TeamSingleSteps
 from fx_beam.results.state import State
 from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.model import Model
@@ -115,14 +114,9 @@ class OpenMotion:
         self._prepared, self._dt, self._record = prepared, dt, record
         #: What completes or undoes what an interrupt may have broken off, and its arguments.
         self._pending: tuple[Callable[..., None], tuple] | None = None
-        self.held, loop = held, prepared.stepper.integrator
+        self.held = held
         #: What tries the steps, and has the present state.
-        self._steps: CompiledSingleSteps | TeamSingleSteps
-        if prepared.loop is not None:
-            self._steps = CompiledSingleSteps(prepared.loop, dt, forces)
-        else:
-            assert isinstance(loop, TeamLoop)
-            self._steps = TeamSingleSteps(loop)
+        self._steps = CompiledSingleSteps(prepared.stepper.integrator, dt, forces)
         #: The present state as it is shown.
         self.shown = FittedState(prepared.model, prepared.forcing, self)
 

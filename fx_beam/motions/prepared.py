@@ -83,8 +83,7 @@ class Prepared:
     @property
     def loop(self) -> CompiledLoop | None:
         """The compiled loop; None if a team takes the steps."""
-        loop = self.stepper.integrator
-        return loop if isinstance(loop, CompiledLoop) else None
+        return self.stepper.integrator if self._team is None else None
 
     def refill_model(self, scene: Scene) -> None:
         """Set all numbers but those of the compiled loop: for what they are, not for a run."""

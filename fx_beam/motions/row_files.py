@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.parallel.whole import DistributedEquations
 from fx_beam.results.fields import RESULTANTS
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.paraview import Fields, Piece, write_collection, write_pieces
@@ -64,9 +63,8 @@ class RowFiles:
         nodes = np.column_stack([np.concatenate(first), np.concatenate(last)])
         beam = np.repeat(np.arange(len(beams)), [beam.elements for beam in beams])
         make, self._elements = None, [np.arange(len(nodes))]
-        equations = prepared.stepper.integrator.single.equations
-        if isinstance(equations, DistributedEquations):
-            self._elements, make = equations.pieces()
+        if (together := prepared.stepper.integrator.together) is not None:
+            self._elements, make = together.equations.pieces()
         #: Nodes of each process.
         self._nodes, self._arguments = list[np.ndarray](), list[tuple]()
         for elements in self._elements:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -19,9 +20,10 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.sliders import sliding_joints
 from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.forcing import Forcing
+from fx_beam.step.load_loop import LoadLoop
+from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NEGLIGIBLE, NewtonOptions
-from fx_beam.step.single_step import SingleStep
 
 from .linear_system import Solved
 from .part import Frame, Part
@@ -51,23 +53,95 @@ def _check(model: Model) -> None:
             raise SceneError(f"on several processes: {what} is not possible yet; {_ADVICE}")
 
 
-def share(team: Team, single: SingleStep) -> None:
-    """Let all processes evaluate and solve the equations of steps."""
-    equations = DistributedEquations(team, single.model, single.forcing, single.newton.options)
-    single.use(equations, PartedSolver(single.stats))
-
-
 @contextmanager
-def shared(team: Team | None, single: SingleStep) -> Iterator[None]:
-    """The same for a while, if there are any."""
-    alone = single.equations
+def shared(team: Team | None, loop: LoadLoop) -> Iterator[None]:
+    """Let all processes take load steps for a while, if there are any."""
     if team is not None:
-        share(team, single)
+        loop.together = Together(team, loop)
     try:
         yield
     finally:
-        if team is not None:
-            single.use(alone)
+        if loop.together is not None:
+            loop.together.leave()
+            loop.together = None
+
+
+class Together:
+    """What all processes do in the place of C: ``Team`` of c/problem.h."""
+
+    def __init__(self, team: Team, loop: CompiledLoop):
+        # Nothing here refers to itself or to the loop: with this the parts go at once.
+        model, self._loop = loop.model, weakref.proxy(loop)
+        #: The equations of steps.
+        self.equations = DistributedEquations(team, model, loop.forcing, loop.failures.options)
+        self._solver = PartedSolver(self.equations, loop.stats)
+        self._error: BaseException | None = None
+        self._at_rest, self._driven = model.scheme.rates.at_rest, model.reduction.driven
+        self._size, self._free = model.size, model.reduction.free
+        ffi, self._team = loop.problem.ffi, loop.problem.c.team
+        self._null, self._buffer = ffi.NULL, ffi.buffer
+        own, fail = weakref.ref(self), _of(weakref.ref(self), "_fail")
+        #: Functions that C calls.
+        self._calls = {
+            name: ffi.callback(ffi.typeof(getattr(self._team, name)), _of(own, name), onerror=fail)
+            for name in ("begin", "forces", "change", "solve")
+        }
+        for name, call in self._calls.items():
+            setattr(self._team, name, call)
+
+    def leave(self) -> None:
+        """Let one process go on alone."""
+        for name in self._calls:
+            setattr(self._team, name, self._null)
+
+    def check(self) -> None:
+        """Raise the error of the last step, if there was one."""
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def _fail(self, kind: type, error: BaseException, trace: Any) -> None:
+        self._error = self._error or error
+
+    def _array(self, at: Any, size: int) -> np.ndarray:
+        return np.frombuffer(self._buffer(at, 8 * size))
+
+    def begin(self, t: float, dt: float) -> None:
+        """Begin a sub-step of a length [s]."""
+        p, interval = self._loop.problem.c, Interval(t, t + dt)
+        if self._at_rest:
+            interval = Interval(p.ratio_before, p.ratio)
+        if self._error is None:
+            self.equations.begin(interval, self._loop.state(interval.start))
+
+    def forces(self, z: Any, loads: Any, f: Any, r: Any) -> None:
+        """Find forces and residual for increments of the columns, and loads."""
+        size, free = self._size, self._free
+        out = self._array(f, size), self._array(r, size)
+        out[1][:] = np.nan
+        if self._error is None:
+            increments = self._array(z, free + self._driven)
+            given = increments[:free], increments[free:], self._array(loads, size)
+            balance = self.equations.at(*given)
+            out[0][:], out[1][:] = balance.f, balance.r
+
+    def change(self, x: Any, to: Any) -> None:
+        """Find the change of forces with one of the nodes."""
+        out = self._array(to, self._size)
+        out[:] = np.nan
+        if self._error is None:
+            out[:] = self.equations.change(self._array(x, self._size))
+
+    def solve(self, b: Any, energy: float, to: Any, error: Any) -> None:
+        """Find the correction for a residual in a step of some energy, and its error."""
+        x = self._array(to, self._free)
+        x[:] = np.nan
+        if self._error is None:
+            x[:], error[0] = self._solver.solve(self._array(b, self._free).copy(), energy)
+
+
+def _of(together: Callable[[], Together | None], method: str) -> Callable[..., None]:
+    return lambda *arguments: getattr(together(), method)(*arguments)
 
 
 class DistributedEquations(Equations):
@@ -236,40 +310,27 @@ class DistributedEquations(Equations):
 
 
 class PartedSolver:
-    """In the place of `LinearSolver`: the parts solve together."""
+    """Corrections: the parts solve together."""
 
-    #: What is singular has no solution, and fails by itself.
-    singular = False
-    #: The tangent is in parts.
-    values = None
-
-    def __init__(self, stats: Stats):
-        self._stats = stats
-        #: Error of the last solution, relative to it.
-        self.error = 0.0
+    def __init__(self, equations: DistributedEquations, stats: Stats):
+        self._equations, self._stats = equations, stats
         #: Root of the work of the last solution, per size.
         self._stiffness = 0.0
 
-    def solve(
-        self, equations: DistributedEquations, r: np.ndarray, b: np.ndarray, energy: float = 0.0
-    ) -> np.ndarray:
-        """Solution (free,) for the reduced tangent; not finite if it is singular.
+    def solve(self, b: np.ndarray, energy: float) -> tuple[np.ndarray, float]:
+        """Solution (free,) for the reduced tangent, and its relative error.
 
-        As exact as matters in a step of some energy.
+        Not finite if it is singular; as exact as matters in a step of some energy.
         """
-        least = np.inf
+        least, equations = np.inf, self._equations
         if self._stiffness:
             least = _ENERGY_ERROR * math.sqrt(energy) / self._stiffness
         found = equations.solve(b, least)
-        self.error = found.error
         if found.size:
             self._stiffness = math.sqrt(abs(b @ found.x)) / found.size
         self._stats.krylov_iterations += found.iterations
         self._stats.solver = f"PETSc on {equations.size} processes, {found.kind}"
-        return found.x
-
-    def negative_eigenvalues(self) -> None:
-        """Unknown: factors are those of parts, or of earlier tangents."""
+        return found.x, found.error
 
 
 def _in_order(frame: Frame, values: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.sliders import Slide, Sliders
 
 from .lu_layout import Factors
+from .model import Model
 
 # Columns of the block of right sides are computed in such lanes.
 _LANES = 4
@@ -55,7 +56,7 @@ class BorderingTables:
     """The bordering rows of a scene: columns of what slides, and what belongs to them.
 
     `at` are the storage indices of `storage_of`, `diagonal_at` (size,) those of the diagonal of the
-    full tangent; `massless` (size,) are degrees of freedom.
+    full tangent.
     """
 
     def __init__(
@@ -64,12 +65,12 @@ class BorderingTables:
         factors: Factors,
         at: np.ndarray,
         diagonal_at: np.ndarray,
-        massless: np.ndarray,
+        model: Model,
         first: int,
     ):
         self._reduction, self._factors, self._at = reduction, factors, at
         self._diagonal_at = diagonal_at
-        self._massless, self._first = massless, first
+        self._model, self._first = model, first
 
     def all(self) -> dict[str, Any]:
         """Members of ``Problem``; empty without bordering rows."""
@@ -112,7 +113,9 @@ class BorderingTables:
             # Products of the derivatives of the virtual displacement and rotation (sliding.py).
             table["products"] = 0 if rule.level != 0.5 else 2 if len(slide.columns) == 2 else 4
             table["anchors"] = 0
-            if beam not in anchored and self._massless[slide.dofs[:, :2]].any():
+            at_rest = self._model.scheme.rates.at_rest
+            light = at_rest or self._model.massless[slide.dofs[:, :2]].any()
+            if beam not in anchored and light:
                 anchored.add(beam)
                 table |= self._anchor_of(slide, sliders)
             table["bordering_row"] = bordering_row

@@ -101,15 +101,6 @@ class Equations:
         parts = D, start.v, start.a, before, self._length
         return rules.at(self.sub_step, *parts)
 
-    def rates_at_end(self, D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rates and accelerations (size,) at the end of the step, for its increment (size,)."""
-        model, start = self.model, self._start
-        if (rules := model.nodal_rules) is None:
-            rates = model.scheme.rates
-            return rates.end(D, start.v, start.a, self._length, model.turns)
-        nodal = self._nodal(rules, D)
-        return rules.to_vector(nodal[:, 12:15]), rules.to_vector(nodal[:, 15:])
-
     def at_start(self, force: np.ndarray) -> Balance:
         """Evaluate at the start of the step: the increment is zero."""
         free, driven = self._reduction.free, self._reduction.driven

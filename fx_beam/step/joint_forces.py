@@ -43,34 +43,3 @@ class JointForces:
         ]
         dof, to, joint, component, sign = np.array(rows, dtype=float).reshape(-1, 5).T
         return Passing(dof.astype(int), to.astype(int), (3 * joint + component).astype(int), sign)
-
-    def evaluate(self, r: np.ndarray) -> np.ndarray:
-        """Force [N] and moment [N m] of each joint (joints, 3).
-
-        `r` (size,) has the forces and couples of supports and joints on the nodes.
-        """
-        model, reduction = self._model, self._model.reduction
-        r = reduction.carried(reduction.closed(r)).copy()
-        out = np.zeros((model.scene.joint_count, 3))
-        _pass(self.displacements, r, out)
-        if (closing := reduction.closing()) is not None:
-            out[: len(closing)] += closing
-        # Joints with an offset or a slide exert a moment on their guiding node, which is no moment
-        # of another joint.
-        carried = reduction.carrier_moments(out[:, :2])
-        if carried is not None:
-            r[model.mesh.dofs[:, 2]] += carried
-        out[:, 2] += model.points.moments(len(out))
-        _pass(self.rotations, r, out)
-        return out
-
-
-def _pass(passing: Passing, r: np.ndarray, out: np.ndarray) -> None:
-    """Add to the joint forces, and to the forces r of the nodes that others follow."""
-    forces, on_joints = r.tolist(), out.ravel().tolist()
-    rows = (part.tolist() for part in passing)
-    for dof, to, of, sign in zip(*rows, strict=True):
-        on_joints[of] += sign * forces[dof]
-        if to >= 0:
-            forces[to] += forces[dof]
-    out[:] = np.reshape(on_joints, out.shape)

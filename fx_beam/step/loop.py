@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import weakref
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -15,12 +16,11 @@ from fx_beam.results.state import ARRAYS, NUMBERS, ROWS, Past, State
 from .forcing import Forcing
 from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
-from .joint_forces import JointForces
 from .local_error import order_and_constant
 from .model import Model
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, Rows
-from .single_step import SingleStep
+from .step_failures import StepFailed, StepFailures
 from .steps_result import Steps, StepsResult
 from .tables import Problem
 from .tape import TakenSteps, Tape
@@ -29,16 +29,25 @@ from .tape import TakenSteps, Tape
 class CompiledLoop:
     """Tries many steps at once."""
 
-    def __init__(self, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats):
+    #: What several processes do, if they do.
+    together: Any = None
+
+    def __init__(
+        self,
+        model: Model,
+        forcing: Forcing,
+        options: NewtonOptions,
+        stats: Stats,
+        alone: bool = True,
+    ):
         self.model, self._options = model, options
-        joint_forces = JointForces(model) if model.scene.joints else None
         if model.forms.beams is not None:
             model.forms.beams.bind_inversion()  # C has its form as well
         #: Owns the arrays to which C points.
-        self.problem = problem = Problem(model, joint_forces, options)
+        self.problem = problem = Problem(model, options, forcing.turning is not None, alone)
         self._ffi, self._library = problem.ffi, problem.library
         # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
-        names = "double[]", "int[]", "Inputs *", "Record *", "Rows[]"
+        names = "double[]", "int[]", "Inputs *", "Record *", "Rows[]", "double *[]"
         self._types = {name: problem.ffi.typeof(name) for name in names}
         self._problem, self._state_arrays, self._past = (
             problem.c,
@@ -67,19 +76,17 @@ class CompiledLoop:
 
     def _begin(self, forcing: Forcing, stats: Stats) -> None:
         self.forcing, self.stats = forcing, stats
-        self._inversion = InversionCheck(self.model, stats)
-        self.problem.c.least_energy = self._inversion.least_energy
+        #: Why steps fail.
+        self.failures = StepFailures(self.model, self._options, stats)
+        #: Checks and counts states with inverted sections.
+        self.inversion = InversionCheck(self.model, stats)
+        self.problem.c.least_energy = self.inversion.least_energy
         self.stats.solver = f"compiled, {self.problem.factors}"
 
     def refill(self, forcing: Forcing, stats: Stats) -> None:
         """Begin another run, with the numbers that the model has now."""
         self.problem.refill()
         self._begin(forcing, stats)
-
-    @property
-    def single(self) -> SingleStep:
-        """Finds why a step fails."""
-        return SingleStep(self.model, self.forcing, self._options, self.stats)
 
     @property
     def past(self) -> Past:
@@ -192,7 +199,14 @@ class CompiledLoop:
 
     def _steps(self, number: int, dt: float, c_inputs: Any, to: Any) -> int:
         """Number of steps that C takes."""
-        return self._library.fx_run(self._problem, number, dt, c_inputs, to)
+        taken = self._library.fx_run(self._problem, number, dt, c_inputs, to)
+        self.check()
+        return taken
+
+    def check(self) -> None:
+        """Raise the error of another process in the last step."""
+        if self.together is not None:
+            self.together.check()
 
     def _run_taped(self, tape: Tape, inputs: StepInputs, dt: float, to: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
@@ -210,6 +224,62 @@ class CompiledLoop:
             if done < count or p.stopped:
                 break
         return taken
+
+    @functools.cached_property
+    def one_row(self) -> Any:
+        """A record of forces alone, for one step."""
+        to, self._row = self._ffi.new(self._types["Record *"]), np.zeros(1, np.int32)
+        to.every = to.parts = to.forces = 1
+        to.up_to_row = self._address("int[]", self._row)
+        return to
+
+    def finish(
+        self, inputs: StepInputs, length: float, z: np.ndarray, r: np.ndarray, to: Any = None
+    ) -> None:
+        """Take a step of some length [s] from the state in C, of which all increments are known.
+
+        z (sub-steps, columns) with the forces r (sub-steps, size) of supports and joints.
+        """
+        p = self._problem
+        p.known, p.known_forces = (self._address("double[]", x) for x in (z, r))
+        self.one_row.rows = 0
+        try:
+            self._steps(1, length, self.c_inputs(inputs), to or self.one_row)
+        finally:
+            p.known = p.known_forces = self._ffi.NULL
+
+    def failure(self, state: State, t1: float) -> StepFailed:
+        """Why a step to t1 [s] fails, without a prediction."""
+        p, past, inputs = self._problem, self.past, self.inputs(state.t, np.array([t1]))
+        if inputs.error is not None:
+            raise inputs.error
+        self.forget_past()
+        self.load(state)
+        p.controlled = p.watches = 0
+        to = self.c_record(NullRecorder(), Steps(0), 1)
+        taken = self._steps(1, t1 - state.t, self.c_inputs(inputs), to)
+        self.past = past
+        if taken:
+            return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
+        return self.failed(state)
+
+    def results(self, *sizes: int) -> list[np.ndarray]:
+        """What C has found in the last step, arrays of these sizes.
+
+        Increments of nodes and columns, forces, factors and tangent.
+        """
+        to = self._ffi.new(self._types["double *[]"], 5)
+        self._library.fx_results(self._problem, to)
+        pairs = zip(to, sizes, strict=False)
+        buffer = self._ffi.buffer
+        return [np.frombuffer(buffer(at, 8 * n)) if n else np.empty(0) for at, n in pairs]
+
+    def failed(self, state: State) -> StepFailed:
+        """Why the last step failed."""
+        p = self._problem
+        D = self.results(self.model.size)[0].copy()
+        arcs = [(of.s0, of.s1) for of in (p.slider[i] for i in range(p.sliders))]
+        return self.failures.in_c(self.problem, state, D, arcs)
 
     def load(self, state: State) -> None:
         """Write a state into the memory of C."""
@@ -290,12 +360,16 @@ class CompiledLoop:
         stats.too_large += p.too_large
         stats.amplified += p.amplified
         if p.inverted:
-            self._inversion.count(p.inverted, p.inverted_t, self.problem.inverted_q)
+            self.inversion.count(p.inverted, p.inverted_t, self.problem.inverted_q)
         solves = taken * p.sub_steps
         for name, count in (("increment", solves - p.by_round_off), ("round-off", p.by_round_off)):
             if count:
                 stats.ended_by[name] = stats.ended_by.get(name, 0) + count
         p.iterations = p.by_round_off = p.too_large = p.inverted = p.amplified = 0
+
+    def inputs_ahead(self, t: float, times: np.ndarray) -> StepInputs:
+        """Inputs of steps from t to `times` [s] that are taken next."""
+        return self.inputs(t, times)
 
     def inputs(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""

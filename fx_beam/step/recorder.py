@@ -86,25 +86,6 @@ class SubStepStarts:
         for name, array in self.arrays.items() if more else ():
             self.arrays[name] = grown(array, self.count + more, self.count)
 
-    def begin(self, complete: int, part: int) -> None:
-        """Begin a part of a step; so many starts belong to the rows so far."""
-        if part == 0 or self._scheme.rates.level != 0.5:
-            self.count = complete
-
-    def add(self, starts: Sequence[State], end: State, parts: int) -> None:
-        """Add the starts of the scheme's sub-steps in one of a step's parts."""
-        self.make_room(len(starts))
-        for start, fraction in zip(starts, self._scheme.fractions, strict=True):
-            values = {
-                f"start_{name}": getattr(start, name)
-                for name in ("q", "v", "a", "internal", "natural")
-            }
-            values |= {"share": fraction / parts, "memory": start.memory(end.length)}
-            values["start_q_previous"] = start.q if start.q_previous is None else start.q_previous
-            for name, array in self.arrays.items():
-                array[self.count] = np.ravel(values[name]) if array.ndim > 1 else values[name]
-            self.count += 1
-
     def of_rows(self, up_to_row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacements and rotations, and rates, (n - 1, size) at the starts of the rows' steps.
 
@@ -201,7 +182,7 @@ class NullRecorder:
     def record(self, *_: Any, **options: Any) -> None:
         """Nothing."""
 
-    make_room = count = store_starts = plan = miss = truncate = record
+    make_room = count = plan = miss = truncate = record
 
 
 class Recorder:
@@ -346,15 +327,6 @@ class Recorder:
 
     def _selects(self, step: int) -> bool:
         return step % self.every == 0 or step == self.last
-
-    def store_starts(
-        self, step: int, starts: Sequence[State], end: State, part: tuple[int, int] = (0, 1)
-    ) -> None:
-        """Store the starts of the scheme's sub-steps in a step's part: number, of how many."""
-        number, parts = part
-        self._starts.begin(self.complete, number)
-        if self._selects(step) and self.stores_starts(parts):
-            self._starts.add(starts, end, parts)
 
     def begin(self, state: State) -> None:
         """Begin with a state, that of row 0."""

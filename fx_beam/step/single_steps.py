@@ -124,6 +124,7 @@ class CompiledSingleSteps:
         p.t = t0
         if not self._run(p, 1, t1 - t0, self._c_inputs, to):
             self._plan = None, -1  # parts of this step have the same record of C
+            self._loop.check()
             return False
         if p.inverted:
             self._loop.count(0)  # which warns

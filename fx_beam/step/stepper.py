@@ -2,69 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
 from fx_beam.errors import StepError
-from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 
-from .model import Model
-from .newton import StepFailed
-from .recorder import NullRecorder, Recorder, Rows
-from .single_step import SingleStep
+from .loop import CompiledLoop, StepInputs
+from .recorder import NullRecorder, Rows
 from .step_control import StepControl
+from .step_failures import StepFailed
 from .steps_result import Steps, StepsResult
 from .substeps import Halving
-
-
-class Inputs(Protocol):
-    """What is known of steps before they are taken: values of the functions of time."""
-
-    def after(self, steps: int) -> Any:
-        """Those of the steps after some."""
-
-
-class Integrator(Protocol):
-    """Tries steps: in C, or on several processes."""
-
-    model: Model
-    stats: Stats
-
-    @property
-    def single(self) -> SingleStep:
-        """Finds why a step fails."""
-
-    #: The last configurations, from which the next increment is predicted.
-    past: Any
-
-    def inputs(self, t: float, ends: np.ndarray) -> Any:
-        """`Inputs` of steps from t to `ends` [s]."""
-
-    def record_start(self, state: State, recorder: Recorder) -> None:
-        """Record the state at the start of a run as row 0."""
-
-    def take(
-        self,
-        state: State,
-        ends: np.ndarray,
-        inputs: Any,
-        steps: Steps,
-        recorder: Rows,
-        count: Callable[[StepsResult], None],
-    ) -> StepsResult:
-        """Take steps or parts of equal length up to the first that fails, or only the first one.
-
-        They are recorded and counted without an interrupt, and `count` is called after some.
-        """
-
-    def forget_past(self) -> None:
-        """Predict nothing in the next step."""
-
-    def forget_errors(self) -> None:
-        """Do not compare the next steps with those before, for example after a jump of a load."""
 
 
 class Trial(NamedTuple):
@@ -80,7 +30,7 @@ class Trial(NamedTuple):
 class Stepper:
     """Takes time steps; a step that fails is halved."""
 
-    def __init__(self, integrator: Integrator, halving: Halving):
+    def __init__(self, integrator: CompiledLoop, halving: Halving):
         self.integrator, self.halving = integrator, halving
         self.model, self.stats = integrator.model, integrator.stats
 
@@ -105,13 +55,13 @@ class Stepper:
     def _equal(self, state: State, times: np.ndarray, first: int, recorder: Rows) -> State:
         """State after steps of equal length."""
         integrator, halving, t0 = self.integrator, self.halving, state.t
-        inputs, done = integrator.inputs(state.t, times), 0
+        inputs, done = integrator.inputs_ahead(state.t, times), 0
         while done < len(times):
             ends, now = times[done:], inputs
             if halving.times:
                 grid = np.concatenate([[t0], times])
                 ends = halving.ends(grid[done:])
-                now = integrator.inputs(state.t, ends)
+                now = integrator.inputs_ahead(state.t, ends)
             result, steps = self._take(state, ends, now, first + done, recorder)
             if result.failed and not self._halve():
                 end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
@@ -122,7 +72,7 @@ class Stepper:
         return state
 
     def _take(
-        self, state: State, ends: np.ndarray, inputs: Inputs, first: int, recorder: Rows
+        self, state: State, ends: np.ndarray, inputs: StepInputs, first: int, recorder: Rows
     ) -> tuple[StepsResult, int]:
         """What came of steps or parts of steps, and the number of steps that are complete."""
         halving, integrator = self.halving, self.integrator
@@ -152,7 +102,7 @@ class Stepper:
     def trial(self, state: State, t1: float, watch: bool = False) -> Trial:
         """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
         integrator, ends = self.integrator, np.array([t1])
-        past, inputs = integrator.past, integrator.inputs(state.t, ends)
+        past, inputs = integrator.past, integrator.inputs_ahead(state.t, ends)
         steps = Steps(1, watch=watch)
         try:
             result = integrator.take(
@@ -175,7 +125,7 @@ class Stepper:
 
         With `watch` only up to where a contact or a law switches.
         """
-        inputs = self.integrator.inputs(state.t, ends)
+        inputs = self.integrator.inputs_ahead(state.t, ends)
         steps = Steps(first, control=control, watch=watch)
 
         def count(result: StepsResult) -> None:
@@ -191,16 +141,16 @@ class Stepper:
 
     def error(self, state: State, t1: float, advice: str) -> StepError:
         """StepError for a step to t1 [s] that fails after all halvings."""
-        return self._error_of(state, t1, self.integrator.single.failure(state, t1), advice)
+        return self._error_of(state, t1, self.integrator.failure(state, t1), advice)
 
     def _error_of(self, start: State, end: float, failure: StepFailed, advice: str) -> StepError:
         what = f"the step from t = {start.t:.6g} to {end:.6g} failed"
-        error = self.integrator.single.error(what, self.halving.most, start, failure, advice)
+        error = self.integrator.failures.error(what, self.halving.most, start, failure, advice)
         error.__cause__ = failure
         return error
 
     def _error(self, start: State, end: float) -> StepError:
-        failure, halvings = self.integrator.single.failure(start, end), self.halving.most
+        failure, halvings = self.integrator.failure(start, end), self.halving.most
         advice = (
             f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
             "check the units of loads, velocities and stiffnesses, or try another scheme"

@@ -28,7 +28,6 @@ from .build import load_library
 from .element_data import aligned, element_data
 from .form_tables import FormTables
 from .joint_forces import JointForces, Passing
-from .line_search import OVERSHOOT, SEARCHES
 from .lu_layout import COSTS, Factors, factors_of, groups_of, in_sparse_rows
 from .model import Model
 from .newton import (
@@ -36,7 +35,9 @@ from .newton import (
     ENERGY_SHARE,
     LONGEST_TURN,
     NEGLIGIBLE,
+    OVERSHOOT,
     PREDICTOR_ERROR,
+    SHORTENINGS,
     NewtonOptions,
 )
 from .substeps import LARGE_TURN
@@ -46,21 +47,23 @@ from .tangent_storage import alone_in_column, diagonal_of, storage_of_entries
 class Problem:
     """The C struct Problem, and the arrays to which it points."""
 
-    def __init__(self, model: Model, joint_forces: JointForces | None, options: NewtonOptions):
-        self.model = model
+    def __init__(
+        self, model: Model, options: NewtonOptions, turns: bool = False, alone: bool = True
+    ):
+        self.model, self._frame_turns, self._alone = model, turns, alone
         self.factors = self._factors_of(*model.reduction.factored)
         self._features = self._features_of_scene()
         self.ffi, self.library = load_library(self._features)
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
-        stored_at = self._hand_over_couplings(model.reduction.tables())
+        self._stored_at = stored_at = self._hand_over_couplings(model.reduction.tables())
         self._hand_over_mesh(stored_at)
         self._set(has_added=model.forms.has_added, keeps_previous=model.keeps_previous)
         self._hand_over_rates(stored_at)
         self._hand_over_points(stored_at)
         self._hand_over_motors()
-        if joint_forces is not None:
-            self._hand_over_joint_forces(joint_forces)
+        if model.scene.joints:
+            self._hand_over_joint_forces(JointForces(model))
         self._hand_over_tolerances(options)
         numbers = self._numbers(masses=True) | self._positions()
         #: What some were made of: positions of nodes, and how often masses had changed.
@@ -95,9 +98,9 @@ class Problem:
 
     def _hand_over_mesh(self, stored_at: np.ndarray) -> None:
         model, p = self.model, self.c
-        mesh, K, mass = model.mesh, model.forms.stiffness, model.mass
+        mesh, K, mass = model.mesh, model.forms.stiffness, self._mass
         dofs, coordinates, entries = element_data(mesh, K)
-        massless = np.flatnonzero(model.massless)
+        massless = np.flatnonzero(model.massless) if self._moves else np.empty(0, int)
         self._set(
             dofs=model.size,
             nodes=len(mesh.X),
@@ -117,7 +120,9 @@ class Problem:
             )
         turns = np.zeros(model.size, dtype=bool)
         turns[model.turns] = True
-        heavy = (mass.data != 0) & (not model.scheme.rates.at_rest)
+        heavy = (mass.data != 0) & self._moves
+        if self._frame_turns:
+            heavy = (mass.data != 0) & ~turns[mass.indices]
         turning = heavy & turns[mass.indices]
         columns = model.loads.unit_loads
         self._set(
@@ -152,6 +157,16 @@ class Problem:
                 width = beams.internal_shape[-1]
                 self._set(per_weight=np.repeat(1 / beams.point_weights, width))
 
+    @property
+    def _moves(self) -> bool:
+        return not self.model.scheme.rates.at_rest
+
+    @property
+    def _mass(self) -> scipy.sparse.csr_matrix:
+        """The mass matrix, or one of its sparsity where there is no inertia."""
+        inert = self._moves or self._frame_turns
+        return self.model.mass if inert else self.model.forms.stiffness
+
     def _positions(self) -> dict[str, np.ndarray]:
         """The members that change where nodes move."""
         model = self.model
@@ -163,7 +178,7 @@ class Problem:
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
-        model, mass, loads = self.model, self.model.mass.data, self.model.loads.unit_loads
+        model, mass, loads = self.model, self._mass.data, self.model.loads.unit_loads
         of = model.reduction.joint_tables()
         numbers = {"offset": of["offset"], "axis": of["axis"], "load_force": loads.data}
         if masses:
@@ -300,9 +315,7 @@ class Problem:
         if isinstance(reduction, JointReduction):
             first = self.library.ON_BORDER
             diagonal_at = stored_at[diagonal_of(self.model.forms.stiffness)]
-            bordering_rows = BorderingTables(
-                reduction, factors, at, diagonal_at, self.model.massless, first
-            )
+            bordering_rows = BorderingTables(reduction, factors, at, diagonal_at, self.model, first)
             self._set(**bordering_rows.all())
         self._set(
             band=factors.band,
@@ -363,12 +376,35 @@ class Problem:
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction = self.model.reduction
+        if not self._alone:  # others have the tangent
+            n, none = len(indptr) - 1, np.empty(0, int)
+            return Factors(np.arange(n), np.zeros(len(indices), int), 1, 1, none, none)
         auxiliaries = self._auxiliaries
         if self.model.points.members is not None and auxiliaries is None and not reduction.forces:
             return in_sparse_rows(indptr, indices, None, not self.model.couplings.sliding)
         # Rows of unknowns that close loops are no forces, by which errors are judged.
         keep = not self.model.couplings.closures
+        plain = auxiliaries is None and not reduction.forces and reduction.free
+        if self.model.scheme.rates.at_rest and plain:  # the signs of pivots tell modes
+            return in_sparse_rows(indptr, indices, None, keep)
         return factors_of(indptr, indices, keep, auxiliaries, COSTS, reduction.forces)
+
+    def hand_over_statics(
+        self, hold: np.ndarray, predicted: np.ndarray, strains: np.ndarray, frame: Any
+    ) -> np.ndarray:
+        """Let C read and write arrays of load steps, in a frame that turns or None.
+
+        Returns the weights (size,) of a viscous drag on increments, zero where nothing acts.
+        """
+        model, diagonal = self.model, diagonal_of(self.model.forms.stiffness)
+        weights = np.where(model.used_entries()[diagonal], model.unit**-2.0, 0.0)
+        self._set(hold=hold, predicted=predicted, viscous_weight=weights)
+        self._set(diagonal_at=self._stored_at[diagonal])
+        if model.natural:
+            self._set(strains_at_end=strains)
+        if frame is not None:
+            self._set(arm=frame.arms(np.zeros(model.size)), spin_squared=frame.spin**2)
+        return weights
 
     def transposed(self) -> np.ndarray:
         """Storage index, among sparse factors, of each entry of the tangent in its transpose."""
@@ -436,7 +472,7 @@ class Problem:
             max_iterations=options.max_iterations,
             predictor_error=PREDICTOR_ERROR,
             overshoot=OVERSHOOT,
-            searches=SEARCHES,
+            searches=SHORTENINGS,
         )
 
     def _allocate(self) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import fx_beam as fb
 from fx_beam.equilibria import critical_points
-from fx_beam.step.newton import StepFailed
+from fx_beam.step.step_failures import StepFailed
 
 
 def rigid_columns(stiffnesses, load):

@@ -38,19 +38,36 @@ static double dot_of_sizes(int n, const double *x, const double *y) {
   return rest + sum_of(sum);
 }
 
+static double double_of(int64_t bits) {
+  double value;
+  memcpy(&value, &bits, sizeof value);
+  return value;
+}
+
+static int64_t bits_of(double value) {
+  int64_t bits;
+  memcpy(&bits, &value, sizeof bits);
+  return bits;
+}
+
 /* Largest |x| / unit; not finite if an x is not finite. The bits of sizes are compared as integers, as
    the compiler vectorises that: they are in the same order, and NaN is above all numbers. */
 static double largest(int n, const double *x, const double *per_unit) {
   int64_t top = 0;
   for (int i = 0; i < n; ++i) {
-    double size = fabs(x[i] * per_unit[i]);
-    int64_t bits;
-    memcpy(&bits, &size, sizeof bits);
+    int64_t bits = bits_of(fabs(x[i] * per_unit[i]));
     top = bits > top ? bits : top;
   }
-  double value;
-  memcpy(&value, &top, sizeof value);
-  return value;
+  return double_of(top);
+}
+
+static double largest_size(int n, const double *x) {
+  int64_t top = 0;
+  for (int i = 0; i < n; ++i) {
+    int64_t bits = bits_of(fabs(x[i]));
+    top = bits > top ? bits : top;
+  }
+  return double_of(top);
 }
 
 static void times_mass(const Problem *p, const double *x, double *out) {

@@ -342,10 +342,14 @@ static void times_contact_points(const Problem *p, const Work *w, const double *
   }
 }
 
-static int factorise_changing(const Problem *p, const Work *w) {
+static void fill_changing(const Problem *p, const Work *w) {
   ChangingRows *c = p->changing;
   memset(c->factors, 0, c->rows.start[p->unknowns] * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) c->factors[c->at[k]] = w->tangent[k];
   add_contact_points(p, w, c->entry_at);
-  return factorise_sparse(&c->rows, c->factors, w->row);
+}
+
+static int factorise_changing(const Problem *p, const Work *w) {
+  fill_changing(p, w);
+  return factorise_sparse(&p->changing->rows, p->changing->factors, w->row);
 }

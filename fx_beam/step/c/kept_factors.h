@@ -93,11 +93,15 @@ static void by_factors(const Problem *p, const Work *w, const double *b, double 
   if (HAS(SLIDERS) && p->bordering_rows) end_bordering_rows(p, w, x);
 }
 
+static void fill_factors(const Problem *p, const Work *w) {
+  memset(w->factors, 0, p->factor_size * sizeof(double));
+  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
+}
+
 static int factorise(Problem *p, const Work *w) {
   p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
   if (HAS(MEMBERS) && p->changing) return p->kept.present = factorise_changing(p, w);
-  memset(w->factors, 0, p->factor_size * sizeof(double));
-  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
+  fill_factors(p, w);
   if (p->kept.worth && p->bordering_rows) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
   return p->kept.present = factorise_sparse(&p->rows, w->factors, w->row);
 }
@@ -208,6 +212,56 @@ static int solve_bordered(const Problem *p, const Work *w) {
   return 1;
 }
 
+/* Largest number of pivots that are raised, and ratio of pivots that is zero but for round-off. */
+enum { RAISED = 24 };
+static const double NO_PIVOT = 1e-14;
+
+/* Where pivots vanish, which those of a regular matrix may do that is not positive definite: b is added to them, and
+
+       A x = r + b sum e_i x_i,    (A with b on the diagonals i)
+
+   gives the solution from those for r and all e_i. Returns 0 if the matrix is singular. */
+static int solve_raised(Problem *p, const Work *w) {
+  int n = p->unknowns, at[RAISED], row[RAISED], many = 0, regular = 0;
+  double b = 0, most = 0, least = HUGE_VAL, S[RAISED * RAISED], x[RAISED];
+  const SparseRows *rows = rows_now(p);
+  const int *order = order_now(p);
+  double *A = p->changing ? p->changing->factors : w->factors;
+  if (p->bordering_rows || p->band) return 0;
+  for (int i = 0; i < n; ++i)
+    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) b = fmax(b, fabs(w->tangent[k]));
+  while (!regular && many < RAISED && b > 0) {
+    at[many++] = w->row[0];
+    if (p->changing) fill_changing(p, w);
+    else fill_factors(p, w);
+    for (int i = 0; i < many; ++i) A[rows->diagonal[at[i]]] += b;
+    regular = factorise_sparse(rows, A, w->row);
+  }
+  double *y = regular ? calloc((long)n * (many + 1), sizeof(double)) : 0, *z = y + n;
+  if (!y) return 0;
+  for (int i = 0; i < p->free; ++i) y[order[i]] = w->reduced[i];
+  for (int j = 0; j < many; ++j) z[(long)j * n + at[j]] = b;
+  for (int j = 0; j <= many; ++j) substitute_sparse(rows, A, y + (long)j * n);
+  for (int i = 0; i < many; ++i)
+    for (int j = 0; j < many; ++j) S[i * many + j] = (i == j) - z[(long)j * n + at[i]];
+  factorise_dense(many, S, row);
+  for (int i = 0; i < many; ++i) {
+    most = fmax(most, fabs(S[row[i] * many + i])), least = fmin(least, fabs(S[row[i] * many + i]));
+    x[i] = y[at[row[i]]];
+    for (int j = 0; j < i; ++j) x[i] -= S[row[i] * many + j] * x[j];
+  }
+  for (int i = many - 1; i >= 0; --i) {
+    for (int j = i + 1; j < many; ++j) x[i] -= S[row[i] * many + j] * x[j];
+    x[i] /= S[row[i] * many + i];
+  }
+  for (int i = 0; i < p->free; ++i) {
+    w->step[i] = y[order[i]];
+    for (int j = 0; j < many; ++j) w->step[i] += z[(long)j * n + order[i]] * x[j];
+  }
+  free(y);
+  return least > NO_PIVOT * fmax(most, 1);
+}
+
 /* The correction `step` of the unknowns for the residual `reduced`; returns 0 if the tangent is
    singular. `rest` is as in `iterate`. */
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
@@ -221,12 +275,18 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
     for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
     return 1;
   }
+  p->old_factors = p->raised = 0;
   if (p->kept.worth && p->kept.present && !p->kept.exact) {
     if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
-    if (iterate(p, w, wanted, rest)) return 1;
+    if (iterate(p, w, wanted, rest)) return p->old_factors = 1;
     if (HAS(SLIDERS) && p->bordering_rows) fill_bordering_rows(p, w);
   }
-  if (!factorise(p, w)) return 0;
+  if (!factorise(p, w)) {
+    p->raised = p->at_rest && solve_raised(p, w) ? 1 : -1;
+    if (p->raised > 0 || !p->at_rest || largest_size(p->free, w->reduced) > 0) return p->raised > 0;
+    memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */
+    return 1;
+  }
   if (HAS(SLIDERS) && HAS(MEMBERS) && p->bordering_rows && p->changing) bordering_contact_points(p, w);
   if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
   by_factors(p, w, w->reduced, w->step);

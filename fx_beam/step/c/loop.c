@@ -27,10 +27,17 @@ static void begin_loads(const Problem *p, const Work *w, const double *loads) {
       w->dead[p->load_dof[i]] += p->load_force[i] * (start[k] + end[k]) / 2;
     }
   }
+  /* Weight does work by the potential energy of the record, which has all of it. */
+  for (int i = 0; p->at_rest && p->weight && i < p->dofs; ++i)
+    w->dead[i] += ((p->ratio_before + p->ratio) / 2 - 1) * p->weight[i];
 }
 
 /* Natural strains at the end of a step. */
 static void begin_natural(const Problem *p, const Work *w, const double *factors) {
+  if (p->strains_at_end) {
+    memcpy(w->natural_end, p->strains_at_end, (long)p->cells * p->cell_natural * sizeof(double));
+    return;
+  }
   memset(w->natural_end, 0, (long)p->cells * p->cell_natural * sizeof(double));
   for (int k = 0; k < p->naturals; ++k)
     for (int i = p->natural_start[k]; i < p->natural_start[k + 1]; ++i)
@@ -122,7 +129,7 @@ static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
     if (failure) return failure;
     still = p->iterations == before + 1;
   }
-  return NO_CONVERGENCE;
+  return UNMET_FRICTION;
 }
 
 /* Finds the increment of a sub-step; returns why it fails. */
@@ -137,10 +144,14 @@ static int find_increment(Problem *p, const Work *w, const double *driven, int o
   return failure;
 }
 
-/* Takes the increment of the columns that is known. */
+/* Takes the increment of the columns that is known, and the forces with it. */
 static int take_increment(Problem *p, const Work *w, const double *known) {
   memcpy(w->z, known, p->columns * sizeof(double));
-  return (begin_couplings(p, w) || choose_ahead(p, w)) && expand(p, w) ? OK : SINGULAR;
+  if (!(begin_couplings(p, w) || choose_ahead(p, w)) || !expand(p, w)) return SINGULAR;
+  if (!p->known_forces) return OK;
+  memcpy(w->r, p->known_forces + p->sub_step * p->dofs, p->dofs * sizeof(double));
+  evaluate_nodes(p, w);
+  return OK;
 }
 
 /* Takes a sub-step with the inputs number `k`; returns 0 if it fails. With `look`, counts sections
@@ -150,7 +161,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   p->sub_step = sub_step;
   const double *target = inputs->driven + k * p->driven;
   double *change = w->start, t = p->t + p->level * dt;
-  if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
+  if (dt != w->dt || p->at_rest) w->dt = dt, begin_inertia(p, w);
   if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
   if (p->naturals && (k == 0 || inputs->natural_stride))
     begin_natural(p, w, inputs->natural + k * inputs->natural_stride);
@@ -159,7 +170,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
     int dof = p->driven_dof[i];
     change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
   }
-  p->ratio = ratio_of_lengths(p, dt);
+  if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
   const double *parameters = inputs->parameters + k * 2 * p->parameter_count;
   if (p->parameters_vary) use_parameters(p, parameters);
   if (begin_internal(p, w->fields, t, dt, look)) count_inverted(p);
@@ -169,9 +180,9 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   int *order = p->orders + sub_step;
   p->failure = known ? take_increment(p, w, known) : find_increment(p, w, change, *order);
   if (p->failure) return 0;
-  if (p->friction_follows && (p->failure = follow_joints(p, w, change, t))) return 0;
+  if (p->friction_follows && !p->known && (p->failure = follow_joints(p, w, change, t))) return 0;
   LAP(CHECKS);
-  *order = update_predictor(p, w);
+  if (!p->at_rest) *order = update_predictor(p, w);
   LAP(PREDICTOR);
   if (p->repeats) {
     work_increment(p, w);
@@ -284,7 +295,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       long number = (long)k * p->sub_steps + i;
       set_shares(p, i, part);
       if (of_row && to->stores_starts) record_start(p, dt * p->fractions[i], i, to);
-      const double *known = p->repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
+      const double *known = p->known ? p->known + i * p->columns : p->repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
       if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0, known)) {
         if (i > 0) undo(p, w, before);
         forget(to, starts, taped);
@@ -331,6 +342,24 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   }
   if (unchecked && begin_internal(p, w->fields, p->t, dt, 1)) count_inverted(p);
   return steps;
+}
+
+/* Where the results of the last step are: increments of nodes and columns, forces, factors and tangent. */
+OF_STEPS void fx_results(const Problem *p, double **to) {
+  Work w;
+  lay_out(p, &w, p->scratch);
+  to[0] = w.D, to[1] = w.z, to[2] = w.r, to[3] = w.factors, to[4] = w.tangent;
+}
+
+/* Work of the last tangent, with the sizes of its entries. */
+OF_STEPS double fx_change_of_sizes(const Problem *p, const double *left, const double *right) {
+  Work w;
+  double sum = 0;
+  lay_out(p, &w, p->scratch);
+  for (int i = 0; i < p->dofs; ++i)
+    for (int k = p->row_start[i]; k < p->row_start[i + 1]; ++k)
+      sum += fabs(left[i] * w.tangent[p->stored_at[k]] * right[p->column_of[k]]);
+  return sum;
 }
 
 #ifdef DERIVATIVES

@@ -1,4 +1,4 @@
-/* Newton's method for the increment over a step (newton.py). */
+/* Newton's method for the increment over a step. */
 
 #pragma once
 
@@ -65,15 +65,22 @@ static const double *times_members(const Problem *p, const double *x) {
   return m->product;
 }
 
+/* The forces r less their change with the last correction, in `scratch`: of some rows, or of all; zero elsewhere. */
+static void corrected_forces(const Problem *p, const Work *w, int rows, const int *some) {
+  const double *of_members = times_members(p, w->correction);
+  double *out = w->scratch;
+  memset(out, 0, p->dofs * sizeof(double));
+  if (p->team.change) p->team.change(w->correction, out);
+  for (int k = 0; k < rows; ++k) {
+    int i = some ? some[k] : k;
+    out[i] = w->r[i] - (p->team.change ? out[i] : row_times(p, w->tangent, i, w->correction));
+    if (of_members) out[i] -= of_members[i];
+  }
+}
+
 /* Forces of supports and joints after the last correction, to first order; zero elsewhere. */
 static void update_reactions(const Problem *p, const Work *w) {
-  const double *of_members = times_members(p, w->correction);
-  memset(w->scratch, 0, p->dofs * sizeof(double));
-  for (int k = 0; k < p->reacting; ++k) {
-    int i = p->reacts[k];
-    w->scratch[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
-    if (of_members) w->scratch[i] -= of_members[i];
-  }
+  corrected_forces(p, w, p->reacting, p->reacts);
   memcpy(w->r, w->scratch, p->dofs * sizeof(double));
 }
 
@@ -141,8 +148,27 @@ static Wanted accuracy(const Problem *p, const Work *w, const Sequence *sizes, c
                   SHARE * p->negligible * sqrt(energy), sqrt(energy)};
 }
 
+/* What holds the unknowns, besides the forces of the model. */
+static void hold(const Problem *p, const Work *w) {
+  for (int i = 0; p->hold && i < p->free; ++i) w->reduced[i] -= p->hold[i];
+}
+
+/* A viscous drag on the increments of all nodes. */
+static void resist(const Problem *p, const Work *w) {
+  for (int i = 0; i < p->dofs; ++i) {
+    double drag = p->viscosity * p->viscous_weight[i];
+    if (drag > 0) w->r[i] += drag * w->D[i], w->tangent[p->diagonal_at[i]] += drag;
+  }
+}
+
 /* Residual, internal forces and tangent at the unknowns z. */
 static void balance(const Problem *p, const Work *w) {
+  if (p->team.forces) {
+    p->team.forces(w->z, w->force, w->f, w->r);
+    project(p, w, w->r, w->reduced);
+    hold(p, w);
+    return;
+  }
   work_increment(p, w);
   acceleration(p, w, w->dt);
   times_mass(p, w->acc, w->r);
@@ -150,7 +176,9 @@ static void balance(const Problem *p, const Work *w) {
   assemble(p, w);
   LAP(FORCES);
   for (int i = 0; i < p->dofs; ++i) w->r[i] += w->f[i] - w->force[i];
+  if (p->viscosity > 0) resist(p, w);
   project(p, w, w->r, w->reduced);
+  hold(p, w);
 }
 
 static double along_step(const Problem *p, const Work *w) {
@@ -176,7 +204,7 @@ static double deviation(const Problem *p, const Work *w, double part) {
 }
 
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
-   regula falsi (line_search.py). `gained` is the work at its start. */
+   regula falsi. `gained` is the work at its start. */
 static void line_search(const Problem *p, const Work *w, double gained) {
   int springs = !p->cell_internal;
   if (springs) begin_deviation(p, w);
@@ -207,6 +235,8 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
   double drive = 0, gained = 0, dt = w->dt, rest[2];
   Wanted wanted = {0};
+  p->tried = 0;
+  if (p->team.begin) p->team.begin(p->t, w->dt);
   if (p->kept.worth) begin_kept(&p->kept);
   if (order != GO_ON) memset(w->z, 0, p->columns * sizeof(double));
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
@@ -220,32 +250,35 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     if (!order) go_on(p, w);
     order = 1;
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
-    if (!choose_ahead(p, w)) return SINGULAR;
+    if (!choose_ahead(p, w)) return OUT_OF_LINE;
   }
-  if (!expand(p, w)) return NO_CONVERGENCE;
+  if (!expand(p, w)) return OPEN_LOOP;
   LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
     if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
     if (p->may_overshoot) fx_note_tangents(p->points);
     if (HAS(MEMBERS) && p->changing) change_rows(p);
+    p->residuals[p->tried++ % RESIDUALS] = largest_size(free, w->reduced);
     memset(w->step, 0, p->columns * sizeof(double));
-    reduce_tangent(p, w, w->r);
+    if (!p->team.solve) reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !order) {
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
       spread(p, w, w->step, w->correction);
-      for (int i = 0; i < n; ++i)
-        w->scratch[i] = w->r[i] - row_times(p, w->tangent, i, w->correction);
-      const double *of_members = times_members(p, w->correction);
-      for (int i = 0; of_members && i < n; ++i) w->scratch[i] -= of_members[i];
+      corrected_forces(p, w, n, 0);
       project(p, w, w->scratch, w->reduced);
+      hold(p, w);
     }
     LAP(COUPLINGS);
     if (p->kept.worth) wanted = accuracy(p, w, &sizes, &errors);
-    if (!solve_reduced(p, w, &wanted, rest)) return SINGULAR;
+    if (p->team.solve)
+      rest[1] = 0, p->team.solve(w->reduced, energy_of_step(p, w, kinetic(p, w)), w->step, rest);
+    else if (!solve_reduced(p, w, &wanted, rest))
+      return SINGULAR;
     LAP(SOLUTION);
     spread(p, w, w->step, w->correction);
     LAP(COUPLINGS);
+    for (int i = 0; iteration == 1 && p->predicted && i < n; ++i) p->predicted[i] = -w->correction[i];
     double size = largest(n, w->correction, p->per_unit);
     if (!isfinite(size)) return SINGULAR;
     double widest = size > p->longest_turn ? widest_turn(p, w->correction) : 0;
@@ -260,7 +293,8 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     double error = sqrt(fabs(energy_error));
     double next_size = larger(next_after(&sizes, size), rest[0] * size);
     double next_error = larger(next_after(&errors, error), rest[1] * error);
-    int final = iteration > 2 && next_size <= p->negligible;
+    /* An equilibrium may start a motion: its error would be an acceleration. */
+    int final = iteration > 2 && !p->at_rest && next_size <= p->negligible;
     if (small || final || stalled) {
       double moving = kinetic(p, w), energy = energy_of_step(p, w, moving);
       final = final && next_error <= p->negligible * sqrt(energy);
@@ -274,7 +308,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     small = small || final;
     if (small || floor) update_reactions(p, w);
     LAP(CHECKS);
-    if (!expand(p, w)) return NO_CONVERGENCE;
+    if (!expand(p, w)) return OPEN_LOOP;
     LAP(COUPLINGS);
     for (int i = 0; i < p->turning; ++i)
       if (fabs(w->D[p->turns[i]]) > p->max_turn) return TURNED_TOO_FAR;
@@ -299,8 +333,8 @@ static int newton(Problem *p, const Work *w, const double *driven, int order) {
     if (failure || !HAS(MEMBERS) || !p->points->members) return failure;
     int state = fx_check_members(p->points->members, w->D);
     if (state == MEMBERS_PASSED) return PASSED_THROUGH;
-    if (state == MEMBERS_SLID) return NO_CONVERGENCE;
+    if (state == MEMBERS_SLID) return MOVED_TOO_FAR;
     if (state == MEMBERS_FINE) return OK;
   }
-  return NO_CONVERGENCE;
+  return MOVED_TOO_FAR;
 }

@@ -19,7 +19,20 @@ enum {
 };
 
 /* Why a step failed. */
-enum { OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH };
+enum {
+  OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH, OUT_OF_LINE,
+  OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION, RESIDUALS = 8
+};
+
+/* What several processes do in the place of this one: the start of a sub-step, forces and residual for increments of the
+   columns and loads, the change of forces with one of the nodes, and the correction for a residual in a step of some
+   energy, with its relative error. Where one fails, its numbers are not finite. */
+typedef struct {
+  void (*begin)(double t, double dt);
+  void (*forces)(const double *z, const double *loads, double *f, double *r);
+  void (*change)(const double *x, double *out);
+  void (*solve)(const double *b, double energy, double *x, double *error);
+} Team;
 
 /* Element tensors from coefficients, constants and coordinates. All arrays except the constants are
    for LANES elements, with entry k of lane l at [k][l]. */
@@ -234,6 +247,13 @@ typedef struct {
      the load factor at its end. Sub-steps, relative to a step. */
   int rule, at_rest;
   double level, beta, gamma, alpha_m;
+  /* Of statics: holding forces on the unknowns; natural strains at the end; square of the spin, and arms of the
+     displacements in the reference; a viscosity on increments, with weights and positions in the tangent. */
+  struct { double *hold; };
+  struct { double *strains_at_end; };
+  struct { double *arm; };
+  struct { double *viscous_weight; int *diagonal_at; };
+  double ratio_before, spin_squared, viscosity;
   int sub_steps;
   double fractions[SUB_STEPS];
   /* Rules of a user, of which the sub-steps take turns. For each entry of the mass: 3 times the node
@@ -248,6 +268,14 @@ typedef struct {
   double tolerance, negligible, energy_tolerance, energy_floor, predictor_error;
   double overshoot, max_turn, longest_turn, large_turn;
   int max_iterations, searches, may_overshoot;
+  Team team;
+  double residuals[RESIDUALS]; /* largest of the last iterations, of which there were `tried` */
+  int tried;
+  int raised, old_factors; /* whether pivots of the last factors were raised, -1 for a singular tangent; whether they are
+                              those of an earlier tangent */
+  struct { double *predicted; }; /* the first correction of a step, without its sign */
+  /* Increments of the columns and forces on the nodes of all sub-steps, if they are known. */
+  struct { double *known, *known_forces; };
 
   /* Driven columns: prescribed degrees of freedom (-1: a motor), then motors. */
   int *driven_dof, *motor_a, *motor_b, *motor_slide;
@@ -419,6 +447,8 @@ void fx_add_beams(const Problem *p, const double *const *fields, double *f, doub
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);
+void fx_results(const Problem *p, double **to);
+double fx_change_of_sizes(const Problem *p, const double *left, const double *right);
 long fx_tape_size(const Problem *p);
 Layout fx_layout(const Problem *p, const Adjoint *a);
 long fx_backward_scratch(const Problem *p, const Adjoint *a);

@@ -69,7 +69,7 @@ INLINED int finish(const SparseRows *p, double *A, int g, int size, double *cons
   double factor[3][3] = {{0}}, *upper[3];
   for (int x = 0; x < size; ++x) {
     upper[x] = A + p->diagonal[i + x];
-    if (!is_pivot(row[x][i + x])) return 0;
+    if (!is_pivot(row[x][i + x])) return row[0][0] = i + x, 0; /* the row is told */
     *upper[x]++ = 1 / row[x][i + x];
     for (int z = x + 1; z < size; ++z) {
       factor[z][x] = row[z][i + x] * upper[x][-1];

@@ -1,0 +1,139 @@
+"""Load steps in C, one at a time: equilibria at rising load factors."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fx_beam.laws.interval import Interval
+from fx_beam.results.audit import Stats
+from fx_beam.results.state import State
+
+from .forcing import LoadForcing
+from .loop import CompiledLoop, StepInputs
+from .model import Model
+from .newton import NewtonOptions
+
+
+class StepSolution(NamedTuple):
+    """A converged step."""
+
+    #: Increment (size,) of displacements and rotations, and (free,) of the unknowns.
+    D: np.ndarray
+    y: np.ndarray
+    #: Forces and couples (size,) of supports and joints [N, N m].
+    r: np.ndarray
+    #: Number of corrections, and why they ended: "increment" or "round-off".
+    iterations: int
+    ended_by: str
+    #: D by the tangent at the start: the linear predictor.
+    predicted: np.ndarray
+
+
+class LoadLoop(CompiledLoop):
+    """Takes steps of the load factor; the states of a model have it in place of time."""
+
+    def __init__(
+        self,
+        model: Model,
+        forcing: LoadForcing,
+        options: NewtonOptions,
+        stats: Stats,
+        alone: bool = True,
+    ):
+        solver = stats.solver
+        super().__init__(model, forcing, options, stats, alone)
+        stats.solver = solver
+        self.forcing: LoadForcing = forcing
+        p, free = self._problem, model.reduction.free
+        p.keeps_joint_forces = True
+        #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
+        self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
+        self._strains = np.zeros(model.natural.shape if model.natural else 0)
+        given = self.hold, self._predicted, self._strains, forcing.turning
+        #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
+        self.drag_weight = self.problem.hand_over_statics(*given)
+        n, columns = model.size, model.reduction.columns
+        sizes = n, columns, n, p.factor_size, len(model.reduction.factored[1])
+        self._D, self._z, self._r, self._factors, self._tangent = self.results(*sizes)
+        #: Drag [J] on the increments of all nodes.
+        self.drag = 0.0
+
+    def step(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
+        """State at the end of a load step, and its increment; StepFailed if none is found."""
+        p, length = self._problem, interval.length
+        inputs = self._begin_step(state, interval, length)
+        p.viscosity, p.iterations, p.by_round_off, self.one_row.rows = self.drag, 0, 0, 0
+        if not self._steps(1, length, self.c_inputs(inputs), self.one_row):
+            raise self.failed(state)
+        ended_by = "round-off" if p.by_round_off else "increment"
+        y = self._z[: self.model.reduction.free].copy()
+        parts = self._D.copy(), y, self._r.copy(), p.tried, ended_by, self._predicted.copy()
+        return self._taken(state, interval), StepSolution(*parts)
+
+    def finished(self, state: State, interval: Interval, y: np.ndarray, r: np.ndarray) -> State:
+        """State at the end of a step whose increment and forces are known.
+
+        No time passes for internal variables.
+        """
+        driven = self.forcing.positions(interval.end) - self.forcing.current(state)
+        inputs = self._begin_step(state, interval, 0.0)
+        fixed = np.zeros(self.model.reduction.columns - len(y) - len(driven))
+        super().finish(inputs, 0.0, np.concatenate([y, driven, fixed]), np.ascontiguousarray(r))
+        return self._taken(state, interval)
+
+    def _inputs(self, interval: Interval) -> StepInputs:
+        model, forcing, t = self.model, self.forcing, np.array([self.forcing.time])
+        unit, followers = model.loads.series(t), model.points.followers
+        follower_force = followers.series(t, t) if len(followers) else np.empty((1, 0))
+        values = np.tile(model.forms.parameters.values, (1, 2, 1))
+        loads = np.stack([interval.start * unit, interval.end * unit], axis=1)
+        driven, natural = forcing.positions(interval.end)[None], np.empty((1, 0))
+        return StepInputs(loads, driven, follower_force, values, natural, 1)
+
+    def _begin_step(self, state: State, interval: Interval, length: float) -> StepInputs:
+        p, forcing = self._problem, self.forcing
+        self.load(state)
+        self.model.points.set_load(interval.end, length)
+        if self.model.natural:
+            self._strains[...] = forcing.natural(interval.end)
+        p.t, p.ratio_before, p.ratio = forcing.time - length, interval.start, interval.end
+        return self._inputs(interval)
+
+    def _taken(self, state: State, interval: Interval) -> State:
+        new = self.state(interval.end)
+        if (frame := self.forcing.turning) is not None:
+            pushes = (one.t * frame.force(one.q) for one in (state, new))
+            new.work += float(sum(pushes) / 2 @ self._D)
+        return new
+
+    def change_of_sizes(self, left: np.ndarray, right: np.ndarray) -> float:
+        """Product of two vectors (size,) and the last tangent, with the sizes of all entries."""
+        if self.together is not None:
+            return float(abs(left) @ self.together.equations.change_of_sizes(right))
+        of = self._types["double[]"]
+        vectors = (self._ffi.from_buffer(of, np.ascontiguousarray(x)) for x in (left, right))
+        return self._library.fx_change_of_sizes(self._problem, *vectors)
+
+    # -- The last tangent -------------------------------------------------------------------------
+
+    @property
+    def singular(self) -> bool:
+        """Whether it was singular, or nearly."""
+        return self._problem.raised < 0
+
+    @property
+    def values(self) -> np.ndarray | None:
+        """Its values, in the sparsity of the reduced matrix; None if it is nowhere as a whole."""
+        return self._tangent if self.together is None else None
+
+    def negative_eigenvalues(self) -> int | None:
+        """Their number, of a symmetric one; None if its factors are old.
+
+        By Sylvester's law of inertia: the pivots have their signs.
+        """
+        p = self._problem
+        if self.together is not None or p.raised or p.old_factors:
+            return None
+        return int((self._factors[self.problem.factors.diagonals] < 0).sum())

@@ -1,0 +1,133 @@
+"""Why a step fails: what is checked of it, and what is said."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fx_beam.errors import Failure, StepError
+from fx_beam.fem.member_contacts import FINE, MOVED, PASSED, SLID
+from fx_beam.results.audit import Stats
+from fx_beam.results.state import State
+from fx_beam.scene.beam import COMPONENTS
+from fx_beam.scene.sliders import corner_advice
+
+from .model import Model
+from .newton import LONGEST_TURN, NewtonOptions
+
+_MOVED = "points move further in contact with members than half an element"
+_PASSED = (
+    "a node passes through the middle of a member. Raise the stiffness of the contact, "
+    "or the radius of the members"
+)
+_SINGULAR = "the tangent is singular or a value is not finite"
+_OPEN = "a loop of joints cannot be closed"
+_UNMET = "the friction of joints and the force that it follows do not meet"
+
+
+class StepFailed(Exception):
+    """A failed step: kind and reason as in `Failure`, last increment, norms of the residuals."""
+
+    def __init__(self, kind: str, reason: str, D: np.ndarray, residuals: list[float]):
+        super().__init__(reason)
+        self.kind, self.reason = kind, reason
+        self.D = D
+        self.residuals = residuals
+
+
+class StepFailures:
+    """What steps of a model must not do."""
+
+    def __init__(self, model: Model, options: NewtonOptions, stats: Stats):
+        self.model, self.options, self._stats = model, options, stats
+
+    def shortening(self, correction: np.ndarray) -> float:
+        """Factor that limits the rotations of a correction (size,)."""
+        turn = abs(correction[self.model.turns]).max()
+        return LONGEST_TURN / turn if LONGEST_TURN < turn < np.inf else 1.0
+
+    def check_finite(self, size: float, residuals: list[float]) -> None:
+        """Reject a correction whose size is not finite."""
+        if not np.isfinite(size):
+            raise StepFailed("singular", _SINGULAR, np.full(self.model.size, np.nan), residuals)
+
+    def check_turn(self, D: np.ndarray, residuals: list[float]) -> None:
+        """Reject an increment (size,) with a rotation above the bound."""
+        turn = abs(D[self.model.turns]).max()
+        if not np.isfinite(turn):
+            raise StepFailed("no convergence", _OPEN, D, residuals)
+        if turn > self.options.max_turn:
+            raise StepFailed("large rotation", self._turned(turn), D, residuals)
+
+    def _turned(self, turn: float) -> str:
+        most = self.options.max_turn
+        return f"a node turns by {turn:.3g} rad in one step, more than max_turn = {most:g}"
+
+    def check_members(self, D: np.ndarray, residuals: list[float]) -> None:
+        """Reject a step in which a point passes a member, or comes near more than were found."""
+        members = self.model.points.members
+        state = FINE if members is None else members.check(D)
+        if state in (MOVED, SLID):
+            raise StepFailed("members", _MOVED, D, residuals)
+        if state == PASSED:
+            raise StepFailed("members", _PASSED, D, residuals)
+
+    def check_slides(self, D: np.ndarray, residuals: list[float]) -> None:
+        """Reject a step in which a node leaves the beam on which it slides."""
+        if (fault := self.model.reduction.fault()) is not None:
+            raise StepFailed(*fault, D, residuals)
+
+    def unconverged(self, D: np.ndarray, residuals: list[float]) -> StepFailed:
+        """After the largest number of iterations."""
+        reason = f"no convergence in {self.options.max_iterations} iterations"
+        return StepFailed("no convergence", reason, D, residuals)
+
+    def in_c(
+        self, problem, state: State, D: np.ndarray, arcs: list[tuple[float, float]]
+    ) -> StepFailed:
+        """Of a step in C from a state, with an increment D (size,).
+
+        `arcs` are the arc lengths of nodes that slide, at both ends of it.
+        """
+        p, C, reduction = problem.c, problem.library, self.model.reduction
+        last = range(max(0, p.tried - C.RESIDUALS), p.tried)
+        residuals = [p.residuals[i % C.RESIDUALS] for i in last]
+        reduction.begin(state.q, state.slides)  # which says whether it is singular
+        nowhere = np.full(self.model.size, np.nan)
+        if p.failure == C.TURNED_TOO_FAR:
+            turn = abs(D[self.model.turns]).max()
+            return StepFailed("large rotation", self._turned(turn), D, residuals)
+        if p.failure == C.SLID_TOO_FAR:
+            kind, reason = reduction.fault(arcs) or ("", "")
+            return StepFailed(kind, reason, D, residuals)
+        if p.failure == C.OUT_OF_LINE:
+            return StepFailed("singular", reduction.singularity, 0 * D, [])
+        reasons = {
+            C.SINGULAR: ("singular", _SINGULAR, nowhere),
+            C.OPEN_LOOP: ("no convergence", _OPEN, nowhere),
+            C.PASSED_THROUGH: ("members", _PASSED, D),
+            C.MOVED_TOO_FAR: ("members", _MOVED, D),
+            C.UNMET_FRICTION: ("no convergence", _UNMET, D),
+        }
+        if p.failure in reasons:
+            return StepFailed(*reasons[p.failure], residuals)
+        return self.unconverged(D, residuals)
+
+    def error(
+        self, what: str, tries: int, start: State, failed: StepFailed, advice: str
+    ) -> StepError:
+        """StepError for a step that failed after some cuts: what, why, the worst node, advice."""
+        model = self.model
+        D = model.to_nodes(abs(failed.D / model.unit))
+        node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
+        x, y = model.mesh.X[node]
+        history = ", ".join(f"{r:.1e}" for r in failed.residuals[-8:])
+        where = (
+            f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Largest "
+            f"out-of-balance force, last iterations: {history or 'none'}"
+        )
+        static = self._stats.static
+        who, cuts = ("static", "cuts") if static else (model.scheme.name, "halvings")
+        after = f" after {tries} {cuts}" if tries else ""
+        reason = f"{who}: {what}{after}: {failed.reason}"
+        advice = corner_advice(model.scene.joints, start.slides) or advice
+        return StepError(Failure(failed.kind, reason, start.t, where, advice))
