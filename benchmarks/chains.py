@@ -129,7 +129,7 @@ MADE = {
     "loop": (loop, 1000),
     "four-bars": (four_bars, 300),
     "scissors": (scissors, 300),
-    "ladder": (ladder, 300),
+    "ladder": (ladder, 1000),
 }
 
 

@@ -80,12 +80,23 @@ def _row(
     return ClosureRow([column for column, factor in row.items() if factor], used)
 
 
-def blocks_of(rows: list[ClosureRow], free: int) -> list[np.ndarray]:
-    """Closures of loops that share unknowns, directly or through others."""
+def blocks_of(rows: list[ClosureRow], free: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Closures of loops that share unknowns, directly or through others, and these unknowns.
+
+    Those of neighbouring loops are near to each other.
+    """
     entries = [(k, column) for k, row in enumerate(rows) for column in row.columns if column < free]
     k, columns = np.array(entries, dtype=int).reshape(-1, 2).T
     shape = len(rows), free
     depends = scipy.sparse.csr_matrix((np.ones(len(k)), (k, columns)), shape)
-    _, label = scipy.sparse.csgraph.connected_components(depends @ depends.T, directed=False)
-    order = np.argsort(label, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    near = (depends @ depends.T).tocsr()
+    _, label = scipy.sparse.csgraph.connected_components(near, directed=False)
+    order = scipy.sparse.csgraph.reverse_cuthill_mckee(near, symmetric_mode=True)
+    order = order[np.argsort(label[order], kind="stable")]
+    blocks = []
+    for own in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        part = depends[own].tocoo()
+        columns, at = np.unique(part.col, return_inverse=True)
+        place = np.bincount(at, part.row) / np.bincount(at)
+        blocks.append((own, columns[np.argsort(place, kind="stable")]))
+    return blocks

@@ -9,6 +9,7 @@ from fx_beam.errors import SceneError
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 
+from .short_loops import order_for_short_loops
 from .sliding_order import hold_sliding_nodes
 
 
@@ -38,13 +39,15 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     on_beams = [{node for _, node, part in carried if part == i} for i in range(3)]
     joints = [joint for joint in scene.joints if joint not in sliding]
     turning = [joint for joint in joints if joint.turns_together]
+    loops = _forest(scene, joints, held[0], held[1], on_beams[0], "displacement in x")[1]
+    joints = order_for_short_loops(joints, loops)
     grown = [
         _forest(scene, joints, held[0], held[1], on_beams[0], "displacement in x"),
         _forest(scene, joints, held[1], held[0], on_beams[1], "displacement in y"),
         _forest(scene, turning, held[2], set(), on_beams[2], "rotation"),
     ]
-    forests, closing = zip(*grown, strict=True)
-    return list(forests), list(closing)
+    forests, closed = zip(*grown, strict=True)
+    return list(forests), [[loop[-1] for loop in loops] for loops in closed]
 
 
 def _forest(
@@ -54,17 +57,17 @@ def _forest(
     preferred: set[int],
     on_beams: set[int],
     what: str,
-) -> tuple[list[Branch], list[Joint]]:
+) -> tuple[list[Branch], list[list[Joint]]]:
     """Joints as branches of trees, parents first; a supported node or the ground is a root.
 
-    Otherwise the root is a preferred node, or the one with the smallest number. Also the joints
-    that close loops with an arm that turns or slides, or with a node on a beam; other loops are
-    over-constrained.
+    Otherwise the root is a preferred node, or the one with the smallest number. Also the loops with
+    an arm that turns or slides, or with a node on a beam, each with the joint that closes it behind
+    the others; other loops are over-constrained.
     """
     neighbours: dict[int, list[tuple[int, Joint]]] = {}
     trees: dict[int, int] = {}
     anchors = {node: node for node in {*supported, GROUND.number}}
-    closing: list[Joint] = []
+    closed_loops: list[list[Joint]] = []
 
     def tree(node: int) -> int:
         while (above := trees.setdefault(node, node)) != node:
@@ -78,12 +81,12 @@ def _forest(
         loop = [*_path(neighbours, a, b), joint] if closed else []
         if not closed and tree(a) in anchors and tree(b) in anchors:
             ends = anchors[tree(a)], anchors[tree(b)]
-            loop = [*_path(neighbours, ends[0], a), joint, *_path(neighbours, b, ends[1])]
+            loop = [*_path(neighbours, ends[0], a), *_path(neighbours, b, ends[1]), joint]
             if on_beams.intersection(ends) and (joint.rotation is None or what != "rotation"):
-                closing.append(joint)
+                closed_loops.append(loop)
                 continue
         if what != "rotation" and not all(other.is_index for other in loop):
-            closing.append(joint)
+            closed_loops.append(loop)
             continue
         if closed:
             _refuse(scene, loop, f"they close a loop in which each joint couples the {what}")
@@ -122,7 +125,7 @@ def _forest(
     for root in [*roots, *(n for n in nodes if n in preferred), *nodes]:
         if root not in reached:
             grow(root)
-    return branches, closing
+    return branches, closed_loops
 
 
 def _path(neighbours, start: int, end: int) -> list[Joint]:
@@ -130,6 +133,8 @@ def _path(neighbours, start: int, end: int) -> list[Joint]:
     came: dict[int, tuple[int, Joint] | None] = {start: None}
     queue = [start]
     for node in queue:
+        if node == end:
+            break
         for other, joint in neighbours.get(node, []):
             if other not in came:
                 came[other] = (node, joint)

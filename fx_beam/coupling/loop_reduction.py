@@ -69,16 +69,12 @@ class LoopReduction(JointReduction):
         self._others = used_columns[used_columns >= self.free].astype(int)
         #: Closures of loops that share unknowns, and these among those of all loops.
         self.blocks = [
-            (own, np.searchsorted(self.loop, self._unknowns_of(own)))
-            for own in blocks_of(self._rows, self.free)
+            (own, np.searchsorted(self.loop, columns))
+            for own, columns in blocks_of(self._rows, self.free)
         ]
         #: Forces that are unknowns of the compiled loop, behind all others.
         self.forces = len(self._closures)
         self._build_closures()
-
-    def _unknowns_of(self, closures: np.ndarray) -> np.ndarray:
-        columns = {column for k in closures for column in self._rows[k].columns}
-        return np.array(sorted(column for column in columns if column < self.free), dtype=int)
 
     def _build_closures(self) -> None:
         """The closures as differences of displacements, less the arm of the joint."""

@@ -132,6 +132,22 @@ def four_bars(n):
     return scene
 
 
+def ladder(n):
+    """Two chains side by side with a rung at each hinge: loops with two links in common."""
+    scene, ends = fb.Scene(gravity=(0, -GRAVITY)), [None, None]
+    for x in LENGTH * np.arange(n):
+        for side, y in enumerate((0.0, LENGTH)):
+            link = add_link(scene, (x, y), (x + LENGTH, y), 1e-3)
+            scene.add_joint(fb.Revolute(ends[side], link["start"])) if x else scene.pin(
+                link["start"]
+            )
+            ends[side] = link["end"]
+        rung = add_link(scene, (x + LENGTH, 0.0), (x + LENGTH, LENGTH), 1e-3)
+        scene.add_joint(fb.Revolute(ends[0], rung["start"]))
+        scene.add_joint(fb.Revolute(ends[1], rung["end"]))
+    return scene
+
+
 def chain_with_a_bead(n):
     """A long chain that ends in a beam, on which a mass slides, beside a four-bar."""
     scene = chain(n)[0]
@@ -154,13 +170,14 @@ MADE = {
     "driven": lambda n: chain(n, motor=lambda t: 0.1 * t**2)[0],
     "ring": lambda n: ring(n, spin=1.5),
     "four-bars": four_bars,
+    "ladder": ladder,
     "bead": chain_with_a_bead,
 }
 
 
 @pytest.mark.parametrize("made", MADE)
 def test_long_chains_and_loops_move_as_by_a_plain_step_and_stay_together(made):
-    n = 12 if made in ("ring", "four-bars") else 25
+    n = 12 if made in ("ring", "four-bars", "ladder") else 25
     scene = MADE[made](n)
     run = {"dt": 0.005, "t_end": 0.05}
     found, exact = fb.simulate(scene, **run), plainly(scene, **run)

@@ -172,7 +172,7 @@ static void factorise_corner(const Problem *p, const Work *w) {
     per_most[i] = most > 0 ? 1 / most : 1;
     for (int j = 0; j < m; ++j) D[i * m + j] *= per_most[i];
   }
-  factorise_dense(m, D, w->corner_order);
+  factorise_band(m, m, m, D, w->corner_order);
 }
 
 /* Solves for the unknowns of the bordering rows, with four right sides g, in their place. */

@@ -9,6 +9,8 @@
 /* Largest number of corrections that close the loops, and least ratio of pivots. */
 enum { CLOSINGS = 30 };
 static const double LEAST_PIVOT = 1e-6;
+/* Least size of a pivot, relative to the largest possible one. */
+static const double LARGE_PIVOT = 0.5;
 
 /* Derivatives by columns of nodes on beams, by those of the beams and slides. */
 static void derive_by_beams(const Problem *p, const Work *w, const double *values, double *row) {
@@ -51,26 +53,37 @@ static void derive_closures(const Problem *p, const Work *w, const double *value
   }
 }
 
-/* LU factors of n rows, with exchange of rows, in place: `row` has their order. Few entries may differ from zero. */
-static void factorise_dense(int n, double *A, int *row) {
+/* LU factors of n rows, with exchange of rows, in place: `row` has their order. Entries are in a band: `lower` columns
+   before the diagonal and `upper` behind it, and so many more as rows are exchanged. */
+static void factorise_band(int n, int lower, int upper, double *A, int *row) {
   for (int i = 0; i < n; ++i) row[i] = i;
   for (int k = 0; k < n; ++k) {
-    int best = k;
-    for (int i = k + 1; i < n; ++i)
+    int best = k, last = k + lower < n ? k + lower : n - 1, enters = k + lower + upper;
+    int end = enters < n ? enters + 1 : n;
+    for (int i = k; i <= last; ++i) {
+      if (enters < n && row[i] + lower + upper < enters) A[(long)row[i] * n + enters] = 0;
       if (fabs(A[(long)row[i] * n + k]) > fabs(A[(long)row[best] * n + k])) best = i;
+    }
     int chosen = row[best];
     row[best] = row[k], row[k] = chosen;
     const double *pivot = A + (long)chosen * n;
-    for (int i = k + 1; i < n; ++i) {
+    for (int i = k + 1; i <= last; ++i) {
       double *other = A + (long)row[i] * n;
       if (other[k] == 0) continue;
       double factor = other[k] /= pivot[k];
-      for (int j = k + 1; j < n; ++j) other[j] -= factor * pivot[j];
+      for (int j = k + 1; j < end; ++j) other[j] -= factor * pivot[j];
     }
   }
 }
 
-/* Chooses the unknowns that follow by the largest pivots of G, block by block; returns 0 in a singular
+/* Extends the part of a row that may differ from zero, from `low` to `high`, by another. */
+static void widen(double *row, int *low, int *high, int from, int to) {
+  if (*low > *high) *low = from, *high = from - 1;
+  for (; *low > from;) row[--*low] = 0;
+  for (; *high < to;) row[++*high] = 0;
+}
+
+/* Chooses the unknowns that follow by large pivots of G, block by block; returns 0 in a singular
    position. Most rows of G have no entry of a pivot's column: they keep their largest entries. */
 static int choose_following(const Problem *p, const Work *w) {
   for (int j = 0; j < p->loop_columns; ++j) w->follows[j] = -1;
@@ -78,15 +91,20 @@ static int choose_following(const Problem *p, const Work *w) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
     int from = p->block_column[b], n = p->block_column[b + 1] - from;
     double *M = w->pivoting, *largest = M + (long)m * n, first = 0;
-    int *at = w->largest_at;
-    memset(M, 0, (long)m * n * sizeof(double));
+    int *at = w->largest_at, *low = at + p->closures, *high = low + p->closures; /* rows are zero beside these */
     for (int i = 0; i < m; ++i) {
+      double *of = M + (long)i * n;
+      low[i] = n, high[i] = -1, largest[i] = -1;
+      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k)
+        if (p->closure_near[k] < p->loop_free) {
+          int column = p->closure_near[k] - from;
+          widen(of, low + i, high + i, column, column);
+        }
       for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k)
         if (p->closure_near[k] < p->loop_free)
-          M[i * n + p->closure_near[k] - from] = w->G[k] * p->loop_unit[p->closure_near[k]];
-      largest[i] = -1;
-      for (int j = 0; j < n; ++j)
-        if (fabs(M[i * n + j]) > largest[i]) largest[i] = fabs(M[i * n + j]), at[i] = j;
+          of[p->closure_near[k] - from] = w->G[k] * p->loop_unit[p->closure_near[k]];
+      for (int j = low[i]; j <= high[i]; ++j)
+        if (fabs(of[j]) > largest[i]) largest[i] = fabs(of[j]), at[i] = j;
     }
     for (int k = 0; k < m; ++k) {
       int row = 0;
@@ -94,21 +112,35 @@ static int choose_following(const Problem *p, const Work *w) {
         if (largest[i] > largest[row]) row = i;
       if (k == 0) first = largest[row];
       if (!(largest[row] > LEAST_PIVOT * first)) return 0;
+      double enough = LARGE_PIVOT * largest[row];
+      for (row = 0; largest[row] < enough;) ++row; /* the first: others stay short */
       int column = at[row];
       const double *pivot = M + (long)row * n;
-      p->following[begin + k] = from + column, w->follows[from + column] = begin + k;
+      w->follows[from + column] = begin;
       largest[row] = -2; /* done */
       for (int i = 0; i < m; ++i) {
         double *other = M + (long)i * n;
-        if (largest[i] < -1 || other[column] == 0) continue;
+        if (largest[i] < -1 || column < low[i] || column > high[i] || other[column] == 0) continue;
         double factor = other[column] / pivot[column];
-        largest[i] = -1;
-        for (int j = 0; j < n; ++j) {
-          other[j] = j == column ? 0 : other[j] - factor * pivot[j];
+        widen(other, low + i, high + i, low[row], high[row]);
+        for (int j = low[row]; j <= high[row]; ++j) other[j] -= factor * pivot[j];
+        other[column] = 0, largest[i] = -1;
+        for (int j = low[i]; j <= high[i]; ++j)
           if (fabs(other[j]) > largest[i]) largest[i] = fabs(other[j]), at[i] = j;
-        }
       }
     }
+    /* In the order of their columns, near to the diagonal. */
+    int *lower = w->band + 2 * b, *upper = lower + 1;
+    for (int j = from, k = begin; j < from + n; ++j)
+      if (w->follows[j] >= 0) p->following[k] = j, w->follows[j] = k++;
+    *lower = *upper = 0;
+    for (int i = begin; i < begin + m; ++i)
+      for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k) {
+        int beside = w->follows[p->closure_near[k]] - i;
+        if (w->follows[p->closure_near[k]] < 0) continue;
+        if (-beside > *lower) *lower = -beside;
+        if (beside > *upper) *upper = beside;
+      }
   }
   return 1;
 }
@@ -117,31 +149,36 @@ static int choose_following(const Problem *p, const Work *w) {
 static void factorise_closures(const Problem *p, const Work *w, const double *G, double *factors, int *order) {
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
+    int lower = w->band[2 * b], upper = w->band[2 * b + 1];
     double *A = factors + p->block_part[b];
-    memset(A, 0, (long)m * m * sizeof(double));
-    for (int i = 0; i < m; ++i)
+    for (int i = 0; i < m; ++i) {
+      int first = i > lower ? i - lower : 0, end = i + lower + upper < m ? i + lower + upper + 1 : m;
+      memset(A + (long)i * m + first, 0, (end - first) * sizeof(double));
       for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
         int at = w->follows[p->closure_near[k]];
         if (at >= 0) A[(long)i * m + at - begin] = G[k];
       }
-    factorise_dense(m, A, order + begin);
+    }
+    factorise_band(m, lower, upper, A, order + begin);
   }
 }
 
 /* Solves G_d x = b for the part G_d of the unknowns that follow, in place of b. */
 static void solve_closures(const Problem *p, const Work *w, const double *factors, const int *order, double *x) {
   for (int b = 0; b < p->blocks; ++b) {
-    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
+    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, lower = w->band[2 * b];
+    int beside = lower + w->band[2 * b + 1];
     const double *A = factors + p->block_part[b];
     double *y = w->closure_scratch, *of = x + begin;
     for (int i = 0; i < m; ++i) {
-      const double *row = A + (long)order[begin + i] * m;
-      y[i] = of[order[begin + i]];
-      for (int j = 0; j < i; ++j) y[i] -= row[j] * y[j];
+      int chosen = order[begin + i];
+      const double *row = A + (long)chosen * m;
+      y[i] = of[chosen];
+      for (int j = chosen > lower ? chosen - lower : 0; j < i; ++j) y[i] -= row[j] * y[j];
     }
     for (int i = m - 1; i >= 0; --i) {
       const double *row = A + (long)order[begin + i] * m;
-      for (int j = i + 1; j < m; ++j) y[i] -= row[j] * y[j];
+      for (int j = i + 1; j < m && j <= i + beside; ++j) y[i] -= row[j] * y[j];
       y[i] /= row[i];
     }
     memcpy(of, y, m * sizeof(double));
@@ -152,19 +189,21 @@ static void solve_closures(const Problem *p, const Work *w, const double *factor
 static void solve_closures_transposed(const Problem *p, const Work *w, const double *factors, const int *order,
                                   double *x) {
   for (int b = 0; b < p->blocks; ++b) {
-    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
+    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, lower = w->band[2 * b];
+    int beside = lower + w->band[2 * b + 1];
     const double *A = factors + p->block_part[b];
     double *y = w->closure_scratch, *of = x + begin;
     memcpy(y, of, m * sizeof(double));
     for (int i = 0; i < m; ++i) {
       const double *row = A + (long)order[begin + i] * m;
       y[i] /= row[i];
-      for (int j = i + 1; j < m; ++j) y[j] -= row[j] * y[i];
+      for (int j = i + 1; j < m && j <= i + beside; ++j) y[j] -= row[j] * y[i];
     }
     for (int i = m - 1; i >= 0; --i) {
-      const double *row = A + (long)order[begin + i] * m;
-      for (int j = 0; j < i; ++j) y[j] -= row[j] * y[i];
-      of[order[begin + i]] = y[i];
+      int chosen = order[begin + i];
+      const double *row = A + (long)chosen * m;
+      for (int j = chosen > lower ? chosen - lower : 0; j < i; ++j) y[j] -= row[j] * y[i];
+      of[chosen] = y[i];
     }
   }
 }

@@ -13,6 +13,7 @@ typedef struct {
   double *G, *G_virtual, *part, *part_virtual, *closure, *closure0, *closure_row, *closure_scratch, *pivoting; /* of loops */
   double *closing, *closed;
   int *follows, *largest_at, *part_order, *order_virtual; /* closure that each loop column follows, or -1 */
+  int *band; /* [blocks, 2] of the factors */
   double *block, *corner, *corner_units, *bordering_right; /* of bordering rows: rows of right sides by position, D, right sides */
   int *corner_order;
   int *reached, *bordering_entries;         /* rows of the block that are not zero; number of entries */
@@ -61,7 +62,8 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->closure = allocate(&at, m), w->closure0 = allocate(&at, m), w->closure_row = allocate(&at, m ? c : 0);
   w->closure_scratch = allocate(&at, m), w->pivoting = allocate(&at, p->pivoting_size);
   w->closing = allocate(&at, m), w->closed = allocate(&at, m ? n : 0);
-  w->follows = (int *)allocate(&at, p->loop_columns), w->largest_at = (int *)allocate(&at, m);
+  w->follows = (int *)allocate(&at, p->loop_columns), w->largest_at = (int *)allocate(&at, 3 * m);
+  w->band = (int *)allocate(&at, 2 * p->blocks);
   w->part_order = (int *)allocate(&at, m), w->order_virtual = (int *)allocate(&at, m);
   long b = p->bordering_rows;
   w->block = allocate(&at, (long)p->positions * p->block);
