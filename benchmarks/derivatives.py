@@ -121,8 +121,8 @@ def measured(build, dt, steps, tries):
     rows = []
     for _ in range(tries + 1):
         alone, taped, in_parts = case.run(), case.run(tape), case.run(few)
-        back, back_few = (seconds(adjoint.pull, own, weights, ends) for own in (tape, few))
-        push = [seconds(forward.push, tape, change, ends[-1:]) for change in changes]
+        back, back_few = (seconds(adjoint.vjp, own, weights, ends) for own in (tape, few))
+        push = [seconds(forward.jvp, tape, change, ends[-1:]) for change in changes]
         rows.append(np.array([taped, taped + back, in_parts + back_few, *push]) / alone)
     assert not few.is_whole
     return [*np.median(rows[1:], axis=0), 1e-6 * size]  # the first one compiles

@@ -17,7 +17,7 @@ from fx_beam.results.state import MACROS
 
 #: What nothing needs of a library's code is dropped: of FFCx, and of features that scenes lack.
 _FLAGS = ["-fwhole-program"]
-# As fast as -O3, which takes half as long again to compile it.
+# Steps are as fast as with -O3, which takes half as long again to compile; derivatives are not.
 _FLAGS_OF_LOOP = [*_FLAGS, "-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic"]
 _LOOP = "the loop over time steps"
 # Addresses in the libraries that this process has loaded, which Python does not unload.
@@ -31,9 +31,11 @@ def load_library(features: str = "CHAIN", *definitions: str) -> tuple[Any, Any]:
     It serves scenes with some features (c/scene_features.h). `definitions` are macros: DERIVATIVES
     for those of steps in their place, or PHASES, which measures the time of each phase.
     """
-    what = "derivatives of time steps" if "DERIVATIVES" in definitions else _LOOP
+    what, flags = _LOOP, _FLAGS_OF_LOOP
+    if "DERIVATIVES" in definitions:
+        what, flags = "derivatives of time steps", _FLAGS
     more = f"FEATURES {features}", *definitions
-    return c_library.open_library(what, "loop.c", "problem.h", MACROS, more, _FLAGS_OF_LOOP)
+    return c_library.open_library(what, "loop.c", "problem.h", MACROS, more, flags)
 
 
 @functools.cache

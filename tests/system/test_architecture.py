@@ -143,12 +143,14 @@ def test_physics_and_data_need_numpy_and_ufl_only():
 
 def test_the_package_imports_what_is_asked_for():
     code = """import sys, fx_beam; print(*sys.modules)
+fx_beam.simulate; print(*sys.modules)
 fx_beam.work_precision, fx_beam.stability; print(*sys.modules)"""
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=PACKAGE.parent, capture_output=True, text=True, check=True)
-    package, studies = (set(line.split()) for line in done.stdout.splitlines())
+    package, motions, studies = (set(line.split()) for line in done.stdout.splitlines())
     libraries = {"matplotlib", "pyvista", "vtkmodules", "imageio", "pandas", "xarray"}
-    assert "fx_beam.motions.dynamics" in studies
+    rooms = {name.split(".")[1] for name in motions if name.startswith("fx_beam.")} & set(ROOMS)
+    assert rooms == {"scene", "laws", "results", "fem", "coupling", "step", "parallel", "motions"}
     assert not studies & (libraries | {"scooby", "tabulate"})
     assert {name for name in package if name.startswith("fx_beam")} == {"fx_beam"}
     assert not package & {"numpy", "ufl", "dolfinx"}

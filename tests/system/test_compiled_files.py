@@ -5,7 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from fx_beam import library_cache
+from fx_beam import c_library, library_cache
+from fx_beam.results.state import MACROS
 
 SCRIPT = """
 import fx_beam as fb
@@ -58,7 +59,19 @@ def test_a_link_in_the_place_of_the_second_folder_is_not_used(tmp_path, monkeypa
 
 
 def test_a_folder_that_open_mpi_cannot_write_is_named():
-    call = [sys.executable, "-c", "import fx_beam"]
+    call = [sys.executable, "-c", "import fx_beam; fx_beam.simulate"]
     environment = os.environ | {"TMPDIR": "/dev/null/session"}
     run = subprocess.run(call, env=environment, capture_output=True, text=True)
     assert "/dev/null/session cannot be written" in run.stderr and "set TMPDIR" in run.stderr
+
+
+def _code(features):
+    source = c_library.with_macros("loop.c", *MACROS, f"FEATURES {features}")
+    return c_library.load("a loop", source, lambda: source, Path.read_bytes, ["-fwhole-program"])
+
+
+def test_a_library_has_no_code_of_what_its_scenes_lack():
+    plain, every = _code("CHAIN"), _code("LOOPS|SLIDERS|MEMBERS")
+    for name in (b"slide_on", b"factorise_closures", b"move_contact_point", b"factorise_sparse"):
+        assert name in every and name not in plain
+    assert b"fx_vjp" not in every
