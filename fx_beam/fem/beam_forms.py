@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -521,16 +522,17 @@ class BeamForms:
         self.begin(part.interval, part.start)
         self._set(self.increment, part.D)
 
+    @functools.cached_property
+    def _resultants(self) -> list:
+        return [self._expression(resultants) for resultants in self._weak.resultants]
+
     def resultants(self, parts: Iterable[Part]) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
-        expressions = [
-            (self._expression(r), self.cells_of(tag)) for tag, r in enumerate(self._weak.resultants)
-        ]
-        rows = []
+        rows, of_tags = [], [(r, self.cells_of(tag)) for tag, r in enumerate(self._resultants)]
         for part in parts:
             self.begin_part(part)
             out = np.empty((len(self._tags), self.fields.degree, 3))
-            for expression, cells in expressions:
+            for expression, cells in of_tags:
                 values = dolfinx_api.evaluate(expression, self._mesh.mesh, cells)
                 out[cells] = values.reshape(len(cells), -1, 3)
             rows.append(out)

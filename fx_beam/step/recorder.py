@@ -412,6 +412,8 @@ class Recorder:
 
     def means(self, values: np.ndarray, first: int = 0) -> np.ndarray:
         """Forces (n, ...) of rows, from those of `sub_steps`: means over the steps."""
+        if len(values) == self.rows - first:  # one sub-step before each row
+            return values
         shares = [self._shares(row) for row in range(first, self.rows)]
         weights = np.concatenate([own / sum(own) for own in shares])
         starts = np.cumsum([0, *map(len, shares[:-1])])
@@ -450,9 +452,9 @@ class Recorder:
         turns = self._missing(row)
         starts["q"] = starts["q"] + (turns if own.stop > own.start else self._missing(row - 1))
         t0, t1 = self._times[self._steps[row] - 1 : self._steps[row] + 1]
-        rest = np.cumsum(self._shares(row)[::-1])[::-1]
+        rest = np.cumsum(self._shares(row)[::-1])[::-1] if own.stop > own.start else np.ones(1)
         times = [*(t1 - (t1 - t0) * rest), t1]
-        D = np.diff(starts["q"], axis=0, append=arrays["q"][row : row + 1] + turns)
+        ends = [*starts["q"][1:], arrays["q"][row] + turns]
         for i, q in enumerate(starts["q"]):
             start = StepStart(q)
             if beams.resultants_need_rates:
@@ -463,15 +465,15 @@ class Recorder:
             if "internal" in names:
                 start = start._replace(internal=starts["internal"][i].reshape(beams.internal_shape))
             if "natural" in names:
-                ends = starts["natural"][i], [*starts["natural"][1:], arrays["natural"][row]][i]
+                strains = starts["natural"][i], [*starts["natural"][1:], arrays["natural"][row]][i]
                 shape = *beams.internal_shape[:2], 3
-                start = start._replace(natural=tuple(end.reshape(shape) for end in ends))
+                start = start._replace(natural=tuple(of.reshape(shape) for of in strains))
             if beams.needs_previous:
                 before, memory = (
                     self._starts.arrays[name][own][i] for name in ("start_q_previous", "memory")
                 )
                 start = start._replace(q_previous=before + turns, memory=float(memory))
-            yield Part(Interval(*times[i : i + 2]), D[i], start)
+            yield Part(Interval(*times[i : i + 2]), ends[i] - q, start)
 
     @property
     def _has_ramps(self) -> bool:
