@@ -6,6 +6,7 @@ what is added to a scene later counts as structure until it is listed.
 
 from __future__ import annotations
 
+import copy
 import functools
 import itertools
 import operator
@@ -103,24 +104,33 @@ class Structure:
     """The structure of a scene as it is now; something may be added to the scene later."""
 
     def __init__(self, scene: Scene):
-        parts, outlines = vars(scene), _Known()
-        # Most parts are empty lists, which is seen at once.
-        self._empty = [name for name in parts if type(parts[name]) is list and not parts[name]]
-        others = (name for name in parts if name not in {*self._empty, *_DERIVED})
-        self._parts = {name: _of_part(name, scene, outlines) for name in others}
+        self._parts = {
+            name: copy.copy(part) if isinstance(part, list | dict | set) else part
+            for name, part in vars(scene).items()
+            if name not in _DERIVED
+        }
         self._nodes, self._functions = len(scene.nodes), expressions_of(scene)
+
+    @functools.cached_property
+    def _outlines(self) -> dict[str, Any]:
+        """Outlines of the parts that are not empty lists, which most are; few scenes need them."""
+        known, parts = _Known(), self._parts.items()
+        full = ((name, part) for name, part in parts if type(part) is not list or part)
+        return {name: _of_part(name, part, known) for name, part in full}
 
     def check(self, scene: Scene) -> None:
         """OtherStructureError if a scene differs in more than numbers."""
         if len(scene.nodes) != self._nodes:
             raise OtherStructureError("another number of nodes")
-        for name in self._empty:
-            if getattr(scene, name):
+        made, outlines = _Known(), self._outlines
+        for name in self._parts:
+            part = getattr(scene, name)
+            if name in outlines:
+                if (outline := _of_part(name, part, made)) != outlines[name]:
+                    difference = _difference(outlines[name], outline)
+                    raise OtherStructureError(f"scene.{name}{difference}")
+            elif part:
                 raise OtherStructureError(f"scene.{name} has another length")
-        outlines = _Known()
-        for name, outline in self._parts.items():
-            if (other := _of_part(name, scene, outlines)) != outline:
-                raise OtherStructureError(f"scene.{name}{_difference(outline, other)}")
         functions = expressions_of(scene)
         for own, known in itertools.zip_longest(functions, self._functions):
             if own != known:
@@ -134,8 +144,7 @@ class _Outline(tuple):
     __slots__ = ()
 
 
-def _of_part(name: str, scene: Scene, known: _Known) -> Any:
-    part = getattr(scene, name)
+def _of_part(name: str, part: Any, known: _Known) -> Any:
     return _number(part) if name in NUMBERS[Scene] else _of(part, known)
 
 
