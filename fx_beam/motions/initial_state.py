@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import scipy.sparse
 import scipy.sparse.linalg
 
 from fx_beam.errors import SceneError
@@ -15,7 +14,7 @@ from fx_beam.laws.interval import Interval, instant
 from fx_beam.results.state import Past, State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import slides_at_start
-from fx_beam.step.coupled_rates import CoupledRates, coupled_rates
+from fx_beam.step.accelerations import accelerations as accelerations_of
 from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
@@ -137,7 +136,7 @@ def _moving_state(
         w = initial_rates(model, state, rates)
         state = state.changed(v=model.reduction.spread(w))
     else:
-        w = projected_rates(model, coupled_rates(model), state.fitted, rates)
+        w = projected_rates(model, state, state.fitted, rates)
         v = model.reduction.spread(w)
         lost = model.mass @ (state.fitted - v)
         by_driven = -float(lost @ v) if model.couplings.driven else 0.0
@@ -147,8 +146,7 @@ def _moving_state(
     if not accelerates:
         return state, False
     loads = forcing.forces(Interval(state.t, state.t + dt))
-    coupled = coupled_rates(model)
-    a, rest = _acceleration(model, forcing, state, coupled, w, accelerations, dt, loads)
+    a, rest = _acceleration(model, forcing, state, w, accelerations, dt, loads)
     return state.changed(a=a), rest
 
 
@@ -174,8 +172,7 @@ def late_accelerations(
 
     def accelerations() -> np.ndarray:
         model.forms.parameters.use(state.parameters)
-        coupled, driven = coupled_rates(model), np.empty(0)
-        return _acceleration(model, forcing, state, coupled, none, driven, dt, loads)[0]
+        return _acceleration(model, forcing, state, none, np.empty(0), dt, loads)[0]
 
     return accelerations
 
@@ -187,10 +184,9 @@ def resumed_state(
     rates, accelerations = _begin(model, forcing, start, dt)
     if same_scheme:
         return start
-    coupled = coupled_rates(model)
-    w = nearest_rates(model, coupled, start.v, rates)
+    w = rates_of_columns(model, start, start.v, rates)
     loads = forcing.forces(Interval(start.t, start.t + dt))
-    a, _ = _acceleration(model, forcing, start, coupled, w, accelerations, dt, loads)
+    a, _ = _acceleration(model, forcing, start, w, accelerations, dt, loads)
     # What the last step of another scheme leaves to the next one does not count.
     start = start.changed(a=a, parts=None, past=None)
     return start.changed(q_previous=None, algorithmic=0.0, length=0.0)
@@ -256,7 +252,6 @@ def _acceleration(
     model: Model,
     forcing: Forcing,
     state: State,
-    coupled: CoupledRates,
     w: np.ndarray,
     driven: np.ndarray,
     dt: float,
@@ -285,14 +280,13 @@ def _acceleration(
         reduction.expand(np.zeros(free), np.zeros(reduction.driven))
     mass = model.mass
     force = loads[0] - model.forms.internal_force(D)
-    force -= mass @ (coupled.spread(a) + curved)
+    force -= mass @ (reduction.spread(a) + curved)
     model.points.evaluate_slides(h * w)
     b = -reduction.project(-force)[:free]
-    a[:free] = coupled.accelerations(mass, b)
-    rest = b - coupled.gather(mass @ coupled.spread(np.append(a[:free], 0 * a[free:])))[:free]
+    a[:free], rest = accelerations_of(model, b)
     # A load that grows from zero has a little of its first step already.
     largest = max(abs(part).max(initial=0.0) for part in (force, b, *loads))
-    return coupled.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
+    return reduction.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
 
 
 def _second_difference(model: Model, w: np.ndarray, k: float) -> np.ndarray:
@@ -313,10 +307,9 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
     if not (any_of(state.v) or scene.velocities or any_of(driven)):
         return np.zeros(model.reduction.columns)
     v = state.v.copy() if any_of(state.v) else given_velocity(model)
-    coupled = coupled_rates(model)
     if scene.projects_velocities:
-        return projected_rates(model, coupled, v, driven)
-    w = nearest_rates(model, coupled, v, driven)
+        return projected_rates(model, state, v, driven)
+    w = rates_of_columns(model, state, v, driven)
     compatible = model.reduction.spread(w)
     if not scene.prescribed and all_of(compatible == v):
         return w
@@ -338,31 +331,24 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
     return w
 
 
-def projected_rates(
-    model: Model, coupled: CoupledRates, v: np.ndarray, driven: np.ndarray
-) -> np.ndarray:
+def projected_rates(model: Model, state: State, v: np.ndarray, driven: np.ndarray) -> np.ndarray:
     """Rates (columns,) closest to given rates v (size,) in the norm of the mass."""
-    weight = model.mass + _small_mass(model)
-    w = nearest_rates(model, coupled, v, driven, weight)
-    # Once more from these rates of massless parts: then their small mass has no effect.
-    v = np.where(model.massless, model.reduction.spread(w), v)
-    return nearest_rates(model, coupled, v, driven, weight)
+    given = (values[None] for values in (state.q, v, state.slides, driven))
+    return rates_of_columns(model, state, model.rate_fit.fit(*given).rates[0], driven)
 
 
-def nearest_rates(
-    model: Model, coupled: CoupledRates, v: np.ndarray, driven: np.ndarray, weight=None
-) -> np.ndarray:
-    """Rates (columns,) closest to given rates v (size,), in the norm of a weight (size, size).
-
-    The default weight scales displacements by the size of the scene.
-    """
-    reduction = model.reduction
-    free, w = reduction.independent, _driven_rates(model, driven)
-    missing = v - coupled.spread(w) if len(driven) else v
-    if len(free) and any_of(missing):
-        weight = model.weight_of_rates if weight is None else weight
-        w[free] = coupled.nearest(weight, missing)
-    return reduction.completed(w)
+def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarray) -> np.ndarray:
+    """Rates (columns,) of rates v (size,) that fit the joints, with those of driven motion."""
+    v, slides = v.copy(), np.zeros(len(state.slides))
+    v[model.prescribed] = driven[: len(model.prescribed)]
+    at = model.motion(q=model.to_nodes(state.q)[None], v=model.to_nodes(v)[None])
+    for joint in model.scene.joints:
+        if joint.axis is not None or joint.slide is not None:
+            number = [joint.number]
+            slides[number] = joint.kinematics.rate(at, state.slides[number])
+    w = _driven_rates(model, driven)
+    w[: model.reduction.free] = model.couplings.unknowns(v, slides)
+    return model.reduction.completed(w)
 
 
 def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
@@ -455,15 +441,6 @@ def _check_joints(
             )
     if text:
         raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
-
-
-def _small_mass(model: Model) -> scipy.sparse.spmatrix:
-    """A tiny mass for massless degrees of freedom."""
-    diagonal = model.mass.diagonal()
-    size = np.full(model.size, 1.0)
-    size[model.turns] = model.mesh.size**2
-    scale = (diagonal / size).max()
-    return scipy.sparse.diags(np.where(model.massless, 1e-10 * (scale or 1.0) * size, 0.0))
 
 
 def _message(model: Model, node: int, component: int, v: np.ndarray, compatible: np.ndarray) -> str:

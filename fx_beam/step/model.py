@@ -41,13 +41,12 @@ from .fitted_rates import FittedRates
 from .sparse_lu import LU, sparse_lu
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
-_OF_MASSES = "nodal_rules", "fitted_rates", "masses"
+_OF_MASSES = "nodal_rules", "rate_fit", "masses"
 _OF_POSITIONS = (
     "unit",
-    "weight_of_rates",
     "unit_of_unknowns",
     "fits_rates",
-    "fitted_rates",
+    "rate_fit",
     "_rate_equations",
 )
 
@@ -338,11 +337,6 @@ class Model:
         return unit
 
     @functools.cached_property
-    def weight_of_rates(self) -> np.ndarray:
-        """Weights (size,) of squares of rates, by `unit`."""
-        return self.unit**-2.0
-
-    @functools.cached_property
     def needs_accelerations(self) -> bool:
         """Whether steps, or unknowns without mass, need the accelerations at the start."""
         by_mean, beams = self.scheme.rates.by_mean, self.forms.beams
@@ -381,11 +375,14 @@ class Model:
         turning = any(joint.turns_with_motion for joint in self.scene.joints)
         return self.scheme.rates.by_mean and bool(turning or self.couplings.driven)
 
-    @functools.cached_property
+    @property
     def fitted_rates(self) -> FittedRates | None:
         """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
-        if not self.fits_rates:
-            return None
+        return self.rate_fit if self.fits_rates else None
+
+    @functools.cached_property
+    def rate_fit(self) -> FittedRates:
+        """Finds rates that fit joints and driven motions, in the norm of the mass."""
         return FittedRates(self._rate_equations, self.mass, self.unit)
 
     @property
