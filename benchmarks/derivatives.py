@@ -4,7 +4,8 @@
 
 Pinned beams of 8, 128 and 2048 elements, a chain of flexible arms with bodies and friction, and
 beads that slide on a beam.
-Columns: steps with a tape; gradient of a scalar, that is steps with a tape and the adjoint; the
+Columns: steps with a tape; gradient of a scalar by stiffnesses, masses and the like, not by places
+of nodes, that is steps with a tape and the adjoint; the
 same if a fifth of the tape's memory is allowed, so that ten parts are repeated; changes of all
 states for 1, 5 and 20 numbers. All are processor times relative to the steps without a tape, which
 take turns: medians of these ratios.
@@ -111,7 +112,12 @@ def measured(build, dt, steps, tries):
     tape, problem, model = case.tape, case.loop.problem, case.prepared.model
     case.run(tape)
     adjoint, ends = Adjoint(problem), tape.boundaries(case.times)
-    weights = {"q": np.ones((len(ends), model.size))}
+    none = np.empty(0, dtype=int)
+
+    def weights_of(part):
+        rows = ends[part.own(ends)]
+        return {"q": np.ones((len(rows), model.size))}, rows, none
+
     stiffness = model.forms.beams.of_sections["stiffness"].data
     values = stiffness.by_cells(len(model.mesh.beam_of_cell)).values
     rng, forward = np.random.default_rng(0), Forward(adjoint)
@@ -121,7 +127,7 @@ def measured(build, dt, steps, tries):
     rows = []
     for _ in range(tries + 1):
         alone, taped, in_parts = case.run(), case.run(tape), case.run(few)
-        back, back_few = (seconds(adjoint.vjp, own, weights, ends) for own in (tape, few))
+        back, back_few = (seconds(adjoint.vjp, own, weights_of, False) for own in (tape, few))
         push = [seconds(forward.jvp, tape, change, ends[-1:]) for change in changes]
         rows.append(np.array([taped, taped + back, in_parts + back_few, *push]) / alone)
     assert not few.is_whole

@@ -310,11 +310,11 @@ class Response:
             Before the first call of the response; for weights of other names or shapes; for an
             output, a scheme or a part of the scene that has no derivatives.
         """
-        model, tape, adjoint = self._followed("vjp")
+        self._check_has_run("vjp")
         given = self._checked_weights(weights)
         outputs = self._differentiable(given, "Response.vjp: weights")
+        model, tape, adjoint, changes = self._followed_with_changes("vjp", outputs)
         boundaries, direct = self._boundaries(tape), list[Gradient]()
-        check_outputs(model, tape, outputs, why_no_sums(self._path))
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
             counting |= values.reshape(len(values), -1).any(axis=1)
@@ -332,11 +332,11 @@ class Response:
             direct.append(found)
             return of_state, observed.boundaries, observed.sub_steps
 
-        by_numbers = adjoint.vjp_parts(tape, weights_of)
+        moves = bool(np.any(changes.get("X", 0.0)))
+        by_numbers = adjoint.vjp(tape, weights_of, by_places=moves)
         self.stats.gradient_growth = growth = adjoint.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        changes = self._changes(tape)
         self._refuse_others(changes, by_numbers.keys())
         known = changes.keys() & by_numbers.keys()
         parts = [along(changes[name], by_numbers[name]) for name in known]
@@ -366,11 +366,9 @@ class Response:
         SceneError
             As of `vjp`.
         """
-        model, tape, _ = self._followed("jacobian")
+        self._check_has_run("jacobian")
         outputs = self._differentiable(names or self._scenes.names, "Response.jacobian: names")
-        check_outputs(model, tape, outputs, why_no_sums(self._path))
-        changes = self._changes(tape)
-        model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
+        model, tape, adjoint, changes = self._followed_with_changes("jacobian", outputs)
         forward = Forward(adjoint)
         self._refuse_others(changes, forward.names)
         boundaries, found = self._boundaries(tape), list[dict[str, np.ndarray]]()
@@ -494,6 +492,15 @@ class Response:
         """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
         prepared, tape = self._taped(what)
         return prepared.model, tape, self._adjoint_of(prepared)
+
+    def _followed_with_changes(
+        self, what: str, outputs: Mapping[str, Output]
+    ) -> tuple[Model, Tape, Adjoint, dict[str, np.ndarray]]:
+        """The same, with derivatives of all numbers by x."""
+        model, tape, _ = self._followed(what)
+        check_outputs(model, tape, outputs, why_no_sums(self._path))
+        changes = self._changes(tape)
+        return *self._followed(what), changes  # at x again, after differences
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
         """Numbers of sub-steps before the rows of the last call."""

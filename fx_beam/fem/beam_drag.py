@@ -20,7 +20,7 @@ from . import dolfinx_api
 from .dolfinx_api import CompiledForm
 from .fields import Data, DataShape, Fields, FilledField, cell_data
 from .mesh import Mesh
-from .vjp_form import WorkOnWeights, work_and_derivatives
+from .vjp_form import WorkOnWeights, compiled_derivatives, derivatives_of
 
 
 class DragForms:
@@ -58,9 +58,8 @@ class VjpDrag:
         self.weight = dolfinx_api.Coefficient(fields.test.ufl_function_space())
         work = drag_work(fields.step(rates, "rates of the drag"), self.symbols)
         work = ufl.replace(work * fields.measure(fields.full_rule), {fields.test: self.weight})
-        flags = dolfinx_api.ONLY_IN_BATCHES
-        forms = work_and_derivatives("work of drag", work, fields, self.symbols, flags)
-        self.work = WorkOnWeights(forms, [self.weight])
+        derivatives = derivatives_of(work, fields, self.symbols)
+        self.work = WorkOnWeights("work of drag", work, derivatives, [self.weight])
 
 
 class LossToDrag:
@@ -72,7 +71,7 @@ class LossToDrag:
         lost = drag_loss(fields.step(rates, "rates of the drag"), self.symbols)
         lost *= fields.measure(fields.full_rule)
         by = {f"drag {name}": symbol for name, symbol in self.symbols.items()}
-        self.forms = work_and_derivatives("loss to drag", lost, fields, by)
+        self.forms = compiled_derivatives("loss to drag", lost, fields, by)
 
 
 class BeamDrag:

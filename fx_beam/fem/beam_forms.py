@@ -283,10 +283,15 @@ class BeamForms:
         self, work: Any, spaces: dict[str, Any], data: Mapping, increment: Any
     ) -> vjp_form.BoundVjp:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
-        spaces = self._spaces_of_vjp(data[increment].function_space, spaces)
-        moving = [data[increment], *self.moving[1:], *(data[weight] for weight in work.weights)]
-        on = self._mesh.mesh, spaces, data, self._subdomains
-        return vjp_form.bound_vjp(work, *on, moving)
+        space, mesh, tags = data[increment].function_space, self._mesh.mesh, self._subdomains
+        spaces = self._spaces_of_vjp(space, spaces)
+        moving = [data[increment], *self.moving[1:]]
+
+        def bind(form: CompiledForm, of_form: list[Any]) -> Any:
+            return dolfinx_api.bind(form, mesh, of_form or None, data, tags)
+
+        of_weights = [data[weight].function_space for weight in work.weights]
+        return vjp_form.BoundVjp(work, spaces, moving, bind, of_weights)
 
     def _spaces_of_vjp(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
         nodal = {"increment": space, "start": self._mesh.space, "q_previous": self._mesh.space}
@@ -331,7 +336,7 @@ class BeamForms:
         """Derivatives on the mesh by name, those by coefficients in given spaces; all spaces."""
         spaces = self._spaces_of_vjp(space, spaces)
         forms = vjp_form.bound_forms(compiled, self._mesh.mesh, spaces, data, self._subdomains)
-        return {name: forms[name][0] for name in forms if name in spaces}, spaces
+        return forms, spaces
 
     def losses_by(self, part: Part) -> list[dict[str, np.ndarray]]:
         """Derivatives of what beams lose in a completed step: of material and scheme, and of drag.

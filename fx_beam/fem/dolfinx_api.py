@@ -321,6 +321,11 @@ def tensor_size(form) -> int:
     return math.prod(space.element.space_dimension for space in _cpp(form).function_spaces)
 
 
+def space_size(space) -> int:
+    """Number of degrees of freedom of an element."""
+    return _cpp(space).element.space_dimension
+
+
 def _offsets(parts, size: Callable[[Any], int]) -> dict[Any, int]:
     """Offsets of parts of some sizes that stand behind each other."""
     offsets, offset = {}, 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import ufl
@@ -10,7 +10,7 @@ from ufl.algorithms import expand_derivatives
 
 import numpy as np
 
-from . import dolfinx_api, ffcx_api
+from . import dolfinx_api
 from .dolfinx_api import CompiledForm
 from .fields import Fields
 from .mesh import Mesh
@@ -21,95 +21,88 @@ NODAL = "increment", "start", "q_previous"
 
 
 class WorkOnWeights:
-    """A work on weights in UFL and its derivatives, compiled, by name; on no particular mesh."""
+    """A work on weights and its derivatives by name, in UFL; on no particular mesh."""
 
-    def __init__(self, forms: dict[str, CompiledForm], weights: list[Any]):
-        self.forms, self.weights = forms, weights
-        self._slopes: dict[tuple[str, ...], dict[tuple[str, int], CompiledForm]] = {}
+    def __init__(self, name: str, work: Any, derivatives: dict[str, Any], weights: list[Any]):
+        self.derivatives, self.weights = derivatives, weights
+        self._name, self._work = name, work
+        self._compiled: dict[tuple[str, ...], dict[tuple[str, int], CompiledForm]] = {}
 
     def slopes(self, names: Iterable[str]) -> dict[tuple[str, int], CompiledForm]:
-        """Derivatives of those by these names by each of the weights, by its number."""
+        """The work itself, as ("work", 0), and derivatives by these names and by each weight."""
         key = tuple(names)
-        if key not in self._slopes:
-            self._slopes[key] = self._derived(key)
-        return self._slopes[key]
+        if key not in self._compiled:
+            self._compiled[key] = self._slopes(key)
+        return self._compiled[key]
 
-    def _derived(self, names: tuple[str, ...]) -> dict[tuple[str, int], CompiledForm]:
-        slopes = {}
+    def _slopes(self, names: tuple[str, ...]) -> dict[tuple[str, int], CompiledForm]:
+        slopes = {("work", 0): self._work}
         for name in names:
             for number, weight in enumerate(self.weights):
-                slope = ufl.derivative(self.forms[name].form, weight)
+                slope = ufl.derivative(self.derivatives[name], weight)
                 if not expand_derivatives(slope).empty():
                     slopes[name, number] = slope
-        titles = {
-            f"{self.forms['work'].name}, slope {name} {k}": slopes[name, k] for name, k in slopes
-        }
+        titles = {f"{self._name}, slope {name} {k}": slopes[name, k] for name, k in slopes}
         compiled = dolfinx_api.compile_together(titles, dolfinx_api.ONLY_IN_BATCHES)
         return dict(zip(slopes, compiled, strict=True))
 
 
 class BoundVjp(NamedTuple):
-    """A work on a mesh: by name, the work and its derivatives as bound and compiled."""
+    """A work on a mesh."""
 
     work: WorkOnWeights
-    forms: dict[str, tuple[Any, CompiledForm]]
+    #: Spaces of the derivatives by their names.
+    spaces: Mapping[str, Any]
     #: Its fields that change, numbered as in problem.h.
     moving: list[Any]
-    #: Binds a derivative by one of the names, of which that by a weight is taken.
-    bind: Callable[[str, Any, CompiledForm], Any]
+    #: Binds a form with arguments in these spaces.
+    bind: Callable[[CompiledForm, list[Any]], Any]
+    #: Spaces of the weights.
+    of_weights: list[Any]
 
     def slopes(self, names: Iterable[str]) -> dict[tuple[str, int], tuple[Any, CompiledForm]]:
-        """Those of the work, as bound and compiled."""
-        return {
-            (name, number): (self.bind(name, self.work.weights[number], form), form)
-            for (name, number), form in self.work.slopes(names).items()
-        }
+        """The work and its slopes, as bound and compiled."""
+        slopes = {}
+        for (name, number), form in self.work.slopes(names).items():
+            spaces = [] if name == "work" else [self.spaces[name], self.of_weights[number]]
+            slopes[name, number] = self.bind(form, spaces), form
+        return slopes
 
     @property
-    def tags(self) -> list[int]:
-        """Subdomain of each integral; -1 for all cells."""
-        return ffcx_api.integrals(self.forms["work"][1])
+    def sizes(self) -> dict[str, int]:
+        """How many numbers of an element there are, by the names of derivatives."""
+        return {name: dolfinx_api.space_size(self.spaces[name]) for name in self.work.derivatives}
 
 
 def bound_forms(
     compiled: Mapping[str, CompiledForm], mesh: Any, spaces: Mapping, data: Mapping, tags: Any
-) -> dict[str, tuple[Any, CompiledForm]]:
-    """A work and its derivatives by names, those by coefficients in the given spaces, on a mesh."""
+) -> dict[str, Any]:
+    """Derivatives by names, those by coefficients in the given spaces, on a mesh."""
     return {
-        name: (dolfinx_api.bind(form, mesh, spaces.get(name), data, tags), form)
+        name: dolfinx_api.bind(form, mesh, spaces[name], data, tags)
         for name, form in compiled.items()
     }
 
 
-def bound_vjp(
-    work: WorkOnWeights, mesh: Any, spaces: Mapping, data: Mapping, tags: Any, moving: list[Any]
-) -> BoundVjp:
-    """The same as a `BoundVjp`."""
+def derivatives_of(quantity: Any, fields: Fields, by: Mapping[str, Any]) -> dict[str, Any]:
+    """Its derivatives by increment and start, by coefficients, and by coordinates, in UFL.
 
-    def bind(name: str, weight: Any, form: CompiledForm) -> Any:
-        both = [spaces[name], data[weight].function_space]
-        return dolfinx_api.bind(form, mesh, both, data, tags)
-
-    forms = bound_forms(work.forms, mesh, spaces, data, tags)
-    return BoundVjp(work, forms, moving, bind)
-
-
-def work_and_derivatives(
-    name: str, work: Any, fields: Fields, by: Mapping[str, Any], flags: Sequence[str] = ()
-) -> dict[str, CompiledForm]:
-    """A work and its derivatives by increment and start, by coefficients, and by coordinates.
-
-    Without those that are zero; compiled with further flags.
+    Without those that are zero.
     """
     by = {"increment": fields.increment, "start": fields.start, **by}
-    forms = {what: ufl.derivative(work, field) for what, field in by.items()}
+    forms = {what: ufl.derivative(quantity, field) for what, field in by.items()}
     X, of_X = fields.coordinates
-    forms["coordinates"] = ufl.derivative(work, X, ufl.TestFunction(of_X))
-    forms = {what: form for what, form in forms.items() if not expand_derivatives(form).empty()}
-    forms = {"work": work, **forms}
-    named = {f"{name} by {what}": form for what, form in forms.items()}
-    compiled = dolfinx_api.compile_together(named, flags)
-    return dict(zip(forms, compiled, strict=True))
+    forms["coordinates"] = ufl.derivative(quantity, X, ufl.TestFunction(of_X))
+    return {what: form for what, form in forms.items() if not expand_derivatives(form).empty()}
+
+
+def compiled_derivatives(
+    title: str, quantity: Any, fields: Fields, by: Mapping[str, Any]
+) -> dict[str, CompiledForm]:
+    """The same, compiled."""
+    forms = derivatives_of(quantity, fields, by)
+    named = {f"{title} by {what}": form for what, form in forms.items()}
+    return dict(zip(forms, dolfinx_api.compile_together(named), strict=True))
 
 
 class DerivedForm(WeakForm):
@@ -119,7 +112,6 @@ class DerivedForm(WeakForm):
     """
 
     title: str
-    flags: Sequence[str] = ()
 
     def __init__(self, parameters: Any, *arguments: Any):
         #: UFL's constant of the values of parameters; None without any.
@@ -142,8 +134,11 @@ class DerivedForm(WeakForm):
         by |= {"stiffness": self.stiffness, "times": self.times, "parameters": self.more}
         #: Those in the quantity by name.
         self.by = {name: field for name, field in by.items() if field in quantity.coefficients()}
-        #: The quantity as "work", and its derivatives in the order of `Vjp` in problem.h.
-        self.forms = work_and_derivatives(self.title, quantity, fields, self.by, self.flags)
+        self._derive(quantity)
+
+    def _derive(self, quantity: Any) -> None:
+        #: Its derivatives by name.
+        self.forms = compiled_derivatives(self.title, quantity, self.fields, self.by)
 
     def _with_more(self, quantity: Any) -> Any:
         if self.more is None:
@@ -157,7 +152,7 @@ class VjpForm(DerivedForm):
     With internal variables, their increments times further weights are added.
     """
 
-    title, flags = "work", dolfinx_api.ONLY_IN_BATCHES
+    title = "work"
 
     def _quantity(self) -> Any:
         test = self.fields.test
@@ -172,11 +167,11 @@ class VjpForm(DerivedForm):
             work += ufl.replace(self._increments(), grown)
         return work
 
-    def _compile(self) -> None:
-        super()._compile()
+    def _derive(self, quantity: Any) -> None:
         weights = [self.weight, *[self.internal_weight] * bool(self.width)]
+        derivatives = derivatives_of(quantity, self.fields, self.by)
         #: The work with its weights.
-        self.work = WorkOnWeights(self.forms, weights)
+        self.work = WorkOnWeights(self.title, quantity, derivatives, weights)
 
 
 class StoredForm(DerivedForm):

@@ -67,6 +67,11 @@ class FormTables:
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
         self._packed: list[tuple[Any, CompiledForm, dict[int, np.ndarray], np.ndarray]] = []
 
+    @property
+    def rows(self) -> dict[str, np.ndarray]:
+        """Degrees of freedom, internal variables and the like (cells, n) of each cell."""
+        return {name: rows for name, (rows, _) in self._rows.items()}
+
     def move(self, coordinates: np.ndarray) -> None:
         """Set the coordinates of the cells."""
         for cells, blocks in self._coordinates:

@@ -9,8 +9,9 @@ import numpy as np
 
 from fx_beam.c_library import Structs, declarations
 
-from .adjoint import Adjoint, never_empty, numbered, singular
+from .adjoint import Adjoint, check_followed
 from .element_data import aligned
+from .layout import never_empty
 from .tape import Part, Tape
 
 _NONE = np.empty(0, dtype=int)
@@ -37,7 +38,7 @@ class Forward:
         """Changes of "q" and "v" (n, m, size) and "slides" (n, m, joints) at some boundaries.
 
         Also of "internal" and "spring internal" (n, m, variables); and of the forces in some
-        `sub_steps` (k,), "constraints" (k, m, columns) and "joints" (k, m, joints, 3). `changes`
+        `sub_steps` (k,), "constraints" (k, m, columns) and "joints" (k, m, 3 joints). `changes`
         are those of the numbers by their names in `Adjoint.pull`, m of
         each; `rows` (n,) the numbers of sub-steps before the boundaries.
         """
@@ -65,38 +66,29 @@ class Forward:
         of_steps = self._of_steps(changes, count, len(tape))
         x = _side_by_side(self._vector(changes, count), group_size)
         masses = x[:, self._layout.of["mass"].start : self._layout.of["weight"].stop]
-        of_elements, of_drag = self._adjoint.of_elements(changes, count)
         self._adjoint.hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
         directions = self._ffi.new("Directions *")
-        room = self._library.fx_forward_scratch(p, self._adjoint.c)
         structs.set(
             directions,
             count=count,
             changes_mass=masses.any(axis=(1, 2)),
-            element_numbers=of_elements.shape[1],
-            drag_numbers=of_drag.shape[1],
-            of_elements=never_empty(_side_by_side(of_elements, group_size)),
-            of_drag=never_empty(_side_by_side(of_drag, group_size)),
             of_steps=never_empty(_side_by_side(of_steps, group_size)),
             x=x,
-            scratch=aligned(np.zeros(room)),
         )
         for part in tape.parts(self._adjoint.problem):
             at, of = rows_of(part)
-            results = self._results(len(at), len(of), count)
+            states, forces = self._layout.states, self._layout.forces
+            of_states, of_forces = states.empty(len(at), count), forces.empty(len(of), count)
             # C keeps the addresses of the results until the next part.
             own = Structs(self._ffi, declarations("problem.h"))
             own.set(
                 directions,
-                row_at=numbered(at, len(tape) + 1),
-                force_at=numbered(of, len(tape)),
-                **{name: never_empty(array) for name, array in results.items()},
+                states=states.members(at, len(tape) + 1, of_states),
+                forces=forces.members(of, len(tape), of_forces),
             )
             left = self._library.fx_jvp(p, tape.c, self._adjoint.c, directions)
-            if left:
-                raise singular(tape, part.end - left)
-            names = "q", "v", "slides", "internal", "spring internal", "constraints", "joints"
-            yield dict(zip(names, results.values(), strict=True))
+            check_followed(left, tape, part.end - left)
+            yield states.parts(of_states) | forces.parts(of_forces)
         at_end = _one_by_one(x, count)
         columns = at_end[:, self._layout.of["Y"]]
         #: Changes of the rest of the state at the end of the tape.
@@ -104,19 +96,6 @@ class Forward:
             "motors": columns[:, p.free + len(model.prescribed) : p.free + p.driven],
             "internal": at_end[:, self._layout.of["internal"]],
             "spring_internal": at_end[:, self._layout.of["spring internal"]],
-        }
-
-    def _results(self, rows: int, forces: int, count: int) -> dict[str, np.ndarray]:
-        """Arrays of results by their names in C."""
-        p, joints = self._p, self._model.scene.joint_count
-        return {
-            "q_rows": np.zeros((rows, count, p.dofs)),
-            "v_rows": np.zeros((rows, count, p.dofs)),
-            "slide_rows": np.zeros((rows, count, joints)),
-            "internal_rows": np.zeros((rows, count, p.cells * p.cell_internal)),
-            "spring_rows": np.zeros((rows, count, p.spring_width)),
-            "constraint_rows": np.zeros((forces, count, p.columns - p.free)),
-            "joint_rows": np.zeros((forces, count, joints, 3)),
         }
 
     def _vector(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
@@ -127,6 +106,7 @@ class Forward:
             x[:, of[name]] = _rows(changes[name], count, -1)
         x[:, of["mass"]] = _rows(changes.get("mass"), count, model.mass.nnz)[:, self._heavy]
         x[:, of["Y"]] = self._columns(changes, count)
+        self._adjoint.set_elements(changes, x)
         if "X" in changes:
             places = np.zeros((count, self._p.dofs))
             places[:, model.mesh.dofs[:, :2]] = changes["X"]

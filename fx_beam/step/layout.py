@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,15 @@ class Layout:
             "follower force": (p.follower_forces, 2),
             "parameters": (2, p.parameter_count),
         }
+        slides = np.full(model.scene.joint_count, self.of["nowhere"].start)
+        for joint, column in model.couplings.slides.items():
+            slides[joint] = starts["Y"] + column
+        arrays = {name: np.arange(own.start, own.stop) for name, own in self.of.items()}
+        constrained = arrays["R"][p.free : p.columns]
+        #: Rows of states and of forces.
+        of_state = {name: arrays[name] for name in ("q", "v", "internal", "spring internal")}
+        self.states = Rows(of_state | {"slides": slides})
+        self.forces = Rows({"constraints": constrained, "joints": arrays["forces"]})
 
     def named(self, x: np.ndarray, of_steps: np.ndarray) -> dict[str, np.ndarray]:
         """Numbers of the scene in x (size,), and those of all sub-steps (n, step_size), by name."""
@@ -53,6 +63,42 @@ class Layout:
 
     def _shaped(self, name: str, values: np.ndarray, *rows: int) -> np.ndarray:
         return values.reshape(*rows, *self._shapes.get(name, values.shape[len(rows) :]))
+
+
+class Rows:
+    """Numbers of the vector in rows of a run, in parts by name: ``RowsOfRun`` of c/problem.h."""
+
+    def __init__(self, parts: dict[str, np.ndarray]):
+        self._places = np.concatenate([*parts.values()])
+        ends = itertools.accumulate([0, *map(len, parts.values())])
+        self._of = dict(zip(parts, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
+
+    def members(self, numbers: np.ndarray, every: int, rows: np.ndarray) -> dict[str, Any]:
+        """Members for rows with these numbers, of so many."""
+        at = np.full(every, -1)
+        at[numbers] = np.arange(len(numbers))
+        size = len(self._places)
+        return {"at": at, "size": size, "place": self._places, "rows": never_empty(rows)}
+
+    def filled(self, given: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+        """Rows (count, size) of the given parts, with zeros in all others."""
+        rows = np.zeros((count, len(self._places)))
+        for name in given.keys() & self._of.keys():
+            rows[:, self._of[name]] = np.reshape(given[name], (count, -1))
+        return rows
+
+    def empty(self, *lengths: int) -> np.ndarray:
+        """Rows (*lengths, size) of zeros."""
+        return np.zeros((*lengths, len(self._places)))
+
+    def parts(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """Parts of rows by name."""
+        return {name: rows[..., own] for name, own in self._of.items()}
+
+
+def never_empty(array: np.ndarray) -> np.ndarray:
+    """An array with an address."""
+    return array if array.size else np.zeros(1)
 
 
 def _fields(problem: Problem, struct: Any) -> Any:

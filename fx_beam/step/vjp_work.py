@@ -1,139 +1,164 @@
-"""The work of elements on weights, whose derivatives are summed over the steps of a run."""
+"""Forces of elements as their work on weights: the local Jacobians that runs both ways follow."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-from fx_beam.fem import dolfinx_api
+from fx_beam.fem import dolfinx_api, ffcx_api
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.vjp_form import BoundVjp
 
+from .element_data import in_lanes
 from .kernels import Kernel
+from .layout import Layout
 from .tables import Problem
 
-# These derivatives come first, in this order; the others are summed for each element.
-_FIRST = "work", "increment", "start", "q_previous", "internal", "natural", "natural_end"
-# Names of the others, besides the coefficients of drag.
-_NAMES = {
-    "coordinates": "coordinates",
-    "parameters": "parameters of elements",
-    "stiffness": "stiffness",
-    "times": "retardation",
+# Arrays of `Layout` and rows of `FormTables` of numbers that elements have in common, by the names
+# of derivatives; other numbers are of each element.
+_IN_COMMON = {
+    "increment": ("q1", "dofs"),
+    "start": ("q", "dofs"),
+    "q_previous": ("q previous", "dofs"),
+    "internal": ("internal", "internal"),
+    "natural": ("natural", "natural"),
+    "natural_end": ("natural1", "natural"),
+    "parameters": ("parameters", ""),
 }
+# Names of the others, besides the coefficients of drag.
+_NAMES = {"coordinates": "coordinates", "stiffness": "stiffness", "times": "retardation"}
 
 
 class VjpWork:
-    """A work on weights: its derivatives by the numbers of each element are summed over steps."""
+    """Dense Jacobians of all elements, and where their numbers are in the vector of a sub-step.
 
-    def __init__(self, name: str, vjp: BoundVjp):
+    They are by the configurations at the end and at the start, not by increment and start.
+    """
+
+    def __init__(self, name: str, vjp: BoundVjp, beams: BeamForms, problem: Problem):
         #: Its name in C.
-        self.name, self._vjp = name, vjp
-        sizes = {name: dolfinx_api.tensor_size(form) for name, (form, _) in vjp.forms.items()}
-        self._sizes = sizes
-        #: Numbers of an element by name.
-        self._tail = {name: size for name, size in sizes.items() if name not in _FIRST}
-        self._slopes: dict[bool, dict[str, Any]] = {}
+        self.name, self._vjp, self._beams, self._problem = name, vjp, beams, problem
+        #: The array of `Layout` with the numbers of one element after the other.
+        self.array = name.replace("_", " ")
+        nodal = dict.fromkeys(("increment", "start"), problem.c.cell_dofs)
+        self._sizes = nodal | vjp.sizes
+        self._own = {name: size for name, size in vjp.sizes.items() if name not in _IN_COMMON}
+        self._members: dict[bool, dict[str, Any]] = {}
         #: Names of the derivatives.
-        self.names = [_name_of(name) for name in self._tail]
-        #: Sums [block][number][lane], and the cells of each integral.
-        self.sums, self._cells = np.empty((0, 0, 0)), list[np.ndarray]()
+        self.names = [_name_of(name) for name in self._own]
 
-    def handed_over(self, problem: Problem, beams: BeamForms) -> dict[str, Any]:
-        """The work as ``Vjp`` of c/problem.h, without its form."""
-        self._cells = [beams.cells_of(tag) for tag in self._vjp.tags]
-        lanes, total = problem.library.LANES, sum(self._tail.values())
-        blocks = sum(-(-len(cells) // lanes) for cells in self._cells)
-        self.sums = np.zeros((blocks, total, lanes))
-        return {
-            **{name: int(name in self._sizes) for name in _FIRST[1:]},
-            "parameters_at": self._first_parameter(),
-            "tail": total,
-            "sums": self.sums,
-        }
+    def handed_over(self) -> dict[str, Any]:
+        """What the layout of the vector needs of it, as members of ``Vjp`` of c/problem.h."""
+        return {"own": sum(self._own.values()), "q_previous": int("q_previous" in self._sizes)}
 
-    def form(self, problem: Problem) -> dict[str, Any]:
-        """Its form, for runs backwards."""
-        assert problem.tables is not None
-        kernel = Kernel([*self._vjp.forms.values()], [*self._sizes.values()])
-        table = problem.tables.of("work by start", kernel, self._vjp.moving)
-        table["changing"] = table["moving"]
-        return {"form": table}
+    def members(self, layout: Layout, by_places: bool) -> dict[str, Any]:
+        """The others; derivatives by places of nodes are left out if they are not wanted."""
+        if by_places not in self._members:
+            self._members[by_places] = self._made(layout, by_places)
+        return self._members[by_places]
 
-    def slopes(self, problem: Problem, by_places: bool) -> dict[str, Any]:
-        """What runs forwards need of it besides, as members of ``Vjp``: by places if wanted."""
-        if by_places not in self._slopes:
-            self._slopes[by_places] = self._made_slopes(problem, by_places)
-        return self._slopes[by_places]
-
-    def _made_slopes(self, problem: Problem, by_places: bool) -> dict[str, Any]:
-        assert problem.tables is not None
-        names = [name for name in self._sizes if name != "work"]
-        at = dict(
-            zip(names, itertools.accumulate(self._sizes[name] for name in names), strict=True)
+    def _made(self, layout: Layout, by_places: bool) -> dict[str, Any]:
+        tables, lanes = self._problem.tables, self._problem.library.LANES
+        assert tables is not None
+        wanted = [name for name in self._vjp.sizes if by_places or name != "coordinates"]
+        slopes = self._vjp.slopes(wanted)
+        kernel = Kernel(
+            [*slopes.values()], [dolfinx_api.tensor_size(f) for f, _ in slopes.values()]
         )
-        wanted = [name for name in names if by_places or name != "coordinates"]
-        pieces = self._vjp.slopes(wanted)
-        forms = [self._vjp.forms["work"], *pieces.values()]
-        kernel = Kernel(forms, [1, *(dolfinx_api.tensor_size(form) for form, _ in pieces.values())])
-        table = problem.tables.of("slopes of forces", kernel, self._vjp.moving)
+        table = tables.of("slopes of forces", kernel, self._vjp.moving)
         table["changing"] = table["moving"]
+        made = [*slopes][1:]  # behind the work
+        ends = {weight: i for i, (name, weight) in enumerate(made) if name == "increment"}
+        pieces = made + [key for weight in ends if (key := ("start", weight)) not in made]
+        numbers, weights = self._numbers(layout, tables.rows), self._weights(layout, tables.rows)
+        first, of_weights = _starts(self._sizes.values()), [rows.shape[1] for rows in weights]
+        at = dict(zip(self._sizes, first, strict=False))
+        size = [self._sizes[name] for name, _ in pieces]
+        width = [of_weights[weight] for _, weight in pieces]
+        piece_start = _starts([1, *(m * n for m, n in zip(size, width, strict=True))])
+        behind = layout.of["nowhere"].start
+        cells = [self._beams.cells_of(tag) for tag in ffcx_api.integrals(kernel.forms[0][1])]
+        from_, to = (
+            np.concatenate([in_lanes(np.hstack(rows)[own], lanes, behind) for own in cells])
+            for rows in ([*numbers], weights)
+        )
         return {
             "slopes": table,
+            "numbers": first[-1],
+            "of_state": sum(
+                n for name, n in self._sizes.items() if name in _IN_COMMON.keys() - {"parameters"}
+            ),
+            "weights": sum(of_weights),
+            "slope_numbers": piece_start[-1],
             "pieces": len(pieces),
-            "slope_numbers": kernel.size,
-            "of_internal": [weight for _, weight in pieces],
-            "piece_at": [at[name] - self._sizes[name] for name, _ in pieces],
-            "piece_size": [self._sizes[name] for name, _ in pieces],
+            "made": len(made),
+            "piece_start": piece_start[1:-1],
+            "number_at": [at[name] for name, _ in pieces],
+            "piece_numbers": size,
+            "weight_at": [_starts(of_weights)[weight] for _, weight in pieces],
+            "piece_weights": width,
+            "end_of": [ends.get(weight, -1) if name == "start" else -1 for name, weight in pieces],
+            "from": from_,
+            "to": to,
         }
 
-    def _first_parameter(self) -> int:
-        """Index of the first parameter in the tail, or -1."""
-        names = list(self._tail)
-        if "parameters" not in names:
-            return -1
-        return sum(self._tail[name] for name in names[: names.index("parameters")])
+    def _numbers(self, layout: Layout, rows: Mapping[str, np.ndarray]) -> Iterator[np.ndarray]:
+        """Places (cells, n) of all numbers of the elements, in the order of the sizes."""
+        own = np.reshape(
+            np.arange(*layout.of[self.array].indices(layout.size)), (len(rows["dofs"]), -1)
+        )
+        for name, size in self._sizes.items():
+            if name not in _IN_COMMON:
+                part, own = own[:, :size], own[:, size:]
+                yield part
+                continue
+            array, kind = _IN_COMMON[name]
+            at = (
+                np.reshape(self._beams.parameters[1], (1, -1))
+                if name == "parameters"
+                else rows[kind]
+            )
+            yield layout.of[array].start + np.broadcast_to(at, (len(rows["dofs"]), size))
 
-    def of_cells(self, cells: int) -> dict[str, np.ndarray]:
-        """Derivatives (cells, points, ...) by name, in the order of the cells."""
-        total, lanes = self.sums.shape[1:]
-        found, first = np.zeros((cells, total)), 0
-        for own in self._cells:
-            end = first + -(-len(own) // lanes)
-            rows = self.sums[first:end].transpose(0, 2, 1).reshape(-1, total)
-            found[own], first = rows[: len(own)], end
-        ends = np.cumsum([*self._tail.values()])[:-1]
-        parts = dict(zip(self._tail, np.split(found, ends, axis=1), strict=True))
-        return {_name_of(name): self._by_points(name, part) for name, part in parts.items()}
+    def _weights(self, layout: Layout, rows: Mapping[str, np.ndarray]) -> list[np.ndarray]:
+        """Places (cells, n) of forces, and of internal variables at the end."""
+        pairs = (("r", "dofs"), ("internal1", "internal"))[: len(self._vjp.of_weights)]
+        return [layout.of[array].start + rows[kind] for array, kind in pairs]
 
-    def in_lanes(self, changes: Mapping[str, np.ndarray], count: int, cells: int) -> np.ndarray:
-        """Changes (count, numbers) of the numbers of all elements, of one after the other.
+    def of_cells(self, layout: Layout, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives (cells, points, ...) by name."""
+        rows = x[layout.of[self.array]].reshape(-1, sum(self._own.values()))
+        parts = np.split(rows, _starts(self._own.values())[1:-1], axis=1)
+        return {
+            _name_of(name): self._by_points(name, part)
+            for name, part in zip(self._own, parts, strict=True)
+        }
 
-        The elements are in the order of the sums, those that are missing in a block included.
-        """
-        parts = [
-            np.broadcast_to(0.0, (count, cells, size))
-            if (change := changes.get(_name_of(name))) is None
-            else np.reshape(change, (count, cells, size))
-            for name, size in self._tail.items()
-        ]
-        rows, (blocks, total, lanes) = np.concatenate(parts, axis=-1), self.sums.shape
-        found, first = np.zeros((count, blocks * lanes, total)), 0
-        for own in self._cells:
-            found[:, first : first + len(own)] = rows[:, own]
-            first += -(-len(own) // lanes) * lanes
-        return found.reshape(count, -1)
+    def set_changes(self, layout: Layout, changes: Mapping[str, np.ndarray], x: np.ndarray) -> None:
+        """Set changes (count, ...) of numbers of elements in vectors (count, size)."""
+        to = x[:, layout.of[self.array]].reshape(len(x), -1, sum(self._own.values()))
+        first = 0
+        for name, size in self._own.items():
+            if (change := changes.get(_name_of(name))) is not None:
+                to[..., first : first + size] = np.reshape(change, (*to.shape[:2], size))
+            first += size
+        x[:, layout.of[self.array]] = to.reshape(len(x), -1)
 
     @staticmethod
     def _by_points(name: str, part: np.ndarray) -> np.ndarray:
-        if name in ("coordinates", "parameters"):
+        if name == "coordinates":
             return part
         width = 3 if name in _NAMES else 2 if "across" in name else 1
         by_points = part.reshape(len(part), -1, width)
         return by_points if width > 1 else by_points[..., 0]
+
+
+def _starts(sizes: Any) -> list[int]:
+    """Where parts of some sizes begin that stand behind each other, and where the last one ends."""
+    return [0, *itertools.accumulate(sizes)]
 
 
 def _name_of(name: str) -> str:

@@ -17,7 +17,7 @@ static void pack(const Problem *p, const Integral *of, const Form *form, long bl
   for (int m = first; m < end; ++m) {
     int kind = form->kind[m], entries = p->cell_dofs * LANES;
     const int *dofs = of->dofs;
-    if (kind == INTERNAL || kind == OF_INTERNAL) entries = p->cell_internal * LANES, dofs = of->internal;
+    if (kind == INTERNAL) entries = p->cell_internal * LANES, dofs = of->internal;
     if (kind == NATURAL || kind == NATURAL_END) entries = p->cell_natural * LANES, dofs = of->natural;
     dofs += block * entries;
     const double *field = fields[kind];

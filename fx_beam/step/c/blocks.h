@@ -24,6 +24,7 @@ typedef struct {
   const int *from, *to, *value;
   const double *sign, *values;
   int from_array, to_array; /* where the arrays of `from` and `to` begin */
+  int lacks_memory;
 } Block;
 
 /* Index of a number of an array; -1 of none, for the ground. */
@@ -31,7 +32,12 @@ static inline int in(int array, int i) { return i < 0 ? -1 : array + i; }
 
 static inline void put(Block *b, int from, int to, double slope) {
   if (from < 0 || to < 0 || slope == 0) return;
-  if (b->count == b->room) b->entry = realloc(b->entry, (b->room = 2 * b->room + 64) * sizeof(Entry));
+  if (b->count == b->room) {
+    Entry *longer = realloc(b->entry, (2 * b->room + 64) * sizeof(Entry));
+    if (!longer) b->lacks_memory = 1;
+    if (!longer) return;
+    b->entry = longer, b->room = 2 * b->room + 64;
+  }
   b->entry[b->count++] = (Entry){from, to, slope};
 }
 
@@ -102,6 +108,7 @@ OF_DERIVATIVES Layout fx_layout(const Problem *p, const Adjoint *a) {
   ARRAY(natural_columns, p->naturals ? p->natural_start[p->naturals] : 0), ARRAY(offset, 2 * joints);
   ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, path_start(p, p->sliders));
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
+  ARRAY(internal_forces, p->cells * a->internal_forces.own), ARRAY(drag, p->cells * a->drag.own);
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n), ARRAY(internal, internal);
   ARRAY(spring_internal, p->spring_width), ARRAY(natural, natural);
   ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->follower_forces);
@@ -112,7 +119,7 @@ OF_DERIVATIVES Layout fx_layout(const Problem *p, const Adjoint *a) {
   ARRAY(closures, p->closures), ARRAY(closing, p->closures);
   ARRAY(pushed, p->carried ? columns : 0), ARRAY(carried, p->carried ? n : 0);
   ARRAY(moments, p->scene_joints), ARRAY(forces, 3 * p->scene_joints), ARRAY(axes, 2 * p->sliders);
-  ARRAY(followed, followed), ARRAY(size, 0);
+  ARRAY(followed, followed), ARRAY(nowhere, LANES), ARRAY(size, 0);
 #undef ARRAY
   return l;
 }

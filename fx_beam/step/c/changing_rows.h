@@ -14,7 +14,7 @@ OF_STEPS void fx_free_rows(ChangingRows *c) {
   free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
   free(r->run_start), free(r->run_column), free(r->run_length);
   free(c->near_to), free(c->order), free(c->at), free(c->factors), free(c->work), free(c->entry), free(c->entry_at), free(c->entry_start);
-  free(c->position), free(c->bordering_entry), free(c->transposed_at), free(c->transposed_entry_at);
+  free(c->position), free(c->bordering_entry);
 }
 
 static void add_to(IntList *list, int value) {
@@ -251,12 +251,30 @@ static void place_bordering_rows(Problem *p, int contact_points) {
   ROOM(c->bordering_entry, most);
 }
 
+/* Places among the factors of the entries of the tangent or of its transpose, and of those of touches. */
+static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
+  const MemberContacts *m = p->points->members;
+  int *to = c->entry_at;
+  for (int i = 0; i < p->unknowns; ++i)
+    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) {
+      int j = p->tangent_column[k];
+      c->at[k] = transposed ? place_of_pair(c, j, i) : place_of_pair(c, i, j);
+    }
+  for (int t = 0; t < m->contact_points; ++t)
+    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a)
+      for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b) {
+        int i = c->entry[a].row, j = c->entry[b].column;
+        *to++ = transposed ? place_of_pair(c, j, i) : place_of_pair(c, i, j);
+      }
+  c->placed = transposed;
+}
+
 /* Finds the pattern for the present touches, if it lacks one. */
 static void change_rows(Problem *p) {
   ChangingRows *c = p->changing;
   MemberContacts *m = p->points->members;
   if (has_contact_points(c, m)) return;
-  c->searches = m->searches, ++c->found;
+  c->searches = m->searches, c->placed = -1;
   count_contact_points(m);
   int n = c->groups;
   ROOM(c->work, 9L * n + m->contact_points + 8);
@@ -279,18 +297,6 @@ static void change_rows(Problem *p) {
   lay_out_rows(c, positions);
   long size = c->rows.start[p->unknowns];
   ROOM(c->factors, size);
-  for (int i = 0; i < p->unknowns; ++i)
-    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) {
-      int j = p->tangent_column[k];
-      c->at[k] = place_of_pair(c, i, j);
-    }
-  pairs = 0;
-  for (int t = 0; t < m->contact_points; ++t)
-    for (int a = starts[t]; a < starts[t + 1]; ++a)
-      for (int b = starts[t]; b < starts[t + 1]; ++b) {
-        int i = c->entry[a].row, j = c->entry[b].column;
-        c->entry_at[pairs++] = place_of_pair(c, i, j);
-      }
   c->entry_start = realloc(c->entry_start, (m->contact_points + 1) * sizeof(int));
   memcpy(c->entry_start, starts, (m->contact_points + 1) * sizeof(int));
   free(starts);
@@ -300,8 +306,9 @@ static void change_rows(Problem *p) {
 }
 
 /* Adds the tangents of all touches to the factors, with the places of their entries. */
-static void add_contact_points(const Problem *p, const Work *w, const int *to) {
+static void add_contact_points(const Problem *p, const Work *w) {
   const ChangingRows *c = p->changing;
+  const int *to = c->entry_at;
   const MemberContacts *m = p->points->members;
   for (int t = 0; t < m->contact_points; ++t) {
     const ContactPoint *e = m->contact_point + t;
@@ -344,11 +351,13 @@ static void times_contact_points(const Problem *p, const Work *w, const double *
 
 static void fill_changing(const Problem *p, const Work *w) {
   ChangingRows *c = p->changing;
+  if (c->placed != w->transposed) place_entries(p, c, w->transposed);
   memset(c->factors, 0, c->rows.start[p->unknowns] * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) c->factors[c->at[k]] = w->tangent[k];
-  add_contact_points(p, w, c->entry_at);
+  add_contact_points(p, w);
 }
 
+/* Factors of the tangent, or of its transpose, with that of the contact points. */
 static int factorise_changing(const Problem *p, const Work *w) {
   fill_changing(p, w);
   return factorise_sparse(&p->changing->rows, p->changing->factors, w->row);

@@ -1,79 +1,133 @@
-/* Derivatives of the forces of elements, which are found for LANES elements at once: backwards by the work on a weight,
-   forwards by slopes that serve all directions; and those of the forces of inertia. */
+/* Derivatives of the forces of elements, by dense Jacobians that are found for LANES elements at once, and of those of
+   inertia. */
 
 #pragma once
 
 #include "linearised.h"
 
-/* Derivatives of the forces of elements as pieces of `Vjp`, and whether these are by the configurations at the end
-   and at the start, not by increment and start. */
-typedef struct {
-  double *of_elements[2];
-  int by_ends[2];
-} Slopes;
+/* The Jacobians of a block of elements in a sub-step that has begun. */
+static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *of, const Integral *own, long block, double *to) {
+  evaluate(p, &of->slopes, own, block, w->fields, to);
+  for (int i = 0; i < of->pieces; ++i) {
+    int end = of->end_of[i], weights = of->piece_weights[i], n = of->piece_numbers[i] * weights * LANES;
+    double *piece = to + of->piece_start[i] * LANES, *by_end = end < 0 ? 0 : to + of->piece_start[end] * LANES;
+    if (i >= of->made) memset(piece, 0, n * sizeof(double));
+    else if (of->weight_at[i])
+      for (int k = 0; k < n; ++k) piece[k] *= p->per_weight[k / LANES % weights];
+    for (int k = 0; by_end && k < n; ++k) piece[k] -= by_end[k];
+  }
+}
 
-/* Room for derivatives by nodes, with that of elements that only fill a block, and for those by forces that friction
-   follows. */
-typedef struct {
-  double *by_increment, *by_start, *by_previous, *of_internal;
-  FixedPoint following;
-} Backward;
+/* Those of all elements. */
+static void find_slopes(const Problem *p, const Work *w, const Adjoint *a, const Linear *l) {
+  for (int i = 0; i < 2; ++i) {
+    const Vjp *of = work_of_elements(a, i);
+    const Form *form = &of->slopes;
+    double *to = l->slopes[i];
+    for (const Integral *own = form->of; own < form->of + form->integrals; ++own)
+      for (long block = 0; block * LANES < own->cells; ++block, to += (long)of->slope_numbers * LANES)
+        evaluate_slopes(p, w, of, own, block, to);
+  }
+}
 
-/* Adds the derivatives of the work of elements on the weights `fields`: those by nodes to vectors, with `last` the others to
-   the sums of each element. */
-static void vjp_elements(const Problem *p, const Vjp *of, const double *const *fields, const Backward *b,
-                          const Layout *at, double t, double dt, double *x, int last) {
-  const Form *form = &of->form;
-  int n = p->cell_dofs, m = of->internal ? p->cell_internal : 0, there[] = {of->increment, of->start, of->q_previous};
-  int s = p->cell_natural, strained[] = {of->natural, of->natural_end};
-  double A[(1 + 3 * n + m + 2 * s + of->tail) * LANES], *sums = of->sums, *natural[] = {x + at->natural, x + at->natural1};
-  double *nodal[] = {b->by_increment, b->by_start, b->by_previous};
-  set_time(p, form, t, dt);
-  for (int i = 0; i < form->integrals; ++i) {
-    const Integral *own = form->of + i;
-    for (long block = 0; block * LANES < own->cells; ++block, sums += of->tail * LANES) {
-      evaluate(p, form, own, block, fields, A);
-      const double *rest = A + LANES;
-      for (int k = 0; k < 3; rest += there[k++] * n * LANES)
-        if (there[k]) add(n, own->to + block * n * LANES, rest, nodal[k]);
-      for (int k = 0; k < m; ++k, rest += LANES)
-        for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
-          x[at->internal + own->internal[(block * m + k) * LANES + l]] += rest[l];
-      for (int end = 0; end < 2; ++end)
-        for (int k = 0; strained[end] && k < s; ++k, rest += LANES)
-          for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
-            natural[end][own->natural[(block * s + k) * LANES + l]] += rest[l];
-      for (int k = 0; last && k < of->tail * LANES; ++k) sums[k] += rest[k];
-      for (int k = 0; last && of->parameters_at >= 0 && k < form->parameters; ++k)
-        for (int l = 0; l < LANES && block * LANES + l < own->cells; ++l)
-          x[at->parameters + form->parameter[k]] += rest[(of->parameters_at + k) * LANES + l];
+/* A sub-step of a tape with all its laws, and those of joint forces if these are wanted; returns 0 in a singular position.
+   Slopes that are read more than once are stored. */
+static int begin_linearised(Problem *p, Work *w, const Adjoint *a, Linear *l, const double *row, int forces, int first, int store) {
+  if (!begin_taped(p, w, a, row, l)) return 0;
+  linearise(p, w, a, l, forces, first);
+  for (int i = 0; i < 2; ++i) set_time(p, &work_of_elements(a, i)->slopes, p->t + p->level * w->dt, w->dt);
+  if (store) find_slopes(p, w, a, l);
+  l->stores = store;
+  return 1;
+}
+
+/* Adds the products of slopes [number][weight][lane], of one lane, and changes. */
+INLINED void add_products(int numbers, int weights, const double *slopes, const int *from, const Changes *x, Changes *sums) {
+  for (int q = 0; q < numbers; ++q, from += LANES)
+#pragma GCC unroll 12
+    for (int k = 0; k < weights; ++k, slopes += LANES) sums[k] += *slopes * x[*from];
+}
+
+/* Adds the changes of forces of elements, the first `weights`, or with `internal` those of internal variables behind them.
+   With `held` the end does not change. */
+INLINED void jvp_cells(const Vjp *of, const double *slopes, int weights, int internal, int held, Changes *x) {
+  const int *from = of->from, *to = of->to + (internal ? (of->weights - weights) * LANES : 0);
+  for (const Integral *own = of->slopes.of; own < of->slopes.of + of->slopes.integrals; ++own)
+    for (long cell = 0; cell < own->cells; cell += LANES) {
+      for (int lane = 0; lane < LANES && cell + lane < own->cells; ++lane) {
+        Changes sums[weights];
+        for (int k = 0; k < weights; ++k) sums[k] = (Changes){0};
+        for (int i = 0; i < of->pieces; ++i)
+          if (!of->weight_at[i] == !internal && !(held && !of->number_at[i]))
+            add_products(of->piece_numbers[i], weights, slopes + of->piece_start[i] * LANES + lane,
+                         from + of->number_at[i] * LANES + lane, x, sums);
+        for (int k = 0; k < weights; ++k) x[to[k * LANES + lane]] += sums[k];
+      }
+      slopes += (long)of->slope_numbers * LANES, from += of->numbers * LANES, to += of->weights * LANES;
     }
+}
+
+static void jvp_elements(const Problem *p, const Adjoint *a, const Linear *l, int held, Changes *x) {
+  for (int i = 0; i < 2; ++i) {
+    const Vjp *of = work_of_elements(a, i);
+    if (p->cell_dofs == 6) jvp_cells(of, l->slopes[i], 6, 0, held, x); /* sums stay in registers */
+    else jvp_cells(of, l->slopes[i], p->cell_dofs, 0, held, x);
+  }
+}
+
+/* Adds the products of slopes [number][weight][lane], of all lanes, and weights [weight][lane] to the derivatives by numbers. */
+INLINED void add_transposed(int numbers, int weights, const double *slopes, const int *from, const Four *weight, double *x) {
+  for (int q = 0; q < numbers; ++q, from += LANES) {
+    Four sums[LANES / 4] = {{0}};
+#pragma GCC unroll 12
+    for (int k = 0; k < weights; ++k, slopes += LANES)
+      for (int i = 0; i < LANES / 4; ++i) sums[i] += *(const Four *)(slopes + 4 * i) * weight[k * (LANES / 4) + i];
+    for (int lane = 0; lane < LANES; ++lane) x[from[lane]] += sums[lane / 4][lane % 4];
+  }
+}
+
+/* The derivatives by the numbers of elements, by their slopes if these are stored; without `last` not by those of each
+   element itself. */
+INLINED void vjp_cells(const Problem *p, const Work *w, const Vjp *of, const double *stored, int weights, int last, double *x) {
+  const int *from = of->from, *to = of->to;
+  Four weight[of->weights * (LANES / 4) + 1];
+  double room[of->slope_numbers * LANES + 1];
+  for (const Integral *own = of->slopes.of; own < of->slopes.of + of->slopes.integrals; ++own)
+    for (long block = 0; block * LANES < own->cells; ++block, from += of->numbers * LANES, to += of->weights * LANES) {
+      const double *slopes = stored ? stored : room;
+      if (stored) stored += (long)of->slope_numbers * LANES;
+      else evaluate_slopes(p, w, of, own, block, room);
+      for (int k = 0; k < of->weights * LANES; ++k) ((double *)weight)[k] = x[to[k]];
+      for (int i = 0; i < of->pieces; ++i) {
+        int internal = of->weight_at[i], at = of->number_at[i];
+        if (last || at < of->of_state)
+          add_transposed(of->piece_numbers[i], internal ? of->piece_weights[i] : weights, slopes + of->piece_start[i] * LANES,
+                         from + at * LANES, weight + internal * (LANES / 4), x);
+      }
+    }
+}
+
+static void vjp_elements(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, int last, double *x) {
+  for (int i = 0; i < 2; ++i) {
+    const Vjp *of = work_of_elements(a, i);
+    const double *stored = l->stores ? l->slopes[i] : 0;
+    if (p->cell_dofs == 6) vjp_cells(p, w, of, stored, 6, last, x);
+    else vjp_cells(p, w, of, stored, p->cell_dofs, last, x);
   }
 }
 
 /* The derivatives of the forces of elements and of inertia, and of internal variables; with `last` also by numbers. */
-static void vjp_bodies(const Problem *p, const Work *w, const Adjoint *a, const Layout *at, const Backward *b,
-                        double *x, int last) {
-  const double *fields[VJP_FIELDS] = {w->D, p->q, p->v, p->a, p->q_previous, p->internal,
-                                         p->natural, w->natural_end, x + at->r, b->of_internal};
-  double t = p->t + p->level * w->dt, per_dt = rates_per_path(p, w->dt);
-  int n = p->dofs, internal = p->cells * p->cell_internal;
-  memset(b->by_increment, 0, n * sizeof(double)), memset(b->by_start, 0, n * sizeof(double));
-  if (a->internal_forces.q_previous) memset(b->by_previous, 0, n * sizeof(double));
-  for (int i = 0; i < internal; ++i) {
-    x[at->internal + i] += x[at->internal1 + i];
-    b->of_internal[i] = x[at->internal1 + i] * p->per_weight[i % p->cell_internal];
-  }
-  vjp_elements(p, &a->internal_forces, fields, b, at, t, w->dt, x, last);
-  vjp_elements(p, &a->drag, fields, b, at, t, w->dt, x, last);
+static void vjp_bodies(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, double *x, int last) {
+  const Layout *at = &l->at;
+  double per_dt = rates_per_path(p, w->dt);
+  for (int i = 0; i < p->cells * p->cell_internal; ++i) x[at->internal + i] += x[at->internal1 + i];
+  vjp_elements(p, w, a, l, last, x);
   times_mass(p, x + at->r, w->scratch);
-  for (int i = 0; i < n; ++i) {
-    double by_increment = b->by_increment[i] + per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
-    x[at->q1 + i] += by_increment, x[at->q + i] += b->by_start[i] - by_increment;
-    x[at->v + i] -= per_dt * w->scratch[i];
+  for (int i = 0; i < p->dofs; ++i) {
+    double by_increment = per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
+    x[at->q1 + i] += by_increment, x[at->q + i] -= by_increment, x[at->v + i] -= per_dt * w->scratch[i];
   }
-  for (int i = 0; a->internal_forces.q_previous && i < n; ++i) x[at->q_previous + i] += b->by_previous[i];
-  for (int i = 0; last && i < n; ++i) {
+  for (int i = 0; last && i < p->dofs; ++i) {
     double weight = x[at->r + i];
     x[at->weight + i] -= acting(p) * weight;
     for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k) x[at->mass + k] += weight * w->acc[p->mass_column[k]];
@@ -96,130 +150,4 @@ static void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int c
       sum += x[at->mass + k] * w->acc[p->mass_column[k]];
     x[at->r + i] = changes_mass ? sum - acting(p) * x[at->weight + i] : sum;
   }
-}
-
-static int numbers_of_element(const Problem *p, const Vjp *of) {
-  return (of->increment + of->start + of->q_previous) * p->cell_dofs + of->internal * p->cell_internal +
-         (of->natural + of->natural_end) * p->cell_natural + of->tail;
-}
-
-static long blocks_of(const Form *form) {
-  long blocks = 0;
-  for (int i = 0; i < form->integrals; ++i) blocks += (form->of[i].cells + LANES - 1) / LANES;
-  return blocks;
-}
-
-static int weights_of_piece(const Problem *p, const Vjp *of, int i) {
-  return of->of_internal[i] ? p->cell_internal : p->cell_dofs;
-}
-
-/* Where a piece begins in the slopes of a block, behind the work. */
-static double *piece_in(const Problem *p, const Vjp *of, int piece, double *slopes) {
-  long at = 1;
-  for (int i = 0; i < piece; ++i) at += of->piece_size[i] * weights_of_piece(p, of, i);
-  return slopes + at * LANES;
-}
-
-static int is_by_increment(const Vjp *of, int i) { return of->increment && of->piece_at[i] == 0; }
-
-/* The piece by the start with the weights of one by the increment, or -1. */
-static int piece_by_start(const Problem *p, const Vjp *of, int i) {
-  for (int k = 0; of->start && k < of->pieces; ++k)
-    if (of->piece_at[k] == p->cell_dofs && of->of_internal[k] == of->of_internal[i]) return k;
-  return -1;
-}
-
-static int can_be_by_ends(const Problem *p, const Vjp *of) {
-  for (int i = 0; i < of->pieces; ++i)
-    if (is_by_increment(of, i) && piece_by_start(p, of, i) < 0) return 0;
-  return of->increment;
-}
-
-/* With `by_ends` the slopes by the start become those at a fixed end. */
-static void find_slopes(const Problem *p, const Vjp *of, int by_ends, const double *const *fields, double t, double dt,
-                        double *to) {
-  const Form *form = &of->slopes;
-  set_time(p, form, t, dt);
-  for (int i = 0; i < form->integrals; ++i)
-    for (long block = 0; block * LANES < form->of[i].cells; ++block, to += (long)of->slope_numbers * LANES) {
-      evaluate(p, form, form->of + i, block, fields, to);
-      for (int k = 0; by_ends && k < of->pieces; ++k) {
-        if (!is_by_increment(of, k)) continue;
-        double *by_end = piece_in(p, of, k, to), *by_start = piece_in(p, of, piece_by_start(p, of, k), to);
-        for (int l = 0; l < of->piece_size[k] * weights_of_piece(p, of, k) * LANES; ++l) by_start[l] -= by_end[l];
-      }
-    }
-}
-
-/* Adds the products of slopes [number][weight][lane], of one lane, and changes. */
-INLINED void add_products(int numbers, int weights, const double *slopes, const Changes *x, Changes *sums) {
-  for (int q = 0; q < numbers; ++q)
-#pragma GCC unroll 12
-    for (int k = 0; k < weights; ++k, slopes += LANES) sums[k] += *slopes * x[q];
-}
-
-/* The change of the forces of an element, or of the increments of its internal variables, by those of its numbers: those
-   before `tail` in x. With `held` the end does not change. */
-INLINED void sum_pieces(const Vjp *of, int held, int internal, int weights, const double *slopes, const Changes *x,
-                        int before_tail, const Changes *tail, int n, int m, Changes *sums) {
-  slopes += LANES; /* behind the work */
-  for (int k = 0; k < weights; ++k) sums[k] = (Changes){0};
-  for (int i = 0; i < of->pieces; ++i) {
-    int numbers = of->piece_size[i], at = of->piece_at[i];
-    const Changes *own = at < before_tail ? x + at : tail + (at - before_tail);
-    if (of->of_internal[i] == internal && !(held && is_by_increment(of, i)))
-      add_products(numbers, weights, slopes, own, sums);
-    slopes += (long)numbers * (of->of_internal[i] ? m : n) * LANES;
-  }
-}
-
-/* Adds the change of the forces of elements with n degrees of freedom, or with `grows` that of their internal variables
-   to these. */
-INLINED void change_cells(int n, const Problem *p, const Vjp *of, const double *slopes, int by_ends, const Layout *at,
-                          int fixed, Changes *changes, const Changes *tail, int grows) {
-  const Form *form = &of->slopes;
-  int m = p->cell_internal, all = numbers_of_element(p, of), s = p->cell_natural;
-  int held = by_ends && fixed, strained[] = {of->natural, of->natural_end};
-  const Changes *natural[] = {changes + at->natural, changes + at->natural1}, *end = changes + at->q1, *q = changes + at->q;
-  Changes *inner = changes + at->internal;
-  Changes x[all], sums[n + m];
-  for (int i = 0; i < form->integrals; ++i) {
-    const Integral *own = form->of + i;
-    for (long cell = 0; cell < own->cells; ++cell) {
-      long block = cell / LANES, lane = cell % LANES;
-      const double *of_cell = slopes + block * of->slope_numbers * LANES + lane;
-      const int *dofs = own->dofs + block * n * LANES + lane, *inside = own->internal + block * m * LANES + lane;
-      Changes *to = x;
-      for (int k = 0; of->increment && k < n; ++k) {
-        int dof = dofs[k * LANES];
-        to[k] = held ? (Changes){0} : by_ends ? end[dof] : fixed ? -q[dof] : end[dof] - q[dof];
-      }
-      to += of->increment * n;
-      for (int k = 0; of->start && k < n; ++k) *to++ = q[dofs[k * LANES]];
-      for (int k = 0; of->q_previous && k < n; ++k) *to++ = changes[at->q_previous + dofs[k * LANES]];
-      for (int k = 0; of->internal && k < m; ++k) *to++ = inner[inside[k * LANES]];
-      for (int k = 0; k < 2; ++k)
-        for (int l = 0; strained[k] && l < s; ++l) *to++ = natural[k][own->natural[(block * s + l) * LANES + lane]];
-      const Changes *behind = tail + cell * of->tail;
-      if (of->parameters_at >= 0) {
-        behind = memcpy(to, behind, of->tail * sizeof(Changes));
-        for (int k = 0; k < form->parameters; ++k) to[of->parameters_at + k] = changes[at->parameters + form->parameter[k]];
-      }
-      if (grows) {
-        sum_pieces(of, held, 1, m, of_cell, x, all - of->tail, behind, n, m, sums);
-        for (int k = 0; k < m; ++k) inner[inside[k * LANES]] += p->per_weight[k] * sums[k];
-        continue;
-      }
-      sum_pieces(of, held, 0, n, of_cell, x, all - of->tail, behind, n, m, sums);
-      for (int k = 0; k < n; ++k) changes[at->r + dofs[k * LANES]] += sums[k];
-    }
-    slopes += (own->cells + LANES - 1) / LANES * of->slope_numbers * LANES;
-    tail += (own->cells + LANES - 1) / LANES * LANES * of->tail;
-  }
-}
-
-static void change_elements(const Problem *p, const Vjp *of, const double *slopes, int by_ends, const Layout *l,
-                            int held, Changes *x, const Changes *tail) {
-  if (p->cell_dofs == 6) change_cells(6, p, of, slopes, by_ends, l, held, x, tail, 0); /* sums stay in registers */
-  else change_cells(p->cell_dofs, p, of, slopes, by_ends, l, held, x, tail, 0);
 }

@@ -7,41 +7,10 @@
 
 #include "adjoint.h"
 
-/* Room for changes in a sub-step: right sides and solutions (work.h), and those of bordering rows. */
-typedef struct {
-  Changes *block, *on_bordering_rows;
-  double *found, *trial, *inside;
-  FixedPoint following;
-  /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
-  int moves_joints;
-  int *reached;
-} Forward;
-
 static int any(long n, const double *values) {
   for (long i = 0; i < n; ++i)
     if (values[i] != 0) return 1;
   return 0;
-}
-
-static Changes *allocate_changes(double **at, long n) { return (Changes *)allocate(at, n * GROUP_SIZE); }
-
-static long lay_out_forward(const Problem *p, const Adjoint *a, Forward *c, Slopes *s, double *at) {
-  double *begin = at;
-  const Vjp *works[] = {&a->internal_forces, &a->drag};
-  c->on_bordering_rows = allocate_changes(&at, p->bordering_rows);
-  c->block = allocate_changes(&at, p->positions), c->reached = (int *)allocate(&at, p->positions);
-  for (int i = 0; i < 2; ++i)
-    s->of_elements[i] = allocate(&at, blocks_of(&works[i]->slopes) * works[i]->slope_numbers * LANES);
-  long followed = (long)GROUP_SIZE * p->points->followed.size;
-  c->found = allocate(&at, followed), c->trial = allocate(&at, followed);
-  c->following.size = followed, c->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
-  return at - begin;
-}
-
-OF_DERIVATIVES long fx_forward_scratch(const Problem *p, const Adjoint *a) {
-  Forward c;
-  Slopes s;
-  return lay_out_forward(p, a, &c, &s, 0);
 }
 
 /* Position in the elimination about which a chain or a band is eliminated. */
@@ -64,93 +33,75 @@ static int factorise_tangent(Problem *p, const Work *w) {
 }
 
 /* Unknowns of the bordering rows, and the others with them (solve_bordering_rows). */
-static void change_bordering_rows(const Problem *p, const Work *w, const Forward *c) {
+static void change_bordering_rows(const Problem *p, const Work *w, const Linear *l) {
   int m = p->bordering_rows;
-  Changes *g = c->on_bordering_rows;
+  Changes *g = l->on_bordering_rows;
   memset(g, 0, m * sizeof *g);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     if (a->column < p->free) /* the slide is an unknown of the other equations that is its right side there */
-      g[ON_BORDER - p->row_at[a->column]] = c->block[p->order[a->column]];
+      g[ON_BORDER - p->row_at[a->column]] = l->block[p->order[a->column]];
   for (int i = 0; i < p->carried; ++i) /* and so are the forces of carriers */
-    g[p->carrier_bordering + i] = c->block[p->order[p->unknowns - p->closures + p->carried_closure[i]]];
+    g[p->carrier_bordering + i] = l->block[p->order[p->unknowns - p->closures + p->carried_closure[i]]];
   for (const BorderingEntry *e = w->bordering_entry; e < w->bordering_entry + *w->bordering_entries; ++e)
-    g[e->bordering_row] -= e->value * c->block[e->column];
+    g[e->bordering_row] -= e->value * l->block[e->column];
   solve_corner(p, w, g);
   for (int i = 0; i < p->positions; ++i)
-    c->block[i] -= sum_of_products(m, w->block + (long)i * p->block + 1, g);
+    l->block[i] -= sum_of_products(m, w->block + (long)i * p->block + 1, g);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
-    if (a->column < p->free) c->block[p->order[a->column]] = g[ON_BORDER - p->row_at[a->column]];
+    if (a->column < p->free) l->block[p->order[a->column]] = g[ON_BORDER - p->row_at[a->column]];
 }
 
 /* Solves for the right sides of the block, by the tangent's factors. */
-static void solve_right_sides(const Problem *p, const Work *w, const Forward *c) {
+static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
   int middle = middle_of_tangent(p);
   Work own = *w;
-  own.block = (double *)c->block, own.reached = c->reached;
+  own.block = (double *)l->block, own.reached = l->reached;
   if (HAS(CHAIN)) solve_chain_columns(p, &own, middle / 3, 0, 1);
   else if (HAS(BAND)) solve_band_columns(p, &own, ends_around(p->unknowns, p->band, middle), 0, 1);
   else if (HAS(MEMBERS) && p->changing) solve_sparse_columns(p, &own, &p->changing->rows, p->changing->factors, 1);
   else solve_sparse_columns(p, &own, &p->rows, w->factors, 1);
-  if (HAS(SLIDERS) && p->bordering_rows) change_bordering_rows(p, w, c);
+  if (HAS(SLIDERS) && p->bordering_rows) change_bordering_rows(p, w, l);
 }
 
-/* Rows [direction][size] of changes. */
-static void store_rows(const Changes *from, long size, int count, double *to) {
-  for (long i = 0; i < size; ++i)
-    for (int j = 0; j < count; ++j) to[j * size + i] = from[i][j];
-}
-
-static void store_state(const Problem *p, const Directions *d, const Layout *at, const Changes *x, int count, long boundary,
-                        long first) {
-  long k = d->row_at[boundary], row = k * d->count + first, n = p->dofs;
-  if (k < 0) return;
-  store_rows(x + at->q, n, count, d->q_rows + row * n);
-  store_rows(x + at->v, n, count, d->v_rows + row * n);
-  for (int j = 0; j < count; ++j) {
-    double *slides = d->slide_rows + (row + j) * p->scene_joints;
-    for (int i = 0; i < p->joints; ++i)
-      if (p->slide_column[i] >= 0) slides[p->slide_of[i]] = x[at->Y + p->slide_column[i]][j];
-    for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) slides[a->joint] = x[at->Y + a->column][j];
-  }
-  if (!d->internal_rows) return;
-  long m = (long)p->cells * p->cell_internal, s = p->spring_width;
-  store_rows(x + at->internal, m, count, d->internal_rows + row * m);
-  store_rows(x + at->spring_internal, s, count, d->spring_rows + row * s);
+/* Stores the changes of a state or of forces, of `count` directions from the `first` on. */
+static void store_row(const Directions *d, const RowsOfRun *of, long k, const Changes *x, long first, int count) {
+  if (of->at[k] < 0) return;
+  double *row = of->rows + (of->at[k] * (long)d->count + first) * of->size;
+  for (int j = 0; j < count; ++j, row += of->size)
+    for (int i = 0; i < of->size; ++i) row[i] = x[of->place[i]][j];
 }
 
 /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
-static int holds_ends(const Problem *p, const Layout *at, const Forward *c, const Changes *x) {
-  return !c->moves_joints && !any((long)p->driven * GROUP_SIZE, (const double *)(x + at->driven));
+static int holds_ends(const Problem *p, const Linear *l, const Changes *x) {
+  return !l->moves_joints && !any((long)p->driven * GROUP_SIZE, (const double *)(x + l->at.driven));
 }
 
 /* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. */
-static void set_ends(const Problem *p, const Linear *l, const Forward *c, int held, const Changes *solution,
-                     Changes *x) {
+static void set_ends(const Problem *p, const Linear *l, int held, const Changes *solution, Changes *x) {
   const Layout *at = &l->at;
   const int *order = order_now(p);
   int first = solution ? p->free : 0, forces = p->points->all || p->points->members;
   for (int i = 0; i < first; ++i) x[at->Y1 + i] = -solution[order[i]];
+  memset(x + at->Y1 + first, 0, (p->columns + p->auxiliaries - first) * sizeof(Changes));
   if (!held || forces || p->joints || p->closures || p->sliders)
-    memset(x + at->Y1 + first, 0, (at->natural1 - at->Y1 - first) * sizeof(Changes));
+    memset(x + at->q1, 0, (at->natural1 - at->q1) * sizeof(Changes));
   memset(x + at->natural1, 0, (at->internal1 - at->natural1) * sizeof(Changes));
   if (held) jvp(l->of + STRAINED, x), jvp(l->of + WEIGHED, x);
   for (int i = STRAINED; !held && i <= PLACED; ++i)
-    if (i != ARMS || c->moves_joints) jvp(l->of + i, x);
+    if (i != ARMS || l->moves_joints) jvp(l->of + i, x);
 }
 
 /* The changes of forces and rows for that of the configuration at the end. */
-static void jvp_forces(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s,
-                        const Directions *d, const Forward *c, long group, int held, Changes *x) {
+static void jvp_forces(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, int changes_mass, int held,
+                       Changes *x) {
   const Layout *at = &l->at;
-  memset(x + at->springs1, 0, (at->R - at->springs1) * sizeof(Changes));
-  change_elements(p, &a->internal_forces, s->of_elements[0], s->by_ends[0], at, held, x,
-                  (Changes *)d->of_elements + group * d->element_numbers);
-  change_elements(p, &a->drag, s->of_elements[1], s->by_ends[1], at, held, x,
-                  (Changes *)d->of_drag + group * d->drag_numbers);
-  jvp_inertia(p, w, at, d->changes_mass[group], held, x);
+  memset(x + at->springs1, 0, (at->held + 3 * p->sliders - at->springs1) * sizeof(Changes));
+  memset(x + at->r, 0, p->dofs * sizeof(Changes));
+  jvp_elements(p, a, l, held, x);
+  jvp_inertia(p, w, at, changes_mass, held, x);
   memset(x + at->R, 0, (at->size - at->R) * sizeof(Changes)); /* after its use as room */
   for (int i = TOUCHED; i <= SLID; ++i) jvp(l->of + i, x);
-  if (c->moves_joints) jvp(l->of + LEVERS, x);
+  if (l->moves_joints) jvp(l->of + LEVERS, x);
   for (int i = CARRIED; i <= MAPPED; ++i) jvp(l->of + i, x);
 }
 
@@ -163,7 +114,7 @@ static void set_right_sides(const Problem *p, const Layout *at, const Changes *x
 }
 
 /* The changes of closing forces and of forces of joints, and of those that friction follows. */
-static void jvp_joints(const Problem *p, const Work *w, const Linear *l, const Forward *c, Changes *x) {
+static void jvp_joints(const Problem *p, const Work *w, const Linear *l, Changes *x) {
   const Layout *at = &l->at;
   for (int j = 0; p->closures && j < GROUP_SIZE; ++j) {
     for (int i = 0; i < p->closures; ++i) w->closure[i] = x[at->R + p->loop_column[p->following[i]]][j];
@@ -175,28 +126,31 @@ static void jvp_joints(const Problem *p, const Work *w, const Linear *l, const F
 }
 
 /* Sets the changes of the forces that friction follows; returns whether they are others. */
-static int change_followed(const Problem *p, Forward *c, const Layout *at, Changes *x) {
+static int change_followed(const Problem *p, Linear *l, Changes *x) {
+  const Layout *at = &l->at;
   long n = 0;
   for (int set = 0, changed = 0; set < 2; ++set, n = 0) {
-    if (set && !(changed = next_trial(&c->following, c->found, 0, c->trial))) return 0;
+    if (set && !(changed = next_trial(&l->following, l->found, 0, l->next))) return 0;
     for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e) {
       if (e->load < 0) continue;
       Changes *followed = x + at->spring_internal + e->first_internal + FOLLOWED;
       for (int j = 0; j < GROUP_SIZE; ++j, ++n)
-        if (set) (*followed)[j] = c->trial[n];
-        else c->trial[n] = (*followed)[j], c->found[n] = x[at->followed + n / GROUP_SIZE][j];
+        if (set) (*followed)[j] = l->next[n];
+        else l->next[n] = (*followed)[j], l->found[n] = x[at->followed + n / GROUP_SIZE][j];
     }
   }
   return 1;
 }
 
 /* The changes of the state at the end, from the solution. */
-static void change_state(const Problem *p, const Work *w, const Adjoint *a, const Layout *at, const Slopes *s,
-                         const Changes *numbers, Changes *x) {
+static void change_state(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, Changes *x) {
+  const Layout *at = &l->at;
   double per_dt = rates_per_path(p, w->dt);
   Changes *q = x + at->q, *v = x + at->v, *end = x + at->q1;
-  if (p->cell_internal)
-    change_cells(p->cell_dofs, p, &a->internal_forces, s->of_elements[0], s->by_ends[0], at, 0, x, numbers, 1);
+  long internal = (at->spring_internal - at->internal) * sizeof(Changes);
+  memcpy(x + at->internal1, x + at->internal, internal);
+  jvp_cells(&a->internal_forces, l->slopes[0], p->cell_internal, 1, 0, x);
+  memcpy(x + at->internal, x + at->internal1, internal);
   for (int k = 0; k < p->massless_count; ++k) { /* half of their rates */
     int i = p->massless[k];
     v[i] = per_dt / 2 * w->slope[i] * (end[i] - q[i]);
@@ -209,43 +163,25 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
 }
 
 /* A group of directions through a sub-step, which is repeated for the forces that friction follows. */
-static void jvp_group(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, const Slopes *s, Forward *c,
-                       const Directions *d, long group, long row, int count, Changes *x) {
+static void jvp_group(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int changes_mass, int forces, Changes *x) {
   const Layout *at = &l->at;
-  int forces = row >= 0 || p->friction_follows, constrained = p->columns - p->free, joints = 3 * p->scene_joints;
-  long to = row * d->count + group * GROUP_SIZE;
-  begin_fixed_point(&c->following);
+  forces |= p->friction_follows;
+  begin_fixed_point(&l->following);
   for (int i = 0; i <= MOST_TRIALS; ++i) {
-    int held = holds_ends(p, at, c, x);
-    set_ends(p, l, c, held, 0, x);
-    jvp_forces(p, w, a, l, s, d, c, group, held, x);
-    set_right_sides(p, at, x, c->block);
-    solve_right_sides(p, w, c);
-    set_ends(p, l, c, 0, c->block, x);
-    if (forces) jvp_forces(p, w, a, l, s, d, c, group, 0, x), jvp_joints(p, w, l, c, x);
-    if (!p->friction_follows || !change_followed(p, c, at, x)) break;
+    int held = holds_ends(p, l, x);
+    set_ends(p, l, held, 0, x);
+    jvp_forces(p, w, a, l, changes_mass, held, x);
+    set_right_sides(p, at, x, l->block);
+    solve_right_sides(p, w, l);
+    set_ends(p, l, 0, l->block, x);
+    if (forces) jvp_forces(p, w, a, l, changes_mass, 0, x), jvp_joints(p, w, l, x);
+    if (!p->friction_follows || !change_followed(p, l, x)) break;
   }
-  if (row >= 0) store_rows(x + at->R + p->free, constrained, count, d->constraint_rows + to * constrained);
-  if (row >= 0) store_rows(x + at->forces, joints, count, d->joint_rows + to * joints);
   if (!forces && p->spring_width) {
     memset(x + at->springs1, 0, p->spring_width * sizeof(Changes));
     jvp(l->of + TOUCHED, x), jvp(l->of + FORCED, x);
   }
-  change_state(p, w, a, at, s, (Changes *)d->of_elements + group * d->element_numbers, x);
-}
-
-/* A sub-step of a tape with its laws and the factors of its tangent; returns 0 in a singular position. */
-static int begin_jvp(Problem *p, Work *w, const Adjoint *a, Linear *l, const Slopes *s, const Forward *c,
-                      const double *row, int forces, int first) {
-  if (!begin_taped(p, w, a, row, l)) return 0;
-  linearise(p, w, a, l, forces, first);
-  memset(w->scratch, 0, p->dofs * sizeof(double));
-  const double *fields[VJP_FIELDS] = {w->D, p->q, p->v, p->a, p->q_previous, p->internal,
-                                         p->natural, w->natural_end, w->scratch, c->inside};
-  double t = p->t + p->level * w->dt;
-  find_slopes(p, &a->internal_forces, s->by_ends[0], fields, t, w->dt, s->of_elements[0]);
-  find_slopes(p, &a->drag, s->by_ends[1], fields, t, w->dt, s->of_elements[1]);
-  return factorise_tangent(p, w);
+  change_state(p, w, a, l, x);
 }
 
 /* Follows a tape with changes in several directions; returns the number of sub-steps that are left where a
@@ -253,27 +189,20 @@ static int begin_jvp(Problem *p, Work *w, const Adjoint *a, Linear *l, const Slo
 OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d) {
   Work work, *w = &work;
   Linear l;
-  Backward b;
-  Forward c;
-  Slopes s;
-  double *trial;
-  lay_out(p, w, p->scratch), lay_out_backward(p, a, &l, &b, &trial, a->scratch);
-  lay_out_forward(p, a, &c, &s, d->scratch), begin_linear(p, w, a, &l);
+  begin_linear(p, w, a, &l);
   const Layout *at = &l.at;
   long groups = (d->count + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
-  w->dt = NAN, c.inside = b.of_internal;
-  memset(b.of_internal, 0, (long)p->cells * p->cell_internal * sizeof(double));
-  memset(c.block, 0, p->positions * sizeof(Changes));
-  for (int i = 0; i < p->positions; ++i) c.reached[i] = 1;
-  c.moves_joints = 0;
+  memset(l.block, 0, p->positions * sizeof(Changes));
+  for (int i = 0; i < p->positions; ++i) l.reached[i] = 1;
+  l.following.size = GROUP_SIZE * p->points->followed.size, l.moves_joints = 0;
   for (long i = 0; i < groups; ++i) {
     const Changes *x = (Changes *)d->x + i * at->size;
-    c.moves_joints |= any((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset));
+    l.moves_joints |= any((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset));
   }
-  s.by_ends[0] = can_be_by_ends(p, &a->internal_forces), s.by_ends[1] = can_be_by_ends(p, &a->drag);
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
-    if (!begin_jvp(p, w, a, &l, &s, &c, tape->row + row * tape->size, d->force_at[k] >= 0 || p->friction_follows, !k)) break;
+    if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, d->forces.at[k] >= 0, !k, 1)) break;
+    if (!factorise_tangent(p, w)) break;
     for (long i = 0; i < groups; ++i) {
       Changes *x = (Changes *)d->x + i * at->size;
       int count = d->count - i * GROUP_SIZE < GROUP_SIZE ? d->count - i * GROUP_SIZE : GROUP_SIZE;
@@ -282,13 +211,12 @@ OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const
         memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(Changes));
         memset(x + at->q, 0, p->dofs * sizeof(Changes)), jvp(l.of + BEGUN, x);
       }
-      if (row == 0) store_state(p, d, at, x, count, k, i * GROUP_SIZE);
+      if (row == 0) store_row(d, &d->states, k, x, i * GROUP_SIZE, count);
       memcpy(x + at->loads, (Changes *)d->of_steps + (i * tape->all + k) * steps, steps * sizeof(Changes));
-      jvp_group(p, w, a, &l, &s, &c, d, i, d->force_at[k], count, x);
-      store_state(p, d, at, x, count, k + 1, i * GROUP_SIZE);
+      jvp_group(p, w, a, &l, d->changes_mass[i], d->forces.at[k] >= 0, x);
+      store_row(d, &d->forces, k, x, i * GROUP_SIZE, count), store_row(d, &d->states, k + 1, x, i * GROUP_SIZE, count);
     }
   }
   p->kept.present = 0;
-  end_linear(&l);
-  return left;
+  return end_linear(&l, left);
 }

@@ -18,23 +18,61 @@ enum {
   ROWS_BY_MAP, MAPPED, CLOSED, JOINED, BEGUN, BLOCKS
 };
 
+/* A sub-step that is linearised, and room for what follows it. */
 typedef struct {
   Layout at;
   Block of[BLOCKS];
   double *loads, *follower_force, *natural; /* given on the tape */
-  double *on_auxiliaries;                          /* forces on auxiliary unknowns */
+  double *on_auxiliaries;                   /* forces on auxiliary unknowns */
+  double *slopes[2];                        /* of the forces of elements, and of drag */
+  int stores;                               /* whether they are there */
+  double *trial;                            /* backwards, derivatives without those by the equations */
+  Changes *block, *on_bordering_rows;       /* forwards, right sides and solutions (work.h), and those of bordering rows */
+  int *reached;
+  /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
+  int moves_joints;
+  double *found, *next; /* forces that friction follows */
+  FixedPoint following;
 } Linear;
 
-static void lay_out_linear(const Problem *p, Linear *l, double **at) {
-  l->loads = allocate(at, 2 * p->loads), l->follower_force = allocate(at, 2 * p->follower_forces);
-  l->natural = allocate(at, p->naturals), l->on_auxiliaries = allocate(at, p->columns + p->auxiliaries);
+static const Vjp *work_of_elements(const Adjoint *a, int i) { return i ? &a->drag : &a->internal_forces; }
+
+static long blocks_of(const Form *form) {
+  long blocks = 0;
+  for (int i = 0; i < form->integrals; ++i) blocks += (form->of[i].cells + LANES - 1) / LANES;
+  return blocks;
 }
 
-static void begin_linear(const Problem *p, const Work *w, const Adjoint *a, Linear *l) {
+static long lay_out_linear(const Problem *p, const Adjoint *a, Linear *l, double *at) {
+  double *begin = at;
+  long followed = (long)GROUP_SIZE * p->points->followed.size;
+  l->loads = allocate(&at, 2 * p->loads), l->follower_force = allocate(&at, 2 * p->follower_forces);
+  l->natural = allocate(&at, p->naturals), l->on_auxiliaries = allocate(&at, p->columns + p->auxiliaries);
+  l->trial = allocate(&at, fx_layout(p, a).size);
+  l->on_bordering_rows = (Changes *)allocate(&at, (long)p->bordering_rows * GROUP_SIZE);
+  l->block = (Changes *)allocate(&at, (long)p->positions * GROUP_SIZE), l->reached = (int *)allocate(&at, p->positions);
+  l->found = allocate(&at, followed), l->next = allocate(&at, followed);
+  l->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
+  for (int i = 0; i < 2; ++i) {
+    const Vjp *of = work_of_elements(a, i);
+    l->slopes[i] = allocate(&at, blocks_of(&of->slopes) * of->slope_numbers * LANES);
+  }
+  return at - begin;
+}
+
+long fx_linear_scratch(const Problem *p, const Adjoint *a) {
+  Linear l;
+  return lay_out_linear(p, a, &l, 0);
+}
+
+/* Begins to follow a tape. */
+static void begin_linear(const Problem *p, Work *w, const Adjoint *a, Linear *l) {
   int equal = p->equal, left = p->entries - equal;
   const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
   const double *sign = p->entry_sign + equal;
+  lay_out(p, w, p->scratch), lay_out_linear(p, a, l, a->scratch);
   Layout at = l->at = fx_layout(p, a);
+  w->dt = NAN;
   memset(l->of, 0, sizeof l->of);
   l->of[EQUAL] = (Block){0, equal, 0, column, row, 0, 0, 0, at.Y1, at.q1};
   l->of[COLLECTED] = (Block){0, equal, 0, row, column, 0, 0, 0, at.r, at.R};
@@ -44,8 +82,13 @@ static void begin_linear(const Problem *p, const Work *w, const Adjoint *a, Line
   l->of[ROWS_BY_MAP] = (Block){0, left, 0, value, column, row, sign, p->sliders ? w->loaded : w->r, at.map, at.R};
 }
 
-static void end_linear(Linear *l) {
-  for (int i = 0; i < BLOCKS; ++i) free(l->of[i].entry);
+/* Ends it; returns the number of sub-steps that are left, or -1 if there was no memory. */
+static long end_linear(Linear *l, long left) {
+  for (int i = 0; i < BLOCKS; ++i) {
+    if (l->of[i].lacks_memory) left = -1;
+    free(l->of[i].entry);
+  }
+  return left;
 }
 
 /* Rates at the end for an increment of the path; none in statics. */
@@ -350,7 +393,7 @@ static void linearise(const Problem *p, const Work *w, const Adjoint *a, Linear 
     values_at_start(p, w, values);
     put_auxiliaries(p, l, values, l->at.Y, l->of + BEGUN), put_places(p, l, values, 0, l->of + BEGUN);
   }
-  if (!forces) return;
+  if (!forces && !p->friction_follows) return;
   put_closing(p, w, l);
   if (p->scene_joints) find_joint_forces(p, w), put_joint_forces(p, w, l);
 }

@@ -72,36 +72,3 @@ static void settle_members(Problem *p, const Work *w) {
     fx_begin_points(p->points, p->q, p->v, p->slides, p->slide_rate, p->t + p->level * w->dt, w->dt, p->spring_internal);
   change_rows(p);
 }
-
-/* Where the entries of the transposed tangent, and those of touches, are among the factors. */
-static void find_transposed(const Problem *p) {
-  ChangingRows *c = p->changing;
-  const MemberContacts *m = p->points->members;
-  long pairs = 0;
-  if (c->transposed_for == c->found) return;
-  c->transposed_for = c->found;
-  ROOM(c->transposed_at, p->tangent_start[p->unknowns]);
-  for (int i = 0; i < p->unknowns; ++i)
-    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
-      c->transposed_at[k] = place_of_pair(c, p->tangent_column[k], i);
-  for (int t = 0; t < m->contact_points; ++t) {
-    long many = c->entry_start[t + 1] - c->entry_start[t];
-    pairs += many * many;
-  }
-  ROOM(c->transposed_entry_at, pairs);
-  int *to = c->transposed_entry_at;
-  for (int t = 0; t < m->contact_points; ++t)
-    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a)
-      for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b)
-        *to++ = place_of_pair(c, c->entry[b].column, c->entry[a].row);
-}
-
-/* Factors of the transposed tangent, with that of the contact points. */
-static int factorise_changing_transposed(const Problem *p, const Work *w) {
-  ChangingRows *c = p->changing;
-  find_transposed(p);
-  memset(c->factors, 0, c->rows.start[p->unknowns] * sizeof(double));
-  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) c->factors[c->transposed_at[k]] = w->tangent[k];
-  add_contact_points(p, w, c->transposed_entry_at);
-  return factorise_sparse(&c->rows, c->factors, w->row);
-}

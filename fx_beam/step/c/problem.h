@@ -9,13 +9,13 @@
 
 /* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
    of sub-steps of a scheme, positions of the displacements and rotations at the start of the step, of the
-   internal variables, and of natural strains at its start and its end among the changing coefficients, in steps
-   backwards those of the weights and of weights of internal variables and the number of these coefficients, largest order of a scheme, number of averaged differences in local errors,
+   internal variables, and of natural strains at its start and its end among the changing coefficients, number of these, largest order
+   of a scheme, number of averaged differences in local errors,
    number of directions of an iteration with kept factors, and of directions of derivatives that are followed at once;
    bordering rows are numbered downwards from ON_BORDER. */
 enum {
   LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, NATURAL = 6,
-  NATURAL_END = 7, WEIGHT = 8, OF_INTERNAL = 9, VJP_FIELDS = 10, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, GROUP_SIZE = 4, ON_BORDER = -2
+  NATURAL_END = 7, FIELDS = 8, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, GROUP_SIZE = 4, ON_BORDER = -2
 };
 
 /* Why a step failed. */
@@ -109,7 +109,8 @@ typedef struct {
   double *dof_sign;
   int keep;             /* whether factors may be kept; the costs of lu_layout.py */
   double row_entry, substitution, least_worth;
-  long searches, found; /* those of the contact points for which it was found; how often it was */
+  long searches;        /* those of the contact points for which it was found */
+  int placed;           /* whether the places are those of the transposed tangent; -1 for none */
   int entries, entry_room;
   SparseRows rows;
   struct { IntList *near_to; };
@@ -117,8 +118,6 @@ typedef struct {
   struct { BorderingEntry *bordering_entry; }; /* room for all entries in bordering rows */
   struct { int *order, *at, *work, *entry_start, *entry_at, *position; };
   struct { double *factors; };
-  long transposed_for;  /* the pattern for which it is known where the transposed tangent is */
-  struct { int *transposed_at, *transposed_entry_at; };
 } ChangingRows;
 
 typedef struct {
@@ -375,18 +374,18 @@ typedef struct {
   long load_stride, follower_stride, natural_stride;
 } Inputs;
 
-/* The work of forms on a weight: the work itself, then its derivatives, those that there are, by increment, start,
-   previous configuration, internal variables, and natural strains at both ends; behind them the `tail`, whose `sums`
-   are kept: [block][number][lane]. */
+/* The forces of elements: dense Jacobians, by the configurations at both ends and all else. Numbers of an element by
+   which they are, and weights, its forces and internal variables at the end, in the vector x (blocks.h): [block][number or
+   weight][lane]; lanes without an element have places of their own. Slopes are in pieces [number][weight][lane] behind
+   the work, of which the first `made` are evaluated: where each begins, its numbers and weights, and of those by the
+   start, from which they are taken, the piece by the end, or -1. */
 typedef struct {
-  Form form;
-  int increment, start, q_previous, internal, natural, natural_end, tail;
-  int parameters_at; /* first parameter in the tail, or -1 */
-  struct { double *sums; };
-  /* For runs forwards the derivatives of these by the weights: behind the work pieces [number][weight][lane], by
-     the weights of nodes or of internal variables. Of each piece the first number behind the work, and how many. */
+  int own, q_previous; /* numbers of each element itself; whether there are derivatives by the configuration before */
   Form slopes;
-  struct { int pieces, slope_numbers; int *of_internal, *piece_at, *piece_size; };
+  struct {
+    int numbers, of_state, weights, slope_numbers, pieces, made; /* the first `of_state` numbers are of the state */
+    int *piece_start, *number_at, *piece_numbers, *weight_at, *piece_weights, *end_of, *from, *to;
+  };
 } Vjp;
 
 /* Where the named arrays begin in the vector x of a sub-step that is linearised (blocks.h), each of which ends where the
@@ -395,24 +394,25 @@ typedef struct {
    nodes that slide, on nodes and on columns, closures of loops and the forces that close them, what these push on beams;
    moments of springs at joints, forces of joints, axes of beams, and sizes of forces that friction follows. */
 typedef struct {
-  int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places;
+  int mass, weight, columns, points, natural_columns, offset, axis, rest, places, paths, members, arcs, member_places, internal_forces, drag;
   int Y, q, v, q_previous, internal, spring_internal, natural;
   int loads, driven, follower_force, parameters, naturals;
   int Y1, q1, arms, slides, natural1, internal1, springs1, map, held, r, R, closures, closing, pushed, carried, moments;
-  int forces, axes, followed, size;
+  int forces, axes, followed, nowhere, size;
 } Layout;
 
+/* Rows of a run, of states at boundaries between sub-steps or of forces in sub-steps: the number of the row of each, -1 for
+   none, the places in x of its numbers, and the rows. */
+typedef struct {
+  int *at, size, *place;
+  double *rows;
+} RowsOfRun;
+
 /* A run followed backwards (adjoint.h): derivatives of a function of the states at its boundaries, the ends of
-   sub-steps. */
+   sub-steps, and of forces of driven and fixed columns and of joints. */
 typedef struct {
   Vjp internal_forces, drag;
-  /* Of each boundary the number of a row of derivatives by q, v and the slides of joints; -1 for none. */
-  int *weight_at;
-  double *q_weight, *v_weight, *slide_weight;
-  struct { double *internal_weight, *spring_weight; }; /* by internal variables, of beams and of springs */
-  /* The same of each sub-step for the forces of driven and fixed columns, and of joints. */
-  int *force_at;
-  double *constraint_weight, *joint_weight;
+  RowsOfRun states, forces;
   double *x, *of_steps; /* by the numbers of the scene and the state (Layout), and by those of each sub-step */
   double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
   double *slide_at_rest; /* in the reference configuration */
@@ -427,19 +427,11 @@ typedef struct {
 } Adjoint;
 
 /* Changes of all numbers of a scene in several directions (forward.h), in groups of GROUP_SIZE directions, the last one filled
-   with zeros: [group][number][direction]. Of elements the numbers in the sums of `Vjp`: [block][lane][number]. */
+   with zeros: [group][number][direction]. */
 typedef struct {
   int count, *changes_mass; /* whether masses or weights change in each group */
-  long element_numbers, drag_numbers;
-  double *of_elements, *of_drag;
   double *x, *of_steps; /* of the numbers of the scene and the state (Layout), and of those of each sub-step */
-  /* Of each boundary the number of a row of results; -1 for none. Rows: [row][direction][...]. */
-  int *row_at;
-  double *q_rows, *v_rows, *slide_rows;
-  struct { double *internal_rows, *spring_rows; }; /* of internal variables, if they are wanted */
-  int *force_at; /* the same of each sub-step for the forces of driven and fixed columns, and of joints */
-  double *constraint_rows, *joint_rows;
-  double *scratch;
+  RowsOfRun states, forces; /* results, each with a row for each direction */
 } Directions;
 
 void fx_begin_beams(const Problem *p, const double *const *fields);
@@ -451,10 +443,9 @@ void fx_results(const Problem *p, double **to);
 double fx_change_of_sizes(const Problem *p, const double *left, const double *right);
 long fx_tape_size(const Problem *p);
 Layout fx_layout(const Problem *p, const Adjoint *a);
-long fx_backward_scratch(const Problem *p, const Adjoint *a);
+long fx_linear_scratch(const Problem *p, const Adjoint *a);
 long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces);
 long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a);
-long fx_forward_scratch(const Problem *p, const Adjoint *a);
 long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d);
 void fx_free_rows(ChangingRows *c);
 double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */

@@ -20,7 +20,7 @@ typedef struct {
   BorderingEntry *bordering_entry;
   double *passed, *joint_forces;
   double *natural_end;
-  const double *fields[WEIGHT]; /* by the kinds of Form */
+  const double *fields[FIELDS]; /* by the kinds of Form */
   double dt;
   const double *follower_force;
   int transposed; /* whether bordering rows are those of the transposed tangent */
