@@ -221,11 +221,6 @@ class IndexReduction(WithoutLoops):
         return _sums_of_entries(self._column, *self._full, self.free)
 
     @functools.cached_property
-    def counts(self) -> np.ndarray:
-        """Number (columns,) of the degrees of freedom that equal each column; at least 1."""
-        return np.maximum(np.bincount(self._column, minlength=self.columns), 1)
-
-    @functools.cached_property
     def diagonal(self) -> np.ndarray:
         """Indices of the diagonal in the values of the reduced matrix."""
         indptr, indices = self.pattern

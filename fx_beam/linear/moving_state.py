@@ -18,9 +18,9 @@ from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
+from fx_beam.step.accelerations import acceleration_of
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.held_inputs import HeldInputs, Hold, Ramp
-from fx_beam.step.mass_solver import acceleration_of
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame
 from fx_beam.validation import Constant

@@ -48,7 +48,8 @@ class Adjoint:
         #: Where the arrays of the derivatives are in this vector.
         self.layout = Layout(problem, self.c)
         self._x = aligned(np.zeros(self.layout.size))
-        self._structs.set(self.c, x=self._x)
+        followed = self.layout.of["spring internal"].start + self._model.points.followed
+        self._structs.set(self.c, x=self._x, followed=followed)
         self._make_room()
 
     def _make_room(self) -> None:

@@ -118,18 +118,15 @@ static int vjp_solution(Problem *p, const Work *w, const Adjoint *a, const Linea
 /* The same with the derivatives by the forces that friction follows: those by internal variables that have them. */
 static int vjp_followed(Problem *p, Work *w, const Adjoint *a, Linear *l, const double *row, long k, double *x) {
   const Layout *at = &l->at;
-  double found[p->points->all];
   begin_fixed_point(&l->following);
   for (int i = 0; i < MOST_TRIALS; ++i) {
-    int n = 0;
     if (i && !begin_taped(p, w, a, row, l)) return 0;
     begin_forces(a, at, k, x);
     if (!vjp_solution(p, w, a, l, 1, x)) return 0;
     memcpy(l->trial + at->Y, x + at->Y, (at->size - at->Y) * sizeof(double));
     vjp_laws(p, w, a, l, l->trial, 0);
-    for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e)
-      if (e->load >= 0) found[n++] = l->trial[at->spring_internal + e->first_internal + FOLLOWED];
-    if (!next_trial(&l->following, found, 0, x + at->followed)) break;
+    for (int k = 0; k < l->following.size; ++k) l->found[k] = l->trial[a->followed[k]];
+    if (!next_trial(&l->following, l->found, 0, x + at->followed)) break;
   }
   return 1;
 }
@@ -148,8 +145,7 @@ static int vjp_step(Problem *p, Work *w, const Adjoint *a, Linear *l, const Tape
     if (!vjp_followed(p, w, a, l, row, k, x)) return 0;
   } else if (!vjp_solution(p, w, a, l, whole, x)) return 0;
   vjp_laws(p, w, a, l, x, 1);
-  for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e)
-    if (e->load >= 0) x[at->spring_internal + e->first_internal + FOLLOWED] = 0; /* but a first trial */
+  for (int i = 0; i < l->following.size; ++i) x[a->followed[i]] = 0; /* but a first trial */
   memcpy(a->of_steps + k * steps, x + at->loads, steps * sizeof(double));
   a->sizes[k] = sqrt(dot(p->dofs, x + at->v, x + at->v));
   if (k) return 1;

@@ -126,20 +126,13 @@ static void jvp_joints(const Problem *p, const Work *w, const Linear *l, Changes
 }
 
 /* Sets the changes of the forces that friction follows; returns whether they are others. */
-static int change_followed(const Problem *p, Linear *l, Changes *x) {
-  const Layout *at = &l->at;
-  long n = 0;
-  for (int set = 0, changed = 0; set < 2; ++set, n = 0) {
-    if (set && !(changed = next_trial(&l->following, l->found, 0, l->next))) return 0;
-    for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e) {
-      if (e->load < 0) continue;
-      Changes *followed = x + at->spring_internal + e->first_internal + FOLLOWED;
-      for (int j = 0; j < GROUP_SIZE; ++j, ++n)
-        if (set) (*followed)[j] = l->next[n];
-        else l->next[n] = (*followed)[j], l->found[n] = x[at->followed + n / GROUP_SIZE][j];
-    }
-  }
-  return 1;
+static int change_followed(const Adjoint *a, Linear *l, Changes *x) {
+  Changes *next = (Changes *)l->next, *found = (Changes *)l->found;
+  int n = l->following.size / GROUP_SIZE;
+  for (int i = 0; i < n; ++i) next[i] = x[a->followed[i]], found[i] = x[l->at.followed + i];
+  int changed = next_trial(&l->following, l->found, 0, l->next);
+  for (int i = 0; i < n; ++i) x[a->followed[i]] = next[i];
+  return changed;
 }
 
 /* The changes of the state at the end, from the solution. */
@@ -149,7 +142,7 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
   Changes *q = x + at->q, *v = x + at->v, *end = x + at->q1;
   long internal = (at->spring_internal - at->internal) * sizeof(Changes);
   memcpy(x + at->internal1, x + at->internal, internal);
-  jvp_cells(&a->internal_forces, l->slopes[0], p->cell_internal, 1, 0, x);
+  if (internal) jvp_cells(&a->internal_forces, l->slopes[0], p->cell_internal, 1, 0, x);
   memcpy(x + at->internal, x + at->internal1, internal);
   for (int k = 0; k < p->massless_count; ++k) { /* half of their rates */
     int i = p->massless[k];
@@ -175,7 +168,7 @@ static void jvp_group(const Problem *p, const Work *w, const Adjoint *a, Linear 
     solve_right_sides(p, w, l);
     set_ends(p, l, 0, l->block, x);
     if (forces) jvp_forces(p, w, a, l, changes_mass, 0, x), jvp_joints(p, w, l, x);
-    if (!p->friction_follows || !change_followed(p, l, x)) break;
+    if (!p->friction_follows || !change_followed(a, l, x)) break;
   }
   if (!forces && p->spring_width) {
     memset(x + at->springs1, 0, p->spring_width * sizeof(Changes));

@@ -422,6 +422,7 @@ typedef struct {
   int *numbers;
   double *found;
   struct { int *transposed_at; }; /* position among sparse factors of each entry of the transposed tangent */
+  int *followed;      /* places in x of the forces that friction follows */
   int member_numbers, member_arcs; /* of contact with members: how many numbers and arcs its laws have */
   double *scratch;
 } Adjoint;
