@@ -33,6 +33,8 @@ class Adjoint:
         #: The C struct Adjoint.
         self.c = self._ffi.new("Adjoint *")
         self._works: list[VjpWork] = []
+        #: Whether slopes of elements are those by places too; None for no slopes.
+        self._has_places: bool | None = None
         self._hand_over_elements()
         self._hand_over_points()
         members = self._model.points.members
@@ -170,6 +172,9 @@ class Adjoint:
 
     def hand_over_slopes(self, by_places: bool) -> None:
         """Derivatives of forces of elements, by places of nodes if these are wanted."""
+        if self._has_places == by_places:
+            return
+        self._has_places = by_places
         for work in self._works:
             self._structs.set(self.c, **{work.name: work.members(self.layout, by_places)})
         self._make_room()
