@@ -232,7 +232,7 @@ static int solve_raised(Problem *p, const Work *w) {
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) b = fmax(b, fabs(w->tangent[k]));
   while (!regular && many < RAISED && b > 0) {
     at[many++] = w->row[0];
-    if (p->changing) fill_changing(p, w);
+    if (HAS(MEMBERS) && p->changing) fill_changing(p, w);
     else fill_factors(p, w);
     for (int i = 0; i < many; ++i) A[rows->diagonal[at[i]]] += b;
     regular = factorise_sparse(rows, A, w->row);
