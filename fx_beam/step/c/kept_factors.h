@@ -244,7 +244,7 @@ static int solve_raised(Problem *p, const Work *w) {
   for (int j = 0; j <= many; ++j) substitute_sparse(rows, A, y + (long)j * n);
   for (int i = 0; i < many; ++i)
     for (int j = 0; j < many; ++j) S[i * many + j] = (i == j) - z[(long)j * n + at[i]];
-  factorise_dense(many, S, row);
+  factorise_band(many, many, many, S, row);
   for (int i = 0; i < many; ++i) {
     most = fmax(most, fabs(S[row[i] * many + i])), least = fmin(least, fabs(S[row[i] * many + i]));
     x[i] = y[at[row[i]]];

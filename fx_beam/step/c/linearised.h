@@ -60,7 +60,7 @@ static long lay_out_linear(const Problem *p, const Adjoint *a, Linear *l, double
   return at - begin;
 }
 
-long fx_linear_scratch(const Problem *p, const Adjoint *a) {
+OF_DERIVATIVES long fx_linear_scratch(const Problem *p, const Adjoint *a) {
   Linear l;
   return lay_out_linear(p, a, &l, 0);
 }
