@@ -16,8 +16,6 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, State
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.sliders import sliding_joints
-from fx_beam.step.build import begin_to_build
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
@@ -41,8 +39,6 @@ class Prepared:
     """
 
     def __init__(self, scene: Scene, options: Options, team: Team | None = None):
-        if not sliding_joints(scene.joints):  # what most scenes need
-            begin_to_build("BAND" if scene.joints else "CHAIN")
         self.model = Model(scene, options.scheme)
         #: What was asked for when the scene was prepared.
         self.options, self._team = options, team

@@ -37,6 +37,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
 
+from .build import begin_to_build
 from .fitted_rates import FittedRates
 from .sparse_lu import LU, sparse_lu
 
@@ -72,6 +73,9 @@ class Model:
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
+        if not sliding_joints(scene.joints):  # what most scenes need
+            moving = "BAND" if scene.joints else "CHAIN"
+            begin_to_build("0" if scheme.rates.at_rest else moving)
         self.forms = Forms(scene, scheme, self.mesh, instant)
         self.size, self.turns = self.forms.size, self.forms.turns
         self._mass = Mass(scene, self.mesh, self.forms, scheme.rates.at_rest)
