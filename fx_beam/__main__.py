@@ -8,7 +8,7 @@ import runpy
 import subprocess
 import sys
 from contextlib import nullcontext
-from importlib import metadata
+from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -93,6 +93,8 @@ def run(script: str, arguments: list[str]) -> None:
     sys.argv[:] = [script, *arguments]
     sys.path[0] = str(Path(script).resolve().parent)
     rank, size = rank_and_size()
+    if size > 1:  # PETSc begins on all processes together, or waits for those that do not
+        import_module("fx_beam.fem.dolfinx_api")
     if rank:
         team.follow()
         return
