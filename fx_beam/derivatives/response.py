@@ -197,6 +197,8 @@ class Response:
         self._reader: RowOutputs | None = None
         # Derivatives of all numbers by x.
         self._known_changes: dict[str, np.ndarray] | None = None
+        #: Whether numbers x move nodes; None before the first gradient.
+        self._moves_nodes: bool | None = None
         # Several processes have no derivatives.
         self._series = MotionSeries(self._memory, reads_at_once=True, alone=True)
         self._adjoint: tuple[Any, list, Adjoint] | None = None
@@ -313,7 +315,11 @@ class Response:
         self._check_has_run("vjp")
         given = self._checked_weights(weights)
         outputs = self._differentiable(given, "Response.vjp: weights")
-        model, tape, adjoint, changes = self._followed_with_changes("vjp", outputs)
+        model, tape, adjoint = self._followed("vjp")
+        check_outputs(model, tape, outputs, why_no_sums(self._path))
+        if self._moves_nodes is None:
+            self._moves_nodes = _moves_nodes(self._changes(tape))
+            model, tape, adjoint = self._followed("vjp")  # at x again, after differences
         boundaries, direct = self._boundaries(tape), list[Gradient]()
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
@@ -332,8 +338,11 @@ class Response:
             direct.append(found)
             return of_state, observed.boundaries, observed.sub_steps
 
-        moves = bool(np.any(changes.get("X", 0.0)))
-        by_numbers = adjoint.vjp(tape, weights_of, by_places=moves)
+        by_numbers = adjoint.vjp(tape, weights_of, by_places=self._moves_nodes)
+        changes = self._changes(tape)
+        if not self._moves_nodes and _moves_nodes(changes):  # those of an earlier x did not
+            self._moves_nodes = True
+            return self.vjp(weights)
         self.stats.gradient_growth = growth = adjoint.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
@@ -368,7 +377,10 @@ class Response:
         """
         self._check_has_run("jacobian")
         outputs = self._differentiable(names or self._scenes.names, "Response.jacobian: names")
-        model, tape, adjoint, changes = self._followed_with_changes("jacobian", outputs)
+        model, tape, _ = self._followed("jacobian")
+        check_outputs(model, tape, outputs, why_no_sums(self._path))
+        changes = self._changes(tape)
+        model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
         forward = Forward(adjoint)
         self._refuse_others(changes, forward.names)
         boundaries, found = self._boundaries(tape), list[dict[str, np.ndarray]]()
@@ -492,15 +504,6 @@ class Response:
         """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
         prepared, tape = self._taped(what)
         return prepared.model, tape, self._adjoint_of(prepared)
-
-    def _followed_with_changes(
-        self, what: str, outputs: Mapping[str, Output]
-    ) -> tuple[Model, Tape, Adjoint, dict[str, np.ndarray]]:
-        """The same, with derivatives of all numbers by x."""
-        model, tape, _ = self._followed(what)
-        check_outputs(model, tape, outputs, why_no_sums(self._path))
-        changes = self._changes(tape)
-        return *self._followed(what), changes  # at x again, after differences
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
         """Numbers of sub-steps before the rows of the last call."""
@@ -670,3 +673,7 @@ class Response:
             prepared = Prepared(scene, prepared.options)
         series.prepared = prepared
         return prepared
+
+
+def _moves_nodes(changes: Mapping[str, np.ndarray]) -> bool:
+    return bool(np.any(changes.get("X", 0.0)))

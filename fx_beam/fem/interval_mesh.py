@@ -81,23 +81,31 @@ _FLAGS = "-O2", "-g0", "-fno-math-errno", "-fno-tree-slp-vectorize"
 JIT: dict[str, Any] = {"cffi_extra_compile_args": list(_FLAGS)}
 
 
+def _is_warning(record: logging.LogRecord) -> bool:
+    return record.levelno > logging.INFO
+
+
 def quietly(compiling: F) -> F:
     """Keep the compiler's lines out of the user's log.
 
-    The JIT logs command lines at INFO on the root logger, and changes its level and handlers.
+    The JIT logs command lines at INFO on the root logger, and changes its level and handlers. What
+    other threads say meanwhile on loggers of their own is not lost.
     """
 
     @functools.wraps(compiling)
     def wrapper(*args, **kwargs):
         root = logging.getLogger()
-        level, handlers, disabled = root.level, root.handlers[:], root.manager.disable
-        logging.disable(max(disabled, logging.INFO))
+        level, handlers = root.level, root.handlers[:]
+        loggers = root, logging.getLogger("ffcx"), logging.getLogger("UFL")
+        for logger in loggers:
+            logger.addFilter(_is_warning)
         try:
             return compiling(*args, **kwargs)
         finally:
             root.setLevel(level)
             root.handlers[:] = handlers
-            logging.disable(disabled)
+            for logger in loggers:
+                logger.removeFilter(_is_warning)
 
     return wrapper  # type: ignore[return-value]
 

@@ -63,9 +63,9 @@ def _of_equal(model: Model, reduction: IndexReduction, force: np.ndarray) -> np.
             return a
     values = np.empty(len(reduction.pattern[1]))
     reduction.fill(mass.data, force, values)
-    lu = model.factors_of_mass
-    regular = free and (values[reduction.diagonal] > 0).all() and lu.factorise(values)
-    return lu.solve(force) if regular else None
+    has_mass = free and (values[reduction.diagonal] > 0).all()
+    regular = has_mass and model.factors_of_mass.factorise(values)
+    return model.factors_of_mass.solve(force) if regular else None
 
 
 def _with_auxiliaries(

@@ -180,7 +180,7 @@ def test_the_frequency_of_a_linkage_is_that_of_its_reduced_inertia():
     scene.gravity = None
     modes = fb.modes(scene)
     assert len(modes) == 1
-    scene.set_velocity(bars[0]["a"], (0, 0), spin=1.0)
+    scene.set_velocity(bars[0].centre, (0, 0), spin=1.0)
     scene.make_velocities_compatible()
     start = run(scene, t_end=0.01)
     inertia = 2 * start.energy.kinetic[0] / start.spin(bars[0].centre)[0] ** 2
