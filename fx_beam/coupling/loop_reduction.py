@@ -279,7 +279,7 @@ class LoopReduction(JointReduction):
     def fill(self, values, r, out) -> None:
         """Values of the reduced tangent; rows of d say that they follow.
 
-        With auxiliary unknowns: of the tangent of open loops, which `bordering rows` close.
+        With auxiliary unknowns: of the tangent of open loops, which `bordering_rows` close.
         """
         (indptr, indices), closed = self._opened, self._closed
         inner = np.empty(len(indices))

@@ -42,7 +42,7 @@ static void count_contact_points(MemberContacts *m) {
   }
 }
 
-/* The unknowns on which touches act: for each of their entries those of its degree of freedom. */
+/* The unknowns on which contact points act: for each of their entries those of its degree of freedom. */
 static void find_entries(const Problem *p, ChangingRows *c) {
   const MemberContacts *m = p->points->members;
   c->entries = 0;
@@ -220,7 +220,7 @@ static int worth_of(const Problem *p, const ChangingRows *c) {
   return worth >= c->least_worth ? worth : 0;
 }
 
-/* Whether the pattern has all touches with a force. */
+/* Whether the pattern has all contact points with a force. */
 static int has_contact_points(const ChangingRows *c, const MemberContacts *m) {
   if (c->searches != m->searches) return 0;
   for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e)
@@ -237,7 +237,7 @@ static int place_of_pair(const ChangingRows *c, int i, int j) {
 /* Position in the elimination of an unknown, or its bordering row. */
 static int place_now(const ChangingRows *c, int of) { return of < 0 ? of : c->order[of]; }
 
-/* Places of all columns in a new order, and room for the entries of touches in the bordering rows. */
+/* Places of all columns in a new order, and room for the entries of contact points in the bordering rows. */
 static void place_bordering_rows(Problem *p, int contact_points) {
   ChangingRows *c = p->changing;
   long most = p->most_bordering_entries;
@@ -251,7 +251,7 @@ static void place_bordering_rows(Problem *p, int contact_points) {
   ROOM(c->bordering_entry, most);
 }
 
-/* Places among the factors of the entries of the tangent or of its transpose, and of those of touches. */
+/* Places among the factors of the entries of the tangent or of its transpose, and of those of contact points. */
 static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
   const MemberContacts *m = p->points->members;
   int *to = c->entry_at;
@@ -269,7 +269,7 @@ static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
   c->placed = transposed;
 }
 
-/* Finds the pattern for the present touches, if it lacks one. */
+/* Finds the pattern for the present contact points, if it lacks one. */
 static void change_rows(Problem *p) {
   ChangingRows *c = p->changing;
   MemberContacts *m = p->points->members;
@@ -305,7 +305,7 @@ static void change_rows(Problem *p) {
   if (c->keep) p->kept.worth = worth_of(p, c);
 }
 
-/* Adds the tangents of all touches to the factors, with the places of their entries. */
+/* Adds the tangents of all contact points to the factors, with the places of their entries. */
 static void add_contact_points(const Problem *p, const Work *w) {
   const ChangingRows *c = p->changing;
   const int *to = c->entry_at;

@@ -174,7 +174,7 @@ static int middle_of_elimination(const Problem *p) {
   return p->positions / 2;
 }
 
-/* Adds the tangents of touches in rows and columns of bordering rows: of nodes that slide. */
+/* Adds the tangents of contact points to the bordering rows and columns: those of nodes that slide. */
 static void bordering_contact_points(const Problem *p, const Work *w) {
   const ChangingRows *c = p->changing;
   const MemberContacts *m = p->points->members;

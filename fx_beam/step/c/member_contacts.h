@@ -283,7 +283,7 @@ static int way_to_lean(const ContactPoint *e, double steps) {
   return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(e->first.place, -1) ? -1 : 0;
 }
 
-/* The nearest points at the start of a step, which touches follow along their members; returns whether they are all
+/* The nearest points at the start of a step, which contact points follow along their members; returns whether they are all
    that there can be. */
 static int place_contact_points(MemberContacts *m, const double *q, const double *v, double dt) {
   int moved = 0, piece, changes = 0;
@@ -321,7 +321,7 @@ static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, do
   if (c->internal) begin_friction(m, e, to + 2, numbers);
 }
 
-/* The start of a step: touches, and what does not change in it. */
+/* The start of a step: contact points, and what does not change in it. */
 void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
                       const double *internal) {
   allocate_members(m);
@@ -487,7 +487,7 @@ static int has_passed(const MemberContacts *m, const ContactPoint *e) {
   return dot2(first, last) < 0;
 }
 
-/* Whether a point touches its member at the end of a step, beyond the pieces of its touch as well. */
+/* Whether a point touches its member at the end of a step, beyond the pieces of its contact point as well. */
 static int contact_points_beyond(const MemberContacts *m, ContactPoint *e, const double *end) {
   double r[5][2];
   int piece;

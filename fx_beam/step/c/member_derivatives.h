@@ -45,7 +45,7 @@ static void put_contact_point_row(Block *b, const MemberContact *c, const Contac
     put(b, at->members + c->first_number + e->point * c->numbers + i, to, of_numbers[i]);
 }
 
-/* The forces of all touches, and their internal variables; sets their tangents. */
+/* The forces of all contact points, and their internal variables; sets their tangents. */
 static void put_members(Block *b, const Problem *p, const Layout *at) {
   MemberContacts *m = p->points->members;
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
@@ -65,7 +65,7 @@ static void put_members(Block *b, const Problem *p, const Layout *at) {
   }
 }
 
-/* Begins a sub-step whose increment is known with all touches in it. */
+/* Begins a sub-step whose increment is known with all contact points in it. */
 static void settle_members(Problem *p, const Work *w) {
   MemberContacts *m = p->points->members;
   for (int k = 0; k < SEARCHES_IN_STEP && fx_check_members(m, w->D) == MEMBERS_MOVED; ++k)

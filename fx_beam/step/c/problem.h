@@ -90,7 +90,7 @@ typedef struct {
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): groups of unknowns
    with equal columns, their graph, and those that wait until others are eliminated; entries of T and Tv of each
    degree of freedom, as those of the couplings; of each of their columns the unknown and the row of forces on it,
-   a bordering row, or -1. Then what is found: the rows, the order, and where the entries of the tangent, and those of touches, are. */
+   a bordering row, or -1. Then what is found: the rows, the order, and where the entries of the tangent, and those of contact points, are. */
 typedef struct {
   int *of, count, room;
 } IntList;
