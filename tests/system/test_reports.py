@@ -242,6 +242,18 @@ def test_joint_of_the_swing_is_second_order_in_the_step_and_mesh_errors_fall(num
     assert coarse / fine == approx(4, rel=0.2)
 
 
+def test_a_scene_costs_nothing_for_what_it_lacks(tmp_path):
+    """These counts may fall; what adds to them adds to every scene."""
+    rows = {row["scene"]: row for row in benchmark("cost").main(quick=True, results=tmp_path)}
+    plain = rows["beam"]
+    assert plain["memory [bytes a node]"] < 3300
+    for name, row in rows.items():
+        assert row["modules of fx_beam"] <= 158, name
+    for joint in ("+ hinge", "+ body on a slide"):
+        assert rows[joint]["unknowns"] == plain["unknowns"] + 1  # its freedom, and no multiplier
+    assert rows["everything"]["code [kB]"] > 2 * plain["code [kB]"]
+
+
 def test_the_report_command_knows_its_reports_only():
     done = subprocess.run([ROOT / "run", "report", "nothing"], capture_output=True, text=True)
     assert done.returncode == 2 and "./run report work-precision" in done.stderr
