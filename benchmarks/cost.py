@@ -350,22 +350,22 @@ def largest_arrays(row, plain, most=3):
 def sentences(rows):
     """What the table says."""
     plain = next(row for row in rows if row["scene"] == PLAIN)
-    others = [row for row in rows if row["scene"] not in ("single body", "everything", PLAIN)]
+    others = [row for row in rows if row["scene"].startswith("+")]
 
     def by(name, give="{:.1f}"):
         largest = max((row for row in others if row.get(name)), key=lambda row: row[name])
         ratio = give.format(largest[name] / plain[name])
-        return f"{ratio} times with '{largest['scene'].removeprefix('+ ')}'"
+        return f'{ratio} times ("{largest["scene"].removeprefix("+ ")}")'
 
     told = [
         f"The plainest scene loads {plain['modules of fx_beam']} modules and "
         f"{plain['code [kB]']:.0f} kB of compiled code, and has {plain['unknowns']} unknowns.",
-        f"Of a single thing more, the most code is {by('code [kB]')} and the most memory a node "
-        f"{by('memory [bytes a node]')}.",
+        f"With a single thing more there is at most {by('code [kB]')} of the code, and "
+        f"{by('memory [bytes a node]')} of the memory a node.",
     ]
     if "step [us]" in plain:
         told.append(
-            f"A step takes {plain['step [us]']:.1f} us, at most {by('step [us]')}; around the "
+            f"A step takes {plain['step [us]']:.1f} us, and at most {by('step [us]')}; around its "
             f"steps a call takes {plain['around steps [ms]']:.1f} ms, and the first one with an "
             f"empty cache {plain['empty cache [s]']:.1f} s, at most {by('empty cache [s]')}."
         )
@@ -385,7 +385,13 @@ def draw(path, rows):
             if (value := row.get(name)) is not None and np.isfinite(value):
                 far = abs(value / plain[name] - 1) > DRAWN[name]
                 ax.plot(value, place, "o", color="#D55E00" if far else "0.5", markersize=5)
-        ax.set(xscale="log", title=name, yticks=range(len(rows)), ylim=(len(rows) - 0.5, -0.5))
+        values = [row[name] for row in rows if row.get(name)]
+        if np.nanmax(values) > 10 * np.nanmin(values):
+            ax.set_xscale("log")
+        else:
+            ax.set_xlim(0, 1.1 * max(values))
+        ax.set_title(f"{name}\nbeam: {plain[name]:.3g}", fontsize="medium")
+        ax.set(yticks=range(len(rows)), ylim=(len(rows) - 0.5, -0.5))
         ax.set_yticklabels([row["scene"] for row in rows] if ax is axes.flat[0] else [])
         ax.grid(axis="y", visible=True, color="0.92")
     figure.set_figwidth(2.0 + 1.9 * len(names))
