@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.laws.interval import Interval, Part, StepStart
+from fx_beam.laws.interval import Interval, Part, Parts, StepStart
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
@@ -29,6 +29,7 @@ from .fields import (
 )
 from .mesh import Mesh
 from .parameter_values import ParameterValues
+from .point_values import PointValues
 from .vjp_form import ResultantDerivatives
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
 
@@ -400,7 +401,7 @@ class BeamForms:
         self._bound(compiled, space, self._data)
         self._internal = self._data[self._weak.internal].x.array.reshape(-1, self._weak.width)
         #: Weights (degree,) of the Gauss points, relative to the element's length.
-        self.point_weights = np.polynomial.legendre.leggauss(self.fields.degree)[1] / 2
+        self.point_weights = dolfinx_api.gauss_weights(self.fields.degree)
 
     def bind(self, compiled: CompiledForm, data: Mapping):
         """Bind a form of other data, such as the mass, and keep it by its name."""
@@ -510,15 +511,18 @@ class BeamForms:
 
     def normal_stretch(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
-        self._set(self._start, q)
-        return dolfinx_api.evaluate(
-            self._expression(self._weak.normal_stretch), self._mesh.mesh, self.cells_of(-1)
-        )
+        instant = Parts(np.zeros(1), np.ones(1), q=q[None], memory=np.zeros(1))
+        values = self._point_values(self._weak.normal_stretch, 1)
+        return values(instant, np.empty((1, 0)))[0, ..., 0]
 
-    def _expression(self, expression):
-        """Compile an expression of the fields for the Gauss points."""
-        points = dolfinx_api.gauss_points(self.fields.degree)
-        return dolfinx_api.compile_expression(expression, points, self._mesh.mesh, self._data)
+    def _point_values(self, compiled: CompiledForm, width: int) -> PointValues:
+        """Evaluates vectors of a width at the Gauss points, by their form."""
+        mesh, degree, fields = self._mesh.mesh, self.fields.degree, self.fields
+        space = interval_mesh.gauss_space(mesh, degree, width)
+        form = dolfinx_api.bind(compiled, mesh, space, self._data, self._subdomains)
+        symbols = fields.time, fields.dt, fields.memory, self.parameters[0]
+        cells = dolfinx_api.element_coordinates(mesh)
+        return PointValues(form, compiled, cells, degree, self.moving, symbols, self.cells_of)
 
     def begin_part(self, part: Part) -> None:
         """Begin a completed step."""
@@ -528,20 +532,15 @@ class BeamForms:
         self._set(self.increment, part.D)
 
     @functools.cached_property
-    def _resultants(self) -> list:
-        return [self._expression(resultants) for resultants in self._weak.resultants]
+    def _resultants(self) -> PointValues:
+        return self._point_values(self._weak.resultants_at_points, 3)
 
-    def resultants(self, parts: Iterable[Part]) -> np.ndarray:
+    def resultants(self, parts: Parts) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
-        rows, of_tags = [], [(r, self.cells_of(tag)) for tag, r in enumerate(self._resultants)]
-        for part in parts:
-            self.begin_part(part)
-            out = np.empty((len(self._tags), self.fields.degree, 3))
-            for expression, cells in of_tags:
-                values = dolfinx_api.evaluate(expression, self._mesh.mesh, cells)
-                out[cells] = values.reshape(len(cells), -1, 3)
-            rows.append(out)
-        return np.array(rows)
+        parameters = parts.parameters
+        if not parameters.size:
+            parameters = self._parameters.at_times(parts.t)
+        return self._resultants(parts, parameters[:, self.parameters[1]])
 
 
 def _shapes(data: Mapping[str, Data]) -> tuple[DataShape | None, DataShape | None]:

@@ -20,7 +20,6 @@ import dolfinx
 import ufl
 from dolfinx import fem
 from ufl.algorithms.check_arities import ArityMismatch
-from ufl.domain import extract_domains
 
 import numpy as np
 
@@ -47,7 +46,6 @@ def _takes(function: Callable, name: str) -> bool:
 # Whether a form of Python is one of the C++ library, and may have one for each type of cell.
 _FORM_IS_OF_CPP = not hasattr(fem, "form_cpp_class")
 _FORM_HAS_SEVERAL = _takes(fem.form, "jit_comm")
-_EXPRESSION_TAKES_MESH = _takes(fem.Expression.eval, "mesh")
 #: Flags for forms of which only functions of several elements are called, which are compiled again.
 ONLY_IN_BATCHES = ("-O0",)
 #: Errors of UFL and FFCx for an invalid form; ArityMismatch is not always an Exception.
@@ -230,22 +228,12 @@ def gauss_points(points: int) -> np.ndarray:
     return x
 
 
-def compile_expression(expression, points: np.ndarray, mesh=None, data: Mapping | None = None):
-    """Compile a UFL expression for evaluation at reference points of all cells.
-
-    `data` has the functions and constants in the place of UFL's, and `mesh` is that of its domain.
-    """
-    if mesh is not None:
-        kinds, domains = (ufl.Jacobian, ufl.SpatialCoordinate), extract_domains(expression)
-        theirs = {kind(domain): kind(mesh) for kind in kinds for domain in domains}
-        expression = ufl.replace(expression, {**theirs, **(data or {})})
-    return compiled(fem.Expression, expression, points, dtype=_REAL)
-
-
-def evaluate(expression, mesh, cells: np.ndarray) -> np.ndarray:
-    """Values (cells, points * components) of a compiled expression."""
-    values = expression.eval(*([mesh] if _EXPRESSION_TAKES_MESH else []), cells.astype(np.int32))
-    return values.reshape(len(cells), -1)
+@functools.cache
+def gauss_weights(points: int) -> np.ndarray:
+    """Weights (points,) of the same rule, relative to the element's length."""
+    weights = np.polynomial.legendre.leggauss(points)[1] / 2
+    weights.flags.writeable = False
+    return weights
 
 
 def create_matrix(form, mesh):

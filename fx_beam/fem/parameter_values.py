@@ -109,6 +109,12 @@ class ParameterValues:
         pairs = zip(self.functions, self.names, strict=True)
         return np.array([evaluate(of, t, f"parameter {name!r}")[0] for of, name in pairs])
 
+    def at_times(self, times: np.ndarray) -> np.ndarray:
+        """The values (times, n) at some times [s]."""
+        if self._held or not self.names:
+            return np.tile(self.values, (len(times), 1))
+        return self._series(times)
+
     def over_steps(self, t0: np.ndarray, t1: np.ndarray, level: float) -> np.ndarray:
         """Values (steps, 2, n) at the level of steps and at their ends."""
         return np.stack([self._series(t0 + level * (t1 - t0)), self._series(before(t1))], axis=1)

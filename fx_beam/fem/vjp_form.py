@@ -200,7 +200,7 @@ class ResultantForm(DerivedForm):
     def _quantity(self) -> Any:
         #: Weights, each over the weight of its point.
         self.weight = dolfinx_api.Coefficient(self.fields.internal(3))
-        return self._sum(self.weight)
+        return self._at_points(self.resultants, self.weight)
 
     def _compile(self) -> None:
         super()._compile()
@@ -213,7 +213,8 @@ class ResultantForm(DerivedForm):
             name: dolfinx_api.Coefficient(field.ufl_function_space())
             for name, field in changing.items()
         }
-        at_points = self._with_more(self._sum(ufl.TestFunction(fields.internal(3))))
+        test = ufl.TestFunction(fields.internal(3))
+        at_points = self._with_more(self._at_points(self.resultants, test))
         change: Any = 0
         for name, field in changing.items():
             change += ufl.derivative(at_points, field, self.changes[name])
@@ -222,13 +223,6 @@ class ResultantForm(DerivedForm):
             change += ufl.derivative(at_points, X, self.changes["coordinates"])
         #: Changes of the resultants at the Gauss points, times the weights of these.
         self.change = dolfinx_api.compile_form(change, "changes of resultants")
-
-    def _sum(self, weight: Any) -> Any:
-        dx, form = self.fields.measure(self.fields.degree), 0
-        for tag, resultants in enumerate(self.resultants):
-            dx_law = dx(tag) if len(self.resultants) > 1 else dx
-            form += ufl.dot(weight, resultants) / self.step.h * dx_law
-        return form
 
 
 def assembled(
@@ -274,7 +268,7 @@ class ResultantDerivatives:
         self._change, self._changes, self._weight = change, changes, weight
         #: Weights (points, 1) of the Gauss points, relative to the element's length.
         points = dolfinx_api.element_dofs(weight.function_space).shape[1]
-        self._point_weights = np.polynomial.legendre.leggauss(points)[1][:, None] / 2
+        self._point_weights = dolfinx_api.gauss_weights(points)[:, None]
 
     def vjp(self, part: Any, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of the sum of weights (cells, points, 3) times N, Q and M, by name.

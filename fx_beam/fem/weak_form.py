@@ -296,21 +296,31 @@ class WeakForm:
         rates = rates if damps or self.needs_rates or self.resultants_need_rates else []
         return [start, *rates, *[before] * self.needs_previous]
 
-    def _increments(self):
-        dx = self.fields.measure(self.fields.degree)
-        at_points = ufl.TestFunction(self.fields.internal(self.width))
-        form: Any = 0
-        for tag, ends in enumerate(self._evolution):
-            if ends is not None:
-                grown = ends[1] - ends[0]
-                per_length = sum(grown[i] * at_points[i] for i in range(len(grown)))
-                form += per_length / self.step.h * (dx(tag) if len(self._laws) > 1 else dx)
+    def _increments(self) -> Any:
+        grown = [ends and ends[1] - ends[0] for ends in self._evolution]
+        return self._at_points(grown, ufl.TestFunction(self.fields.internal(self.width)))
+
+    def _at_points(self, of_laws: Sequence[Any], test: Any) -> Any:
+        """Vectors of the laws, None for none, at the Gauss points, each times its weight."""
+        dx, form = self.fields.measure(self.fields.degree), 0
+        for tag, values in enumerate(of_laws):
+            if values is not None:
+                per_length = sum(values[i] * test[i] for i in range(len(values))) / self.step.h
+                form += per_length * (dx(tag) if len(of_laws) > 1 else dx)
         return form
 
-    @property
-    def normal_stretch(self):
-        """t . phi' of eq. 4 at the start of the step: 1 and the axial strain."""
-        return 1 + self.step.total_strains0[0]
+    @functools.cached_property
+    def resultants_at_points(self) -> CompiledForm:
+        """N, Q and M at the Gauss points, each times its weight."""
+        form = self._at_points(self.resultants, ufl.TestFunction(self.fields.internal(3)))
+        return dolfinx_api.compile_form(form, "resultants")
+
+    @functools.cached_property
+    def normal_stretch(self) -> CompiledForm:
+        """t . phi' of eq. 4 at the start of the step, 1 and the axial strain, in the same way."""
+        stretch = ufl.as_vector([1 + self.step.total_strains0[0]])
+        form = self._at_points([stretch], ufl.TestFunction(self.fields.internal(1)))
+        return dolfinx_api.compile_form(form, "normal stretch")
 
 
 def weak_form(

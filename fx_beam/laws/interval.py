@@ -82,3 +82,30 @@ class Part(NamedTuple):
     D: np.ndarray
     #: Its start; rates only if resultants depend on them.
     start: StepStart
+
+
+class Parts(NamedTuple):
+    """Completed steps, or parts of halved ones, one a row; what nothing depends on is left out."""
+
+    #: Times (n,) at the scheme's level, and lengths [s].
+    t: np.ndarray
+    dt: np.ndarray
+    #: Increments and starts (n, size), rates there, and starts of the steps before.
+    D: np.ndarray = _NONE
+    q: np.ndarray = _NONE
+    v: np.ndarray = _NONE
+    a: np.ndarray = _NONE
+    q_previous: np.ndarray = _NONE
+    #: Internal variables and natural strains at the start, and these at the end (n, cells, m).
+    internal: np.ndarray = _NONE
+    natural: np.ndarray = _NONE
+    natural_end: np.ndarray = _NONE
+    #: `Step.memory` (n,).
+    memory: np.ndarray = _NONE
+    #: Parameters (n, k) at the scheme's level, where they are not functions of time.
+    parameters: np.ndarray = _NONE
+
+    @property
+    def moving(self) -> tuple[np.ndarray, ...]:
+        """Fields, numbered as the kinds of coefficients in problem.h."""
+        return self[2:10]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import bisect
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.fem.beam_forms import BeamForms
-from fx_beam.laws.interval import Interval, Part, StepStart, instant
+from fx_beam.laws.interval import Parts
 from fx_beam.results.files import writable
 from fx_beam.results.state import ROWS, State
 from fx_beam.validation import is_flag, is_whole, numbers, require
@@ -365,10 +363,12 @@ class Recorder:
                 rows[self.rows] = value.ravel() if isinstance(value, np.ndarray) else value
         self.rows += 1
 
-    def _missing(self, row: int) -> np.ndarray | float:
-        """Full turns (size,) [rad] that are missing in a row."""
-        at = bisect.bisect_right([*self.turns], row)
-        return [*self.turns.values()][at - 1] if at else 0.0
+    def _missing(self, rows: np.ndarray) -> np.ndarray | float:
+        """Full turns (n, size) [rad] that are missing in some rows."""
+        if not self.turns:
+            return 0.0
+        turns = np.array([np.zeros(self.model.size), *self.turns.values()])
+        return turns[np.searchsorted([*self.turns], rows, side="right")]
 
     def histories(self) -> RecordedHistories:
         """Histories of the rows so far by their names in `Solution`."""
@@ -419,73 +419,75 @@ class Recorder:
         starts = np.cumsum([0, *map(len, shares[:-1])])
         return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, starts)
 
-    def sub_steps(self, first: int = 0) -> Iterator[Part]:
+    def sub_steps(self, first: int = 0) -> Parts:
         """The sub-steps before each row from one on, for which its forces are evaluated.
 
         Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
         """
-        beams = self.model.forms.beams
+        arrays, starts, beams = self.arrays, self._starts.arrays, self.model.forms.beams
         assert beams is not None
+        rows = np.arange(first, self.rows)
+        counts = self._counts()[rows]
+        own = slice(self._up_to(first - 1), self._up_to(self.rows - 1))
+        #: Row after each sub-step, whether its start is stored, and the last ones of the rows.
+        row, stored = (np.repeat(of, np.maximum(counts, 1)) for of in (rows, counts > 0))
+        before, last = np.maximum(row - 1, 0), np.cumsum(np.maximum(counts, 1)) - 1
+
+        def begins(name: str) -> np.ndarray:
+            values = arrays[name][before]
+            if stored.any():
+                values[stored] = starts[f"start_{name}"][own]
+            return values
+
+        def ends(begins: np.ndarray, of_rows: np.ndarray) -> np.ndarray:
+            values = np.empty_like(begins)
+            values[:-1], values[last] = begins[1:], of_rows
+            return values
+
+        rest = np.ones(len(row))
+        rest[stored] = starts["share"][own]
+        for end, count in zip(last[counts > 1], counts[counts > 1], strict=True):
+            of_step = slice(end + 1 - count, end + 1)
+            rest[of_step] = np.cumsum(rest[of_step][::-1])[::-1]
+        t1, t0 = self._times[self._steps[row]], self._times[np.maximum(self._steps[row] - 1, 0)]
+        begin = t1 - (t1 - t0) * rest
+        dt = ends(begin, t1[last]) - begin
+        q = begins("q") + self._missing(np.where(stored, row, before))
+        D = ends(q, arrays["q"][rows] + self._missing(rows)) - q
         if not first:
-            yield self._at_start(beams)
-        for row in range(max(first, 1), self.rows):
-            yield from self._of_row(row, beams)
-
-    def _at_start(self, beams: BeamForms) -> Part:
-        first = self._first
-        dt = _SHORT * np.diff(self._times[:2]).sum() or 1.0
-        D = dt * first.v if beams.resultants_move else np.zeros(self.model.size)
-        start = StepStart(self.arrays["q"][0], first.v, first.a, internal=first.internal)
-        if first.natural is not None:
-            start = start._replace(natural=(first.natural, first.natural))
-        return Part(instant(first.t, dt), D, start)
-
-    def _of_row(self, row: int, beams: BeamForms) -> Iterator[Part]:
-        arrays, own = self.arrays, self._starts_of_row(row)
-        names = [*("q", "v", "a")[: 3 if beams.resultants_need_rates else 1]]
+            dt[0] = _SHORT * np.diff(self._times[:2]).sum() or 1.0
+            if beams.resultants_move:
+                D[0] = dt[0] * self._first.v
+        parts = Parts(begin + self.model.scheme.rates.level * dt, dt, D, q)
+        names = [*("v", "a")[: 2 * beams.resultants_need_rates]]
         names += ["internal"] * (beams.internal_shape[-1] > 0)
         names += ["natural"] * bool(self.model.natural)
-        if own.stop > own.start:
-            starts = {name: self._starts.arrays[f"start_{name}"][own] for name in names}
-        else:
-            starts = {name: arrays[name][row - 1 : row] for name in names}
-        turns = self._missing(row)
-        starts["q"] = starts["q"] + (turns if own.stop > own.start else self._missing(row - 1))
-        t0, t1 = self._times[self._steps[row] - 1 : self._steps[row] + 1]
-        rest = np.cumsum(self._shares(row)[::-1])[::-1] if own.stop > own.start else np.ones(1)
-        times = [*(t1 - (t1 - t0) * rest), t1]
-        ends = [*starts["q"][1:], arrays["q"][row] + turns]
-        for i, q in enumerate(starts["q"]):
-            start = StepStart(q)
-            if beams.resultants_need_rates:
-                start = start._replace(v=starts["v"][i], a=starts["a"][i])
-            if self._has_ramps:
-                step = Interval(*times[i : i + 2])
-                start = start._replace(parameters=self._parameters_in(row, step))
-            if "internal" in names:
-                start = start._replace(internal=starts["internal"][i].reshape(beams.internal_shape))
-            if "natural" in names:
-                strains = starts["natural"][i], [*starts["natural"][1:], arrays["natural"][row]][i]
-                shape = *beams.internal_shape[:2], 3
-                start = start._replace(natural=tuple(of.reshape(shape) for of in strains))
-            if beams.needs_previous:
-                before, memory = (
-                    self._starts.arrays[name][own][i] for name in ("start_q_previous", "memory")
-                )
-                start = start._replace(q_previous=before + turns, memory=float(memory))
-            yield Part(Interval(*times[i : i + 2]), ends[i] - q, start)
+        more = {name: begins(name) for name in names}
+        if "natural" in more:
+            more["natural_end"] = ends(more["natural"], arrays["natural"][rows])
+        cells = beams.internal_shape[0]
+        for name in more.keys() - {"v", "a"}:
+            more[name] = more[name].reshape(len(row), cells, -1)
+        memory, q_previous = np.zeros(len(row)), q
+        if beams.needs_previous:  # all are stored, but for the start
+            q_previous = q.copy()
+            memory[stored] = starts["memory"][own]
+            q_previous[stored] = starts["start_q_previous"][own] + self._missing(row[stored])
+        if self._has_ramps:
+            more["parameters"] = self._parameters_in(row, parts.t)
+        return parts._replace(memory=memory, q_previous=q_previous, **more)
 
     @property
     def _has_ramps(self) -> bool:
         """Whether parameters are inputs of a motion, whose earlier values only the rows know."""
         return any(isinstance(of, Ramp) for of in self.model.forms.parameters.functions)
 
-    def _parameters_in(self, row: int, step: Interval) -> np.ndarray:
-        """Parameters (n,) at the level of a step before a row: linear between the rows."""
-        t0, t1 = self._times[self._steps[row - 1 : row + 1]]
-        part = (step.start + self.model.scheme.rates.level * step.length - t0) / (t1 - t0)
-        before, after = self.arrays["parameters"][row - 1 : row + 1]
-        return before + part * (after - before)
+    def _parameters_in(self, row: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """Parameters (n, k) at times (n,) before rows: linear between these and those before."""
+        previous, values = np.maximum(row - 1, 0), self.arrays["parameters"]
+        t0, t1 = (self._times[self._steps[of]] for of in (previous, row))
+        part = (t - t0) / np.where(row > 0, t1 - t0, 1.0)
+        return values[previous] + part[:, None] * (values[row] - values[previous])
 
 
 #: What takes the rows of steps.
