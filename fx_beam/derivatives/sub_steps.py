@@ -9,8 +9,7 @@ import numpy as np
 from fx_beam.laws.interval import Interval, Part, StepStart, instant
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
-from fx_beam.step.tape import Part as TapePart
-from fx_beam.step.tape import Tape
+from fx_beam.step.tape import Part as TapePart, Tape
 
 from .gradient import Block, of_row
 from .natural_gradients import NaturalRows

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from jointed import chain
-from jointed import four_bar as linkage
+from jointed import chain, four_bar as linkage
 from scipy.integrate import solve_ivp
 
 import fx_beam as fb

@@ -8,8 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from jointed import MEMBER as SECTION
-from jointed import pair
+from jointed import MEMBER as SECTION, pair
 
 import fx_beam as fb
 

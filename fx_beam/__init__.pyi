@@ -1,0 +1,90 @@
+# The names of the package and the files that define them, for type checkers and for __init__.py,
+# which reads this file. What is imported by its full name are modules.
+
+from fx_beam import plot as plot
+from fx_beam.studies import stability as stability, work_precision as work_precision
+
+from .derivatives.response import Response as Response
+from .derivatives.static_response import StaticResponse as StaticResponse
+from .equilibria.branches import Branch as Branch, imperfect as imperfect
+from .equilibria.critical_points import CriticalPoint as CriticalPoint
+from .equilibria.statics import static as static
+from .errors import Failure as Failure, SceneError as SceneError, StepError as StepError
+from .laws.kinematics import Step as Step
+from .laws.rates import (
+    AtRest as AtRest,
+    MidPointRates as MidPointRates,
+    NewmarkRates as NewmarkRates,
+    NodalRates as NodalRates,
+)
+from .laws.resultants import Resultants as Resultants, WeightedResultants as WeightedResultants
+from .laws.schemes import (
+    HHT as HHT,
+    EnergyDecaying as EnergyDecaying,
+    EnergyMomentum as EnergyMomentum,
+    Equilibrium as Equilibrium,
+    GeneralizedAlpha as GeneralizedAlpha,
+    MidPoint as MidPoint,
+    ModifiedMidPoint as ModifiedMidPoint,
+    Newmark as Newmark,
+    Scheme as Scheme,
+)
+from .linear.harmonic import frequency_response as frequency_response
+from .linear.linear_system import LinearSystem as LinearSystem, linearise as linearise
+from .linear.modal import modes as modes, rayleigh as rayleigh
+from .motions.dynamics import simulate as simulate
+from .motions.motion import Motion as Motion
+from .motions.open_motion import Snapshot as Snapshot
+from .orbits.periodic_search import (
+    backbone as backbone,
+    forced_response as forced_response,
+    periodic as periodic,
+)
+from .results.audit import BeamResultants as BeamResultants, Energy as Energy, Stats as Stats
+from .results.contact import Contact as Contact
+from .results.joint_motion import JointMotion as JointMotion
+from .results.saved import load as load
+from .results.solution import Solution as Solution
+from .results.vibrations import (
+    FrequencyResponse as FrequencyResponse,
+    Modes as Modes,
+    PeriodicFamily as PeriodicFamily,
+    PeriodicMotion as PeriodicMotion,
+)
+from .scene.beam import Beam as Beam, Node as Node
+from .scene.body import Body as Body
+from .scene.changes import Fuse as Fuse, Latch as Latch
+from .scene.coordinate import (
+    Coordinate as Coordinate,
+    Coulomb as Coulomb,
+    Damper as Damper,
+    Friction as Friction,
+    Spring as Spring,
+    Stop as Stop,
+)
+from .scene.curve import Curve as Curve, arc as arc, spline as spline
+from .scene.forces_between import ForceBetween as ForceBetween
+from .scene.inputs import Input as Input
+from .scene.internal_variables import InternalVariables as InternalVariables
+from .scene.joints import (
+    GROUND as GROUND,
+    Joint as Joint,
+    PinInSlot as PinInSlot,
+    Prismatic as Prismatic,
+    Revolute as Revolute,
+    Rigid as Rigid,
+)
+from .scene.law import Law as Law
+from .scene.loads import thermal as thermal
+from .scene.obstacles import Circle as Circle, Line as Line, Obstacle as Obstacle
+from .scene.outputs import Output as Output
+from .scene.parameters import Parameter as Parameter
+from .scene.scene import Scene as Scene
+from .scene.section import Section as Section
+from .scene.sliders import Sleeve as Sleeve, Slider as Slider
+from .step.newton import NewtonOptions as NewtonOptions
+from .step.recorder import Record as Record
+from .sweeps.convergence import Converged as Converged, converge as converge
+from .sweeps.sweep import sweep as sweep
+
+__version__: str
