@@ -521,8 +521,7 @@ class BeamForms:
         space = interval_mesh.gauss_space(mesh, degree, width)
         form = dolfinx_api.bind(compiled, mesh, space, self._data, self._subdomains)
         symbols = fields.time, fields.dt, fields.memory, self.parameters[0]
-        cells = dolfinx_api.element_coordinates(mesh)
-        return PointValues(form, compiled, cells, degree, self.moving, symbols, self.cells_of)
+        return PointValues(form, compiled, mesh, degree, self.moving, symbols, self.cells_of)
 
     def begin_part(self, part: Part) -> None:
         """Begin a completed step."""

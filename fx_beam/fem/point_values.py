@@ -29,13 +29,13 @@ class PointValues:
         self,
         form: Any,
         compiled: CompiledForm,
-        coordinates: np.ndarray,
+        mesh: Any,
         degree: int,
         moving: Sequence[Any],
         symbols: Sequence[Any],
         cells_of: Callable[[int], np.ndarray],
     ):
-        self._form, self._compiled, self._coordinates = form, compiled, coordinates
+        self._form, self._compiled, self._mesh = form, compiled, mesh
         self._ffi, self._c = c_library.kept_library(*_LIBRARY)
         self._integrals = [
             (tag, self._ffi.cast("Tabulate", address), cells_of(tag))
@@ -52,7 +52,8 @@ class PointValues:
 
     def __call__(self, parts: Parts, parameters: np.ndarray) -> np.ndarray:
         """Values (n, cells, points, m) in n steps, with the parameters (n, k) of the form."""
-        rows, cells = len(parts.t), len(self._coordinates)
+        coordinates = dolfinx_api.element_coordinates(self._mesh)  # scenes move nodes
+        rows, cells = len(parts.t), len(coordinates)
         fields, constants = self._fields(parts), self._constants(parts, parameters)
         packed = dolfinx_api.packed_coefficients(self._form, self._compiled)
         size = dolfinx_api.tensor_size(self._form)
@@ -68,7 +69,7 @@ class PointValues:
                     of_rows = field[own][:, of_tag]
                     w[..., offset : offset + of_rows.shape[2]] = of_rows
                 values[own, of_tag] = self._tabulated(
-                    tabulate, w, constants[own], self._coordinates[of_tag], size
+                    tabulate, w, constants[own], coordinates[of_tag], size
                 )
         return values.reshape(rows, cells, len(self._weights), -1) / self._weights
 
