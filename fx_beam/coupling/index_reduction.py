@@ -296,6 +296,7 @@ class IndexReduction(WithoutLoops):
             "carrier": none,
             "slide_column": none,
             "number": none,
+            "track": none,
         }
 
     def tables(self):

@@ -98,7 +98,8 @@ class JointReduction(WithoutLoops):
                 e for e in couplings.entries_of_carrier(joint, self._dofs) if self._index[e[0]] >= 0
             ]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
-            for kind, maps, values in ((0, turn, turn), (1, turn, slide), (2, slide, turn)):
+            of_kinds = (turn, turn), (turn, slide), (slide, turn), (slide, slide)
+            for kind, (maps, values) in enumerate(of_kinds[: 4 if joint.track.number else 3]):
                 geometric += [(a, b, m, kind, s * o) for a, _, s in maps for b, _, o in values]
         #: Slides with forces that are unknowns, among all with forces.
         self._sprung = np.flatnonzero(self._index[self._points.columns] >= 0)
@@ -172,6 +173,7 @@ class JointReduction(WithoutLoops):
             "carrier": self._carrier,
             "slide_column": self._slide,
             "number": np.array([joint.number for joint in self._moving], dtype=int),
+            "track": np.array([joint.track.number for joint in self._moving], dtype=int),
         }
 
     def tables(self):

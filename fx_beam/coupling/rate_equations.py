@@ -22,6 +22,7 @@ from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
+from fx_beam.scene.track import Track
 
 # Kinds of plain equations, and the component of each: the last slides.
 _ALONG_X, _ALONG_Y, _SLOT, _TURN, _SUPPORT = range(5)
@@ -52,6 +53,9 @@ class RateEquations:
         #: From a to b in the reference configuration, and axes of slides (joints + 1, 2); the last
         #: is none, as the joint -1 of supports.
         self.apart, self.axis = np.zeros((2, self.joints + 1, 2))
+        #: Kinds of the tracks of joints, and by the numbers of the joints (joints + 1,) theirs.
+        self.tracks: set[type[Track]] = {Track, *(joint.track for joint in scene.joints)}
+        self.track = np.zeros(self.joints + 1, dtype=int)
         slots: list[Joint] = []
         pins: list[Joint] = []
         left_out = set(points.values())
@@ -62,6 +66,7 @@ class RateEquations:
                 self.apart[joint.number] = joint.apart
             if joint.axis is not None:
                 self.axis[joint.number] = joint.axis
+                self.track[joint.number] = joint.track.number
             if joint not in left_out:
                 free = joint.slide is not None and joint.slide.motor is None
                 (slots if free else pins).append(joint)
@@ -147,6 +152,7 @@ class RateEquations:
             "a": self.a,
             "apart": self.apart[joint],
             "axis": self.axis[joint],
+            "track": self.track[joint],
             "direction": self.direction,
             "constant": self._given,
             "free": self.free,

@@ -134,7 +134,7 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
                 continue
             load = Load(joint.number)
             if joint.axis is not None:
-                load = Load(joint.number, tuple(joint.axis.tolist()), dofs[0])
+                load = Load(joint.number, tuple(joint.tangent(0.0).tolist()), dofs[0])
             yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE, load=load)
 
 

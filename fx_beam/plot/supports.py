@@ -82,7 +82,7 @@ class Supports:
 
     def _guide(self, joint: Joint) -> tuple[np.ndarray, Strokes]:
         """A guide along an axis, as long as the path on it, and its wall."""
-        drawing, axis, size = self._drawing, joint.axis, self._drawing.size
+        drawing, axis, size = self._drawing, joint.direction, self._drawing.size
         assert axis is not None
         number = on_ground(joint)
         start = drawing.solution.X[number]

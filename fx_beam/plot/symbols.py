@@ -20,7 +20,7 @@ from .supports import draw_lines, is_grounded, left_of, marker_size, on_ground, 
 def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
     """Unit vector (2,) of a slide in row k; on a beam that of the nodes beside the sliding node."""
     if joint.axis is not None:
-        return drawing.turned(joint.a, k, joint.axis)
+        return drawing.turned(joint.a, k, joint.direction)
     positions = drawing.positions(drawing.solution.nodes_of_beam[joint.beam.name], k)
     nearest = int(np.argmin(np.hypot(*(positions - drawing.positions(joint.b.number, k)).T)))
     ahead, behind = min(nearest + 1, len(positions) - 1), max(nearest - 1, 0)
@@ -261,7 +261,7 @@ def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np
         return position - _SPRING_END * drawing.size * slide_direction(drawing, joint, k), position
     if not is_grounded(joint):
         return _position_on_a(drawing, joint, k), drawing.positions(joint.b.number, k)
-    far = -_SPRING_END * drawing.size * joint.axis
+    far = -_SPRING_END * drawing.size * joint.tangent(joint.start()[0])
     number = on_ground(joint)
     return drawing.solution.X[number] + far, drawing.positions(number, k)
 

@@ -28,7 +28,7 @@ class JointKinematics:
     def parting(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From b to its place on a: components x and y (n,) [m]."""
         (X, Y), (x, y, _) = self.joint.apart, self._difference(at, "q")
-        arm_x, arm_y = self._turned(at, self._arm(slide))
+        arm_x, arm_y = self._turned(at, self.joint.place_on_a(slide))
         return arm_x - X - x, arm_y - Y - y
 
     def gap(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
@@ -55,10 +55,10 @@ class JointKinematics:
         """Velocity (2, n) of b as a sees it, and the direction (2, n) of the slide, or zero."""
         x, y, _ = self._difference(at, "v")
         spin = self._of(at, "v", self.joint.a)[2]
-        arm_x, arm_y = self._turned(at, self._arm(slide))
-        axis = np.zeros(2) if self.joint.axis is None else self.joint.axis
+        arm_x, arm_y = self._turned(at, self.joint.place_on_a(slide))
         velocity = np.array([x + spin * arm_y, y - spin * arm_x])
-        along = np.reshape(self._turned(at, axis), (2, -1))  # the ground's does not turn
+        # The ground's does not turn.
+        along = np.reshape(self._turned(at, self.joint.tangent(slide)), (2, -1))
         return velocity, np.broadcast_to(along, velocity.shape)
 
     def slide(self, at: NodalMotion, near: np.ndarray) -> np.ndarray:
@@ -68,9 +68,7 @@ class JointKinematics:
         (X, Y), (x, y, _) = self.joint.apart, self._difference(at, "q")
         psi = self._of(at, "q", self.joint.a)[2]
         c, s = np.cos(psi), np.sin(psi)
-        along = c * (X + x) + s * (Y + y), c * (Y + y) - s * (X + x)
-        (offset_x, offset_y), (axis_x, axis_y) = self.joint.offset, self.joint.axis
-        return (along[0] - offset_x) * axis_x + (along[1] - offset_y) * axis_y
+        return self.joint.slide_at(c * (X + x) + s * (Y + y), c * (Y + y) - s * (X + x))
 
     def _of(self, at: NodalMotion, name: str, node: Node) -> Any:
         """Components of a node; zero on the ground."""
@@ -80,10 +78,6 @@ class JointKinematics:
         """Components (3,) of the motion of b less that of a."""
         a, b = (self._of(at, name, node) for node in (self.joint.a, self.joint.b))
         return [after - before for after, before in zip(b, a, strict=True)]
-
-    def _arm(self, slide: np.ndarray) -> tuple[Any, Any]:
-        (x, y), axis = self.joint.offset, self.joint.axis
-        return (x, y) if axis is None else (x + slide * axis[0], y + slide * axis[1])
 
     def _turned(self, at: NodalMotion, arm) -> tuple[np.ndarray, np.ndarray]:
         """Components of a vector that rotates with a."""
@@ -142,10 +136,9 @@ class SlidingKinematics(JointKinematics):
 
 def axial_rate(joint, slide, psi, spin, x, y):
     """Rate of a slide [m/s], for rotation and spin of a and the velocity (x, y) of b less a's."""
-    assert joint.axis is not None  # sliding joints have an axis
-    (offset_x, offset_y), (axis_x, axis_y) = joint.offset, joint.axis
+    place, along = joint.track.place(joint.axis, slide), joint.track.tangent(joint.axis, slide)
     c, s = np.cos(psi), np.sin(psi)
     # The velocity of b relative to its position on a, in the frame of a.
-    along_x = c * x + s * y + spin * (offset_y + slide * axis_y)
-    along_y = c * y - s * x - spin * (offset_x + slide * axis_x)
-    return along_x * axis_x + along_y * axis_y
+    seen_x = c * x + s * y + spin * (joint.offset[1] + place[1])
+    seen_y = c * y - s * x - spin * (joint.offset[0] + place[0])
+    return seen_x * along[0] + seen_y * along[1]

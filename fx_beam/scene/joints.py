@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from .beam import Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
 from .joint_kinematics import JointKinematics
 from .notebook import html_table
+from .track import Track
 
 # Largest gap of a joint that is made at a solution, relative to the size of the scene.
 _FITS = 1e-6
@@ -91,6 +92,9 @@ class Joint:
     number: int = field(default=-1)
     place: Place | None = None
 
+    #: Where b is on a, by its slide.
+    track: ClassVar[type[Track]] = Track
+
     def __repr__(self):
         return f"<{self}>"
 
@@ -137,12 +141,30 @@ class Joint:
     @property
     def arm(self) -> np.ndarray:
         """From a to b at the start, in the reference configuration (2,) [m]."""
-        return self.offset + (0.0 if self.axis is None else self.start()[0] * self.axis)
+        return self.place_on_a(self.start()[0])
 
     @property
     def direction(self) -> np.ndarray | None:
         """Unit vector (2,) of the slide in the reference configuration; None without a slide."""
-        return self.axis
+        return None if self.axis is None else self.tangent(self.start()[0])
+
+    def place_on_a(self, slide: Any) -> np.ndarray:
+        """Components (2, ...) of the place of b in the frame of a, at slides (...) [m]."""
+        x, y = self.offset
+        if self.axis is None:
+            return np.array([x, y])
+        along = self.track.place(self.axis, slide)
+        return np.array([x + along[0], y + along[1]])
+
+    def tangent(self, slide: Any) -> np.ndarray:
+        """Unit vectors (2, ...) of the slide in the frame of a; zero without a slide."""
+        return np.zeros(2) if self.axis is None else np.array(self.track.tangent(self.axis, slide))
+
+    def slide_at(self, x: Any, y: Any) -> Any:
+        """Slides (...) at components (...) of the place of b in the frame of a [m]."""
+        if self.axis is None:
+            return 0.0
+        return self.track.nearest(self.axis, x - self.offset[0], y - self.offset[1])
 
     @property
     def kinematics(self) -> JointKinematics:
@@ -191,10 +213,9 @@ class Joint:
             return self.place.slide, 0.0
         if self.a is GROUND or self.b is GROUND:
             return 0.0, 0.0  # the joint's point on the ground is its start position
-        distance = np.array([self.b.x - self.a.x, self.b.y - self.a.y]) - self.offset
-        slide = 0.0 if self.axis is None else float(distance @ self.axis)
-        along = 0.0 if self.axis is None else slide * self.axis
-        return slide, float(np.hypot(*(distance - along)))
+        place = np.array([self.b.x - self.a.x, self.b.y - self.a.y])
+        slide = float(self.slide_at(*place))
+        return slide, float(np.hypot(*(place - self.place_on_a(slide))))
 
     def check_start(self, size: float) -> None:
         """Refuse nodes that do not fit, motors that do not start from zero, and closed stops.
@@ -246,8 +267,8 @@ def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint
         return replace(joint, place=Place((float(apart[0]), float(apart[1])), 0.0, turn))
     apart = np.array([joint.b.x - joint.a.x, joint.b.y - joint.a.y])
     position = np.array([[c, s], [-s, c]]) @ (apart + q_b[:2] - q_a[:2])
-    slide = 0.0 if joint.axis is None else float((position - joint.offset) @ joint.axis)
-    offset = position if joint.axis is None else position - slide * joint.axis
+    slide = float(joint.slide_at(*position))
+    offset = position - (joint.place_on_a(slide) - joint.offset)
     gap = float(np.hypot(*(offset - joint.offset)))
     if gap > _FITS * size:
         x, y = offset

@@ -19,6 +19,7 @@ from .loads import check_node
 from .removal import own_joint
 from .scene import Scene
 from .sliders import SlidingJoint
+from .track import Track
 
 
 class Local(NamedTuple):
@@ -32,6 +33,7 @@ class Local(NamedTuple):
     #: Numbers of the scene (2,): a joint's place on a, and its axis.
     offset: Any = np.zeros(2)
     axis: Any = np.zeros(2)
+    track: Any = Track
 
 
 def _rate(at: Local) -> Any:
@@ -136,7 +138,7 @@ class Defined:
             given |= {f"{name}{end}": motion(name, node) for name in self.quantity.reads}
         if isinstance(self.of, Joint):
             axis = (0.0, 0.0) if self.of.axis is None else self.of.axis
-            given |= {"offset": self.of.offset, "axis": axis}
+            given |= {"offset": self.of.offset, "axis": axis, "track": self.of.track}
         return Local(**given)
 
     def law(self, at: Local) -> Any:

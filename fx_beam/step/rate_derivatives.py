@@ -22,6 +22,9 @@ from fx_beam.coupling.place_on_beam import PlaceOnBeam
 
 from .rate_solver import RateSolver
 
+# Step in the imaginary direction.
+_STEP = 1e-100
+
 
 class RateDerivatives:
     """The linear system of a scene's rates at n configurations; `mass` is that of the scene."""
@@ -52,7 +55,7 @@ class RateDerivatives:
         self._places = [
             PlaceOnBeam(b.path, b.beam, q, slides[:, b.number]) for b in equations.on_beams
         ]
-        self._set_local_derivatives()
+        self._set_local_derivatives(slides)
         lacking = self._times_driven(self._values.given, driven)
         lacking -= self._G(self._values.entries, v)
         x = solver.solve(self._values.entries, np.hstack([np.zeros_like(v), lacking]))
@@ -60,11 +63,12 @@ class RateDerivatives:
         self.c, self._mu = x[:, : v.shape[1]], -x[:, v.shape[1] :]
         self.rates = v + self.c
 
-    def _set_local_derivatives(self) -> None:
+    def _set_local_derivatives(self, slides: np.ndarray) -> None:
         """Set those (n, count, 3, 3) of p and of what is given by t and k, and t (n, count, 2)."""
         equations, n = self._equations, len(self._psi)
         t, k, sleeve = np.zeros((n, equations.count, 2)), np.zeros((n, equations.count)), []
-        t[:, : self._plain] = _turned(self._psi, equations.axis[self._joint])
+        tangent, self._tangent_by = self._tangents(slides)
+        t[:, : self._plain] = _turned(self._psi, tangent)
         local = np.zeros((*k.shape, 3, 3))
         local[:, : self._plain, 2, :2] = equations.direction
         self._beam_rows, row = [], self._plain
@@ -88,6 +92,23 @@ class RateDerivatives:
         local[:, bent, :2, :2] = by_t / square[:, bent]
         local[..., :2, 2][:, bent] = -t[:, bent] / square[:, bent, 0]
         self._local = local
+
+    def _tangents(self, slides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tangents (n, plain, 2) of tracks, and their derivatives (n, plain, 2, 3).
+
+        These by axes and slides, exact to round-off by steps in the imaginary direction.
+        """
+        equations, slide = self._equations, _with_ground(slides)[:, self._joint, None]
+        axis = np.broadcast_to(equations.axis[self._joint], (*slide.shape[:2], 2))
+        given = np.concatenate([axis, slide], axis=-1).astype(complex)
+        tangent, by = np.zeros(axis.shape), np.zeros((*axis.shape, 3))
+        for track in equations.tracks:
+            rows = equations.track[self._joint] == track.number
+            for k, step in enumerate(_STEP * 1j * np.eye(3)):
+                *moved, at = np.moveaxis(given[:, rows] + step, -1, 0)
+                value = np.stack(track.tangent(moved, at), axis=-1)
+                tangent[:, rows], by[..., k][:, rows] = value.real, value.imag / _STEP
+        return tangent, by
 
     # -- Products with the equations --------------------------------------------------------------
 
@@ -155,7 +176,7 @@ class RateDerivatives:
         by_given = of_rows * driven + mu * on_columns
         by_local = np.concatenate([by_push, by_given[..., None]], axis=-1)
         by_along = np.einsum("nri,nrij->nrj", by_local, self._local)
-        by_q, by_slides = np.zeros((size + 1, n)), np.zeros((n, equations.joints))
+        by_q, by_slides = np.zeros((size + 1, n)), np.zeros((n, equations.joints + 1))
         turn = mu[:, :plain] * spin - of_rows[:, :plain] * turned
         by_arm = turn[..., None] * _across(push[:, :plain])
         by_t = by_along[:, :plain, :2]
@@ -164,7 +185,9 @@ class RateDerivatives:
             np.add.at(by_q, equations.a[:, i], -by_arm[..., i].T)
         turns = (by_t * _across(self._along[:, :plain])).sum(axis=-1)
         np.add.at(by_q, equations.a[:, 2], turns.T)
-        by_q, by_paths = by_q[:-1].T.copy(), [np.empty(0)]
+        by_track = np.einsum("nri,nrik->nrk", _turned(-self._psi, by_t), self._tangent_by)
+        np.add.at(by_slides.T, self._joint, by_track[..., 2].T)
+        by_q, by_paths, by_slides = by_q[:-1].T.copy(), [np.empty(0)], by_slides[:, :-1]
         for one, place, rows in self._of_beams():
             weight = self._weight[:, rows]
             of = _times(of_rows[:, rows], weight) * self.rates[:, place.dofs]
@@ -174,7 +197,7 @@ class RateDerivatives:
             by_paths.append(by_path.sum(axis=0))
         masses, of_joints = self._mass.tocoo(), np.zeros((2, equations.joints + 1, 2))
         np.add.at(of_joints[0], self._joint, by_arm.sum(axis=0))
-        np.add.at(of_joints[1], self._joint, _turned(-self._psi, by_t).sum(axis=0))
+        np.add.at(of_joints[1], self._joint, by_track[..., :2].sum(axis=0))
         numbers = {
             "mass": -(of_c[:, masses.row] * self.c[:, masses.col]).sum(axis=0),
             "arms of joints": of_joints[0],
@@ -204,7 +227,10 @@ class RateDerivatives:
         turn = _with_ground(q)[..., equations.a[:, 2], None]
         axis = np.broadcast_to(changes["axes of joints"][:, self._joint], (n, m, plain, 2))
         along[..., :plain, :2] = turn * _across(self._along[:, None, :plain])
-        along[..., :plain, :2] += _turned(self._psi[:, None], axis)
+        slide = _with_ground(of_state["slides"])[..., self._joint, None]
+        of_track = np.concatenate([axis, slide], axis=-1)
+        of_track = np.einsum("nrik,nmrk->nmri", self._tangent_by, of_track)
+        along[..., :plain, :2] += _turned(self._psi[:, None], of_track)
         firsts, weights = 0, []
         for one, place, rows in self._of_beams():
             numbers = changes["paths"][:, firsts : (firsts := firsts + one.path.numbers.size)]

@@ -197,9 +197,6 @@ class Problem:
         for name, values in numbers.items():
             self._own[name][...] = values
         self._X, self._mass_changes = model.mesh.X, model.mass_changes
-        if len(model.points.slides):
-            for i, row in enumerate(self._slide_rates()):
-                self._structs.set(self.c.rated_slide[i], axis=row["axis"], offset=row["offset"])
         if self.tables is not None:
             if moved:
                 self.tables.move(dolfinx_api.element_coordinates(model.mesh.mesh))
@@ -240,14 +237,14 @@ class Problem:
             return np.full(3, -1) if node is GROUND else model.mesh.dofs[node.number]
 
         own = joints_by_number(model.scene)
+        moving = {joint.number: m for m, joint in enumerate(model.couplings.moving)}
         return [
             {
                 "joint": joint.number,
                 "slider": sliders.index(joint.number) if joint.number in sliders else -1,
                 "a": dofs(joint.a),
                 "b": dofs(joint.b),
-                "axis": np.zeros(2) if joint.axis is None else joint.axis,
-                "offset": joint.offset,
+                "moving": moving.get(joint.number, -1),
             }
             for joint in (own[i] for i in np.unique(model.points.slides))
         ]
@@ -282,6 +279,7 @@ class Problem:
             carrier=t.joints["carrier"],
             slide_column=t.joints["slide_column"],
             slide_of=t.joints["number"],
+            track=t.joints["track"],
             joint_sign=t.joints["sign"],
             followers=len(t.followers["through"]),
             follower=t.followers["dof"],

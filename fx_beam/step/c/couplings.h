@@ -20,16 +20,28 @@ static void evaluate_slides(const Problem *p, const Work *w) {
   if (points->all > points->nodal) fx_evaluate_points(points, points->nodal, points->all, w->D, w->z);
 }
 
+/* The arm of a joint and the tangent of its track, at a rotation of the carrier and a slide. */
+INLINED void set_arm(const Problem *p, int j, double *frame, double psi, double d, double *rho, double *t) {
+  const double *o = p->offset + 2 * j;
+  Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
+  frame[0] = cos(psi), frame[1] = sin(psi);
+  rotate(frame[0], frame[1], o[0] + track.place[0], o[1] + track.place[1], rho + 2 * j);
+  rotate(frame[0], frame[1], track.chord[0], track.chord[1], t + 2 * j);
+}
+
+/* What turns with the carrier of a joint, at the level of the step. */
+INLINED void turn_at_level(const Problem *p, const Work *w, int j, const double *x, double *out) {
+  const double *of = w->frame + 4 * j, level = p->level;
+  rotate((1 - level) * of[0] + level * of[2], (1 - level) * of[1] + level * of[3], x[0], x[1], out);
+}
+
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
   w->values[0] = w->virtual_map[0] = 1;
   begin_points(p, w);
   for (int j = 0; j < p->joints; ++j) {
     double d = at(p->slides, p->slide_of[j]);
-    const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
-    w->psi0[j] = at(p->q, p->carrier[j]);
-    turn(w->psi0[j], o[0] + d * e[0], o[1] + d * e[1], w->rho0 + 2 * j);
-    turn(w->psi0[j], e[0], e[1], w->t0 + 2 * j);
+    set_arm(p, j, w->frame + 4 * j, at(p->q, p->carrier[j]), d, w->rho0, w->t0);
   }
   return begin_loops(p, w);
 }
@@ -49,22 +61,17 @@ static void expand_columns(const Problem *p, const Work *w) {
   if (p->auxiliaries) increase_auxiliaries(p, w); /* first those of rotations, on which the arms depend */
   sum_columns(p, w);
   for (int j = 0; j < p->joints; ++j) {
-    const double *o = p->offset + 2 * j, *e = p->axis + 2 * j;
-    double Dpsi = at(D, p->carrier[j]);
-    double d = at(p->slides, p->slide_of[j]);
-    if (p->slide_column[j] >= 0) d += w->z[p->slide_column[j]];
-    double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t0 = w->t0 + 2 * j, *t1 = w->t1 + 2 * j;
-    double c = cos(w->psi0[j] + Dpsi), s = sin(w->psi0[j] + Dpsi);
-    rotate(c, s, o[0] + d * e[0], o[1] + d * e[1], rho1);
-    rotate(c, s, e[0], e[1], t1);
+    const double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t1 = w->t1 + 2 * j;
+    double psi = at(p->q, p->carrier[j]), Dpsi = at(D, p->carrier[j]);
+    double d0 = at(p->slides, p->slide_of[j]), d = d0 + at(w->z, p->slide_column[j]);
+    set_arm(p, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->rho1, w->t1);
     double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
     w->carrier_slope[j] = slope;
     w->carrier_bend[j] = p->rule == 0 ? tangent * slope : 0;
     double mean_rho[2], *mean_t = w->mean_t + 2 * j;
-    for (int i = 0; i < 2; ++i) {
-      mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
-      mean_t[i] = (1 - level) * t0[i] + level * t1[i];
-    }
+    for (int i = 0; i < 2; ++i) mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
+    Track track = track_of(p->track[j], p->axis + 2 * j, d0, d);
+    turn_at_level(p, w, j, track.chord, mean_t);
     double *value = w->values + 1 + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
     value[0] = -rho1[1], value[1] = rho1[0], value[2] = t1[0], value[3] = t1[1];
     virtual_map[0] = -mean_rho[1], virtual_map[1] = mean_rho[0];
@@ -172,6 +179,9 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
     if (p->closure_arm[k] >= 0) w->passing[p->closure_arm[k]] = w->closing[k];
 }
 
+/* Derivatives of the forces of a joint on the rotation and on the slide, by either (joint_reduction.py). */
+enum { BY_TURNS, OF_TURN_BY_SLIDE, OF_SLIDE_BY_TURN, BY_SLIDES };
+
 /* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
 static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent;
@@ -184,14 +194,19 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   for (int k = 0; k < p->geometric; ++k) {
     int j = p->geometric_joint[k];
     double F0 = w->passing[2 * j], F1 = w->passing[2 * j + 1];
-    double turned = p->level * (F1 * w->t1[2 * j] - F0 * w->t1[2 * j + 1]), term;
-    if (p->geometric_kind[k] == 0)
-      term = -p->level * (F0 * w->rho1[2 * j] + F1 * w->rho1[2 * j + 1]);
-    else if (p->geometric_kind[k] == 1)
-      term = turned;
+    const double *rho = w->rho1 + 2 * j, *t = w->t1 + 2 * j, *mean = w->mean_t + 2 * j, *end = w->frame + 4 * j + 2;
+    double d = at(p->slides, p->slide_of[j]), term, turned[2];
+    Track track = track_of(p->track[j], p->axis + 2 * j, d, d + at(w->z, p->slide_column[j]));
+    if (p->geometric_kind[k] == BY_TURNS)
+      term = -p->level * (F0 * rho[0] + F1 * rho[1]);
+    else if (p->geometric_kind[k] == OF_TURN_BY_SLIDE)
+      term = p->level * (F1 * t[0] - F0 * t[1]);
+    else if (p->geometric_kind[k] == OF_SLIDE_BY_TURN)
+      rotate(end[0], end[1], track.chord[0], track.chord[1], turned),
+          term = w->carrier_bend[j] * (F0 * mean[0] + F1 * mean[1]) +
+                 w->carrier_slope[j] * p->level * (F1 * turned[0] - F0 * turned[1]);
     else
-      term = w->carrier_bend[j] * (F0 * w->mean_t[2 * j] + F1 * w->mean_t[2 * j + 1]) +
-             w->carrier_slope[j] * turned;
+      turn_at_level(p, w, j, track.bend, turned), term = w->carrier_slope[j] * (F0 * turned[0] + F1 * turned[1]);
     K[p->geometric_to[k]] += p->geometric_sign[k] * term;
   }
   for (int k = 0; k < p->auxiliary_entries; ++k) {

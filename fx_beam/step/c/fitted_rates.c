@@ -4,6 +4,7 @@
 #include "algebra.h"
 #include "fitted_rates.h"
 #include "processor.h"
+#include "track.h"
 
 /* Subtracted from the diagonal of equations, relative to what masses give, as they are singular where
    loops are in line. Repetitions remove the effects of this and of small masses. */
@@ -84,8 +85,9 @@ static void set_equations(const RateFit *f, const double *q, const double *slide
     const double *p = push + 2 * r, *axis = f->axis + 2 * r;
     set_row(given, push, r, f->constant[r], f->direction[2 * r], f->direction[2 * r + 1]);
     if (axis[0] != 0 || axis[1] != 0) {
-      double t[2];
-      turn(at(q, f->a[3 * r + 2]), axis[0], axis[1], t);
+      double t[2], d = slide[f->joint[r]];
+      Track track = track_of(f->track[r], axis, d, d);
+      turn(at(q, f->a[3 * r + 2]), track.chord[0], track.chord[1], t);
       if (f->free[r])
         set_row(given, push, r, 0, -t[1], t[0]);
       else

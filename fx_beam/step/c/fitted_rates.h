@@ -14,8 +14,8 @@ typedef struct {
   int size, joints, columns, driven; /* degrees of freedom, joints, driven and fixed columns, driven ones */
   int count, plain, beams, all_entries;
   /* Plain equations: degrees of freedom of nodes b and a, and of those that carry them, -1 for the ground;
-     arms from these to b in the reference configuration, and that from a; axis of the slide. */
-  int *b, *a, *ends;
+     arms from these to b in the reference configuration, and that from a; axis and kind of the track. */
+  int *b, *a, *ends, *track;
   double *arms, *apart, *axis, *direction, *constant;
   BeamRate *beam;
   int *joint, *column;  /* of each equation, or -1 */

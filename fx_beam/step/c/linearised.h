@@ -119,7 +119,7 @@ static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row,
   if (!expand(p, w)) return 0;
   if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
   balance(p, w);
-  if (p->friction_follows) set_axes(p);
+  if (p->friction_follows) set_axes(p, w);
   if (HAS(MEMBERS) && p->points->members) l->of[TOUCHED].count = 0, put_members(l->of + TOUCHED, p, &l->at);
   reduce_tangent(p, w, w->r);
   return 1;
@@ -140,13 +140,18 @@ static void put_strains(const Problem *p, Linear *l) {
 static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int first, int j) {
   const Layout *at_ = &l->at;
   int column = p->slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
-  double psi = w->psi0[j], d = at(p->slides, p->slide_of[j]), slope = w->carrier_slope[j];
+  double slope = w->carrier_slope[j], d[2] = {at(p->slides, p->slide_of[j])}, *e = p->axis + 2 * j;
+  double rest = a->slide_at_rest[j], bend[2], chord[2];
   const double *mean = w->mean_t + 2 * j;
+  d[1] = d[0] + at(w->z, column);
+  Track at_rest = track_of(p->track[j], e, rest, rest);
   for (int end = 0; end < 2; ++end) {
-    if (end) psi += at(w->D, p->carrier[j]), d += at(w->z, column);
     const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
-    double c = cos(psi), s = sin(psi), R[2][2] = {{c, -s}, {s, c}}, share = end ? p->level : 1 - p->level;
-    double bend = end ? w->carrier_bend[j] : -w->carrier_bend[j], across[] = {-t[1], t[0]};
+    double c = w->frame[4 * j + 2 * end], s = w->frame[4 * j + 2 * end + 1], share = end ? p->level : 1 - p->level;
+    Track track = track_of(p->track[j], e, d[1 - end], d[end]);
+    rotate(c, s, track.chord[0], track.chord[1], chord), turn_at_level(p, w, j, track.bend, bend);
+    double R[2][2] = {{c, -s}, {s, c}}, across[] = {-chord[1], chord[0]};
+    double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j];
     int turn = in(end ? at_->q1 : at_->q, p->carrier[j]), slide = in(end ? at_->Y1 : at_->Y, column);
     for (int i = 0; i < 2; ++i) {
       int arm = at_->arms + 2 * j + i, lever = map + 1 - i;
@@ -154,15 +159,17 @@ static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear 
       Block *arms = end ? l->of + ARMS : first ? l->of + BEGUN : 0, *levers = l->of + LEVERS;
       put(l->of + CARRIED, turn, lever, lever_share * (i ? rho[0] : -rho[1]));
       put(l->of + CARRIED, slide, lever, lever_share * t[i]);
-      if (slides) put(l->of + CARRIED, turn, map + 2 + i, bend * mean[i] + slope * share * across[i]);
+      if (slides) put(l->of + CARRIED, turn, map + 2 + i, carrier_bend * mean[i] + slope * share * across[i]);
+      if (slides) put(l->of + CARRIED, slide, map + 2 + i, slope * bend[i]);
       for (int k = 0; k < 2; ++k) {
         int offset = at_->offset + 2 * j + k, axis = at_->axis + 2 * j + k;
-        if (arms) put(arms, offset, arm, R[i][k] - (i == k));
-        if (arms) put(arms, axis, arm, d * R[i][k] - a->slide_at_rest[j] * (i == k));
-        put(levers, offset, lever, lever_share * R[i][k]), put(levers, axis, lever, lever_share * d * R[i][k]);
-        if (slides) put(levers, axis, map + 2 + i, slope * share * R[i][k]);
+        double place_by = R[i][0] * track.place_by[0][k] + R[i][1] * track.place_by[1][k];
+        double chord_by = R[i][0] * track.chord_by[0][k] + R[i][1] * track.chord_by[1][k];
+        if (arms) put(arms, offset, arm, R[i][k] - (i == k)), put(arms, axis, arm, place_by - at_rest.place_by[i][k]);
+        put(levers, offset, lever, lever_share * R[i][k]), put(levers, axis, lever, lever_share * place_by);
+        if (slides) put(levers, axis, map + 2 + i, slope * share * chord_by);
       }
-      if (arms) put(arms, at_->rest + j, arm, -p->axis[2 * j + i]);
+      if (arms) put(arms, at_->rest + j, arm, -at_rest.chord[i]);
     }
   }
 }
@@ -363,8 +370,17 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
     for (int i = 0; i < 2; ++i) put(to, forces + 3 * e->load + i, followed, slope[i]);
     put(to, in(l->at.q, e->load_turn), followed, (1 - p->level) * slope[2]);
     put(to, in(l->at.q1, e->load_turn), followed, p->level * slope[2]);
-    for (int j = 0; j < p->joints; ++j)
-      for (int i = 0; p->slide_of[j] == e->load && i < 2; ++i) put(to, l->at.axis + 2 * j + i, followed, slope[3 + i]);
+    for (int j = 0; j < p->joints; ++j) {
+      if (p->slide_of[j] != e->load) continue;
+      double d = slide_at_level(p, w, j);
+      Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
+      for (int i = 0; i < 2; ++i) {
+        double turned = 2 * track.bend[i] * slope[3 + i];
+        for (int k = 0; k < 2; ++k) put(to, l->at.axis + 2 * j + k, followed, slope[3 + i] * track.chord_by[i][k]);
+        put(to, in(l->at.Y, p->slide_column[j]), followed, (1 - p->level) * turned);
+        put(to, in(l->at.Y1, p->slide_column[j]), followed, p->level * turned);
+      }
+    }
     for (int j = 0; j < p->sliders; ++j) {
       if (p->slider[j].joint != e->load) continue;
       slope_of_axis(p->slider + j, w->joint_forces, slope);

@@ -123,7 +123,7 @@ static double followed_size(const PointForce *e, const double *joints, const dou
 
 void fx_set_axis(const PointForces *p, int joint, const double *axis) {
   for (PointForce *e = p->of; e < p->of + p->all; ++e)
-    for (int i = 0; e->load == joint && i < 2; ++i) e->load_axis[i] = axis[i] / hypot(axis[0], axis[1]);
+    for (int i = 0; e->load == joint && e->slide >= 0 && i < 2; ++i) e->load_axis[i] = axis[i] / hypot(axis[0], axis[1]);
 }
 
 void fx_begin_following(PointForces *p) { begin_fixed_point(&p->followed); }

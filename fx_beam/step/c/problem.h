@@ -84,7 +84,7 @@ typedef struct {
 typedef struct {
   int joint, slider;   /* its number; that of the slider of a node on a beam, or -1 */
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
-  double axis[2], offset[2];
+  int moving;          /* which of the joints that depend on the motion; -1 on a beam */
 } SlideRate;
 
 /* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): groups of unknowns
@@ -164,7 +164,7 @@ typedef struct {
   double *entry_sign;
   int joints;
   double *offset, *axis, *joint_sign;
-  int *carrier, *slide_column, *slide_of; /* rotation (-1: ground), column (-1: none), joint */
+  int *carrier, *slide_column, *slide_of, *track; /* rotation (-1: ground), column (-1: none), joint, kind of its Track */
   int followers;
   int *follower, *through;
   /* Degrees of freedom in long trees with columns of their own, behind all others (auxiliaries.py): entries of

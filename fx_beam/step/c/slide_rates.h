@@ -8,11 +8,11 @@ static double rate_of_slide(const Problem *p, const SlideRate *a) {
   if (HAS(SLIDERS) && a->slider >= 0) return slider_rate(p, p->slider + a->slider);
   double v[2], seen[2];
   for (int i = 0; i < 2; ++i) v[i] = at(p->v, a->b[i]) - at(p->v, a->a[i]);
-  double d = p->slides[a->joint], spin = at(p->v, a->a[2]);
+  double d = p->slides[a->joint], spin = at(p->v, a->a[2]), *o = p->offset + 2 * a->moving;
+  Track track = track_of(p->track[a->moving], p->axis + 2 * a->moving, d, d);
   turn(-at(p->q, a->a[2]), v[0], v[1], seen);
-  seen[0] += spin * (a->offset[1] + d * a->axis[1]);
-  seen[1] -= spin * (a->offset[0] + d * a->axis[0]);
-  return a->axis[0] * seen[0] + a->axis[1] * seen[1];
+  seen[0] += spin * (o[1] + track.place[1]), seen[1] -= spin * (o[0] + track.place[0]);
+  return track.chord[0] * seen[0] + track.chord[1] * seen[1];
 }
 
 /* At mid-step forces depend on mean rates alone. */

@@ -4,6 +4,7 @@
 
 #include "algebra.h"
 #include "slide_relation.h"
+#include "track.h"
 
 /* Degree of freedom that belongs to a local one; -1 for the arc length. */
 static int local_dof(const Slider *a, int local) {
@@ -44,8 +45,17 @@ static void carry(const Problem *p, const Work *w, double *r, double *out) {
   }
 }
 
-/* Sets the axes across which forces of nodes on beams count for friction. */
-static void set_axes(const Problem *p) {
+/* The slide of a joint at the level of a step. */
+static double slide_at_level(const Problem *p, const Work *w, int j) {
+  return at(p->slides, p->slide_of[j]) + p->level * at(w->z, p->slide_column[j]);
+}
+
+/* Sets the axes across which forces on curves count for friction. */
+static void set_axes(const Problem *p, const Work *w) {
+  for (int j = 0; j < p->joints; ++j) {
+    double d = slide_at_level(p, w, j);
+    if (p->track[j]) fx_set_axis(p->points, p->slide_of[j], track_of(p->track[j], p->axis + 2 * j, d, d).chord);
+  }
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
     int s = a->components * a->width;
     fx_set_axis(p->points, a->joint, (double[]){a->virtual_map[0][s], a->virtual_map[1][s]});

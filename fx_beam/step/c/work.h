@@ -7,7 +7,7 @@
 
 typedef struct {
   double *D, *path, *slope, *acc, *f, *r, *reduced, *step, *correction, *z;
-  double *tangent, *inertia, *values, *virtual_map, *psi0, *rho0, *t0, *rho1, *t1, *mean_t, *carrier_slope;
+  double *tangent, *inertia, *values, *virtual_map, *frame, *rho0, *t0, *rho1, *t1, *mean_t, *carrier_slope;
   double *carrier_bend, *passing, *columns, *y, *row, *start, *force, *dead, *scratch;
   double *saved, *rule, *loaded, *factors, *factorised, *residual, *direction, *image, *guess;
   double *G, *G_virtual, *part, *part_virtual, *closure, *closure0, *closure_row, *closure_scratch, *pivoting; /* of loops */
@@ -44,7 +44,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->y = allocate(&at, u), w->row = allocate(&at, p->rows.groups ? 3 * u : 0), w->start = allocate(&at, c);
   w->tangent = allocate(&at, p->stored_values + 4 * LANES), w->inertia = allocate(&at, p->stored_values);
   w->values = allocate(&at, 1 + 4 * j), w->virtual_map = allocate(&at, 1 + 4 * j);
-  w->psi0 = allocate(&at, j), w->rho0 = allocate(&at, 2 * j), w->t0 = allocate(&at, 2 * j);
+  w->frame = allocate(&at, 4 * j), w->rho0 = allocate(&at, 2 * j), w->t0 = allocate(&at, 2 * j);
   w->rho1 = allocate(&at, 2 * j), w->t1 = allocate(&at, 2 * j), w->mean_t = allocate(&at, 2 * j);
   w->rule = allocate(&at, p->rules ? RULE_VALUES * (long)p->nodes : 0);
   w->saved = allocate(&at, p->memory_size);
