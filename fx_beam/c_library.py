@@ -285,12 +285,14 @@ def _layout(kind: Any, declarations: str) -> tuple[list[str], list[tuple[list[st
     kinds = {name: of.kind for name, of in _types(kind).items()}
     groups = _groups(declarations)[kind.cname]
     inner = [name for name, of in kinds.items() if of == "struct"]
-    own = [name for name in kinds if name not in {*inner}.union(*groups)]
+    ungrouped = [name for name in kinds if name not in {*inner}.union(*groups)]
 
     def of_kinds(names: list[str], *wanted: str) -> list[str]:
         return [name for name in names if kinds[name] in wanted]
 
-    every = [(of_kinds(n, "pointer", "function"), of_kinds(n, "primitive")) for n in (own, *groups)]
+    every = [
+        (of_kinds(n, "pointer", "function"), of_kinds(n, "primitive")) for n in (ungrouped, *groups)
+    ]
     return inner, every
 
 

@@ -149,8 +149,8 @@ def _built(place: Path, name: str, builder: Callable[[Path], T]) -> T:
             if time.time() - old.stat().st_mtime > _FORGOTTEN:
                 shutil.rmtree(old)
     # On NFS a library that is in use cannot be removed.
-    own = tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=place, ignore_cleanup_errors=True)
-    with own as scratch:
+    folder = tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=place, ignore_cleanup_errors=True)
+    with folder as scratch:
         library = builder(Path(scratch))
         content = Path(scratch, name).read_bytes()
         complete = Path(scratch, "complete")

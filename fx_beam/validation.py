@@ -358,10 +358,10 @@ class _CheckedFunction:
         except SceneError:
             raise
         except Exception as error:
-            own = arguments[min(len(collected), len(arguments) - 1)]
-            raise self._failure(own, error) from error
+            one = arguments[min(len(collected), len(arguments) - 1)]
+            raise self._failure(one, error) from error
         # Else the line below finds the arguments whose value is wrong.
-        return np.array([self(*own) for own in arguments]) if values is None else values
+        return np.array([self(*one) for one in arguments]) if values is None else values
 
     def collect(self, collected: list, arguments) -> np.ndarray | None:
         """Call the function, with its values in `collected`; gives them (n, size), if all fit.
@@ -372,8 +372,8 @@ class _CheckedFunction:
             function = self.function
             # The values before an exception are in `collected`, which counts them.
             collected.extend(
-                value if type(value := function(*own)) in _IMMUTABLE else _copied(value)
-                for own in arguments
+                value if type(value := function(*one)) in _IMMUTABLE else _copied(value)
+                for one in arguments
             )
         try:
             return np.array(collected, dtype=float).reshape(len(collected), self.size)

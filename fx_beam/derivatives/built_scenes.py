@@ -92,11 +92,11 @@ class BuiltScenes:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
         before, here = numbers_of(known, 0, 0.0), self._numbers(x, 0, 0.0, numbers_of)
         _check_same(before, here)
-        found = {name: np.zeros((len(x), *values.shape)) for name, values in here.items()}
+        by_name = {name: np.zeros((len(x), *values.shape)) for name, values in here.items()}
         for i in range(len(x)):
             for name, values in self._derivative(x, i, here, numbers_of):
-                found[name][i] = values
-        return found
+                by_name[name][i] = values
+        return by_name
 
     def _derivative(
         self, x: np.ndarray, i: int, here: dict[str, np.ndarray], numbers_of: NumbersOf
@@ -140,7 +140,7 @@ class BuiltScenes:
                 bend, flat = _largest(gap, sizes[name]), not (narrow.any() or wide.any())
                 if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
                     best[name] = bend, narrow + (narrow - wide) / 3
-            before, bent = bent, {name: own for name, (own, _) in best.items() if own > _BENT}
+            before, bent = bent, {name: error for name, (error, _) in best.items() if error > _BENT}
             for name in _COMPUTED & bent.keys():
                 del bent[name]
             worse = worse + 1 if bent == before else 0

@@ -64,7 +64,7 @@ def jvp(
 ) -> np.ndarray:
     """Changes (*shape, m) of an output from those of states (n, m, ...) and numbers (m, ...)."""
     count = len(changes["X"])
-    found = np.zeros((shape[0], *(shape[1:] or (1,)), count))
+    total = np.zeros((shape[0], *(shape[1:] or (1,)), count))
     for name, entries, rows, derivatives, places, part in blocks:
         if places is None:
             given = changes[name].reshape(count, -1)[:, entries]
@@ -72,7 +72,7 @@ def jvp(
             given = of_state[name] if name in of_state else changes[name].swapaxes(0, 1)
             given = given.reshape(len(given), count, -1)[..., entries][places]
         if isinstance(rows, int):  # as of energies, in each of their rows
-            found[rows, part] += given @ derivatives
+            total[rows, part] += given @ derivatives
             continue
         at = first = np.flatnonzero(np.diff(rows, prepend=-1))
         if np.ndim(part):
@@ -82,8 +82,8 @@ def jvp(
             values = (given @ derivatives.T).T
         else:
             values = (given @ derivatives[..., None])[..., 0]
-        found[rows[at], part] += np.add.reduceat(values, first)
-    return found.reshape(*shape, count)
+        total[rows[at], part] += np.add.reduceat(values, first)
+    return total.reshape(*shape, count)
 
 
 class Gradient:
@@ -131,14 +131,14 @@ class Gradient:
     def along(self, changes: Mapping[str, np.ndarray]) -> np.ndarray:
         """What is by numbers, times changes (m, ...) of these: (m,)."""
         count = len(changes["X"])
-        found = np.zeros(count)
+        total = np.zeros(count)
         for (name, start, stop), values in self._of_numbers.items():
-            found += changes[name].reshape(count, -1)[:, start:stop] @ values
+            total += changes[name].reshape(count, -1)[:, start:stop] @ values
         for name, entries, places, values in self._picked:
             shape = (count, -1) if places is None else (count, changes[name].shape[1], -1)
             given = changes[name].reshape(shape)[..., entries]
-            found += along(given if places is None else given[:, places], values)
-        return found
+            total += along(given if places is None else given[:, places], values)
+        return total
 
 
 def along(changes: np.ndarray, gradient: np.ndarray) -> np.ndarray:

@@ -127,8 +127,8 @@ class LocalOutput:
         inputs: list[tuple[str, Any, str, int]] = []
         for sign, node in of.ends():
             for array in of.quantity.reads:
-                field, own = f"{array}{'' if sign > 0 else '_a'}", dofs[node.number].tolist()
-                inputs += [(field, i, names[array], own[i]) for i in range(3)]
+                field, of_node = f"{array}{'' if sign > 0 else '_a'}", dofs[node.number].tolist()
+                inputs += [(field, i, names[array], of_node[i]) for i in range(3)]
         if isinstance(of.of, Joint):
             slide = self._states["slides"][ends, number]
             inputs.append(("slide", ..., "slides", number))
@@ -148,12 +148,12 @@ class LocalOutput:
         """t . (v_b - sum N v_a) / t . t with the slope t of the beam where the node is."""
         ends, n, reduction = self._places.ends, joint.number, self._model.reduction
         assert isinstance(reduction, JointReduction) and reduction.sliders is not None
-        own = next(slide for slide in reduction.sliders.all if slide.joint.number == n)
+        slider = next(slide for slide in reduction.sliders.all if slide.joint.number == n)
         q, v = self._states["q"][ends], self._states[self._rates][ends]
-        place = PlaceOnBeam(own.path, own.dofs, q, self._states["slides"][ends, n])
+        place = PlaceOnBeam(slider.path, slider.dofs, q, self._states["slides"][ends, n])
         of_beam = v[:, place.dofs[:, :2]]
         beneath = np.einsum("na,nai->ni", place.weights[0], of_beam)
-        apart = v[:, own.node_dofs[:2]] - beneath
+        apart = v[:, slider.node_dofs[:2]] - beneath
         t, square = place.slope, (place.slope**2).sum(axis=1)[:, None]
         along = t / square
         rate = (along * apart).sum(axis=1)[:, None]
@@ -163,7 +163,7 @@ class LocalOutput:
         by_place = np.column_stack([by_slope, np.zeros(len(q)), by_weights])
         by_s, by_path = place.vjp(by_place, by_q)
         by_v[:, place.dofs[:, :2]] = -place.weights[0][:, :, None] * along[:, None]
-        by_v[:, own.node_dofs[:2]] = along
+        by_v[:, slider.node_dofs[:2]] = along
         before = [other.path.numbers.size for other in self._model.sliding]
         first = sum(before[: [other.number for other in self._model.sliding].index(n)])
         yield self._at_ends("slides", n, factor=by_s)

@@ -49,14 +49,14 @@ class Objective:
     @one_thread
     def __call__(self, x: Any) -> tuple[float, np.ndarray]:
         """The value, and its derivatives (m,) by x."""
-        found = self._function(*self._run(x))
-        fits = isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], Mapping)
-        if not fits or numbers(found[0]).shape:
+        given = self._function(*self._run(x))
+        fits = isinstance(given, tuple) and len(given) == 2 and isinstance(given[1], Mapping)
+        if not fits or numbers(given[0]).shape:
             raise SceneError(
                 "objective: function(t, y) must give a number and its derivatives by outputs, a "
-                f"dict of arrays by names, not {shown(found)}"
+                f"dict of arrays by names, not {shown(given)}"
             )
-        value, weights = found
+        value, weights = given
         return float(value), self._run.vjp(weights)
 
 
@@ -129,6 +129,6 @@ class Misfit:
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         for name, rows in self._measured.items():
-            own = J[name] * np.where(np.isnan(rows), 0.0, 1 / self._scatter[name])[..., None]
-            parts.append(own.reshape(-1, own.shape[-1]))
+            scaled = J[name] * np.where(np.isnan(rows), 0.0, 1 / self._scatter[name])[..., None]
+            parts.append(scaled.reshape(-1, scaled.shape[-1]))
         return np.concatenate(parts)

@@ -137,30 +137,30 @@ class Observation:
 
         `later` are sums of the weights of outputs that add up over the steps, in later parts.
         """
-        found = Gradient(self._sizes)
+        gradient = Gradient(self._sizes)
         for name, output in self._outputs.items():
-            own = weights[name]
+            weight = weights[name]
             if isinstance(output, WorkOutput):
-                output.vjp(own, later[name], found)
+                output.vjp(weight, later[name], gradient)
             elif isinstance(output, ResultantOutput):
-                output.vjp(own, found)
+                output.vjp(weight, gradient)
             else:
-                counting = np.flatnonzero(own.reshape(len(own), -1).any(axis=1))
-                vjp(output.blocks(counting), own, found)
+                counting = np.flatnonzero(weight.reshape(len(weight), -1).any(axis=1))
+                vjp(output.blocks(counting), weight, gradient)
         if self._fit is not None:
-            rates, joints, columns = (found.at(name) for name in _FITTED)
+            rates, joints, columns = (gradient.at(name) for name in _FITTED)
             joints = joints.reshape(len(joints), -1, 3)
             of_state, of_numbers = self._fit.vjp(rates, joints, columns)
             driven = of_state.pop("driven rates")
             for name, values in of_state.items():
-                found.at(name)[:] += values
+                gradient.at(name)[:] += values
             for name, values in of_numbers.items():
-                found.add_numbers(name, values)
+                gradient.add_numbers(name, values)
             if driven.size:
                 of_boundaries = np.zeros((len(self._tape) + 1, driven.shape[1]))
                 of_boundaries[self.boundaries] = driven
-                found.add_numbers("driven rates", of_boundaries)
-        return found
+                gradient.add_numbers("driven rates", of_boundaries)
+        return gradient
 
     def jvp(
         self,

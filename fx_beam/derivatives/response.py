@@ -209,7 +209,7 @@ class Response:
         self.stats: Stats
 
     def __getstate__(self):
-        return {name: own for name, own in vars(self).items() if name in _GIVEN}
+        return {name: value for name, value in vars(self).items() if name in _GIVEN}
 
     def __setstate__(self, given):
         vars(self).update(given)
@@ -326,16 +326,16 @@ class Response:
             counting |= values.reshape(len(values), -1).any(axis=1)
 
         def weights_of(part: Part) -> Weights:
-            own, after = part.own(boundaries), boundaries > part.end
-            own = own[counting[own]]
+            inside, after = part.own(boundaries), boundaries > part.end
+            inside = inside[counting[inside]]
             later = {name: float(given[name][after].sum()) for name in summed(outputs)}
-            wanted = dict(outputs) if len(own) else {name: outputs[name] for name in later}
-            if not (len(own) or any(later.values())):
+            wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in later}
+            if not (len(inside) or any(later.values())):
                 return {}, boundaries[:0], boundaries[:0]
-            observed = self._observed(model, tape, adjoint, wanted, boundaries[own])
-            found = observed.vjp({name: given[name][own] for name in wanted}, later)
-            of_state, found.of_state = found.of_state, {}  # not for longer than the part
-            direct.append(found)
+            observed = self._observed(model, tape, adjoint, wanted, boundaries[inside])
+            gradient = observed.vjp({name: given[name][inside] for name in wanted}, later)
+            of_state, gradient.of_state = gradient.of_state, {}  # not for longer than the part
+            direct.append(gradient)
             return of_state, observed.boundaries, observed.sub_steps
 
         by_numbers = adjoint.vjp(tape, weights_of, by_places=self._moves_nodes)
@@ -349,7 +349,7 @@ class Response:
         self._refuse_others(changes, by_numbers.keys())
         known = changes.keys() & by_numbers.keys()
         parts = [along(changes[name], by_numbers[name]) for name in known]
-        parts += [found.along(changes) for found in direct]
+        parts += [gradient.along(changes) for gradient in direct]
         return sum(parts, np.zeros(len(self._x)))
 
     @one_thread
@@ -383,26 +383,26 @@ class Response:
         model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
         forward = Forward(adjoint)
         self._refuse_others(changes, forward.names)
-        boundaries, found = self._boundaries(tape), list[dict[str, np.ndarray]]()
+        boundaries, parts = self._boundaries(tape), list[dict[str, np.ndarray]]()
         before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
         observed: Observation | None
 
         def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
             nonlocal observed
-            own = boundaries[part.own(boundaries)]
-            wanted = dict(outputs) if len(own) else {name: outputs[name] for name in before}
+            inside = boundaries[part.own(boundaries)]
+            wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in before}
             if not wanted:
                 observed = None
-                return own, own
-            observed = self._observed(model, tape, adjoint, wanted, own)
+                return inside, inside
+            observed = self._observed(model, tape, adjoint, wanted, inside)
             return observed.boundaries, observed.sub_steps
 
         for of_state in forward.jvp_parts(tape, changes, rows_of):
             if observed is not None:
                 rows = observed.jvp(of_state, changes, before)
                 if rows.keys() == outputs.keys():
-                    found.append(rows)
-        return {name: np.concatenate([rows[name] for rows in found]) for name in outputs}
+                    parts.append(rows)
+        return {name: np.concatenate([rows[name] for rows in parts]) for name in outputs}
 
     def objective(self, function: Cost) -> Objective:
         """A number of the whole motion as a function of x, with its derivatives by x.
@@ -513,11 +513,11 @@ class Response:
         """States (n, ...) of the last call before some sub-steps, or at its end, by name."""
         assert self._end is not None
         end = self._end.renumbered(model.from_nodes, model.mesh.from_elements)
-        found = tape.states(steps)
-        for name, rows in found.items():
+        states = tape.states(steps)
+        for name, rows in states.items():
             if (values := getattr(end, name)) is not None and rows.size:
                 rows[steps == len(tape)] = np.ravel(values)
-        return {name.replace("_", " "): rows for name, rows in found.items()}
+        return {name.replace("_", " "): rows for name, rows in states.items()}
 
     def _taped(self, what: str) -> tuple[Prepared, Tape]:
         """The prepared scene of the last call, with its numbers, and the tape of its steps."""

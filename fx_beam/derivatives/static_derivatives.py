@@ -47,10 +47,10 @@ def why_not(path: LoadPath) -> str:
             "a mechanism that its loads hold, with internal variables, has none: these depend on "
             "how it settles"
         )
-    variables = [own for own in (first.internal, first.spring_internal) if own is not None]
+    variables = [values for values in (first.internal, first.spring_internal) if values is not None]
     if first.spring_internal is not None:  # forces that friction follows are no states
         variables[-1] = np.delete(first.spring_internal, model.points.followed)
-    if any(abs(own).max(initial=0.0) > _ROUNDING for own in variables):
+    if any(abs(values).max(initial=0.0) > _ROUNDING for values in variables):
         return "springs are under tension, and change internal variables before the loads act"
     return ""
 
@@ -108,38 +108,38 @@ class StaticDerivatives:
     def change_of_end(self, changes: Mapping[str, np.ndarray]) -> StateChange:
         """Changes of the last state with those (m, ...) of the numbers."""
         forward, every = Forward(self.adjoint), np.arange(len(self.tape) + 1)
-        found = forward.jvp(self.tape, changes, every, every[:-1])
+        changed_rows = forward.jvp(self.tape, changes, every, every[:-1])
         of_state = {"q": "q", "slides": "slides"}
-        at_end = {name: found[own][-1] for name, own in of_state.items()}
+        at_end = {name: changed_rows[rows][-1] for name, rows in of_state.items()}
         of_state = {"constraint_forces": "constraints", "joint_forces": "joints"}
-        at_end |= {name: found[own][-1] for name, own in of_state.items()}
+        at_end |= {name: changed_rows[rows][-1] for name, rows in of_state.items()}
         for quantity, sums in self._sums().items():
-            of_steps = jvp(sums.blocks(every), every.shape, found, changes)
+            of_steps = jvp(sums.blocks(every), every.shape, changed_rows, changes)
             at_end[quantity] = of_steps.sum(axis=0)
         return StateChange(self, at_end | forward.at_end)
 
     def _sums(self) -> dict[str, StepWork | StepLosses]:
         """Work and losses of all load steps, those that have derivatives, by names of `State`."""
         every, model = np.arange(len(self.tape) + 1), self.model
-        found: dict[str, StepWork | StepLosses] = {}
+        works: dict[str, StepWork | StepLosses] = {}
         states = {name.replace("_", " "): rows for name, rows in self.states_at(every).items()}
         if self.path.continues:
             return {}
         of = SubSteps(model, self.tape, every, states)
         if not why_no_work(model):
-            found["work"] = StepWork(of, self.adjoint.constraint_forces(self.tape))
+            works["work"] = StepWork(of, self.adjoint.constraint_forces(self.tape))
         if model.forms.dissipate and not why_no_losses(model):
-            found["dissipated"] = StepLosses(of)
-        return found
+            works["dissipated"] = StepLosses(of)
+        return works
 
     def states_at(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
         """States (n, ...) before some load steps, or at the end, by the names of `State`."""
-        found = self.tape.states(np.maximum(boundaries - 1, 0))
-        for name, rows in found.items():
+        states = self.tape.states(np.maximum(boundaries - 1, 0))
+        for name, rows in states.items():
             for row, step in zip(rows, boundaries.tolist(), strict=True):
                 if row.size and step:
                     row[:] = np.ravel(getattr(self.states[step - 1], name))
-        return found
+        return states
 
 
 class StateChange:
@@ -150,7 +150,7 @@ class StateChange:
 
     def at(self, model: Model, number: int, by: float) -> State:
         """The equilibrium with a change of one number, in the numbering of a model."""
-        own = self._path.model
+        path_model = self._path.model
         moved = {
             name: values + by * self._changes[name][number].reshape(np.shape(values))
             for name in self._changes
@@ -158,7 +158,7 @@ class StateChange:
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
         state = state.renumbered(
-            lambda vector: model.from_nodes(own.to_nodes(vector)),
-            lambda cells: model.mesh.from_elements(own.mesh.to_elements(cells)),
+            lambda vector: model.from_nodes(path_model.to_nodes(vector)),
+            lambda cells: model.mesh.from_elements(path_model.mesh.to_elements(cells)),
         )
         return replace(state, natural=model.natural.at(state.t) if model.natural else None)

@@ -149,8 +149,8 @@ class StaticResponse(Response):
 
     def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
         assert self._derivatives is not None  # `_followed` comes first
-        found = self._derivatives.states_at(steps)
-        return {name.replace("_", " "): rows for name, rows in found.items()}
+        states = self._derivatives.states_at(steps)
+        return {name.replace("_", " "): rows for name, rows in states.items()}
 
     def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
         if self._known_changes is None:

@@ -140,9 +140,9 @@ class FirstOrder:
         jump, by_1, by_a, by_p = np.split(held, np.cumsum([m, masses, damped]), axis=1)
         yb = jump @ u - by_1 @ y1 - by_a @ ya - by_p @ p
 
-        def force(own: slice) -> np.ndarray:
-            elastic = K[own, one] @ y1 + K[own, a] @ ya + K[own, b] @ yb + Kp[own] @ p
-            return F[own] @ u - elastic - C[own, one] @ dy1 - Cp[own] @ dp
+        def force(rows: slice) -> np.ndarray:
+            elastic = K[rows, one] @ y1 + K[rows, a] @ ya + K[rows, b] @ yb + Kp[rows] @ p
+            return F[rows] @ u - elastic - C[rows, one] @ dy1 - Cp[rows] @ dp
 
         dya = solve(C[a, a], force(a)) if damped else eye[:0]
         ds = solve(M[one, one], force(one) - C[one, a] @ dya) if masses else s

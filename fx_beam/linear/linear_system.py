@@ -314,11 +314,11 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):
                 f"{what}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "
                 "linearised"
             )
-        own, own_rates = _rows(about, output)
+        positions, rates = _rows(about, output)
         components = output.components
         labels += [f"{name}.{part}" for part in components] if components else [name]
-        rows.append(own)
-        of_rates.append(own_rates)
+        rows.append(positions)
+        of_rates.append(rates)
     none = np.empty((0, count))
     return np.vstack([none, *rows]), np.vstack([none, *of_rates]), labels
 

@@ -129,8 +129,8 @@ def _untouched(C, shifted, R: np.ndarray, unit: float) -> tuple[np.ndarray, int]
     _, squares, turned = scipy.linalg.svd(force.T @ shifted.solve(force))
     alone = squares < 1e-10
     moved = R @ turned[~alone].T
-    own = scipy.linalg.svdvals(moved.T @ (C @ moved)) if moved.size else squares[:0]
-    return R @ turned[alone].T, moved.shape[1] + int((own < 1e-5 * unit).sum())
+    rates = scipy.linalg.svdvals(moved.T @ (C @ moved)) if moved.size else squares[:0]
+    return R @ turned[alone].T, moved.shape[1] + int((rates < 1e-5 * unit).sum())
 
 
 def _independent(parts: list[np.ndarray], scale: np.ndarray) -> np.ndarray:

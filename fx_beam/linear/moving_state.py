@@ -266,8 +266,11 @@ def _natural_rates(model: Model, t: float, what: str) -> np.ndarray | None:
     before, now, behind = (model.natural.at(t + x) for x in (-h, 0.0, h))
     rates, bend = (behind - before) / (2 * h), behind - 2 * now + before
     for beam in model.scene.beams:
-        own = model.mesh.cells[model.scene.beams.index(beam)]
-        if beam.section.damped and abs(bend[own]).max() > _KINK * abs(behind - before)[own].max():
+        cells = model.mesh.cells[model.scene.beams.index(beam)]
+        if (
+            beam.section.damped
+            and abs(bend[cells]).max() > _KINK * abs(behind - before)[cells].max()
+        ):
             raise SceneError(
                 f"{what}: beam {beam.name!r} has retardation, and a natural strain whose rate "
                 f"jumps at t = {t:g}, and with it a force. Take a state before or behind it"

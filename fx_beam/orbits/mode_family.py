@@ -213,7 +213,7 @@ class ModeFamily:
         errors = self._error(before), self._error(after)
         part = errors[1] / (errors[1] - errors[0])
         back = shooting.rows_of(before.period.start) - shooting.rows_of(after.period.start)
-        amounts = np.linalg.solve(by.matrix[by.own], (back / by.scale)[by.own])
+        amounts = np.linalg.solve(by.matrix[by.independent], (back / by.scale)[by.independent])
         start = shooting.moved(after.period.start, by, part * amounts)
         length = after.period.length * (before.period.length / after.period.length) ** part
         phase = turning_point(shooting, after.period)

@@ -30,10 +30,10 @@ def multipliers_of(closed: Closed) -> np.ndarray:
 
     Without changes that turn by more than a quarter in the first step, as those that alternate.
     """
-    own = closed.by.own
-    unit = closed.by.matrix[own]
-    values, vectors = np.linalg.eig(np.linalg.solve(unit, closed.monodromy[own]))
-    after = np.linalg.solve(unit, closed.first_step[own]) @ vectors
+    independent = closed.by.independent
+    unit = closed.by.matrix[independent]
+    values, vectors = np.linalg.eig(np.linalg.solve(unit, closed.monodromy[independent]))
+    after = np.linalg.solve(unit, closed.first_step[independent]) @ vectors
     along = np.real(np.einsum("ij,ij->j", vectors.conj(), after))
     slow = values[(along > 0) | (abs(values) < _NEUTRAL)]
     return slow[np.lexsort((-slow.imag, -abs(slow)))]

@@ -56,7 +56,7 @@ class Directions(NamedTuple):
     #: The same (rows, n) in the order of `Shooting.rows_of`, over the scales.
     matrix: np.ndarray
     #: Which rows are variables; others follow to close loops.
-    own: np.ndarray
+    independent: np.ndarray
     scale: np.ndarray
 
 
@@ -183,15 +183,15 @@ class Shooting:
             raise SceneError(f"{self.what}: {reduction.singularity}. Start from another state")
         reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
         free, scale = reduction.free, self.scales(state, length)
-        own = np.concatenate([reduction.independent, np.arange(free, len(scale))])
-        y, n = len(reduction.independent), len(own)
+        independent = np.concatenate([reduction.independent, np.arange(free, len(scale))])
+        y, n = len(reduction.independent), len(independent)
         matrix = np.zeros((len(scale), n))
-        columns = reduction.completion().toarray()[:free, own[:y]] * scale[own[:y]]
-        matrix[:free, :y], matrix[own[y:], np.arange(y, n)] = columns, scale[free:]
+        columns = reduction.completion().toarray()[:free, independent[:y]] * scale[independent[:y]]
+        matrix[:free, :y], matrix[independent[y:], np.arange(y, n)] = columns, scale[free:]
         changes = self._split(matrix.T)
-        spread = reduction.coupling()[:, own[:y]].toarray() * scale[own[:y]]
+        spread = reduction.coupling()[:, independent[:y]].toarray() * scale[independent[:y]]
         changes["q"] = np.vstack([spread.T, np.zeros((n - y, model.size))])
-        return Directions(changes, matrix / scale[:, None], own, scale)
+        return Directions(changes, matrix / scale[:, None], independent, scale)
 
     def _split(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Slides, rates and what steps remember of changes (n, rows), by name."""
@@ -306,7 +306,7 @@ class Shooting:
             at = np.concatenate([at - 1, at])
         blocks = list[np.ndarray]()
         for first in range(0, by.matrix.shape[1], _AT_ONCE):
-            some = {name: own[first : first + _AT_ONCE] for name, own in by.changes.items()}
+            some = {name: rows[first : first + _AT_ONCE] for name, rows in by.changes.items()}
             ends = self._forward.jvp(self._tape, some, at)
             ends = {name: rows[-2:] for name, rows in ends.items()} | {"q_previous": ends["q"][:2]}
             parts = [self.model.couplings.unknowns(ends["q"], ends["slides"])]

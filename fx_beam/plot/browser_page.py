@@ -190,7 +190,7 @@ def _known(solution: Any) -> list[str]:
         known.append("strain energy")
     if solution.has_rates and not solution.stats.static:
         known.append("speed")
-    return known + sorted({name for own in solution.variables_of_beam.values() for name in own})
+    return known + sorted({name for names in solution.variables_of_beam.values() for name in names})
 
 
 def _quantity(

@@ -166,7 +166,7 @@ class Colouring:
     ):
         if not drawing.solution.beams:
             raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
-        internal = {name for own in drawing.solution.variables_of_beam.values() for name in own}
+        internal = {name for names in drawing.solution.variables_of_beam.values() for name in names}
         if not is_one_of(quantity, {*QUANTITIES, *internal}):
             known = ", ".join(repr(name) for name in [*QUANTITIES, *sorted(internal)])
             raise ValueError(f"colour = {shown(quantity)} must be one of {known}, or None")
