@@ -274,6 +274,7 @@ class Problem:
             driven=reduction.driven,
             entries=len(equal),
             equal=np.count_nonzero(equal),
+            alone=equal.all() and np.array_equal(t.entries["row"], np.arange(self.model.size)),
             **{f"entry_{name}": values[first] for name, values in t.entries.items()},
             joints=len(t.joints["number"]),
             carrier=t.joints["carrier"],

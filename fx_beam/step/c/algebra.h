@@ -70,11 +70,16 @@ static double largest_size(int n, const double *x) {
   return double_of(top);
 }
 
-static void times_mass(const Problem *p, const double *x, double *out) {
+static void times_mass(const Problem *p, const double *restrict x, double *restrict out) {
+  const int *restrict start = p->mass_start, *restrict column = p->mass_column;
+  const double *restrict mass = p->mass;
   for (int i = 0; i < p->dofs; ++i) {
+    int k = start[i], end = start[i + 1];
     double sum = 0;
-    for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k)
-      sum += p->mass[k] * x[p->mass_column[k]];
+    if (end - k == 3) /* most rows of beams of degree 1 */
+      sum = mass[k] * x[column[k]] + mass[k + 1] * x[column[k + 1]] + mass[k + 2] * x[column[k + 2]];
+    else
+      for (; k < end; ++k) sum += mass[k] * x[column[k]];
     out[i] = sum;
   }
 }

@@ -46,11 +46,21 @@ static int begin_couplings(const Problem *p, const Work *w) {
   return begin_loops(p, w);
 }
 
+/* What degrees of freedom have of columns that they are equal to; each of them is, where nothing is coupled. */
+INLINED void copy_columns(const Problem *p, const double *restrict z, double *restrict D) {
+  const int *row = p->entry_row, *column = p->entry_column;
+  if (p->alone)
+    for (int k = 0; k < p->dofs; ++k) D[k] = z[column[k]];
+  else {
+    memset(D, 0, p->dofs * sizeof *D);
+    for (int k = 0; k < p->equal; ++k) D[row[k]] += z[column[k]];
+  }
+}
+
 /* Increments without the arms of the joints. */
 INLINED void sum_columns(const Problem *p, const Work *w) {
   double *D = w->D;
-  memset(D, 0, p->dofs * sizeof *D);
-  for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += w->z[p->entry_column[k]];
+  copy_columns(p, w->z, D);
   for (int k = p->equal; k < p->entries; ++k)
     if (p->entry_value[k] == 0) D[p->entry_row[k]] += p->entry_sign[k] * w->z[p->entry_column[k]];
 }
@@ -119,8 +129,7 @@ static int expand(const Problem *p, const Work *w) {
 
 static void spread_columns(const Problem *p, const double *values, double *z, double *out) {
   if (p->auxiliaries) change_auxiliaries(p, values, z);
-  memset(out, 0, p->dofs * sizeof *out);
-  for (int k = 0; k < p->equal; ++k) out[p->entry_row[k]] += z[p->entry_column[k]];
+  copy_columns(p, z, out);
   for (int k = p->equal; k < p->entries; ++k)
     out[p->entry_row[k]] += p->entry_sign[k] * values[p->entry_value[k]] * z[p->entry_column[k]];
 }

@@ -119,7 +119,7 @@ static const double SHARE = 0.1;
 
 static double widest_turn(const Problem *p, const double *D) {
   double widest = 0;
-  for (int i = 0; i < p->turning; ++i) widest = fmax(widest, fabs(D[p->turns[i]]));
+  for (int i = 0; i < p->turning; ++i) widest = larger(fabs(D[p->turns[i]]), widest);
   return widest;
 }
 
@@ -310,8 +310,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     LAP(CHECKS);
     if (!expand(p, w)) return OPEN_LOOP;
     LAP(COUPLINGS);
-    for (int i = 0; i < p->turning; ++i)
-      if (fabs(w->D[p->turns[i]]) > p->max_turn) return TURNED_TOO_FAR;
+    if (widest_turn(p, w->D) > p->max_turn) return TURNED_TOO_FAR;
     if (small || floor) {
       if (leaves_beam(p)) return SLID_TOO_FAR;
       p->iterations += iteration;

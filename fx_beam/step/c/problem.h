@@ -158,8 +158,9 @@ typedef struct {
   int turning_masses, *turning_column, *turning_stored_at; /* entries in columns of rotations */
   double *turning_mass;
 
-  /* Coupling: entries of T and Tv. The first `equal` entries are 1; value 0 is the constant 1. */
-  int entries, equal;
+  /* Coupling: entries of T and Tv. The first `equal` entries are 1; value 0 is the constant 1.
+     `alone`: these are all, one of each degree of freedom in turn. */
+  int entries, equal, alone;
   int *entry_row, *entry_column, *entry_value;
   double *entry_sign;
   int joints;
