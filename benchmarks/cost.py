@@ -1,7 +1,8 @@
 """What a scene costs by what it has: modules, compiled code, memory, unknowns, set-up and steps.
 
-    ./run report cost            two minutes
+    ./run report cost            three minutes
     ./run report cost --quick    counts only, of a few scenes
+    ./run report cost --docs     and renew the page and the picture of docs/
 
 Each scene but the first is the plainest one, a beam of 8 elements on a pin, with one thing more. It
 is computed in a process of its own, first with an empty cache. Counts are those after its first
@@ -12,6 +13,7 @@ which the compiled loop has, without the rows of the solution.
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -318,7 +320,7 @@ def study(names, times):
         if times:
             with tempfile.TemporaryDirectory() as empty:
                 cold = measured(name, 0, empty)["first result [s]"]
-                row = measured(name, 15, empty) | {"empty cache [s]": cold}
+                row = {"empty cache [s]": cold} | measured(name, 15, empty)
         else:
             row = measured(name, 0)
         rows.append({"scene": name, **row})
@@ -335,6 +337,9 @@ DRAWN = {
     "around steps [ms]": 0.3,
     "step [us]": 0.2,
 }
+
+
+SHOWN = "modules", *list(DRAWN)[:3], "first result [s]", *list(DRAWN)[3:]
 
 
 def largest_arrays(row, plain, most=3):
@@ -398,14 +403,26 @@ def draw(path, rows):
     figure.savefig(path, dpi=150)
 
 
-def main(quick=False, results=ROOT / "results" / "cost"):
+def renew_docs(told, table, picture):
+    """Renew the page in docs/reports, between its comments, and its picture."""
+    shutil.copy(picture, ROOT / "docs" / "pictures" / "cost.png")
+    page = ROOT / "docs" / "reports" / "cost.md"
+    text = page.read_text("utf-8")
+    for name, new in ("sentences", "".join(f"- {line}\n" for line in told)), ("table", table):
+        before, _, rest = text.partition(f"<!-- {name} -->\n")
+        rest = rest.partition(f"<!-- end {name} -->")[2]
+        text = f"{before}<!-- {name} -->\n{new}<!-- end {name} -->{rest}"
+    page.write_text(text, "utf-8")
+
+
+def main(quick=False, results=ROOT / "results" / "cost", docs=False):
     """Write the page, the table and the picture; returns the rows."""
     from fx_beam.studies import reporting  # not where modules are counted
 
     rows = study(FEW if quick else SCENES, not quick)
     plain = next(row for row in rows if row["scene"] == PLAIN)
     shown = [
-        {name: row.get(name) for name in ("scene", "modules", "unknowns", *DRAWN) if name in row}
+        {name: row.get(name) for name in ("scene", "unknowns", *SHOWN) if name in row}
         | {"arrays beyond the plainest [bytes a node]": largest_arrays(row, plain)}
         for row in rows
     ]
@@ -414,6 +431,8 @@ def main(quick=False, results=ROOT / "results" / "cost"):
     page = "# What a scene costs by what it has\n\n" + "".join(f"- {s}\n" for s in told)
     page += "\n![Costs by scene](cost.png)\n\n" + reporting.table(shown)
     reporting.write_report(results / "cost", page, {"sentences": told, "scenes": rows}, rows)
+    if docs:
+        renew_docs(told, reporting.table(shown), results / "cost.png")
     print(*told, f"Written to {results}", sep="\n")
     return rows
 
@@ -421,10 +440,11 @@ def main(quick=False, results=ROOT / "results" / "cost"):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="counts of a few scenes only")
+    parser.add_argument("--docs", action="store_true", help="renew the page and picture of docs")
     parser.add_argument("--measure", help=argparse.SUPPRESS)
     parser.add_argument("--repeats", type=int, default=0, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.measure:
         measure(given.measure, given.repeats)
     else:
-        main(given.quick)
+        main(given.quick, docs=given.docs)
