@@ -512,16 +512,16 @@ class BeamForms:
     def normal_stretch(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
         instant = Parts(np.zeros(1), np.ones(1), q=q[None], memory=np.zeros(1))
-        values = self._point_values(self._weak.normal_stretch, 1)
-        return values(instant, np.empty((1, 0)))[0, ..., 0]
+        values = self._point_values(self._weak.normal_stretch, [self.cells_of(-1)])
+        return values(instant, np.empty((1, 0)), (self.fields.degree,))[0]
 
-    def _point_values(self, compiled: CompiledForm, width: int) -> PointValues:
-        """Evaluates vectors of a width at the Gauss points, by their form."""
-        mesh, degree, fields = self._mesh.mesh, self.fields.degree, self.fields
-        space = interval_mesh.gauss_space(mesh, degree, width)
-        form = dolfinx_api.bind(compiled, mesh, space, self._data, self._subdomains)
-        symbols = fields.time, fields.dt, fields.memory, self.parameters[0]
-        return PointValues(form, compiled, mesh, degree, self.moving, symbols, self.cells_of)
+    def _point_values(
+        self, expressions: list[CompiledForm], cells: list[np.ndarray]
+    ) -> PointValues:
+        fields = self.fields
+        changing = fields.time, fields.dt, fields.memory, self.parameters[0]
+        pairs, moving = zip(expressions, cells, strict=True), self._weak.moving
+        return PointValues(pairs, self._mesh.mesh, self._data, moving, changing)
 
     def begin_part(self, part: Part) -> None:
         """Begin a completed step."""
@@ -532,14 +532,16 @@ class BeamForms:
 
     @functools.cached_property
     def _resultants(self) -> PointValues:
-        return self._point_values(self._weak.resultants_at_points, 3)
+        compiled = self._weak.compiled_resultants
+        return self._point_values(compiled, [self.cells_of(tag) for tag in range(len(compiled))])
 
     def resultants(self, parts: Parts) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
         parameters = parts.parameters
         if not parameters.size:
             parameters = self._parameters.at_times(parts.t)
-        return self._resultants(parts, parameters[:, self.parameters[1]])
+        shape = self.fields.degree, 3
+        return self._resultants(parts, parameters[:, self.parameters[1]], shape)
 
 
 def _shapes(data: Mapping[str, Data]) -> tuple[DataShape | None, DataShape | None]:

@@ -19,6 +19,7 @@ from . import mpi  # noqa: F401
 import dolfinx
 import ufl
 from dolfinx import fem
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.algorithms.check_arities import ArityMismatch
 
 import numpy as np
@@ -128,6 +129,12 @@ def set_at_gauss_points(field, values: np.ndarray) -> None:
     nodal[element_dofs(field.function_space)] = values
 
 
+def values_on_cells(field) -> np.ndarray:
+    """Values (cells, n) of a function on all cells."""
+    dofs = element_dofs(field.function_space)
+    return field.x.array.reshape(dofs.max() + 1, -1)[dofs].reshape(len(dofs), -1)
+
+
 def constant(mesh, value):
     """UFL constant whose value may change without compiling again."""
     return fem.Constant(mesh, value)
@@ -187,10 +194,7 @@ def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, 
     """
     form, ufcx, module, code = compiled[1:5]
     replaced = data or {}
-    # The position in the form of each coefficient that the generated code has.
-    plural = "original_coefficient_position" + "s" * hasattr(ufcx, "original_coefficient_positions")
-    at = getattr(ufcx, plural)
-    coefficients = [form.coefficients()[at[i]] for i in range(ufcx.num_coefficients)]
+    coefficients = _generated(ufcx, form.coefficients())
     functions, constants = (
         [replaced.get(field, field)._cpp_object for field in fields]
         for fields in (coefficients, form.constants())
@@ -205,6 +209,21 @@ def bind(compiled: CompiledForm, mesh, space=None, data: Mapping | None = None, 
     maps: Any = [] if _FORM_HAS_SEVERAL else {}
     pointers = [pointer] if _FORM_HAS_SEVERAL else pointer
     return fem.Form(fem.form_cpp_class(_REAL)(pointers, *fields, maps, on), ufcx, code, module)
+
+
+def _generated(ufcx, coefficients: Sequence) -> list:
+    """Coefficients of a form or an expression that the generated code has, in its order."""
+    plural = "original_coefficient_position" + "s" * hasattr(ufcx, "original_coefficient_positions")
+    at = getattr(ufcx, plural)
+    return [coefficients[at[i]] for i in range(ufcx.num_coefficients)]
+
+
+def fields_of_expression(compiled: CompiledForm) -> tuple[list, list]:
+    """Coefficients and constants of a compiled expression, in the order of the generated code."""
+    expression, _ = compiled.form
+    return _generated(compiled.ufcx, extract_coefficients(expression)), extract_constants(
+        expression
+    )
 
 
 def _subdomains(mesh, compiled: CompiledForm, tags) -> dict:

@@ -150,11 +150,6 @@ def integrals(form) -> list[int]:
     return [subdomain for subdomain, _ in _integrals(form)]
 
 
-def integral_functions(form) -> list[tuple[int, int]]:
-    """Subdomain of each integral of a compiled form, and the address of its function."""
-    return [(tag, _address(own.tabulate_tensor_float64)) for tag, own in _integrals(form)]
-
-
 def signature(form) -> str:
     """Identifier of a compiled form, with the version of its compiler."""
     return _FFI.string(form.ufcx.signature).decode() + ffcx.codegeneration.get_signature()

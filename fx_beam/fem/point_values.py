@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,92 +13,98 @@ from fx_beam.laws.interval import Parts
 from . import dolfinx_api, ffcx_api
 from .dolfinx_api import CompiledForm
 
-_LIBRARY = "values at Gauss points", "form_rows.c", "form_rows.h"
-# Numbers of elements that are stored together.
+_LIBRARY = "values at Gauss points", "expression_rows.c", "expression_rows.h"
+# Coefficients of elements that are stored at once.
 _MOST = 2**20
 
 
-class PointValues:
-    """Values at the Gauss points of elements, by a form of each times the weight of its point.
+class _OnCells(NamedTuple):
+    """An expression on some cells: its function in C, and its fields in their order there."""
 
-    The form is bound to a mesh, whose cells on a subdomain `cells_of` gives. Fields that change are
-    those of `Parts.moving`; `symbols` are the time, the step, its memory, and parameters.
+    tabulate: Any
+    cells: np.ndarray
+    coefficients: list[Any]
+    constants: list[Any]
+
+
+class PointValues:
+    """Values of UFL expressions at the Gauss points of elements.
+
+    They are compiled, each with its cells; `data` has what is in the place of their symbols. Those
+    that change are `Parts.moving`, and the time, the step, its memory and parameters.
     """
 
     def __init__(
         self,
-        form: Any,
-        compiled: CompiledForm,
+        expressions: Iterable[tuple[CompiledForm, np.ndarray]],
         mesh: Any,
-        degree: int,
+        data: Mapping[Any, Any],
         moving: Sequence[Any],
-        symbols: Sequence[Any],
-        cells_of: Callable[[int], np.ndarray],
+        changing: Sequence[Any],
     ):
-        self._form, self._compiled, self._mesh = form, compiled, mesh
+        self._mesh, self._data, self._moving, self._changing = mesh, data, moving, changing
         self._ffi, self._c = c_library.kept_library(*_LIBRARY)
-        self._integrals = [
-            (tag, self._ffi.cast("Tabulate", address), cells_of(tag))
-            for tag, address in ffcx_api.integral_functions(compiled)
+        self._expressions = [
+            _OnCells(
+                self._ffi.cast("Tabulate", ffcx_api.expression_function(compiled)),
+                cells,
+                *dolfinx_api.fields_of_expression(compiled),
+            )
+            for compiled, cells in expressions
         ]
-        #: Number, offset and degrees of freedom of each field that changes.
-        self._moving = [
-            (kind, offset, dolfinx_api.element_dofs(moving[kind].function_space))
-            for kind, offset in dolfinx_api.coefficient_offsets(form, moving)
-        ]
-        self._offsets = dolfinx_api.packed_constants(form, compiled, symbols)[1]
-        #: Weights (points, 1) of the points, relative to the element's length.
-        self._weights = dolfinx_api.gauss_weights(degree)[:, None]
 
-    def __call__(self, parts: Parts, parameters: np.ndarray) -> np.ndarray:
-        """Values (n, cells, points, m) in n steps, with the parameters (n, k) of the form."""
+    def __call__(self, parts: Parts, parameters: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+        """Values (n, cells, ...) of a shape in n steps, whose parameters (n, k) are given."""
         coordinates = dolfinx_api.element_coordinates(self._mesh)  # scenes move nodes
-        rows, cells = len(parts.t), len(coordinates)
-        fields, constants = self._fields(parts), self._constants(parts, parameters)
-        packed = dolfinx_api.packed_coefficients(self._form, self._compiled)
-        size = dolfinx_api.tensor_size(self._form)
-        values = np.empty((rows, cells, size))
-        for tag, tabulate, of_tag in self._integrals:
-            given = packed[tag]
-            most = max(1, _MOST // max(1, given.size))
-            for first in range(0, rows, most):
-                own = slice(first, min(first + most, rows))
-                w = np.empty((own.stop - first, *given.shape))
-                w[:] = given
-                for offset, field in fields:
-                    of_rows = field[own][:, of_tag]
-                    w[..., offset : offset + of_rows.shape[2]] = of_rows
-                values[own, of_tag] = self._tabulated(
-                    tabulate, w, constants[own], coordinates[of_tag], size
+        values = np.zeros((len(parts.t), len(coordinates), *shape))
+        for own in self._expressions:
+            constants, x = self._constants(own, parts, parameters), coordinates[own.cells]
+            fields = [self._on_cells(field, parts)[:, own.cells] for field in own.coefficients]
+            width = sum(field.shape[2] for field in fields)
+            most = max(1, _MOST // max(1, width * len(x)))
+            for first in range(0, len(values), most):
+                rows = slice(first, min(first + most, len(values)))
+                count = rows.stop - first
+                of_rows = (field[rows] if len(field) > 1 else field for field in fields)
+                w = [np.broadcast_to(f, (count, *f.shape[1:])) for f in of_rows]
+                values[rows, own.cells] = self._tabulated(
+                    own.tabulate, np.concatenate(w, axis=2), constants[rows], x, shape
                 )
-        return values.reshape(rows, cells, len(self._weights), -1) / self._weights
+        return values
 
-    def _fields(self, parts: Parts) -> list[tuple[int, np.ndarray]]:
-        """Offsets of fields that change, and their values (n, cells, width)."""
-        of_kinds = parts.moving
-        return [
-            (offset, of_kinds[kind] if of_kinds[kind].ndim == 3 else of_kinds[kind][:, dofs])
-            for kind, offset, dofs in self._moving
-        ]
+    def _on_cells(self, field: Any, parts: Parts) -> np.ndarray:
+        """Values (n, cells, width) of a field, with n = 1 if it does not change."""
+        function = self._data[field]
+        for symbol, values in zip(self._moving, parts.moving, strict=True):
+            if symbol is field:
+                dofs = dolfinx_api.element_dofs(function.function_space)
+                return values if values.ndim == 3 else values[:, dofs]
+        return dolfinx_api.values_on_cells(function)[None]
 
-    def _constants(self, parts: Parts, parameters: np.ndarray) -> np.ndarray:
-        """Constants (n, m) of the form."""
-        known = dolfinx_api.values_of_constants(self._form)
-        constants = np.tile(known, (len(parts.t), 1))
+    def _constants(self, of: _OnCells, parts: Parts, parameters: np.ndarray) -> np.ndarray:
+        """Constants (n, m) of an expression."""
         columns = parts.t[:, None], parts.dt[:, None], parts.memory[:, None], parameters
-        for offset, values in zip(self._offsets, columns, strict=True):
-            if offset >= 0:
-                constants[:, offset : offset + values.shape[1]] = values
-        return constants
+        constants = [np.empty((len(parts.t), 0))]
+        for constant in of.constants:
+            pairs = zip(self._changing, columns, strict=True)
+            value = next((values for symbol, values in pairs if symbol is constant), None)
+            if value is None:
+                value = np.tile(np.ravel(self._data[constant].value), (len(parts.t), 1))
+            constants.append(value)
+        return np.hstack(constants)
 
     def _tabulated(
-        self, tabulate: Any, w: np.ndarray, c: np.ndarray, x: np.ndarray, size: int
+        self,
+        tabulate: Any,
+        w: np.ndarray,
+        c: np.ndarray,
+        x: np.ndarray,
+        shape: tuple[int, ...],
     ) -> np.ndarray:
-        """Tensors (n, cells, size) of coefficients, constants and coordinates."""
-        rows, cells, width = w.shape
-        tensors = np.zeros((rows, cells, size))
-        address = self._ffi.from_buffer
-        sizes = self._ffi.new("FormSizes *", (width, c.shape[1], x.shape[1], size))[0]
-        given = (address("double[]", np.ascontiguousarray(array)) for array in (w, c, x, tensors))
-        self._c.fx_tabulate(tabulate, sizes, rows, cells, *given)
-        return tensors
+        """Values (n, cells, ...) of coefficients, constants of rows, and coordinates of cells."""
+        values = np.zeros((*w.shape[:2], *shape))
+        sizes = w.shape[2], c.shape[1], x.shape[1], int(np.prod(shape))
+        arrays = (np.ascontiguousarray(array) for array in (w, c, x, values))
+        given = (self._ffi.from_buffer("double[]", array) for array in arrays)
+        self._c.fx_tabulate(tabulate, self._ffi.new("Sizes *", sizes)[0], *w.shape[:2], *given)
+        return values

@@ -310,17 +310,19 @@ class WeakForm:
         return form
 
     @functools.cached_property
-    def resultants_at_points(self) -> CompiledForm:
-        """N, Q and M at the Gauss points, each times its weight."""
-        form = self._at_points(self.resultants, ufl.TestFunction(self.fields.internal(3)))
-        return dolfinx_api.compile_form(form, "resultants")
+    def compiled_resultants(self) -> list[CompiledForm]:
+        """N, Q and M of each law at the Gauss points."""
+        return self._compiled_at_points("resultants", self.resultants)
 
     @functools.cached_property
-    def normal_stretch(self) -> CompiledForm:
-        """t . phi' of eq. 4 at the start of the step, 1 and the axial strain, in the same way."""
-        stretch = ufl.as_vector([1 + self.step.total_strains0[0]])
-        form = self._at_points([stretch], ufl.TestFunction(self.fields.internal(1)))
-        return dolfinx_api.compile_form(form, "normal stretch")
+    def normal_stretch(self) -> list[CompiledForm]:
+        """t . phi' of eq. 4 at the start of the step, 1 and the axial strain, there."""
+        return self._compiled_at_points("normal stretch", [1 + self.step.total_strains0[0]])
+
+    def _compiled_at_points(self, name: str, expressions: Sequence[Any]) -> list[CompiledForm]:
+        points = dolfinx_api.gauss_points(self.fields.degree)
+        numbered = {f"{name} {k}": (of, points) for k, of in enumerate(expressions, start=1)}
+        return dolfinx_api.compile_together(numbered)
 
 
 def weak_form(
