@@ -89,6 +89,18 @@ class JointReduction(WithoutLoops):
             [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
         ).reshape(-1, 2)
 
+    def _on_tracks(self, slides: np.ndarray) -> np.ndarray:
+        """Places (joints, 2) of b in the frames of a, tangents there, and their derivatives."""
+        place, tangent, bend = parts = np.empty((3, *self._axis.shape))
+        for track in {joint.track for joint in self._moving}:
+            rows = [m for m, joint in enumerate(self._moving) if joint.track is track]
+            given = self._axis[rows].T, slides[rows]
+            place[rows] = np.transpose(track.place(*given))
+            along = np.transpose(track.tangent(given[0], given[1] + 1e-100j))
+            tangent[rows], bend[rows] = along.real, along.imag / 1e-100
+        place += self._offset
+        return parts
+
     def _build_products(self, couplings: Couplings, matrix, used: np.ndarray) -> None:
         """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent."""
         free = self.free
@@ -204,8 +216,9 @@ class JointReduction(WithoutLoops):
         self._psi0 = np.where(carrier >= 0, q[carrier], 0.0) if len(carrier) else np.empty(0)
         self._arm_steps = np.zeros(2 * len(carrier))
         self._d0 = slides[[joint.number for joint in self._moving]]
-        self._rho0 = self._rho1 = _turn(self._psi0, self._offset + self._d0[:, None] * self._axis)
-        self._t0 = _turn(self._psi0, self._axis)
+        place, tangent, _ = self._on_tracks(self._d0)
+        self._rho0 = self._rho1 = _turn(self._psi0, place)
+        self._t0 = _turn(self._psi0, tangent)
         if self.sliders is not None:
             self.sliders.begin(q, slides)
 
@@ -235,9 +248,8 @@ class JointReduction(WithoutLoops):
         if len(carrier):
             Dpsi = np.where(carrier >= 0, D[carrier], 0.0)
             Dd = np.where(self._slide >= 0, z[self._slide], 0.0)
-            psi1, d1 = self._psi0 + Dpsi, self._d0 + Dd
-            self._rho1 = _turn(psi1, self._offset + d1[:, None] * self._axis)
-            self._t1 = _turn(psi1, self._axis)
+            psi1, at_end = self._psi0 + Dpsi, self._on_tracks(self._d0 + Dd)
+            self._rho1, self._t1, self._bend1 = (_turn(psi1, part) for part in at_end)
             self._arm_steps = (self._joint_sign * (self._rho1 - self._rho0)).ravel()
             np.add.at(D, self._below, self._arm_steps[self._through])
 
@@ -425,6 +437,7 @@ class JointReduction(WithoutLoops):
                 -level * np.einsum("ij,ij->i", F, self._rho1),
                 level * turned,
                 self._slope_derivative * direct + self._slope * level * turned,
+                self._slope * level * np.einsum("ij,ij->i", F, self._bend1),
             ]
         )
 

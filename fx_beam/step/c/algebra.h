@@ -99,6 +99,9 @@ INLINED void rotate(double c, double s, double x, double y, double *out) {
   out[0] = c * x - s * y, out[1] = s * x + c * y;
 }
 
+/* The same by a frame, its cosine and sine. */
+INLINED void turn_by(const double *frame, double x, double y, double *out) { rotate(frame[0], frame[1], x, y, out); }
+
 static void turn(double psi, double x, double y, double *out) {
   rotate(cos(psi), sin(psi), x, y, out);
 }

@@ -25,14 +25,22 @@ INLINED void set_arm(const Problem *p, int j, double *frame, double psi, double 
   const double *o = p->offset + 2 * j;
   Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
   frame[0] = cos(psi), frame[1] = sin(psi);
-  rotate(frame[0], frame[1], o[0] + track.place[0], o[1] + track.place[1], rho + 2 * j);
-  rotate(frame[0], frame[1], track.chord[0], track.chord[1], t + 2 * j);
+  turn_by(frame, o[0] + track.place[0], o[1] + track.place[1], rho + 2 * j);
+  turn_by(frame, track.chord[0], track.chord[1], t + 2 * j);
 }
 
-/* What turns with the carrier of a joint, at the level of the step. */
-INLINED void turn_at_level(const Problem *p, const Work *w, int j, const double *x, double *out) {
-  const double *of = w->frame + 4 * j, level = p->level;
-  rotate((1 - level) * of[0] + level * of[2], (1 - level) * of[1] + level * of[3], x[0], x[1], out);
+/* The track of a joint at an end of a step, with its chord over the step, or its tangent where forces are those at the ends. */
+INLINED Track track_at(const Problem *p, int j, double d_other, double d) {
+  return track_of(p->track[j], p->axis + 2 * j, p->rule == 0 ? d_other : d, d);
+}
+
+/* How the virtual slide changes with the slide at the start (0) or at the end (1). */
+static void bend_slide(const Problem *p, const Work *w, int j, int end, const double *bend, double *out) {
+  const double *at = w->frame + 4 * j, start = 1 - p->level, level = p->level;
+  if (p->rule == 0)
+    rotate(start * at[0] + level * at[2], start * at[1] + level * at[3], bend[0], bend[1], out);
+  else
+    turn_by(at + 2 * end, 2 * (end ? level : start) * bend[0], 2 * (end ? level : start) * bend[1], out);
 }
 
 /* Returns 0 in a singular position. */
@@ -79,9 +87,13 @@ static void expand_columns(const Problem *p, const Work *w) {
     w->carrier_slope[j] = slope;
     w->carrier_bend[j] = p->rule == 0 ? tangent * slope : 0;
     double mean_rho[2], *mean_t = w->mean_t + 2 * j;
-    for (int i = 0; i < 2; ++i) mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
-    Track track = track_of(p->track[j], p->axis + 2 * j, d0, d);
-    turn_at_level(p, w, j, track.chord, mean_t);
+    double start[2], end[2], *frame = w->frame + 4 * j;
+    Track at_start = track_at(p, j, d, d0), at_end = track_at(p, j, d0, d);
+    turn_by(frame, at_start.chord[0], at_start.chord[1], start), turn_by(frame + 2, at_end.chord[0], at_end.chord[1], end);
+    for (int i = 0; i < 2; ++i) {
+      mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
+      mean_t[i] = (1 - level) * start[i] + level * end[i];
+    }
     double *value = w->values + 1 + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
     value[0] = -rho1[1], value[1] = rho1[0], value[2] = t1[0], value[3] = t1[1];
     virtual_map[0] = -mean_rho[1], virtual_map[1] = mean_rho[0];
@@ -205,17 +217,17 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
     double F0 = w->passing[2 * j], F1 = w->passing[2 * j + 1];
     const double *rho = w->rho1 + 2 * j, *t = w->t1 + 2 * j, *mean = w->mean_t + 2 * j, *end = w->frame + 4 * j + 2;
     double d = at(p->slides, p->slide_of[j]), term, turned[2];
-    Track track = track_of(p->track[j], p->axis + 2 * j, d, d + at(w->z, p->slide_column[j]));
+    Track track = track_at(p, j, d, d + at(w->z, p->slide_column[j]));
     if (p->geometric_kind[k] == BY_TURNS)
       term = -p->level * (F0 * rho[0] + F1 * rho[1]);
     else if (p->geometric_kind[k] == OF_TURN_BY_SLIDE)
       term = p->level * (F1 * t[0] - F0 * t[1]);
     else if (p->geometric_kind[k] == OF_SLIDE_BY_TURN)
-      rotate(end[0], end[1], track.chord[0], track.chord[1], turned),
+      turn_by(end, track.chord[0], track.chord[1], turned),
           term = w->carrier_bend[j] * (F0 * mean[0] + F1 * mean[1]) +
                  w->carrier_slope[j] * p->level * (F1 * turned[0] - F0 * turned[1]);
     else
-      turn_at_level(p, w, j, track.bend, turned), term = w->carrier_slope[j] * (F0 * turned[0] + F1 * turned[1]);
+      bend_slide(p, w, j, 1, track.bend, turned), term = w->carrier_slope[j] * (F0 * turned[0] + F1 * turned[1]);
     K[p->geometric_to[k]] += p->geometric_sign[k] * term;
   }
   for (int k = 0; k < p->auxiliary_entries; ++k) {

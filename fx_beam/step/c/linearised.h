@@ -148,8 +148,8 @@ static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear 
   for (int end = 0; end < 2; ++end) {
     const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
     double c = w->frame[4 * j + 2 * end], s = w->frame[4 * j + 2 * end + 1], share = end ? p->level : 1 - p->level;
-    Track track = track_of(p->track[j], e, d[1 - end], d[end]);
-    rotate(c, s, track.chord[0], track.chord[1], chord), turn_at_level(p, w, j, track.bend, bend);
+    Track track = track_at(p, j, d[1 - end], d[end]);
+    rotate(c, s, track.chord[0], track.chord[1], chord), bend_slide(p, w, j, end, track.bend, bend);
     double R[2][2] = {{c, -s}, {s, c}}, across[] = {-chord[1], chord[0]};
     double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j];
     int turn = in(end ? at_->q1 : at_->q, p->carrier[j]), slide = in(end ? at_->Y1 : at_->Y, column);
