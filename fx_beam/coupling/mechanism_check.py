@@ -13,6 +13,7 @@ from fx_beam.content_cache import cached_by_content
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.coordinate import Coordinate
+from fx_beam.scene.resting import resting
 from fx_beam.scene.scene import Scene
 
 # A motion is possible if it violates supports and joints by less than this fraction of itself.
@@ -40,7 +41,7 @@ def check_no_massless_mechanism(
     parts = _parts(mesh, stiffness, None if mass is None else _inertia(scene, mesh, mass))
     if parts is None or not parts.free.any():
         return
-    rows = _rows(scene, mesh, parts, at_rest=mass is None)
+    rows = _rows(resting(scene) if mass is None else scene, mesh, parts)
     motion = _motion(rows)
     if motion is None:
         return
@@ -110,7 +111,7 @@ def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
     return _Parts(of_node, middle, point, free)
 
 
-def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
+def _rows(scene: Scene, mesh: Mesh, parts: _Parts):
     """Linear constraints of supports and joints on the free rates: an array (rows, free) if few."""
     # Nodes a and b, -1 for the ground: along a direction the displacement of b is that of the end
     # of an arm on a; or they turn together.
@@ -123,14 +124,14 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
             together.append((-1, node, 1 - component, component, 0.0, 0.0))
     for joint in scene.joints:
         nodes, along = (joint.a.number, joint.b.number), joint.direction
-        if along is None or _is_held(joint.slide, at_rest):
+        if along is None or _is_held(joint.slide):
             together += [(*nodes, 1.0, 0.0, *joint.arm), (*nodes, 0.0, 1.0, *joint.arm)]
         else:
             together.append((*nodes, -along[1], along[0], *joint.arm))
-        if joint.turns_together or _is_held(joint.rotation, at_rest):
+        if joint.turns_together or _is_held(joint.rotation):
             turning.append(nodes)
     for force in scene.forces_between:
-        if _is_held(force.on, at_rest):
+        if _is_held(force.on):
             nodes = force.between
             together.append((*nodes, *(force.apart / np.hypot(*force.apart)), 0.0, 0.0))
     given = np.array(together).reshape(-1, 6)
@@ -154,15 +155,15 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts, at_rest: bool):
     return rows.toarray()[:, free] if free.sum() <= _FEW else rows.tocsr()[:, free]
 
 
-def _is_held(coordinate: Coordinate | None, at_rest: bool) -> bool:
-    """Whether a motor, a spring or (in dynamics) a damper or friction restrains a coordinate."""
+def _is_held(coordinate: Coordinate | None) -> bool:
+    """Whether a motor, a spring, a damper or friction restrains a coordinate."""
     if coordinate is None:
         return False
     spring, damper, friction = coordinate.spring, coordinate.damper, coordinate.friction
     held = coordinate.motor or (spring and (spring.stiffness or spring.strain_energy))
     resists = getattr(friction, "force", False)  # that of Coulomb may be zero
     damped = (damper and (damper.viscosity or damper.law)) or resists
-    return bool(held or (damped and not at_rest))
+    return bool(held or damped)
 
 
 def _motion(rows) -> np.ndarray | None:

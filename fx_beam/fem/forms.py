@@ -12,6 +12,7 @@ from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import StepRule
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.resting import resting
 from fx_beam.scene.scene import Scene
 
 from .beam_forms import BeamForms
@@ -159,8 +160,9 @@ class Forms:
         """The forces at points, the values over time of those that follow nodes, and members."""
         if mobility is None:
             mobility = np.zeros(self.size + scene.joint_count)
-        forces = point_forces(scene, self._mesh, self._rates, mobility)
-        members, touching = None, members_touching(scene, self._mesh, self._rates.at_rest, mobility)
+        scene = resting(scene) if self._rates.at_rest else scene
+        forces = point_forces(scene, self._mesh, mobility)
+        members, touching = None, members_touching(scene, self._mesh, mobility)
         if touching:
             slots = sum(len(o.points.lengths) for o in scene.obstacles if isinstance(o.shape, Beam))
             members = MemberContacts(touching, self._rule, self._mesh, slots)

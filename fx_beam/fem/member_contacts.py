@@ -57,9 +57,7 @@ class Touching(NamedTuple):
     owner: str = ""
 
 
-def members_touching(
-    scene: Scene, mesh: Mesh, at_rest: bool, mobility: np.ndarray
-) -> list[Touching]:
+def members_touching(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[Touching]:
     """All contacts with members of a scene, both ways between two members.
 
     By the `mobility` of degrees of freedom, 1 / mass, the friction on nodes has critical damping.
@@ -68,20 +66,20 @@ def members_touching(
     first = 0
     for contact in scene.obstacles:
         if isinstance(contact.shape, Beam):
-            pairs += _both_ways(contact, scene, mesh, at_rest, mobility, first)
+            pairs += _both_ways(contact, scene, mesh, mobility, first)
             first += len(contact.points.lengths)
     return pairs
 
 
 def _both_ways(
-    contact: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool, mobility: np.ndarray, first: int
+    contact: Obstacle, scene: Scene, mesh: Mesh, mobility: np.ndarray, first: int
 ) -> list[Touching]:
     a, b = contact.target, contact.shape
     assert isinstance(b, Beam)
     nodes_a, nodes_b = mesh.nodes_of(scene, a), mesh.nodes_of(scene, b)
     slots_a = first + np.arange(len(nodes_a))
     slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
-    loses = bool(contact.loss) and not at_rest
+    loses = bool(contact.loss)
     friction = contact.friction
     kinds = (
         (MEMBER, FOLLOWED) if friction is None else (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)

@@ -19,7 +19,6 @@ from fx_beam.laws.point_laws import (
     PointLaw,
     drag,
 )
-from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate, Coulomb, Friction, Stop, bristle
 from fx_beam.scene.forces_between import ForceBetween
@@ -31,23 +30,21 @@ from .mesh import Mesh
 from .point_forces import Load, PointForce, Role
 
 
-def point_forces(
-    scene: Scene, mesh: Mesh, rates: UpdateRule, mobility: np.ndarray
-) -> list[PointForce]:
-    """All forces at points; in statics those without rates.
+def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointForce]:
+    """All forces at points.
 
     By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
     """
     shapes = [obstacle for obstacle in scene.obstacles if not isinstance(obstacle.shape, Beam)]
-    forces = [  # first those of joints, whose internal variables have their places from them
-        *_of_joints(scene, mesh, rates.at_rest),
-        *_between(scene, mesh, rates.at_rest),
+    return [  # first those of joints, whose internal variables have their places from them
+        *_of_joints(scene, mesh),
+        *_between(scene, mesh),
         *_followers(scene, mesh),
         *_pulls(scene, mesh),
         *_frictions(scene, mesh, mobility),
-        *(force for o in shapes for force in _contacts(o, scene, mesh, rates.at_rest, mobility)),
+        *(force for obstacle in shapes for force in _contacts(obstacle, scene, mesh, mobility)),
+        *_drags(scene, mesh),
     ]
-    return forces if rates.at_rest else [*forces, *_drags(scene, mesh)]
 
 
 def may_have_forces(scene: Scene) -> bool:
@@ -57,9 +54,9 @@ def may_have_forces(scene: Scene) -> bool:
 
 
 def _contacts(
-    obstacle: Obstacle, scene: Scene, mesh: Mesh, at_rest: bool, mobility: np.ndarray
+    obstacle: Obstacle, scene: Scene, mesh: Mesh, mobility: np.ndarray
 ) -> Iterator[PointForce]:
-    loses, friction = bool(obstacle.loss) and not at_rest, obstacle.friction
+    loses, friction = bool(obstacle.loss), obstacle.friction
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()
     points, nodes = obstacle.points, mesh.nodes_of(scene, obstacle.target)
     count, thick = points.nodes.shape[1], friction is not None and obstacle.radii > 0
@@ -104,15 +101,15 @@ def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
             yield PointForce(drag(*parts), [number for number in numbers if number], dofs)
 
 
-def _of_joints(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
+def _of_joints(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
     """Springs, dampers, friction and stops on the coordinates of joints."""
     own: dict[tuple, PointLaw] = {}
     for joint in scene.joints:
         if joint.slide is not None:
-            for law, numbers in _of_coordinate(joint.slide, SLIDE, at_rest, own):
+            for law, numbers in _of_coordinate(joint.slide, SLIDE, own):
                 yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE)
         if joint.rotation is not None:
-            for law, numbers in _of_coordinate(joint.rotation, ANGLE, at_rest, own):
+            for law, numbers in _of_coordinate(joint.rotation, ANGLE, own):
                 yield PointForce(law, numbers, _rotations(joint, mesh), joint=joint.number)
 
 
@@ -143,11 +140,11 @@ def _rotations(joint: Joint, mesh: Mesh) -> list[int]:
     return [int(mesh.dofs[n.number, 2]) if n.number >= 0 else -1 for n in (joint.a, joint.b)]
 
 
-def _between(scene: Scene, mesh: Mesh, at_rest: bool) -> Iterator[PointForce]:
+def _between(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
     own: dict[tuple, PointLaw] = {}
     for force in scene.forces_between:
         kind, dofs = _distance(force, mesh)
-        for law, numbers in _of_coordinate(force.on, kind, at_rest, own):
+        for law, numbers in _of_coordinate(force.on, kind, own):
             yield PointForce(law, [*force.apart, *numbers], dofs, owner=str(force))
 
 
@@ -167,10 +164,10 @@ def _distance(force: ForceBetween, mesh: Mesh) -> tuple[Kind, list[int]]:
 
 
 def _of_coordinate(
-    of: Coordinate, kind: Kind, at_rest: bool, own: dict[tuple, PointLaw]
+    of: Coordinate, kind: Kind, own: dict[tuple, PointLaw]
 ) -> Iterator[tuple[PointLaw, list[float]]]:
     """Laws and parameters; those with the same function of a user share a law."""
-    spring, damper = of.spring, None if at_rest else of.damper
+    spring, damper = of.spring, of.damper
     k, rest = (spring.stiffness, spring.rest) if spring else (0.0, 0.0)
     c = damper.viscosity if damper else 0.0
     if k or c:
@@ -181,21 +178,21 @@ def _of_coordinate(
             own[key] = laws.stored_energy(kind, spring.strain_energy, spring.internal)
         yield own[key], [rest]
     if of.stop is not None:
-        yield from _stops(of.stop, kind, at_rest)
+        yield from _stops(of.stop, kind)
     if damper is not None and damper.law is not None:
         of_law = id(damper.law), kind.name
         if of_law not in own:
             own[of_law] = laws.damper_law(kind, damper.law)
         yield own[of_law], []
-    if isinstance(of.friction, Friction) and not at_rest:
+    if isinstance(of.friction, Friction):
         if callable(of.friction.force):
             yield laws.friction_law(kind, of.friction.force), [of.friction.speed]
         else:
             yield laws.friction(kind), [of.friction.speed, of.friction.force]
 
 
-def _stops(stop: Stop, kind: Kind, at_rest: bool) -> Iterator[tuple[PointLaw, list[float]]]:
-    loses = bool(stop.loss) and not at_rest
+def _stops(stop: Stop, kind: Kind) -> Iterator[tuple[PointLaw, list[float]]]:
+    loses = bool(stop.loss)
     of_loss: list[Any] = [stop.loss, stop.speed] if loses else []
     for sign, limit in ((1, stop.lower), (-1, stop.upper)):
         if limit is not None:

@@ -52,10 +52,12 @@ class Motion:
         #: Increments for which derivatives are taken, and the same ones for which they are not.
         self.still = take(n)
         self.increment = [ufl.variable(D) for D in self.still]
-        #: Rates at the start of the step, the time of its forces, and its length.
+        #: Rates at the start of the step, none in statics; the time of its forces, and its length.
         self.rates = take(n)
         self.t, self.dt = take(2)
         self._per_dt = 1 / self.dt
+        if rule.at_rest:
+            self.rates, self._per_dt = [ufl.as_ufl(0.0)] * n, ufl.as_ufl(0.0)
         #: Internal variables at the start of the step, and what the last iteration left.
         self.internal = take(law.internal)
         self.remembered = take(law.remembered)

@@ -354,6 +354,15 @@ def test_a_beam_that_stiffens_as_a_cable_needs_no_short_steps(stiffness):
     assert abs(energy.balance_error[-1]) < 0.1 * energy.strain[-1]
 
 
+def test_rates_are_zero_for_a_force_that_depends_on_them():
+    scene = fb.Scene()
+    ball = scene.add_body((1, 0), mass=1.0, inertia=1.0).centre
+    scene.fix(ball, "y", "rotation")
+    scene.add_force_between(ball, (0, 0), fb.Spring(100.0, 1.0), force=lambda r, rate, t: 5 * rate)
+    scene.add_force(ball, (10.0, 0.0))
+    assert fb.static(scene).displacement(ball)[-1, 0] == pytest.approx(0.1)
+
+
 # -- Errors --------------------------------------------------------------------------------------
 
 
