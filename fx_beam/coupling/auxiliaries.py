@@ -99,16 +99,16 @@ class Auxiliaries:
     def set_increments(self, z: np.ndarray, steps: np.ndarray) -> None:
         """Set the columns of the auxiliaries in the increments z, for those of the joints' arms."""
         constant = self.value_at == 0
-        own = np.bincount(self.arm_auxiliary, steps[self.arm], self._count)
-        self._add_down(z, np.where(constant, self.sign, 0.0), own)
+        of_arms = np.bincount(self.arm_auxiliary, steps[self.arm], self._count)
+        self._add_down(z, np.where(constant, self.sign, 0.0), of_arms)
 
     def set_changes(self, z: np.ndarray, values: np.ndarray) -> None:
         """Set the columns of the auxiliary unknowns in small changes z, for the values of T."""
         self._add_down(z, self.sign * values[self.value_at], np.zeros(self._count))
 
-    def _add_down(self, z: np.ndarray, weights: np.ndarray, own: np.ndarray) -> None:
+    def _add_down(self, z: np.ndarray, weights: np.ndarray, start: np.ndarray) -> None:
         changes, first = z.tolist(), self._first
-        changes[first:] = own.tolist()
+        changes[first:] = start.tolist()
         terms = self.auxiliary.tolist(), self.column.tolist(), weights.tolist()
         for auxiliary, column, weight in zip(*terms, strict=True):
             changes[first + auxiliary] += weight * changes[column]

@@ -34,7 +34,7 @@ def auxiliary_fill_in(
     for force in last.tolist():
         for k in near[force]:
             needs[k].add(force)
-    waits = np.bincount([k for own in needs for k in own], minlength=n).tolist()
+    waits = np.bincount([k for groups in needs for k in groups], minlength=n).tolist()
     weights = sizes.tolist()
 
     def degree(k: int) -> int:

@@ -94,9 +94,9 @@ def blocks_of(rows: list[ClosureRow], free: int) -> list[tuple[np.ndarray, np.nd
     order = scipy.sparse.csgraph.reverse_cuthill_mckee(near, symmetric_mode=True)
     order = order[np.argsort(label[order], kind="stable")]
     blocks = []
-    for own in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
-        part = depends[own].tocoo()
+    for members in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        part = depends[members].tocoo()
         columns, at = np.unique(part.col, return_inverse=True)
         place = np.bincount(at, part.row) / np.bincount(at)
-        blocks.append((own, columns[np.argsort(place, kind="stable")]))
+        blocks.append((members, columns[np.argsort(place, kind="stable")]))
     return blocks

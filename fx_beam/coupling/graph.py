@@ -106,7 +106,7 @@ class Couplings:
     def all_entries(self) -> tuple[np.ndarray, ...]:
         """Degrees of freedom, columns, positions and signs of all entries, in order."""
         alone = np.flatnonzero(self.column >= 0)
-        of_sums = [(dof, *entry) for dof, own in self.sums.items() for entry in own]
+        of_sums = [(dof, *entry) for dof, entries in self.sums.items() for entry in entries]
         dofs, columns, value_at, signs = np.array(of_sums).reshape(-1, 4).T
         dofs = np.concatenate([alone, dofs.astype(int)])
         order = np.argsort(dofs, kind="stable")
@@ -157,14 +157,14 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     column = np.empty(mesh.dofs.size, dtype=int)
     column[mesh.dofs] = columns.of_roots
     of_sums, arms = {}, {}
-    for key, (own, through) in sums.of.items():
+    for key, (entries, through) in sums.of.items():
         if key[0] < 0:
             continue
         dof = int(mesh.dofs[key])
-        if len(own) == 1 and own[0][1:] == (0, 1.0):
-            column[dof] = own[0][0]
+        if len(entries) == 1 and entries[0][1:] == (0, 1.0):
+            column[dof] = entries[0][0]
         else:
-            column[dof], of_sums[dof], arms[dof] = -1, own, through
+            column[dof], of_sums[dof], arms[dof] = -1, entries, through
     couplings = Couplings(
         free=columns.free,
         driven=columns.driven,
@@ -207,9 +207,9 @@ class _Sums:
         for i in (2, 0, 1):
             auxiliary = self._in_long_trees(forests[i], i) - whole
             for branch in forests[i]:
-                own, arms = self._at(branch.parent, i)
+                terms, arms = self._at(branch.parent, i)
                 more, through = self._of_joint(branch.joint, i, branch.sign)
-                self._set((branch.node, i), own + more, arms + through, branch.node in auxiliary)
+                self._set((branch.node, i), terms + more, arms + through, branch.node in auxiliary)
 
     def _at(self, node: int, component: int) -> tuple[list[Entry], list[int]]:
         root = int(self._columns.of_roots[node, component]) if node >= 0 else -1
@@ -226,18 +226,18 @@ class _Sums:
         m = self._number[joint.number]
         first = 1 + 4 * m + i
         turn, _ = self._at(joint.a.number, 2)
-        own = [(column, first, sign * side) for column, _, sign in turn]
+        entries = [(column, first, sign * side) for column, _, sign in turn]
         if joint.slide is not None:
-            own.append((self._columns.slides[joint.number], first + 2, side))
-        return own, [2 * m + i]
+            entries.append((self._columns.slides[joint.number], first + 2, side))
+        return entries, [2 * m + i]
 
     def _set(
-        self, key: tuple[int, int], own: list[Entry], arms: list[int], in_long_tree: bool
+        self, key: tuple[int, int], entries: list[Entry], arms: list[int], in_long_tree: bool
     ) -> None:
-        if in_long_tree and len(own) > _REACH:
-            self.auxiliaries.append(Auxiliary(int(self._dofs[key]), own, arms))
-            own, arms = [(self._columns.count + len(self.auxiliaries) - 1, 0, 1.0)], []
-        self.of[key] = own, arms
+        if in_long_tree and len(entries) > _REACH:
+            self.auxiliaries.append(Auxiliary(int(self._dofs[key]), entries, arms))
+            entries, arms = [(self._columns.count + len(self.auxiliaries) - 1, 0, 1.0)], []
+        self.of[key] = entries, arms
 
     def _in_long_trees(self, forest: list[Branch], i: int) -> set[int]:
         """Nodes of trees in which a sum has many entries without auxiliary unknowns."""
@@ -256,8 +256,8 @@ class _Sums:
         """The equation by which a joint closes a loop in a component."""
         total: dict[tuple[int, int], float] = {}
         a, b = (self._at(node.number, i)[0] for node in (joint.a, joint.b))
-        for side, own in ((1.0, b), (-1.0, a), (1.0, self._of_joint(joint, i, -1.0)[0])):
-            for *key, sign in own:
+        for side, entries in ((1.0, b), (-1.0, a), (1.0, self._of_joint(joint, i, -1.0)[0])):
+            for *key, sign in entries:
                 total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
         closure = [(at, value, sign) for (at, value), sign in total.items() if sign]
         return Closure(joint, i, closure)
@@ -280,12 +280,12 @@ class _Columns:
 
     def __init__(self, scene: Scene, mesh: Mesh, forests: list[list[Branch]]):
         follows = [(branch.node, i) for i, forest in enumerate(forests) for branch in forest]
-        taken = [*scene.prescribed, *sorted(scene.fixed)]
+        held = [*scene.prescribed, *sorted(scene.fixed)]
         root, free_root = np.ones((2, len(mesh.X), 3), dtype=bool)
         carried = [key for joint in sliding_joints(scene.joints) for key in joint.carried]
         for key in follows:
             root[key] = free_root[key] = False
-        for key in (*taken, *(key[1:] for key in carried)):
+        for key in (*held, *(key[1:] for key in carried)):
             free_root[key] = False
         motored = motors(scene)
         moved = {joint.number for joint, name in motored if name == "slide"}
@@ -302,7 +302,7 @@ class _Columns:
         #: Column (nodes, 3) of each component of a node that follows no joint; -1 for the others.
         self.of_roots = np.full(root.shape, -1)
         self.of_roots[free_root] = np.arange(alone)
-        for key in taken:
+        for key in held:
             if root[key]:
                 self.of_roots[key] = self.of[key]
         for sliding in carried:

@@ -98,9 +98,9 @@ def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
 
     def mean(nodes: np.ndarray) -> np.ndarray:
         """Mean positions of some nodes of each part, zero for a part without them."""
-        own = of_node[nodes]
-        sums = [np.bincount(own, X[nodes, i], count) for i in (0, 1)]
-        return np.column_stack(sums) / np.maximum(np.bincount(own, minlength=count), 1)[:, None]
+        part = of_node[nodes]
+        sums = [np.bincount(part, X[nodes, i], count) for i in (0, 1)]
+        return np.column_stack(sums) / np.maximum(np.bincount(part, minlength=count), 1)[:, None]
 
     point = middle = mean(np.arange(len(X)))
     if inertia is not None:

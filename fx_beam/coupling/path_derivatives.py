@@ -19,17 +19,20 @@ def weights_by_numbers(path: Path, s: np.ndarray) -> list[scipy.sparse.csr_matri
     known = (nodes >= 0) & (nodes < len(path))
     near, at = np.unique(nodes[known], return_inverse=True)
     places, local = np.nonzero(known)
-    rows, c, own = places * len(near) + at, path.coefficients[e][known], e[places]
-    first = len(path.s) + path.X.size + 4 * (own * width + local)
-    found = []
+    rows, c, cell = places * len(near) + at, path.coefficients[e][known], e[places]
+    first = len(path.s) + path.X.size + 4 * (cell * width + local)
+    by_numbers = []
     for order, (value, slope) in enumerate(((powers[0], powers[1]), (powers[1], bends))):
         # A coefficient, and both ends of the element.
         by_begin = (slope * (x - 1) + order * value) / h ** (order + 1)
         by_end = -(slope * x + order * value) / h ** (order + 1)
         parts = [(first + i, (value / h**order)[places, i]) for i in range(4)]
-        parts += [(own, (c * by_begin[places]).sum(1)), (own + 1, (c * by_end[places]).sum(1))]
+        parts += [
+            (cell, (c * by_begin[places]).sum(1)),
+            (cell + 1, (c * by_end[places]).sum(1)),
+        ]
         columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
         shape = len(s) * len(near), len(path.numbers)
         entries = values, (np.tile(rows, len(parts)), columns)
-        found.append(scipy.sparse.csr_matrix(entries, shape))
-    return found
+        by_numbers.append(scipy.sparse.csr_matrix(entries, shape))
+    return by_numbers

@@ -53,12 +53,12 @@ def _rank(reduction: LoopReduction) -> tuple[int, np.ndarray, np.ndarray]:
     ranks = [int(np.count_nonzero(values > _ROUNDING * largest)) for _, values, _ in parts]
     combinations, motions = np.zeros((len(G), 0)), np.zeros((0, G.shape[1]))
     for (rows, columns), (left, _, right), rank in zip(reduction.blocks, parts, ranks, strict=True):
-        own, moving = (
+        combination, moving = (
             np.zeros((len(G), len(rows) - rank)),
             np.zeros((len(columns) - rank, len(G.T))),
         )
-        own[rows], moving[:, columns] = left[:, rank:], right[rank:]
-        combinations, motions = np.hstack([combinations, own]), np.vstack([motions, moving])
+        combination[rows], moving[:, columns] = left[:, rank:], right[rank:]
+        combinations, motions = np.hstack([combinations, combination]), np.vstack([motions, moving])
     return sum(ranks), combinations.T, motions
 
 
@@ -79,10 +79,10 @@ def _forces(scene: Scene, couplings: Couplings, left: np.ndarray) -> np.ndarray:
     """Forces (joints, 3, n) of the joints that no load causes, for closing forces (n, closures)."""
     n = len(scene.nodes)
     forces, on_nodes = (np.zeros((count, 3, len(left))) for count in (scene.joint_count, n + 1))
-    for own, one in zip(left.T, couplings.closures, strict=True):
-        forces[one.joint.number, one.component] += own
-        on_nodes[one.joint.b.number, one.component] -= own
-        on_nodes[one.joint.a.number, one.component] += own  # that of the ground is the last
+    for force, one in zip(left.T, couplings.closures, strict=True):
+        forces[one.joint.number, one.component] += force
+        on_nodes[one.joint.b.number, one.component] -= force
+        on_nodes[one.joint.a.number, one.component] += force  # that of the ground is the last
     for i in (0, 1):
         for branch in reversed(couplings.forests[i]):
             forces[branch.joint.number, i] += branch.sign * on_nodes[branch.node, i]

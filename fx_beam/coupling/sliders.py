@@ -221,20 +221,20 @@ class Sliders:
         pattern = _pattern(*np.divmod(self._given, n), n)
         neighbours: list[np.ndarray] = [np.empty(0, int)] * len(self.all)
         for k, slide in reversed(list(enumerate(self.all))):
-            own = self.index[slide.columns]
-            near = pattern[own].indices, pattern.T.tocsr()[own].indices
-            neighbours[k] = around = np.setdiff1d(np.concatenate(near), own)
+            carried = self.index[slide.columns]
+            near = pattern[carried].indices, pattern.T.tocsr()[carried].indices
+            neighbours[k] = around = np.setdiff1d(np.concatenate(near), carried)
             columns = [self._entries_of(slide, first)[1] for first in slide.windows]
             windows = [np.append(self.index[c], self.row_index[c]) for c in columns]
-            kept = [np.unique(w[w >= 0]) for w in windows]
-            counts = [len(w) for w in kept]
-            each = np.repeat(np.arange(len(kept)), counts), np.concatenate(kept)
-            touched = scipy.sparse.csr_matrix((np.ones(len(each[0])), each), (len(kept), n))
-            reached = np.unique(np.concatenate([*kept, own]))
-            beside = np.union1d(around, own)
+            unknowns = [np.unique(w[w >= 0]) for w in windows]
+            counts = [len(w) for w in unknowns]
+            each = np.repeat(np.arange(len(unknowns)), counts), np.concatenate(unknowns)
+            touched = scipy.sparse.csr_matrix((np.ones(len(each[0])), each), (len(unknowns), n))
+            reached = np.unique(np.concatenate([*unknowns, carried]))
+            beside = np.union1d(around, carried)
             i, j = (part.ravel() for part in np.meshgrid(beside, reached, indexing="ij"))
             pattern = pattern + touched.T @ touched + _pattern(i, j, n) + _pattern(j, i, n)
-            i, j = (part.ravel() for part in np.meshgrid(around, own, indexing="ij"))
+            i, j = (part.ravel() for part in np.meshgrid(around, carried, indexing="ij"))
             pattern = pattern + _pattern(i, j, n) + _pattern(j, i, n)
             pattern.data[:] = 1.0
         pattern.sort_indices()
@@ -262,8 +262,8 @@ class Sliders:
         Where those of each begin; columns, positions of values and signs.
         """
         entries = [self._couplings.entries(dof) for dof in slide.dofs.ravel().tolist()]
-        column, value, sign = np.array([e for own in entries for e in own]).reshape(-1, 3).T
-        starts = np.concatenate([[0], np.cumsum([len(own) for own in entries])])
+        column, value, sign = np.array([e for of_dof in entries for e in of_dof]).reshape(-1, 3).T
+        starts = np.concatenate([[0], np.cumsum([len(of_dof) for of_dof in entries])])
         return starts, column.astype(int), value.astype(int), sign
 
     def _window(self, k: int, first: int) -> Window:
@@ -352,10 +352,10 @@ class Sliders:
                 relation.T[:, window.local] * of_T,
                 relation.virtual_map[:, window.local] * of_virtual,
             )
-            own, around = self.index[slide.columns], self._neighbours[k]
-            K = tangent[self._positions(own[:, None], own)]
-            to_left = tangent[self._positions(around[:, None], own)]
-            to_right = tangent[self._positions(own[:, None], around)]
+            carried, around = self.index[slide.columns], self._neighbours[k]
+            K = tangent[self._positions(carried[:, None], carried)]
+            to_left = tangent[self._positions(around[:, None], carried)]
+            to_right = tangent[self._positions(carried[:, None], around)]
             second = relation.second(slide.force)[np.ix_(window.local, window.local)]
             np.add.at(tangent, window.beside, to_left @ T)
             np.add.at(tangent, window.above, T_virtual.T @ to_right)

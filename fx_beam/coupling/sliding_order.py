@@ -42,7 +42,7 @@ def hold_sliding_nodes(joints: Iterable[Joint], held: list[set[int]]) -> list[Sl
 
 def with_order(scene: Scene, mesh: Mesh, couplings: Any) -> Any:
     """The `Couplings` whose sliding joints are in order."""
-    owner = {c: number for number, own in couplings.carried.items() for c in own}
+    owner = {c: number for number, columns in couplings.carried.items() for c in columns}
     needs = {
         joint.number: {
             owner[column]

@@ -178,7 +178,7 @@ class BeamForms:
             symbol: data.on(mesh) for symbol, data in zip(weak.indicators, inside, strict=True)
         }
         #: Data of the sections by name.
-        self.of_sections = {name: FilledField(own, mesh) for name, own in data.items()}
+        self.of_sections = {name: FilledField(values, mesh) for name, values in data.items()}
         self._data |= {getattr(weak, name): f.on_mesh for name, f in self.of_sections.items()}
         if weak.names:
             self._read_parameters(weak)
@@ -239,14 +239,14 @@ class BeamForms:
         And the spaces of its data, by name.
         """
         names = [name for name in self.of_sections if name not in without]
-        own = self._vary({name: self.of_sections[name] for name in names})
-        shapes = {name: field.data for name, field in own.items()}
+        varied = self._vary({name: self.of_sections[name] for name in names})
+        shapes = {name: field.data for name, field in varied.items()}
         given: Any = *_shapes(shapes), self._works, self._weak.has_natural
         weak = weak_form(*self._kind, *given, kind, self._weak.parameters)
-        data = self._data | {getattr(weak, name): field.on_mesh for name, field in own.items()}
+        data = self._data | {getattr(weak, name): field.on_mesh for name, field in varied.items()}
         pairs = zip(weak.indicators, self._weak.indicators, strict=True)
         data |= {symbol: self._data[known] for symbol, known in pairs}
-        spaces = {name: field.on_mesh.function_space for name, field in own.items()}
+        spaces = {name: field.on_mesh.function_space for name, field in varied.items()}
         if weak.width:
             data[weak.internal] = self._data[self._weak.internal]
             spaces["internal"] = data[weak.internal].function_space
@@ -267,12 +267,12 @@ class BeamForms:
 
         And the spaces of these by name, and what is in the place of symbols.
         """
-        own = self._vary(self.of_drag)
-        shapes = {name: field.data.shape for name, field in own.items()}
+        varied = self._vary(self.of_drag)
+        shapes = {name: field.data.shape for name, field in varied.items()}
         plan = kind(self._drag_fields, self._scheme.rates, shapes)
         data = self._data | self._unknowns(plan.fields)[1]
-        data |= {plan.symbols[name]: field.on_mesh for name, field in own.items()}
-        return plan, {name: f.on_mesh.function_space for name, f in own.items()}, data
+        data |= {plan.symbols[name]: field.on_mesh for name, field in varied.items()}
+        return plan, {name: f.on_mesh.function_space for name, f in varied.items()}, data
 
     def _bind_drag_loss(self) -> tuple[dict, dict]:
         plan, spaces, data = self._varied_drag(LossToDrag)

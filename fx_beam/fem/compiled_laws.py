@@ -124,7 +124,7 @@ class CompiledLaw:
         if not self.conditions:
             others.pop("switches", None)
         #: Names of the parameters in its functions, whose values are given behind all else.
-        self.parameters = self._names(motion, others) if law.own else []
+        self.parameters = self._names(motion, others) if law.of_user else []
         named = {law.name: self._function(self._forces)}
         named |= {f"{name} of {law.name}": self._function(of) for name, of in others.items()}
         made = point_functions(named, self.given)
@@ -232,7 +232,7 @@ def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -
 
     They are by the values at the start, the increments, internal variables, numbers and parameters.
     """
-    return (_slopes if law.own else _cached_slopes)(law, rule, parameters)
+    return (_slopes if law.of_user else _cached_slopes)(law, rule, parameters)
 
 
 def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> PointFunction:
@@ -266,7 +266,7 @@ def _cached(law: PointLaw, rule: StepRule) -> CompiledLaw:
 
 def compiled_law(law: PointLaw, rule: StepRule) -> CompiledLaw:
     """A compiled law; without functions of a user it is kept."""
-    return CompiledLaw(law, rule) if law.own else _cached(law, rule)
+    return CompiledLaw(law, rule) if law.of_user else _cached(law, rule)
 
 
 class NodalRules:

@@ -272,9 +272,9 @@ def assemble_matrix(matrix, form) -> None:
 
 def entries(form, matrix) -> np.ndarray:
     """Entries of a bilinear form in the sparsity of a matrix, which keeps its own values."""
-    own = matrix.data.copy()
+    before = matrix.data.copy()
     assemble_matrix(matrix, form)
-    values, matrix.data[:] = matrix.data.copy(), own
+    values, matrix.data[:] = matrix.data.copy(), before
     return values
 
 

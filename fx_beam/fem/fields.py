@@ -102,10 +102,10 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
     for beam in scene.beams:
         fractions = arc_lengths(beam, gauss) / beam.length
         try:
-            own = [beam.section.values(name, fractions) for name in names]
+            of_beam = [beam.section.values(name, fractions) for name in names]
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
-        values.append(np.stack(own, axis=-1) if len(names) > 1 else own[0])
+        values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])
     of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
     for cells, rows in zip(mesh.cells, values, strict=True):
         of_cell[cells] = rows

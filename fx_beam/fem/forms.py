@@ -53,14 +53,14 @@ def with_pairs(
         return matrix, None
     size = matrix.shape[0]
     row = np.repeat(np.arange(size), np.diff(matrix.indptr))
-    own = row * size + matrix.indices
-    missing = np.setdiff1d(pairs[:, 0] * size + pairs[:, 1], own)
+    present = row * size + matrix.indices
+    missing = np.setdiff1d(pairs[:, 0] * size + pairs[:, 1], present)
     if not len(missing):
         return matrix, None
-    keys = np.sort(np.concatenate([own, missing]))
+    keys = np.sort(np.concatenate([present, missing]))
     rows, columns = np.divmod(keys, size)
     indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=size))])
-    positions = np.searchsorted(keys, own)
+    positions = np.searchsorted(keys, present)
     values = np.zeros(len(keys))
     values[positions] = matrix.data
     indices = columns.astype(matrix.indices.dtype), indptr.astype(matrix.indptr.dtype)
@@ -123,8 +123,8 @@ class Forms:
         self.of_members = with_blocks(*rows, self.size)
         #: Tangent of all forces, and the positions in it of the values of beams.
         self.stiffness, positions = with_pairs(self.of_members, self.points.pairs_of_nodes)
-        own = slice(0, len(rows[0]))
-        self.assembled: slice | np.ndarray = own if positions is None else positions[own]
+        of_beams = slice(0, len(rows[0]))
+        self.assembled: slice | np.ndarray = of_beams if positions is None else positions[of_beams]
         if self.beams is not None:
             self.beams.value_at = self.assembled
         self.points.locate_in(self.stiffness)

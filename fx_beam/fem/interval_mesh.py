@@ -142,8 +142,8 @@ class IntervalMesh(dolfinx.mesh.Mesh):
 
         It is a copy of a few arrays, a hundredth of the work for a new mesh of eight elements.
         """
-        own = self.of_cpp
-        other = type(own)(MPI.COMM_SELF, own.topology, own.geometry)
+        here = self.of_cpp
+        other = type(here)(MPI.COMM_SELF, here.topology, here.geometry)
         mesh = IntervalMesh(other, self.degree, self.spaces, self.sparsities)
         mesh.move(points)
         return mesh
@@ -165,8 +165,8 @@ class IntervalMesh(dolfinx.mesh.Mesh):
     def space_with(self, element, like, dofmap):
         """Space of an element, that of the C++ space `like`, with degrees of freedom `dofmap`."""
         shape = [like.value_shape] if hasattr(like, "value_shape") else []
-        own = type(like)(self.of_cpp, like.element, dofmap, *shape)
-        return fem.FunctionSpace(self, element, own)
+        cpp_space = type(like)(self.of_cpp, like.element, dofmap, *shape)
+        return fem.FunctionSpace(self, element, cpp_space)
 
 
 def mesh_between(

@@ -55,15 +55,15 @@ class Mass:
         entries = np.zeros_like(K.data), K.indices, K.indptr
         mass = scipy.sparse.csr_matrix(entries, K.shape, copy=False)
         #: Densities by name, on the mesh.
-        self._fields = {name: FilledField(own, self._mesh) for name, own in data.items()}
+        self._fields = {name: FilledField(values, self._mesh) for name, values in data.items()}
         self._form: Any = None
         #: Values of the beams, None before they are assembled.
         self._of_beams: np.ndarray | None = None
         if data:
             shapes = (data[name].shape if name in data else None for name in ("rhoA", "rhoI"))
             compiled, densities = _mass_form(self._beams.fields.plain, *shapes)
-            own = {symbol: self._fields[name].on_mesh for name, symbol in densities.items()}
-            self._form = self._beams.bind(compiled, own)
+            fields = {symbol: self._fields[name].on_mesh for name, symbol in densities.items()}
+            self._form = self._beams.bind(compiled, fields)
         self.assembled += [_WORDS[name] for name in data]
         if self._scene.masses:
             self.assembled.append("lumped mass")

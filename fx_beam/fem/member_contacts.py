@@ -235,8 +235,8 @@ class MemberContacts:
         for one, first in zip(self._touching, self._first_slots[:-1], strict=True):
             if one.number < 0 or not one.law.internal:
                 continue
-            own = slice(_IN_SLOT * first, _IN_SLOT * (first + _SLOTS * len(one.points)))
-            places = memory[:, own].reshape(len(memory), len(one.points), _SLOTS, _IN_SLOT)
+            slots = slice(_IN_SLOT * first, _IN_SLOT * (first + _SLOTS * len(one.points)))
+            places = memory[:, slots].reshape(len(memory), len(one.points), _SLOTS, _IN_SLOT)
             most = abs(places[..., 1]).argmax(axis=-1)
             known = np.take_along_axis(places, most[..., None, None], axis=2)
             of_contacts[one.number] = known[:, :, 0, 1:]

@@ -51,7 +51,7 @@ class Mesh:
         """Shortest distance of the ends of an element of each beam [m]."""
         pairs = zip(self.nodes, self.cells, strict=True)
         ends = [nodes[:: (len(nodes) - 1) // len(cells)] for nodes, cells in pairs]
-        return [float(np.hypot(*np.diff(self.X[own], axis=0).T).min()) for own in ends]
+        return [float(np.hypot(*np.diff(self.X[beam_ends], axis=0).T).min()) for beam_ends in ends]
 
     def refill(self, scene: Scene) -> bool:
         """Move the nodes to those of a scene with the same structure; whether any moves.

@@ -73,7 +73,7 @@ def _without_numbers(force: PointForce) -> tuple:
     Nor with the text of its owner, which has positions, and the axis of its load.
     """
     law: Any = force.law
-    if law.own:
+    if law.of_user:
         law = law.name, law.size, law.numbers, law.internal, law.remembered
     return law, *force[2:7], force.load.joint, force.load.turn
 
@@ -173,7 +173,9 @@ class PointForces:
     @property
     def have_quick_losses(self) -> bool:
         """Whether there are friction, contact with a loss, or dampers with laws of a user."""
-        return any(law.law.remembered or (law.law.loss and law.law.own) for law in self._all_laws)
+        return any(
+            law.law.remembered or (law.law.loss and law.law.of_user) for law in self._all_laws
+        )
 
     @property
     def conditions(self) -> int:
@@ -431,7 +433,7 @@ class PointForces:
         sizes |= {"internal": self.width, "numbers": len(self.numbers)}
         sums = {name: np.zeros(size) for name, size in sizes.items()}
         sums["parameters"], first = np.zeros(len(self._names)), 0
-        for force, law, given, own in zip(
+        for force, law, given, start in zip(
             self._forces, self._laws, self._given, self._first_internal, strict=True
         ):
             size, last, numbers = law.law.size, arguments(law.law), law.law.numbers
@@ -447,7 +449,7 @@ class PointForces:
                         dofs = np.array(force.dofs)
                         np.add.at(sums[at_nodes], dofs[dofs >= 0], part[dofs >= 0])
                 at = 3 * size + 2
-                sums["internal"][own : own + law.law.internal] += by[at : at + law.law.internal]
+                sums["internal"][start : start + law.law.internal] += by[at : at + law.law.internal]
                 sums["numbers"][first : first + numbers] += by[last - numbers : last]
                 for i, name in enumerate(law.parameters):
                     sums["parameters"][self._names.index(name)] += by[last + i]

@@ -103,13 +103,13 @@ def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
 
 def _of_joints(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
     """Springs, dampers, friction and stops on the coordinates of joints."""
-    own: dict[tuple, PointLaw] = {}
+    by_function: dict[tuple, PointLaw] = {}
     for joint in scene.joints:
         if joint.slide is not None:
-            for law, numbers in _of_coordinate(joint.slide, SLIDE, own):
+            for law, numbers in _of_coordinate(joint.slide, SLIDE, by_function):
                 yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE)
         if joint.rotation is not None:
-            for law, numbers in _of_coordinate(joint.rotation, ANGLE, own):
+            for law, numbers in _of_coordinate(joint.rotation, ANGLE, by_function):
                 yield PointForce(law, numbers, _rotations(joint, mesh), joint=joint.number)
 
 
@@ -141,10 +141,10 @@ def _rotations(joint: Joint, mesh: Mesh) -> list[int]:
 
 
 def _between(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
-    own: dict[tuple, PointLaw] = {}
+    by_function: dict[tuple, PointLaw] = {}
     for force in scene.forces_between:
         kind, dofs = _distance(force, mesh)
-        for law, numbers in _of_coordinate(force.on, kind, own):
+        for law, numbers in _of_coordinate(force.on, kind, by_function):
             yield PointForce(law, [*force.apart, *numbers], dofs, owner=str(force))
 
 
@@ -164,7 +164,7 @@ def _distance(force: ForceBetween, mesh: Mesh) -> tuple[Kind, list[int]]:
 
 
 def _of_coordinate(
-    of: Coordinate, kind: Kind, own: dict[tuple, PointLaw]
+    of: Coordinate, kind: Kind, by_function: dict[tuple, PointLaw]
 ) -> Iterator[tuple[PointLaw, list[float]]]:
     """Laws and parameters; those with the same function of a user share a law."""
     spring, damper = of.spring, of.damper
@@ -174,16 +174,16 @@ def _of_coordinate(
         yield laws.spring(kind, bool(c)), [k, rest, c] if c else [k, rest]
     if spring is not None and spring.strain_energy is not None:
         key = id(spring.strain_energy), id(spring.internal), kind.name
-        if key not in own:
-            own[key] = laws.stored_energy(kind, spring.strain_energy, spring.internal)
-        yield own[key], [rest]
+        if key not in by_function:
+            by_function[key] = laws.stored_energy(kind, spring.strain_energy, spring.internal)
+        yield by_function[key], [rest]
     if of.stop is not None:
         yield from _stops(of.stop, kind)
     if damper is not None and damper.law is not None:
         of_law = id(damper.law), kind.name
-        if of_law not in own:
-            own[of_law] = laws.damper_law(kind, damper.law)
-        yield own[of_law], []
+        if of_law not in by_function:
+            by_function[of_law] = laws.damper_law(kind, damper.law)
+        yield by_function[of_law], []
     if isinstance(of.friction, Friction):
         if callable(of.friction.force):
             yield laws.friction_law(kind, of.friction.force), [of.friction.speed]

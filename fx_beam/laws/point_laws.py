@@ -111,7 +111,7 @@ class PointLaw:
     internal: int = 0
     remembered: int = 0
     #: Whether it has functions of a user, which may have changed since another scene.
-    own: bool = False
+    of_user: bool = False
     #: Whether it is one-sided: a contact that opens.
     opens: bool = False
     #: Whether it has friction that sticks, whose damping, mu and stiffness are its last numbers.

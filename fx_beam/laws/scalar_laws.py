@@ -126,12 +126,12 @@ def _on(
         return lambda motion: function(step(motion))
 
     def step(motion: Motion) -> _Step:
-        of_kind, own = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
+        of_kind, of_law = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
         x, still = (kind.of(motion, D, of_kind) for D in (motion.increment, motion.still))
         if kind.slip is None:
-            return _Step(motion, x, still, own)
+            return _Step(motion, x, still, of_law)
         slips = (kind.slip(motion, D, of_kind) for D in (motion.increment, motion.still))
-        return _Step(motion, x, still, own, *slips)
+        return _Step(motion, x, still, of_law, *slips)
 
     def of_step(motion: Motion) -> StepForces:
         given = step(motion)
@@ -228,7 +228,7 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
         loss if internal else None,
         None if internal else pieces,
         internal=count,
-        own=True,
+        of_user=True,
         overshoots=True,
         at_zero="Spring: at its rest the force, its derivative and the internal variables must be "
         "finite. Write ufl.sqrt(x**2 + 1e-12) for abs(x), for example"
@@ -268,7 +268,7 @@ def damper_law(kind: Kind, law: Callable[[Any], Any]) -> PointLaw:
         0,
         forces,
         loss=lambda step: law(step.mean) * step.x.path,
-        own=True,
+        of_user=True,
         at_zero="Damper: law at the rate 0 and its derivative must be finite. Write "
         "ufl.sqrt(rate**2 + 1e-4) for abs(rate), for example",
     )
@@ -313,7 +313,7 @@ def joint_friction(kind: Kind) -> PointLaw:
 
 def friction_law(kind: Kind, magnitude: Callable[[Any], Any]) -> PointLaw:
     """The same with a magnitude that depends on the rate; number: speed."""
-    return _friction(kind, magnitude, 0, own=True)
+    return _friction(kind, magnitude, 0, of_user=True)
 
 
 def _friction(kind: Kind, magnitude: Callable, more: int, **options: Any) -> PointLaw:
@@ -342,7 +342,7 @@ def pull(kind: Kind, force: Callable[[Any, Any, Any], Any]) -> PointLaw:
         place = motion.at_level(x.start, x.end - x.start)
         return _Forces(other=factor * force(place, step.rate, motion.t))
 
-    return _on(kind, "force", 1, forces, own=True)
+    return _on(kind, "force", 1, forces, of_user=True)
 
 
 # -- Contact ------------------------------------------------------------------------------------
@@ -439,7 +439,7 @@ def _one_sided(
         lambda step: [gap(step).x.start],
         internal=2 * sticks,
         remembered=REMEMBERED * (loses + sticks),
-        own=energy is not None,
+        of_user=energy is not None,
         opens=True,
         sticks=sticks,
     )

@@ -199,7 +199,7 @@ def _check_convexity(W: Any, e: list[Any], what: str, strains: tuple[str, ...]) 
 
     def at(name: str, value: float) -> float:
         """The energy at a value of one strain, the others being zero."""
-        values = [value if name == own else 0.0 for own in strains]
+        values = [value if name == strain else 0.0 for strain in strains]
         try:
             return float(energy((), dict(zip(symbols, values, strict=True))))
         except (ArithmeticError, ValueError, TypeError):

@@ -278,10 +278,10 @@ def check_node(scene, node, what: str) -> None:
             f"{what}: {shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
             "beam.node(fraction), or from a body: body.centre or body[name]"
         )
-    own: Any = node.scene
-    if own is not scene:
+    node_scene: Any = node.scene
+    if node_scene is not scene:
         raise SceneError(f"{what}: {node} belongs to another scene; take a node of this one")
-    if node.number in own.gone:
+    if node.number in node_scene.gone:
         raise SceneError(f"{what}: {node} was taken away with its member; take another node")
 
 

@@ -249,10 +249,10 @@ def check_outputs(scene, outputs, what: str) -> None:
     fits = isinstance(outputs, Mapping) and all(isinstance(name, str) for name in outputs)
     require(fits, what, outputs, "a dictionary of fx_beam.Output by names")
     for name, output in outputs.items():
-        own = f"{what}[{name!r}]"
+        label = f"{what}[{name!r}]"
         fits = isinstance(output, Output) and isinstance(output.of, Node | Joint)
-        require(fits, own, output, "an fx_beam.Output of a node or a joint")
-        check_output(scene, output, own)
+        require(fits, label, output, "an fx_beam.Output of a node or a joint")
+        check_output(scene, output, label)
 
 
 def check_output(scene, output: Output, what: str) -> None:
@@ -268,11 +268,11 @@ def check_output(scene, output: Output, what: str) -> None:
     if not isinstance(joint, Joint):
         check_node(scene, joint, what)
         return
-    own = own_joint(scene, joint)
+    of_scene = own_joint(scene, joint)
     wanted = "of a joint that add_joint of this scene returned"
-    require(own is not None, what, str(output), wanted)
-    assert own is not None
-    lacking = own.lacks(output.quantity)
+    require(of_scene is not None, what, str(output), wanted)
+    assert of_scene is not None
+    lacking = of_scene.lacks(output.quantity)
     require(not lacking, what, str(output), lacking)
 
 

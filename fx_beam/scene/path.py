@@ -59,8 +59,8 @@ class Path:
         corner = self._corners()
         #: Coefficients (elements, 3 p + 1, 4) for the nodes of an element and of both neighbours.
         self.coefficients = np.zeros((n, 3 * p + 1, 4))
-        own = slice(p, 2 * p + 1)
-        self.coefficients[:, own] = shapes
+        inside = slice(p, 2 * p + 1)
+        self.coefficients[:, inside] = shapes
         for i in range(n - 1):
             if corner[i]:
                 continue

@@ -19,9 +19,13 @@ from .joints import Joint, joints_by_number
 
 def own_joint(scene: Any, joint: Joint) -> Joint | None:
     """The joint of a scene that was added as this one, and may have been locked since."""
-    own = joints_by_number(scene).get(joint.number)
-    same = own is not None and (own.kind, own.a, own.b) == (joint.kind, joint.a, joint.b)
-    return own if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
+    known = joints_by_number(scene).get(joint.number)
+    same = known is not None and (known.kind, known.a, known.b) == (
+        joint.kind,
+        joint.a,
+        joint.b,
+    )
+    return known if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
 
 
 def remove_joint(scene: Any, joint: Joint) -> None:
@@ -98,7 +102,9 @@ def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
         return any(end is target for end in ends)
 
     scene.loads[:] = [load for load in scene.loads if not on_it(load.target)]
-    scene.natural_strains[:] = [own for own in scene.natural_strains if own.beam is not target]
+    scene.natural_strains[:] = [
+        strain for strain in scene.natural_strains if strain.beam is not target
+    ]
     scene.drags[:] = [drag for drag in scene.drags if not on_it(drag.target)]
     scene.velocities[:] = [given for given in scene.velocities if not on_it(given.target)]
     scene.virtual_works[:] = [work for work in scene.virtual_works if work.beam is not target]

@@ -1000,8 +1000,10 @@ class Scene:
                     remove(self, part)
                     break
             else:
-                own = next((known for known in lists if any(part is one for one in known)), [])
-                del own[_position(own, part, "remove", "a part")]
+                of_its_kind = next(
+                    (known for known in lists if any(part is one for one in known)), []
+                )
+                del of_its_kind[_position(of_its_kind, part, "remove", "a part")]
             if isinstance(part, ForceBetween) and isinstance(part.force, GivenPull):
                 self.parameters.forget(part.force.pull.name)
             self.changes += 2  # also if something else is added
@@ -1075,7 +1077,7 @@ class Scene:
         >>> float(latched.energy.impact[0].round(9)), latched.velocity(one)[-1].round(9)
         (0.18, array([0.3, 0. ]))
         """
-        return self._replaced(joint, "lock", lambda own: locked(own, coordinate))
+        return self._replaced(joint, "lock", lambda known_joint: locked(known_joint, coordinate))
 
     def unlock(self, joint: Joint) -> Joint:
         """Unlock a joint that `lock` has locked.
@@ -1099,13 +1101,13 @@ class Scene:
 
     def _replaced(self, joint: Joint, what: str, change: Callable[[Joint], Joint]) -> Joint:
         """A changed joint in the place of the one before."""
-        own = own_joint(self, joint) if isinstance(joint, Joint) else None
+        known_joint = own_joint(self, joint) if isinstance(joint, Joint) else None
         wanted = "a joint that add_joint of this scene returned, and that was not removed"
-        require(own is not None, what, joint, wanted)
-        assert own is not None
-        at = next(i for i, one in enumerate(self.joints) if one is own)
-        self.joints[at] = change(own)
-        self._couplings[own.coupling] = self.joints[at]
+        require(known_joint is not None, what, joint, wanted)
+        assert known_joint is not None
+        at = next(i for i, one in enumerate(self.joints) if one is known_joint)
+        self.joints[at] = change(known_joint)
+        self._couplings[known_joint.coupling] = self.joints[at]
         self.changes += 1
         return self.joints[at]
 

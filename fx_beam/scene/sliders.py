@@ -308,7 +308,7 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         )
     if not isinstance(node, Node):
         raise SceneError(f"{kind}: {node!r} is not a node; take one from another beam or a body")
-    if any(node is own for own in beam.nodes):
+    if any(node is of_beam for of_beam in beam.nodes):
         raise SceneError(
             f"{kind}: {node} belongs to beam {beam.name!r}. Take a node of another one"
         )

@@ -33,22 +33,22 @@ from .symbols import STEP
 def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
     """What all functions of the user give, with their names, in a fixed order."""
     sections = [beam.section for beam in scene.beams]
-    own: list[tuple[str, Any]] = []
+    expressions: list[tuple[str, Any]] = []
     if any(section.strain_energy is not None for section in sections):
         distinct = {id(section): section for section in sections}
         numbers = {key: number for number, key in enumerate(distinct)}
-        own.append(("sections", [numbers[id(section)] for section in sections]))
+        expressions.append(("sections", [numbers[id(section)] for section in sections]))
         for section in distinct.values():
-            own += functions_of_energy(section.strain_energy, section.internal, 3)
+            expressions += functions_of_energy(section.strain_energy, section.internal, 3)
     for joint in scene.joints:
         for on in filter(None, (joint.slide, joint.rotation)):
-            own += functions_of(on)
+            expressions += functions_of(on)
     for obstacle in scene.obstacles:
-        own += functions_of_energy(obstacle.energy, None, 1)
+        expressions += functions_of_energy(obstacle.energy, None, 1)
     for force in scene.forces_between:
-        own += force.functions
+        expressions += force.functions
     works = [work.of(STEP, "virtual work") for work in scene.virtual_works]
-    return own + [("virtual work", work) for work in works]
+    return expressions + [("virtual work", work) for work in works]
 
 
 #: Attributes of which only the kind must be the same, besides those that shapes name themselves: an
@@ -132,9 +132,9 @@ class Structure:
             elif part:
                 raise OtherStructureError(f"scene.{name} has another length")
         functions = expressions_of(scene)
-        for own, known in itertools.zip_longest(functions, self._functions):
-            if own != known:
-                what = (own or known)[0]
+        for function, known in itertools.zip_longest(functions, self._functions):
+            if function != known:
+                what = (function or known)[0]
                 raise OtherStructureError(f"{what} of your own differs in more than parameters")
 
 
