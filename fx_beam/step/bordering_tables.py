@@ -82,10 +82,10 @@ class BorderingTables:
         outside, bordered = sliders.outside, sliders.bordered
         tables = self._tables(sliders, len(outside))
         longest = [table.pop("longest") for table in tables]
-        own = [table["components"] + table["products"] for table in tables]
-        carriers = len(outside) + sum(own) + sum(table["anchors"] for table in tables)
+        sizes = [table["components"] + table["products"] for table in tables]
+        carriers = len(outside) + sum(sizes) + sum(table["anchors"] for table in tables)
         alone, closure_entries = self._reduction.carriers()
-        entries = sum(n * (1 + k) for n, k in zip(longest, own, strict=True))
+        entries = sum(n * (1 + k) for n, k in zip(longest, sizes, strict=True))
         return {
             "row_at": rows,
             "unknown_at": columns,

@@ -101,11 +101,11 @@ class Forcing:
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
-        found = np.empty((len(t0), 2, self.model.loads.unit_loads.shape[1]))
-        if found.size:  # both ends at once
+        factors = np.empty((len(t0), 2, self.model.loads.unit_loads.shape[1]))
+        if factors.size:  # both ends at once
             ends = self.model.loads.series(np.concatenate(just_inside(t0, t1)))
-            found[:, 0], found[:, 1] = ends[: len(t0)], ends[len(t0) :]
-        return found
+            factors[:, 0], factors[:, 1] = ends[: len(t0)], ends[len(t0) :]
+        return factors
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""

@@ -134,8 +134,9 @@ class FormTables:
             "integrals": len(tags),
             "width": width,
             "of": [
-                {"batch": batch, "cells": len(own), "packed": blocks[tag]} | self._data_of(own)
-                for tag, batch, own in zip(tags, batches, cells, strict=True)
+                {"batch": batch, "cells": len(of_tag), "packed": blocks[tag]}
+                | self._data_of(of_tag)
+                for tag, batch, of_tag in zip(tags, batches, cells, strict=True)
             ],
             "moving": len(moving),
             "changing": sum(kind == 0 for kind, _ in moving),

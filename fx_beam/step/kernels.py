@@ -42,13 +42,13 @@ class Kernel(NamedTuple):
             for tag, name in zip(ffcx_api.integrals(form), names, strict=True):
                 bodies[tag].append(self._call(number, name, unused))
         arguments = "double *A, const double *w, const double *c, const double *x"
-        own = [
+        elements = [
             f"INLINED void element_{i}({arguments}) {{\n{''.join(bodies[tag])}}}"
             for i, tag in enumerate(tags)
         ]
         # Forms of one module have the same text.
         texts = list(dict.fromkeys(texts))
-        return "\n".join([*declared, "#define for UNROLLED for", *texts, *own, "#undef for"])
+        return "\n".join([*declared, "#define for UNROLLED for", *texts, *elements, "#undef for"])
 
     def _call(self, number: int, name: str, unused: str) -> str:
         """Call of the function of a form with its own coefficients and constants."""
@@ -60,5 +60,5 @@ class Kernel(NamedTuple):
             ", ".join(f"{array}[{i}]" for i in of_own) or "0"
             for array, of_own in zip("wc", indices, strict=True)
         )
-        own = "double own_w[] = {{{}}}, own_c[] = {{{}}}".format(*lists)
-        return f"{{ {own};\n{name}(A + {first}, own_w, own_c, x{unused}); }}\n"
+        packed = "double own_w[] = {{{}}}, own_c[] = {{{}}}".format(*lists)
+        return f"{{ {packed};\n{name}(A + {first}, own_w, own_c, x{unused}); }}\n"

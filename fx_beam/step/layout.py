@@ -42,7 +42,7 @@ class Layout:
         slides = np.full(model.scene.joint_count, self.of["nowhere"].start)
         for joint, column in model.couplings.slides.items():
             slides[joint] = starts["Y"] + column
-        arrays = {name: np.arange(own.start, own.stop) for name, own in self.of.items()}
+        arrays = {name: np.arange(part.start, part.stop) for name, part in self.of.items()}
         constrained = arrays["R"][p.free : p.columns]
         #: Rows of states and of forces.
         of_state = {name: arrays[name] for name in ("q", "v", "internal", "spring internal")}
@@ -58,8 +58,8 @@ class Layout:
 
     def in_step(self, name: str) -> slice:
         """The slice of an array of a sub-step among all numbers of the sub-step."""
-        own = self.of[name]
-        return slice(own.start - self._first, own.stop - self._first)
+        part = self.of[name]
+        return slice(part.start - self._first, part.stop - self._first)
 
     def _shaped(self, name: str, values: np.ndarray, *rows: int) -> np.ndarray:
         return values.reshape(*rows, *self._shapes.get(name, values.shape[len(rows) :]))
@@ -93,7 +93,7 @@ class Rows:
 
     def parts(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Parts of rows by name."""
-        return {name: rows[..., own] for name, own in self._of.items()}
+        return {name: rows[..., part] for name, part in self._of.items()}
 
 
 def never_empty(array: np.ndarray) -> np.ndarray:

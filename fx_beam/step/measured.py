@@ -29,12 +29,12 @@ class Measured(NamedTuple):
         """Values (..., components) or (...) from arrays (..., size)."""
         if self.plus is None:
             return -values[..., self.minus]
-        found = values[..., self.plus]
+        components = values[..., self.plus]
         if self.minus is not None:
-            found = found - values[..., self.minus]
+            components = components - values[..., self.minus]
         if self.missing is not None:
-            found[..., self.missing] = 0.0
-        return found if self.added is None else self.added + found
+            components[..., self.missing] = 0.0
+        return components if self.added is None else self.added + components
 
     def terms(self) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
         """Components, their entries and the sign of all that counts."""
@@ -55,8 +55,8 @@ def measured(model: Model, output: Output) -> Measured:
         return Measured(quantity.of, ends.get(1), ends.get(-1), added)
     if quantity.of == "reactions":
         nodes, components, column = model.supports
-        own, entries = nodes == number, np.full(3, -1)
-        entries[components[own]] = column[own]
+        of_node, entries = nodes == number, np.full(3, -1)
+        entries[components[of_node]] = column[of_node]
         entries = entries[columns]
         return Measured("constraint_forces", entries, missing=entries < 0)
     if quantity.of == "joint_forces":

@@ -173,8 +173,8 @@ class Model:
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
         if isinstance(self.reduction, JointReduction):
-            own = joints_by_number(self.scene)
-            moving = [own[joint.number] for joint in self.couplings.moving]
+            joints = joints_by_number(self.scene)
+            moving = [joints[joint.number] for joint in self.couplings.moving]
             self.reduction.set_arms(moving)
         return True
 
@@ -208,9 +208,9 @@ class Model:
         rates = np.zeros(len(state.slides))
         if len(self.points.slides):
             motion = self.motion(q=self.to_nodes(state.q)[None], v=self.to_nodes(state.v)[None])
-            own = joints_by_number(self.scene)
+            joints = joints_by_number(self.scene)
             for number in set(self.points.slides.tolist()):
-                kinematics = own[number].kinematics
+                kinematics = joints[number].kinematics
                 (rates[number],) = kinematics.rate(motion, state.slides[[number]])
         return rates
 
@@ -252,9 +252,9 @@ class Model:
     @functools.cached_property
     def nonsmooth(self) -> bool:
         """Whether the slopes of forces may change at once: flow, contact, functions of a user."""
-        own = any(beam.section.strain_energy for beam in self.scene.beams)
-        own = own or self.points.any_have("overshoots") or bool(self.scene.virtual_works)
-        return own or self.flows or self.has_contact
+        bent = any(beam.section.strain_energy for beam in self.scene.beams)
+        bent = bent or self.points.any_have("overshoots") or bool(self.scene.virtual_works)
+        return bent or self.flows or self.has_contact
 
     @property
     def has_contact(self) -> bool:

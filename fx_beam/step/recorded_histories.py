@@ -97,8 +97,8 @@ class RecordedHistories(Mapping):
             return self._t_level()
         if name == "energy":
             energies = self._fitted["energies"]
-            own = dict(zip(_ENERGIES, energies.T, strict=True))
-            return Energy(**own, impact=np.full(len(energies), self._impact))
+            parts = dict(zip(_ENERGIES, energies.T, strict=True))
+            return Energy(**parts, impact=np.full(len(energies), self._impact))
         if name in ("linear_momentum", "angular_momentum"):
             return self._fitted["momenta"][:, 2 if name == "angular_momentum" else slice(2)]
         if name in ("reactions", "motor_forces"):

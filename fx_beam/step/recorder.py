@@ -287,12 +287,12 @@ class Recorder:
     def forget(self) -> None:
         """Have the last two rows only, on which the next ones depend."""
         gone = max(self.rows - 2, 0)
-        kept = self.rows - gone
+        rest = self.rows - gone
         for array in (self._steps, *self.arrays.values()):
-            array[:kept] = array[gone : self.rows].copy()
-        self.arrays["up_to_row"][:kept] = 0
+            array[:rest] = array[gone : self.rows].copy()
+        self.arrays["up_to_row"][:rest] = 0
         self.turns = {max(row - gone, 0): missing for row, missing in self.turns.items()}
-        self.rows, self._starts.count = kept, 0
+        self.rows, self._starts.count = rest, 0
         if gone:
             self._begins, self.late_accelerations = False, None
         self.plans += 1
@@ -404,8 +404,8 @@ class Recorder:
 
     def _shares(self, row: int) -> np.ndarray:
         """Shares (m,) of the sub-steps before a row in its step."""
-        own = self._starts_of_row(row)
-        return self._starts.arrays["share"][own] if own.stop > own.start else np.ones(1)
+        starts = self._starts_of_row(row)
+        return self._starts.arrays["share"][starts] if starts.stop > starts.start else np.ones(1)
 
     def _starts_of_row(self, row: int) -> slice:
         return slice(self._up_to(row - 1), self._up_to(row))
@@ -415,7 +415,7 @@ class Recorder:
         if len(values) == self.rows - first:  # one sub-step before each row
             return values
         shares = [self._shares(row) for row in range(first, self.rows)]
-        weights = np.concatenate([own / sum(own) for own in shares])
+        weights = np.concatenate([of_row / sum(of_row) for of_row in shares])
         starts = np.cumsum([0, *map(len, shares[:-1])])
         return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, starts)
 
@@ -428,7 +428,7 @@ class Recorder:
         assert beams is not None
         rows = np.arange(first, self.rows)
         counts = self._counts()[rows]
-        own = slice(self._up_to(first - 1), self._up_to(self.rows - 1))
+        span = slice(self._up_to(first - 1), self._up_to(self.rows - 1))
         #: Row after each sub-step, whether its start is stored, and the last ones of the rows.
         row, stored = (np.repeat(of, np.maximum(counts, 1)) for of in (rows, counts > 0))
         before, last = np.maximum(row - 1, 0), np.cumsum(np.maximum(counts, 1)) - 1
@@ -436,7 +436,7 @@ class Recorder:
         def begins(name: str) -> np.ndarray:
             values = arrays[name][before]
             if stored.any():
-                values[stored] = starts[f"start_{name}"][own]
+                values[stored] = starts[f"start_{name}"][span]
             return values
 
         def ends(begins: np.ndarray, of_rows: np.ndarray) -> np.ndarray:
@@ -445,7 +445,7 @@ class Recorder:
             return values
 
         rest = np.ones(len(row))
-        rest[stored] = starts["share"][own]
+        rest[stored] = starts["share"][span]
         for end, count in zip(last[counts > 1], counts[counts > 1], strict=True):
             of_step = slice(end + 1 - count, end + 1)
             rest[of_step] = np.cumsum(rest[of_step][::-1])[::-1]
@@ -471,8 +471,8 @@ class Recorder:
         memory, q_previous = np.zeros(len(row)), q
         if beams.needs_previous:  # all are stored, but for the start
             q_previous = q.copy()
-            memory[stored] = starts["memory"][own]
-            q_previous[stored] = starts["start_q_previous"][own] + self._missing(row[stored])
+            memory[stored] = starts["memory"][span]
+            q_previous[stored] = starts["start_q_previous"][span] + self._missing(row[stored])
         if self._has_ramps:
             more["parameters"] = self._parameters_in(row, parts.t)
         return parts._replace(memory=memory, q_previous=q_previous, **more)

@@ -154,10 +154,10 @@ class CompiledSingleSteps:
 
     def _fill(self, inputs: StepInputs, step: int) -> None:
         """Copy the inputs of the sub-steps of one step."""
-        own = slice(step * self._p.sub_steps, (step + 1) * self._p.sub_steps)
+        of_step = slice(step * self._p.sub_steps, (step + 1) * self._p.sub_steps)
         for target, source in zip(self._inputs[:5], inputs[:5], strict=True):
             if source.size:
-                target[...] = source[own].reshape(target.shape)
+                target[...] = source[of_step].reshape(target.shape)
 
     def count(self, taken: int) -> None:
         """Add what C has counted in some steps to the statistics."""

@@ -236,7 +236,7 @@ class Problem:
         def dofs(node: Node) -> np.ndarray:
             return np.full(3, -1) if node is GROUND else model.mesh.dofs[node.number]
 
-        own = joints_by_number(model.scene)
+        joints = joints_by_number(model.scene)
         moving = {joint.number: m for m, joint in enumerate(model.couplings.moving)}
         return [
             {
@@ -246,7 +246,7 @@ class Problem:
                 "b": dofs(joint.b),
                 "moving": moving.get(joint.number, -1),
             }
-            for joint in (own[i] for i in np.unique(model.points.slides))
+            for joint in (joints[i] for i in np.unique(model.points.slides))
         ]
 
     def _hand_over_rates(self, stored_at: np.ndarray) -> None:

@@ -35,7 +35,7 @@ def storage_of_entries(
 def diagonal_of(tangent) -> np.ndarray:
     """Position of each entry of the diagonal of a matrix in compressed rows; -1 without one."""
     rows = np.repeat(np.arange(tangent.shape[0]), np.diff(tangent.indptr))
-    found = np.full(tangent.shape[0], -1)
-    (own,) = np.nonzero(rows == tangent.indices)
-    found[rows[own]] = own
-    return found
+    positions = np.full(tangent.shape[0], -1)
+    (on_diagonal,) = np.nonzero(rows == tangent.indices)
+    positions[rows[on_diagonal]] = on_diagonal
+    return positions

@@ -67,7 +67,7 @@ class _Checkpoint(NamedTuple):
     first: int
     steps: TakenSteps
     numbers: dict[str, Any]
-    kept: bytes
+    kept_factors: bytes
     memory: np.ndarray
     #: Where it has the arrays of the state.
     places: dict[str, int]
@@ -140,11 +140,11 @@ class Tape:
         numbers = {name: getattr(p, name) for name in (*NUMBERS, *_OF_RUN)}
         numbers["orders"] = list(p.orders)
         scratch = problem.scratch.copy() if p.kept.worth else None
-        kept = bytes(self._ffi.buffer(self._ffi.addressof(p, "kept")))
+        kept_factors = bytes(self._ffi.buffer(self._ffi.addressof(p, "kept")))
         memory, at = problem.memory.copy(), problem.memory.ctypes.data
         places = {
-            name: (own.ctypes.data - at) // own.itemsize
-            for name, own in problem.state_arrays.items()
+            name: (array.ctypes.data - at) // array.itemsize
+            for name, array in problem.state_arrays.items()
         }
         more = steps.number * self._sub_steps
         if self.is_whole and 8 * self.c.size * (self.c.rows + more) > self._limit:
@@ -152,7 +152,7 @@ class Tape:
             self._take_increments(problem)
             self._set_rows(np.empty((0, self.c.size)))
         increments = None if self.is_whole else self._increments(problem, more)
-        parts = len(self), steps, numbers, kept, memory, places, scratch, increments
+        parts = len(self), steps, numbers, kept_factors, memory, places, scratch, increments
         self._checkpoints.append(_Checkpoint(*parts))
         if self.is_whole:
             return self._with_room(more)
@@ -174,18 +174,18 @@ class Tape:
 
     def _take_increments(self, problem: Problem) -> None:
         """Take increments out of the rows, which end with them, before these are given up."""
-        for i, own in enumerate(self._checkpoints):
-            rows = self._rows[own.first :][: own.steps.number * self._sub_steps]
+        for i, checkpoint in enumerate(self._checkpoints):
+            rows = self._rows[checkpoint.first :][: checkpoint.steps.number * self._sub_steps]
             increments = self._increments(problem, len(rows))
             if increments is None:
                 return
             increments[:] = rows[:, self.c.size - problem.c.columns :]
-            self._checkpoints[i] = own._replace(increments=increments)
+            self._checkpoints[i] = checkpoint._replace(increments=increments)
 
     def _read_increments(self, increments: np.ndarray | None) -> None:
         """Let C write or read increments, or none."""
-        own = self._ffi.NULL if increments is None else increments.ctypes.data
-        self.c.increments = self._ffi.cast("double *", own)
+        address = self._ffi.NULL if increments is None else increments.ctypes.data
+        self.c.increments = self._ffi.cast("double *", address)
 
     def end(self, taken: int, fractions: np.ndarray) -> None:
         """Keep how many steps were taken, with sub-steps of these fractions."""
@@ -198,8 +198,8 @@ class Tape:
     def _known_times(self) -> _Times:
         if self._times is None:
             none = _Times(np.empty(0), np.empty(0), np.empty(0, dtype=bool))
-            found = (_times_of(own, self._fractions) for own in self._checkpoints)
-            self._times = _Times(*map(np.concatenate, zip(none, *found, strict=True)))
+            parts = (_times_of(checkpoint, self._fractions) for checkpoint in self._checkpoints)
+            self._times = _Times(*map(np.concatenate, zip(none, *parts, strict=True)))
         return self._times
 
     def _with_room(self, more: int) -> Any:
@@ -243,7 +243,7 @@ class Tape:
         p, steps, ffi = problem.c, checkpoint.steps, self._ffi
         for name, value in checkpoint.numbers.items():
             setattr(p, name, value)
-        ffi.memmove(ffi.addressof(p, "kept"), checkpoint.kept, len(checkpoint.kept))
+        ffi.memmove(ffi.addressof(p, "kept"), checkpoint.kept_factors, len(checkpoint.kept_factors))
         problem.memory[:] = checkpoint.memory
         if checkpoint.scratch is not None:
             problem.scratch[:] = checkpoint.scratch
@@ -274,21 +274,21 @@ class Tape:
 
         Not that at the end of the run.
         """
-        found, first, p = {}, TAPED_NUMBERS, self._problem
-        n, kept = p.dofs, p.dofs * p.keeps_previous
+        states, first, p = {}, TAPED_NUMBERS, self._problem
+        n, back = p.dofs, p.dofs * p.keeps_previous
         internal = p.cells * p.cell_internal
-        sizes = {"q": n, "v": n, "q_previous": kept, "slides": p.scene_joints, "internal": internal}
+        sizes = {"q": n, "v": n, "q_previous": back, "slides": p.scene_joints, "internal": internal}
         places = boundaries - self.c.first
         behind = (places == self.c.rows) & (boundaries < len(self))
         for name, size in (sizes | {"spring_internal": p.spring_width}).items():
             rows = np.minimum(places, self.c.rows - 1)
-            found[name] = self._rows[rows, first : first + size]
+            states[name] = self._rows[rows, first : first + size]
             first += size
             if behind.any():  # there is a part behind this one
                 assert self._after is not None
                 at = self._after.places[name]
-                found[name][behind] = self._after.memory[at : at + size]
-        return found
+                states[name][behind] = self._after.memory[at : at + size]
+        return states
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:
         """The steps that end before some sub-steps."""
@@ -321,15 +321,15 @@ class Tape:
         """
         whole = slice(None, None, self._sub_steps)
         ends = (self.starts + self.lengths)[self._sub_steps - 1 :: self._sub_steps]
-        found = np.concatenate([self.starts[:1], ends])
+        grid = np.concatenate([self.starts[:1], ends])
         least = abs(self.lengths).min(initial=np.inf)
-        if (gaps := abs(self.starts[whole] - found[:-1]) > 1e-3 * least).any():
+        if (gaps := abs(self.starts[whole] - grid[:-1]) > 1e-3 * least).any():
             raise SceneError(
-                f"the step after t = {found[:-1][gaps][0]:.6g} failed in the compiled loop, so "
+                f"the step after t = {grid[:-1][gaps][0]:.6g} failed in the compiled loop, so "
                 "that there is no derivative. Try a smaller dt"
             )
-        rows = np.searchsorted((found[1:] + found[:-1]) / 2, times)
-        if (inside := abs(found[rows] - times) > 1e-3 * least).any():
+        rows = np.searchsorted((grid[1:] + grid[:-1]) / 2, times)
+        if (inside := abs(grid[rows] - times) > 1e-3 * least).any():
             raise SceneError(
                 f"the row at t = {times[inside][0]:.6g} is inside a step, and has no derivative. "
                 "Record at ends of steps: with a tolerance, give the times as `breaks` too"
