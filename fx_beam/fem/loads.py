@@ -65,7 +65,7 @@ class SumOfLoads:
     """Sums of constant columns, those of unit loads, times functions of time."""
 
     def __init__(self, scene: Scene, size: int):
-        values, rows, starts = self._read(scene)
+        values, rows, starts = self._read(self._unit_loads(scene))
         #: Unit loads, as a matrix (size, n).
         self.unit_loads = scipy.sparse.csc_matrix((values, rows, starts), (size, len(starts) - 1))
 
@@ -73,9 +73,8 @@ class SumOfLoads:
         """Those of a scene."""
         raise NotImplementedError
 
-    def _read(self, scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _read(self, loads: list[UnitLoad]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values, rows and starts of the columns."""
-        loads = self._unit_loads(scene)
         widths = np.cumsum([0, *(len(load.counts) for load in loads)]).tolist()
         #: Functions of time with the numbers of their first columns, and what they are of.
         self.functions = [(i, load.function) for i, load in zip(widths, loads, strict=False)]
@@ -90,7 +89,9 @@ class SumOfLoads:
 
         OtherStructureError if they act on other degrees of freedom.
         """
-        values, rows, starts = self._read(scene)
+        if not ((loads := self._unit_loads(scene)) or self.functions):
+            return
+        values, rows, starts = self._read(loads)
         known = self.unit_loads
         if not (np.array_equal(rows, known.indices) and np.array_equal(starts, known.indptr)):
             raise OtherStructureError("loads act on other degrees of freedom")

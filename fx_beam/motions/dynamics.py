@@ -23,7 +23,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 
-from .motion_series import MotionSeries
+from .motion_series import MotionSeries, Recent
 from .options import Condition, Options, check_scene
 from .progress import keeping_steps
 from .surroundings import thread_series
@@ -33,6 +33,7 @@ from .surroundings import thread_series
 _TOGETHER = 1e-9
 # Of a step, or of a thousandth of the time: what is left after the last change is no motion.
 _NOTHING = 1e-6
+_RECENT = Recent()
 
 
 class ChangingScene:
@@ -267,7 +268,7 @@ def simulate(
         until=until,
         outputs=outputs,
     )
-    series: MotionSeries = thread_series() or MotionSeries()
+    series: MotionSeries = thread_series() or _RECENT.of(scene)
     if changes is None:
         return series.motion(scene, options, start)
     return ChangingScene(scene, changes, options).motion(series, start)

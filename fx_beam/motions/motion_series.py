@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 import weakref
 from collections.abc import Callable
@@ -28,6 +29,9 @@ from .run import Run, warn_of_damping
 from .surroundings import waiting_team, warn_of_equal_work
 from .transferred_state import end_of
 
+# Degrees of freedom of a scene that a brief series keeps, and how many series a thread has.
+_SMALL, _MOST = 3000, 4
+
 
 class _Plan(NamedTuple):
     """A motion whose steps C takes at once: what is asked, their ends, and a recorder of them."""
@@ -38,14 +42,21 @@ class _Plan(NamedTuple):
 
 
 class MotionSeries:
-    """Simulates scenes. `Response` and each worker of a sweep own one; `simulate` else a new one.
+    """Simulates scenes. `Response` and each worker of a sweep own one, `simulate` has `Recent`.
 
     With `reads_at_once` solutions are read before anything else happens; `alone` motions are not
-    divided among processes.
+    divided among processes. A `brief` one keeps small scenes only, and no plans.
     """
 
-    def __init__(self, memory: float = LIMIT, reads_at_once: bool = False, alone: bool = False):
+    def __init__(
+        self,
+        memory: float = LIMIT,
+        reads_at_once: bool = False,
+        alone: bool = False,
+        brief: bool = False,
+    ):
         self._reads_at_once, self._alone, self._memory = reads_at_once, alone, memory
+        self._brief = brief
         #: The prepared scene of the last motion, for the next one; None while a motion has it.
         self.prepared: Prepared | None = None
         self._plan: _Plan | None = None
@@ -77,6 +88,11 @@ class MotionSeries:
         prepared.stats.setup_seconds = time.perf_counter() - clock
         prepared.stats.setup_reason = self.reason
         return run.complete()
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it has a prepared scene that no solution needs."""
+        return self.prepared is not None and self._solution() is None
 
     def prepare(self, scene: Scene, options: Options) -> Prepared:
         """A prepared scene, which others may take for their motions once it is given back."""
@@ -120,8 +136,11 @@ class MotionSeries:
 
     def _keep(self, run: Run, solution: Solution) -> None:
         """Keep what a run was made with. As long as its solution lives, this needs it."""
-        self.prepared, self._solution = run.prepared, weakref.ref(solution.resultants_of_beam)
-        if run.is_repeatable:
+        prepared = run.prepared
+        if self._brief and (prepared.loop is None or prepared.model.size > _SMALL):
+            return
+        self.prepared, self._solution = prepared, weakref.ref(solution.resultants_of_beam)
+        if run.is_repeatable and not self._brief:
             self._plan = _Plan(run.prepared.options, run.times[1:], run.recorder.again())
 
     # -- Motions whose steps are taken at once ---------------------------------------------------
@@ -186,3 +205,21 @@ class MotionSeries:
         stats.seconds = time.perf_counter() - began
         warn_of_damping(stats, dt)
         return prepared
+
+
+class Recent(threading.local):
+    """The series of the last motions of a thread: scenes of the same structure take their models.
+
+    As long as a solution is in use, it has its own.
+    """
+
+    def __init__(self):
+        self._series: list[tuple[tuple[int, ...], MotionSeries]] = []
+
+    def of(self, scene: Scene) -> MotionSeries:
+        """A series for a scene."""
+        key = len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
+        fit = (own for own in self._series if own[0] == key and own[1].is_free)
+        own = next(fit, None) or (key, MotionSeries(brief=True))
+        self._series = [*(other for other in self._series if other is not own), own][-_MOST:]
+        return own[1]
