@@ -219,7 +219,7 @@ class Recent(threading.local):
     def of(self, scene: Scene) -> MotionSeries:
         """A series for a scene."""
         key = len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
-        fit = (own for own in self._series if own[0] == key and own[1].is_free)
-        own = next(fit, None) or (key, MotionSeries(brief=True))
-        self._series = [*(other for other in self._series if other is not own), own][-_MOST:]
-        return own[1]
+        fit = (entry for entry in self._series if entry[0] == key and entry[1].is_free)
+        entry = next(fit, None) or (key, MotionSeries(brief=True))
+        self._series = [*(other for other in self._series if other is not entry), entry][-_MOST:]
+        return entry[1]
