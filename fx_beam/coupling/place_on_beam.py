@@ -32,10 +32,11 @@ class PlaceOnBeam:
         self._at = nodes + q[:, self.dofs]
         along, change = (np.einsum("na,nai->ni", w, self._at) for w in self.weights[1:])
         self.slope, self.bend = along[:, :2], along[:, 2]
-        self._by_s = np.hstack([change, self.weights[1]])
+        #: Derivatives by s.
+        self.by_slide = np.hstack([change, self.weights[1]])
 
     @functools.cached_property
-    def _by_numbers(self) -> scipy.sparse.csr_matrix:
+    def by_numbers(self) -> scipy.sparse.csr_matrix:
         """Derivatives (n (3 + near), numbers) by the numbers of the path."""
         path, n, near, first = self._path, len(self._s), len(self.near), self.weights[1]
         values, slopes = weights_by_numbers(path, self._s)
@@ -51,15 +52,6 @@ class PlaceOnBeam:
         to = np.concatenate([*order[:, :3].T, order[:, 3:].ravel()])
         return scipy.sparse.vstack([*parts, values]).tocsr()[np.argsort(to)]
 
-    def changes(self, q: np.ndarray, s: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Changes (n, m, 3 + near), for those of q (n, m, size), s (n, m), and numbers (m, ...)."""
-        changes = self._by_s[:, None] * s[..., None]
-        changes[..., :3] += np.einsum("na,nmai->nmi", self.weights[1], q[..., self.dofs])
-        if numbers.any():
-            by_numbers = (self._by_numbers @ numbers.T).reshape(len(s), -1, len(numbers))
-            changes += by_numbers.swapaxes(1, 2)
-        return changes
-
     def vjp(self, by: np.ndarray, by_q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives by s (n,) and by the numbers of the path at each place (n, numbers).
 
@@ -68,4 +60,4 @@ class PlaceOnBeam:
         by_q[:, self.dofs] += self.weights[1][:, :, None] * by[:, None, :3]
         rows = np.repeat(np.arange(len(by)), by.shape[1]), np.arange(by.size)
         each = scipy.sparse.csr_matrix((by.ravel(), rows), (len(by), by.size))
-        return (by * self._by_s).sum(axis=1), (each @ self._by_numbers).toarray()
+        return (by * self.by_slide).sum(axis=1), (each @ self.by_numbers).toarray()

@@ -48,7 +48,7 @@ class RateEquations:
         columns: int,
         points: Mapping[int, Joint],
     ):
-        self._points, self._X, self._columns = points, mesh.X, columns
+        self._points, self._X, self.columns = points, mesh.X, columns
         self.size, self.joints = mesh.dofs.size, scene.joint_count
         #: From a to b in the reference configuration, and axes of slides (joints + 1, 2); the last
         #: is none, as the joint -1 of supports.
@@ -144,7 +144,7 @@ class RateEquations:
         return self._tables | {
             "size": self.size,
             "joints": self.joints,
-            "columns": self._columns,
+            "columns": self.columns,
             "count": self.count,
             "plain": self.plain,
             "all_entries": self.all_entries,

@@ -6,24 +6,34 @@ Corrections c and multipliers mu of `FittedRates` solve
     [ G   0  ] [ -mu ] = [ g - G v ]
 
 so that changes of all that is given need further right sides only, and derivatives of a function of
-c and mu one solution with these, since the matrix is symmetric. A row of G is p . s + m d(omega)
-with the velocity s of b relative to its place on a, the force p and the moment m. These and what is
-given depend on the slope t, the bend k, arms and weights of the joint by a few local derivatives.
+c and mu one solution with these, since the matrix is symmetric. Right sides and impulses, at
+constant c and mu, have a sparse Jacobian, which is followed both ways. A row of G is
+p . s + m d(omega) with the velocity s of b relative to its place on a, the force p and the moment
+m. These and what is given depend on the slope t, the bend k, arms and weights of the joint by a few
+local derivatives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+import itertools
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import scipy.sparse
 
 from fx_beam.coupling.place_on_beam import PlaceOnBeam
+from fx_beam.coupling.rate_equations import OnBeam
 
 from .rate_solver import RateSolver
+from .row_jacobian import RowJacobian, behind, times
 
 # Step in the imaginary direction.
 _STEP = 1e-100
+# Columns of the Jacobian: those of each configuration, and numbers that all have in common.
+_OF_STATE = "q", "v", "slides", "driven rates"
+_NUMBERS = "arms of joints", "axes of joints", "paths"
 
 
 class RateDerivatives:
@@ -38,117 +48,161 @@ class RateDerivatives:
         slides: np.ndarray,
         driven: np.ndarray,
     ):
-        self._solver, self._mass, self._equations = solver, mass, solver.equations
-        self._driven, self._values = driven, solver.values(q, slides)
-        equations, entries = self._equations, np.arange(len(self._equations.row))
-        self._plain, self._joint = equations.plain, equations.joint[: equations.plain]
-        shapes = (equations.row, equations.count), (equations.dof, equations.size)
-        self._to_rows, self._to_dofs = (
-            scipy.sparse.csr_matrix((np.ones(len(to)), (to, entries)), (n, len(to)))
-            for to, n in shapes
-        )
+        self._solver, self._mass, equations = solver, mass, solver.equations
+        self._equations, self._values = equations, solver.values(q, slides)
         turning = np.broadcast_to(equations.turning, self._values.given.shape)
         #: Forces and moments (n, count, 3) on b.
         self._weight = np.concatenate([self._values.push, turning[..., None]], axis=-1)
-        self._psi = _with_ground(q)[:, equations.a[:, 2]]
-        self._arm = self._arms(q, equations.apart[self._joint])
         self._places = [
             PlaceOnBeam(b.path, b.beam, q, slides[:, b.number]) for b in equations.on_beams
         ]
-        self._set_local_derivatives(slides)
-        lacking = self._times_driven(self._values.given, driven)
-        lacking -= self._G(self._values.entries, v)
-        x = solver.solve(self._values.entries, np.hstack([np.zeros_like(v), lacking]))
+        self._sliding, self._of_slides = self._slopes_of_slides(q, slides)
+        #: Driven column of each equation, or -1, and its rates (n, count).
+        self._column = np.where(equations.column < driven.shape[1], equations.column, -1)
+        self._driven = _with_ground(driven)[:, self._column]
+        entries, given, _ = self._values
+        of_v = (self._by_rates @ v.ravel()).reshape(given.shape)
+        x = solver.solve(entries, np.hstack([np.zeros_like(v), given * self._driven - of_v]))
         #: Corrections (n, size), multipliers (n, count), and rates that fit.
         self.c, self._mu = x[:, : v.shape[1]], -x[:, v.shape[1] :]
         self.rates = v + self.c
+        #: Numbers of columns of the Jacobian, those of all configurations in common.
+        self._widths = [x.shape[1] for x in (q, v, slides, driven)]
+        paths = sum(one.path.numbers.size for one in equations.on_beams)
+        self._common = [equations.apart.size, equations.axis.size, paths]
 
-    def _set_local_derivatives(self, slides: np.ndarray) -> None:
-        """Set those (n, count, 3, 3) of p and of what is given by t and k, and t (n, count, 2)."""
-        equations, n = self._equations, len(self._psi)
-        t, k, sleeve = np.zeros((n, equations.count, 2)), np.zeros((n, equations.count)), []
-        tangent, self._tangent_by = self._tangents(slides)
-        t[:, : self._plain] = _turned(self._psi, tangent)
-        local = np.zeros((*k.shape, 3, 3))
-        local[:, : self._plain, 2, :2] = equations.direction
-        self._beam_rows, row = [], self._plain
-        for one, place in zip(equations.on_beams, self._places, strict=True):
-            rows = np.arange(row, row := row + one.rows)
-            t[:, rows], k[:, rows] = place.slope[:, None], place.bend[:, None]
-            self._beam_rows.append(rows)
-            if one.sleeve:
-                sleeve.append(rows[-1])
-            if not one.free[0]:
-                local[:, rows[:2], 2, :2] = np.eye(2)
-        self._along, free = t, equations.free.copy()
-        bent, driven = (np.array([r for r in sleeve if free[r] == f], int) for f in (True, False))
-        local[..., 2, 2][:, driven] = 1.0
-        free[bent] = False
-        unit, square = np.eye(2), (t * t).sum(axis=-1)[..., None, None]
-        outer = t[..., :, None] * t[..., None, :] / np.where(square, square, 1.0)
-        across = (unit - outer)[:, free] / np.sqrt(square[:, free])
-        local[:, free, :2, :2] = np.array([[0.0, -1.0], [1.0, 0.0]]) @ across
-        by_t = -k[:, bent, None, None] * (unit - 2 * outer[:, bent])
-        local[:, bent, :2, :2] = by_t / square[:, bent]
-        local[..., :2, 2][:, bent] = -t[:, bent] / square[:, bent, 0]
-        self._local = local
+    # -- Local derivatives, exact to round-off by steps in the imaginary direction ----------------
 
-    def _tangents(self, slides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tangents (n, plain, 2) of tracks, and their derivatives (n, plain, 2, 3).
+    def _slopes_of_slides(self, q: np.ndarray, slides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Plain equations (k,) of joints with an axis, and those (n, k, 7, 4) of what they have.
 
-        These by axes and slides, exact to round-off by steps in the imaginary direction.
+        That is entries on b and a, and what is given; by the rotation of a, axis and slide.
         """
-        equations, slide = self._equations, _with_ground(slides)[:, self._joint, None]
-        axis = np.broadcast_to(equations.axis[self._joint], (*slide.shape[:2], 2))
-        given = np.concatenate([axis, slide], axis=-1).astype(complex)
-        tangent, by = np.zeros(axis.shape), np.zeros((*axis.shape, 3))
-        for track in equations.tracks:
-            rows = equations.track[self._joint] == track.number
-            for k, step in enumerate(_STEP * 1j * np.eye(3)):
-                *moved, at = np.moveaxis(given[:, rows] + step, -1, 0)
-                value = np.stack(track.tangent(moved, at), axis=-1)
-                tangent[:, rows], by[..., k][:, rows] = value.real, value.imag / _STEP
-        return tangent, by
-
-    # -- Products with the equations --------------------------------------------------------------
-
-    def _arms(self, q: np.ndarray, apart: np.ndarray) -> np.ndarray:
-        """Arms (..., plain, 2) from a to b, or their changes."""
-        with_ground, equations = _with_ground(q), self._equations
-        return apart + with_ground[..., equations.b[:, :2]] - with_ground[..., equations.a[:, :2]]
-
-    def _G(self, g: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """G x (..., count)."""
-        return _sums(self._to_rows, g * x[..., self._equations.dof])
-
-    def _times_driven(self, given: np.ndarray, driven: np.ndarray) -> np.ndarray:
-        """What is given (..., count) of each equation, for driven rates (..., driven)."""
-        own = self._is_driven
-        product = np.zeros(
-            np.broadcast_shapes(given.shape[:-1], driven.shape[:-1]) + given.shape[-1:]
+        equations, with_ground = self._equations, _with_ground(q)
+        axis = equations.axis[equations.joint[: equations.plain]]
+        own = np.flatnonzero(axis.any(axis=1))
+        a, b, joint, direction = (
+            x[own] for x in (equations.a, equations.b, equations.joint, equations.direction)
         )
-        product[..., own] = given[..., own] * driven[..., self._equations.column[own]]
-        return product
+        free, track_of = equations.free[own, None], equations.track[joint]
+
+        def law(given: np.ndarray) -> np.ndarray:
+            t = np.zeros_like(given[..., :2])
+            for track in equations.tracks:
+                rows = np.flatnonzero(track_of == track.number)
+                psi, *axis, slide = np.moveaxis(given[:, rows], -1, 0)
+                c, s, (x, y) = np.cos(psi), np.sin(psi), track.tangent(axis, slide)
+                t[:, rows] = np.stack([c * x - s * y, s * x + c * y], axis=-1)
+            along = (t * direction).sum(axis=-1, keepdims=True)
+            return np.concatenate([np.where(free, _across(t), direction), along], axis=-1)
+
+        axis = np.broadcast_to(axis[own], (len(q), *axis[own].shape))
+        given = [with_ground[:, a[:, 2:]], axis, slides[:, joint, None]]
+        slopes = _slopes(law, np.concatenate(given, axis=-1))
+        of_p, arm = slopes[:, :, :2], with_ground[:, b[:, :2]] - with_ground[:, a[:, :2]]
+        lever = np.einsum("nri,nrij->nrj", _across(equations.apart[joint] + arm), of_p)
+        none = np.zeros_like(lever)[:, :, None]
+        return own, np.concatenate(
+            [of_p, none, -of_p, -lever[:, :, None], slopes[:, :, 2:]], axis=2
+        )
+
+    @staticmethod
+    def _slopes_on_beam(one: OnBeam, place: PlaceOnBeam) -> np.ndarray:
+        """Those (n, rows, 4, 3) of forces and moments on b, and of what is given, by t and k."""
+
+        def law(given: np.ndarray) -> np.ndarray:
+            t, k = given[..., :2], given[..., 2:]
+            none, square = np.zeros_like(k), (t * t).sum(axis=-1, keepdims=True)
+            if not one.free[0]:
+                unit = np.broadcast_to(np.eye(3), (*given.shape, 3))
+                return np.concatenate([unit, given[..., None]], axis=-1)[:, : one.rows]
+            across, turned = _across(t) / np.sqrt(square), -k / square * t
+            both = [np.hstack([x, none, none]) for x in (across, turned)]
+            return np.stack(both, axis=1)[:, : one.rows]
+
+        return _slopes(law, np.column_stack([place.slope, place.bend]))
+
+    # -- Jacobians --------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _by_rates(self) -> scipy.sparse.csr_matrix:
+        """G of all configurations."""
+        equations = self._equations
+        G = RowJacobian(len(self._weight), equations.count, equations.size)
+        G.put(equations.row, equations.dof, self._values.entries)
+        return G.matrix
+
+    @functools.cached_property
+    def _impulses(self) -> scipy.sparse.csr_matrix:
+        """Impulses of joints and of columns by the multipliers."""
+        count, joints = self._equations.count, 3 * self._equations.joints
+        of = RowJacobian(len(self._mu), joints + self._equations.columns, count)
+        of.put(self._of_joint, np.arange(count)[:, None], self._weight)
+        of.put(behind(joints, self._equations.column), np.arange(count), self._values.given)
+        return of.matrix
 
     @property
-    def _is_driven(self) -> np.ndarray:
-        column = self._equations.column
-        return (column >= 0) & (column < self._driven.shape[1])
+    def _of_joint(self) -> np.ndarray:
+        """Places (count, 3) of the joint of each equation among impulses; -1 of supports."""
+        return behind(0, 3 * self._equations.joint[:, None] + np.arange(3))
 
-    def _relative(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities s (n, count, 2) of b relative to its place on a, and those of a (n, plain)."""
-        equations, with_ground = self._equations, _with_ground(x)
-        spin = with_ground[:, equations.a[:, 2]]
-        s = with_ground[:, equations.b[:, :2]] - with_ground[:, equations.a[:, :2]]
-        relative = np.empty((len(x), equations.count, 2))
-        relative[:, : self._plain] = s - spin[..., None] * _across(self._arm)
-        for one, place, rows in self._of_beams():
-            beneath = np.einsum("na,nai->ni", place.weights[0], x[:, place.dofs[:, :2]])
-            relative[:, rows] = (x[:, one.node[:2]] - beneath)[:, None]
-        return relative, spin
+    @functools.cached_property
+    def _jacobian(self) -> scipy.sparse.csr_matrix:
+        """Right sides, and impulses at constant multipliers, by the state and by numbers."""
+        equations, n, mu = self._equations, len(self._mu), self._mu[..., None]
+        size, row, rates = equations.size, np.arange(equations.count), _with_ground(self.rates)
+        starts = itertools.accumulate((*self._widths, *self._common[:2]), initial=0)
+        first = dict(zip((*_OF_STATE, *_NUMBERS), starts, strict=True))
+        impulses = size + equations.count
+        of_columns = impulses + 3 * equations.joints
+        of_joint = behind(impulses, self._of_joint)
+        of_column = behind(of_columns, equations.column)[:, None]
+        outputs, states = of_columns + equations.columns, sum(self._widths)
+        numbers, near = sum(self._common), sum(3 + len(place.near) for place in self._places)
+        found, by_places = RowJacobian(n, outputs, states, numbers), RowJacobian(n, outputs, near)
+        places = RowJacobian(n, near, states, numbers)
 
-    def _of_beams(self):
-        return zip(self._equations.on_beams, self._places, self._beam_rows, strict=True)
+        def put(to: RowJacobian, rows: Any, dofs: Any, of: Any, slopes: Any, given: Any) -> None:
+            """Put those by local numbers: slopes (n, rows, entries, ...) and (n, rows, ...)."""
+            by_rates = np.einsum("nre,nrei->nri", rates[:, dofs], slopes)
+            to.put(dofs[..., None], of[:, None], mu[:, rows, None] * slopes)
+            to.put(size + rows[:, None], of, self._driven[:, rows, None] * given - by_rates)
+            to.put(of_joint[rows, :2, None], of[:, None], mu[:, rows, None] * slopes[:, :, :2])
+            to.put(of_column[rows], of, mu[:, rows] * given)
+
+        plain, own, a, b = equations.plain, self._sliding, equations.a, equations.b
+        number = equations.joint[:plain, None]
+        pair = 2 * (number % len(equations.apart)) + [0, 1]
+        of_arm = np.hstack([b[:, :2], a[:, :2], first["arms of joints"] + pair])
+        across = _across(self._values.push[:, :plain])
+        across = np.concatenate([across, -across, across], axis=-1)
+        found.put(a[:, 2:], of_arm, mu[:, :plain] * across)
+        found.put(size + row[:plain, None], of_arm, -rates[:, a[:, 2:]] * across)
+        of = np.hstack([a[:, 2:], first["axes of joints"] + pair, first["slides"] + number])[own]
+        slopes = self._of_slides
+        put(found, own, np.hstack([b, a])[own], of, slopes[:, :, :6], slopes[:, :, 6])
+        start, last, path = 0, plain, first["paths"]
+        for one, place in zip(equations.on_beams, self._places, strict=True):
+            rows = np.arange(last, last := last + one.rows)
+            at = np.arange(start, start := start + 3 + len(place.near))
+            N, nodes, slopes = place.weights, place.dofs, self._slopes_on_beam(one, place)
+            of_node = slopes[:, :, :3]
+            on_beam = -np.einsum("nrij,na->nraij", of_node, N[0]).reshape(n, len(rows), -1, 3)
+            dofs = np.append(one.node, nodes)[None].repeat(len(rows), axis=0)
+            both = np.concatenate([of_node, on_beam], axis=2)
+            put(by_places, rows, dofs, at[None, :3], both, slopes[:, :, 3])
+            weight = self._weight[:, rows]
+            by_places.put(nodes, at[3:, None], -(mu[:, rows] * weight).sum(axis=1)[:, None])
+            by_rates = np.einsum("nri,nai->nra", weight, self.rates[:, nodes])
+            by_places.put(size + rows[:, None], at[3:], by_rates)
+            places.put(at, first["slides"] + one.number, place.by_slide)
+            places.put(at[:3], nodes, N[1][..., None])
+            places.put_common(at, path, place.by_numbers)
+            path += one.path.numbers.size
+        found.put(size + row, behind(first["driven rates"], self._column), self._values.given)
+        found.put(size + equations.row, first["v"] + equations.dof, -self._values.entries)
+        of_places = [by_places.matrix @ places.matrix] if self._places else []
+        return sum(of_places, found.matrix)
 
     # -- Derivatives ------------------------------------------------------------------------------
 
@@ -159,57 +213,22 @@ class RateDerivatives:
 
         From those by rates that fit (n, size), and by impulses (n, joints, 3) and (n, columns).
         """
-        (entries, given, push), mu, equations = self._values, self._mu, self._equations
-        joint, column = equations.joint, equations.column
-        n, size, plain = len(mu), rates.shape[1], self._plain
-        on_rows = np.pad(joints, ((0, 0), (0, 1), (0, 0)))[:, joint]
-        on_columns = np.pad(columns, ((0, 0), (0, 1)))[:, column]
-        by_mu = (self._weight * on_rows).sum(axis=-1) + given * on_columns
+        n, size = rates.shape
+        impulses = np.hstack([joints.reshape(n, -1), columns])
+        by_mu = (self._impulses.T @ impulses.ravel()).reshape(n, -1)
         # What has no mass, and no joint, keeps its rates.
-        held = _sums(self._to_dofs, abs(entries)) > 0
+        held = np.asarray(abs(self._by_rates).sum(axis=0)).reshape(n, size) > 0
         by_c = np.where(held | (self._solver.little == 0), rates, 0.0)
-        x = self._solver.solve(entries, np.hstack([by_c, -by_mu]))
-        of_c, of_rows = x[:, :size], x[:, size:]
-        (s, spin), (moved, turned) = self._relative(of_c), self._relative(self.rates)
-        by_push = mu[..., None] * (s + on_rows[..., :2]) - of_rows[..., None] * moved
-        driven = self._times_driven(np.ones(len(column)), self._driven)
-        by_given = of_rows * driven + mu * on_columns
-        by_local = np.concatenate([by_push, by_given[..., None]], axis=-1)
-        by_along = np.einsum("nri,nrij->nrj", by_local, self._local)
-        by_q, by_slides = np.zeros((size + 1, n)), np.zeros((n, equations.joints + 1))
-        turn = mu[:, :plain] * spin - of_rows[:, :plain] * turned
-        by_arm = turn[..., None] * _across(push[:, :plain])
-        by_t = by_along[:, :plain, :2]
-        for i in range(2):
-            np.add.at(by_q, equations.b[:, i], by_arm[..., i].T)
-            np.add.at(by_q, equations.a[:, i], -by_arm[..., i].T)
-        turns = (by_t * _across(self._along[:, :plain])).sum(axis=-1)
-        np.add.at(by_q, equations.a[:, 2], turns.T)
-        by_track = np.einsum("nri,nrik->nrk", _turned(-self._psi, by_t), self._tangent_by)
-        np.add.at(by_slides.T, self._joint, by_track[..., 2].T)
-        by_q, by_paths, by_slides = by_q[:-1].T.copy(), [np.empty(0)], by_slides[:, :-1]
-        for one, place, rows in self._of_beams():
-            weight = self._weight[:, rows]
-            of = _times(of_rows[:, rows], weight) * self.rates[:, place.dofs]
-            of -= _times(mu[:, rows], weight) * of_c[:, place.dofs]
-            by = np.hstack([by_along[:, rows].sum(axis=1), of.sum(axis=-1)])
-            by_slides[:, one.number], by_path = place.vjp(by, by_q)
-            by_paths.append(by_path.sum(axis=0))
-        masses, of_joints = self._mass.tocoo(), np.zeros((2, equations.joints + 1, 2))
-        np.add.at(of_joints[0], self._joint, by_arm.sum(axis=0))
-        np.add.at(of_joints[1], self._joint, by_track[..., :2].sum(axis=0))
-        numbers = {
-            "mass": -(of_c[:, masses.row] * self.c[:, masses.col]).sum(axis=0),
-            "arms of joints": of_joints[0],
-            "axes of joints": of_joints[1],
-        }
-        if equations.on_beams:
-            numbers["paths"] = np.concatenate(by_paths)
-        by_driven = np.zeros_like(self._driven)
-        own = self._is_driven
-        np.add.at(by_driven.T, column[own], (given * of_rows)[:, own].T)
-        by_v = rates - _sums(self._to_dofs, entries * of_rows[:, equations.row])
-        return {"q": by_q, "slides": by_slides, "v": by_v, "driven rates": by_driven}, numbers
+        x = self._solver.solve(self._values.entries, np.hstack([by_c, -by_mu]))
+        by = self._jacobian.T @ np.hstack([x, impulses]).ravel()
+        of_state, numbers = by[: n * sum(self._widths)], by[n * sum(self._widths) :]
+        parts = np.split(of_state.reshape(n, -1), np.cumsum(self._widths)[:-1], axis=1)
+        found = dict(zip(_OF_STATE, parts, strict=True))
+        found["v"] = found["v"] + rates
+        common = dict(zip(_NUMBERS, np.split(numbers, np.cumsum(self._common)[:-1]), strict=True))
+        masses = self._mass.tocoo()
+        common["mass"] = -(x[:, masses.row] * self.c[:, masses.col]).sum(axis=0)
+        return found, {name: values for name, values in common.items() if values.size}
 
     def jvp(
         self, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
@@ -219,57 +238,25 @@ class RateDerivatives:
         From those of the state, "q", "v", "slides" and "driven rates" (n, m, ...), and of numbers
         (m, ...).
         """
-        (entries, given, push), mu, equations = self._values, self._mu, self._equations
-        q, v, driven = (of_state[name] for name in ("q", "v", "driven rates"))
-        size, plain, (n, m, _) = v.shape[-1], self._plain, v.shape
-        arm = self._arms(q, changes["arms of joints"][:, self._joint])
-        along = np.zeros((n, m, equations.count, 3))
-        turn = _with_ground(q)[..., equations.a[:, 2], None]
-        axis = np.broadcast_to(changes["axes of joints"][:, self._joint], (n, m, plain, 2))
-        along[..., :plain, :2] = turn * _across(self._along[:, None, :plain])
-        slide = _with_ground(of_state["slides"])[..., self._joint, None]
-        of_track = np.concatenate([axis, slide], axis=-1)
-        of_track = np.einsum("nrik,nmrk->nmri", self._tangent_by, of_track)
-        along[..., :plain, :2] += _turned(self._psi[:, None], of_track)
-        firsts, weights = 0, []
-        for one, place, rows in self._of_beams():
-            numbers = changes["paths"][:, firsts : (firsts := firsts + one.path.numbers.size)]
-            of_place = place.changes(q, of_state["slides"][..., one.number], numbers)
-            along[..., rows, :] = of_place[..., None, :3]
-            weights.append(of_place[..., 3:])
-        more = np.einsum("nrij,nmrj->nmri", self._local, along)
-        of_push, of_given = more[..., :2], more[..., 2]
-        p = push[:, None, :plain]
-        lever = _cross(arm, p) + _cross(self._arm[:, None], of_push[..., :plain, :])
-        none = np.zeros((n, m, plain, 1))
-        ends = np.concatenate(
-            [of_push[..., :plain, :], none, -of_push[..., :plain, :], -lever[..., None]], -1
-        )
-        parts = [ends.reshape(n, m, -1)]
-        for (one, place, rows), of_weights in zip(self._of_beams(), weights, strict=True):
-            of_rows = np.zeros((n, m, len(rows), 3, one.dof.shape[1]))
-            at = 1 + place.near
-            of_rows[..., :2, 0] = of_push[..., rows, :]
-            N = place.weights[0][:, None, None, None]
-            of_rows[..., :2, at] = -of_push[..., rows, :, None] * N
-            weight = self._weight[:, None, rows, :, None]
-            of_rows[..., at] -= weight * of_weights[:, :, None, None]
-            parts.append(of_rows.reshape(n, m, -1))
-        of_entries = np.concatenate(parts, axis=-1)[..., equations.entry]
-        top = _sums(self._to_dofs, of_entries * mu[:, None, equations.row])
+        states = np.concatenate([of_state[name] for name in _OF_STATE], axis=-1)
+        (n, m, _), size = states.shape, self.c.shape[1]
+        numbers = [changes[name].reshape(m, -1).T for name in _NUMBERS if name in changes]
+        found, right = times(self._jacobian, states, numbers), size + self._equations.count
         for j, mass in enumerate(changes["mass"]):
             if mass.any():
                 of_mass = self._mass.copy()
                 of_mass.data = mass
-                top[:, j] -= (of_mass @ self.c.T).T
-        bottom = self._times_driven(given[:, None], driven)
-        bottom += self._times_driven(of_given, self._driven[:, None])
-        bottom -= self._G(of_entries, self.rates[:, None]) + self._G(entries[:, None], v)
-        x = self._solver.solve(entries, np.concatenate([top, bottom], axis=-1))
-        forces, turning = self._solver.forces, equations.turning
-        joints, columns = forces(push[:, None], turning, given[:, None], -x[..., size:])
-        others = forces(of_push, 0 * turning, of_given, mu[:, None])
-        return v + x[..., :size], joints + others[0], columns + others[1]
+                found[:, j, :size] -= (of_mass @ self.c.T).T
+        x = self._solver.solve(self._values.entries, found[..., :right])
+        impulses = found[..., right:] - times(self._impulses, x[..., size:])
+        joints, columns = np.split(impulses, [3 * self._equations.joints], axis=-1)
+        return of_state["v"] + x[..., :size], joints.reshape(n, m, -1, 3), columns
+
+
+def _slopes(law: Callable[[np.ndarray], np.ndarray], given: np.ndarray) -> np.ndarray:
+    """Derivatives (..., m) of an analytic law by m numbers (..., m)."""
+    steps = _STEP * 1j * np.eye(given.shape[-1])
+    return np.stack([law(given + step).imag / _STEP for step in steps], axis=-1)
 
 
 def _with_ground(x: np.ndarray) -> np.ndarray:
@@ -277,27 +264,6 @@ def _with_ground(x: np.ndarray) -> np.ndarray:
     return np.concatenate([x, np.zeros((*x.shape[:-1], 1))], axis=-1)
 
 
-def _turned(psi: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Vectors (..., 2), turned by psi (...)."""
-    c, s = np.cos(psi), np.sin(psi)
-    return np.stack([c * x[..., 0] - s * x[..., 1], s * x[..., 0] + c * x[..., 1]], axis=-1)
-
-
 def _across(x: np.ndarray) -> np.ndarray:
     """Vectors (..., 2), turned by a right angle."""
     return np.stack([-x[..., 1], x[..., 0]], axis=-1)
-
-
-def _times(x: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Sums (n, 1, 3) over rows of x (n, rows) times weights (n, rows, 3)."""
-    return np.einsum("nr,nri->ni", x, weight)[:, None]
-
-
-def _cross(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    return x[..., 0] * y[..., 1] - x[..., 1] * y[..., 0]
-
-
-def _sums(to: scipy.sparse.csr_matrix, x: np.ndarray) -> np.ndarray:
-    """Sums (..., n) of entries (..., entries)."""
-    flat = x.reshape(-1, x.shape[-1])
-    return (to @ flat.T).T.reshape(*x.shape[:-1], to.shape[0])

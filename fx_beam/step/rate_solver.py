@@ -144,18 +144,6 @@ class RateSolver:
         self._check(self._library.fx_solve_rates(self._c, n, m, *arrays))
         return x
 
-    def forces(self, push, turning, given, multipliers) -> tuple[np.ndarray, np.ndarray]:
-        """Impulses (..., joints, 3) of joints, and (..., columns) of motors and supports."""
-        shape = np.broadcast_shapes(multipliers.shape, given.shape)
-        joints = np.empty((*shape[:-1], self._c.joints, 3))
-        columns = np.empty((*shape[:-1], self._c.columns))
-        push = np.broadcast_to(push, (*shape, 2))
-        given, multipliers = (np.broadcast_to(x, shape) for x in (given, multipliers))
-        arrays = map(np.ascontiguousarray, (push, turning, given, multipliers, joints, columns))
-        n = int(np.prod(shape[:-1]))
-        self._library.fx_rate_forces(self._c, n, *map(self._of, arrays))
-        return joints, columns
-
     @staticmethod
     def _check(done: int) -> None:
         if not done:

@@ -283,12 +283,3 @@ int fx_solve_rates(const RateFit *f, int n, int m, const double *entries, const 
   free(space);
   return space != 0;
 }
-
-void fx_rate_forces(const RateFit *f, int n, const double *push, const double *turning, const double *given,
-                    const double *multiplier, double *joints, double *constraints) {
-  for (; n > 0; --n) {
-    find_forces(f, push, turning, given, multiplier, joints, constraints);
-    push += 2 * f->count, given += f->count, multiplier += f->count;
-    joints += 3 * f->joints, constraints += f->columns;
-  }
-}

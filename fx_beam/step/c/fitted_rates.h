@@ -48,6 +48,4 @@ int fx_rate_equations(const RateFit *f, int n, const double *q, const double *sl
                       double *given, double *push);
 /* Rates and negative multipliers for m right sides of each configuration. */
 int fx_solve_rates(const RateFit *f, int n, int m, const double *entries, const double *right, double *x);
-void fx_rate_forces(const RateFit *f, int n, const double *push, const double *turning, const double *given,
-                    const double *multiplier, double *joints, double *constraints);
 const char *fx_missing(void); /* processor.h */
