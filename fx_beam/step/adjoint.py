@@ -28,7 +28,8 @@ class Adjoint:
     def __init__(self, problem: Problem):
         check(problem.model)
         self.problem, self._model = problem, problem.model
-        self._ffi, self._library, self._p = problem.ffi, problem.derivatives, problem.c
+        problem.begin_derivatives()  # beside slopes of forms
+        self._ffi, self._p = problem.ffi, problem.c
         self._structs = Structs(self._ffi, declarations("problem.h"))
         #: The C struct Adjoint.
         self.c = self._ffi.new("Adjoint *")
@@ -37,6 +38,7 @@ class Adjoint:
         self._has_places: bool | None = None
         self._hand_over_elements()
         self._hand_over_points()
+        self._library = problem.derivatives
         members = self._model.points.members
         if members is not None:
             counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}

@@ -19,7 +19,6 @@ from fx_beam.results.state import MACROS
 _FLAGS = ["-fwhole-program"]
 # Steps are as fast as with -O3, which takes half as long again to compile; derivatives are not.
 _FLAGS_OF_LOOP = [*_FLAGS, "-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic"]
-_LOOP = "the loop over time steps"
 # Addresses in the libraries that this process has loaded, which Python does not unload.
 _loaded: dict[tuple[str, ...], list[int]] = {}
 
@@ -31,21 +30,27 @@ def load_library(features: str = "CHAIN", *definitions: str) -> tuple[Any, Any]:
     It serves scenes with some features (c/scene_features.h). `definitions` are macros: DERIVATIVES
     for those of steps in their place, or PHASES, which measures the time of each phase.
     """
-    what, flags = _LOOP, _FLAGS_OF_LOOP
-    if "DERIVATIVES" in definitions:
-        what, flags = "derivatives of time steps", _FLAGS
-    more = f"FEATURES {features}", *definitions
+    what, more, flags = _asked(features, definitions)
     return c_library.open_library(what, "loop.c", "problem.h", MACROS, more, flags)
 
 
+def _asked(features: str, definitions: tuple[str, ...]) -> tuple[str, tuple[str, ...], list[str]]:
+    """What a library is, its macros, and its flags."""
+    more = f"FEATURES {features}", *definitions
+    if "DERIVATIVES" in definitions:
+        return "derivatives of time steps", more, _FLAGS
+    return "the loop over time steps", more, _FLAGS_OF_LOOP
+
+
 @functools.cache
-def begin_to_build(features: str) -> None:
-    """Compile a library of the loop, beside forms, if the cache lacks it."""
-    source = c_library.with_macros("loop.c", *MACROS, f"FEATURES {features}")
+def begin_to_build(features: str, *definitions: str) -> None:
+    """Compile the same library beside all else, if the cache lacks it."""
+    what, more, flags = _asked(features, definitions)
+    source = c_library.with_macros("loop.c", *MACROS, *more)
 
     def build() -> None:
         with suppress(c_library.CannotBuild, SceneError):  # who loads it is told why
-            c_library.load(_LOOP, source, lambda: source, lambda _: True, _FLAGS_OF_LOOP)
+            c_library.load(what, source, lambda: source, lambda _: True, flags)
 
     threading.Thread(target=build).start()
 

@@ -29,6 +29,7 @@ from fx_beam.laws.interval import StepStart
 from fx_beam.laws.rates import NodalRates
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
+from fx_beam.scene.beam import Beam
 from fx_beam.scene.coordinate import Coulomb
 from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.joints import Joint, joints_by_number, slides_at_start
@@ -73,9 +74,8 @@ class Model:
         self.scene = scene
         self.scheme = scheme
         self.mesh = build_mesh(scene)
-        if not sliding_joints(scene.joints):  # what most scenes need
-            moving = "BAND" if scene.joints else "CHAIN"
-            begin_to_build("0" if scheme.rates.at_rest else moving)
+        if not sliding_joints(scene.joints):
+            begin_to_build(_probable_features(scene, scheme))
         self.forms = Forms(scene, scheme, self.mesh, instant)
         self.size, self.turns = self.forms.size, self.forms.turns
         self._mass = Mass(scene, self.mesh, self.forms, scheme.rates.at_rest)
@@ -485,6 +485,16 @@ class Model:
             lambda name, node: histories[name][:, node.number].T,
             lambda name, beam: histories[name][:, self.mesh.nodes_of(self.scene, beam)],
         )
+
+
+def _probable_features(scene: Scene, scheme: Scheme) -> str:
+    """What the library for most scenes of a kind has (c/scene_features.h)."""
+    if any(isinstance(obstacle.shape, Beam) for obstacle in scene.obstacles):
+        return "MEMBERS"
+    if scheme.rates.at_rest:
+        return "0"
+    wide = scene.beams and (scene.joints or scene.beams[0].degree > 1)
+    return "BAND" if wide else "CHAIN"
 
 
 def _lie_elsewhere(new: Joint, old: Joint) -> bool:

@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from fx_beam.c_library import Structs, declarations
+from fx_beam.c_library import Structs, declarations, declared
 from fx_beam.coupling.index_reduction import AuxiliaryTables, Tables
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.fem import dolfinx_api
 from fx_beam.laws.schemes import MOST_SUB_STEPS
-from fx_beam.results.state import ARRAYS
+from fx_beam.results.state import ARRAYS, MACROS
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, joints_by_number
 
 from .bordering_tables import BorderingTables, on_bordering_rows, ones_of, storage_of
-from .build import load_library
+from .build import begin_to_build, load_library
 from .element_data import aligned, element_data
 from .form_tables import FormTables
 from .joint_forces import JointForces, Passing
@@ -53,7 +53,10 @@ class Problem:
         self.model, self._frame_turns, self._alone = model, turns, alone
         self.factors = self._factors_of(*model.reduction.factored)
         self._features = self._features_of_scene()
-        self.ffi, self.library = load_library(self._features)
+        begin_to_build(self._features)  # beside what is compiled for the elements
+        self.ffi = declared("problem.h", MACROS)
+        #: Constants of problem.h.
+        self.constants = self.ffi.dlopen(None)
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
         self._stored_at = stored_at = self._hand_over_couplings(model.reduction.tables())
@@ -87,6 +90,15 @@ class Problem:
             "MEMBERS": self.model.points.members is not None,
         }
         return "|".join(name for name, present in has.items() if present) or "0"
+
+    @functools.cached_property
+    def library(self) -> Any:
+        """The library of steps."""
+        return load_library(self._features)[1]
+
+    def begin_derivatives(self) -> None:
+        """Compile `derivatives` beside all else."""
+        begin_to_build(self._features, "DERIVATIVES")
 
     @functools.cached_property
     def derivatives(self) -> Any:
@@ -151,7 +163,7 @@ class Problem:
         self.tables: FormTables | None = None
         if (beams := model.forms.beams) is not None:
             stored = stored_at[entries]
-            self.tables = FormTables(beams, dofs, coordinates, stored, p, self.library.LANES)
+            self.tables = FormTables(beams, dofs, coordinates, stored, p, self.constants.LANES)
             self._set(**self.tables.all())
             if p.cell_internal:
                 width = beams.internal_shape[-1]
@@ -260,7 +272,7 @@ class Problem:
                 column_at_node=rules.columns,
                 rule_stored_at=stored_at[rules.value_at],
             )
-        assert self.library.SUB_STEPS == MOST_SUB_STEPS
+        assert self.constants.SUB_STEPS == MOST_SUB_STEPS
         self._set(sub_steps=len(fractions), fractions=fractions)
 
     def _hand_over_couplings(self, t: Tables) -> np.ndarray:
@@ -312,7 +324,7 @@ class Problem:
             t, self.model.forms.stiffness, alone, at, stored
         )
         if isinstance(reduction, JointReduction):
-            first = self.library.ON_BORDER
+            first = self.constants.ON_BORDER
             diagonal_at = stored_at[diagonal_of(self.model.forms.stiffness)]
             bordering_rows = BorderingTables(reduction, factors, at, diagonal_at, self.model, first)
             self._set(**bordering_rows.all())
@@ -346,7 +358,7 @@ class Problem:
         size, reduction, couplings = self.model.size, self.model.reduction, self.model.couplings
         groups = groups_of(*reduction.factored, self._auxiliaries, reduction.forces)
         row_of, unknown_of = on_bordering_rows(
-            reduction, *reduction.system(), self.library.ON_BORDER
+            reduction, *reduction.system(), self.constants.ON_BORDER
         )
         order = np.argsort(t.entries["row"], kind="stable")
         starts = np.concatenate([[0], np.cumsum(np.bincount(t.entries["row"], minlength=size))])

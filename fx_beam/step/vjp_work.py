@@ -61,7 +61,7 @@ class VjpWork:
         return self._members[by_places]
 
     def _made(self, layout: Layout, by_places: bool) -> dict[str, Any]:
-        tables, lanes = self._problem.tables, self._problem.library.LANES
+        tables, lanes = self._problem.tables, self._problem.constants.LANES
         assert tables is not None
         wanted = [name for name in self._vjp.sizes if by_places or name != "coordinates"]
         slopes = self._vjp.slopes(wanted)
