@@ -11,7 +11,6 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.parallel.team import Team
-from fx_beam.parallel.team_loop import TeamLoop
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, State
@@ -63,8 +62,12 @@ class Prepared:
             self.stepper = Stepper(loop, options.halving)
             return
         given = model, self.forcing, options.newton, self.stats
-        new = CompiledLoop(*given) if self._team is None else TeamLoop(self._team, *given)
-        self.stepper = Stepper(new, options.halving)
+        if self._team is None:
+            self.stepper = Stepper(CompiledLoop(*given), options.halving)
+            return
+        from fx_beam.parallel.team_loop import TeamLoop
+
+        self.stepper = Stepper(TeamLoop(self._team, *given), options.halving)
 
     def refill(self, scene: Scene, options: Options | None = None) -> None:
         """Set all numbers to those of another scene, as if it were prepared anew.

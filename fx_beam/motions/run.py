@@ -6,6 +6,7 @@ import functools
 import logging
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +23,11 @@ from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import equal_steps
 from fx_beam.step.substeps import LARGE_TURN
 
-from .adaptive_run import AdaptiveRun
 from .contact_check import warn_of_places, warn_of_sharp_bends
-from .ending import Ending
 from .evaluation import solution_of
 from .options import Tolerance
 from .prepared import Prepared
 from .progress import attach, failure_of, progress_bar
-from .row_files import RowFiles
 
 _log = logging.getLogger("fx_beam")
 
@@ -99,7 +97,11 @@ class Run:
         model, record, control = prepared.model, prepared.options.record, self._control
         to_file = record.file is not None
         self.recorder = recorder = Recorder(model, self.times[: 1 if to_file else None], record)
-        self._files = RowFiles(prepared, recorder, record.file) if to_file else None
+        self._files: Any = None
+        if to_file:
+            from .row_files import RowFiles
+
+            self._files = RowFiles(prepared, recorder, record.file)
         prepared.stats.file = str(record.file) if to_file else ""
         #: Times at which a contact or a law has switched [s].
         self._events: list[float] = []
@@ -164,6 +166,8 @@ class Run:
         if self._control is None:
             take_steps = self._steps_of_grid(1 if options.until else 1000)
         else:
+            from .adaptive_run import AdaptiveRun
+
             adaptive = AdaptiveRun(
                 prepared.stepper, recorder, self._control, single=bool(options.until)
             )
@@ -172,6 +176,8 @@ class Run:
                 _log.warning(_IMPACTS, prepared.stats.scheme)
         if not options.until:
             return take_steps
+        from .ending import Ending
+
         ending, kinks = Ending(prepared, recorder), [*options.breaks, recorder.end.t]
         return lambda state: ending.advance(take_steps, kinks + self._events)
 
