@@ -54,15 +54,11 @@ class ResultantOutput:
         found = np.zeros((rows, len(self._cells) * shape[1], count))
         for row, k, share in self._parts:
             part = of.part(k)
-            before, after, earlier = of.places(max(k, 0))
             for j in range(count):
-                q = of_state["q"][:, j]
-                own: dict[str, Any] = {"start": q[before], "q_previous": q[earlier]}
-                own["increment"] = q[after] - q[before]
-                if k < 0:
-                    length = of.moves * part.interval.length
-                    own["increment"] = length * of_state["v"][before, j]
-                own["internal"] = of_state["internal"][before, j]
+                own: dict[str, Any] = {}
+                for name, array, place, factor in of.sources(k):
+                    if array in of_state:
+                        own[name] = own.get(name, 0.0) + factor * of_state[array][place, j]
                 own |= {n: changes[to][j] for n, to in OF_NUMBERS.items() if to in changes}
                 own["X"] = changes["X"][j]
                 if of.natural is not None:

@@ -115,23 +115,27 @@ class SubSteps:
         for name, values in given.items():
             yield of_row(name, row, values, place if name in self.states else None)
 
+    def sources(self, k: int) -> Iterator[tuple[str, str, int, float]]:
+        """What forms read of sub-step k, or of the start of the run, as sums of states.
+
+        Its name, the array and its place, and a factor.
+        """
+        before, after, earlier = self.places(k)
+        if k >= 0:
+            yield from (("increment", "q", after, 1.0), ("increment", "q", before, -1.0))
+        else:
+            yield "increment", "v", before, self.moves * self.short
+        yield from (("start", "q", before, 1.0), ("q_previous", "q", earlier, 1.0))
+        yield from ((name, name, before, 1.0) for name in ("internal", "spring internal"))
+
     def in_step(self, row: int, k: int, by: Mapping[str, np.ndarray]) -> Iterator[Block]:
         """From those by what forms read of sub-step k, or of the start of the run."""
-        (before, after, earlier), given = self.places(k), _there(by)
-        if (D := given.pop("increment", None)) is not None:
-            if k >= 0:
-                yield of_row("q", row, D, after)
-                yield of_row("q", row, -D, before)
-            elif self.moves:
-                yield of_row("v", row, self.short * D, before)
-        for name, at, place in (
-            ("start", "q", before),
-            ("q_previous", "q", earlier),
-            ("internal", "internal", before),
-            ("spring internal", "spring internal", before),
-        ):
-            if name in given:
-                yield of_row(at, row, given.pop(name), place)
+        given, read = _there(by), set()
+        for name, array, place, factor in self.sources(k):
+            read.add(name)
+            if name in given and factor:
+                yield of_row(array, row, factor * given[name], place)
+        given = {name: values for name, values in given.items() if name not in read}
         for name, boundary in NATURAL.items():
             if name in given and self.natural is not None:
                 yield from self.natural.blocks(row, boundary(k), given.pop(name))
