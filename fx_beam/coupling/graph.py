@@ -320,14 +320,9 @@ def motors(scene: Scene) -> list[tuple[Joint, str]]:
     """Joints with a motor, each with the name of its coordinate: "slide" or "rotation"."""
     moved = []
     for joint in scene.joints:
-        names = [
-            name
-            for name, coordinate in (("slide", joint.slide), ("rotation", joint.rotation))
-            if coordinate is not None and coordinate.motor is not None
-        ]
-        if len(names) == 2:
+        if len(joint.driven) == 2:
             raise SceneError(f"{joint}: it has two motors. Move one of them to another joint")
-        moved += [(joint, name) for name in names]
+        moved += [(joint, name) for name in joint.driven]
     return moved
 
 

@@ -68,7 +68,7 @@ class RateEquations:
                 self.axis[joint.number] = joint.axis
                 self.track[joint.number] = joint.track.number
             if joint not in left_out:
-                free = joint.slide is not None and joint.slide.motor is None
+                free = "slide" in joint.coordinates and "slide" not in joint.driven
                 (slots if free else pins).append(joint)
         turns = [joint for joint in pins + slots if joint.turns_together]
         parts = pins, pins, slots, turns
@@ -179,7 +179,7 @@ class OnBeam:
         #: Degrees of freedom (nodes, 3) of the beam, and (3,) of the node.
         self.beam = mesh.dofs[mesh.nodes_of(scene, joint.beam)]
         self.node = mesh.dofs[joint.b.number]
-        slides = joint.slide is None or joint.slide.motor is None
+        slides = "slide" not in joint.driven
         self.sleeve = joint.turns_together
         self.rows = 2 - slides + self.sleeve
         #: Of each row: its joint, whether its multiplier is a moment, and its force across a free

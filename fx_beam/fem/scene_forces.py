@@ -116,22 +116,22 @@ def _of_joints(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
 def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[PointForce]:
     """Friction of joints that follows their own force."""
     for joint in scene.joints:
-        for on, kind in ((joint.slide, SLIDE), (joint.rotation, ANGLE)):
-            if on is None or not isinstance(friction := on.friction, Coulomb):
+        for name, on in joint.coordinates.items():
+            if not isinstance(friction := on.friction, Coulomb):
                 continue
+            kind = SLIDE if name == "slide" else ANGLE
             law, dofs = laws.joint_friction(kind), _rotations(joint, mesh)
             moving = (
                 [mesh.dofs.size + joint.number] if kind is SLIDE else [d for d in dofs if d >= 0]
             )
             tau, mu, stiffness = bristle(friction, 1.0, mobility[moving].sum())
             numbers = [tau, mu * (friction.radius or 1.0), stiffness]
+            load = Load(joint.number)
             if kind is ANGLE:
-                load = Load(joint.number)
                 yield PointForce(law, numbers, dofs, joint=joint.number, load=load)
                 continue
-            load = Load(joint.number)
             if joint.axis is not None:
-                load = Load(joint.number, tuple(joint.tangent(0.0).tolist()), dofs[0])
+                load = Load(joint.number, tuple(joint.kinematics.tangent(0.0).tolist()), dofs[0])
             yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE, load=load)
 
 

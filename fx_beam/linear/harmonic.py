@@ -149,9 +149,10 @@ def _rows(about: Linearisation, at, what: str):
     if at not in scene.joints:
         raise SceneError(f"{what}: {at} is not a joint of the scene; take what add_joint returned")
     rows = {}
-    if at.slide is not None and at.slide.motor is None:
+    free = at.coordinates.keys() - at.driven
+    if "slide" in free:
         rows["slide"] = about.columns[model.couplings.slides[at.number]]
-    if at.rotation is not None and at.rotation.motor is None:
+    if "rotation" in free:
         a, b = (
             T[dofs[node.number, 2]] if node is not GROUND else 0 * T[0] for node in (at.a, at.b)
         )

@@ -55,7 +55,7 @@ class Linearisation(NamedTuple):
     def may_be_damped(self) -> bool:
         """Whether the scene has anything whose forces depend on rates."""
         scene, beams = self.model.scene, self.model.forms.beams
-        coordinates = [c for joint in scene.joints for c in (joint.slide, joint.rotation) if c]
+        coordinates = [c for joint in scene.joints for c in joint.coordinates.values()]
         coordinates += [force.on for force in scene.forces_between]
         return (
             any(beam.section.damped for beam in scene.beams)

@@ -140,8 +140,8 @@ def _with_losses(
         if obstacle.restitution < 1:
             yield str(obstacle), obstacle, Contact(solution, obstacle).gap
     for joint in joints:
-        for on, name in ((joint.slide, "slide"), (joint.rotation, "angle")):
-            stop = None if on is None else on.stop
+        for coordinate, on in joint.coordinates.items():
+            name, stop = "slide" if coordinate == "slide" else "angle", on.stop
             if stop is None or stop.restitution == 1:
                 continue
             for sign, limit in ((1, stop.lower), (-1, stop.upper)):

@@ -216,7 +216,7 @@ def check_joints(model: Model, state: State) -> None:
     for joint in model.scene.joints:
         number, slide = joint.number, state.slides[joint.number : joint.number + 1]
         gap = float(joint.kinematics.gap(at, slide)[0])
-        if joint.slide is not None and joint.slide.motor is not None:
+        if "slide" in joint.driven:
             gap += abs(float(slide[0]) - joint.start()[0] - moved[number, "slide"])
         turn = float(joint.kinematics.angle(at, slide)[0])
         turn -= moved.get((number, "rotation"), 0.0)

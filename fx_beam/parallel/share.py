@@ -81,10 +81,6 @@ class Share:
 
 def bare(joint: Joint) -> Joint:
     """The joint without the forces on its coordinates; motors are only known to be there."""
-    return replace(joint, slide=_only_motor(joint.slide), rotation=_only_motor(joint.rotation))
-
-
-def _only_motor(coordinate: Coordinate | None) -> Coordinate | None:
-    if coordinate is None:
-        return None
-    return Coordinate(motor=None if coordinate.motor is None else _AT_REST)
+    motors = {name: _AT_REST if name in joint.driven else None for name in joint.coordinates}
+    parts: dict[str, Any] = {name: Coordinate(motor=motor) for name, motor in motors.items()}
+    return replace(joint, **parts)

@@ -159,13 +159,13 @@ def _prescribed(sheet: Sheet, scene: Scene) -> None:
 def _motors(sheet: Sheet, scene: Scene) -> None:
     for joint in scene.joints:
         position = _position(joint.a if joint.b is GROUND else joint.b)
-        along = joint.direction
-        if joint.slide is not None and joint.slide.motor is not None and along is not None:
-            locked = isinstance(joint.slide.motor, Held)
-            _double_arrow(sheet, position, along, "locked" if locked else "motor d(t)")
-        if joint.rotation is not None and joint.rotation.motor is not None:
-            locked = isinstance(joint.rotation.motor, Held)
-            _double_turn(sheet, position, "locked" if locked else r"motor $\psi$(t)")
+        for name in joint.driven:
+            locked = isinstance(joint.coordinates[name].motor, Held)
+            if name == "slide":
+                text = "locked" if locked else "motor d(t)"
+                _double_arrow(sheet, position, joint.direction, text)
+            else:
+                _double_turn(sheet, position, "locked" if locked else r"motor $\psi$(t)")
 
 
 def _double_arrow(sheet: Sheet, position, direction, text: str) -> None:

@@ -139,11 +139,11 @@ def draw_joints(ax, drawing: Drawing, k: int) -> list:
     drawn = draw_lines(ax, _guides(drawing, joints, k), **fine | {"linestyle": ":"})
     parts: dict[str, list[np.ndarray]] = {"spring": [], "damper": [], "friction": []}
     for joint in joints:
-        for on in (joint.slide, joint.rotation):
+        for name, on in joint.coordinates.items():
+            drawn_part = _along_slide if name == "slide" else _around
             for part, lines in parts.items():
-                if on is not None and getattr(on, part) is not None:
-                    along = on is joint.slide
-                    lines.append((_along_slide if along else _around)(drawing, joint, part, k))
+                if getattr(on, part) is not None:
+                    lines.append(drawn_part(drawing, joint, part, k))
     drawn += draw_lines(ax, parts["spring"] + parts["damper"], **fine)
     drawn += draw_lines(ax, parts["friction"], **thick)
     return drawn + draw_between(ax, drawing, k) + draw_hinges(ax, drawing, k)
@@ -261,7 +261,7 @@ def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np
         return position - _SPRING_END * drawing.size * slide_direction(drawing, joint, k), position
     if not is_grounded(joint):
         return _position_on_a(drawing, joint, k), drawing.positions(joint.b.number, k)
-    far = -_SPRING_END * drawing.size * joint.tangent(joint.start()[0])
+    far = -_SPRING_END * drawing.size * joint.kinematics.tangent(joint.start()[0])
     number = on_ground(joint)
     return drawing.solution.X[number] + far, drawing.positions(number, k)
 

@@ -84,9 +84,8 @@ class JointMotion:
     @property
     def motor_force(self) -> np.ndarray:
         """Force (n,) [N] of the motor or lock, or its moment [N m] on b, at `t_level`."""
-        driven = [part for part in (self.joint.slide, self.joint.rotation) if part and part.motor]
         forces = self.solution.recorded("motor_forces")[:, self.joint.number]
-        self._check(bool(driven) or bool(forces.any()), "motor")  # a latch may have locked it
+        self._check(bool(self.joint.driven or forces.any()), "motor")  # a latch may have locked it
         return forces
 
     @property
@@ -99,8 +98,7 @@ class JointMotion:
         solution, force = self.solution, self.motor_force
         if len(solution.t) != solution.stats.steps + 1:
             raise ValueError("motor_power needs every step; simulate with record=Record(every=1)")
-        slide = self.joint.slide
-        place = self.slide if slide is not None and slide.motor else self.angle
+        place = self.slide if "slide" in self.joint.driven else self.angle
         # The force in the middle of the step, interpolated from those at the scheme's level.
         before = np.concatenate([force[:2], force[1:-1]])[: len(force)]
         middle = force + (0.5 - solution.stats.level) * (force - before)

@@ -109,7 +109,7 @@ def input_slots(scene) -> Iterator[tuple[InputSlot, str]]:
             yield load.value, "load"
     driven = list(scene.prescribed.values())
     for joint in scene.joints:
-        driven += [part.motor for part in (joint.slide, joint.rotation) if part is not None]
+        driven += [on.motor for on in joint.coordinates.values()]
     for function in driven:
         if isinstance(function, InputSlot):
             yield function, "motion"
@@ -176,9 +176,8 @@ def connected(scene, function_of: Callable[[InputSlot], TimeFunction]):
         replace(
             joint,
             **{
-                name: replace(part, motor=replaced(part.motor))
-                for name, part in (("slide", joint.slide), ("rotation", joint.rotation))
-                if part is not None
+                name: replace(on, motor=replaced(on.motor))
+                for name, on in joint.coordinates.items()
             },
         )
         for joint in scene.joints

@@ -25,10 +25,28 @@ class JointKinematics:
     def __init__(self, joint):
         self.joint = joint
 
+    def place_on_a(self, slide: Any) -> np.ndarray:
+        """Components (2, ...) of the place of b in the frame of a, at slides (...) [m]."""
+        (x, y), axis = self.joint.offset, self.joint.axis
+        if axis is None:
+            return np.array([x, y])
+        along = self.joint.track.place(axis, slide)
+        return np.array([x + along[0], y + along[1]])
+
+    def tangent(self, slide: Any) -> np.ndarray:
+        """Unit vectors (2, ...) of the slide in the frame of a; zero without a slide."""
+        axis = self.joint.axis
+        return np.zeros(2) if axis is None else np.array(self.joint.track.tangent(axis, slide))
+
+    def slide_at(self, x: Any, y: Any) -> Any:
+        """Slides (...) at components (...) of the place of b in the frame of a [m]."""
+        (offset_x, offset_y), axis = self.joint.offset, self.joint.axis
+        return 0.0 if axis is None else self.joint.track.nearest(axis, x - offset_x, y - offset_y)
+
     def parting(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From b to its place on a: components x and y (n,) [m]."""
         (X, Y), (x, y, _) = self.joint.apart, self._difference(at, "q")
-        arm_x, arm_y = self._turned(at, self.joint.place_on_a(slide))
+        arm_x, arm_y = self._turned(at, self.place_on_a(slide))
         return arm_x - X - x, arm_y - Y - y
 
     def gap(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
@@ -55,10 +73,10 @@ class JointKinematics:
         """Velocity (2, n) of b as a sees it, and the direction (2, n) of the slide, or zero."""
         x, y, _ = self._difference(at, "v")
         spin = self._of(at, "v", self.joint.a)[2]
-        arm_x, arm_y = self._turned(at, self.joint.place_on_a(slide))
+        arm_x, arm_y = self._turned(at, self.place_on_a(slide))
         velocity = np.array([x + spin * arm_y, y - spin * arm_x])
         # The ground's does not turn.
-        along = np.reshape(self._turned(at, self.joint.tangent(slide)), (2, -1))
+        along = np.reshape(self._turned(at, self.tangent(slide)), (2, -1))
         return velocity, np.broadcast_to(along, velocity.shape)
 
     def slide(self, at: NodalMotion, near: np.ndarray) -> np.ndarray:
@@ -68,7 +86,7 @@ class JointKinematics:
         (X, Y), (x, y, _) = self.joint.apart, self._difference(at, "q")
         psi = self._of(at, "q", self.joint.a)[2]
         c, s = np.cos(psi), np.sin(psi)
-        return self.joint.slide_at(c * (X + x) + s * (Y + y), c * (Y + y) - s * (X + x))
+        return self.slide_at(c * (X + x) + s * (Y + y), c * (Y + y) - s * (X + x))
 
     def _of(self, at: NodalMotion, name: str, node: Node) -> Any:
         """Components of a node; zero on the ground."""

@@ -99,13 +99,23 @@ class Joint:
         return f"<{self}>"
 
     def _repr_html_(self):
-        held = {"slide": self.slide, "rotation": self.rotation}
-        rows = {name: str(value) for name, value in held.items() if value is not None}
+        rows = {name: str(on) for name, on in self.coordinates.items()}
         return html_table(str(self), {"offset": str(self.offset)} | rows)
 
     def __str__(self):
         number = "" if self.number < 0 else f"joint {self.number}, "
         return f"{number}{self.kind} of {self.a} and {self.b}"
+
+    @property
+    def coordinates(self) -> dict[str, Coordinate]:
+        """What acts on its slide and on its rotation, of those that it has, by name."""
+        parts = {"slide": self.slide, "rotation": self.rotation}
+        return {name: part for name, part in parts.items() if part is not None}
+
+    @property
+    def driven(self) -> list[str]:
+        """Names of its coordinates with a motor."""
+        return [name for name, on in self.coordinates.items() if on.motor is not None]
 
     @property
     def turns_together(self) -> bool:
@@ -115,8 +125,8 @@ class Joint:
     @property
     def internal(self) -> tuple[str, ...]:
         """Names of the internal variables of its springs, that of the slide first."""
-        springs = (part.spring for part in (self.slide, self.rotation) if part and part.spring)
-        return tuple(name for s in springs if s.internal for name in s.internal.names)
+        springs = (on.spring for on in self.coordinates.values())
+        return tuple(name for s in springs if s and s.internal for name in s.internal.names)
 
     @property
     def coupling(self) -> tuple:
@@ -141,30 +151,12 @@ class Joint:
     @property
     def arm(self) -> np.ndarray:
         """From a to b at the start, in the reference configuration (2,) [m]."""
-        return self.place_on_a(self.start()[0])
+        return self.kinematics.place_on_a(self.start()[0])
 
     @property
     def direction(self) -> np.ndarray | None:
         """Unit vector (2,) of the slide in the reference configuration; None without a slide."""
-        return None if self.axis is None else self.tangent(self.start()[0])
-
-    def place_on_a(self, slide: Any) -> np.ndarray:
-        """Components (2, ...) of the place of b in the frame of a, at slides (...) [m]."""
-        x, y = self.offset
-        if self.axis is None:
-            return np.array([x, y])
-        along = self.track.place(self.axis, slide)
-        return np.array([x + along[0], y + along[1]])
-
-    def tangent(self, slide: Any) -> np.ndarray:
-        """Unit vectors (2, ...) of the slide in the frame of a; zero without a slide."""
-        return np.zeros(2) if self.axis is None else np.array(self.track.tangent(self.axis, slide))
-
-    def slide_at(self, x: Any, y: Any) -> Any:
-        """Slides (...) at components (...) of the place of b in the frame of a [m]."""
-        if self.axis is None:
-            return 0.0
-        return self.track.nearest(self.axis, x - self.offset[0], y - self.offset[1])
+        return None if self.axis is None else self.kinematics.tangent(self.start()[0])
 
     @property
     def kinematics(self) -> JointKinematics:
@@ -174,7 +166,7 @@ class Joint:
     @property
     def is_rigid(self) -> bool:
         """Whether b neither slides nor turns relative to a."""
-        return self.slide is None and self.rotation is None
+        return not self.coordinates
 
     @property
     def turns_with_motion(self) -> bool:
@@ -196,8 +188,8 @@ class Joint:
         """
         if quantity == "slide" and self.slide is None:
             return "of a joint with a slide"
-        driven = any(part and part.motor for part in (self.slide, self.rotation))
-        return "of a joint with a motor" if quantity == "motor_force" and not driven else ""
+        lacks_motor = quantity == "motor_force" and not self.driven
+        return "of a joint with a motor" if lacks_motor else ""
 
     def start(self) -> tuple[float, float]:
         """Slide and gap at the start.
@@ -214,8 +206,8 @@ class Joint:
         if self.a is GROUND or self.b is GROUND:
             return 0.0, 0.0  # the joint's point on the ground is its start position
         place = np.array([self.b.x - self.a.x, self.b.y - self.a.y])
-        slide = float(self.slide_at(*place))
-        return slide, float(np.hypot(*(place - self.place_on_a(slide))))
+        slide = float(self.kinematics.slide_at(*place))
+        return slide, float(np.hypot(*(place - self.kinematics.place_on_a(slide))))
 
     def check_start(self, size: float) -> None:
         """Refuse nodes that do not fit, motors that do not start from zero, and closed stops.
@@ -236,8 +228,9 @@ class Joint:
                 f"{self}: at the start there is a gap of {gap:.4g} between b and its position on "
                 "a. Move the nodes, or give the joint an offset"
             )
-        for name, coordinate, unit in (("slide", self.slide, size), ("rotation", self.rotation, 1)):
-            if coordinate is not None and coordinate.motor is not None:
+        for name, coordinate in self.coordinates.items():
+            unit = size if name == "slide" else 1.0
+            if coordinate.motor is not None:
                 value = coordinate.motor(0.0)[0]
                 if not abs(value) <= 1e-9 * unit:
                     raise SceneError(
@@ -246,7 +239,7 @@ class Joint:
                         "there at a later time t, find the equilibrium by static(scene, t=t), and "
                         "start from this solution"
                     )
-            if coordinate is not None and coordinate.stop is not None:
+            if coordinate.stop is not None:
                 start = slide if name == "slide" else 0.0
                 coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}")
 
@@ -256,8 +249,7 @@ def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint
 
     `size` is that of the scene [m]. A small gap is left to the offset.
     """
-    parts = (joint.slide, joint.rotation)
-    if any(part is not None and part.motor is not None for part in parts):
+    if joint.driven:
         raise SceneError(f"{joint}: at a solution it cannot have a motor. Add it without, and lock")
     turn = float(q_b[2] - q_a[2]) if joint.turns_together else 0.0
     c, s = math.cos(q_a[2]), math.sin(q_a[2])
@@ -267,8 +259,8 @@ def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint
         return replace(joint, place=Place((float(apart[0]), float(apart[1])), 0.0, turn))
     apart = np.array([joint.b.x - joint.a.x, joint.b.y - joint.a.y])
     position = np.array([[c, s], [-s, c]]) @ (apart + q_b[:2] - q_a[:2])
-    slide = float(joint.slide_at(*position))
-    offset = position - (joint.place_on_a(slide) - joint.offset)
+    slide = float(joint.kinematics.slide_at(*position))
+    offset = position - (joint.kinematics.place_on_a(slide) - joint.offset)
     gap = float(np.hypot(*(offset - joint.offset)))
     if gap > _FITS * size:
         x, y = offset
@@ -276,10 +268,10 @@ def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint
             f"{joint}: in this solution there is a gap of {gap:.4g} between b and its position on "
             f"a. Add it when they meet, or with offset=({x:.6g}, {y:.6g})"
         )
-    for name, part, at in (("slide", joint.slide, slide), ("rotation", joint.rotation, None)):
-        if part is not None and part.stop is not None:
-            at = float(q_b[2] - q_a[2]) if at is None else at
-            part.stop.check_start(at, _FITS * size, f"{joint}: its {name}")
+    for name, on in joint.coordinates.items():
+        if on.stop is not None:
+            at = slide if name == "slide" else float(q_b[2] - q_a[2])
+            on.stop.check_start(at, _FITS * size, f"{joint}: its {name}")
     offset.setflags(write=False)
     place = Place((float(apart[0]), float(apart[1])), slide, turn)
     return replace(joint, offset=offset, place=place)
@@ -581,9 +573,8 @@ def joints_in(texts: Sequence[str]) -> list[JointKey]:
 
 def key_of(joint: Joint) -> JointKey:
     """The same of a joint."""
-    parts = (("slide", joint.slide), ("rotation", joint.rotation))
-    driven = tuple(name for name, part in parts if part is not None and part.motor is not None)
-    return JointKey(joint.number, joint.kind, joint.a.number, joint.b.number, driven)
+    ends = joint.a.number, joint.b.number
+    return JointKey(joint.number, joint.kind, *ends, tuple(joint.driven))
 
 
 def _text(joint: Joint) -> str:

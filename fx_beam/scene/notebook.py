@@ -78,5 +78,4 @@ def _listed(names: list[str]) -> str:
 
 def _held(joint: Any) -> int:
     """Components that a joint or its motor holds."""
-    held = 2 + joint.turns_together - (joint.slide is not None)
-    return held + (joint.slide is not None and joint.slide.motor is not None)
+    return 2 + joint.turns_together - (joint.slide is not None) + ("slide" in joint.driven)

@@ -35,8 +35,7 @@ def remove_joint(scene: Any, joint: Joint) -> None:
 
 def locked(joint: Joint, coordinate: str | None) -> Joint:
     """The joint with a coordinate that keeps its value; SceneError if it has no such one."""
-    parts = {"slide": joint.slide, "rotation": joint.rotation}
-    names = [name for name, part in parts.items() if part is not None]
+    names = [*joint.coordinates]
     fits = coordinate is None or coordinate in names
     require(fits, f"lock {joint}: coordinate", coordinate, f"one of {names}")
     if not names:
@@ -44,18 +43,15 @@ def locked(joint: Joint, coordinate: str | None) -> Joint:
     if coordinate is None and len(names) > 1:
         raise SceneError(f"lock {joint}: it has {names} coordinates. Name one of them")
     name = coordinate or names[0]
-    part = parts[name]
-    assert part is not None
-    if part.motor is not None:
+    if name in joint.driven:
         raise SceneError(f"lock {joint}: a motor, or a lock, holds its {name} already")
-    return _with_part(joint, name, replace(part, motor=Held()))
+    return _with_part(joint, name, replace(joint.coordinates[name], motor=Held()))
 
 
 def unlocked(joint: Joint) -> Joint:
     """The joint without its lock; SceneError if it has none."""
-    for name in ("slide", "rotation"):
-        part = getattr(joint, name)
-        if part is not None and isinstance(part.motor, Held):
+    for name, part in joint.coordinates.items():
+        if isinstance(part.motor, Held):
             return _with_part(joint, name, replace(part, motor=None))
     raise SceneError(f"unlock {joint}: it is not locked")
 

@@ -366,7 +366,7 @@ class Scene:
         else:
             joint = placed(joint, moved_by(at, joint.a), moved_by(at, joint.b), self._size)
         check_new(joint, self._couplings, self.joints)
-        for on in filter(None, (joint.slide, joint.rotation)):
+        for on in joint.coordinates.values():
             self.parameters.add(parameters_of(on), str(joint))
         joint = replace(joint, number=self.joint_count)
         self.joint_count += 1

@@ -41,7 +41,7 @@ def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
         for section in distinct.values():
             expressions += functions_of_energy(section.strain_energy, section.internal, 3)
     for joint in scene.joints:
-        for on in filter(None, (joint.slide, joint.rotation)):
+        for on in joint.coordinates.values():
             expressions += functions_of(on)
     for obstacle in scene.obstacles:
         expressions += functions_of_energy(obstacle.energy, None, 1)

@@ -138,7 +138,7 @@ class Model:
 
     def _damp_friction(self) -> None:
         """Give friction that sticks its damping, by the masses that it holds."""
-        coordinates = [c for joint in self.scene.joints for c in (joint.slide, joint.rotation)]
+        coordinates = [c for joint in self.scene.joints for c in joint.coordinates.values()]
         frictions = [getattr(of, "friction", None) for of in (*self.scene.obstacles, *coordinates)]
         if any(isinstance(of, Coulomb) for of in frictions) and not self.scheme.rates.at_rest:
             self.forms.damp_friction(self.scene, self.mobility())
