@@ -1,9 +1,38 @@
-"""The two kinds of error: bad input, found before a run, and a step that failed."""
+"""The two kinds of error, and checks of what users give, which raise them."""
 
 from __future__ import annotations
 
+import functools
+import inspect
+import math
+import sys
+import threading
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from decimal import Decimal
+from numbers import Integral, Real
+from types import FrameType
 from typing import Any
+
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
+from ufl.constantvalue import RealValue, Zero
+
+import numpy as np
+
+from .array_calls import array_calls
+
+TimeFunction = Callable[[float], np.ndarray]
+# Parameter names, in lower case, that show a function of position instead of time.
+_PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
+#: Largest size of a number: products of a few such numbers are finite.
+LARGEST = 1e75
+_REAL = Real, Decimal, RealValue, Zero
+# Characters of a value in a message.
+_SHOWN = 200
+# Types of real numbers, for which a look is enough.
+_PLAIN = frozenset({float, np.float64})
+#: Immutable types of values.
+_IMMUTABLE = float, tuple, int
 
 
 class SceneError(ValueError):
@@ -105,3 +134,419 @@ class StepError(RuntimeError):
 
     def __reduce__(self):
         return type(self), (self.failure,), self.__dict__
+
+
+def is_number(value) -> bool:
+    """Whether a value is a number of a size with which one can compute; see `as_float`."""
+    return abs(as_float(value)) <= LARGEST
+
+
+def as_float(value) -> float:
+    """A real number of Python or NumPy, also a fraction or a decimal; nan for anything else.
+
+    Booleans, texts and times are no numbers; an array without axes is one.
+    """
+    if type(value) in _PLAIN:
+        return float(value)
+    scalar = _scalar(value)
+    try:
+        return float(scalar) if _is_real(scalar) else math.nan
+    except (OverflowError, ValueError):  # an integer too large for a float, a signalling decimal
+        return math.nan
+
+
+def _scalar(value):
+    """The entry of an array without axes; other values are returned as they are."""
+    return value[()] if isinstance(value, np.ndarray) and value.ndim == 0 else value
+
+
+def _is_real(value) -> bool:
+    """Whether a value is real; UFL functions of numbers may give numbers of UFL."""
+    return isinstance(value, _REAL) and not isinstance(value, bool | np.timedelta64)
+
+
+def is_whole(value, least: int, most: float = 1e9) -> bool:
+    """Whether a value is an integer in a range. Booleans are not."""
+    scalar = _scalar(value)
+    return isinstance(scalar, Integral) and _is_real(scalar) and least <= int(scalar) <= most
+
+
+def is_flag(value) -> bool:
+    """Whether a value is True or False."""
+    return isinstance(value, bool | np.bool_)
+
+
+def is_name(value) -> bool:
+    """Whether a value is a text that is not empty."""
+    return isinstance(value, str) and bool(value.strip())
+
+
+def all_of(flags: np.ndarray) -> bool:
+    """Whether all flags of an array are true; of few, far quicker than their method `all`."""
+    return np.count_nonzero(flags) == flags.size
+
+
+def any_of(values: np.ndarray) -> bool:
+    """Whether any value of an array is not zero; of few, far quicker than their method `any`."""
+    return np.count_nonzero(values) > 0
+
+
+def is_one_of(value, choices: Iterable) -> bool:
+    """Whether a value is one of some texts or numbers; arrays are not."""
+    return (isinstance(value, str) or _is_real(value)) and value in choices
+
+
+def shown(value) -> str:
+    """A value in a message."""
+    try:
+        text = repr(value.item() if isinstance(value, np.generic) else value)
+    except ValueError:  # Python writes no integers of many thousand digits
+        return "a very long integer"
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]} ..."
+
+
+def require(fits: bool, what: str, value, wanted: str) -> None:
+    """Raise a SceneError unless the value is allowed; the message says what is allowed."""
+    if not fits:
+        raise SceneError(f"{what} = {shown(value)} must be {wanted}")
+
+
+def positive(value, what: str, wanted: str = "a positive number") -> float:
+    """A positive number with which one can compute; SceneError for others."""
+    number, least = as_float(value), 1 / LARGEST
+    wanted += f", at least {least:g}" if 0 < number < least else ""
+    require(least <= number <= LARGEST, what, value, wanted)
+    return number
+
+
+def finite(value, what: str, sign: str = "", more: str = "") -> float:
+    """A number of a size with which one can compute, and "positive" or "not negative"."""
+    number = as_float(value)
+    fits = is_number(value) and (number > 0 or not sign or (number == 0 and sign != "positive"))
+    require(fits, what, value, f"finite{sign and f' and {sign}'}{more}")
+    return number
+
+
+def set_finite(part, name: str, sign: str = "", optional: bool = False) -> None:
+    """Make a number of a frozen dataclass a float; see `finite`."""
+    value = getattr(part, name)
+    if type(value) is float and 0 < value <= LARGEST:  # quickly, as in scenes of many springs
+        return
+    if value is not None or not optional:
+        more = ", or None" if optional else ""
+        number = finite(value, f"{type(part).__name__}: {name}", sign, more)
+        object.__setattr__(part, name, number)
+
+
+def array_of(value, what: str) -> np.ndarray:
+    """New array of real numbers of any shape, finite or not; SceneError for others."""
+    array = numbers(value)
+    require(array.shape != (0, 0), what, value, "an array of numbers")
+    return array
+
+
+def check_takes(function, names: str, what: str) -> None:
+    """Refuse what is no function of arguments such as "t, y"."""
+    require(callable(function), what, function, f"a function of ({names})")
+    try:
+        takes = inspect.signature(function)
+    except (TypeError, ValueError):  # of compiled code, which says nothing
+        return
+    try:
+        takes.bind(*names.split(", "))
+    except TypeError:
+        raise SceneError(f"{what} takes {takes}; it must take ({names})") from None
+
+
+def vector(value, size: int, what: str) -> np.ndarray:
+    """Read-only array of `size` finite numbers."""
+    array = shaped(value, size, what)
+    if not all_of(abs(array) <= LARGEST):
+        raise SceneError(
+            f"{what}: {shown(value)} is not finite, or too large; give finite numbers of at most "
+            f"{LARGEST:g}"
+        )
+    array.setflags(write=False)
+    return array
+
+
+def shaped(value, size: int, what: str) -> np.ndarray:
+    """New array of `size` numbers, finite or not."""
+    array = np.atleast_1d(numbers(value))
+    if array.shape != (size,):
+        wanted = "a number" if size == 1 else f"{size} numbers"
+        raise SceneError(f"{what}: {shown(value)} has the wrong type or shape; it must be {wanted}")
+    return array
+
+
+def numbers(value) -> np.ndarray:
+    """New array of real numbers (see `as_float`), finite or not; of shape (0, 0) if one is not.
+
+    The entries of a masked array that are masked are no numbers.
+    """
+    if type(value) is np.ndarray and value.dtype.kind in "iuf":
+        return np.array(value, dtype=float)
+    if type(value) in (list, tuple) and all(type(part) is float for part in value):
+        return np.array(value)
+    parts = value if isinstance(value, list | tuple) else [value]
+    if any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(part) for part in parts):
+        return np.empty((0, 0))
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
+        return np.array(value, dtype=float)
+    try:
+        # As objects, as NumPy would take texts and booleans among numbers for numbers.
+        entries = np.array(value, dtype=object)
+        scalars = [_scalar(entry) for entry in entries.flat]
+        if all(map(_is_real, scalars)):
+            return np.array([float(entry) for entry in scalars]).reshape(entries.shape)
+    except Exception:  # a sequence of its own kind, or an integer too large for a float
+        pass
+    return np.empty((0, 0))
+
+
+def fields_in(expression) -> list:
+    """dolfinx functions and constants in a UFL expression."""
+    return [*extract_coefficients(expression), *extract_constants(expression)]
+
+
+def refuse_fields(fields: Iterable, what: str, known: Iterable = ()) -> None:
+    """Refuse dolfinx functions and constants of the user in a UFL expression, unless `known`.
+
+    They would be read once, before the run; later changes would be ignored.
+    """
+    ours = {id(field) for field in known}
+    for field in fields:
+        if id(field) not in ours:
+            raise SceneError(
+                f"{what}: it contains {field}, a {type(field).__name__} of your own. It would be "
+                "read only once; later changes would be ignored. Use numbers and UFL expressions "
+                "of the function's arguments: the strains in a stored energy; step.t (time) and "
+                "step.X (position) elsewhere, for example ufl.sin(3 * step.t). For a number that "
+                "changes use fx_beam.Parameter, for a material with a memory "
+                "fx_beam.InternalVariables"
+            )
+
+
+class Constant:
+    """A constant value (size,) as a function."""
+
+    def __init__(self, value: np.ndarray):
+        self._value = value
+
+    def __call__(self, *_) -> np.ndarray:
+        """The constant, for any arguments."""
+        return self._value
+
+    def each(self, arguments) -> np.ndarray:
+        """The constant (n, size), for n tuples of arguments."""
+        return np.broadcast_to(self._value, (len(arguments), len(self._value)))
+
+
+def argument_names(function) -> list[str]:
+    """Names of the arguments that a function must be given; none if it does not tell."""
+    try:
+        parameters = list(inspect.signature(function).parameters.values())
+    except (TypeError, ValueError):  # a constant, or a function without a signature
+        return []
+    kinds = inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
+    return [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
+
+
+def check_takes_time(function, what: str) -> None:
+    """Refuse a function whose parameters show that it depends on position instead of time."""
+    names = argument_names(function)
+    if len(names) > 1 or names and names[0].lower() in _PLACES:
+        raise SceneError(
+            f"{what}: the function takes ({', '.join(names)}), but it is called with the time t "
+            "only. For a load that varies along the beam, give a function of the arc length s [m] "
+            "and of='arc length'"
+        )
+
+
+def time_function(value, size: int, what: str) -> TimeFunction:
+    """A function of time with values of shape (size,), from a constant or a user's function."""
+    return checked_function(value, size, what, 0.0)
+
+
+def checked_function(value, size: int, what: str, *sample: float) -> CheckedFunction:
+    """A function with values of shape (size,), from a constant or a user's function.
+
+    The user's function is called once at `sample`, so that errors show before the run.
+    """
+    if not callable(value):
+        return Constant(vector(value, size, what))
+    try:
+        first = value(*sample)
+    except Exception as error:
+        raise SceneError(f"{what}: calling it at {sample} raised {error!r}") from error
+    vector(first, size, what)
+
+    return _CheckedFunction(value, size, what)
+
+
+class _EndlessError(SceneError):
+    """A function that calls itself for ever."""
+
+
+class _Calls(threading.local):
+    """Functions of the user that this thread is calling."""
+
+    def __init__(self):
+        #: For each the frame of its call. An interrupt may leave some that have ended.
+        self.now: dict[int, FrameType] = {}
+
+    def goes_on(self, function: Callable) -> bool:
+        """Whether a call of the function has not ended."""
+        call = self.now.get(id(function))
+        if call is None:
+            return False
+        # A frame that has itself as a value would keep all its callers until they are collected.
+        frame = sys._getframe().f_back
+        while frame is not None and frame is not call:
+            frame = frame.f_back
+        return frame is call
+
+
+_calls = _Calls()
+
+
+class _Calling:
+    """Refuse to call a function while it is called: it would never end."""
+
+    __slots__ = "_function", "_what"
+
+    def __init__(self, function: Callable, what: str):
+        self._function, self._what = function, what
+
+    def __enter__(self) -> None:
+        if _calls.goes_on(self._function):
+            raise _EndlessError(
+                f"{self._what}: the function runs an analysis of the scene to which it belongs, "
+                "and would be called for ever. Let it use a scene without this function"
+            )
+        _calls.now[id(self._function)] = sys._getframe(1)  # with this block
+
+    def __exit__(self, *_) -> None:
+        _calls.now.pop(id(self._function), None)
+
+
+class _CheckedFunction:
+    """A user's function; its values get their shape or are refused."""
+
+    def __init__(self, function: Callable, size: int, what: str):
+        self.function, self.size, self._what = function, size, what
+
+    def __call__(self, *arguments) -> np.ndarray:
+        try:
+            with _Calling(self.function, self._what):
+                return shaped(self.function(*arguments), self.size, self._what)
+        except SceneError:
+            raise
+        except Exception as error:
+            raise self._failure(arguments, error) from error
+
+    def each(self, arguments: np.ndarray) -> np.ndarray:
+        """Values (n, size) for arguments (n, k)."""
+        if (calls := array_calls()) is not None:
+            return calls.values(self.function, self.size, arguments, self._what, self._each)
+        return self._each(arguments)
+
+    def _each(self, rows: np.ndarray) -> np.ndarray:
+        """The same, called with one after the other."""
+        arguments: list = rows.tolist()
+        collected: list = []
+        try:
+            values = self.collect(collected, arguments)
+        except SceneError:
+            raise
+        except Exception as error:
+            one = arguments[min(len(collected), len(arguments) - 1)]
+            raise self._failure(one, error) from error
+        # Else the line below finds the arguments whose value is wrong.
+        return np.array([self(*one) for one in arguments]) if values is None else values
+
+    def collect(self, collected: list, arguments) -> np.ndarray | None:
+        """Call the function, with its values in `collected`; gives them (n, size), if all fit.
+
+        They are checked at once: one by one, the checks cost more than most functions.
+        """
+        with _Calling(self.function, self._what):
+            function = self.function
+            # The values before an exception are in `collected`, which counts them.
+            collected.extend(
+                value if type(value := function(*one)) in _IMMUTABLE else _copied(value)
+                for one in arguments
+            )
+        try:
+            return np.array(collected, dtype=float).reshape(len(collected), self.size)
+        except (TypeError, ValueError, OverflowError):
+            return None
+
+    def _failure(self, arguments: tuple, error: Exception) -> SceneError:
+        return SceneError(f"{self._what}: calling it at {arguments} raised {error!r}")
+
+
+CheckedFunction = Constant | _CheckedFunction
+
+
+def _copied(value):
+    """A function's value, copied where the function may fill and return the same array again."""
+    if isinstance(value, _IMMUTABLE):
+        return value
+    return (value if isinstance(value, np.ndarray) else np.array(value)).tolist()
+
+
+def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
+    """Finite values (n, size) of a `time_function` at n times [s].
+
+    Raises StepError otherwise. The `time` of the error, or of another exception, says when.
+    """
+    if isinstance(function, Constant):
+        return np.array(function.each(times))
+    if isinstance(function, _CheckedFunction) and (calls := array_calls()) is not None:
+        one_by_one = functools.partial(_series, function, what=what)
+        return calls.values(function.function, function.size, times[:, None], what, one_by_one)
+    return _series(function, times[:, None], what)
+
+
+def _series(function: TimeFunction, arguments: np.ndarray, what: str) -> np.ndarray:
+    """The same at times (n, 1), called with one after the other."""
+    times = arguments[:, 0]
+    if isinstance(function, _CheckedFunction):
+        collected: list = []
+        try:
+            values = function.collect(collected, zip(times.tolist()))
+        except Exception as error:
+            raise _failed(float(times[min(len(collected), len(times) - 1)]), error, what) from error
+        except BaseException as stop:
+            all_known = len(collected) == len(times)
+            stop.time = math.inf if all_known else times[len(collected)]  # type: ignore[attr-defined]
+            raise
+        if values is not None and np.isfinite(values).all():
+            return values
+        # Else the line below finds the time of the failure.
+    return np.array([evaluate(function, float(t), what) for t in times])
+
+
+def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:
+    """Finite value of a `time_function` at the time t [s]; StepError otherwise."""
+    try:
+        value = function(t)
+    except Exception as error:
+        raise _failed(t, error, what) from error
+    if not np.isfinite(value).all():
+        reason = f"{what}: its value at t = {t:.6g} is {value}, which is not finite"
+        raise StepError(Failure("function", reason, t))
+    return value
+
+
+def _failed(t: float, error: Exception, what: str) -> StepError:
+    """The error of a function of time that raised one."""
+    cause: BaseException | None = error
+    raised = error.__cause__ if isinstance(error, SceneError) and error.__cause__ else error
+    reason = f"{what}: evaluating it at t = {t:.6g} raised {raised!r}"
+    while cause is not None:
+        if isinstance(cause, _EndlessError):
+            reason = str(cause)
+        cause = cause.__cause__
+    return StepError(Failure("function", reason, t))

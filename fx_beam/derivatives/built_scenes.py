@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, all_of, check_takes, numbers, require, shown
 from fx_beam.motions.numbers import OF_STEPS
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.validation import all_of, check_takes, numbers, require, shown
 
 from .output_values import Wanted
 

@@ -8,9 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, array_of, check_takes, numbers, require, shown
 from fx_beam.step.interrupts import one_thread
-from fx_beam.validation import array_of, check_takes, numbers, require, shown
 
 #: ``function(t, y)`` gives a value, and its derivatives by outputs, by name.
 Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import require
 from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.recorder import Record
-from fx_beam.validation import require
 
 #: An output: a quantity of a node, joint, beam or scene, or a function of the solution.
 Wanted = Output | Callable[[Solution], Any]

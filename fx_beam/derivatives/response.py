@@ -14,7 +14,7 @@ import numpy as np
 
 from fx_beam.array_calls import calling_with_arrays
 from fx_beam.equilibria.load_path import LoadPath
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.motion_series import MotionSeries
 from fx_beam.motions.numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
@@ -34,7 +34,6 @@ from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 from fx_beam.step.tape import LIMIT, Part, Tape
-from fx_beam.validation import array_of, check_takes, is_one_of, positive, require
 
 from .built_scenes import Build, BuiltScenes, checked_numbers
 from .gradient import Gradient, along

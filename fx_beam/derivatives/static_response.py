@@ -9,11 +9,11 @@ import numpy as np
 
 from fx_beam.equilibria.load_path import LoadPath
 from fx_beam.equilibria.static_options import StaticOptions
+from fx_beam.errors import check_takes
 from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.tape import Tape
-from fx_beam.validation import check_takes
 
 from .built_scenes import Build
 from .response import Response

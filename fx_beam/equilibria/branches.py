@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError
+from fx_beam.errors import SceneError, StepError, as_float, is_number, is_whole, require
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes
 from fx_beam.scene.beam import Beam, inner_positions, lagrange_and_slopes
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import as_float, is_number, is_whole, require
 
 # Two points with load factors and displacements so near to each other are the same.
 _SAME = 1e-5

@@ -6,12 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import (
+    SceneError,
+    as_float,
+    is_flag,
+    is_number,
+    is_one_of,
+    is_whole,
+    require,
+    vector,
+)
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.substeps import MOST_HALVINGS
 from fx_beam.step.turning_frame import check_turns
-from fx_beam.validation import as_float, is_flag, is_number, is_one_of, is_whole, require, vector
 
 from .branches import Branch
 

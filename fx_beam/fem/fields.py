@@ -11,7 +11,7 @@ import ufl
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, all_of, fields_in, refuse_fields
 from fx_beam.fem import dolfinx_api
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
@@ -20,7 +20,6 @@ from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.validation import all_of, fields_in, refuse_fields
 
 from .mesh import Mesh
 

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.errors import Constant, TimeFunction, evaluate, series
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, Node, arc_lengths
 from fx_beam.scene.loads import NAMES, Load, PlaceTimeFunction, StrainPart, label, values_along
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.validation import Constant, TimeFunction, evaluate, series
 
 from . import dolfinx_api
 from .mesh import Mesh

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from fx_beam.content_cache import cached_by_content
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import all_of
 
 from . import dolfinx_api, interval_mesh
 

@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import Constant, SceneError, TimeFunction, evaluate, series
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.validation import Constant, TimeFunction, evaluate, series
 
 
 class ParameterValues:

@@ -11,7 +11,7 @@ import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.check_arities import check_integrand_arity
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, fields_in, refuse_fields
 from fx_beam.laws.kinematics import Step, arc_derivative, director
 from fx_beam.laws.resultants import (
     DecayingResultants,
@@ -26,7 +26,6 @@ from fx_beam.scene.internal_variables import InternalVariables
 from fx_beam.scene.law import Energy, Law, own_law, parameters_of_energy, quadratic_law
 from fx_beam.scene.loads import VirtualWork
 from fx_beam.scene.parameters import names_of, replaced
-from fx_beam.validation import fields_in, refuse_fields
 
 from . import dolfinx_api
 from .dolfinx_api import REFUSALS, CompiledForm

@@ -12,9 +12,8 @@ from ufl.corealg.traversal import unique_pre_traversal
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, as_float, is_number, require
 from fx_beam.scene.symbols import Symbol, not_numbers
-from fx_beam.validation import as_float, is_number, require
 
 # With less, the acceleration overflows.
 _LEAST_BETA = 1e-9

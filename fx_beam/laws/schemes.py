@@ -7,10 +7,9 @@ from dataclasses import dataclass, field, replace
 from itertools import accumulate
 from typing import Any
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, as_float, is_number, is_one_of, require, shown
 from fx_beam.scene.law import Law
 from fx_beam.scene.parameters import Parameter
-from fx_beam.validation import as_float, is_number, is_one_of, require, shown
 
 from .kinematics import Step
 from .rates import AtRest, MidPointRates, NewmarkRates, NodalRates

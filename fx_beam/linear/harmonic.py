@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import LARGEST, SceneError, numbers, require
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.beam import COMPONENTS, Node
@@ -15,7 +15,6 @@ from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import check_node
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
-from fx_beam.validation import LARGEST, numbers, require
 
 from .linearisation import Linearisation, check_equilibrium, linearised
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, is_whole, require
 from fx_beam.motions.motion import Motion
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import end_of
@@ -19,7 +19,6 @@ from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.measured import measured
-from fx_beam.validation import is_whole, require
 
 from .first_order import FirstOrder, InputColumns
 from .moving_state import Deviations, deviations

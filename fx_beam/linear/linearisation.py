@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, require
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
 from fx_beam.motions.initial_state import reference_state
@@ -21,7 +21,6 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.equations import Equations
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame, check_turns
-from fx_beam.validation import require
 
 # Length of the steps whose tangents give the damping: so short that stiffness has no part in them.
 INSTANT = 1e-30

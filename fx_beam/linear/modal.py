@@ -9,13 +9,12 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, is_flag, is_whole, require, vector
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.undamped_modes import lowest
-from fx_beam.validation import is_flag, is_whole, require, vector
 
 from .linearisation import check_equilibrium, linearised
 

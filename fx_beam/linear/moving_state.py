@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import Constant, SceneError
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum
 from fx_beam.motions.initial_state import reference_state
@@ -23,7 +23,6 @@ from fx_beam.step.forcing import Forcing
 from fx_beam.step.held_inputs import HeldInputs, Hold, Ramp
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame
-from fx_beam.validation import Constant
 
 from .linearisation import INSTANT, check_damping, check_unknowns, turning_frame_of
 

@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import Past, State
 from fx_beam.step.recorder import NullRecorder, Recorder
-from fx_beam.validation import is_number, shown
 
 from .measurement import FittedState, reading
 from .prepared import Prepared

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.sparse.linalg
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, all_of, any_of
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.results.state import Past, State
 from fx_beam.scene.beam import COMPONENTS
@@ -18,7 +18,6 @@ from fx_beam.step.accelerations import accelerations as accelerations_of
 from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
-from fx_beam.validation import all_of, any_of
 
 _log = logging.getLogger("fx_beam")
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, as_float, check_takes, is_number, positive, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
@@ -20,7 +20,6 @@ from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.interrupts import ctrl_c_between_blocks, one_thread, uninterrupted
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
-from fx_beam.validation import as_float, check_takes, is_number, positive, require
 
 from .evaluation import solution_of
 from .measurement import reading

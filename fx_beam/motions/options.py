@@ -9,16 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.laws.schemes import EnergyMomentum, Scheme
-from fx_beam.scene.outputs import Output
-from fx_beam.scene.scene import Scene
-from fx_beam.step.local_error import order_and_constant
-from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.recorder import Record
-from fx_beam.step.substeps import MOST_HALVINGS, Halving
-from fx_beam.validation import (
+from fx_beam.errors import (
     LARGEST,
+    SceneError,
     as_float,
     is_flag,
     is_number,
@@ -28,6 +21,13 @@ from fx_beam.validation import (
     require,
     shown,
 )
+from fx_beam.laws.schemes import EnergyMomentum, Scheme
+from fx_beam.scene.outputs import Output
+from fx_beam.scene.scene import Scene
+from fx_beam.step.local_error import order_and_constant
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.recorder import Record
+from fx_beam.step.substeps import MOST_HALVINGS, Halving
 
 # Limits of the tolerance. Newton's method and rounding disturb smaller errors.
 _LEAST, _MOST = 1e-9, 0.1

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, shown
 from fx_beam.fem.parameter_values import before
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -17,7 +17,6 @@ from fx_beam.scene.joints import JointKey, constraints_of, joints_in, key_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.obstacles import Obstacle
 from fx_beam.step.model import Model
-from fx_beam.validation import shown
 
 from .initial_state import given_velocity, reference_state
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError
+from fx_beam.errors import SceneError, StepError, is_whole, require
 from fx_beam.laws.interval import Interval
 from fx_beam.linear.linearisation import check_equilibrium, linearised
 from fx_beam.results.solution import Solution
@@ -17,7 +17,6 @@ from fx_beam.results.state import State
 from fx_beam.results.vibrations import first_of_largest
 from fx_beam.scene.scene import Scene
 from fx_beam.step.undamped_modes import lowest
-from fx_beam.validation import is_whole, require
 
 from .closing import ROUND_OFF, Closed, Condition, NotClosed, close, turning_point
 from .periodic_family import Path

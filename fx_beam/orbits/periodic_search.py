@@ -7,17 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.laws.schemes import Scheme
-from fx_beam.motions.prepared import end_of
-from fx_beam.results.solution import Solution
-from fx_beam.results.state import State
-from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
-from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import OtherStructureError
-from fx_beam.step.newton import NewtonOptions
-from fx_beam.validation import (
+from fx_beam.errors import (
     LARGEST,
+    SceneError,
     as_float,
     check_takes,
     is_number,
@@ -27,6 +19,14 @@ from fx_beam.validation import (
     require,
     shown,
 )
+from fx_beam.laws.schemes import Scheme
+from fx_beam.motions.prepared import end_of
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
+from fx_beam.step.newton import NewtonOptions
 
 from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close
 from .mode_family import STEP, ModeFamily, holds_energy, mode_start

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, is_whole, require
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
@@ -23,7 +23,6 @@ from fx_beam.step.forward import Forward
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.tape import Tape
-from fx_beam.validation import is_whole, require
 
 # Relative change of a period for differences of states by it.
 _CHANGE = 1e-6

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import Constant
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Drag, Mass, NaturalStrain, StrainPart
 from fx_beam.scene.parameters import Parameter
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import Constant
 
 _AT_REST = Constant(np.zeros(1))
 

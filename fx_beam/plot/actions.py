@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from fx_beam.errors import Constant
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Held
 from fx_beam.scene.inputs import InputSlot
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load, PlaceTimeFunction, StrainPart, label
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import Constant
 
 from .drawing import three_digits
 from .sheet import Sheet

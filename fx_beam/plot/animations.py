@@ -13,10 +13,10 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from PIL import Image
 
+from fx_beam.errors import is_whole, require
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
-from fx_beam.validation import is_whole, require
 
 from .drawing import Drawing, checked_drawing, clock, three_digits
 from .members import Colouring, Members

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import is_name, numbers, require
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
-from fx_beam.validation import is_name, numbers, require
 
 from .drawing import Drawing, axis, checked_drawing, time_unit
 from .members import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of

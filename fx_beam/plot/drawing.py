@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.errors import is_whole, numbers, positive, require
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.lookup import scene_of
 from fx_beam.results.solution import Solution
@@ -17,7 +18,6 @@ from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
 from fx_beam.scene.obstacles import Obstacle, Shape
-from fx_beam.validation import is_whole, numbers, positive, require
 
 # Fractions of the scene's size: what is drawn beyond the nearest positions, distance and length
 # of the strokes. An obstacle farther away than the size is not drawn.

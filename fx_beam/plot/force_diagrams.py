@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Area
 
+from fx_beam.errors import is_flag, is_name, is_one_of, require, shown
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
-from fx_beam.validation import is_flag, is_name, is_one_of, require, shown
 
 from .drawing import Drawing, checked_drawing, three_digits, time_unit
 from .members import SIGNED, words_for

@@ -11,10 +11,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, SymLogNorm, to_hex
 
+from fx_beam.errors import as_float, is_one_of, numbers, positive, require, shown
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.obstacles import Obstacle
-from fx_beam.validation import as_float, is_one_of, numbers, positive, require, shown
 
 from .drawing import Drawing
 

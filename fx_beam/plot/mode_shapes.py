@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from fx_beam.errors import is_whole, require
 from fx_beam.results.files import writable
 from fx_beam.results.vibrations import Modes
 from fx_beam.scene.body import Body
-from fx_beam.validation import is_whole, require
 
 from .drawing import Drawing, three_digits
 from .plane import PICTURES, grid, written

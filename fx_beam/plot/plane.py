@@ -11,8 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from fx_beam.errors import is_name, require
 from fx_beam.results.files import replacing
-from fx_beam.validation import is_name, require
 
 from .drawing import Drawing
 from .symbols import draw_outlines

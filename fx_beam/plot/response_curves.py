@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import as_float, check_takes, is_number, require
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
 from fx_beam.scene.beam import Node
-from fx_beam.validation import as_float, check_takes, is_number, require
 
 from .time_curves import Figure, curve, figure, quantities, save
 

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, is_flag, is_name, require, shown
 from fx_beam.results.files import writable
 from fx_beam.scene.beam import Node, inner_positions
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import is_flag, is_name, require, shown
 
 from .actions import draw_actions
 from .drawing import Drawing, three_digits

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import PolyCollection
 
+from fx_beam.errors import require
 from fx_beam.scene.beam import Node
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND, Joint
-from fx_beam.validation import require
 
 from .drawing import Drawing, Outline
 from .supports import draw_lines, is_grounded, left_of, marker_size, on_ground, wall_strokes

@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from fx_beam.errors import array_of, check_takes, is_whole, numbers, positive, require
 from fx_beam.results.files import replacing
 from fx_beam.results.solution import Solution
-from fx_beam.validation import array_of, check_takes, is_whole, numbers, positive, require
 
 # Colours of Okabe and Ito, safe for colour-blind readers; line styles differ in grey prints.
 _STYLES: dict[str, dict] = {

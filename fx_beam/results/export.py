@@ -10,9 +10,9 @@ from dataclasses import asdict, fields
 
 import numpy as np
 
+from fx_beam.errors import is_name, shown
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 from fx_beam.scene.obstacles import Obstacle
-from fx_beam.validation import is_name, shown
 
 from .files import replacing
 from .state import HISTORIES

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from fx_beam.validation import shown
+from fx_beam.errors import shown
 
 
 def named(path: Path | str) -> Path:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.joints import Joint
-from fx_beam.validation import is_one_of, shown
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.obstacles import Obstacle
-from fx_beam.validation import is_one_of, shown
 
 from .audit import BeamResultants
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.obstacles import Obstacle
 from fx_beam.scene.outputs import Output, definition
-from fx_beam.validation import is_one_of, shown
 
 from . import export, joined, lookup, paraview
 from .audit import BeamResultants, Energy, Stability, Stats, facts, read_only

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, as_float, is_number, is_one_of, is_whole, require, shown
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.notebook import sketch
-from fx_beam.validation import as_float, is_number, is_one_of, is_whole, require, shown
 
 from .export import data_frame, write_csv
 from .solution import Solution

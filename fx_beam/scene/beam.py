@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import LARGEST, as_float, is_whole, numbers, require, shown
+from fx_beam.errors import LARGEST, SceneError, as_float, is_whole, numbers, require, shown
 
 #: Components of a node's motion, in the order used in all arrays.
 COMPONENTS = ("x", "y", "rotation")

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import is_name, require
+from fx_beam.errors import SceneError, is_name, require
 
 from . import loads
 from .beam import Node

@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import as_float, is_number, require, set_finite
+from fx_beam.errors import SceneError, as_float, is_number, require, set_finite
 
 from .joints import Joint
 from .outputs import Output

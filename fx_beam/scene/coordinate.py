@@ -12,8 +12,8 @@ from ufl.corealg.traversal import unique_pre_traversal
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import (
+from fx_beam.errors import (
+    SceneError,
     as_float,
     fields_in,
     finite,

@@ -28,8 +28,7 @@ from numpy.polynomial.chebyshev import (
     chebvander,
 )
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import checked_function, is_whole, numbers, require, shown, vector
+from fx_beam.errors import SceneError, checked_function, is_whole, numbers, require, shown, vector
 
 from .beam import MOST_ELEMENTS, Layout, Node, lagrange, polyline, position_of
 

@@ -11,8 +11,7 @@ import ufl
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import fields_in, refuse_fields, vector
+from fx_beam.errors import SceneError, fields_in, refuse_fields, vector
 
 from .beam import Node
 from .coordinate import Coordinate, Coulomb, functions_of

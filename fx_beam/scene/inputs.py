@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam import validation
-from fx_beam.errors import SceneError
-from fx_beam.validation import TimeFunction, checked_function
+from fx_beam import errors
+from fx_beam.errors import SceneError, TimeFunction, checked_function
 
 
 @dataclass(frozen=True)
@@ -54,12 +53,12 @@ class Input:
     factor: Any = None
 
     def __post_init__(self):
-        named = validation.is_name(self.name)
-        validation.require(named, "Input: name", self.name, "a text that is not empty")
+        named = errors.is_name(self.name)
+        errors.require(named, "Input: name", self.name, "a text that is not empty")
         if self.factor is not None:
-            size = 2 if validation.numbers(self.factor).size == 2 else 1
-            factor = validation.vector(self.factor, size, f"{self}: factor")
-            validation.require(
+            size = 2 if errors.numbers(self.factor).size == 2 else 1
+            factor = errors.vector(self.factor, size, f"{self}: factor")
+            errors.require(
                 bool(factor.any()), f"{self}: factor", self.factor, "different from zero"
             )
             object.__setattr__(self, "factor", tuple(factor.tolist()))
@@ -96,7 +95,7 @@ def time_function(value, size: int, what: str) -> TimeFunction:
     """A function of time with values (size,): from a constant, a function or an `Input`."""
     if isinstance(value, Input):
         return InputSlot(value, size, what)
-    return validation.time_function(value, size, what)
+    return errors.time_function(value, size, what)
 
 
 def input_slots(scene) -> Iterator[tuple[InputSlot, str]]:
@@ -189,7 +188,7 @@ def with_functions(scene, given: Mapping | None, what: str):
     """The scene with its inputs as functions of time or constants; zero where none is given."""
     if given is None:
         return scene
-    validation.require(isinstance(given, Mapping), what, given, "a dictionary by names of inputs")
+    errors.require(isinstance(given, Mapping), what, given, "a dictionary by names of inputs")
     known = widths(scene)
     check_names(given, known, what)
     functions = {
@@ -201,8 +200,8 @@ def with_functions(scene, given: Mapping | None, what: str):
         if slot.name not in functions:
             return slot
         of_time = functions[slot.name]
-        if isinstance(of_time, validation.Constant):
-            return validation.Constant(slot.factor @ of_time(0.0))
+        if isinstance(of_time, errors.Constant):
+            return errors.Constant(slot.factor @ of_time(0.0))
         return lambda t: slot.factor @ of_time(t)
 
     return connected(scene, function_of)

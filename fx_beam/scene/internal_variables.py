@@ -9,8 +9,7 @@ from typing import Any
 import ufl
 from ufl.corealg.traversal import unique_pre_traversal
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import as_float, fields_in, refuse_fields, require
+from fx_beam.errors import SceneError, as_float, fields_in, refuse_fields, require
 
 from .parameters import parameters_in
 from .symbols import not_numbers

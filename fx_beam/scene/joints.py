@@ -9,8 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import require, shown, vector
+from fx_beam.errors import SceneError, require, shown, vector
 
 from .beam import Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate

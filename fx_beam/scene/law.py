@@ -15,8 +15,7 @@ from ufl.classes import EQ, GE, GT, LE, LT, NE, Abs, Conditional, MaxValue, MinV
 from ufl.constantvalue import Zero
 from ufl.corealg.traversal import unique_pre_traversal
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import fields_in, refuse_fields, require
+from fx_beam.errors import SceneError, fields_in, refuse_fields, require
 
 from .internal_variables import InternalVariables, check_dissipation
 from .parameters import Parameter, parameters_in

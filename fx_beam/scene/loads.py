@@ -11,11 +11,11 @@ import ufl
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import (
+from fx_beam.errors import (
     LARGEST,
     CheckedFunction,
     Constant,
+    SceneError,
     TimeFunction,
     argument_names,
     check_takes_time,

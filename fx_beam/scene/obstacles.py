@@ -7,8 +7,8 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import (
+from fx_beam.errors import (
+    SceneError,
     as_float,
     finite,
     is_flag,

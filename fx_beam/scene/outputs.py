@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.validation import is_one_of, require
+from fx_beam.errors import is_one_of, require
 
 from .beam import Beam, Node
 from .joint_kinematics import NodalMotion, axial_rate

@@ -8,8 +8,7 @@ from typing import Any
 
 import ufl
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import TimeFunction, as_float, is_name, is_number, require, shown
+from fx_beam.errors import SceneError, TimeFunction, as_float, is_name, is_number, require, shown
 
 from .inputs import Input, time_function
 from .symbols import NOWHERE

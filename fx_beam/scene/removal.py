@@ -8,8 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import require
+from fx_beam.errors import SceneError, require
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body

@@ -8,8 +8,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, overload
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import TimeFunction, is_name, is_one_of, is_whole, require, shown, vector
+from fx_beam.errors import (
+    SceneError,
+    TimeFunction,
+    is_name,
+    is_one_of,
+    is_whole,
+    require,
+    shown,
+    vector,
+)
 
 from . import loads
 from .beam import COMPONENTS, Beam, Node

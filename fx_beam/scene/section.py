@@ -14,8 +14,8 @@ import ufl
 import numpy as np
 
 from fx_beam.array_calls import array_calls
-from fx_beam.errors import SceneError
-from fx_beam.validation import (
+from fx_beam.errors import (
+    SceneError,
     as_float,
     fields_in,
     is_number,

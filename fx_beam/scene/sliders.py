@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.validation import as_float, require
+from fx_beam.errors import SceneError, as_float, require
 
 from .beam import Beam, Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate

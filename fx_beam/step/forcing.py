@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import Constant, SceneError, TimeFunction, evaluate, series
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.coordinate import Held
-from fx_beam.validation import Constant, TimeFunction, evaluate, series
 
 from .model import Model
 from .turning_frame import TurningFrame

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, require, vector
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import InputSlot, check_names, connected, input_slots, widths
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import require, vector
 
 from .forcing import Forcing
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fx_beam.validation import as_float, is_whole, require
+from fx_beam.errors import as_float, is_whole, require
 
 # A correction that rotates a node further than this [rad] is shortened to it. The first correction
 # overshoots if the axial force makes the tangent nearly singular. For the pinned beam at dt 0.02

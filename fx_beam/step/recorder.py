@@ -11,11 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, is_flag, is_whole, numbers, require
 from fx_beam.laws.interval import Parts
 from fx_beam.results.files import writable
 from fx_beam.results.state import ROWS, State
-from fx_beam.validation import is_flag, is_whole, numbers, require
 
 from .fitted_histories import fitted, sums_of
 from .held_inputs import Ramp

@@ -8,10 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from fx_beam.errors import StepError
+from fx_beam.errors import Constant, StepError
 from fx_beam.fem.loads import columns_of
 from fx_beam.results.state import ARRAYS, State
-from fx_beam.validation import Constant
 
 from .held_inputs import Hold, Ramp
 from .loop import CompiledLoop, StepInputs, no_inputs

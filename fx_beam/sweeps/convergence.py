@@ -7,12 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fx_beam.errors import Failure, SceneError, StepError
+from fx_beam.errors import (
+    Failure,
+    SceneError,
+    StepError,
+    check_takes,
+    is_whole,
+    numbers,
+    positive,
+    require,
+)
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
-from fx_beam.validation import check_takes, is_whole, numbers, positive, require
 
 # Tolerance of the steps at first, and its factor in a refinement; the elements are doubled.
 _FIRST, _FACTOR = 1e-2, 0.25

@@ -9,10 +9,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, check_takes, is_whole, positive, require, shown
 from fx_beam.motions.progress import progress_bar
 from fx_beam.results import export
-from fx_beam.validation import check_takes, is_whole, positive, require, shown
 
 from . import workers
 from .journal import Journal

@@ -24,11 +24,10 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError
+from fx_beam.errors import SceneError, StepError, is_whole, shown
 from fx_beam.fem import mpi
 from fx_beam.motions.motion_series import MotionSeries
 from fx_beam.motions.surroundings import simulating_by
-from fx_beam.validation import is_whole, shown
 
 _log = logging.getLogger("fx_beam")
 _THREAD = threading.local()

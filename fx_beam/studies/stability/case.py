@@ -8,11 +8,10 @@ from operator import attrgetter
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError
+from fx_beam.errors import SceneError, StepError, positive
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
-from fx_beam.validation import positive
 
 #: Kept: the energy ratio differs from 1 by at most this.
 KEPT = 1e-8

@@ -13,7 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, StepError
+from fx_beam.errors import (
+    SceneError,
+    StepError,
+    check_takes,
+    is_number,
+    is_whole,
+    positive,
+    require,
+)
 from fx_beam.laws.schemes import EnergyMomentum, Scheme
 from fx_beam.motions.dynamics import simulate
 from fx_beam.motions.progress import progress_bar
@@ -21,7 +29,6 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 from fx_beam.studies import candidates
 from fx_beam.sweeps import workers
-from fx_beam.validation import check_takes, is_number, is_whole, positive, require
 
 from . import accuracy
 from .accuracy import MAX_HALVINGS, Exact, History, Mesh, Precision, Quantity, Run
