@@ -14,8 +14,8 @@ from . import dolfinx_api, ffcx_api
 from .dolfinx_api import CompiledForm
 
 _LIBRARY = "values at Gauss points", "expression_rows.c", "expression_rows.h"
-# Coefficients of elements that are stored at once.
-_MOST = 2**20
+# Values that are found at once, each by a few coefficients.
+_MOST = 2**17
 
 
 class _OnCells(NamedTuple):
@@ -57,20 +57,22 @@ class PointValues:
         """Values (n, cells, ...) of a shape in n steps, whose parameters (n, k) are given."""
         coordinates = dolfinx_api.element_coordinates(self._mesh)  # scenes move nodes
         values = np.zeros((len(parts.t), len(coordinates), *shape))
-        for own in self._expressions:
-            constants, x = self._constants(own, parts, parameters), coordinates[own.cells]
-            fields = [self._on_cells(field, parts)[:, own.cells] for field in own.coefficients]
-            width = sum(field.shape[2] for field in fields)
-            most = max(1, _MOST // max(1, width * len(x)))
-            for first in range(0, len(values), most):
-                rows = slice(first, min(first + most, len(values)))
-                count = rows.stop - first
-                of_rows = (field[rows] if len(field) > 1 else field for field in fields)
-                w = [np.broadcast_to(f, (count, *f.shape[1:])) for f in of_rows]
-                values[rows, own.cells] = self._tabulated(
-                    own.tabulate, np.concatenate(w, axis=2), constants[rows], x, shape
-                )
+        most = max(1, _MOST // values[0].size)
+        for first in range(0, len(values), most):
+            rows = slice(first, first + most)
+            given = Parts(*(of[rows] if len(of) else of for of in parts))
+            for own in self._expressions:
+                w, c = self._coefficients(own, given), self._constants(own, given, parameters[rows])
+                out = self._tabulated(own.tabulate, w, c, coordinates[own.cells], shape)
+                values[rows, own.cells] = out
         return values
+
+    def _coefficients(self, of: _OnCells, parts: Parts) -> np.ndarray:
+        """Coefficients (n, cells, width) of an expression."""
+        shape = len(parts.t), len(of.cells)
+        fields = [self._on_cells(field, parts)[:, of.cells] for field in of.coefficients]
+        each = [np.broadcast_to(field, (*shape, field.shape[2])) for field in fields]
+        return np.concatenate([np.empty((*shape, 0)), *each], axis=2)
 
     def _on_cells(self, field: Any, parts: Parts) -> np.ndarray:
         """Values (n, cells, width) of a field, with n = 1 if it does not change."""

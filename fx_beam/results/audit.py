@@ -177,7 +177,8 @@ class Stats:
     setup_seconds : float
         Time for mesh, compilation and constant matrices [s].
     setup_reason : str
-        Why the scene was set up anew; empty if only its numbers were new, as in a `Response`.
+        Why the scene was set up anew; empty if only its numbers were new: in a `Response`, or in
+        `simulate` after a scene of the same structure whose solution is no longer in use.
     compiled : list of str
         Compiled forms.
     assembled : list of str
