@@ -53,12 +53,12 @@ class ResultantOutput:
         of, shape, count = self._of, self._of.model.forms.internal_shape, len(changes["X"])
         found = np.zeros((rows, len(self._cells) * shape[1], count))
         for row, k, share in self._parts:
-            part = of.part(k)
+            part, read = of.part(k), dict[str, Any]()
+            for name, array, place, factor in of.sources(k):
+                if array in of_state:
+                    read[name] = read.get(name, 0.0) + factor * of_state[array][place]
             for j in range(count):
-                own: dict[str, Any] = {}
-                for name, array, place, factor in of.sources(k):
-                    if array in of_state:
-                        own[name] = own.get(name, 0.0) + factor * of_state[array][place, j]
+                own = {name: values[j] for name, values in read.items()}
                 own |= {n: changes[to][j] for n, to in OF_NUMBERS.items() if to in changes}
                 own["X"] = changes["X"][j]
                 if of.natural is not None:
