@@ -202,9 +202,7 @@ def alarm():
 
 @pytest.mark.parametrize("kind", [KeyboardInterrupt, Alarm])
 @pytest.mark.parametrize("name", RUNS)
-def test_every_interrupt_leaves_the_steps_before_it_or_says_that_there_are_none(
-    name, kind, ctrl_c, monkeypatch
-):
+def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctrl_c, monkeypatch):
     run = RUNS[name]()
     # Each run sets up a model of its own, so that it has as many lines as the others.
     monkeypatch.setattr(dynamics, "_RECENT", SimpleNamespace(of=lambda scene: MotionSeries()))
