@@ -89,8 +89,7 @@ def mean_forces(scheme, lengths, push):
     ids=["half", "varied", "jump"],
 )
 def test_an_even_number_of_sub_steps_keeps_the_order_of_forces_at_changes(shares, push):
-    on = 0.5 / (3 - 3 ** (1 / 3))
-    fractions = (on, on, on, 0.5 - 3 * on)
+    fractions = (on := 0.5 / (3 - 3 ** (1 / 3)), on, on, 0.5 - 3 * on)
     plain, errors = fb.EnergyMomentum(), []
     even = fb.Scheme("even", plain.resultants, plain.rates, fractions + fractions[::-1])
     for parts in (1, 2):
