@@ -8,12 +8,12 @@ from fx_beam.errors import Constant
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Held
 from fx_beam.scene.inputs import InputSlot
-from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load, PlaceTimeFunction, StrainPart, label
 from fx_beam.scene.scene import Scene
 
 from .drawing import three_digits
 from .sheet import Sheet
+from .supports import left_of, node_of
 
 # Fractions of the drawing's size: arrows of forces, line loads and motions; radius of rotations.
 _FORCE, _LINE_LOAD, _MOTION, _TURN = 0.12, 0.06, 0.08, 0.045
@@ -158,7 +158,7 @@ def _prescribed(sheet: Sheet, scene: Scene) -> None:
 
 def _motors(sheet: Sheet, scene: Scene) -> None:
     for joint in scene.joints:
-        position = _position(joint.a if joint.b is GROUND else joint.b)
+        position = _position(node_of(joint))
         for name in joint.driven:
             locked = isinstance(joint.coordinates[name].motor, Held)
             if name == "slide":
@@ -170,7 +170,7 @@ def _motors(sheet: Sheet, scene: Scene) -> None:
 
 def _double_arrow(sheet: Sheet, position, direction, text: str) -> None:
     """An arrow with two heads along a direction, beside a point."""
-    beside = position + 0.04 * sheet.size * np.array([-direction[1], direction[0]])
+    beside = position + 0.04 * sheet.size * left_of(direction)
     ends = beside + _MOTION * sheet.size * np.outer((-1, 1), direction)
     sheet.arrow([ends[0], beside, ends[1]], "<-|>", color=_DRIVEN, linewidth=1.4)
     sheet.label(text, [ends[1], beside, ends[0]], _DRIVEN)

@@ -20,9 +20,9 @@ from fx_beam.scene.beam import Node
 
 from .drawing import Drawing, checked_drawing, clock, three_digits
 from .members import Colouring, Members
-from .plane import LARGEST, Plane, draw_obstacles
+from .plane import LARGEST, Plane
 from .supports import Supports
-from .symbols import draw_forces, draw_joints, draw_marks, draw_moving
+from .symbols import draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
 
 _SAMPLES = 40_000  # pixels of a frame from which the palette is chosen
 
@@ -38,12 +38,8 @@ def check_frames(path: Path | str) -> Path:
     return path
 
 
-def write_frames(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
-    """Write frames (height, width, 4) of an animation, `fps` per second, one after the other."""
-    (_write_mp4 if path.suffix.lower() == ".mp4" else _write_gif)(frames, path, fps)
-
-
 def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
+    """Frames (height, width, 4), `fps` per second, one after the other."""
     import imageio_ffmpeg
 
     film = None
@@ -164,7 +160,7 @@ def animate(
     # Beside the time, or above it where there is no room.
     above = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
     ax.annotate(drawing.title(), (1, 1), (0, above), ha="right", **look)
-    draw_obstacles(ax, drawing)
+    draw_outlines(ax, drawing.obstacles)
     heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
     if colour is None:
@@ -200,8 +196,9 @@ def animate(
             for artist in drawn:
                 artist.remove()
 
+    write = _write_mp4 if path.suffix.lower() == ".mp4" else _write_gif
     with replacing(path) as new:
-        write_frames(frames(), new, fps)
+        write(frames(), new, fps)
 
 
 def _plane(drawing: Drawing, scene_unit: str, bar: bool, size: Any) -> Plane:

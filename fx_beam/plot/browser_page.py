@@ -158,7 +158,9 @@ def _members(drawing: Drawing, scene_unit: str) -> dict[str, Any]:
     if not beams:
         return {"beams": [], "points": "", "nodes": "", "s": "", "quantities": []}
     degree = next(iter(beams.values())).degree
-    pieces = 1 if degree == 1 else _pieces(sum(beam.elements for beam in beams.values()))
+    elements, pieces = sum(beam.elements for beam in beams.values()), 1
+    if degree > 1:  # a divisor of the lines that are drawn
+        pieces = next((n for n in (12, 6, 4, 3, 2) if n * elements <= _MANY), 1)
     everywhere = drawing.positions(np.arange(len(solution.X)), list(drawing.rows))
     positions, nodes, s = [], [], []
     for name, beam in beams.items():
@@ -176,11 +178,6 @@ def _members(drawing: Drawing, scene_unit: str) -> dict[str, Any]:
         "s": _text(np.concatenate(s).astype(np.float32)),
         "quantities": [_quantity(drawing, name, middles, scene_unit) for name in _known(solution)],
     }
-
-
-def _pieces(elements: int) -> int:
-    """Straight pieces of an element of degree 2 or 3: a divisor of the lines that are drawn."""
-    return next((n for n in (12, 6, 4, 3, 2) if n * elements <= _MANY), 1)
 
 
 def _known(solution: Any) -> list[str]:
@@ -252,12 +249,8 @@ def _between(drawing: Drawing) -> list[dict[str, Any]]:
     forces = [] if drawing.scene is None else drawing.scene.forces_between
     entries = []
     for force in forces:
-        a = drawing.positions(force.a.number, list(drawing.rows))
-        is_node = isinstance(force.b, Node)
-        b = drawing.positions(force.b.number, list(drawing.rows)) if is_node else force.b
-        ends = np.stack([a, np.broadcast_to(b, a.shape)], axis=1)
-        spring = force.on.spring is not None
-        entries.append({"spring": spring, "points": _points(drawing, ends)})
+        points = _points(drawing, drawing.ends(force, list(drawing.rows)))
+        entries.append({"spring": force.on.spring is not None, "points": points})
     return entries
 
 

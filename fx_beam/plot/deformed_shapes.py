@@ -12,15 +12,14 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
 from .drawing import Drawing, checked_drawing, three_digits, time_unit
 from .members import SEQUENTIAL, Colouring, Members
-from .plane import PICTURES, Plane, draw_obstacles, written
+from .plane import Plane, picture, written
 from .supports import Supports
-from .symbols import draw_forces, draw_joints, draw_marks, draw_moving
+from .symbols import draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
 
 _MANY = 1000  # members above which their tubes have six sides
 
@@ -79,12 +78,12 @@ def shapes(
     matplotlib.figure.Figure
         The picture.
     """
-    path = None if path is None else writable(path, PICTURES)
+    path = picture(path)
     drawing = checked_drawing(solution, steps, magnify)
     plane = Plane(drawing, scene_unit, bar=True)
     ax = plane.ax
     ax.set_title(drawing.title(), fontsize="medium")
-    draw_obstacles(ax, drawing)
+    draw_outlines(ax, drawing.obstacles)
     shades: Any
     if colour is None:
         shades = _by_time(plane, drawing, thickness)

@@ -15,6 +15,7 @@ from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.lookup import scene_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
+from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
 from fx_beam.scene.obstacles import Obstacle, Shape
@@ -33,9 +34,14 @@ class Outline(NamedTuple):
 
     def moved(self, position: np.ndarray, angle: float) -> Outline:
         """Turned by an angle about the origin, which is then moved to a position."""
-        c, s = np.cos(angle), np.sin(angle)
-        turn = np.array([[c, s], [-s, c]])
+        turn = _turn(angle)
         return Outline(self.line @ turn + position, self.strokes @ turn + position)
+
+
+def _turn(angle: float) -> np.ndarray:
+    """Matrix (2, 2) that turns rows by an angle."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, s], [-s, c]])
 
 
 def outlines(
@@ -191,9 +197,7 @@ class Drawing:
         of_beams = self.solution.nodes_of_beam
         nodes = of_beams[target.name] if isinstance(target, Beam) else [target.number]
         arms = self.positions(nodes, k) - self.positions(carrier, k)
-        psi = self.magnify * self._q[k][carrier, 2]
-        c, s = np.cos(psi), np.sin(psi)
-        return arms @ np.array([[c, -s], [s, c]])
+        return arms @ _turn(-self.magnify * self._q[k][carrier, 2])
 
     def carried(self, k: int) -> list[Outline]:
         """Outlines of the obstacles that nodes carry, in row k."""
@@ -275,9 +279,13 @@ class Drawing:
         """A vector (2,) that rotates with a node, in row k."""
         if node is GROUND:
             return np.asarray(arrow)
-        psi = self.magnify * self.solution.rotation(node)[k]
-        c, s = np.cos(psi), np.sin(psi)
-        return np.array([c * arrow[0] - s * arrow[1], s * arrow[0] + c * arrow[1]])
+        return np.asarray(arrow) @ _turn(self.magnify * self.solution.rotation(node)[k])
+
+    def ends(self, force: ForceBetween, rows) -> np.ndarray:
+        """Ends (..., 2, 2) of a force between points in some rows."""
+        a = self.positions(force.a.number, rows)
+        b = self.positions(force.b.number, rows) if isinstance(force.b, Node) else force.b
+        return np.stack([a, np.broadcast_to(b, a.shape)], axis=-2)
 
     def force(self, load: Load, node: Node, k: int) -> np.ndarray:
         """A force (2,) on a node in row k [N]."""

@@ -13,14 +13,13 @@ from matplotlib.path import Path as Area
 
 from fx_beam.errors import is_flag, is_name, is_one_of, require, shown
 from fx_beam.results.fields import RESULTANTS, along_all
-from fx_beam.results.files import writable
 from fx_beam.results.solution import Solution
 
 from .drawing import Drawing, checked_drawing, three_digits, time_unit
 from .members import SIGNED, words_for
-from .plane import PICTURES, draw_obstacles, grid, written
+from .plane import panels, picture, written
 from .supports import Supports, draw_lines
-from .symbols import draw_joints
+from .symbols import draw_joints, draw_outlines
 
 _TALLEST = 0.15  # of a diagram, as a fraction of the picture's size
 _OVER = 1.5  # of a diagram, as a multiple of the distance between members
@@ -72,7 +71,7 @@ def diagrams(
     ValueError
         For a row or quantities that the solution does not have, or one without beams.
     """
-    path = None if path is None else writable(path, PICTURES)
+    path = picture(path)
     checked_drawing(solution, [row], 1.0)
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
@@ -90,12 +89,10 @@ def diagrams(
     low, high = drawing.window
     margin = 1.3 * tallest + _BESIDE_TIP * drawing.size
     low, high = low - margin, high + margin
-    columns, rows, panel = grid(len(names), high - low, _BORDER)
+    fig, columns, panel = panels(len(names), high - low, _BORDER, share=True)
     between = 72 * max(panel) * drawing.spacing / max(high - low)  # members [points]
     thinness = min(1.0, between / _DENSE)
-    fig = Figure(tuple((columns, rows) * (panel + _BORDER)), layout="constrained")
-    panels = fig.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).flat
-    for number, (ax, name) in enumerate(zip(panels, names, strict=False)):
+    for number, (ax, name) in enumerate(zip(fig.axes, names, strict=True)):
         _panel(ax, drawing, name, row, tallest, thinness)
         ax.set_title(words_for(name, scene_unit), fontsize="medium")
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -103,8 +100,6 @@ def diagrams(
         ax.tick_params(labelbottom=lowest, labelleft=first)
         ax.set_xlabel(f"$x$ [{scene_unit}]" if lowest else "")
         ax.set_ylabel(f"$y$ [{scene_unit}]" if first else "")
-    for ax in list(fig.axes)[len(names) :]:
-        ax.remove()
     t = solution.t_level[row]
     factor, unit = time_unit(solution.t[-1])
     words = f"load factor {three_digits(t)}" if solution.stats.static else ""
@@ -135,7 +130,8 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
     tips = points + side * values[..., None]
     ends = np.concatenate([[0], np.cumsum([beam.elements for beam in beams.values()])]).tolist()
     members = list(map(slice, ends[:-1], ends[1:]))
-    edges = [np.stack([points[e], tips[e]]) for of in members for e in _ends(of)]
+    corners = [end for of in members for end in ((of.start, 0), (of.stop - 1, _PIECES))]
+    edges = [np.stack([points[end], tips[end]]) for end in corners]
     draw_lines(ax, [*tips, *edges], color="0.3", linewidth=0.7 * thinness, zorder=2)
     axes = [points[of].reshape(-1, 2) for of in members]
     draw_lines(ax, axes, linewidth=1.5 * thinness, zorder=3)
@@ -152,11 +148,6 @@ def _panel(ax, drawing: Drawing, quantity: str, row: int, tallest: float, thinne
             beside = tips[peak] + _BESIDE_TIP / 2 * drawing.size * out
             centred = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 7}
             ax.annotate(three_digits(values[peak]), beside, bbox=box, **centred)
-    draw_obstacles(ax, drawing)
+    draw_outlines(ax, drawing.obstacles)
     draw_joints(ax, drawing, row)
     Supports(drawing).draw(ax, row)
-
-
-def _ends(of: slice) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First and last point of a member, by element and piece."""
-    return (of.start, 0), (of.stop - 1, _PIECES)

@@ -141,7 +141,7 @@ def words_for(quantity: str, scene_unit: str) -> str:
 
 def hexadecimal(scale, count: int) -> list[str]:
     """Colours of a scale from one end to the other, as pages write them."""
-    return [to_hex(scale(i / (count - 1))) for i in range(count)]
+    return [to_hex(shade) for shade in scale(np.linspace(0, 1, count))]
 
 
 class Colouring:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fx_beam.errors import is_whole, require
-from fx_beam.results.files import writable
 from fx_beam.results.vibrations import Modes
 from fx_beam.scene.body import Body
 
 from .drawing import Drawing, three_digits
-from .plane import PICTURES, grid, written
+from .plane import panels, picture, written
 from .supports import Supports, draw_lines
 from .symbols import draw_between, draw_bodies, draw_hinges
 
@@ -48,7 +45,7 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
         The picture, with a panel for each mode. Their titles have its number, from 0 as in `Modes`,
         and its frequency.
     """
-    path = None if path is None else writable(path, PICTURES)
+    path = picture(path)
     require(isinstance(modes, Modes), "modes", modes, "what fx_beam.modes returned")
     count = len(modes) if count is None else count
     wanted = f"from 1 to {len(modes)}, the number of modes"
@@ -58,12 +55,8 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
     size = _SIZE * at_rest.reach
     low, high = at_rest.window
     low, high = low - size, high + size
-    columns, rows, panel = grid(count, high - low, _BORDER)
-    fig = Figure(tuple((columns, rows) * (panel + _BORDER)), layout="constrained")
-    panels = list(fig.subplots(rows, columns, squeeze=False).flat)
-    for ax in panels[count:]:
-        ax.remove()
-    for mode, ax in zip(range(count), panels, strict=False):
+    fig, _, _ = panels(count, high - low, _BORDER)
+    for mode, ax in enumerate(fig.axes):
         ax.axis("off")
         ax.set_title(f"mode {mode}: {_kind(modes, mode)}", fontsize="small")
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -71,39 +64,24 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
     return written(fig, path)
 
 
-@dataclass(frozen=True)
 class Vibration:
     """A mode in the form of a solution with three rows: at rest, moved, a quarter period later."""
 
-    modes: Modes
-    mode: int
-    size: float
+    obstacles = ()
 
-    def __getattr__(self, name: str):
-        """The beams, bodies and nodes are those of the modes."""
-        return getattr(self.modes, name)
-
-    @property
-    def X(self) -> np.ndarray:
-        """Positions (n_node, 2) at rest [m]."""
-        return self.modes.positions
-
-    @property
-    def obstacles(self) -> tuple:
-        """None."""
-        return ()
-
-    @cached_property
-    def q(self) -> np.ndarray:
-        """Displacements (3, n_node, 3), without rotations."""
-        modes, q = self.modes, np.zeros((3, len(self.X), 3))
+    def __init__(self, modes: Modes, mode: int, size: float):
+        self.modes, self.mode, self.X = modes, mode, modes.positions
+        #: Displacements (3, n_node, 3), without rotations.
+        self.q = np.zeros((3, len(self.X), 3))
         parts: list[tuple[str | Body, Any]] = list(modes.nodes_of_beam.items())
         parts += [(body, [node.number for node in body.nodes]) for body in modes.bodies.values()]
         for part, nodes in parts:
             for row, phase in (_MOVED, 0.0), (_LATER, np.pi / 2):
-                positions = modes.shape(part, self.mode, self.size, phase)
-                q[row, nodes, :2] = positions - self.X[nodes]
-        return q
+                self.q[row, nodes, :2] = modes.shape(part, mode, size, phase) - self.X[nodes]
+
+    def __getattr__(self, name: str):
+        """The beams, bodies and nodes are those of the modes."""
+        return getattr(self.modes, name)
 
 
 def _draw(ax, drawing: Drawing) -> None:

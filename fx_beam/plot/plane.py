@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from fx_beam.errors import is_name, require
-from fx_beam.results.files import replacing
+from fx_beam.results.files import replacing, writable
 
 from .drawing import Drawing
-from .symbols import draw_outlines
 
 #: Endings of files.
 PICTURES = sorted(FigureCanvasAgg.filetypes)
@@ -94,6 +93,11 @@ def room_for_ticks(low: float, high: float) -> float:
     return 0.075 * max(0, digits - 6)
 
 
+def picture(path: Path | str | None) -> Path | None:
+    """The path of a picture, if there is one; raises an error if it cannot be written."""
+    return None if path is None else writable(path, PICTURES)
+
+
 def written(figure: Figure, path: Path | None) -> Figure:
     """A figure, written into a file if there is a path."""
     if path is not None:
@@ -102,20 +106,25 @@ def written(figure: Figure, path: Path | None) -> Figure:
     return figure
 
 
-def grid(count: int, extent: np.ndarray, border: np.ndarray) -> tuple[int, int, np.ndarray]:
-    """Columns and rows of panels of a shape, and their size [inch]: large, and few are empty."""
-    best = None
-    for columns in range(1, count + 1):
-        rows = -(-count // columns)
-        room = np.array(LARGEST) / (columns, rows) - border
-        panel = extent * min(np.maximum(room, 0.1) / extent)
-        worth = panel[0] * panel[1] * (count / (columns * rows)) ** 2
-        if best is None or worth > best[0]:
-            best = worth, columns, rows, panel
-    assert best is not None
-    return best[1:]
+def panels(
+    count: int, extent: np.ndarray, border: np.ndarray, share: bool = False
+) -> tuple[Figure, int, np.ndarray]:
+    """A figure with panels of a shape, the number of columns, and the size of a panel [inch].
 
+    The panels are as large as they can be, with few empty places.
+    """
 
-def draw_obstacles(ax, drawing: Drawing) -> list:
-    """Draw the fixed obstacles near the members; returns the artists."""
-    return draw_outlines(ax, drawing.obstacles, "0.35")
+    def size(columns: int) -> np.ndarray:
+        room = np.array(LARGEST) / (columns, -(-count // columns)) - border
+        return extent * min(np.maximum(room, 0.1) / extent)
+
+    def worth(columns: int) -> float:
+        return np.prod(size(columns)) * (count / (columns * -(-count // columns))) ** 2
+
+    columns = max(range(1, count + 1), key=worth)
+    rows, panel = -(-count // columns), size(columns)
+    figure = Figure(tuple((columns, rows) * (panel + border)), layout="constrained")
+    places = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
+    for ax in list(places.flat)[count:]:
+        ax.remove()
+    return figure, columns, panel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -175,9 +176,10 @@ def equilibrium_paths(
     marks: dict[str, list[tuple[float, float]]] = {kind: [] for kind in _MARKS}
     for each in _all_of(solution):
         x, y, stable = _with_points(each, value, marks)
-        for first, last, is_stable in _pieces(stable):
+        changes = np.flatnonzero(np.diff(stable)) + 1
+        for first, last in itertools.pairwise(np.unique([0, *changes, len(stable)]).tolist()):
             line = x[first : last + 1], load * y[first : last + 1]
-            if is_stable:
+            if stable[first]:
                 ax.plot(*line, **_STABLE)
             else:  # on white: branches that coincide would fill the gaps of the dashes
                 ax.plot(*line, color="white", lw=2, zorder=1.5)
@@ -224,12 +226,3 @@ def _with_points(
 def _values(value: Callable[[Solution], np.ndarray], solution: Solution) -> np.ndarray:
     """Values (n,) in the rows of a solution."""
     return curve(value(solution), solution.t, "value(solution)")
-
-
-def _pieces(stable: np.ndarray) -> Iterator[tuple[int, int, bool]]:
-    """First and last places of runs of lines that are all stable or all not."""
-    first = 0
-    for last in range(1, len(stable) + 1):
-        if last == len(stable) or stable[last] != stable[first]:
-            yield first, last, bool(stable[first])
-            first = last

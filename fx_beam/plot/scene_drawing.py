@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from fx_beam.errors import SceneError, is_flag, is_name, require, shown
-from fx_beam.results.files import writable
 from fx_beam.scene.beam import Node, inner_positions
 from fx_beam.scene.scene import Scene
 
 from .actions import draw_actions
-from .drawing import Drawing, three_digits
-from .plane import PICTURES, draw_obstacles, written
+from .drawing import Drawing, apart, three_digits
+from .plane import picture, written
 from .sheet import Sheet
 from .supports import Supports
-from .symbols import draw_joints, draw_moving
+from .symbols import draw_joints, draw_moving, draw_outlines
 
 _MEMBER = "#0072B2"
 _DIMENSION = {"color": "0.45", "linewidth": 0.6}
@@ -77,14 +74,14 @@ def scene(
         raise SceneError(f"plot.scene needs an fx_beam.Scene, not {shown(scene)}")
     if not scene.nodes:
         raise SceneError("plot.scene: the scene has no beams; add one with scene.add_beam")
-    path = None if path is None else writable(path, PICTURES)
+    path = picture(path)
     require(is_flag(dimensions), "dimensions", dimensions, "True or False")
     require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
     drawing = Drawing(Reference(scene), [0])
     axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
     sheet = Sheet(drawing.reach)
     _members(sheet, scene, axes, drawing.thinness)
-    sheet.see(draw_obstacles(sheet.ax, drawing))
+    sheet.see(draw_outlines(sheet.ax, drawing.obstacles))
     sheet.see(Supports(drawing).draw(sheet.ax, 0))
     sheet.see(draw_moving(sheet.ax, drawing, 0))
     sheet.see(draw_joints(sheet.ax, drawing, 0))
@@ -95,51 +92,27 @@ def scene(
     return written(sheet.finish(scene_unit), path)
 
 
-@dataclass(frozen=True)
 class Reference:
     """A scene in its reference configuration, in the form of a solution with one row."""
 
-    scene: Scene
-
-    @cached_property
-    def beams(self):
-        """The beams by name."""
-        return {beam.name: beam for beam in self.scene.beams}
-
-    @property
-    def bodies(self):
-        """The bodies by name."""
-        return {body.name: body for body in self.scene.bodies}
-
-    @property
-    def obstacles(self):
-        """The obstacles."""
-        return self.scene.obstacles
-
-    @cached_property
-    def nodes_of_beam(self) -> dict[str, np.ndarray]:
-        """Rows of `X` with the nodes of each beam in order, including those inside elements."""
-        numbers, free = {}, len(self.scene.nodes)
-        for beam in self.scene.beams:
+    def __init__(self, scene: Scene):
+        self.beams = {beam.name: beam for beam in scene.beams}
+        self.bodies = {body.name: body for body in scene.bodies}
+        self.obstacles = scene.obstacles
+        #: Rows of `X` with the nodes of each beam in order, including those inside elements.
+        self.nodes_of_beam = dict[str, np.ndarray]()
+        free = len(scene.nodes)
+        for beam in scene.beams:
             inside = beam.elements * (beam.degree - 1)
             of_beam = np.empty(beam.elements * beam.degree + 1, dtype=int)
             ends = np.arange(len(of_beam)) % beam.degree == 0
             of_beam[ends] = [node.number for node in beam.nodes]
             of_beam[~ends] = np.arange(free, free + inside)
-            numbers[beam.name] = of_beam
+            self.nodes_of_beam[beam.name] = of_beam
             free += inside
-        return numbers
-
-    @cached_property
-    def X(self) -> np.ndarray:
-        """Positions (n_node, 2) of the nodes [m]."""
-        ends = np.array([(node.x, node.y) for node in self.scene.nodes])
-        return np.concatenate([ends, *map(inner_positions, self.scene.beams)])
-
-    @cached_property
-    def q(self) -> np.ndarray:
-        """Displacements and rotations (1, n_node, 3): zero."""
-        return np.zeros((1, len(self.X), 3))
+        places = np.array([(node.x, node.y) for node in scene.nodes])
+        self.X = np.concatenate([places, *map(inner_positions, scene.beams)])
+        self.q = np.zeros((1, len(self.X), 3))
 
     def rotation(self, node: Node) -> np.ndarray:
         """Rotation (1,) of a node: zero."""
@@ -148,9 +121,7 @@ class Reference:
 
 def _members(sheet: Sheet, scene: Scene, axes: dict[str, np.ndarray], width: float) -> None:
     if len(axes) > _CROWD:
-        gaps = np.full((1, 2), np.nan)
-        apart = np.concatenate([part for points in axes.values() for part in (points, gaps)])
-        sheet.line(apart, color=_MEMBER, linewidth=2.5 * width, zorder=2)
+        sheet.line(apart(axes.values()), color=_MEMBER, linewidth=2.5 * width, zorder=2)
         return
     for beam in scene.beams:
         sheet.line(axes[beam.name], color=_MEMBER, linewidth=2.5, zorder=2)

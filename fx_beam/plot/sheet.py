@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from .drawing import apart
 from .plane import room_for_ticks
 
 _INCH = 6.4, 6.4  # the largest width and height of the picture [inch]
@@ -39,8 +40,7 @@ class Sheet:
 
     def strokes(self, starts, ends, **look) -> None:
         """Lines from points (n, 2) to others (n, 2)."""
-        gaps = np.full_like(starts, np.nan)
-        self.line(np.stack([starts, ends, gaps], axis=1).reshape(-1, 2), **look)
+        self.line(apart(np.stack([starts, ends], axis=1)), **look)
 
     def dots(self, positions, marker: str, **look) -> None:
         """A marker at each of some points (n, 2)."""

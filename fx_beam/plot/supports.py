@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, Joint
 
 from .drawing import Drawing, apart
@@ -50,7 +51,7 @@ class Supports:
             if joint.axis is not None:
                 self._guides.append(joint)
             else:
-                held[on_ground(joint)] = {0, 1, 2} if joint.is_rigid else {0, 1}
+                held[node_of(joint).number] = {0, 1, 2} if joint.is_rigid else {0, 1}
         leaving = _leaving(drawing, set(held))
         self.symbols = {n: _support(held[n], np.array(leaving[n])) for n in sorted(held)}
 
@@ -84,7 +85,7 @@ class Supports:
         """A guide along an axis, as long as the path on it, and its wall."""
         drawing, axis, size = self._drawing, joint.direction, self._drawing.size
         assert axis is not None
-        number = on_ground(joint)
+        number = node_of(joint).number
         start = drawing.solution.X[number]
         slides = (drawing.positions(number, list(drawing.rows)) - start) @ axis
         low, high = min(0.0, slides.min()), max(0.0, slides.max())
@@ -115,9 +116,9 @@ def is_grounded(joint: Joint) -> bool:
     return GROUND in (joint.a, joint.b)
 
 
-def on_ground(joint: Joint) -> int:
-    """Number of the node that a joint connects with the ground."""
-    return (joint.a if joint.b is GROUND else joint.b).number
+def node_of(joint: Joint) -> Node:
+    """The node b of a joint, or the one that it connects with the ground."""
+    return joint.a if joint.b is GROUND else joint.b
 
 
 def wall_strokes(away: np.ndarray, length: float = _WALL, foot: Any = (0.0, 0.0)) -> Strokes:

@@ -11,10 +11,10 @@ from matplotlib.collections import PolyCollection
 from fx_beam.errors import require
 from fx_beam.scene.beam import Node
 from fx_beam.scene.forces_between import ForceBetween
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.joints import Joint
 
 from .drawing import Drawing, Outline
-from .supports import draw_lines, is_grounded, left_of, marker_size, on_ground, wall_strokes
+from .supports import draw_lines, is_grounded, left_of, marker_size, node_of, wall_strokes
 
 
 def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
@@ -28,7 +28,9 @@ def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
     return along / np.hypot(*along)
 
 
-_JOINT: dict[str, Any] = {"color": "white", "markeredgecolor": "black"}
+# Lines of symbols, and shoes of friction.
+_FINE: dict[str, Any] = {"linewidth": 0.9, "zorder": 2}
+_THICK = _FINE | {"linewidth": 2.5, "solid_capstyle": "butt"}
 _ARROW: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "units": "inches"}
 # Fractions of the drawing's size: width of a spring, its far end on the ground, what
 # a guide has beyond its ends, length of a wall.
@@ -63,8 +65,8 @@ def draw_moving(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool
     return drawn
 
 
-def draw_outlines(ax, outlines: Sequence[Outline], colour: Any) -> list:
-    """Draw lines with strokes on one side; returns the artists."""
+def draw_outlines(ax, outlines: Sequence[Outline], colour: Any = "0.35") -> list:
+    """Draw obstacles as lines with strokes on one side; returns the artists."""
     look: dict[str, Any] = {"color": colour, "zorder": 1}
     thick = draw_lines(ax, [of.line for of in outlines], linewidth=1.4, **look)
     strokes = [pair for of in outlines for pair in of.strokes]
@@ -135,8 +137,7 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
 def draw_joints(ax, drawing: Drawing, k: int) -> list:
     """Draw joints, springs, dampers, friction, forces between points of row k; the artists."""
     joints: list[Joint] = list(_of_scene(drawing, "joints"))
-    fine, thick = _looks("black")
-    drawn = draw_lines(ax, _guides(drawing, joints, k), **fine | {"linestyle": ":"})
+    drawn = draw_lines(ax, _guides(drawing, joints, k), **_FINE | {"linestyle": ":"})
     parts: dict[str, list[np.ndarray]] = {"spring": [], "damper": [], "friction": []}
     for joint in joints:
         for name, on in joint.coordinates.items():
@@ -144,33 +145,25 @@ def draw_joints(ax, drawing: Drawing, k: int) -> list:
             for part, lines in parts.items():
                 if getattr(on, part) is not None:
                     lines.append(drawn_part(drawing, joint, part, k))
-    drawn += draw_lines(ax, parts["spring"] + parts["damper"], **fine)
-    drawn += draw_lines(ax, parts["friction"], **thick)
+    drawn += draw_lines(ax, parts["spring"] + parts["damper"], **_FINE)
+    drawn += draw_lines(ax, parts["friction"], **_THICK)
     return drawn + draw_between(ax, drawing, k) + draw_hinges(ax, drawing, k)
 
 
-def draw_between(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
+def draw_between(ax, drawing: Drawing, k: int) -> list:
     """Draw forces between points of row k; returns the artists."""
     between: list[ForceBetween] = list(_of_scene(drawing, "forces_between"))
     pairs = [_Pair(drawing, force, k) for force in between]
-    fine, thick = _looks(colour)
-    parts = [line for pair in pairs for line in [*pair.parts, *(pair.wall or [])]]
-    drawn = draw_lines(ax, parts, **fine)
+    drawn = draw_lines(ax, [line for pair in pairs for line in pair.parts + pair.wall], **_FINE)
     pulls = [pair.ends for pair in pairs if not pair.parts]
-    drawn += draw_lines(ax, pulls, **fine | {"linestyle": (0, (6, 3))})
-    return drawn + draw_lines(ax, [line for pair in pairs for line in pair.shoes], **thick)
+    drawn += draw_lines(ax, pulls, **_FINE | {"linestyle": (0, (6, 3))})
+    return drawn + draw_lines(ax, [line for pair in pairs for line in pair.shoes], **_THICK)
 
 
-def _looks(colour: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """How lines of symbols look, and shoes of friction."""
-    fine = {"color": colour, "linewidth": 0.9, "zorder": 2}
-    return fine, fine | {"linewidth": 2.5, "solid_capstyle": "butt"}
-
-
-def draw_hinges(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
+def draw_hinges(ax, drawing: Drawing, k: int) -> list:
     """Draw a ring at each hinge of row k, and a square at each slide; returns the artists."""
     drawn, size = [], 0.8 * marker_size(ax, drawing)
-    look = _JOINT | {"markeredgecolor": colour, "markersize": size, "zorder": 5}
+    look = {"color": "white", "markeredgecolor": "black", "markersize": size, "zorder": 5}
     for marker, nodes in nodes_of_joints(drawing).items():
         drawn += ax.plot(*drawing.positions(nodes, k).T, marker, **look)
     return drawn
@@ -182,8 +175,8 @@ def nodes_of_joints(drawing: Drawing) -> dict[str, list[int]]:
     for joint in _of_scene(drawing, "joints"):
         # A hinge on the ground is drawn as a support; rigid joints are not marked.
         if not (joint.is_rigid or (is_grounded(joint) and joint.slide is None)):
-            number = on_ground(joint) if is_grounded(joint) else joint.b.number
-            nodes.setdefault("o" if joint.slide is None else "s", []).append(number)
+            marker = "o" if joint.slide is None else "s"
+            nodes.setdefault(marker, []).append(node_of(joint).number)
     return nodes
 
 
@@ -191,11 +184,9 @@ class _Pair:
     """Lines of a force between two points: spring, damper, shoes of friction, wall at a point."""
 
     def __init__(self, drawing: Drawing, force: ForceBetween, k: int):
-        a, size, fixed = drawing.positions(force.a.number, k), drawing.size, force.b
-        is_node = isinstance(force.b, Node)
-        b = drawing.positions(force.b.number, k) if is_node else np.asarray(force.b)
-        self.ends = np.array([a, b])
-        on, self.parts, self.shoes, self.wall = force.on, list[np.ndarray](), [], None
+        self.ends, size, on = drawing.ends(force, k), drawing.size, force.on
+        a, b = self.ends
+        self.parts, self.shoes, self.wall = list[np.ndarray](), list[np.ndarray](), []
         if on.spring is not None:
             self.parts.append(_zigzag(a, b, size))
         if on.damper is not None:
@@ -203,10 +194,9 @@ class _Pair:
         if on.friction is not None:
             along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
             self.shoes = [(a + b) / 2 + _SPRING_WIDTH * size * _along(_SHOES, along)]
-        if not is_node:
-            away = -force.apart / np.hypot(*force.apart)
-            wall = wall_strokes(away, _WALL)
-            self.wall = [fixed + size * line for line in wall.thick + wall.thin]
+        if not isinstance(force.b, Node):
+            wall = wall_strokes(-force.apart / np.hypot(*force.apart), _WALL)
+            self.wall = [b + size * line for line in wall.thick + wall.thin]
 
 
 def _along(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -251,7 +241,7 @@ def _around(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarray:
 
 def _position_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
     """Position of a joint's node, in row k."""
-    return drawing.positions((joint.a if joint.b is GROUND else joint.b).number, k)
+    return drawing.positions(node_of(joint).number, k)
 
 
 def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -262,7 +252,7 @@ def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np
     if not is_grounded(joint):
         return _position_on_a(drawing, joint, k), drawing.positions(joint.b.number, k)
     far = -_SPRING_END * drawing.size * joint.kinematics.tangent(joint.start()[0])
-    number = on_ground(joint)
+    number = node_of(joint).number
     return drawing.solution.X[number] + far, drawing.positions(number, k)
 
 
