@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -110,7 +109,7 @@ class FirstOrder:
     def __init__(self, about: Deviations, inputs: InputColumns, what: str):
         self._about, self._inputs = about, inputs
         free = len(about.unknowns)
-        V, masses, damped = _kinds(about.M[:free, :free], about.C[:free, :free], about, what)
+        V, masses, damped = _kinds(about.M[:free, :free], about.C[:free, :free], what)
         y = slice(free)
         M, C, K = ((V.T @ part[y, y] @ V) for part in (about.M, about.C, about.K))
         of_positions = inputs.of_positions
@@ -201,16 +200,8 @@ class FirstOrder:
         return self._states @ np.concatenate([y[self._one], slow, p, rates_of_masses])
 
 
-class _Kinds(NamedTuple):
-    """A basis V (free, free), in which the masses come first, then what is damped only."""
-
-    V: np.ndarray
-    masses: int
-    damped: int
-
-
-def _kinds(M: np.ndarray, C: np.ndarray, about: Deviations, what: str) -> _Kinds:
-    """Combinations of unknowns with mass, with damping only, and with neither."""
+def _kinds(M: np.ndarray, C: np.ndarray, what: str) -> tuple[np.ndarray, int, int]:
+    """A basis (free, free): unknowns with mass, with damping only, with neither; how many."""
     heavy, light = (np.flatnonzero(mask) for mask in (M.diagonal() > 0, M.diagonal() <= 0))
     with_mass, without = _split(M, np.eye(len(M))[:, heavy])
     rest = np.hstack([without, np.eye(len(M))[:, light]])
@@ -220,8 +211,7 @@ def _kinds(M: np.ndarray, C: np.ndarray, about: Deviations, what: str) -> _Kinds
         raise SceneError(
             f"{what}: forces that depend on rates drive a part without mass. Give it mass"
         )
-    V = np.hstack([with_mass, damped, neither])
-    return _Kinds(V, with_mass.shape[1], damped.shape[1])
+    return np.hstack([with_mass, damped, neither]), with_mass.shape[1], damped.shape[1]
 
 
 def _split(A: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
@@ -294,9 +295,6 @@ def _of_names(solution, rows: np.ndarray, names: list[str]) -> np.ndarray:
 def _stats(first: Stats, second: Stats) -> Stats:
     """Statistics of both motions; why they end is that of the second one."""
     sums = {name: getattr(first, name) + getattr(second, name) for name in _SUMS}
-    ended = {
-        name: first.ended_by.get(name, 0) + second.ended_by.get(name, 0)
-        for name in {**first.ended_by, **second.ended_by}
-    }
+    ended = dict(Counter(first.ended_by) + Counter(second.ended_by))
     changes = {**first.changes, **second.changes}
     return replace(second, **sums, ended_by=ended, changes=changes)

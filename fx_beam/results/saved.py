@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, BinaryIO
 
@@ -189,7 +189,7 @@ def _read(raw: BinaryIO) -> Solution:
         if "past_ages" in data:  # that of a motion
             parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
         end = State(**parts)
-    obstacles = _obstacles(meta["obstacles"], beams, data["X"])
+    obstacles = _obstacles(meta["obstacles"], beams, node)
     friction = {o.number: data.get(f"contact{o.number}_friction") for o in obstacles}
     return Solution(
         {name: data[name] for name in HISTORIES},
@@ -224,12 +224,11 @@ def _divide_by_beams(data: dict[str, np.ndarray], beams: list[dict]) -> None:
             data[f"beam{i}_{part}"] = whole[..., first:end]
 
 
-def _obstacles(saved: list[dict], beams: dict[str, Beam], X: np.ndarray) -> list[Obstacle]:
+def _obstacles(
+    saved: list[dict], beams: dict[str, Beam], node: Callable[[int], Node]
+) -> list[Obstacle]:
     obstacles = []
     kinds: dict[str, Any] = {kind.__name__: kind for kind in Shape.__subclasses__()}
-
-    def node(number: int) -> Node:
-        return Node(number, *map(float, X[number]))
 
     def made(kind: str, shape: dict) -> Shape | Beam:
         if kind == "Beam":
