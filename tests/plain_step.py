@@ -14,7 +14,6 @@ from fx_beam.laws.interval import Interval
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
-from fx_beam.step.equations import Equations
 from fx_beam.step.recorder import Record, Recorder
 
 MOST, EXACT, JUMP = 60, 1e-13, 1e-6
@@ -25,8 +24,7 @@ class PlainStep:
 
     def __init__(self, prepared):
         self.model, self.forcing, self.loop = prepared.model, prepared.forcing, prepared.loop
-        natural = self.forcing.natural
-        self.equations, self.jacobian = Equations(self.model, natural=natural), None
+        self.jacobian = None
 
     def take(self, state, step, to):
         """The state at the end of a step, which is recorded."""
@@ -43,7 +41,7 @@ class PlainStep:
     def complete(self, state, step, known, to=None):
         """The state after some sub-steps with known increments and forces."""
         loop, p = self.loop, self.loop.problem.c
-        loop.load(state)
+        loop.problem.load(state)
         count, p.sub_steps = p.sub_steps, len(known)
         inputs = loop.inputs(step.start, np.array([step.end]))
         loop.finish(inputs, step.length, *(np.array(of) for of in zip(*known, strict=True)), to)
@@ -57,7 +55,7 @@ class PlainStep:
         level = model.scheme.rates.level
         self.force = (1 - level) * forces[0] + level * forces[1]
         self.driven = positions - forcing.current(state)
-        self.equations.sub_step = number
+        self.number = number
         y = np.zeros(model.reduction.free)
         for _ in range(8):
             y = self.solve(state, interval, y)
@@ -71,13 +69,8 @@ class PlainStep:
     def columns(self, y):
         """Increment of all columns, and the forces with it."""
         D, r, _ = self.at(y)
-        return np.concatenate([y, self.driven, np.zeros(self.fixed)]), r
-
-    @property
-    def fixed(self):
-        """Number of columns that stay."""
-        reduction = self.model.reduction
-        return reduction.columns - reduction.free - reduction.driven
+        fixed = np.zeros(self.model.reduction.columns - len(y) - len(self.driven))
+        return np.concatenate([y, self.driven, fixed]), r
 
     def follow(self, state, interval, y):
         """The unknowns with the forces of joints that friction follows."""
@@ -86,7 +79,7 @@ class PlainStep:
         for trial in range(100):
             given = replace(state, spring_internal=internal)
             self.complete(given, interval, [self.columns(y)])
-            self.equations.begin(interval, given)
+            self.begin(given, interval)
             points.evaluate(self.at(y)[0])
             joints = self.loop.problem.state_arrays["joint_forces"].reshape(-1, 3)
             for joint, axis in self.model.reduction.axes():
@@ -95,6 +88,14 @@ class PlainStep:
                 return y, given
             y = self.solve(given, interval, y)
         raise AssertionError("friction and force do not meet")
+
+    def begin(self, state, interval):
+        """Set the state at the start of a sub-step."""
+        model, self.start, self.length = self.model, state, interval.length
+        model.reduction.begin(state.q, state.slides)
+        model.forms.begin(interval, model.start_of(state, interval.length))
+        if (strains := self.forcing.natural(interval.end)) is not None:
+            model.forms.beams.natural.set(None, strains)
 
     def at(self, y):
         """Increment, forces of supports and joints, and the residual of the unknowns."""
@@ -105,47 +106,46 @@ class PlainStep:
             rates = model.scheme.rates
             a, _ = rates.acceleration(D, state.v, state.a, self.length, model.turns)
         else:
-            a = rules.to_vector(self.equations._nodal(rules, D)[:, :3])
+            past = state.q - (state.q if state.q_previous is None else state.q_previous)
+            nodal = rules.at(self.number, D, state.v, state.a, past, self.length)
+            a = rules.to_vector(nodal[:, :3])
         r += model.mass @ a
         return D, r, model.reduction.project(r)[: len(y)]
 
     def solve(self, state, interval, y):
         """The unknowns for which the residual is zero, from those that are known."""
-        self.start, self.length = state, interval.length
-        self.equations.begin(interval, state)
+        self.begin(state, interval)
         if not len(y):
             return y
-        unit = np.ones(len(y))
-        fresh = self.jacobian is None or abs(self.length_of_jacobian / self.length - 1) > 1e-9
-        if fresh:
-            self.differentiate(y, unit)
+        if self.jacobian is None or abs(self.length_of_jacobian / self.length - 1) > 1e-9:
+            self.differentiate(y)
         smallest = np.inf
         for _ in range(MOST):
             correction = np.linalg.solve(self.jacobian, self.at(y)[2])
-            size = abs(correction / unit).max()
+            size = abs(correction).max()
             if size <= EXACT or (size > 0.5 * smallest and size < 1e-10):
                 return y - correction
             if size > 0.2 * smallest:
-                self.differentiate(y, unit)
+                self.differentiate(y)
                 correction = np.linalg.solve(self.jacobian, self.at(y)[2])
-            smallest = size = abs(correction / unit).max()
+            smallest = size = abs(correction).max()
             part = min(1.0, 0.5 / size)
-            while part > 1e-3 and self.left(y - part * correction, unit) > size:
+            while part > 1e-3 and self.left(y - part * correction) > size:
                 part /= 2
             y = y - part * correction
         raise AssertionError("the plain step does not converge")
 
-    def left(self, y, unit):
+    def left(self, y):
         """Size of the next correction by the present Jacobian."""
-        left = abs(np.linalg.solve(self.jacobian, self.at(y)[2]) / unit).max()
+        left = abs(np.linalg.solve(self.jacobian, self.at(y)[2])).max()
         return left if np.isfinite(left) else np.inf
 
-    def differentiate(self, y, unit):
+    def differentiate(self, y):
         """The Jacobian of the residual by central differences."""
         columns = []
-        for i, h in enumerate(JUMP * unit):
-            ends = (self.at(y + sign * h * np.eye(len(y))[i])[2] for sign in (1, -1))
-            columns.append(np.subtract(*ends) / (2 * h))
+        for step in JUMP * np.eye(len(y)):
+            ends = (self.at(y + sign * step)[2] for sign in (1, -1))
+            columns.append(np.subtract(*ends) / (2 * JUMP))
         self.jacobian, self.length_of_jacobian = np.column_stack(columns), self.length
         following = ~self.jacobian.any(axis=1)  # unknowns that close loops have no equation here
         self.jacobian[following, following] = 1.0

@@ -149,16 +149,3 @@ class Auxiliaries:
         for auxiliary, column, weight in zip(self.auxiliary, self.column, weights, strict=True):
             rows[self._first + auxiliary] += weight * rows[column]
         return scipy.sparse.csr_matrix(rows)
-
-    def condensed(
-        self, tangent: scipy.sparse.csr_matrix, values: np.ndarray, virtual_map: np.ndarray
-    ) -> scipy.sparse.csr_matrix:
-        """The tangent (free, free) of the unknowns alone."""
-        if not self._count:
-            return tangent
-        free, column = self._free, self.columns_of_unknowns
-        of = (column >= 0) & (column < self.unknowns)  # without columns of nodes that slide
-        S, S_virtual = (self.completion(part)[of][:, :free] for part in (values, virtual_map))
-        rows, columns = self.rows_of_unknowns[of], self.columns_of_unknowns[of]
-        forces = tangent[rows][:, columns]
-        return (S_virtual.T @ forces @ S).tocsr()

@@ -40,9 +40,9 @@ class ClosureBorderingRows:
         unit: np.ndarray,
         carried: np.ndarray | tuple[int, ...] = (),
     ):
-        self._closure, self._column, self._value_at, self._sign = entries
+        self._closure, column, *_ = entries
         #: Row and column of each entry in the linear system; -1 if it belongs to no unknown.
-        self._rows, self._columns = rows[self._column], columns[self._column]
+        self._rows, self._columns = rows[column], columns[column]
         # Those of loops with nodes on beams border the system (c/bordering_rows.h).
         outside, self._carried = np.isin(self._closure, carried), np.array(carried, dtype=int)
         self._rows[outside] = self._columns[outside] = -1
@@ -66,21 +66,6 @@ class ClosureBorderingRows:
         row = np.repeat(np.arange(n), np.diff(indptr))
         self._diagonal = np.flatnonzero((row == indices) & (row < len(unit)))
         self._unit = unit[row[self._diagonal]]
-
-    def stiffen(self, out: np.ndarray, values: np.ndarray, virtual_map: np.ndarray) -> None:
-        """Add the stiffness to a tangent, whose diagonal gives its size; for T and Tv."""
-        stiff = (abs(out[self._diagonal]) / self._unit**2).max()
-        left, right = self._sign * virtual_map[self._value_at], self._sign * values[self._value_at]
-        np.add.at(out, self._pairs, stiff * left[self._left] * right[self._right])
-
-    def of(self, values: np.ndarray, virtual_map: np.ndarray) -> np.ndarray:
-        """Gv and G (2, closures, unknowns) in the linear system."""
-        bordering_rows, on = np.zeros((2, self._count, self._n)), self._columns >= 0
-        for out, at, entries in zip(
-            bordering_rows, (self._rows, self._columns), (virtual_map, values), strict=True
-        ):
-            np.add.at(out, (self._closure[on], at[on]), (self._sign * entries[self._value_at])[on])
-        return bordering_rows
 
     def system(self) -> ClosedSystem:
         """The linear system in which the forces are unknowns behind the others."""

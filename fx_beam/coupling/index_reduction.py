@@ -70,15 +70,11 @@ class Reduction(Protocol):
     forces: int
 
     @property
-    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Sparsity (indptr, indices) of the reduced matrix in compressed rows.
-
-        Of the unknowns, and of what `Auxiliaries` adds behind them.
-        """
-
-    @property
     def factored(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same for the compiled loop, in which nodes that slide on beams border it."""
+        """Sparsity (indptr, indices) of the linear system in compressed rows.
+
+        Of the unknowns, and of what is behind them; nodes that slide on beams border it.
+        """
 
     @property
     def independent(self) -> np.ndarray:
@@ -108,9 +104,6 @@ class Reduction(Protocol):
     def completed(self, z: np.ndarray) -> np.ndarray:
         """All rates from those of independent columns: completion() z."""
 
-    def closed(self, r: np.ndarray) -> np.ndarray:
-        """Nodal forces with those of the joints that close loops, as of separate nodes."""
-
     def spread(self, z: np.ndarray) -> np.ndarray:
         """Small change of all degrees of freedom from a small change of all columns: T z."""
 
@@ -126,14 +119,8 @@ class Reduction(Protocol):
     def axes(self) -> list[tuple[int, np.ndarray]]:
         """Of each node that slides on a beam its joint, and the axis (2,) there in the step."""
 
-    def carried(self, r: np.ndarray) -> np.ndarray:
-        """Forces (size,) with those of sliding nodes on their beams."""
-
     def bordering_rows(self) -> np.ndarray | None:
         """Gv and G (2, closures, unknowns) of loops that border the linear system; or None."""
-
-    def condensed(self, tangent: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-        """The tangent (free, free) of the unknowns, from one with the sparsity of `pattern`."""
 
     def loop_tables(self) -> LoopTables | None:
         """The closed loops as lists of numbers, for the compiled loop; None without any."""
@@ -143,9 +130,6 @@ class Reduction(Protocol):
 
     def joint_tables(self) -> dict:
         """`Tables.joints`."""
-
-    def fill(self, values: np.ndarray, r: np.ndarray, out: np.ndarray) -> None:
-        """Compute the reduced tangent `out` from the full one (values) and the nodal forces r."""
 
     def reduced(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """What a matrix A of any sparsity adds to the one of `fill`: Tv^T A T."""
@@ -179,10 +163,6 @@ class WithoutLoops:
         """The rates as they are."""
         return z
 
-    def closed(self, r: np.ndarray) -> np.ndarray:
-        """The forces as they are."""
-        return r
-
     def bordering_rows(self) -> np.ndarray | None:
         """None."""
         return None
@@ -206,13 +186,8 @@ class IndexReduction(WithoutLoops):
         self._dofs = _sums_of_dofs(column)
 
     @property
-    def pattern(self):
-        """Sparsity of the reduced matrix."""
-        return self._reduced[0]
-
-    @property
     def factored(self):
-        """The same: nothing borders it."""
+        """Sparsity of the reduced matrix."""
         return self._reduced[0]
 
     @functools.cached_property
@@ -223,7 +198,7 @@ class IndexReduction(WithoutLoops):
     @functools.cached_property
     def diagonal(self) -> np.ndarray:
         """Indices of the diagonal in the values of the reduced matrix."""
-        indptr, indices = self.pattern
+        indptr, indices = self.factored
         return np.flatnonzero(np.repeat(np.arange(self.free), np.diff(indptr)) == indices)
 
     def begin(self, q, slides) -> None:
@@ -263,14 +238,6 @@ class IndexReduction(WithoutLoops):
     def axes(self):
         """None."""
         return []
-
-    def carried(self, r):
-        """The forces: no node slides on a beam."""
-        return r
-
-    def condensed(self, tangent):
-        """The tangent as it is."""
-        return tangent
 
     def system(self):
         """Rows and columns of the unknowns; -1 for other columns."""

@@ -145,23 +145,13 @@ class JointReduction(WithoutLoops):
         return position
 
     @property
-    def _opened(self) -> tuple[np.ndarray, np.ndarray]:
-        """Sparsity of the reduced matrix while loops are open."""
-        return self._open if self.sliders is None else self.sliders.pattern
-
-    @property
     def _opened_factored(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same without what slides."""
+        """Sparsity of the reduced matrix while loops are open, without what slides."""
         return self._open if self.sliders is None else self.sliders.bordered.pattern
 
     @property
-    def pattern(self):
-        """Sparsity of the reduced matrix."""
-        return self._opened
-
-    @property
     def factored(self):
-        """The same without what borders it in the compiled loop."""
+        """Sparsity of the reduced matrix, without what borders it in the compiled loop."""
         return self._opened_factored
 
     def system(self) -> tuple[np.ndarray, np.ndarray]:
@@ -249,19 +239,18 @@ class JointReduction(WithoutLoops):
             Dpsi = np.where(carrier >= 0, D[carrier], 0.0)
             Dd = np.where(self._slide >= 0, z[self._slide], 0.0)
             psi1, at_end = self._psi0 + Dpsi, self._on_tracks(self._d0 + Dd)
-            self._rho1, self._t1, self._bend1 = (_turn(psi1, part) for part in at_end)
+            self._rho1, t1, _ = (_turn(psi1, part) for part in at_end)
             self._arm_steps = (self._joint_sign * (self._rho1 - self._rho0)).ravel()
             np.add.at(D, self._below, self._arm_steps[self._through])
 
             # Virtual displacements that reproduce the step's increment and a rigid rotation:
             # W (rho0 + rho1)/2, and (t0 + t1)/2 times 1 + Dtheta^2/4 = dDtheta/dDpsi.
-            _, self._slope = self._rates.work_increment(Dpsi, np.arange(len(Dpsi)))
-            self._slope_derivative = self._rates.slope_derivative(Dpsi)
-            self._mean_t = (1 - level) * self._t0 + level * self._t1
+            _, slope = self._rates.work_increment(Dpsi, np.arange(len(Dpsi)))
+            mean_t = (1 - level) * self._t0 + level * t1
             mean_rho = (1 - level) * self._rho0 + level * self._rho1
             of_joints, maps = self._values[1:].reshape(-1, 4), self._virtual_map[1:].reshape(-1, 4)
-            of_joints[:, :2], of_joints[:, 2:] = _perp(self._rho1), self._t1
-            maps[:, :2], maps[:, 2:] = _perp(mean_rho), self._slope[:, None] * self._mean_t
+            of_joints[:, :2], of_joints[:, 2:] = _perp(self._rho1), t1
+            maps[:, :2], maps[:, 2:] = _perp(mean_rho), slope[:, None] * mean_t
         return D
 
     def axes(self):
@@ -357,12 +346,6 @@ class JointReduction(WithoutLoops):
         own = alone[self._row] & dofs[self._row] & (self._value_at == 0)
         return np.bincount(self._col[own], minlength=self.columns)[: self.free] > 0
 
-    def carried(self, r):
-        """Forces (size,) with those of sliding nodes on their beams."""
-        if self.sliders is None:
-            return r
-        return self.sliders.carry(r, self._virtual_map, self._on_slides(self.columns))
-
     def _on_slides(self, count: int) -> np.ndarray:
         """Forces (count,) on slides."""
         forces = np.zeros(count)
@@ -399,60 +382,6 @@ class JointReduction(WithoutLoops):
         row, column = self._row_index[A.row], self._index[A.col]
         on = (row >= 0) & (column >= 0) & (row < n) & (column < n)
         return scipy.sparse.csr_matrix((A.data[on], (row[on], column[on])), (n, n))
-
-    def fill(self, values, r, out) -> None:
-        """Values of the reduced tangent."""
-        if self.sliders is None:
-            self._fill(values, r, out)
-            return
-        before = np.empty(self.sliders.entries_before)
-        self._fill(values, self.carried(r), before)
-        out[:] = self.sliders.eliminate(before, self._values, self._virtual_map)
-
-    def _fill(self, values, r, out) -> None:
-        to, k = self._direct
-        out[:] = np.bincount(to, values[k], len(out))
-        at, source, virtual, value, sign = self._coupled
-        products = values[source] * self._virtual_map[virtual] * self._values[value] * sign
-        out += np.bincount(at, products, len(out))
-        if len(self._geometric_to):
-            joint, kind, signs = self._geometric
-            terms = self._second_order(r)[kind, joint] * signs
-            out += np.bincount(self._geometric_to, terms, len(out))
-        if len(self._restoring_to):
-            slopes = self._points.on_slides(1)[self._sprung]
-            out += np.bincount(self._restoring_to, slopes, len(out))
-        if len(self.auxiliaries):
-            auxiliary = self.auxiliaries.entries(self._values, self._virtual_map)
-            out += np.bincount(self._auxiliary_to, auxiliary, len(out))
-
-    def _second_order(self, r):
-        """Derivatives of Tv^T r of each joint: (psi, psi), (psi, d) and (d, psi)."""
-        F = self.transmitted(r)
-        level = self._rates.level
-        turned = np.einsum("ij,ij->i", F, _perp(self._t1))
-        direct = np.einsum("ij,ij->i", F, self._mean_t)
-        return np.array(
-            [
-                -level * np.einsum("ij,ij->i", F, self._rho1),
-                level * turned,
-                self._slope_derivative * direct + self._slope * level * turned,
-                self._slope * level * np.einsum("ij,ij->i", F, self._bend1),
-            ]
-        )
-
-    def transmitted(self, r):
-        """Forces (joints, 2) [N] of the joints on b: sums over the nodes that follow."""
-        n, auxiliaries = len(self._moving), self.auxiliaries
-        sums = np.bincount(self._through, r[self._below], 2 * n)
-        if len(auxiliaries):
-            forces = self._project(r)[self.columns :]
-            sums += np.bincount(auxiliaries.arm, forces[auxiliaries.arm_auxiliary], 2 * n)
-        return sums.reshape(n, 2) * self._joint_sign
-
-    def condensed(self, tangent):
-        """The tangent (free, free) of the unknowns alone."""
-        return self.auxiliaries.condensed(tangent, self._values, self._virtual_map)
 
 
 @cached_by_content

@@ -20,7 +20,6 @@ import scipy.sparse
 from fx_beam.fem.point_forces import PointForces
 from fx_beam.laws.rates import UpdateRule
 
-from .closed_pattern import ClosedPattern
 from .closure_bordering_rows import ClosedSystem, ClosureBorderingRows
 from .closure_rows import blocks_of, closure_rows
 from .graph import Couplings
@@ -97,11 +96,6 @@ class LoopReduction(JointReduction):
         self._rho_at_rest = np.array(at_rest).reshape(-1, 2)
 
     @functools.cached_property
-    def _closed(self) -> ClosedPattern | ClosureBorderingRows:
-        """The sparsity with the products that the loops add."""
-        return self._close(self._opened)
-
-    @functools.cached_property
     def _system(self) -> ClosedSystem:
         """The linear system of the compiled loop, with closures block by block."""
         order = np.argsort(np.concatenate([own for own, _ in self.blocks]))
@@ -114,22 +108,9 @@ class LoopReduction(JointReduction):
         )
         return bordering_rows.system()
 
-    def _close(
-        self, pattern: tuple[np.ndarray, np.ndarray]
-    ) -> ClosedPattern | ClosureBorderingRows:
-        if len(self.auxiliaries):
-            index = self._row_index, self._index
-            return ClosureBorderingRows(self._closure_entries, *index, pattern, self.unit)
-        return ClosedPattern(pattern, self.loop)
-
-    @property
-    def pattern(self):
-        """Sparsity with the products that the loops add."""
-        return self._closed.pattern
-
     @property
     def factored(self):
-        """The same without what slides."""
+        """Sparsity of the reduced matrix with closing forces, without what slides."""
         return self._system.pattern
 
     def carriers(self) -> tuple[np.ndarray, int]:
@@ -250,82 +231,25 @@ class LoopReduction(JointReduction):
         """Generalised forces at all columns, with those of the closing joints; zero at d."""
         R = super().project(r)
         G, d = self._of_closures(self._virtual_map), self._following
-        self._forces = _solved(G[:, d].T, R[d])
-        R -= G.T @ self._forces
+        R -= G.T @ _solved(G[:, d].T, R[d])
         R[d] = 0.0
         return R
 
-    def closed(self, r):
-        """Nodal forces with those of the closing joints, which are not in sums over trees."""
-        self.project(r)
-        return r - self._ends.T @ self._forces
-
-    def carried(self, r):
-        """Forces with those of nodes on beams, to which loops add; for forces of `closed`."""
-        if self.sliders is None:
-            return r
-        (k, columns, value_at, signs), on_ends = self._closure_entries, self._ends.T @ self._forces
-        forces = self._on_slides(self.columns + len(self.auxiliaries))
-        np.add.at(forces, columns, -signs * self._virtual_map[value_at] * self._forces[k])
-        return self.sliders.carry(r + on_ends, self._virtual_map, forces) - on_ends
-
-    def transmitted(self, r):
-        """Forces (joints, 2) [N] of the joints on b, for nodal forces that `closed` gave."""
-        F = super().transmitted(r)
-        k, joint, component = self._arms
-        F[joint, component] = self._forces[k]
-        return F
-
-    def fill(self, values, r, out) -> None:
-        """Values of the reduced tangent; rows of d say that they follow.
-
-        With auxiliary unknowns: of the tangent of open loops, which `bordering_rows` close.
-        """
-        (indptr, indices), closed = self._opened, self._closed
-        inner = np.empty(len(indices))
-        super().fill(values, self.closed(r), inner)
-        out[:] = 0.0
-        if isinstance(closed, ClosureBorderingRows):
-            out[closed.open_entries] = inner
-            closed.stiffen(out, self._values, self._virtual_map)
-            return
-        A = scipy.sparse.csr_matrix((inner, indices, indptr), (self.free, self.free))
-        A = self._closed_tangent(A).tocoo()
-        out[closed.at(A.row, A.col)] = A.data
-
-    def _closed_tangent(self, tangent):
-        """A tangent (free, free) of open loops with the loops closed."""
-        free, d = self.free, self._following
-        S, virtual_map = (
-            self._completion(v)[:free, :free] for v in (self._values, self._virtual_map)
-        )
-        W = scipy.sparse.lil_matrix((free, free))
-        W[d] = -self._ratios(self._values)[:, :free]
-        W[d, d] = 1.0
-        return (virtual_map.T @ tangent @ S + W).tocsr()
-
-    def reduced(self, matrix):
-        """The part of the linear system; with auxiliary unknowns while loops are open."""
-        A, free = super().reduced(matrix), self.free
-        if len(self.auxiliaries):
-            return A
-        S, virtual_map = (
-            self._completion(v)[:free, :free] for v in (self._values, self._virtual_map)
-        )
-        return (virtual_map.T @ A @ S).tocsr()
-
-    def condensed(self, tangent):
-        """The tangent (free, free) of the unknowns alone."""
-        return (
-            self._closed_tangent(super().condensed(tangent)) if len(self.auxiliaries) else tangent
-        )
-
     def bordering_rows(self):
         """What closes the loops in the linear system with auxiliary unknowns; or None."""
-        closed = self._closed
-        if not isinstance(closed, ClosureBorderingRows):
+        if not len(self.auxiliaries):
             return None
-        return closed.of(self._values, self._virtual_map)
+        k, columns, value_at, signs = self._closure_entries
+        rows = np.zeros((2, len(self._closures), self.auxiliaries.unknowns))
+        for out, index, values in zip(
+            rows,
+            (self._row_index, self._index),
+            (self._virtual_map, self._values),
+            strict=True,
+        ):
+            on = index[columns] >= 0
+            np.add.at(out, (k[on], index[columns[on]]), (values[value_at] * signs)[on])
+        return rows
 
     # -- For the compiled loop ------------------------------------------------------------------
 

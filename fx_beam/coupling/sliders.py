@@ -1,8 +1,7 @@
 """Nodes that slide on beams: their columns are eliminated from the equations after all others.
 
 The columns of such a node are functions of the other columns, z_c = sum T_e z_e over the entries e
-of a window of nodes around it. Here the pattern of the tangent has room for every window on the
-way; in the compiled loop they border a tangent without them (bordering_rows.h).
+of a window of nodes around it. They border a tangent without them (bordering_rows.h).
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.fem.mesh import Mesh
 from fx_beam.laws.rates import UpdateRule
@@ -25,21 +23,6 @@ from .sliding import Sliding
 
 # A node at rest on the end of a beam may be beyond it, by this part of the length.
 _BEYOND = 1e-9
-
-
-class Window(NamedTuple):
-    """Entries of the local degrees of freedom in a window, and their positions in the tangent."""
-
-    #: Local degree of freedom, column, position of the value and sign of each entry (n,).
-    local: np.ndarray
-    column: np.ndarray
-    value: np.ndarray
-    sign: np.ndarray
-    #: Positions of neighbours and entries (k, n), of entries and neighbours (n, k), and of entries
-    #: (n, n); those that are not unknowns have the position behind the last.
-    beside: np.ndarray
-    above: np.ndarray
-    inside: np.ndarray
 
 
 class Bordered(NamedTuple):
@@ -77,19 +60,11 @@ class Slide:
         #: Those of the node (3,).
         self.node_dofs = mesh.dofs[joint.b.number]
         self.relation = Sliding(self.path, components, rates.level, rates.turning)
-        #: Forces (components,) of the node on the beam.
-        self.force = np.zeros(components)
 
     def local_dofs(self, first: int) -> np.ndarray:
         """Degrees of freedom of the window that begins with a node, component by component."""
         components = len(self.columns)
         return self.dofs[first : first + self.path.width, :components].T.ravel()
-
-    @property
-    def windows(self) -> range:
-        """First nodes of all windows."""
-        path = self.path
-        return range(0, path.degree * (len(path.h) - path.window) + 1, path.degree)
 
 
 class Sliders:
@@ -127,20 +102,12 @@ class Sliders:
     def set_tangent(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Set the entries of the tangent before the elimination; returns their positions."""
         self._given, position = np.unique(rows * self.size + columns, return_inverse=True)
-        self._known: list[dict[int, Window]] = [{} for _ in self.all]
         return position
 
     @property
     def entries_before(self) -> int:
         """Number of entries of the tangent before the elimination."""
         return len(self._given)
-
-    @functools.cached_property
-    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Sparsity of the tangent after the elimination."""
-        i, j = np.divmod(self._keys[self._of_unknowns], self.size)
-        pattern, _ = sparsity(i, j, self._unknowns)
-        return pattern
 
     @property
     def outside(self) -> np.ndarray:
@@ -193,65 +160,6 @@ class Sliders:
         alone = (index >= 0) & (column < self._couplings.free)
         return np.where(alone, column, -1), np.where(index >= 0, position, -1)
 
-    @functools.cached_property
-    def _neighbours(self) -> list[np.ndarray]:
-        """Indices of what the sliding columns of each node are coupled with."""
-        return self._eliminated[1]
-
-    @functools.cached_property
-    def _keys(self) -> np.ndarray:
-        """Sorted keys (row * size + column) of all entries that the elimination meets."""
-        return self._eliminated[0]
-
-    @functools.cached_property
-    def _of_unknowns(self) -> np.ndarray:
-        """The entries of the unknowns among them."""
-        i, j = np.divmod(self._keys, self.size)
-        return np.flatnonzero((i < self._unknowns) & (j < self._unknowns))
-
-    @functools.cached_property
-    def _given_positions(self) -> np.ndarray:
-        """Positions of the entries before the elimination among them."""
-        return np.asarray(np.searchsorted(self._keys, self._given))
-
-    @functools.cached_property
-    def _eliminated(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Keys and neighbours, for all windows."""
-        n = self.size
-        pattern = _pattern(*np.divmod(self._given, n), n)
-        neighbours: list[np.ndarray] = [np.empty(0, int)] * len(self.all)
-        for k, slide in reversed(list(enumerate(self.all))):
-            carried = self.index[slide.columns]
-            near = pattern[carried].indices, pattern.T.tocsr()[carried].indices
-            neighbours[k] = around = np.setdiff1d(np.concatenate(near), carried)
-            columns = [self._entries_of(slide, first)[1] for first in slide.windows]
-            windows = [np.append(self.index[c], self.row_index[c]) for c in columns]
-            unknowns = [np.unique(w[w >= 0]) for w in windows]
-            counts = [len(w) for w in unknowns]
-            each = np.repeat(np.arange(len(unknowns)), counts), np.concatenate(unknowns)
-            touched = scipy.sparse.csr_matrix((np.ones(len(each[0])), each), (len(unknowns), n))
-            reached = np.unique(np.concatenate([*unknowns, carried]))
-            beside = np.union1d(around, carried)
-            i, j = (part.ravel() for part in np.meshgrid(beside, reached, indexing="ij"))
-            pattern = pattern + touched.T @ touched + _pattern(i, j, n) + _pattern(j, i, n)
-            i, j = (part.ravel() for part in np.meshgrid(around, carried, indexing="ij"))
-            pattern = pattern + _pattern(i, j, n) + _pattern(j, i, n)
-            pattern.data[:] = 1.0
-        pattern.sort_indices()
-        i = np.repeat(np.arange(n), np.diff(pattern.indptr))
-        return i * n + pattern.indices, neighbours
-
-    def _entries_of(self, slide: Slide, first: int) -> tuple[np.ndarray, ...]:
-        """Local degrees of freedom, columns, positions and signs of the entries of a window."""
-        entries = [
-            (k, *entry)
-            for k, dof in enumerate(slide.local_dofs(first).tolist())
-            for entry in self._couplings.entries(dof)
-        ]
-        entries.append((len(slide.local_dofs(first)), slide.column, 0, 1.0))
-        local, column, value, sign = np.array(entries).T
-        return local.astype(int), column.astype(int), value.astype(int), sign
-
     def entries(self, k: int) -> Sequence[tuple[np.ndarray, ...]]:
         """Rows, positions of values and signs of the entries of each sliding column of node k."""
         return self._entries[k]
@@ -265,28 +173,6 @@ class Sliders:
         column, value, sign = np.array([e for of_dof in entries for e in of_dof]).reshape(-1, 3).T
         starts = np.concatenate([[0], np.cumsum([len(of_dof) for of_dof in entries])])
         return starts, column.astype(int), value.astype(int), sign
-
-    def _window(self, k: int, first: int) -> Window:
-        """The window of node k that begins with a node of its beam."""
-        if first not in self._known[k]:
-            local, column, value, sign = self._entries_of(self.all[k], first)
-            index, rows = self.index[column], self.row_index[column]
-            around = self._neighbours[k]
-            self._known[k][first] = Window(
-                local,
-                column,
-                value,
-                sign,
-                beside=self._positions(around[:, None], index),
-                above=self._positions(rows[:, None], around),
-                inside=self._positions(rows[:, None], index),
-            )
-        return self._known[k][first]
-
-    def _positions(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Positions of entries in the tangent; behind the last where there is none."""
-        position = np.searchsorted(self._keys, rows * self.size + columns)
-        return np.where((rows >= 0) & (columns >= 0), position, len(self._keys))
 
     # -- A step ---------------------------------------------------------------------------------
 
@@ -326,44 +212,11 @@ class Sliders:
         r = r.copy()
         for k, slide in reversed(list(enumerate(self.all))):
             relation = slide.relation
-            slide.force = forces[slide.columns] + [
+            force = forces[slide.columns] + [
                 (r[rows] * virtual_map[value_at]) @ signs
                 for rows, value_at, signs in self._entries[k]
             ]
-            *on_beam, along = slide.force @ relation.virtual_map
+            *on_beam, along = force @ relation.virtual_map
             np.add.at(r, slide.local_dofs(relation.nodes.start), on_beam)
             forces[slide.column] += along
         return r
-
-    def eliminate(
-        self, before: np.ndarray, values: np.ndarray, virtual_map: np.ndarray
-    ) -> np.ndarray:
-        """Entries of the unknowns after the elimination, from those before."""
-        tangent = np.zeros(len(self._keys) + 1)
-        tangent[self._given_positions] = before
-        for k, slide in reversed(list(enumerate(self.all))):
-            relation = slide.relation
-            window = self._window(k, relation.nodes.start)
-            of_T, of_virtual = (
-                window.sign * values[window.value],
-                window.sign * virtual_map[window.value],
-            )
-            T, T_virtual = (
-                relation.T[:, window.local] * of_T,
-                relation.virtual_map[:, window.local] * of_virtual,
-            )
-            carried, around = self.index[slide.columns], self._neighbours[k]
-            K = tangent[self._positions(carried[:, None], carried)]
-            to_left = tangent[self._positions(around[:, None], carried)]
-            to_right = tangent[self._positions(carried[:, None], around)]
-            second = relation.second(slide.force)[np.ix_(window.local, window.local)]
-            np.add.at(tangent, window.beside, to_left @ T)
-            np.add.at(tangent, window.above, T_virtual.T @ to_right)
-            np.add.at(
-                tangent, window.inside, T_virtual.T @ K @ T + of_virtual[:, None] * second * of_T
-            )
-        return tangent[self._of_unknowns]
-
-
-def _pattern(rows: np.ndarray, columns: np.ndarray, n: int) -> scipy.sparse.csr_matrix:
-    return scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), (n, n))

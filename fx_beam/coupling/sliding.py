@@ -60,7 +60,7 @@ class Sliding:
             "by_tangent": by_tangent,
         }
         self._structs = Structs(ffi, c_library.declarations("sliding.h"))
-        self._c, self._h = ffi.new("Slider *"), ffi.new("Second *")
+        self._c = ffi.new("Slider *")
         dofs = np.arange(3 * len(path)).reshape(-1, 3)
         self._structs.set(self._c, **self.table, dofs=dofs)
         local = components * path.width + 1
@@ -70,11 +70,6 @@ class Sliding:
         self.increment = self._array(self._c, "increment")[:components]
         self.T, self.virtual_map = (
             self._array(self._c, name)[:components, :local] for name in ("T", "virtual_map")
-        )
-        self._force = self._array(self._c, "force")[:components]
-        self._by_s, self._of_s, self._turn, self._left, self._right = (
-            self._array(self._h, name)[..., :local]
-            for name in ("by_s", "of_s", "turn", "left", "right")
         )
 
     @staticmethod
@@ -115,13 +110,3 @@ class Sliding:
         """Distance beyond an end of the beam at the end of the step [m], and which one it is."""
         s = self._c.s1
         return (-s, "start") if s < 0 else (max(s - self.path.length, 0.0), "end")
-
-    def second(self, F: np.ndarray) -> np.ndarray:
-        """Derivatives of virtual_map^T F, for a force F (components,), by all local ones."""
-        self._force[:] = F
-        self._library.fx_slide_second(self._c, self._h)
-        H = self._left.T @ self._right + np.diag(self._turn)
-        H[:, -1] += self._by_s
-        H[-1] += self._of_s
-        H[-1, -1] += self._h.square
-        return H

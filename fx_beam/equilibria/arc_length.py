@@ -170,8 +170,8 @@ class ArcLength:
     def stiffness_at(self, state: State, tangent: Tangent, distance: float) -> csr_matrix:
         """The tangent (free, free) there, in the direction in which one comes."""
         step, load = self._correct(state, tangent, distance, tangent, distance)
-        balance, _, _ = self._path.balance(step.y, load)
-        return self.stepper.equations.tangent(balance.r)
+        self._path.balance(step.y, load)
+        return self.stepper.equations.tangent()
 
     # -- Steps ----------------------------------------------------------------------------------
 
@@ -342,7 +342,7 @@ class ArcLength:
             residual = residual[:free]
             residuals.append(abs(residual).max(initial=0.0))
             missing = normal.D @ (self._path.weight * D) + normal.load * load - distance
-            dy, dload = self._path.factors(r, column, normal).solve(-np.append(residual, missing))
+            dy, dload = self._path.solve(column, normal, -residual, -missing)
             correction = self._path.spread(dy, dload)
             factor = failures.shortening(correction)
             y, load = y + factor * dy, load + factor * dload
@@ -353,7 +353,7 @@ class ArcLength:
             work, energy = residual @ dy, abs(f) @ abs(D)
             stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
             if size <= failures.options.tolerance or stuck:
-                r = r + self.model.forms.tangent @ self._path.spread(dy, 0.0) + dload * per_load
+                r = r + self._path.change(self._path.spread(dy, 0.0)) + dload * per_load
                 failures.check_slides(D, residuals)
                 failures.check_members(D, residuals)
                 ended_by = "round-off" if stuck else "increment"

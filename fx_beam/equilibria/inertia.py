@@ -32,7 +32,7 @@ class Inertia:
         self._model, reduction = model, model.reduction
         # Auxiliary unknowns, loops, sliders and contact of members make it another matrix than the
         # tangent.
-        rows = len(reduction.pattern[0]) - 1
+        rows = len(reduction.factored[0]) - 1
         plain = rows == reduction.free == len(reduction.independent)
         self._known = plain and not model.couplings.sliding and model.points.members is None
 
@@ -43,7 +43,7 @@ class Inertia:
         own = any(force.force for force in model.scene.forces_between)
         if not (model.forms.has_added or model.flows or own):
             return None
-        return Symmetry(model.reduction.pattern, model.unit_of_unknowns)
+        return Symmetry(model.reduction.factored, model.unit_of_unknowns)
 
     def of(self, factors: Factors) -> int | None:
         """The number of negative eigenvalues; None if the factors do not tell."""

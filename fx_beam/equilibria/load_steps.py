@@ -58,8 +58,7 @@ class LoadStepper:
         self.model, self.forcing, self.stats = model, forcing, stats
         #: Takes load steps.
         self.loop = LoadLoop(model, forcing, options, stats, alone)
-        self.equations = Equations(model, forcing.time, forcing.turning, forcing.natural)
-        self.path = PathEquations(self.equations, forcing)
+        self.path = PathEquations(self.loop)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0
         #: Whether a step whose work is too inaccurate may be cut.
@@ -79,12 +78,7 @@ class LoadStepper:
         Holding forces balance the springs in the reference configuration; steps reduce them to 0.
         """
         start = reference_state(self.model)
-        equations = self.equations
-        equations.begin(Interval(0.0, 0.0), start)
-        balance = equations.at_start(np.zeros(self.model.size))
-        tension = balance.residual[: self.model.reduction.free]
-        if self.model.forms.has_added:
-            start.added_forces = self.model.forms.added_force()
+        tension = self._unloaded(start)
 
         def release(state: State, before: float, after: float) -> State:
             self._hold_by((1 - before) * tension, (1 - after) * tension)
@@ -108,15 +102,26 @@ class LoadStepper:
         state.work = 0.0
         return state
 
+    def _unloaded(self, state: State) -> np.ndarray:
+        """Residual (free,) without loads; notes added forces in the state."""
+        forms, zero, time = self.model.forms, np.zeros(self.model.size), self.forcing.time
+        if forms.has_added:
+            forms.set_load(0.0, 0.0)
+            forms.begin(Interval(time, time), self.model.start_of(state, 0.0))
+            forms.internal_force(zero)
+            state.added_forces = forms.added_force()
+        self.equations.begin(Interval(0.0, 0.0), state)
+        return self.equations.at_start(zero).residual[: self.model.reduction.free].copy()
+
+    @property
+    def equations(self) -> Equations:
+        """The equations of load steps."""
+        return self.loop.equations
+
     def start_from(self, state: State) -> State:
         """A state as the start: the forces that hold it there fade as the loads rise."""
-        equations, model = self.equations, self.model
         self.forcing.start_from(state)
-        equations.begin(Interval(0.0, 0.0), state)
-        balance = equations.at_start(np.zeros(model.size))
-        self.path.held = balance.residual[: model.reduction.free].copy()
-        if model.forms.has_added:
-            state.added_forces = model.forms.added_force()
+        self.path.held = self._unloaded(state)
         self.hold_between(0.0, 0.0)
         try:
             return replace(self.step(state, 0.0), work=state.work)

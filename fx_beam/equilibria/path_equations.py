@@ -29,7 +29,7 @@ from scipy.sparse import csr_matrix
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.equations import Balance, Equations
-from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.sparse_lu import Pattern, sparse_lu
 from fx_beam.step.step_failures import StepFailed
 
@@ -128,6 +128,8 @@ class BorderedLU:
         return x - parts @ self._forced, float(parts[0])
 
 
+# Change of the load factor by which derivatives are found as differences.
+_APART = 1e-5
 # Largest part of an increment beside the two tangents of a corner.
 _BESIDE = 0.1
 
@@ -152,30 +154,30 @@ class PathEquations:
     The inner product of increments is that of load factors plus the mean over the nodes, in units.
     """
 
-    def __init__(self, equations: Equations, forcing: LoadForcing):
-        self._equations, self._forcing, self.model = equations, forcing, equations.model
+    def __init__(self, loop: LoadLoop):
+        self._loop, self._forcing, self.model = loop, loop.forcing, loop.model
         self._reduction = self.model.reduction
         #: Forces (free,) in the place of the loads at the start, which fade as these rise.
         self.held = np.zeros(self._reduction.free)
         #: Weights of the degrees of freedom in the inner product.
         self.weight = 1 / (self.model.unit**2 * len(self.model.turns))
-        #: Whether long loops border the tangent: here they are eliminated, which fills it.
-        self._fills = self._reduction.bordering_rows() is not None
+        #: Whether unknowns follow others: what is eliminated with them fills the tangent.
+        self._fills = bool(self.model.couplings.closures or self.model.couplings.sliding)
 
     @functools.cached_property
     def bordered(self) -> BorderedLU:
         """The factors of the last tangent."""
-        free, pattern = self._reduction.free, self._reduction.pattern
-        if self._fills:
-            pattern = free * np.arange(free + 1), np.tile(np.arange(free), free)
-        return BorderedLU(
-            pattern, self.model.unit_of_unknowns, None if self._fills else self._auxiliaries
-        )
+        return self._bordered(*self._reduction.factored)
+
+    def _bordered(self, indptr: np.ndarray, indices: np.ndarray) -> BorderedLU:
+        reduction, dependent = self._reduction, self._reduction.dependent
+        own = self.model.unit_of_unknowns[reduction.independent]
+        given = dependent if dependent.size and not self._fills else None
+        return BorderedLU((indptr, indices), own, given)
 
     @property
-    def _auxiliaries(self) -> np.ndarray | None:
-        dependent = self._reduction.dependent
-        return dependent if dependent.size else None
+    def _equations(self) -> Equations:
+        return self._loop.equations
 
     def begin(self, start: State) -> None:
         """Set the state at the start of a step. No time passes for internal variables."""
@@ -194,65 +196,64 @@ class PathEquations:
         fixed = np.zeros(self._reduction.columns - self._reduction.free - self._reduction.driven)
         return self._reduction.spread(np.concatenate([dy, dload * self._forcing.goal, fixed]))
 
+    def change(self, D: np.ndarray) -> np.ndarray:
+        """Change (size,) of the forces with a small one of all degrees of freedom."""
+        return self._equations.change(D)
+
     def balance(self, y: np.ndarray, load: float) -> tuple[Balance, np.ndarray, np.ndarray]:
         """The equations, and their derivative with respect to the load factor: full and reduced."""
-        forms, forcing, reduction = self.model.forms, self._forcing, self._reduction
-        at = self._start.t + load
-        forms.set_load(at, 0.0)
-        forms.set_natural_end(forcing.natural(at))
-        balance = self._equations.at(y, self._driven(load), at * forcing.full)
-        balance.residual[: len(y)] -= (1 - at) * self.held
-        per_load = forms.tangent @ self.spread(np.zeros_like(y), 1.0) - forcing.full
-        if forcing.turning is not None:
-            per_load -= forcing.turning.force(self._start.q + balance.D)
-        if forms.has_added:
-            per_load -= forms.added_per_load()
-        if self.model.natural:
-            per_load += self._strained_per_load(balance.D, at)
-        column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
-        if self.model.scene.joints and forcing.goal.any():
+        model, forcing, reduction = self.model, self._forcing, self._reduction
+        if model.forms.has_added or model.natural or (model.scene.joints and forcing.goal.any()):
             # Driven motion rotates the joints, and with them the directions of their forces.
-            h = 1e-6
-            for sign in (1, -1):
-                self.expand(y, load + sign * h)
-                column += sign / (2 * h) * reduction.project(balance.r)
-            self.expand(y, load)
+            ends = [self._at(y.copy(), load + side) for side in (_APART, -_APART)]
+            per_load, column = (np.subtract(*of) / (2 * _APART) for of in zip(*ends, strict=True))
+            balance = self._evaluate(y, load)
+        else:
+            balance = self._evaluate(y, load)
+            per_load = self._equations.change(self.spread(np.zeros_like(y), 1.0)) - forcing.full
+            if forcing.turning is not None:
+                per_load -= forcing.turning.force(self._start.q + balance.D)
+            column = reduction.project(per_load) - reduction.project(np.zeros_like(per_load))
+        balance.residual[: len(y)] -= (1 - self._start.t - load) * self.held
         return balance, per_load, column[: reduction.free] + self.held
 
-    def _strained_per_load(self, D: np.ndarray, at: float) -> np.ndarray:
-        """Derivative (size,) of the internal forces by the natural strains of a load factor."""
-        forms, h, forces = self.model.forms, 1e-4, []
-        for load in (at + h, at - h, at):  # the last for those who ask later
-            forms.set_natural_end(self._forcing.natural(load))
-            forces.append(forms.internal_force(D).copy())
-        return (forces[0] - forces[1]) / (2 * h)
+    def _evaluate(self, y: np.ndarray, load: float) -> Balance:
+        at = self._start.t + load
+        self._equations.end_at(at)
+        return self._equations.at(y, self._driven(load), at * self._forcing.full)
 
-    def factors(self, r: np.ndarray, column: np.ndarray, normal: Tangent) -> BorderedLU:
-        """The derivative of the equations, bordered by that of the load and the plane's row."""
-        reduction, free = self._reduction, self._reduction.free
-        if self._fills:
-            values = self._equations.tangent(r).toarray().ravel()
+    def _at(self, y: np.ndarray, load: float) -> tuple[np.ndarray, np.ndarray]:
+        balance = self._evaluate(y, load)
+        return balance.r.copy(), balance.residual.copy()
+
+    def solve(
+        self, column: np.ndarray, normal: Tangent, residual: np.ndarray, last: float
+    ) -> tuple[np.ndarray, float]:
+        """Small changes of unknowns and load for right sides, by the last balance and a plane."""
+        reduction, free, own = self._reduction, self._reduction.free, self._reduction.independent
+        moved = slice(free, free + reduction.driven)
+        if self._fills or self.model.points.members is not None:  # its sparsity may have changed
+            A = self._equations.tangent() if self._fills else self._equations.system()
+            self.bordered, values = self._bordered(A.indptr, A.indices), A.data
         else:
-            system = self._equations.system(r)
-            values = system.data
-            if self.model.points.members is not None:  # its sparsity may have changed
-                pattern = system.indptr, system.indices
-                self.bordered = BorderedLU(pattern, self.model.unit_of_unknowns, self._auxiliaries)
+            values = self._equations.values
         across = reduction.coupling().T @ (self.weight * normal.D)
-        corner = normal.load + across[free : free + reduction.driven] @ self._forcing.goal
-        self.bordered.factorise(values, column, across[:free], corner)
-        return self.bordered
+        corner = normal.load + across[moved] @ self._forcing.goal
+        self.bordered.factorise(values, column[own], across[own], corner)
+        dy, dload = self.bordered.solve(np.append(residual[own], last))
+        w = np.zeros(reduction.columns)
+        w[own], w[moved] = dy, dload * self._forcing.goal
+        return reduction.completed(w)[:free], dload
 
     def tangent(self, y: np.ndarray, load: float, previous: Tangent) -> Tangent:
         """Unit tangent after increments, in the direction of a previous one."""
-        balance, _, column = self.balance(y, load)
-        bordered = self.factors(balance.r, column, previous)
-        dy, dload = bordered.solve(np.append(0 * y, 1.0))
+        _, _, column = self.balance(y, load)
+        dy, dload = self.solve(column, previous, 0 * y, 1.0)
         D = self.spread(dy, dload)
         length = self.length(D, dload)
         if not np.isfinite(length):
             raise StepFailed("singular", "the bordered tangent is singular", D, [])
-        return Tangent(dy / length, D / length, dload / length, bordered.sign)
+        return Tangent(dy / length, D / length, dload / length, self.bordered.sign)
 
     def with_the_load(self, y: np.ndarray, load: float) -> Tangent:
         """Unit tangent after increments, in the direction of rising load."""

@@ -102,7 +102,6 @@ class Piece:
         if distance not in self._tangents:
             if self.model.flows:
                 K = self._arc.stiffness_at(self._start, self._tangent, distance)
-                K = self._motions.independent(K)
             else:
                 K = self.stiffness_of(self.at(distance))
             self._tangents[distance] = K

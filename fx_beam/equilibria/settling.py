@@ -125,14 +125,14 @@ class Settling:
 
     def _check(self, largest: float, state: State, goal: float) -> None:
         """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
-        model, free = self.model, self.model.reduction.free
-        balance, _ = self._begin(state, goal)
+        model, own = self.model, self.model.reduction.independent
+        self._begin(state, goal)
+        K, unit = self.stepper.equations.tangent(), model.unit_of_unknowns[own]
         # With so little drag the tangent is never singular.
-        T = model.reduction.coupling()[:, :free]
+        T = model.reduction.coupling()[:, own]
         drag = T.T @ scipy.sparse.diags(0.1 * _OF_LOADS * largest * self._loop.drag_weight) @ T
-        factors = pivoted_lu(self.stepper.equations.tangent(balance.r) + drag)
-        stiffest = abs(model.forms.stiffness.diagonal() * model.unit**2).max()
-        unit = model.unit_of_unknowns
+        factors = pivoted_lu(K + drag)
+        stiffest = abs(K.diagonal() * unit**2).max()
         least, x = 0.0, np.random.default_rng(0).standard_normal(len(unit)) * unit
         for _ in range(4):  # inverse iteration
             x = factors.solve(x / unit**2)
@@ -141,7 +141,7 @@ class Settling:
         if least > max(_OF_LOADS * largest, _ROUNDING * stiffest):
             return
         moves = np.zeros(model.reduction.columns)
-        moves[: len(x)] = x
+        moves[own] = x
         moved = abs(model.to_nodes(model.reduction.spread(moves) / model.unit))
         node, component = np.unravel_index(moved.argmax(), moved.shape)
         x, y = model.mesh.X[node]

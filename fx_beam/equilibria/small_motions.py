@@ -55,13 +55,8 @@ class SmallMotions:
         stepper = self.stepper
         equations = stepper.equations
         equations.begin(Interval(state.t, state.t), state)
-        balance = equations.at_start(state.t * stepper.forcing.full)
-        return self.independent(equations.tangent(balance.r))
-
-    def independent(self, K: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-        """Of a tangent (free, free) the rows and columns of unknowns that follow no others."""
-        whole = len(self.unknowns) == self.model.reduction.free
-        return K if whole else K[self.unknowns][:, self.unknowns]
+        equations.at_start(state.t * stepper.forcing.full)
+        return equations.tangent()
 
     def coupling(self) -> scipy.sparse.csr_matrix:
         """Motions (size, n) of the nodes for those of the unknowns, in the last state."""

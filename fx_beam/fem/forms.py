@@ -131,8 +131,6 @@ class Forms:
         self._force = np.zeros(self.size)
         #: Least and largest damping [s] of each friction that sticks, by what it belongs to.
         self.friction_damping: dict[str, list[float]] = {}
-        #: In statics the load factor at the end of the step, and its increment in it.
-        self.load = 1.0, 0.0
 
     def refill(self, scene: Scene) -> None:
         """Set all numbers to those of a scene of the same structure, whose mesh is set."""
@@ -201,15 +199,10 @@ class Forms:
             return True
         return self.points.any_have("loss")
 
-    def use_for_beams(self, part: Forces) -> None:
-        """Let another part evaluate the forces of beams, their tangent, and drag."""
-        self._parts[0] = part
-
     # -- A step ---------------------------------------------------------------------------------
 
     def set_load(self, factor: float, increment: float) -> None:
         """Set the load factor at the end of a step in statics, and its increment in it."""
-        self.load = factor, increment
         for part in self._parts:
             part.set_load(factor, increment)
 
@@ -242,19 +235,6 @@ class Forms:
         for part in self._parts:
             part.add_external(force)
         return force
-
-    def added_per_load(self) -> np.ndarray:
-        """Derivative (size,) of `added_force` by the load factor, assumed to be linear."""
-        now, (factor, increment) = self.added_force(), self.load
-        self.set_load(factor + 1.0, increment)
-        more = self.added_force()
-        self.set_load(factor, increment)
-        return more - now
-
-    def set_natural_end(self, values: np.ndarray | None) -> None:
-        """Set the natural strains (cells, degree, 3) at the end of the step, if there are any."""
-        if self.beams is not None and values is not None:
-            self.beams.natural.set(None, values)
 
     def strain_energy(
         self,

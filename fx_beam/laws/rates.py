@@ -70,22 +70,6 @@ class UpdateRule(Protocol):
             work[turns], slope[turns] = 2 * tangent, 1 + tangent**2
         return work, slope
 
-    def slope_derivative(self, Dpsi: np.ndarray) -> np.ndarray:
-        """Second derivative of the work increment of rotations, for the tangent of joints.
-
-        Parameters
-        ----------
-        Dpsi : (n,) float
-            Increments of rotations [rad].
-
-        Returns
-        -------
-        (n,) float
-            d2(work increment)/dDpsi2.
-        """
-        tangent = np.tan(Dpsi / 2) if self.turning else np.zeros_like(Dpsi)
-        return tangent * (1 + tangent**2)
-
     def acceleration(
         self, D: np.ndarray, v0: np.ndarray, a0: np.ndarray, dt: float, turns: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:

@@ -69,17 +69,13 @@ class Linearisation(NamedTuple):
         """Derivative (free, free) of the forces by the rates, at rest; errors say `what` asks."""
         # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
         model, start = Model(self.model.scene, EnergyMomentum(), instant=True), self.start
-        reduction, forms, equations = model.reduction, model.forms, Equations(model)
-        tangents = []
+        equations, tangents = Equations(model, inert=False), []
         for dt in (INSTANT, 2 * INSTANT):
             equations.begin(instant(start.t, dt), start)
-            D = reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
-            r = forms.internal_force(D)
-            forms.assemble_stiffness()
-            tangents.append(equations.tangent(r))
+            equations.at_start(np.zeros(model.size))
+            tangents.append(equations.tangent())
         C = (2 * INSTANT * (tangents[0] - tangents[1])).tocsr()
         check_damping(C.data, f"{what}: the damping at rest")
-        C = C[self.unknowns][:, self.unknowns]
         C.eliminate_zeros()
         return C
 
@@ -124,11 +120,9 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
         force += factor * model.weight
     equations.begin(Interval(factor, factor), start)
     balance = equations.at_start(force)
-    K = equations.tangent(balance.r)
     if reduction.singularity:
         raise SceneError(f"{what}: {reduction.singularity}. Take a state beside it")
-    unknowns = reduction.independent
-    K = K[unknowns][:, unknowns] if len(unknowns) < reduction.free else K
+    K, unknowns = equations.tangent(), reduction.independent
     T = reduction.coupling()[:, unknowns]
     M = (T.T @ model.mass @ T).tocsr()
     G = None if frame is None else (np.sqrt(factor) * T.T @ frame.gyroscopic @ T).tocsr()

@@ -43,7 +43,7 @@ def settled(model: Model, force: np.ndarray, state: State, dt: float) -> State:
     settling = _Settling(model, force, dt)
     zero = np.zeros(model.size)
     start = now = replace(state, v=zero, a=zero)
-    unloaded = settling.balance(start).residual[: model.reduction.free]
+    unloaded = settling.balance(start).residual[: model.reduction.free].copy()
     step, reached, halvings = 1.0, 0.0, 0
     while reached < 1:
         solution = settling.solved(now, (1 - min(1.0, reached + step)) * unloaded)
@@ -79,13 +79,14 @@ class _Settling:
         for _ in range(_MOST_CORRECTIONS):
             balance = self.balance(state)
             residual = balance.residual[: reduction.free] - hold
-            tangent = self._equations.tangent(balance.r).tocsc()
+            w, own = np.zeros(reduction.columns), reduction.independent
             try:
                 # The tangent is that of the scheme's level in the step.
-                factors = scipy.sparse.linalg.splu(tangent)
+                factors = scipy.sparse.linalg.splu(self._equations.tangent().tocsc())
             except RuntimeError:  # it is singular
                 return None
-            y = -model.scheme.rates.level * factors.solve(residual)
+            w[own] = -model.scheme.rates.level * factors.solve(residual[own])
+            y = reduction.completed(w)[: reduction.free]
             D = reduction.expand(y, np.zeros(reduction.driven))
             turn = abs(D[model.turns]).max()
             if turn > _LONGEST_TURN:

@@ -12,8 +12,9 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import State
 from fx_beam.step.equations import Equations
 from fx_beam.step.model import Model
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.tables import Problem
 
-from .batched_beams import BatchedBeams
 from .linear_system import LinearSystem, Solved
 from .share import Share
 
@@ -32,15 +33,14 @@ class Part:
 
     def __init__(self, share: Share, scheme: Scheme, time: float):
         self._model = model = Model(share.scene(), scheme, part=True)
-        if model.forms.beams is not None:
-            model.forms.use_for_beams(BatchedBeams(model))
-        self._equations = Equations(model, time)
+        problem = Problem(model, NewtonOptions(), bare=True)
+        problem.hand_over_ends(None)
+        self._natural: np.ndarray | None = None
+        self._equations = Equations(model, time, None, lambda end: self._natural, problem)
         self._unknowns = _numbers_of_unknowns(share, model)
         #: Indices of its parameters among those of the scene.
         self._parameters = [share.parameters.index(name) for name in model.forms.parameters.names]
         self._system: LinearSystem | None = None
-        self._r = np.zeros(model.size)
-        self._values = np.zeros(len(model.reduction.pattern[1]))
 
     def frame(self) -> Frame:
         """How its vectors are numbered."""
@@ -70,26 +70,25 @@ class Part:
         if state.natural is not None:
             state.natural = mesh.from_elements(state.natural)
         self._model.forms.parameters.keep(parameters[self._parameters])
+        self._natural = None if natural_end is None else mesh.from_elements(natural_end)
         self._equations.begin(interval, state)
         if self._system is not None:
             self._system.begin()
-        if natural_end is not None:
-            self._model.forms.set_natural_end(mesh.from_elements(natural_end))
 
     def at(
         self, y: np.ndarray, driven: np.ndarray, force: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Its share (size,) of the internal forces and of the full residual, for its own loads."""
-        _, f, self._r, _ = self._equations.at(y, driven, force)
-        return f, self._r
+        balance = self._equations.at(y, driven, force)
+        return balance.f, balance.r
 
     def change(self, D: np.ndarray, sizes: bool) -> np.ndarray:
         """Its share of the change of forces with small changes; of their sizes if asked."""
-        return self._equations.change_of_sizes(D) if sizes else self._equations.change(D)
+        return self._equations.change(D, sizes)
 
     def set_pattern(self, more: np.ndarray) -> None:
         """Set the pattern of the linear system, with (m, 2) more entries; all processes at once."""
-        indptr, indices = self._model.reduction.pattern
+        indptr, indices = self._model.reduction.factored
         rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
         assert self._system is not None
         self._system.set_pattern(self._unknowns, rows, indices, more)
@@ -100,8 +99,7 @@ class Part:
         `more` are the values of the entries that were added, `least` is a negligible error.
         """
         assert self._system is not None
-        self._equations.fill_tangent(self._r, self._values)
-        return self._system.solve(self._values, more, b, least)
+        return self._system.solve(self._equations.values, more, b, least)
 
     def memory(self) -> float:
         """The largest memory of its process so far [GB]."""

@@ -18,7 +18,6 @@ from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.sliders import sliding_joints
-from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.loop import CompiledLoop
@@ -122,8 +121,7 @@ class Together:
         if self._error is None:
             increments = self._array(z, free + self._driven)
             given = increments[:free], increments[free:], self._array(loads, size)
-            balance = self.equations.at(*given)
-            out[0][:], out[1][:] = balance.f, balance.r
+            out[0][:], out[1][:] = self.equations.at(*given)
 
     def change(self, x: Any, to: Any) -> None:
         """Find the change of forces with one of the nodes."""
@@ -144,11 +142,11 @@ def _of(together: Callable[[], Together | None], method: str) -> Callable[..., N
     return lambda *arguments: getattr(together(), method)(*arguments)
 
 
-class DistributedEquations(Equations):
+class DistributedEquations:
     """The equations of a step, of which the parts evaluate all but the forces at points."""
 
     def __init__(self, team: Team, model: Model, forcing: Forcing, options: NewtonOptions):
-        super().__init__(model, forcing.time, forcing.turning, forcing.natural)
+        self.model, self._natural, self._reduction = model, forcing.natural, model.reduction
         _check(model)
         if forcing.turning is not None:
             raise SceneError(f"static: spin on several processes is not possible yet; {_ADVICE}")
@@ -190,8 +188,8 @@ class DistributedEquations(Equations):
 
     def begin(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start, everywhere."""
-        super().begin(interval, start)
-        end = None if self._natural is None else self._natural(interval.end)
+        self._reduction.begin(start.q, start.slides)
+        end = self._natural(interval.end)
         starts = [self._start_of(i, start) for i in range(self._crew.size)]
         pairs, values = zip(self._shares, starts, strict=True), self.model.forms.parameters.values
         given = [(interval, of, self._in_part(share, end), values) for share, of in pairs]
@@ -213,8 +211,10 @@ class DistributedEquations(Equations):
             of[name] = self._in_part(share, getattr(start, name))
         return of
 
-    def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
-        """Evaluate at increments of the unknowns and of driven motion; also the tangents."""
+    def at(
+        self, y: np.ndarray, driven: np.ndarray, force: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Forces and residual (size,) at increments of the unknowns and of driven motion."""
         model = self.model
         D = self._reduction.expand(y, driven)
         f, r = np.zeros(model.size), np.zeros(model.size)
@@ -232,25 +232,16 @@ class DistributedEquations(Equations):
         for dofs, (own, residual) in zip(self._dofs, self._crew("at", given), strict=True):
             f[dofs] += own
             r[dofs] += residual
-        return Balance(D, f, r, self._reduction.project(r))
+        return f, r
 
-    def change(self, D: np.ndarray) -> np.ndarray:
-        """Change (size,) of the forces with a small change of all degrees of freedom."""
-        return self._changes(D, self._tangent_of_points() @ D, sizes=False)
-
-    def change_of_sizes(self, D: np.ndarray) -> np.ndarray:
-        """The same with the sizes of all entries of the tangent."""
-        return self._changes(D, abs(self._tangent_of_points()) @ D, sizes=True)
-
-    def _changes(self, D: np.ndarray, out: np.ndarray, sizes: bool) -> np.ndarray:
+    def change(self, D: np.ndarray, sizes: bool = False) -> np.ndarray:
+        """As that of `Equations`."""
+        of_points = self._tangent_of_points()
+        out = (abs(of_points) if sizes else of_points) @ D
         changes = self._crew("change", [(D[dofs], sizes) for dofs in self._dofs])
         for dofs, change in zip(self._dofs, changes, strict=True):
             out[dofs] += change
         return out
-
-    def fill_tangent(self, r: np.ndarray, values: np.ndarray) -> None:
-        """No process has the whole tangent."""
-        raise NotImplementedError("the tangent is that of the parts")
 
     # -- Forces at points -------------------------------------------------------------------------
 

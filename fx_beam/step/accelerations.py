@@ -61,7 +61,7 @@ def _of_equal(model: Model, reduction: IndexReduction, force: np.ndarray) -> np.
         diagonal = reduction.project(mass.diagonal())[:free]
         if (a := _iterated_acceleration(times, diagonal, force)) is not None:
             return a
-    values = np.empty(len(reduction.pattern[1]))
+    values = np.empty(len(reduction.factored[1]))
     reduction.fill(mass.data, force, values)
     has_mass = free and (values[reduction.diagonal] > 0).all()
     regular = has_mass and model.factors_of_mass.factorise(values)

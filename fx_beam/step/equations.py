@@ -1,4 +1,4 @@
-"""The equations of a step, reduced to the unknowns by supports and joints."""
+"""The equations of a step, reduced to the unknowns by supports and joints, evaluated in C."""
 
 from __future__ import annotations
 
@@ -7,21 +7,25 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
+from scipy.sparse.linalg import splu
 
-from fx_beam.fem.compiled_laws import NodalRules
+from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.coupling.sliders import Sliders
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 
 from .model import Model
+from .newton import NewtonOptions
+from .tables import Problem
 from .turning_frame import TurningFrame
 
 
 class Balance(NamedTuple):
-    """Residual of the equations at one increment, and its parts."""
+    """Residual of the equations at one increment, and its parts; the next one overwrites them."""
 
-    #: Increment (size,) of displacements and rotations.
+    #: Increment (size,) of displacements and rotations; not finite if loops cannot be closed.
     D: np.ndarray
-    #: Internal minus added forces (size,) [N, N m]; the next evaluation overwrites them.
+    #: Internal minus added forces (size,) [N, N m].
     f: np.ndarray
     #: Full residual (size,) at the nodes: the forces of supports and joints [N, N m].
     r: np.ndarray
@@ -34,7 +38,8 @@ class Equations:
 
     In statics, functions of time are evaluated at one `time` [s], and the scene may rest in a frame
     that turns. ``natural(end)`` gives the natural strains at the end of a step; without, they are
-    those at its start.
+    those at its start. A `problem` may be that of a loop; otherwise it is made, without masses if
+    it is not `inert`.
     """
 
     def __init__(
@@ -43,97 +48,135 @@ class Equations:
         time: float = 0.0,
         turning: TurningFrame | None = None,
         natural: Callable[[float], np.ndarray | None] | None = None,
+        problem: Problem | None = None,
+        inert: bool = True,
     ):
-        self.model, self.time, self._turning = model, time, turning
-        self._natural = natural
-        self._reduction = model.reduction
-        #: Number of the sub-step of the scheme.
-        self.sub_step = 0
+        self.model, self._time, self._natural = model, time, natural
+        if problem is None:
+            # The loop of a motion has another storage, whose library is there already.
+            bare = model.scheme.rates.at_rest or not inert
+            problem = Problem(model, NewtonOptions(), turning is not None, bare=bare)
+            problem.hand_over_ends(turning)
+            problem.c.at_rest |= not inert
+        self._problem, self._c, self._library = problem, problem.c, problem.library
+        self._doubles, self._ints = (problem.ffi.typeof(name) for name in ("double[]", "int[]"))
+        n, columns, p = model.size, model.reduction.columns, problem.c
+        sizes = n, columns, n, p.factor_size, p.stored_values, n, columns
+        D, self._z, r, _, self._tangent, f, residual = problem.results(*sizes)
+        self._balance = Balance(D, f, r, residual)
+
+    def _of(self, values: np.ndarray):
+        return self._problem.ffi.from_buffer(self._doubles, np.ascontiguousarray(values))
 
     def begin(self, interval: Interval, start: State) -> None:
         """Set the interval of a step and the state at its start."""
-        model = self.model
-        self._start, self._length, end = start, interval.length, interval.end
+        model, p, length, end = self.model, self._c, interval.length, interval.end
         model.reduction.begin(start.q, start.slides)
+        self._problem.load(start)
         if model.scheme.rates.at_rest:
             # The interval is one of load factors; only internal variables depend on its length.
-            model.forms.set_load(interval.end, interval.length)
-            interval = Interval(self.time, self.time)
-        model.forms.begin(interval, model.start_of(start, interval.length))
-        if self._natural is not None:
-            model.forms.set_natural_end(self._natural(end))
+            interval = Interval(self._time, self._time)
+        level = interval.start + model.scheme.rates.level * interval.length
+        model.forms.parameters.begin(level, start.parameters)
+        p.t, self._length, self._start = interval.end - length, length, start
+        follow = model.points.followers
+        self._followers = np.array(follow.at(interval) if len(follow) else [], float)
+        self.end_at(end)
+
+    def end_at(self, end: float) -> None:
+        """Set the end of the step, in statics the load factor there."""
+        model = self.model
+        if model.scheme.rates.at_rest:
+            self._c.ratio = end
+            model.points.set_load(end, self._length)
+        if model.natural:
+            strains = self._start.natural if self._natural is None else self._natural(end)
+            self._problem.strains[...] = 0.0 if strains is None else strains
+        self._library.fx_begin(self._c, self._length, self._of(self._followers))
 
     def at(self, y: np.ndarray, driven: np.ndarray, force: np.ndarray) -> Balance:
         """Evaluate at increments of the unknowns y (free,) and of driven motion (driven,).
 
-        `force` (size,) has the dead loads at the scheme's level. Also assembles the tangent.
+        `force` (size,) has the dead loads at the scheme's level. Also finds the tangent.
         """
-        model, rates, K = self.model, self.model.scheme.rates, self.model.forms.stiffness
-        D = self._reduction.expand(y, driven)
-        f = model.forms.internal_force(D)
-        model.forms.assemble_stiffness()
-        r = f - force
-        if not rates.at_rest:
-            r += model.mass @ self._inertia(D, K)
-        elif (frame := self._turning) is not None:
-            factor, _ = model.forms.load
-            r -= factor * frame.force(self._start.q + D)
-            K.data -= factor * frame.spin**2 * frame.mass.data
-        return Balance(D, f, r, self._reduction.project(r))
-
-    def _inertia(self, D: np.ndarray, K: scipy.sparse.csr_matrix) -> np.ndarray:
-        """Acceleration (size,) in the equation of motion; adds the tangent of its forces to K."""
-        model, start = self.model, self._start
-        if (rules := model.nodal_rules) is None:
-            rates = model.scheme.rates
-            a, slope = rates.acceleration(D, start.v, start.a, self._length, model.turns)
-            at, values, columns = model.masses
-            K.data[at] += values * slope[columns]
-            return a
-        nodal = self._nodal(rules, D)
-        rules.add_tangent(nodal, K.data)
-        return rules.to_vector(nodal[:, :3])
-
-    def _nodal(self, rules: NodalRules, D: np.ndarray) -> np.ndarray:
-        """Values (nodes, VALUES) of the nodal rules."""
-        start = self._start
-        before = np.zeros_like(D) if start.q_previous is None else start.q - start.q_previous
-        parts = D, start.v, start.a, before, self._length
-        return rules.at(self.sub_step, *parts)
+        reduction = self.model.reduction
+        reduction.expand(y, driven)
+        fixed = np.zeros(reduction.columns - len(y) - len(driven))
+        given = self._of(np.concatenate([y, driven, fixed])), self._of(force)
+        if not self._library.fx_balance(self._c, self._length, *given):
+            self._balance.D[:] = np.nan
+        y[:] = self._z[: len(y)]
+        return self._balance
 
     def at_start(self, force: np.ndarray) -> Balance:
         """Evaluate at the start of the step: the increment is zero."""
-        free, driven = self._reduction.free, self._reduction.driven
+        free, driven = self.model.reduction.free, self.model.reduction.driven
         return self.at(np.zeros(free), np.zeros(driven), force)
 
-    def change(self, D: np.ndarray) -> np.ndarray:
-        """Change (size,) of the forces with a small change of all degrees of freedom."""
-        return self.model.forms.tangent @ D
+    def change(self, D: np.ndarray, sizes: bool = False) -> np.ndarray:
+        """Change (size,) of the forces with a small change of all degrees of freedom.
 
-    def change_of_sizes(self, D: np.ndarray) -> np.ndarray:
-        """The same with the sizes of all entries of the tangent."""
-        return abs(self.model.forms.tangent) @ D
-
-    def fill_tangent(self, r: np.ndarray, values: np.ndarray) -> None:
-        """Write the values of the reduced tangent, for the full residual r."""
-        self._reduction.fill(self.model.forms.stiffness.data, r, values)
-
-    def system(self, r: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Matrix (n, n) of the linear system for the full residual r, with contact of members.
-
-        Its sparsity, but for this contact, is that of the reduction.
+        With `sizes` by the sizes of all entries of the tangent.
         """
-        indptr, indices = self._reduction.pattern
-        values = np.empty(len(indices))
-        self.fill_tangent(r, values)
-        n = len(indptr) - 1
-        K = scipy.sparse.csr_matrix((values, indices, indptr), (n, n))
-        if (members := self.model.points.members) is None:
-            return K
-        own, more = K.tocoo(), self._reduction.reduced(members.tangent()).tocoo()
-        pairs = np.append(own.row, more.row), np.append(own.col, more.col)
-        return scipy.sparse.csr_matrix((np.append(own.data, more.data), pairs), (n, n))
+        out = np.empty(len(D))
+        self._library.fx_change(self._c, self._of(D), sizes, self._of(out))
+        return out
 
-    def tangent(self, r: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Reduced tangent (free, free) for the full residual r."""
-        return self._reduction.condensed(self.system(r))
+    @property
+    def values(self) -> np.ndarray:
+        """Values of the tangent in the sparsity of `Reduction.factored`."""
+        return self._tangent[self._problem.tangent_at]
+
+    def system(self) -> scipy.sparse.csr_matrix:
+        """The linear system of the last balance: the unknowns and auxiliary ones before others."""
+        reduction = self.model.reduction
+        indptr, indices = reduction.factored
+        n = len(indptr) - 1
+        A = scipy.sparse.csr_matrix((self.values, indices, indptr), (n, n))
+        if isinstance(reduction, JointReduction) and reduction.sliders is not None:
+            A = self._with_border(A, reduction.sliders)
+        if (members := self.model.points.members) is not None:
+            more = reduction.reduced(members.tangent())
+            more.resize(A.shape)
+            A = (A + more).tocsr()
+        return A
+
+    def _with_border(self, A: scipy.sparse.csr_matrix, sliders: Sliders) -> scipy.sparse.csr_matrix:
+        """The same with what slides in its place, and all that borders it behind."""
+        p, problem = self._c, self._problem
+        n, many, none = A.shape[0], p.bordering_rows, problem.ffi.NULL
+        count = self._library.fx_border(p, none, none, none)
+        at, values = np.empty((2, count), np.int32), np.empty(count)
+        rows = (problem.ffi.from_buffer(self._ints, own) for own in at)
+        self._library.fx_border(p, *rows, self._of(values))
+        order = p.changing.order if self.model.points.members is not None else p.order
+        positions = np.frombuffer(problem.ffi.buffer(order, 4 * n), np.int32)
+        number = np.arange(n + many)
+        number[positions] = np.arange(n)
+        A = A.tocoo()
+        pairs = (np.append(own, number[more]) for own, more in zip((A.row, A.col), at, strict=True))
+        entries = np.append(A.data, values), tuple(pairs)
+        A = scipy.sparse.csr_matrix(entries, (n + many, n + many))
+        place = np.arange(n + many)
+        (borders,) = np.nonzero(sliders.outside < self.model.reduction.free)
+        slides = sliders.outside[borders]
+        place[slides], place[n + borders] = n + borders, slides
+        return A[place][:, place]
+
+    def tangent(self) -> scipy.sparse.csr_matrix:
+        """Reduced tangent (n, n) of the last balance, of the unknowns that follow no others.
+
+        Not finite where those that follow are not determined.
+        """
+        A, own = self.system(), self.model.reduction.independent
+        rest = np.setdiff1d(np.arange(A.shape[0]), own)
+        if not len(rest):
+            return A
+        rows, columns = A[own], A[:, own]
+        try:
+            others = splu(A[rest][:, rest].tocsc()).solve(columns[rest].toarray())
+        except RuntimeError:  # it is singular
+            others = np.full((len(rest), len(own)), np.nan)
+        n, values = len(own), rows[:, own].toarray() - rows[:, rest] @ others
+        full = np.tile(np.arange(n), n), n * np.arange(n + 1)
+        return scipy.sparse.csr_matrix((values.ravel(), *full), (n, n))

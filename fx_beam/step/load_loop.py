@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 
+from .equations import Equations
 from .forcing import LoadForcing
 from .loop import CompiledLoop, StepInputs
 from .model import Model
@@ -42,7 +44,7 @@ class LoadLoop(CompiledLoop):
         stats: Stats,
         alone: bool = True,
     ):
-        solver = stats.solver
+        solver, self._alone = stats.solver, alone
         super().__init__(model, forcing, options, stats, alone)
         stats.solver = solver
         self.forcing: LoadForcing = forcing
@@ -50,15 +52,21 @@ class LoadLoop(CompiledLoop):
         p.keeps_joint_forces = True
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.
         self.hold, self._predicted = np.zeros(free), np.zeros(model.size)
-        self._strains = np.zeros(model.natural.shape if model.natural else 0)
-        given = self.hold, self._predicted, self._strains, forcing.turning
+        given = self.hold, self._predicted, forcing.turning
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
         self.drag_weight = self.problem.hand_over_statics(*given)
         n, columns = model.size, model.reduction.columns
         sizes = n, columns, n, p.factor_size, len(model.reduction.factored[1])
-        self._D, self._z, self._r, self._factors, self._tangent = self.results(*sizes)
+        self._D, self._z, self._r, self._factors, self._tangent = self.problem.results(*sizes)
         #: Drag [J] on the increments of all nodes.
         self.drag = 0.0
+
+    @functools.cached_property
+    def equations(self) -> Equations:
+        """The equations of load steps; on one process they have the arrays of the loop."""
+        alone = self.problem if self._alone else None
+        forcing = self.forcing
+        return Equations(self.model, forcing.time, forcing.turning, forcing.natural, alone)
 
     def step(self, state: State, interval: Interval) -> tuple[State, StepSolution]:
         """State at the end of a load step, and its increment; StepFailed if none is found."""
@@ -94,10 +102,10 @@ class LoadLoop(CompiledLoop):
 
     def _begin_step(self, state: State, interval: Interval, length: float) -> StepInputs:
         p, forcing = self._problem, self.forcing
-        self.load(state)
+        self.problem.load(state)
         self.model.points.set_load(interval.end, length)
         if self.model.natural:
-            self._strains[...] = forcing.natural(interval.end)
+            self.problem.strains[...] = forcing.natural(interval.end)
         p.t, p.ratio_before, p.ratio = forcing.time - length, interval.start, interval.end
         return self._inputs(interval)
 
@@ -111,10 +119,8 @@ class LoadLoop(CompiledLoop):
     def change_of_sizes(self, left: np.ndarray, right: np.ndarray) -> float:
         """Product of two vectors (size,) and the last tangent, with the sizes of all entries."""
         if self.together is not None:
-            return float(abs(left) @ self.together.equations.change_of_sizes(right))
-        of = self._types["double[]"]
-        vectors = (self._ffi.from_buffer(of, np.ascontiguousarray(x)) for x in (left, right))
-        return self._library.fx_change_of_sizes(self._problem, *vectors)
+            return float(abs(left) @ self.together.equations.change(right, sizes=True))
+        return float(abs(left) @ self.equations.change(abs(right), sizes=True))
 
     # -- The last tangent -------------------------------------------------------------------------
 

@@ -47,7 +47,7 @@ class CompiledLoop:
         self.problem = problem = Problem(model, options, forcing.turning is not None, alone)
         self._ffi, self._library = problem.ffi, problem.library
         # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
-        names = "double[]", "int[]", "Inputs *", "Record *", "Rows[]", "double *[]"
+        names = "double[]", "int[]", "Inputs *", "Record *", "Rows[]"
         self._types = {name: problem.ffi.typeof(name) for name in names}
         self._problem, self._state_arrays, self._past = (
             problem.c,
@@ -56,8 +56,6 @@ class CompiledLoop:
         )
         #: Shapes of the arrays of a state.
         self.shapes = {name: array.lengths(self.model.sizes) for name, array in ARRAYS.items()}
-        #: Those that are not empty.
-        self._filled = {name: array for name, array in self._state_arrays.items() if array.size}
         #: Where C has what is recorded, by the names of rows and of starts of sub-steps.
         self._sources = {name: getattr(problem.c, name) for name in ROWS}
         self._sources |= {f"start_{name}": self._sources[name] for name in ("q", "v", "a")}
@@ -160,7 +158,7 @@ class CompiledLoop:
         Returns the rows of the recorder for C, with room for a number of steps.
         """
         self.model.forms.parameters.use(state.parameters)
-        self.load(state)
+        self.problem.load(state)
         recorder.begin(state)
         to = self.c_record(recorder, Steps(0), steps)
         self._library.fx_record_start(self._problem, to)
@@ -182,7 +180,7 @@ class CompiledLoop:
         self, state: State, ends: np.ndarray, inputs: StepInputs, steps: Steps, recorder: Rows
     ) -> int:
         """Number of steps or parts of equal length that succeeded."""
-        self.load(state)
+        self.problem.load(state)
         dt, to = (ends[-1] - state.t) / len(ends), self.c_record(recorder, steps, len(ends))
         return self._take_loaded(inputs, dt, recorder, to)
 
@@ -254,7 +252,7 @@ class CompiledLoop:
         if inputs.error is not None:
             raise inputs.error
         self.forget_past()
-        self.load(state)
+        self.problem.load(state)
         p.controlled = p.watches = 0
         to = self.c_record(NullRecorder(), Steps(0), 1)
         taken = self._steps(1, t1 - state.t, self.c_inputs(inputs), to)
@@ -263,38 +261,12 @@ class CompiledLoop:
             return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
         return self.failed(state)
 
-    def results(self, *sizes: int) -> list[np.ndarray]:
-        """What C has found in the last step, arrays of these sizes.
-
-        Increments of nodes and columns, forces, factors and tangent.
-        """
-        to = self._ffi.new(self._types["double *[]"], 5)
-        self._library.fx_results(self._problem, to)
-        pairs = zip(to, sizes, strict=False)
-        buffer = self._ffi.buffer
-        return [np.frombuffer(buffer(at, 8 * n)) if n else np.empty(0) for at, n in pairs]
-
     def failed(self, state: State) -> StepFailed:
         """Why the last step failed."""
         p = self._problem
-        D = self.results(self.model.size)[0].copy()
+        D = self.problem.results(self.model.size)[0].copy()
         arcs = [(of.s0, of.s1) for of in (p.slider[i] for i in range(p.sliders))]
         return self.failures.in_c(self.problem, state, D, arcs)
-
-    def load(self, state: State) -> None:
-        """Write a state into the memory of C."""
-        p, arrays = self._problem, self._filled
-        for name, array in arrays.items():
-            if name != "driven_now":
-                value = getattr(state, name)
-                array[:] = 0.0 if value is None else value.ravel()
-        if p.keeps_previous and state.q_previous is None:
-            arrays["q_previous"][:] = state.q
-        if len(state.motors):
-            arrays["driven_now"][len(self.model.prescribed) :] = state.motors
-        p.steps_done = state.constraint_forces is not None
-        for name in NUMBERS:
-            setattr(p, name, getattr(state, name))
 
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""

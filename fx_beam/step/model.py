@@ -331,7 +331,7 @@ class Model:
     @functools.cached_property
     def factors_of_mass(self) -> LU:
         """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
-        return sparse_lu(self.reduction.pattern)
+        return sparse_lu(self.reduction.factored)
 
     @functools.cached_property
     def unit(self) -> np.ndarray:

@@ -94,7 +94,7 @@ class CompiledSingleSteps:
     def load(self, state: State, number: int) -> None:
         """Begin with a state after some steps."""
         self._known = no_inputs(1), 0
-        self._loop.load(state)
+        self._loop.problem.load(state)
         self._p.completed = number
 
     @property

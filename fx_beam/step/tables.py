@@ -19,7 +19,7 @@ from fx_beam.coupling.index_reduction import AuxiliaryTables, Tables
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.fem import dolfinx_api
 from fx_beam.laws.schemes import MOST_SUB_STEPS
-from fx_beam.results.state import ARRAYS, MACROS
+from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, joints_by_number
 
@@ -42,15 +42,27 @@ from .newton import (
 )
 from .substeps import LARGE_TURN
 from .tangent_storage import alone_in_column, diagonal_of, storage_of_entries
+from .turning_frame import TurningFrame
+
+# Forms of the equations.
+_OF_EQUATIONS = "internal_forces", "drag"
 
 
 class Problem:
-    """The C struct Problem, and the arrays to which it points."""
+    """The C struct Problem, and the arrays to which it points.
+
+    A `bare` one is for `Equations` alone: it takes no steps.
+    """
 
     def __init__(
-        self, model: Model, options: NewtonOptions, turns: bool = False, alone: bool = True
+        self,
+        model: Model,
+        options: NewtonOptions,
+        turns: bool = False,
+        alone: bool = True,
+        bare: bool = False,
     ):
-        self.model, self._frame_turns, self._alone = model, turns, alone
+        self.model, self._frame_turns, self._alone, self._bare = model, turns, alone, bare
         self.factors = self._factors_of(*model.reduction.factored)
         self._features = self._features_of_scene()
         begin_to_build(self._features)  # beside what is compiled for the elements
@@ -59,13 +71,16 @@ class Problem:
         self.constants = self.ffi.dlopen(None)
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
+        self._pointers = self.ffi.typeof("double *[7]")
+        #: Natural strains at the end of a step.
+        self.strains = np.zeros(model.natural.shape if model.natural else 0)
         self._stored_at = stored_at = self._hand_over_couplings(model.reduction.tables())
         self._hand_over_mesh(stored_at)
         self._set(has_added=model.forms.has_added, keeps_previous=model.keeps_previous)
         self._hand_over_rates(stored_at)
         self._hand_over_points(stored_at)
         self._hand_over_motors()
-        if model.scene.joints:
+        if model.scene.joints and not bare:
             self._hand_over_joint_forces(JointForces(model))
         self._hand_over_tolerances(options)
         numbers = self._numbers(masses=True) | self._positions()
@@ -164,7 +179,7 @@ class Problem:
         if (beams := model.forms.beams) is not None:
             stored = stored_at[entries]
             self.tables = FormTables(beams, dofs, coordinates, stored, p, self.constants.LANES)
-            self._set(**self.tables.all())
+            self._set(**self.tables.all(*([_OF_EQUATIONS] if self._bare else [])))
             if p.cell_internal:
                 width = beams.internal_shape[-1]
                 self._set(per_weight=np.repeat(1 / beams.point_weights, width))
@@ -306,6 +321,8 @@ class Problem:
             at, stored = np.arange(len(indices)), len(indices)
             self._set(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
             self._set(factor_size=factors.size, kept={"worth": factors.worth})
+        #: Storage indices of the entries of `Reduction.factored`.
+        self.tangent_at = at
         if self.model.points.members is not None:
             self._hand_over_changing_rows(t)
         alone = alone_in_column(t, self.model.size, reduction.free)
@@ -387,9 +404,11 @@ class Problem:
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction = self.model.reduction
+        n, none = len(indptr) - 1, np.empty(0, int)
         if not self._alone:  # others have the tangent
-            n, none = len(indptr) - 1, np.empty(0, int)
             return Factors(np.arange(n), np.zeros(len(indices), int), 1, 1, none, none)
+        if self._bare:
+            return Factors(np.arange(n), np.arange(len(indices)), 0, 0, none, none)
         auxiliaries = self._auxiliaries
         if self.model.points.members is not None and auxiliaries is None and not reduction.forces:
             return in_sparse_rows(indptr, indices, None, not self.model.couplings.sliding)
@@ -401,7 +420,7 @@ class Problem:
         return factors_of(indptr, indices, keep, auxiliaries, COSTS, reduction.forces)
 
     def hand_over_statics(
-        self, hold: np.ndarray, predicted: np.ndarray, strains: np.ndarray, frame: Any
+        self, hold: np.ndarray, predicted: np.ndarray, frame: TurningFrame | None
     ) -> np.ndarray:
         """Let C read and write arrays of load steps, in a frame that turns or None.
 
@@ -411,11 +430,40 @@ class Problem:
         weights = np.where(model.used_entries()[diagonal], model.unit**-2.0, 0.0)
         self._set(hold=hold, predicted=predicted, viscous_weight=weights)
         self._set(diagonal_at=self._stored_at[diagonal])
-        if model.natural:
-            self._set(strains_at_end=strains)
-        if frame is not None:
-            self._set(arm=frame.arms(np.zeros(model.size)), spin_squared=frame.spin**2)
+        self.hand_over_ends(frame)
         return weights
+
+    def hand_over_ends(self, frame: TurningFrame | None) -> None:
+        """Let C read natural strains at the end of a step, and a frame that turns or None."""
+        if self.model.natural:
+            self._set(strains_at_end=self.strains)
+        if frame is not None:
+            self._set(arm=frame.arms(np.zeros(self.model.size)), spin_squared=frame.spin**2)
+
+    def load(self, state: State) -> None:
+        """Write a state into the memory of C."""
+        p, arrays = self.c, self._filled
+        for name, array in arrays.items():
+            if name != "driven_now":
+                value = getattr(state, name)
+                array[:] = 0.0 if value is None else value.ravel()
+        if p.keeps_previous and state.q_previous is None:
+            arrays["q_previous"][:] = state.q
+        if len(state.motors):
+            arrays["driven_now"][len(self.model.prescribed) :] = state.motors
+        p.steps_done = state.constraint_forces is not None
+        for name in NUMBERS:
+            setattr(p, name, getattr(state, name))
+
+    def results(self, *sizes: int) -> list[np.ndarray]:
+        """What C has found in the last step, arrays of these sizes.
+
+        Increments of nodes and columns, forces, factors, tangent, internal forces and residual.
+        """
+        to, buffer = self.ffi.new(self._pointers), self.ffi.buffer
+        self.library.fx_results(self.c, to)
+        pairs = zip(to, sizes, strict=False)
+        return [np.frombuffer(buffer(at, 8 * n)) if n else np.empty(0) for at, n in pairs]
 
     def transposed(self) -> np.ndarray:
         """Storage index, among sparse factors, of each entry of the tangent in its transpose."""
@@ -501,6 +549,8 @@ class Problem:
         states, of_errors = arrays[:-6], arrays[-3:]
         ages, differences, differences_y = arrays[-6:-3]
         self.state_arrays = dict(zip(sizes, states, strict=True))
+        #: Those that are not empty.
+        self._filled = {name: array for name, array in self.state_arrays.items() if array.size}
         self._set(**self.state_arrays)
         names = "error_ages", "error_past", "error_highest"
         self._set(**dict(zip(names, of_errors, strict=True)))

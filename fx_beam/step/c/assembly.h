@@ -123,18 +123,6 @@ static void assemble_forces(const Problem *p, const Form *form, const double *co
     }
 }
 
-/* For parts of a scene on several processes (parallel/batched_beams.py), which set the constants: what changes from step to step. */
-OF_STEPS void fx_begin_beams(const Problem *p, const double *const *fields) {
-  begin_form(p, &p->internal_forces, fields, 0, 0);
-  begin_form(p, &p->drag, fields, 0, 0);
-}
-
-/* For these, adds internal forces and drag, and their tangent. */
-OF_STEPS void fx_add_beams(const Problem *p, const double *const *fields, double *f, double *K) {
-  assemble_forces(p, &p->internal_forces, fields, f, K);
-  assemble_forces(p, &p->drag, fields, f, K);
-}
-
 static double assemble_scalar(const Problem *p, const Form *form, const double *const *fields) {
   double sum = 0, A[LANES];
   for (const Integral *of = form->of; of < form->of + form->integrals; ++of)

@@ -344,23 +344,16 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   return steps;
 }
 
-/* Where the results of the last step are: increments of nodes and columns, forces, factors and tangent. */
+/* Where the results of the last step are: increments of nodes and columns, forces, factors, tangent, internal forces and
+   reduced residual. */
 OF_STEPS void fx_results(const Problem *p, double **to) {
   Work w;
   lay_out(p, &w, p->scratch);
   to[0] = w.D, to[1] = w.z, to[2] = w.r, to[3] = w.factors, to[4] = w.tangent;
+  to[5] = w.f, to[6] = w.reduced;
 }
 
-/* Work of the last tangent, with the sizes of its entries. */
-OF_STEPS double fx_change_of_sizes(const Problem *p, const double *left, const double *right) {
-  Work w;
-  double sum = 0;
-  lay_out(p, &w, p->scratch);
-  for (int i = 0; i < p->dofs; ++i)
-    for (int k = p->row_start[i]; k < p->row_start[i + 1]; ++k)
-      sum += fabs(left[i] * w.tangent[p->stored_at[k]] * right[p->column_of[k]]);
-  return sum;
-}
+#include "equations.h"
 
 #ifdef DERIVATIVES
 #include "forward.h"

@@ -436,13 +436,14 @@ typedef struct {
   RowsOfRun states, forces; /* results, each with a row for each direction */
 } Directions;
 
-void fx_begin_beams(const Problem *p, const double *const *fields);
-void fx_add_beams(const Problem *p, const double *const *fields, double *f, double *K);
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);
 void fx_results(const Problem *p, double **to);
-double fx_change_of_sizes(const Problem *p, const double *left, const double *right);
+void fx_begin(Problem *p, double dt, const double *follower_force);
+int fx_balance(Problem *p, double dt, const double *z, const double *force);
+void fx_change(const Problem *p, const double *x, int sizes, double *out);
+long fx_border(const Problem *p, int *row, int *column, double *value);
 long fx_tape_size(const Problem *p);
 Layout fx_layout(const Problem *p, const Adjoint *a);
 long fx_linear_scratch(const Problem *p, const Adjoint *a);

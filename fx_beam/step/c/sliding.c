@@ -5,5 +5,3 @@
 #include "sliding.h"
 
 void fx_slide(Slider *a, const double *q, const double *D) { slide_on(a, q, D); }
-
-void fx_slide_second(const Slider *a, Second *h) { find_second(a, h); }

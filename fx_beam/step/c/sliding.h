@@ -5,7 +5,6 @@
 #include "slider.h"
 
 /* For displacements and rotations q at the start, and increments D, of the beam: the increment of the node
-   with its derivatives; or the derivatives of the force of the node. */
+   with its derivatives. */
 void fx_slide(Slider *a, const double *q, const double *D);
-void fx_slide_second(const Slider *a, Second *h);
 const char *fx_missing(void); /* processor.h */

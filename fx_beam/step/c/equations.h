@@ -1,0 +1,71 @@
+/* The equations of a sub-step for those who solve them in another way (equations.py): arc length, small motions, initial
+   states, and the parts of a scene on several processes. */
+
+#pragma once
+
+#include "newton.h"
+
+/* Begins a sub-step from the state. */
+OF_STEPS void fx_begin(Problem *p, double dt, const double *follower_force) {
+  Work work, *w = &work;
+  lay_out(p, w, p->scratch);
+  w->dt = dt, w->follower_force = follower_force;
+  if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
+  double t = p->t + p->level * dt;
+  begin_inertia(p, w);
+  if (p->strains_at_end) begin_natural(p, w, 0);
+  begin_internal(p, w->fields, t, dt, 0);
+  begin_form(p, &p->drag, w->fields, t, dt);
+  begin_couplings(p, w);
+}
+
+/* Forces, residual and tangent for increments of the columns and dead forces, without what holds the unknowns; returns 0
+   if loops cannot be closed. */
+OF_STEPS int fx_balance(Problem *p, double dt, const double *z, const double *force) {
+  Problem plain = *p;
+  Work work, *w = &work;
+  plain.hold = 0, plain.viscosity = 0, plain.team = (Team){0};
+  lay_out(p, w, p->scratch);
+  w->dt = dt;
+  memcpy(w->z, z, p->columns * sizeof(double));
+  memcpy(w->force, force, p->dofs * sizeof(double));
+  int closed = expand(&plain, w);
+  balance(&plain, w);
+  if (HAS(MEMBERS) && p->changing) change_rows(p);
+  reduce_tangent(p, w, w->r);
+  return closed;
+}
+
+/* Change of the forces with a small one of the nodes, by the last tangent; with `sizes` by the sizes of its entries. */
+OF_STEPS void fx_change(const Problem *p, const double *x, int sizes, double *out) {
+  Work w;
+  lay_out(p, &w, p->scratch);
+  const double *of_members = times_members(p, x);
+  for (int i = 0; i < p->dofs; ++i) {
+    out[i] = of_members ? of_members[i] : 0;
+    for (int k = p->row_start[i]; k < p->row_start[i + 1]; ++k) {
+      double entry = w.tangent[p->stored_at[k]];
+      out[i] += (sizes ? fabs(entry) : entry) * x[p->column_of[k]];
+    }
+  }
+}
+
+/* Entries of what borders the last tangent: rows and columns, by positions in the elimination and bordering rows behind
+   them, and values. Returns their number; without `value` that alone. */
+OF_STEPS long fx_border(const Problem *p, int *row, int *column, double *value) {
+  Work work, *w = &work;
+  long count = 0, m = p->bordering_rows, n = p->unknowns;
+  lay_out(p, w, p->scratch);
+  for (int part = 0; part < 2; ++part)
+    for (long i = 0; i < (part ? m : n); ++i)
+      for (long j = 0; j < m && (part || w->reached[i]); ++j) {
+        double x = part ? w->corner[i * m + j] : w->block[i * p->block + 1 + j];
+        if (value) row[count] = (int)(i + part * n), column[count] = (int)(n + j), value[count] = x;
+        ++count;
+      }
+  for (int k = 0; m && k < *w->bordering_entries; ++k, ++count) {
+    BorderingEntry *entry = bordering_entries(p, w) + k;
+    if (value) row[count] = (int)n + entry->bordering_row, column[count] = entry->column, value[count] = entry->value;
+  }
+  return count;
+}
