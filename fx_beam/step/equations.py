@@ -59,7 +59,7 @@ class Equations:
             problem.hand_over_ends(turning)
             problem.c.at_rest |= not inert
         self._problem, self._c, self._library = problem, problem.c, problem.library
-        self._doubles, self._ints = (problem.ffi.typeof(name) for name in ("double[]", "int[]"))
+        self._doubles = problem.ffi.typeof("double[]")
         n, columns, p = model.size, model.reduction.columns, problem.c
         sizes = n, columns, n, p.factor_size, p.stored_values, n, columns
         D, self._z, r, _, self._tangent, f, residual = problem.results(*sizes)
@@ -143,20 +143,9 @@ class Equations:
 
     def _with_border(self, A: scipy.sparse.csr_matrix, sliders: Sliders) -> scipy.sparse.csr_matrix:
         """The same with what slides in its place, and all that borders it behind."""
-        p, problem = self._c, self._problem
-        n, many, none = A.shape[0], p.bordering_rows, problem.ffi.NULL
-        count = self._library.fx_border(p, none, none, none)
-        at, values = np.empty((2, count), np.int32), np.empty(count)
-        rows = (problem.ffi.from_buffer(self._ints, own) for own in at)
-        self._library.fx_border(p, *rows, self._of(values))
-        order = p.changing.order if self.model.points.members is not None else p.order
-        positions = np.frombuffer(problem.ffi.buffer(order, 4 * n), np.int32)
-        number = np.arange(n + many)
-        number[positions] = np.arange(n)
-        A = A.tocoo()
-        pairs = (np.append(own, number[more]) for own, more in zip((A.row, A.col), at, strict=True))
-        entries = np.append(A.data, values), tuple(pairs)
-        A = scipy.sparse.csr_matrix(entries, (n + many, n + many))
+        n, (columns, rows, corner) = A.shape[0], self._problem.border(A.shape[0])
+        many = len(corner)
+        A = scipy.sparse.bmat([[A, columns], [rows, corner]], "csr")
         place = np.arange(n + many)
         (borders,) = np.nonzero(sliders.outside < self.model.reduction.free)
         slides = sliders.outside[borders]

@@ -71,7 +71,7 @@ class Problem:
         self.constants = self.ffi.dlopen(None)
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
-        self._pointers = self.ffi.typeof("double *[7]")
+        self._pointers = self.ffi.typeof("double *[12]")
         #: Natural strains at the end of a step.
         self.strains = np.zeros(model.natural.shape if model.natural else 0)
         self._stored_at = stored_at = self._hand_over_couplings(model.reduction.tables())
@@ -460,10 +460,32 @@ class Problem:
 
         Increments of nodes and columns, forces, factors, tangent, internal forces and residual.
         """
-        to, buffer = self.ffi.new(self._pointers), self.ffi.buffer
-        self.library.fx_results(self.c, to)
+        to, buffer = self._results(), self.ffi.buffer
         pairs = zip(to, sizes, strict=False)
         return [np.frombuffer(buffer(at, 8 * n)) if n else np.empty(0) for at, n in pairs]
+
+    def _results(self) -> Any:
+        to = self.ffi.new(self._pointers)
+        self.library.fx_results(self.c, to)
+        return to
+
+    def border(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What borders the last tangent (n, n): columns (n, m), rows (m, n), and corner (m, m).
+
+        With unknowns in their order in the tangent.
+        """
+        p, to, buffer = self.c, self._results(), self.ffi.buffer
+        m, positions, wide = p.bordering_rows, p.positions, p.block
+        order = p.changing.order if self.model.points.members is not None else p.order
+        at = np.frombuffer(buffer(order, 4 * n), np.int32)
+        block = np.frombuffer(buffer(to[7], 8 * positions * wide)).reshape(-1, wide)[at, 1 : 1 + m]
+        reached = np.frombuffer(buffer(to[9], 4 * positions), np.int32)[at]
+        corner = np.frombuffer(buffer(to[8], 8 * m * m)).reshape(m, m)
+        (count,) = np.frombuffer(buffer(to[11], 4), np.int32)
+        entries = np.frombuffer(buffer(to[10], 16 * count), "i4, i4, f8")
+        rows = np.zeros((m, n))
+        np.add.at(rows, (entries["f0"], np.argsort(at)[entries["f1"]]), entries["f2"])
+        return np.where(reached[:, None] != 0, block, 0.0), rows, corner
 
     def transposed(self) -> np.ndarray:
         """Storage index, among sparse factors, of each entry of the tangent in its transpose."""

@@ -49,23 +49,3 @@ OF_STEPS void fx_change(const Problem *p, const double *x, int sizes, double *ou
     }
   }
 }
-
-/* Entries of what borders the last tangent: rows and columns, by positions in the elimination and bordering rows behind
-   them, and values. Returns their number; without `value` that alone. */
-OF_STEPS long fx_border(const Problem *p, int *row, int *column, double *value) {
-  Work work, *w = &work;
-  long count = 0, m = p->bordering_rows, n = p->unknowns;
-  lay_out(p, w, p->scratch);
-  for (int part = 0; part < 2; ++part)
-    for (long i = 0; i < (part ? m : n); ++i)
-      for (long j = 0; j < m && (part || w->reached[i]); ++j) {
-        double x = part ? w->corner[i * m + j] : w->block[i * p->block + 1 + j];
-        if (value) row[count] = (int)(i + part * n), column[count] = (int)(n + j), value[count] = x;
-        ++count;
-      }
-  for (int k = 0; m && k < *w->bordering_entries; ++k, ++count) {
-    BorderingEntry *entry = bordering_entries(p, w) + k;
-    if (value) row[count] = (int)n + entry->bordering_row, column[count] = entry->column, value[count] = entry->value;
-  }
-  return count;
-}

@@ -443,7 +443,6 @@ void fx_results(const Problem *p, double **to);
 void fx_begin(Problem *p, double dt, const double *follower_force);
 int fx_balance(Problem *p, double dt, const double *z, const double *force);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
-long fx_border(const Problem *p, int *row, int *column, double *value);
 long fx_tape_size(const Problem *p);
 Layout fx_layout(const Problem *p, const Adjoint *a);
 long fx_linear_scratch(const Problem *p, const Adjoint *a);
