@@ -242,7 +242,8 @@ class Structs:
             return self._array(kind.item, value)
         wanted = _NUMBERS.get(kind.item.cname, np.uintp)  # else addresses of functions
         value = np.asarray(value)
-        if value.size and not np.can_cast(value.dtype, wanted, "same_kind"):
+        other = value.dtype != wanted
+        if other and value.size and not np.can_cast(value.dtype, wanted, "same_kind"):
             raise TypeError(f"an array of {value.dtype} for C's {kind.cname}")
         value = np.asarray(value, wanted, "C")
         self._referenced.append(value)
