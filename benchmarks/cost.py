@@ -249,8 +249,10 @@ def counts():
     """Modules that are loaded, and kB of compiled code."""
     own = [name for name in sys.modules if name.split(".")[0] == "fx_beam"]
     lines = Path("/proc/self/maps").read_text().splitlines()
-    ours = [line for line in lines if ".so" in line and ("/fenics/" in line or "/fx_beam/" in line)]
-    ranges = [line.split()[0].split("-") for line in ours]
+    files = [line.split() for line in lines if ".so" in line]
+    # Libraries of the cache lie in its folders; those of a clone named fx_beam lie deeper.
+    ours = [file for file in files if Path(file[5]).parent.name in ("fenics", "fx_beam")]
+    ranges = [file[0].split("-") for file in ours]
     return {
         "modules": len(sys.modules),
         "modules of fx_beam": len(own),
