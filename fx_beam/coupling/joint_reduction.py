@@ -90,14 +90,13 @@ class JointReduction(WithoutLoops):
         ).reshape(-1, 2)
 
     def _on_tracks(self, slides: np.ndarray) -> np.ndarray:
-        """Places (joints, 2) of b in the frames of a, tangents there, and their derivatives."""
-        place, tangent, bend = parts = np.empty((3, *self._axis.shape))
+        """Places (joints, 2) of b in the frames of a, and tangents there."""
+        place, tangent = parts = np.empty((2, *self._axis.shape))
         for track in {joint.track for joint in self._moving}:
             rows = [m for m, joint in enumerate(self._moving) if joint.track is track]
             given = self._axis[rows].T, slides[rows]
             place[rows] = np.transpose(track.place(*given))
-            along = np.transpose(track.tangent(given[0], given[1] + 1e-100j))
-            tangent[rows], bend[rows] = along.real, along.imag / 1e-100
+            tangent[rows] = np.transpose(track.tangent(*given))
         place += self._offset
         return parts
 
@@ -206,14 +205,14 @@ class JointReduction(WithoutLoops):
         self._psi0 = np.where(carrier >= 0, q[carrier], 0.0) if len(carrier) else np.empty(0)
         self._arm_steps = np.zeros(2 * len(carrier))
         self._d0 = slides[[joint.number for joint in self._moving]]
-        place, tangent, _ = self._on_tracks(self._d0)
+        place, tangent = self._on_tracks(self._d0)
         self._rho0 = self._rho1 = _turn(self._psi0, place)
         self._t0 = _turn(self._psi0, tangent)
         if self.sliders is not None:
             self.sliders.begin(q, slides)
 
     def expand(self, y, driven):
-        """Increment of all degrees of freedom; `spread`, `project` and `fill` refer to it."""
+        """Increment of all degrees of freedom; `spread` and `project` refer to it."""
         z = self._z
         z[: self.free] = y
         z[self.free : self.free + self.driven] = driven
@@ -239,7 +238,7 @@ class JointReduction(WithoutLoops):
             Dpsi = np.where(carrier >= 0, D[carrier], 0.0)
             Dd = np.where(self._slide >= 0, z[self._slide], 0.0)
             psi1, at_end = self._psi0 + Dpsi, self._on_tracks(self._d0 + Dd)
-            self._rho1, t1, _ = (_turn(psi1, part) for part in at_end)
+            self._rho1, t1 = (_turn(psi1, part) for part in at_end)
             self._arm_steps = (self._joint_sign * (self._rho1 - self._rho0)).ravel()
             np.add.at(D, self._below, self._arm_steps[self._through])
 

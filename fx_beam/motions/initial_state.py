@@ -178,7 +178,7 @@ def late_accelerations(
 
 
 def resumed_state(
-    model: Model, forcing: Forcing, dt: float, start: State, same_scheme: bool = True
+    model: Model, forcing: Forcing, dt: float, start: State, same_scheme: bool
 ) -> State:
     """State to continue from: velocities are kept, accelerations only for the same scheme."""
     rates, accelerations = _begin(model, forcing, start, dt)
