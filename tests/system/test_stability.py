@@ -46,6 +46,15 @@ def test_verdict_on_a_run_that_ends(ratio, kind):
     assert found.steps == 2
 
 
+@pytest.mark.parametrize(("stated", "kind"), [(1.0, "damped"), (0.5, "lost")])
+def test_what_the_scheme_states_that_it_took_is_damped_and_what_else_is_missing_lost(stated, kind):
+    run = history([1, 0.9])
+    took = stated * (run.energy.kinetic[0] - run.energy.kinetic)
+    run.energy = replace(run.energy, dissipated=took, numerical=took)
+    found = stability.classify(run, 1.0)
+    assert (found.kind, found.amount) == (kind, approx(0.1))
+
+
 @pytest.mark.parametrize(
     ("ratio", "kinetic", "kind"),
     [([1, 3], 2.0, "failed"), ([1, 30], 2.0, "blew up"), ([1, 1], 0.0, "failed")],
@@ -179,7 +188,7 @@ def test_a_study_has_a_cell_for_every_scheme_in_every_case(cells, tmp_path):
     page = (tmp_path / "new" / "arm.md").read_text()
     assert page.startswith("# Stability: an arm\n") and "## More\n" in page
     written = {path.name.removeprefix("arm") for path in (tmp_path / "new").iterdir()}
-    assert written == {".csv", ".json", ".md", ".png", "_curves.png"}
+    assert written == {".csv", ".json", ".md", ".png", "_summary.png", "_curves.png"}
 
 
 def arm(label, scene=lambda: pendulum(1e4)[0]):
@@ -320,16 +329,16 @@ def test_the_table_says_how_often_each_verdict_was_had_and_how_large_it_was(tmp_
         for cell in made_up("a", label, ratios)
     ]
     first, second = stability.counts(cells).values()
-    assert [first[kind] for kind in stability.KINDS] == [2, 1, 0, 0, 0, 0]
-    assert [second[kind] for kind in stability.KINDS] == [0, 1, 1, 1, 0, 0]
-    numbers = "largest error where kept", "largest loss where lost", "largest gain"
+    assert [first[kind] for kind in stability.KINDS] == [2, 0, 1, 0, 0, 0, 0]
+    assert [second[kind] for kind in stability.KINDS] == [0, 0, 1, 1, 1, 0, 0]
+    numbers = "largest error where kept", "largest loss", "largest gain"
     assert [first[name] for name in numbers] == approx([3e-12, 0.5, 3e-12], rel=1e-3)
     assert [second[name] for name in numbers] == approx([np.nan, 0.1, 29], nan_ok=True)
     stability.write(tmp_path / "made up", cells, "a table", findings=["It was found."])
     page = (tmp_path / "made up.md").read_text()
     rows = [[cell.strip() for cell in line.split("|")] for line in page.splitlines()]
-    assert ["", "0", *"210000", "3e-12", "0.5", "3e-12", *"000", ""] in rows
-    assert ["", "1", *"011100", "", "0.1", "29", *"000", ""] in rows
+    assert ["", "0", *"2010000", "3e-12", "0.5", "3e-12", *"000", ""] in rows
+    assert ["", "1", *"0011100", "", "0.1", "29", *"000", ""] in rows
     assert ["", "2", "0.1", "1", "kept 3e-12", "blew up \u00d730", ""] in rows
     assert "- It was found.\n" in page
 

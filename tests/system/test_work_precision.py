@@ -13,9 +13,8 @@ import fx_beam as fb
 from fx_beam import work_precision
 from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, sentence, study
 from fx_beam.studies.work_precision.accuracy import History, counted
-from fx_beam.studies.work_precision.report import draw, mesh_order, step_order
-
-fronts = scenes.benchmark("fronts")
+from fx_beam.studies.work_precision.pictures import draw_dots, draw_fronts, front
+from fx_beam.studies.work_precision.report import mesh_order, step_order
 
 T = np.linspace(0, 2, 41)
 PENDULUM = scenes.demo("pendulum")
@@ -264,28 +263,29 @@ def axes(monkeypatch):
     return drawn
 
 
-def points(ax):
-    """Markers, times [ms] and heights of all points."""
-    lines = [one for one in ax.lines if len(one.get_xdata()) == 1 and one.get_marker() != "None"]
-    return [(one.get_marker(), *map(float, (*one.get_xdata(), *one.get_ydata()))) for one in lines]
-
-
-def approx_points(expected):
-    return [(marker, approx(time), approx(height)) for marker, time, height in sorted(expected)]
+@pytest.mark.plot
+def test_each_scheme_has_a_dot_for_each_error_and_a_count_of_the_runs_that_it_loses(axes):
+    lost = {"failure": "no convergence", "errors": {}}
+    found = made_up(
+        [("A", 1e-2, 5e-3), ("A", 3e-2, 5e-5), ("C", 1e-2, np.nan, lost), ("C", 5e-3, 0.5)]
+    )
+    ax = axes(draw_dots, [("title", found, "q")])
+    names = [text.get_text() for text in ax.get_yticklabels()]
+    assert names == ["A", "C\n1 of 2 runs lost"]
+    dots = [one for one in ax.lines if one.get_marker() == "o" and one.get_fillstyle() == "full"]
+    heights = [float(round(one.get_ydata()[0])) for one in dots if len(one.get_xdata())]
+    times = [float(one.get_xdata()[0]) for one in dots if len(one.get_xdata())]
+    assert heights == [0, 0, 0] and times == approx([10, 30, 30])  # the least for each error
+    assert [t.get_text() for t in ax.texts if "\u00d7" in t.get_text()] == ["\u00d7 1 of 1"]
 
 
 @pytest.mark.plot
-def test_every_run_is_drawn_and_those_that_went_astray_stand_named_at_the_margin(axes):
-    broke_off = {"failure": "no convergence", "errors": {}}
-    found = made_up([*TWO, ("A", 4e-3, 7.0), ("C", 5e-3, np.nan, broke_off)])
-    for clock, unit in (("seconds", 1e3), ("step_seconds", 1e2)):  # the steps take a tenth
-        ax = axes(draw, [("q", found, "q")], clock)
-        labels = (text.get_text() for text in ax.get_yticklabels())
-        names = dict(zip(labels, ax.get_yticks(), strict=True))
-        assert 1 < names["A"] < names["C"] < ax.get_ylim()[1] and "B" not in names
-        inside = [("o", unit * seconds, error) for _, seconds, error in TWO]
-        astray = [("v", unit * 4e-3, names["A"]), ("x", unit * 5e-3, names["C"])]
-        assert sorted(points(ax)) == approx_points(inside + astray)
+def test_lines_that_coincide_are_one_band_and_others_are_not(axes):
+    runs = [
+        (s, k * 1e-3 * f, 10.0**-k) for s, f in (("A", 1), ("B", 1.1), ("C", 3)) for k in (2, 3, 4)
+    ]
+    ax = axes(draw_fronts, [("title", made_up(runs), "q")], by_scheme)
+    assert {"these 2 coincide:\nA\nB", "C"} == {text.get_text() for text in ax.texts}
 
 
 def by_scheme(run):
@@ -295,14 +295,14 @@ def by_scheme(run):
 def test_a_front_has_the_runs_that_err_less_than_all_faster_ones():
     found = made_up([("A", 1e-3, 1e-2), ("A", 2e-3, 2e-2), ("A", 3e-3, 1e-3), ("A", 4e-3, 5.0)])
     # A run counts with the errors of its smaller steps: here each is its own mesh.
-    assert (np.diff(fronts.front(found, "q", found.runs), axis=0) * (1, -1) > 0).all()
+    assert (np.diff(front(found, "q", found.runs), axis=0) * (1, -1) > 0).all()
 
 
 @pytest.mark.plot
 def test_lines_are_named_at_their_ends_and_lost_runs_where_they_are(axes):
     lost = {"failure": "no convergence", "errors": {}}
     found = made_up([*TWO, ("C", 5e-3, np.nan, lost), ("C", 6e-3, 1e-2)])
-    ax = axes(fronts.draw_fronts, "title", found, "q", by_scheme)
+    ax = axes(draw_fronts, [("title", found, "q")], by_scheme)
     texts = {text.get_text().strip(): text for text in ax.texts}
     assert {"A", "B", "C: 1 of 2 lost"} <= set(texts)
     assert texts["C: 1 of 2 lost"].xy[1] > 1
@@ -334,7 +334,7 @@ def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path):
     assert "1 of 2 runs broke off" in sentence(found, "energy")
     row = json.loads((tmp_path / "pinned.json").read_text())["Runs"][1]
     assert row["failure"] == newmark.failure and row["seconds"] > 0
-    for picture in ("pinned.png", "pinned_steps.png"):
+    for picture in ("pinned.png", "pinned_curves.png"):
         assert (tmp_path / picture).stat().st_size > 10_000 and f"({picture})" in page
 
 

@@ -18,7 +18,7 @@ KEPT = 1e-8
 #: Blown up: the energy ratio exceeded this.
 BLOWN_UP = 10.0
 #: The last is for a case that cannot be computed, or in which nothing moves.
-KINDS = "kept", "lost", "gained", "blew up", "failed", "no verdict"
+KINDS = "kept", "damped", "lost", "gained", "blew up", "failed", "no verdict"
 
 #: Lags of the fit to a drift, as parts of the run. For longer lags there are too few samples; for
 #: shorter ones the round-off of the energy itself dominates.
@@ -79,10 +79,10 @@ class Verdict:
     def amount(self) -> float:
         """The number for this kind of verdict.
 
-        The largest error if the energy was kept; the part that was lost or gained; the energy
-        ratio if it blew up; the part of the time that was reached if the run failed.
+        The largest error if the energy was kept; the part that was damped, lost or gained; the
+        energy ratio if it blew up; the part of the time that was reached if the run failed.
         """
-        numbers = {"lost": 1 - self.lowest, "gained": self.gain}
+        numbers = {"damped": 1 - self.lowest, "lost": 1 - self.lowest, "gained": self.gain}
         numbers |= {"blew up": self.highest, "failed": self.reached}
         return numbers.get(self.kind, self.worst)
 
@@ -99,7 +99,7 @@ def energy_ratio(solution: Solution) -> np.ndarray:
         \qquad E_0 = \max_t \left(T(0) + U(0) + W(t) - V(t) + V(0)\right),
 
     with the work W of all loads less what dampers took, so that r = 1 under loads as well. What
-    `EnergyDecaying` takes counts as lost. E_0 is the largest kinetic and strain energy T + U that
+    `EnergyDecaying` takes lowers the ratio. E_0 is the largest kinetic and strain energy T + U that
     the motion should have, with the work of the loads and of the weight, whose potential is V:
     the energy at the start without loads, the largest potential energy released in a fall from
     rest. As T and U are not negative, r is not negative.
@@ -119,18 +119,22 @@ def energy_ratio(solution: Solution) -> np.ndarray:
     SceneError
         If nothing moves, so that there is no energy to compare with.
     """
+    return 1 + _over_moving(solution, solution.energy.gained)
+
+
+def _over_moving(solution: Solution, error: np.ndarray) -> np.ndarray:
+    """An error of the energy over E_0 of `energy_ratio`; infinite where it is not finite."""
     energy = solution.energy
     with np.errstate(invalid="ignore", over="ignore"):
-        # What the scheme takes lessens no supply: it counts as lost.
+        # What the scheme takes lessens no supply.
         supplied = energy.supplied + (energy.numerical - energy.numerical[0])
         start = energy.kinetic[0] + energy.stored[0]
         moving = start + supplied - energy.potential + energy.potential[0]
         scale = moving[np.isfinite(moving)].max()
         if scale > 0:
-            ratio = 1 + energy.gained / scale
-            return np.where(np.isfinite(ratio), ratio, np.inf)
+            return np.where(np.isfinite(part := error / scale), part, np.inf)
     if solution.stats.failure:  # before anything moved
-        return np.ones(len(solution.t))
+        return np.zeros(len(solution.t))
     raise SceneError(
         f"no energy moves from t = 0 to {solution.t[-1]:g}: give a scene with loads or velocities"
     )
@@ -141,7 +145,8 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
 
     In this order: `blew up` if the energy ratio exceeded `BLOWN_UP` or was not finite, also if a
     step failed later; `failed` if a step failed otherwise; `kept` if the ratio always differed
-    from 1 by at most `KEPT`; else `gained` or `lost`, the larger of the two.
+    from 1 by at most `KEPT`; `gained` if it rose more than it fell; `damped` if the whole loss,
+    within `KEPT`, is what the scheme states that it took, `Energy.numerical`; else `lost`.
 
     Parameters
     ----------
@@ -174,6 +179,7 @@ def classify(run: Solution | StepError, t_end: float) -> Verdict:
         "failed": bool(reason),
         "kept": max(highest - 1, 1 - lowest) <= KEPT,
         "gained": highest - 1 > 1 - lowest,
+        "damped": abs(_over_moving(solution, solution.energy.balance_error)).max() <= KEPT,
         "lost": True,
     }
     kind = next(kind for kind in applies if applies[kind])

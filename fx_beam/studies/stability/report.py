@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from .case import KINDS, Cell, Verdict, grouped
 #: Colours of the verdicts, from pale for kept to dark for failed.
 COLOURS = {
     "kept": "#CFE6F4",
+    "damped": "#B9DCB4",
     "lost": "#F6E7A1",
     "gained": "#F2B48A",
     "blew up": "#C8460B",
@@ -27,6 +28,17 @@ COLOURS = {
     "no verdict": "#F0F0F0",
 }
 _ON_DARK = "blew up", "failed"
+_SIGNS = {"kept": "", "damped": "-", "lost": "-", "gained": "+", "blew up": "\u00d7"}
+_SIGNS |= {"failed": "\u2717"}
+# What the number in a cell says, in a legend.
+_WORDS = {
+    "kept": "kept: largest error",
+    "damped": "damped by the scheme, as meant: part of the energy",
+    "lost": "lost: part of the energy",
+    "gained": "gained: part of the energy",
+    "blew up": "blew up: times the energy",
+    "failed": "a step failed: part of the time",
+}
 #: Cases whose curves are drawn.
 TELLING = 6
 
@@ -38,10 +50,48 @@ _PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
 def symbol(verdict: Verdict) -> str:
     """A verdict as a short text: 2e-13, -17%, +4e-5, x1e9, or a cross and the part reached."""
     kind, amount = verdict.kind, verdict.amount
-    signs = {"lost": "-", "gained": "+", "blew up": "\u00d7", "failed": "\u2717", "kept": ""}
-    if kind == "failed" or kind in ("lost", "gained") and amount >= 0.01:
-        return f"{signs[kind]}{100 * amount:.0f}%"
-    return signs[kind] + short(amount) if kind in signs else "?"
+    if kind == "failed" or kind in ("damped", "lost", "gained") and amount >= 0.01:
+        return f"{_SIGNS[kind]}{100 * amount:.0f}%"
+    return _SIGNS[kind] + short(amount) if kind in _SIGNS else "?"
+
+
+def draw_summary(path: Path, questions: Mapping[str, list[Cell]]) -> None:
+    """Draw the parts of the verdicts of each scheme as bars, a column for each list of cells."""
+    # Imported here: a study without pictures needs neither matplotlib nor pyvista.
+    from fx_beam import plot
+
+    schemes = list(grouped([cell for cells in questions.values() for cell in cells], "scheme"))
+    figure, axes = plot.figure(1, 1, height=0.9 + 0.3 * len(schemes))
+    figure.set_figwidth(2.6 + 0.95 * len(questions))
+    for x, cells in enumerate(questions.values()):
+        for scheme, of_scheme in grouped(cells, "scheme").items():
+            end, y = x - 0.46, schemes.index(scheme)
+            for kind, of_kind in _in_order(of_scheme).items():
+                width = 0.92 * len(of_kind) / len(of_scheme)
+                axes[0, 0].barh(y, width, 0.8, end, color=COLOURS[kind])
+                end += width
+    names = [
+        f"{name}\n{len(grouped(cells, 'case.name'))} cases" for name, cells in questions.items()
+    ]
+    axes[0, 0].set_xticks(range(len(names)), names, fontsize=8)
+    axes[0, 0].xaxis.tick_top()
+    axes[0, 0].set_yticks(range(len(schemes)), schemes, fontsize=9)
+    axes[0, 0].set(xlim=(-0.52, len(names) - 0.48), ylim=(len(schemes) - 0.5, -0.5))
+    axes[0, 0].tick_params(length=0)
+    axes[0, 0].spines[:].set_visible(False)
+    axes[0, 0].grid(visible=False)
+    every = [cell for cells in questions.values() for cell in cells]
+    for kind in _in_order(every):
+        axes[0, 0].barh(0, 0, color=COLOURS[kind], label=_WORDS.get(kind, kind))
+    figure.legend(ncols=4, loc="outside lower center", frameon=False, fontsize=9)
+    with replacing(path) as new:
+        figure.savefig(new, dpi=150)
+
+
+def _in_order(cells: list[Cell]) -> dict[str, list[Cell]]:
+    """Cells by the kinds of their verdicts, from kept to failed."""
+    kinds = grouped(cells, "verdict.kind")
+    return {kind: kinds[kind] for kind in KINDS if kind in kinds}
 
 
 def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
@@ -55,14 +105,14 @@ def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
     for ax, band in zip(axes.flat, bands, strict=True):
         _draw_band(ax, band, list(grouped(cells, "scheme")))
         ax.set_xlim(-0.55, slots - 0.45)
-    groups = grouped(cells, "verdict.kind")
-    legend: dict = {kind: ("s", look) for kind, look in COLOURS.items() if kind in groups}
+    kinds = _in_order(cells)
+    legend: dict = {_WORDS.get(kind, kind): ("s", COLOURS[kind]) for kind in kinds}
     legend["steps halved often"] = ((-1, 1), (1, 1), (-1, -1)), "black"
     legend["sensitive to round-off"] = r"$\sim$", "black"
     for label, (marker, colour) in legend.items():
         look = {"marker": marker, "color": colour, "linestyle": "none", "markersize": 9}
         axes[0, 0].plot([], [], label=label, **look)
-    figure.legend(ncols=slots // 3, loc="outside upper center", frameon=False)
+    figure.legend(ncols=slots // 7, loc="outside upper center", frameon=False, fontsize=8)
     with replacing(path) as new:
         figure.savefig(new, dpi=150)
 
@@ -157,7 +207,7 @@ def draw_curves(path: Path, cells: list[Cell]) -> None:
 def write(
     path: Path | str, cells: list[Cell], title: str, remarks: str = "", findings: Sequence[str] = ()
 ) -> None:
-    """Write a study as JSON, its cells as CSV, and a Markdown page with two pictures.
+    """Write a study as JSON, its cells as CSV, and a Markdown page with three pictures.
 
     Parameters
     ----------
@@ -180,6 +230,7 @@ def write(
     if not cells:
         raise SceneError("a report on stability needs cells of a study; none are given")
     tally, limits = counts(cells), sorted({cell.max_halvings for cell in cells})
+    draw_summary(beside(path, "_summary.png"), grouped(cells, "case.group"))
     draw_map(beside(path, ".png"), cells)
     draw_curves(beside(path, "_curves.png"), cells)
     page = _PAGE.format(
@@ -216,21 +267,20 @@ def counts(cells: Iterable[Cell]) -> dict[str, dict[str, float]]:
     Returns
     -------
     dict
-        By scheme, the number of each verdict; "largest error where kept", "largest loss where lost"
-        and "largest gain", as parts of the energy; and the numbers of cases in which it kept the
-        energy with "steps halved often", whose number "depends on rounding" (is sensitive to
+        By scheme, the number of each verdict; "largest error where kept", "largest loss", damped or
+        lost, and "largest gain", as parts of the energy; and the numbers of cases in which it kept
+        the energy with "steps halved often", whose number "depends on rounding" (is sensitive to
         round-off), and whose "verdict depends on rounding".
     """
     rows: dict[str, dict[str, float]] = {}
     for scheme, of_scheme in grouped(cells, "scheme").items():
         kinds = Counter(cell.verdict.kind for cell in of_scheme)
-        keeping, lost = (
-            [c for c in of_scheme if c.verdict.kind == kind] for kind in ("kept", "lost")
-        )
+        keeping = [c for c in of_scheme if c.verdict.kind == "kept"]
+        losses = [c.verdict.amount for c in of_scheme if c.verdict.kind in ("damped", "lost")]
         turned = [cell.verdict.kind != cell.other.kind for cell in of_scheme if cell.other]
         rows[scheme] = {kind: kinds[kind] for kind in KINDS} | {
             "largest error where kept": max((c.verdict.worst for c in keeping), default=np.nan),
-            "largest loss where lost": max((c.verdict.amount for c in lost), default=np.nan),
+            "largest loss": max(losses, default=np.nan),
             "largest gain": max(0.0, *(cell.verdict.gain for cell in of_scheme)),
             "steps halved often": sum(cell.halved_often for cell in keeping),
             "depends on rounding": len(turned),

@@ -25,6 +25,8 @@ STEADY = 0.5
 
 #: A run is lost when it gained or lost more than this part of its kinetic and strain energy.
 LOST = 0.5
+#: Runs whose times differ by less than this factor cost about the same.
+ALIKE = 1.2
 #: Largest number of halvings of a failing step: more would only prolong a lost motion.
 MAX_HALVINGS = 2
 
@@ -289,6 +291,12 @@ class Precision:
             if run.scheme not in fastest and counted(self, quantity, run) <= error:
                 fastest[run.scheme] = run
         return fastest
+
+
+def alike(fastest: dict[str, Run]) -> list[str]:
+    """Schemes of the fastest run and of those that cost about the same; none without a run."""
+    least = min((run.seconds for run in fastest.values()), default=0.0)
+    return [scheme for scheme, run in fastest.items() if run.seconds < ALIKE * least]
 
 
 def floor(study: Precision, quantity: str) -> float:
