@@ -10,7 +10,6 @@ from scenes import benchmark, pendulum
 
 import fx_beam as fb
 from fx_beam import stability
-from fx_beam.studies.stability.report import telling
 
 # -- Verdicts ----------------------------------------------------------------------------------
 
@@ -182,13 +181,11 @@ def test_a_study_has_a_cell_for_every_scheme_in_every_case(cells, tmp_path):
     ]
     assert [cell.verdict.kind for cell in cells[::2]] == ["kept", "kept"]
     assert {cell.verdict.kind for cell in cells[1::2]} & {"gained", "blew up"}
-    for cell in cells:
-        assert cell.ratio.max() == cell.verdict.highest and len(cell.t) == len(cell.ratio) <= 401
     stability.write(tmp_path / "new" / "arm", cells, "an arm", "## More\n")
     page = (tmp_path / "new" / "arm.md").read_text()
     assert page.startswith("# Stability: an arm\n") and "## More\n" in page
     written = {path.name.removeprefix("arm") for path in (tmp_path / "new").iterdir()}
-    assert written == {".csv", ".json", ".md", ".png", "_summary.png", "_curves.png"}
+    assert written == {".csv", ".json", ".md", ".png", "_summary.png"}
 
 
 def arm(label, scene=lambda: pendulum(1e4)[0]):
@@ -265,7 +262,7 @@ def verdict(ratio, reason="", t_end=1.0):
     ],
 )
 def test_a_number_that_rounding_turns_is_marked_by_the_farthest_other(one, others, apart):
-    cell = stability.Cell(arm("1"), "ours", "Newmark", one, tuple(others))
+    cell = stability.Cell(arm("1"), "ours", one, tuple(others))
     assert cell.other is (None if apart is None else others[apart])
 
 
@@ -317,9 +314,7 @@ def test_halved_steps_are_counted_and_marked(tmp_path):
 def made_up(group, label, ratios):
     """A cell for each of the ratios."""
     case = stability.Case(group, label, fb.Scene, dt=0.1, t_end=1.0)
-    return [
-        stability.Cell(case, str(k), "Newmark", verdict(ratio)) for k, ratio in enumerate(ratios)
-    ]
+    return [stability.Cell(case, str(k), verdict(ratio)) for k, ratio in enumerate(ratios)]
 
 
 def test_the_table_says_how_often_each_verdict_was_had_and_how_large_it_was(tmp_path):
@@ -343,19 +338,10 @@ def test_the_table_says_how_often_each_verdict_was_had_and_how_large_it_was(tmp_
     assert "- It was found.\n" in page
 
 
-def test_the_most_telling_cases_are_those_on_which_schemes_differ():
-    alike = made_up("a", "1", [1, 1, 1])
-    wide = made_up("a", "2", [1, 1.1, 1.5])
-    wider = made_up("b", "1", [1, 1.1, 5.0])
-    all_kinds = made_up("c", "1", [1, 0.9, 11.0])
-    shown = telling(alike + wide + wider + all_kinds)
-    assert shown == [all_kinds, wider, wide]
-
-
 def test_the_report_says_from_which_tolerance_on_verdicts_stay_and_how_large_errors_are():
     rows = {"1e-2": (1 + 1e-5, 0.9), "1e-4": (1 + 1e-6, 1.1), "1e-6": (1 + 2**-43, 1.1)}
     cells = [
-        stability.Cell(arm(label), scheme, "HHT", verdict(ratio))
+        stability.Cell(arm(label), scheme, verdict(ratio))
         for label, ratios in rows.items()
         for scheme, ratio in zip("AB", ratios, strict=True)
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from operator import attrgetter
 
 import numpy as np
@@ -290,14 +290,12 @@ class Cell:
     ----------
     case : Case
         The case.
-    scheme, family : str
-        Label of the scheme, and its own name, which decides its line style.
+    scheme : str
+        Label of the scheme.
     verdict : Verdict
         Verdict on the energy.
     others : tuple of Verdict
         Verdicts on runs that differ only in round-off; empty if the run was not repeated.
-    t, ratio : (n,) float
-        Times [s] and energy ratio, reduced to some hundred points with all extremes.
     seconds : float
         Time spent stepping [s].
     max_halvings : int
@@ -310,11 +308,8 @@ class Cell:
 
     case: Case
     scheme: str
-    family: str
     verdict: Verdict
     others: tuple[Verdict, ...] = ()
-    t: np.ndarray = field(default_factory=lambda: np.empty(0))
-    ratio: np.ndarray = field(default_factory=lambda: np.empty(0))
     seconds: float = 0.0
     max_halvings: int = 0
     drift: Drift | None = None

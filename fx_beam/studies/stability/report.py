@@ -39,9 +39,6 @@ _WORDS = {
     "blew up": "blew up: times the energy",
     "failed": "a step failed: part of the time",
 }
-#: Cases whose curves are drawn.
-TELLING = 6
-
 #: Verdicts on a motion that is wrong.
 LOST_MOTION = "gained", "blew up", "failed"
 _PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
@@ -165,49 +162,10 @@ def _draw_cell(ax, x: int, y: int, cell: Cell) -> None:
     ax.text(x - stripe / 2, y, text, **look).set_in_layout(False)
 
 
-def telling(cells: list[Cell]) -> list[list[Cell]]:
-    """Cases on which the schemes differ most, one of each group, with all their schemes.
-
-    First those with the most different verdicts, then those with the widest range of errors.
-    """
-
-    def differences(case: list[Cell]) -> tuple[int, float]:
-        worst = np.clip([cell.verdict.worst for cell in case], 1e-16, 1e16)
-        return len(grouped(case, "verdict.kind")), float(np.ptp(np.log10(worst)))
-
-    judged = [cell for cell in cells if cell.verdict.kind != "no verdict"]
-    first: dict[str, list[Cell]] = {}
-    for case in sorted(grouped(judged, "case.name").values(), key=differences, reverse=True):
-        first.setdefault(case[0].case.group, case)
-    return list(first.values())[:TELLING]
-
-
-def draw_curves(path: Path, cells: list[Cell]) -> None:
-    """Write the energy over time in the cases of `telling`."""
-    from fx_beam import plot
-
-    shown = telling(cells)
-    columns = 2 if len(shown) > 1 else 1
-    figure, axes = plot.figure(-(-len(shown) // columns) or 1, columns)
-    for ax in axes.flat[len(shown) :]:
-        ax.set_visible(False)
-    for ax, case in zip(axes.flat, shown, strict=False):
-        ax.set_title(case[0].case.name.replace(": ", "\n", 1), fontsize=8)
-        ax.set(ylim=(0.08, 12), yscale="log", xlabel="time $t$ [s]", ylabel="energy ratio $r$ [-]")
-        ax.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
-        for cell in case:
-            look = plot.style(cell.family)
-            ax.plot(cell.t, np.clip(cell.ratio, 0.01, 100), label=cell.scheme, **look)
-            if cell.verdict.reason and len(cell.t):
-                end = np.clip(cell.ratio[-1], 0.08, 12)
-                ax.plot(cell.t[-1], end, "X", color=look["color"], clip_on=False, zorder=5)
-    plot.save(figure, path)
-
-
 def write(
     path: Path | str, cells: list[Cell], title: str, remarks: str = "", findings: Sequence[str] = ()
 ) -> None:
-    """Write a study as JSON, its cells as CSV, and a Markdown page with three pictures.
+    """Write a study as JSON, its cells as CSV, and a Markdown page with two pictures.
 
     Parameters
     ----------
@@ -232,7 +190,6 @@ def write(
     tally, limits = counts(cells), sorted({cell.max_halvings for cell in cells})
     draw_summary(beside(path, "_summary.png"), grouped(cells, "case.group"))
     draw_map(beside(path, ".png"), cells)
-    draw_curves(beside(path, "_curves.png"), cells)
     page = _PAGE.format(
         case=rules,
         title=title,

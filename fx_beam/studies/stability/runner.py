@@ -27,7 +27,6 @@ from .case import Case, Cell, Verdict, classify, drift_of, energy_ratio
 _log = logging.getLogger("fx_beam")
 
 # Number of points of a stored curve.
-_POINTS = 400
 # Relative change of the time step for repeated runs: enough to change the last digits of all
 # results. It must be small, so that a load that jumps between two steps still does.
 _DIGIT = 2.0**-51
@@ -94,7 +93,7 @@ def study(
     candidates.several("cases", [case.name for case in cases])
     none = Verdict("no verdict")
     items = [
-        (Cell(case, label, scheme.name, none, max_halvings=max_halvings), scheme)
+        (Cell(case, label, none, max_halvings=max_halvings), scheme)
         for case, (label, scheme) in itertools.product(cases, labelled.items())
     ]
     cells: dict[int, Cell] = {}
@@ -132,8 +131,7 @@ def _judged(item: tuple[Cell, Scheme], repeats: int) -> Cell:
     ):
         turns = float(abs(end.q[:, 2]).max() / (2 * np.pi))
         cell = replace(cell, drift=drift_of(ratio - 1), turns=turns)
-    rows = _thinned(ratio)
-    return replace(cell, t=solution.t[rows], ratio=ratio[rows], seconds=solution.stats.seconds)
+    return replace(cell, seconds=solution.stats.seconds)
 
 
 def _run(cell: Cell, scheme: Scheme, stretch: float = 1.0) -> tuple[Solution | None, Verdict]:
@@ -154,12 +152,3 @@ def _run(cell: Cell, scheme: Scheme, stretch: float = 1.0) -> tuple[Solution | N
         if verdict.kind != "failed":
             break
     return run, verdict
-
-
-def _thinned(values: np.ndarray) -> np.ndarray:
-    """Indices of the lowest and the highest value in each of some hundred intervals."""
-    if len(values) <= _POINTS:
-        return np.arange(len(values))
-    stretches = np.array_split(np.arange(len(values)), _POINTS // 2)
-    extremes = [(s[values[s].argmin()], s[values[s].argmax()]) for s in stretches]
-    return np.unique([0, *np.ravel(extremes), len(values) - 1])

@@ -76,7 +76,8 @@ def draw_dots(path: Path, panels: Sequence[Panel]) -> None:
 
 
 def _dots(ax, study: Precision, quantity: str, schemes: list[str]) -> None:
-    known, times = floor(study, quantity), []
+    known = floor(study, quantity)
+    times: list[float] = []
     rows = np.linspace(-0.28, 0.28, len(LEVELS))
     for (level, colour), shift in zip(LEVELS.items(), rows, strict=True):
         fastest = study.cheapest(quantity, level)
