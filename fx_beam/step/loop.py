@@ -254,7 +254,7 @@ class CompiledLoop:
         self.forget_past()
         self.problem.load(state)
         p.controlled = p.watches = 0
-        to = self.c_record(NullRecorder(), Steps(0), 1)
+        to = self.c_record(NullRecorder(), Steps(1), 1)
         taken = self._steps(1, t1 - state.t, self.c_inputs(inputs), to)
         self.past = past
         if taken:
