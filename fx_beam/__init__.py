@@ -11,8 +11,9 @@ from typing import Any
 
 if importlib.util.find_spec("dolfinx") is None:
     raise ImportError(
-        "fx_beam needs dolfinx 0.5, 0.9 or 0.11, which pip does not have: install Debian's "
-        "python3-dolfinx and use Debian's /usr/bin/python3, or see https://fenicsproject.org/download",
+        "fx_beam needs dolfinx 0.5, 0.9 or 0.11: pip install dolfinx-solver-real (Python 3.12 or "
+        "later, Linux on x86-64), or Debian's python3-dolfinx with its /usr/bin/python3, or see "
+        "https://fenicsproject.org/download",
         name="dolfinx",
     )
 

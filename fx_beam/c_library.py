@@ -11,6 +11,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import sysconfig
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -137,13 +138,18 @@ def compiler() -> list[str]:
 
 
 def check_compiler() -> None:
-    """RuntimeError if there is no C compiler."""
+    """RuntimeError if there is no C compiler, or no header of Python, which FFCx's code includes."""
     command = compiler()[0]
     if shutil.which(command) is None:
         raise RuntimeError(
             f"there is no C compiler {command!r}, by which each new kind of scene is compiled. "
             "Install one, on Debian by apt-get install gcc libc6-dev, or name another in the "
             "environment variable CC"
+        ) from None
+    if not Path(sysconfig.get_path("include"), "Python.h").exists():
+        raise RuntimeError(
+            "the headers of Python are missing, without which no new kind of scene can be compiled. "
+            "Install them, on Debian by apt-get install python3-dev"
         ) from None
 
 
