@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -33,11 +34,11 @@ _SIGNS |= {"failed": "\u2717"}
 # What the number in a cell says, in a legend.
 _WORDS = {
     "kept": "kept: largest error",
-    "damped": "damped by the scheme, as meant: part of the energy",
+    "damped": "damped, as meant: part of the energy",
     "lost": "lost: part of the energy",
     "gained": "gained: part of the energy",
     "blew up": "blew up: times the energy",
-    "failed": "a step failed: part of the time",
+    "failed": "failed: part of the time",
 }
 #: Verdicts on a motion that is wrong.
 LOST_MOTION = "gained", "blew up", "failed"
@@ -68,7 +69,8 @@ def draw_summary(path: Path, questions: Mapping[str, list[Cell]]) -> None:
                 axes[0, 0].barh(y, width, 0.8, end, color=COLOURS[kind])
                 end += width
     names = [
-        f"{name}\n{len(grouped(cells, 'case.name'))} cases" for name, cells in questions.items()
+        textwrap.fill(name, 16) + f"\n{len(grouped(cells, 'case.name'))} cases"
+        for name, cells in questions.items()
     ]
     axes[0, 0].set_xticks(range(len(names)), names, fontsize=8)
     axes[0, 0].xaxis.tick_top()
@@ -79,8 +81,8 @@ def draw_summary(path: Path, questions: Mapping[str, list[Cell]]) -> None:
     axes[0, 0].grid(visible=False)
     every = [cell for cells in questions.values() for cell in cells]
     for kind in _in_order(every):
-        axes[0, 0].barh(0, 0, color=COLOURS[kind], label=_WORDS.get(kind, kind))
-    figure.legend(ncols=4, loc="outside lower center", frameon=False, fontsize=9)
+        axes[0, 0].barh(0, 0, color=COLOURS[kind], label=_WORDS.get(kind, kind).split(":")[0])
+    figure.legend(ncols=6, loc="outside lower center", frameon=False, fontsize=9)
     with replacing(path) as new:
         figure.savefig(new, dpi=150)
 
