@@ -138,7 +138,7 @@ def compiler() -> list[str]:
 
 
 def check_compiler() -> None:
-    """RuntimeError if there is no C compiler, or no header of Python, which FFCx's code includes."""
+    """RuntimeError without a C compiler, or without Python's header, which FFCx's code includes."""
     command = compiler()[0]
     if shutil.which(command) is None:
         raise RuntimeError(
@@ -148,7 +148,7 @@ def check_compiler() -> None:
         ) from None
     if not Path(sysconfig.get_path("include"), "Python.h").exists():
         raise RuntimeError(
-            "the headers of Python are missing, without which no new kind of scene can be compiled. "
+            "the headers of Python are missing, without which no new kind of scene is compiled. "
             "Install them, on Debian by apt-get install python3-dev"
         ) from None
 

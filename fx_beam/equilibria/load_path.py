@@ -77,7 +77,7 @@ class LoadPath:
             )
         turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
         self.forcing = LoadForcing(model, options.t, turning)
-        self._team = waiting_team() if options.continuation is None else None
+        self._team = waiting_team(connected) if options.continuation is None else None
         given = model, self.forcing, options.newton, self.stats
         self._stepper = LoadStepper(*given, alone=self._team is None)
         if self._team is not None:

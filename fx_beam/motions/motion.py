@@ -141,7 +141,7 @@ class Motion:
             "max_halvings": max_halvings,
         }
         held = HeldInputs(scene)
-        self._prepared = prepared = Prepared(held.scene, options, waiting_team())
+        self._prepared = prepared = Prepared(held.scene, options, waiting_team(held.scene))
         if start is not None:
             state = state_of(prepared.model, start)
             held.resume(prepared.forcing, state, state.inputs)

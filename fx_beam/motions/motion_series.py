@@ -106,7 +106,7 @@ class MotionSeries:
             self._leave("another scheme, or other options")
         prepared = self._refilled(scene, options)
         if prepared is None:
-            prepared = Prepared(scene, options, None if self._alone else waiting_team())
+            prepared = Prepared(scene, options, None if self._alone else waiting_team(scene))
         return prepared
 
     def _refilled(self, scene: Scene, options: Options) -> Prepared | None:

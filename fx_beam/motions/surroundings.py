@@ -13,8 +13,11 @@ from typing import Any
 from fx_beam.array_calls import calling_with_arrays
 from fx_beam.fem.mpi import rank_and_size
 from fx_beam.parallel.team import Team, present
+from fx_beam.scene.scene import Scene
 
 _log = logging.getLogger("fx_beam")
+#: Elements from which on a scene is divided among processes: smaller ones take longer on several.
+SMALLEST = 10_000
 
 
 class _OfThread(threading.local):
@@ -50,9 +53,19 @@ def warn_of_equal_work() -> None:
         _warn()
 
 
-def waiting_team() -> Team | None:
-    """Processes that wait for parts of a scene; None without any, and in a sweep."""
-    return present() if thread_series() is None else None
+def waiting_team(scene: Scene) -> Team | None:
+    """Processes that wait for parts of a scene; None without any, in a sweep, or if it is small."""
+    team = present() if thread_series() is None else None
+    elements = sum(beam.elements for beam in scene.beams)
+    if team is None or elements >= SMALLEST:
+        return team
+    _log.info(
+        "%d elements: the first of %d processes computes them alone, which is faster below %d",
+        elements,
+        team.size,
+        SMALLEST,
+    )
+    return None
 
 
 @functools.cache

@@ -9,6 +9,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import process_cases
@@ -16,17 +17,22 @@ import pytest
 from process_cases import CASES
 
 import fx_beam as fb
+from fx_beam.motions import surroundings
 
 HERE = Path(__file__).parents[1]
 # A deadlock is an error, a slow machine is none [s].
 LIMIT = 600
 
 
+#: Small scenes are divided among the processes only here.
+DIVIDED = "from fx_beam.motions import surroundings; surroundings.SMALLEST = 0\n"
+
+
 def started(folder, number, text):
     """A script on several processes, in a group of its own as by a terminal."""
     if not shutil.which("mpirun"):
         pytest.skip("no mpirun")
-    (folder / "script.py").write_text(text)
+    (folder / "script.py").write_text(DIVIDED + text)
     # ./run lets a single process have less of Open MPI than several need.
     known = {name: value for name, value in os.environ.items() if not name.startswith("OMPI_")}
     known["PYTHONPATH"] = os.pathsep.join([str(HERE.parent), str(HERE)])
@@ -59,6 +65,15 @@ def finished(folder, number, text, code=0):
     text = said(process)
     assert process.returncode == code, text
     return text
+
+
+def test_a_small_scene_is_computed_by_the_first_process_alone(monkeypatch):
+    others = SimpleNamespace(size=4)
+    monkeypatch.setattr(surroundings, "present", lambda: others)
+    scene = process_cases.loaded(lambda t: (0.0, 1.0))
+    assert surroundings.waiting_team(scene) is None
+    monkeypatch.setattr(surroundings, "SMALLEST", 2)
+    assert surroundings.waiting_team(scene) is others
 
 
 # -- What three processes give ---------------------------------------------------------------

@@ -14,7 +14,7 @@ from fx_beam.studies.reporting import beside, machine, section, short, write_jso
 from fx_beam.studies.work_precision import accuracy
 
 from .accuracy import ROUND_OFF, Mesh, Precision, Run, alike, counted, floor, observed_order
-from .pictures import draw_dots, draw_fronts
+from .picture import draw_dots, draw_fronts
 
 CLOCKS = {"seconds": "whole call of simulate", "step_seconds": "steps alone"}
 #: Relative errors for which the cheapest runs are listed.
