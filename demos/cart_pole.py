@@ -183,12 +183,18 @@ def report(numbers):
 def draw(results, runs):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png")
     motion, rows = runs["flexible pole"]
     solution = motion.solution()
     frames = range(0, len(solution.t), 3)
     plot.animate(solution, frames, results / "motion.gif", trace=solution.beams["pole"].end)
+    feet = solution.position(solution.beams["pole"].start)
+    thumbnail.animate(
+        *(solution, range(0, len(solution.t), 6), results / "thumbnail.gif"),
+        moving=lambda k: [thumbnail.disc(feet[k], 0.06)],
+    )
     t, push, cart, tip, angle, bent = rows.T
     figure, axes = plot.figure(4, 1)
     place, lean, bow, force = axes.flat

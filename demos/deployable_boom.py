@@ -145,6 +145,7 @@ def report(numbers):
 def draw(results, motions):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     _, whole, hinges = motions["flexible"]
     plot.scene(boom(True)[0], results / "scene.png")
@@ -152,6 +153,7 @@ def draw(results, motions):
     rows = [int(row) for row in np.linspace(0, latest, 8)]
     plot.shapes(whole, rows, results / "shapes.png")
     plot.animate(whole, range(0, len(whole.t), 15), results / "motion.gif")
+    thumbnail.animate(whole, range(0, latest, 20), results / "thumbnail.gif")
 
     figure, axes = plot.figure(1, 2, height=3.0)
     angles, energies = axes.flat

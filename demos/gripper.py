@@ -160,11 +160,17 @@ def report(numbers):
 def draw(results, motion, disc, grips, left_behind):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png")
     rows = [int(t / DT) for t in (0.0, LIFT[0], T_END)]
     plot.shapes(motion, rows, results / "shapes.png")
     plot.animate(motion, range(0, len(motion.t), 15), results / "motion.gif")
+    places = motion.position(disc)
+    thumbnail.animate(
+        *(motion, range(0, len(motion.t), 30), results / "thumbnail.gif"),
+        moving=lambda k: [thumbnail.disc(places[k], RADIUS)],
+    )
     figure, axes = plot.figure(1, 2, height=3.0)
     heights, ratio = axes.flat
     given = ((motion, f"$\\mu = {FRICTION:g}$"), (left_behind, "friction too low"))

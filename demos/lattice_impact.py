@@ -140,7 +140,15 @@ def draw(results, solution, x, row):
     from matplotlib.colors import PowerNorm
 
     from fx_beam import plot
+    from shared import thumbnail
 
+    stored = [energies(solution, k).sum(axis=0) for k in range(len(solution.t))]
+    thumbnail.animate(
+        *(solution, range(0, len(solution.t), len(solution.t) // 40), results / "thumbnail.gif"),
+        shade=lambda k: np.sqrt(stored[k] / max(stored[k].max(), 1e-6 * stored[-1].max())),
+        magnify=MAGNIFY,
+        width=1.0,
+    )
     figure, (panels,) = plot.figure(1, 3, height=2.6)
     ends = [(beam.start.number, beam.end.number) for beam in solution.beams.values()]
     for ax, part in zip(panels, (0.2, 0.5, 0.8), strict=True):

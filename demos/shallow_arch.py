@@ -128,8 +128,11 @@ def report(numbers):
 def draw(results, path, beam, load):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene(DRAWN)[0], results / "scene.png", scene_unit="-")
+    there = range(0, len(path.t), max(1, len(path.t) // 30))
+    thumbnail.animate(path, [*there, *reversed(there)], results / "thumbnail.gif", tall=25.0)
     middle = beam.node(0.5)
 
     def fall(solution):

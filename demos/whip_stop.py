@@ -136,6 +136,7 @@ def report(numbers):
 def draw(results, runs):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     solution, hinge, peg = runs["EnergyMomentum"]
     arm = solution.beams["arm"]
@@ -143,6 +144,10 @@ def draw(results, runs):
     rows = [round(t / DT) for t in (0, 0.05, 0.1, 0.13, 0.16, 0.19, 0.22, 0.25)]
     plot.shapes(solution, rows, results / "shapes.png")
     plot.animate(solution, range(0, len(solution.t), 20), results / "motion.gif", trace=arm.end)
+    thumbnail.animate(
+        *(solution, range(0, len(solution.t), 25), results / "thumbnail.gif"),
+        fixed=lambda ax: ax.add_patch(thumbnail.disc(PEG, RADIUS)),
+    )
 
     figure, axes = plot.figure(2, 2)
     (angle, force), (energy, drift) = axes
