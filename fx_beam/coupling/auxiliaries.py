@@ -17,7 +17,7 @@ import numpy as np
 import scipy.sparse
 
 from .graph import Couplings
-from .index_reduction import AuxiliaryTables
+from .tables import AuxiliaryTables
 
 
 class Auxiliaries:

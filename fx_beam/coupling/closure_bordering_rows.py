@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse
 
-from .index_reduction import LoopTables, sparsity
+from .tables import LoopTables, sparsity
 
 
 class ClosedSystem(NamedTuple):

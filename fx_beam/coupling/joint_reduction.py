@@ -1,8 +1,15 @@
-"""Reduction for joints whose coupling changes with the motion."""
+"""From all degrees of freedom to the unknowns: supports, and joints without multipliers.
+
+The nodal vector x is a function g of the columns z, unknowns first, with T = dg/dz. Virtual
+displacements are Tv times those of the columns (`virtual_map`). Newton's method solves
+Tv^T r(g(z)) = 0; the tangent is Tv^T K T + (dTv/dz)^T r.
+"""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -14,21 +21,39 @@ from fx_beam.scene.joints import Joint
 
 from .auxiliaries import Auxiliaries
 from .graph import Couplings
-from .index_reduction import Tables, WithoutLoops, sparsity
 from .sliders import Slide, Sliders
+from .tables import LoopTables, Tables, sparsity
 
 # Signs of the components of W a, exchanged.
 _QUARTER_TURN = np.array([-1.0, 1.0])
 
 
-class JointReduction(WithoutLoops):
-    """Reduction for joints whose coupling changes with the motion, motors, springs and dampers.
+class _Tangent(NamedTuple):
+    """How the reduced tangent is made of the full one: parts of `Tables`."""
+
+    #: Sparsity of open loops, without what slides.
+    pattern: tuple[np.ndarray, np.ndarray]
+    direct: dict[str, np.ndarray]
+    coupled: dict[str, np.ndarray]
+    geometric: dict[str, np.ndarray]
+    restoring: dict[str, np.ndarray]
+    #: Positions of the entries of auxiliary unknowns.
+    auxiliary_to: np.ndarray
+
+
+class JointReduction:
+    """Unknowns of a scene without closed loops, and the reduction of vectors and matrices to them.
 
     `matrix` has the sparsity of the full tangent; those of its entries that are not `used` remain
     zero. In the linear system each auxiliary unknown has two unknowns,
     its displacement u and the force on what it follows. Their rows are the auxiliary unknown's
     equation, and the balance of u.
     """
+
+    #: Why no step can begin here; empty if it can.
+    singularity = ""
+    #: Number of forces that close loops, which are unknowns of the compiled loop behind the others.
+    forces = 0
 
     def __init__(
         self,
@@ -41,9 +66,11 @@ class JointReduction(WithoutLoops):
         sliders: Sliders | None = None,
     ):
         self.sliders = sliders
+        #: Number of unknowns, of driven columns (prescribed, motors), and of all with fixed ones.
         self.free, self.driven = couplings.free, couplings.driven
         self.columns = couplings.columns
         self.auxiliaries = Auxiliaries(couplings)
+        #: Unknowns (2, m) of auxiliary unknowns in it, and those on which they depend.
         self.dependent = self.auxiliaries.dependent
         #: Column of the tangent that belongs to each column, and row of its forces; -1 where it is
         #: no unknown.
@@ -56,7 +83,7 @@ class JointReduction(WithoutLoops):
                 own = slice(couplings.independent, self.columns)
                 index[own] = sliders.index[own]
         self._rates, self._points, self._dofs = rates, points, dofs
-        self._size = matrix.shape[0]
+        self._size, self._couplings, self._full = matrix.shape[0], couplings, (matrix, used)
         self._z = np.zeros(self.columns + len(self.auxiliaries))
         rows, columns, value_at, signs = couplings.all_entries()
         self._row, self._col, self._value_at = rows, columns, value_at
@@ -64,7 +91,6 @@ class JointReduction(WithoutLoops):
         constant = value_at == 0
         self._linear = tuple(part[constant] for part in (rows, columns, signs))
         self._build_joints(couplings)
-        self._build_products(couplings, matrix, used)
 
     def _build_joints(self, couplings: Couplings) -> None:
         moving = couplings.moving
@@ -100,9 +126,13 @@ class JointReduction(WithoutLoops):
         place += self._offset
         return parts
 
-    def _build_products(self, couplings: Couplings, matrix, used: np.ndarray) -> None:
-        """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent."""
-        free = self.free
+    @functools.cached_property
+    def _tangent(self) -> _Tangent:
+        """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent.
+
+        Not made where others have the tangent.
+        """
+        free, couplings, (matrix, used) = self.free, self._couplings, self._full
         geometric = []
         for m, joint in enumerate(self._moving):
             turn = [
@@ -113,45 +143,80 @@ class JointReduction(WithoutLoops):
             for kind, (maps, values) in enumerate(of_kinds[: 4 if joint.track.number else 3]):
                 geometric += [(a, b, m, kind, s * o) for a, _, s in maps for b, _, o in values]
         #: Slides with forces that are unknowns, among all with forces.
-        self._sprung = np.flatnonzero(self._index[self._points.columns] >= 0)
-        restoring = [(c, c) for c in self._points.columns[self._sprung].tolist()]
+        sprung = np.flatnonzero(self._index[self._points.columns] >= 0)
+        restoring = [(c, c) for c in self._points.columns[sprung].tolist()]
 
         moves = self._index[self._col] >= 0
         source, left, right = _products(self._row, moves, used, matrix.indptr, matrix.indices)
         others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2)
         pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
         rows, columns = self._row_index[pairs[:, 0]], self._index[pairs[:, 1]]
-        position = self._set_pattern(
-            np.concatenate([rows, self.auxiliaries.rows]),
-            np.concatenate([columns, self.auxiliaries.columns]),
-        )
+        rows = np.concatenate([rows, self.auxiliaries.rows])
+        columns = np.concatenate([columns, self.auxiliaries.columns])
+        if self.sliders is None:
+            pattern, position = sparsity(rows, columns, self.auxiliaries.unknowns)
+        else:
+            position = self.sliders.set_tangent(rows, columns)
+            pattern = self.sliders.bordered.pattern
         cuts = np.cumsum([len(source), len(geometric), len(restoring)])
-        parts = np.split(position, cuts)
-        position, self._geometric_to, self._restoring_to, self._auxiliary_to = parts
+        position, geometric_to, restoring_to, auxiliary_to = np.split(position, cuts)
         maps, values = self._value_at[left], self._value_at[right]
         signs = self._sign[left] * self._sign[right]
         direct = (maps == 0) & (values == 0) & (signs == 1)
-        self._direct = position[direct], source[direct]
-        self._coupled = tuple(part[~direct] for part in (position, source, maps, values, signs))
+        names = "to", "source", "virtual", "value", "sign"
+        coupled = (part[~direct] for part in (position, source, maps, values, signs))
         table = np.array([(m, kind, sign) for _, _, m, kind, sign in geometric]).reshape(-1, 3)
-        self._geometric = table[:, 0].astype(int), table[:, 1].astype(int), table[:, 2]
-
-    def _set_pattern(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Set the pattern of open loops; returns positions of entries before sliders are gone."""
-        if self.sliders is not None:
-            return self.sliders.set_tangent(rows, columns)
-        self._open, position = sparsity(rows, columns, self.auxiliaries.unknowns)
-        return position
-
-    @property
-    def _opened_factored(self) -> tuple[np.ndarray, np.ndarray]:
-        """Sparsity of the reduced matrix while loops are open, without what slides."""
-        return self._open if self.sliders is None else self.sliders.bordered.pattern
+        joint_and_kind = dict(zip(("joint", "kind"), table[:, :2].T.astype(int), strict=True))
+        return _Tangent(
+            pattern,
+            direct={"to": position[direct], "source": source[direct]},
+            coupled=dict(zip(names, coupled, strict=True)),
+            geometric={"to": geometric_to, **joint_and_kind, "sign": table[:, 2]},
+            restoring={"to": restoring_to, "of": sprung},
+            auxiliary_to=auxiliary_to,
+        )
 
     @property
-    def factored(self):
-        """Sparsity of the reduced matrix, without what borders it in the compiled loop."""
-        return self._opened_factored
+    def factored(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sparsity (indptr, indices) of the linear system in compressed rows.
+
+        Of the unknowns, and of what is behind them; nodes that slide on beams border it.
+        """
+        return self._tangent.pattern
+
+    @property
+    def direct(self) -> dict[str, np.ndarray]:
+        """As in `Tables`."""
+        return self._tangent.direct
+
+    @functools.cached_property
+    def equates(self) -> bool:
+        """Whether supports and joints only make degrees of freedom equal."""
+        return self._couplings.is_index and not (self.forces or len(self._points.columns))
+
+    @functools.cached_property
+    def independent(self) -> np.ndarray:
+        """Unknowns that follow no others: all, but for those that close loops."""
+        return np.arange(self.free)
+
+    def choose(self, y: np.ndarray, driven: np.ndarray) -> None:
+        """Choose the unknowns that close loops by the configuration after increments."""
+
+    def completion(self) -> scipy.sparse.csr_matrix:
+        """Matrix (columns, columns) that gives all rates from those of independent columns."""
+        return scipy.sparse.identity(self.columns, format="csr")
+
+    def completed(self, z: np.ndarray) -> np.ndarray:
+        """All rates from those of independent columns: completion() z."""
+        return z
+
+    def bordering_rows(self) -> np.ndarray | None:
+        """Gv and G (2, closures, unknowns) of loops that border the linear system; or None."""
+        return None
+
+    def loop_tables(self) -> LoopTables | None:
+        """The closed loops as lists of numbers, for the compiled loop; None without any."""
+        return None
 
     def system(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the linear system for all columns and auxiliaries; -1 for none."""
@@ -165,8 +230,8 @@ class JointReduction(WithoutLoops):
         """Positions of the entries of `factored` with open loops in that with closed ones."""
         return np.arange(len(self.factored[1]))
 
-    def joint_tables(self):
-        """Joints that depend on the motion."""
+    def joint_tables(self) -> dict:
+        """`Tables.joints`."""
         return {
             "offset": self._offset,
             "axis": self._axis,
@@ -177,10 +242,9 @@ class JointReduction(WithoutLoops):
             "track": np.array([joint.track.number for joint in self._moving], dtype=int),
         }
 
-    def tables(self):
-        """Entries, joints and products."""
-        to, source, virtual, value, sign = self._coupled
-        joint, kind, signs = self._geometric
+    def tables(self) -> Tables:
+        """The coupling as lists of numbers, for the compiled loop."""
+        of = self._tangent
         return Tables(
             entries={
                 "row": self._row,
@@ -190,17 +254,17 @@ class JointReduction(WithoutLoops):
             },
             joints=self.joint_tables(),
             followers={"dof": self._below, "through": self._through},
-            direct={"to": self._direct[0], "source": self._direct[1]},
-            coupled={"to": to, "source": source, "virtual": virtual, "value": value, "sign": sign},
-            geometric={"to": self._geometric_to, "joint": joint, "kind": kind, "sign": signs},
-            restoring={"to": self._restoring_to, "of": self._sprung},
-            auxiliaries=self.auxiliaries.tables(self._auxiliary_to),
+            direct=of.direct,
+            coupled=of.coupled,
+            geometric=of.geometric,
+            restoring=of.restoring,
+            auxiliaries=self.auxiliaries.tables(of.auxiliary_to),
         )
 
     # -- A step -----------------------------------------------------------------------------------
 
-    def begin(self, q, slides) -> None:
-        """Set the start of a step."""
+    def begin(self, q: np.ndarray, slides: np.ndarray) -> None:
+        """Set the start of a step: displacements and rotations, and slides."""
         carrier = self._carrier
         self._psi0 = np.where(carrier >= 0, q[carrier], 0.0) if len(carrier) else np.empty(0)
         self._arm_steps = np.zeros(2 * len(carrier))
@@ -211,8 +275,11 @@ class JointReduction(WithoutLoops):
         if self.sliders is not None:
             self.sliders.begin(q, slides)
 
-    def expand(self, y, driven):
-        """Increment of all degrees of freedom; `spread` and `project` refer to it."""
+    def expand(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
+        """Increment of all degrees of freedom from increments of unknowns and driven columns: g.
+
+        `spread` and `project` refer to it. Unknowns that close loops are corrected in y.
+        """
         z = self._z
         z[: self.free] = y
         z[self.free : self.free + self.driven] = driven
@@ -260,8 +327,8 @@ class JointReduction(WithoutLoops):
     def _sliding(self) -> list[Slide]:
         return [] if self.sliders is None else self.sliders.all
 
-    def spread(self, z):
-        """Small change of all degrees of freedom."""
+    def spread(self, z: np.ndarray) -> np.ndarray:
+        """Small change of all degrees of freedom from a small change of all columns: T z."""
         if self._sliding:
             z = z.copy()
         for slide in self._sliding:
@@ -300,8 +367,8 @@ class JointReduction(WithoutLoops):
         entries = np.concatenate([A.data, self.auxiliaries.entries(self._values, self._values)])
         return scipy.sparse.csc_matrix((entries, (rows, columns)), (n, n))
 
-    def coupling(self):
-        """The matrix of `spread`."""
+    def coupling(self) -> scipy.sparse.csr_matrix:
+        """The matrix T (size, columns) of `spread`."""
         T = self._of_columns(self._values)
         if len(self.auxiliaries):
             T = (T @ self.auxiliaries.completion(self._values)).tocsr()
@@ -337,8 +404,11 @@ class JointReduction(WithoutLoops):
         self.auxiliaries.collect_whether(counts, self._values)
         return counts[: self.free] > 0
 
-    def moves_alone(self, dofs):
-        """Those of degrees of freedom that depend on nothing else; not on loops or beams."""
+    def moves_alone(self, dofs: np.ndarray) -> np.ndarray:
+        """Whether each unknown (free,) equals one of some degrees of freedom (size,).
+
+        So far as it is known: not in long trees, loops or on beams.
+        """
         if len(self.auxiliaries) or self.sliders is not None:
             return np.zeros(self.free, dtype=bool)
         alone = np.bincount(self._row, minlength=self._size) == 1
@@ -351,12 +421,12 @@ class JointReduction(WithoutLoops):
         np.add.at(forces, self._points.columns, self._points.on_slides(0))
         return forces
 
-    def fault(self, arcs=()):
-        """Kind and reason of a step in which a node leaves the beam on which it slides."""
+    def fault(self, arcs: Sequence[tuple[float, float]] = ()) -> tuple[str, str] | None:
+        """Kind and reason of a step in which a node leaves the beam on which it slides; or None."""
         return None if self.sliders is None else self.sliders.fault(arcs)
 
-    def project(self, r):
-        """Generalised forces at all columns."""
+    def project(self, r: np.ndarray) -> np.ndarray:
+        """Generalised forces of all columns: Tv^T r, with springs and dampers."""
         return self._project(r)[: self.columns]
 
     def _project(self, r):
@@ -371,8 +441,8 @@ class JointReduction(WithoutLoops):
             self.auxiliaries.collect(out, self._virtual_map)
         return out
 
-    def reduced(self, matrix):
-        """The part Tv^T A T of the linear system, without loops."""
+    def reduced(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        """The part Tv^T A T of the linear system for a matrix A of any sparsity, without loops."""
         T, Tv = (
             self._with_slides(self._of_columns(values), values)
             for values in (self._values, self._virtual_map)

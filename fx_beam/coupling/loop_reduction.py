@@ -104,7 +104,7 @@ class LoopReduction(JointReduction):
         self._entries = tuple(part[by_block] for part in (order[closure], *parts))
         index, carried = (self._row_index, self._index), order[self._carried]
         bordering_rows = ClosureBorderingRows(
-            self._entries, *index, self._opened_factored, self.unit, carried
+            self._entries, *index, self._tangent.pattern, self.unit, carried
         )
         return bordering_rows.system()
 
@@ -261,7 +261,9 @@ class LoopReduction(JointReduction):
         names = "direct", "coupled", "geometric", "restoring"
         parts = {name: getattr(tables, name) for name in names}
         moved = {n: {**part, "to": at[part["to"]]} for n, part in parts.items()}
-        return tables._replace(**moved, auxiliaries=self.auxiliaries.tables(at[self._auxiliary_to]))
+        return tables._replace(
+            **moved, auxiliaries=self.auxiliaries.tables(at[self._tangent.auxiliary_to])
+        )
 
     def open_entries(self) -> np.ndarray:
         """Places of the entries of the trees' pattern in that with the loops."""

@@ -18,8 +18,8 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
 from .graph import Couplings
-from .index_reduction import sparsity
 from .sliding import Sliding
+from .tables import sparsity
 
 # A node at rest on the end of a beam may be beyond it, by this part of the length.
 _BEYOND = 1e-9

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.place_on_beam import PlaceOnBeam
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import Joint
@@ -147,7 +146,7 @@ class LocalOutput:
     def _rate_on_beam(self, joint: SlidingJoint) -> Iterator[Block]:
         """t . (v_b - sum N v_a) / t . t with the slope t of the beam where the node is."""
         ends, n, reduction = self._places.ends, joint.number, self._model.reduction
-        assert isinstance(reduction, JointReduction) and reduction.sliders is not None
+        assert reduction.sliders is not None
         slider = next(slide for slide in reduction.sliders.all if slide.joint.number == n)
         q, v = self._states["q"][ends], self._states[self._rates][ends]
         place = PlaceOnBeam(slider.path, slider.dofs, q, self._states["slides"][ends, n])

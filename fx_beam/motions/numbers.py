@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.results.state import State
 from fx_beam.scene.joints import joints_by_number
 from fx_beam.step.forcing import LoadForcing
@@ -126,7 +125,7 @@ def _of_model(model: Model) -> dict[str, Any]:
         numbers["weight"] = model.weight
     if model.forms.beams is not None:
         numbers |= model.forms.beams.numbers
-    if isinstance(model.reduction, JointReduction):
+    if model.couplings.moving:
         joints = model.reduction.joint_tables()
         numbers |= {name: joints[name] for name in ("offset", "axis")}
         by_number = joints_by_number(model.scene)

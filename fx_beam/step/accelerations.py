@@ -8,7 +8,6 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from fx_beam.coupling.index_reduction import IndexReduction
 from fx_beam.coupling.joint_reduction import JointReduction
 
 from .model import Model
@@ -31,11 +30,10 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
     As `acceleration_of`, in the configuration in which the reduction is.
     """
     reduction, mass, a, gather = model.reduction, model.mass, None, None
-    if isinstance(reduction, IndexReduction):
+    if reduction.equates:
         a, gather = _of_equal(model, reduction, force), reduction.project
-    elif isinstance(reduction, JointReduction) and reduction.sliders is None:
-        if len(reduction.auxiliaries):
-            a, gather = _with_auxiliaries(reduction, mass, force), reduction.gather
+    elif reduction.sliders is None and len(reduction.auxiliaries):
+        a, gather = _with_auxiliaries(reduction, mass, force), reduction.gather
     if a is None or gather is None:
         T = reduction.coupling()
         T = T.toarray() if T.shape[0] <= _SMALL else T
@@ -45,7 +43,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return a, force - gather(mass @ reduction.spread(w))[: reduction.free]
 
 
-def _of_equal(model: Model, reduction: IndexReduction, force: np.ndarray) -> np.ndarray | None:
+def _of_equal(model: Model, reduction: JointReduction, force: np.ndarray) -> np.ndarray | None:
     """By the reduced mass, whose factors have the pattern of the tangent; None if it is singular.
 
     Or without factors where they would need more memory than all else.
@@ -61,9 +59,10 @@ def _of_equal(model: Model, reduction: IndexReduction, force: np.ndarray) -> np.
         diagonal = reduction.project(mass.diagonal())[:free]
         if (a := _iterated_acceleration(times, diagonal, force)) is not None:
             return a
-    values = np.empty(len(reduction.factored[1]))
-    reduction.fill(mass.data, force, values)
-    has_mass = free and (values[reduction.diagonal] > 0).all()
+    (indptr, indices), of = reduction.factored, reduction.direct
+    values = np.bincount(of["to"], mass.data[of["source"]], len(indices))
+    diagonal = values[np.repeat(np.arange(free), np.diff(indptr)) == indices]
+    has_mass = free and (diagonal > 0).all()
     regular = has_mass and model.factors_of_mass.factorise(values)
     return model.factors_of_mass.solve(force) if regular else None
 

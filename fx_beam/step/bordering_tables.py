@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.coupling.index_reduction import Reduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.sliders import Slide, Sliders
 
@@ -17,12 +16,12 @@ from .model import Model
 _LANES = 4
 
 
-def storage_of(reduction: Reduction, at: np.ndarray, stored: int) -> tuple[np.ndarray, int]:
+def storage_of(reduction: JointReduction, at: np.ndarray, stored: int) -> tuple[np.ndarray, int]:
     """Storage indices of the entries of a bordered tangent, and the number of values.
 
     Given are those of `Reduction.factored`. Entries on bordering rows are behind them.
     """
-    if not isinstance(reduction, JointReduction) or (sliders := reduction.sliders) is None:
+    if (sliders := reduction.sliders) is None:
         return at, stored
     bordered = sliders.bordered
     of_all = np.empty(sliders.entries_before, dtype=int)
@@ -31,22 +30,22 @@ def storage_of(reduction: Reduction, at: np.ndarray, stored: int) -> tuple[np.nd
     return of_all, stored + len(bordered.beside)
 
 
-def ones_of(reduction: Reduction, at: np.ndarray) -> np.ndarray:
+def ones_of(reduction: JointReduction, at: np.ndarray) -> np.ndarray:
     """Storage indices of diagonals of slides in the factorised tangent, which are 1."""
-    if not isinstance(reduction, JointReduction) or (sliders := reduction.sliders) is None:
+    if (sliders := reduction.sliders) is None:
         return at[:0]
     return at[np.append(reduction.open_entries()[sliders.bordered.ones], reduction.carriers()[0])]
 
 
 def on_bordering_rows(
-    reduction: Reduction, rows: np.ndarray, columns: np.ndarray, first: int
+    reduction: JointReduction, rows: np.ndarray, columns: np.ndarray, first: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of the system for all columns of the scene, with those on bordering rows.
 
     BorderingRows are numbered downwards from `first`.
     """
     rows, columns = rows.copy(), columns.copy()
-    if isinstance(reduction, JointReduction) and (sliders := reduction.sliders) is not None:
+    if (sliders := reduction.sliders) is not None:
         outside = sliders.outside
         rows[outside] = columns[outside] = first - np.arange(len(outside))
     return rows, columns

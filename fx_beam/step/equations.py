@@ -9,7 +9,6 @@ import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
 
-from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.sliders import Sliders
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
@@ -133,7 +132,7 @@ class Equations:
         indptr, indices = reduction.factored
         n = len(indptr) - 1
         A = scipy.sparse.csr_matrix((self.values, indices, indptr), (n, n))
-        if isinstance(reduction, JointReduction) and reduction.sliders is not None:
+        if reduction.sliders is not None:
             A = self._with_border(A, reduction.sliders)
         if (members := self.model.points.members) is not None:
             more = reduction.reduced(members.tangent())

@@ -11,7 +11,6 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.coupling.graph import couple, motors
-from fx_beam.coupling.index_reduction import IndexReduction, Reduction
 from fx_beam.coupling.joint_reduction import JointReduction
 from fx_beam.coupling.loop_reduction import LoopReduction
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
@@ -151,8 +150,7 @@ class Model:
         reduction, free = self.reduction, self.couplings.free
         reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
         reduction.expand(np.zeros(free), np.zeros(self.couplings.driven))
-        of_tree = JointReduction if isinstance(reduction, JointReduction) else IndexReduction
-        T = of_tree.coupling(reduction)[:, :free]  # type: ignore[arg-type]
+        T = JointReduction.coupling(reduction)[:, :free]
         masses = np.asarray(T.multiply(self.mass @ T).sum(axis=0)).ravel()
         of_columns = np.zeros(self.couplings.columns)
         of_columns[np.flatnonzero(masses > 0)] = 1 / masses[masses > 0]
@@ -172,10 +170,8 @@ class Model:
             return False
         if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
-        if isinstance(self.reduction, JointReduction):
-            joints = joints_by_number(self.scene)
-            moving = [joints[joint.number] for joint in self.couplings.moving]
-            self.reduction.set_arms(moving)
+        joints = joints_by_number(self.scene)
+        self.reduction.set_arms([joints[joint.number] for joint in self.couplings.moving])
         return True
 
     @property
@@ -353,9 +349,7 @@ class Model:
     def finds_accelerations_later(self) -> bool:
         """Whether those at the start need not be known before the run, and depend on no joints."""
         of_state = self.fits_rates or bool(self.natural)
-        return isinstance(self.reduction, IndexReduction) and not (
-            of_state or self.needs_accelerations
-        )
+        return self.reduction.equates and not (of_state or self.needs_accelerations)
 
     @functools.cached_property
     def massless(self) -> np.ndarray:
@@ -418,7 +412,6 @@ class Model:
         #: Joints with a motor, each with the name of its coordinate.
         self.motors = motors(scene)
         self.prescribed = np.array([dofs[key] for key in scene.prescribed], dtype=int)
-        counts = self.couplings.free, self.couplings.driven, self.couplings.columns
         keys = [*scene.prescribed, *sorted(scene.fixed)]
         motors_between = np.arange(len(keys)) >= len(scene.prescribed)
         #: Supported nodes, their components, and their indices among driven and fixed columns.
@@ -434,23 +427,21 @@ class Model:
                 "internal variables of a spring, or friction that sticks, have dissipated. Use "
                 "order=2"
             )
-        self.reduction: Reduction
-        if self.couplings.is_index and not len(self.points.columns):
-            self.reduction = IndexReduction(self.couplings.column, *counts, matrix)
+        sliders = None
+        if self.couplings.sliding:
+            sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
+        used = self.used_entries()
+        parts = self.couplings, self.points, self.scheme.rates, dofs, matrix, used
+        self.reduction: JointReduction
+        if self.couplings.closures:
+            unit = self.unit_of_unknowns
+            self.reduction = loops = LoopReduction(*parts, unit, sliders)
+            loops.begin(np.zeros(self.size), slides_at_start(scene))
+            if all(joint.place is None for joint in scene.joints):
+                check_loops(scene, self.couplings, loops)
         else:
-            sliders = None
-            if self.couplings.sliding:
-                sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
-            used = self.used_entries()
-            parts = self.couplings, self.points, self.scheme.rates, dofs, matrix, used
-            if self.couplings.closures:
-                unit = self.unit_of_unknowns
-                self.reduction = loops = LoopReduction(*parts, unit, sliders)
-                loops.begin(np.zeros(self.size), slides_at_start(scene))
-                if all(joint.place is None for joint in scene.joints):
-                    check_loops(scene, self.couplings, loops)
-            else:
-                self.reduction = JointReduction(*parts, sliders)
+            self.reduction = JointReduction(*parts, sliders)
+        if not self.reduction.equates:
             self.assembled.append("joints")
 
     def used_entries(self) -> np.ndarray:

@@ -15,8 +15,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import Structs, declarations, declared
-from fx_beam.coupling.index_reduction import AuxiliaryTables, Tables
-from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.coupling.tables import AuxiliaryTables, Tables
 from fx_beam.fem import dolfinx_api
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
@@ -340,7 +339,7 @@ class Problem:
         stored_at, p.stored_values = storage_of_entries(
             t, self.model.forms.stiffness, alone, at, stored
         )
-        if isinstance(reduction, JointReduction):
+        if reduction.sliders is not None:
             first = self.constants.ON_BORDER
             diagonal_at = stored_at[diagonal_of(self.model.forms.stiffness)]
             bordering_rows = BorderingTables(reduction, factors, at, diagonal_at, self.model, first)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fx_beam.coupling.index_reduction import Tables
+from fx_beam.coupling.tables import Tables
 
 
 def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:
@@ -25,9 +25,10 @@ def storage_of_entries(
     Entries that are entries of the reduced tangent share its storage; the others are behind it.
     """
     direct = np.repeat(alone, np.diff(tangent.indptr)) & alone[tangent.indices]
-    stored_at = np.empty(tangent.nnz, dtype=int)
+    stored_at, used = np.empty(tangent.nnz, dtype=int), np.zeros(tangent.nnz, dtype=bool)
+    used[t.direct["source"]] = True
     stored_at[t.direct["source"]] = at[t.direct["to"]]
-    others = np.flatnonzero(~direct)
+    others = np.flatnonzero(~(direct & used))
     stored_at[others] = behind + np.arange(len(others))
     return stored_at, behind + len(others)
 

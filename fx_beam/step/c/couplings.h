@@ -1,4 +1,4 @@
-/* Supports and joints (index_reduction.py, joint_reduction.py). */
+/* Supports and joints (joint_reduction.py). */
 
 #pragma once
 
