@@ -14,6 +14,7 @@ from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
+from fx_beam.step.row_jacobian import slope
 from fx_beam.step.tape import Steps
 
 from .gradient import Block, of_entries
@@ -50,8 +51,6 @@ _FORCES = {
 }
 #: Numbers of joints by the fields of `Local`.
 _OF_JOINTS = {"offset": "offsets of slides", "axis": "axes of slides"}
-# Step in the imaginary direction, for slopes without cancellation.
-_STEP = 1e-100
 
 
 class LocalOutput:
@@ -135,13 +134,13 @@ class LocalOutput:
                 inputs += [(field, i, name, 2 * number + i) for i in range(2)]
         local, every = of.local(motion, slide), np.arange(len(ends))
         for field, component, name, entry in inputs:
-            moved = np.array(getattr(local, field), complex)
-            moved[component] += _STEP * 1j
-            value = of.law(local._replace(**{field: moved}))
-            for part, slope in enumerate(np.atleast_2d(np.imag(value) / _STEP)):
-                places = None if field in _OF_JOINTS else ends
-                if slope.any():
-                    yield of_entries(name, entry, part, every, slope, places)
+            given, places = np.asarray(getattr(local, field)), None if field in _OF_JOINTS else ends
+            unit = np.zeros(given.shape)
+            unit[component] = 1.0
+            slopes = slope(lambda x, name=field: of.law(local._replace(**{name: x})), given, unit)
+            for part, by in enumerate(np.atleast_2d(slopes)):
+                if by.any():
+                    yield of_entries(name, entry, part, every, by, places)
 
     def _rate_on_beam(self, joint: SlidingJoint) -> Iterator[Block]:
         """t . (v_b - sum N v_a) / t . t with the slope t of the beam where the node is."""

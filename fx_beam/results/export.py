@@ -14,7 +14,7 @@ from fx_beam.errors import is_name, shown
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 from fx_beam.scene.obstacles import Obstacle
 
-from .files import replacing
+from .files import of_numpy, replacing
 from .state import HISTORIES
 
 #: Format of saved files.
@@ -69,7 +69,7 @@ def save(solution, path) -> None:
     meta = {"format": FORMAT, "stats": stats, "beams": beams, "joints": joints, "bodies": bodies}
     meta["parameters"] = solution.names_of_parameters
     meta["obstacles"] = [_described(obstacle) for obstacle in solution.obstacles]
-    text = json.dumps(meta, default=_plain)
+    text = json.dumps(meta, default=of_numpy)
     arrays = {"meta": np.array(text), **arrays}
     with replacing(path) as new, open(new, "wb") as raw:
         file = zipfile.ZipFile(raw, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
@@ -98,13 +98,6 @@ def _stability(solution) -> dict[str, np.ndarray]:
         return {"unstable_modes": solution.unstable_modes}
     except ValueError:
         return {}
-
-
-def _plain(value):
-    """A number of NumPy as JSON has it."""
-    if isinstance(value, np.generic):
-        return value.item()
-    raise ValueError(f"cannot save {value!r:.80}, a {type(value).__name__}: JSON does not know it")
 
 
 def _described(obstacle: Obstacle) -> dict:

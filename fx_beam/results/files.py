@@ -7,8 +7,18 @@ import secrets
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from fx_beam.errors import shown
+
+
+def of_numpy(value: Any) -> Any:
+    """A number or an array of NumPy as JSON has it; ValueError for what JSON does not know."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise ValueError(f"{value!r:.80} is a {type(value).__name__}, which JSON cannot hold")
 
 
 def named(path: Path | str) -> Path:

@@ -27,10 +27,8 @@ from fx_beam.coupling.place_on_beam import PlaceOnBeam
 from fx_beam.coupling.rate_equations import OnBeam
 
 from .rate_solver import RateSolver
-from .row_jacobian import RowJacobian, behind, times
+from .row_jacobian import RowJacobian, behind, slope, times
 
-# Step in the imaginary direction.
-_STEP = 1e-100
 # Columns of the Jacobian: those of each configuration, and numbers that all have in common.
 _OF_STATE = "q", "v", "slides", "driven rates"
 _NUMBERS = "arms of joints", "axes of joints", "paths"
@@ -255,8 +253,7 @@ class RateDerivatives:
 
 def _slopes(law: Callable[[np.ndarray], np.ndarray], given: np.ndarray) -> np.ndarray:
     """Derivatives (..., m) of an analytic law by m numbers (..., m)."""
-    steps = _STEP * 1j * np.eye(given.shape[-1])
-    return np.stack([law(given + step).imag / _STEP for step in steps], axis=-1)
+    return np.stack([slope(law, given, unit) for unit in np.eye(given.shape[-1])], axis=-1)
 
 
 def _with_ground(x: np.ndarray) -> np.ndarray:

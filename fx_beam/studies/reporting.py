@@ -12,9 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from fx_beam.results.files import replacing
+from fx_beam.results.files import of_numpy, replacing
 
 _VERSIONS = {"dolfinx": "fenics-dolfinx", "petsc": "petsc4py", "numpy": "numpy"}
 _VERSIONS |= {"fx_beam": "fx-beam"}
@@ -108,13 +106,7 @@ def _cell(value: Any) -> str:
 
 def _plain(value: Any) -> Any:
     """The value as it is read back from JSON."""
-    return json.loads(json.dumps(value, default=_listed), parse_constant=_NOT_FINITE.get)
-
-
-def _listed(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    raise TypeError(f"{value!r:.40} cannot be written as JSON")
+    return json.loads(json.dumps(value, default=of_numpy), parse_constant=_NOT_FINITE.get)
 
 
 def _flat(value: Any, name: str = "") -> dict[str, Any]:

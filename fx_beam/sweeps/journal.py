@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.results.files import writable
+from fx_beam.results.files import of_numpy, writable
 
 _log = logging.getLogger("fx_beam")
 # How each line begins, and the checksum (CRC-32) of what is before it, with which it ends.
@@ -153,13 +153,7 @@ def key(case: Mapping[str, Any]) -> str:
         ) from error
 
 
-def _of_numpy(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    raise TypeError(f"{value!r:.40} is a {type(value).__name__}, which JSON cannot hold")
-
-
 # Made once: json.dumps makes one at each call.
-_TEXT = json.JSONEncoder(default=_of_numpy).encode
-_SORTED = json.JSONEncoder(default=_of_numpy, sort_keys=True).encode
+_TEXT = json.JSONEncoder(default=of_numpy).encode
+_SORTED = json.JSONEncoder(default=of_numpy, sort_keys=True).encode
 _VALUE = json.JSONDecoder().decode
