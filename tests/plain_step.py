@@ -1,165 +1,194 @@
-"""A plain step: forms of dolfinx, joints in NumPy, a Jacobian by differences and dense Newton.
+"""Steps held against their equations: balance at all nodes, with the joints' forces as multipliers.
 
-It shares no tangent, no assembly and no solver with the loop in C, whose motions it must give.
+Of a step in C only its increments are read. Forces at nodes are those of the forms of dolfinx, the
+forces of supports and joints are whatever fits them best, and joints stay closed. Nothing is shared
+with the package's elimination of what joints hold, nor any tangent.
 """
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 import fx_beam as fb
 from fx_beam.fem.member_contacts import FINE
 from fx_beam.laws.interval import Interval
-from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
+from fx_beam.scene.joints import GROUND
+from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.step.recorder import Record, Recorder
 
-MOST, EXACT, JUMP = 60, 1e-13, 1e-6
+GAP = 1e-12  # largest that a step opens [m, rad]
+SHORT = 1e-6  # part of an element on which the quotient of weights is their slope
+
+
+def across(x):
+    return np.array([-x[1], x[0]])
 
 
 class PlainStep:
-    """Takes the steps of a model: C only completes each, from its increments and forces."""
+    """A step from a state, with increments D (size,) and of slides; C has both in `results`."""
 
-    def __init__(self, prepared):
-        self.model, self.forcing, self.loop = prepared.model, prepared.forcing, prepared.loop
-        self.jacobian = None
+    def __init__(self, prepared, state, interval):
+        model = self.model = prepared.model
+        self.state, self.interval, self.forcing = state, interval, prepared.forcing
+        self.level, self.rates = model.scheme.rates.level, model.scheme.rates
+        result = prepared.loop.problem.results(model.size, model.reduction.columns)
+        self.D, self.z = (part.copy() for part in result)
+        self.Dd = np.zeros(len(state.slides))
+        for joint, column in model.couplings.slides.items():
+            self.Dd[joint] = self.z[column]
+        positions = self.forcing.positions(interval.end) - self.forcing.current(state)
+        self.prescribed = positions[: len(model.prescribed)]
+        motors = zip(model.motors, positions[len(self.prescribed) :], strict=True)
+        self.motors = {(joint.number, name): value for (joint, name), value in motors}
 
-    def take(self, state, step, to):
-        """The state at the end of a step, which is recorded."""
-        fractions, known = self.model.scheme.fractions, []
-        times = step.start + step.length * np.cumsum([0.0, *fractions])
-        times[-1], now = step.end, state
-        for number, ends in enumerate(pairwise(times)):
-            interval = Interval(*ends)
-            found, started = self.increment(now, interval, number)
-            known, state = [*known, found], state if number else started
-            now = self.complete(state, step, known, to if number + 1 == len(fractions) else None)
-        return now
+    def dofs(self, node):
+        return self.model.mesh.dofs[node.number]
 
-    def complete(self, state, step, known, to=None):
-        """The state after some sub-steps with known increments and forces."""
-        loop, p = self.loop, self.loop.problem.c
-        loop.problem.load(state)
-        count, p.sub_steps = p.sub_steps, len(known)
-        inputs = loop.inputs(step.start, np.array([step.end]))
-        loop.finish(inputs, step.length, *(np.array(of) for of in zip(*known, strict=True)), to)
-        p.sub_steps = count
-        return loop.state(step.end)
+    def of(self, values, node):
+        """Values (3,) at a node; zero on the ground."""
+        return np.zeros(3) if node is GROUND else values[self.dofs(node)]
 
-    def increment(self, state, interval, number):
-        """Increment of the columns and forces in a sub-step, and the state from which it starts."""
-        model, forcing = self.model, self.forcing
-        forces, positions = forcing.forces(interval), forcing.positions(interval.end)
-        level = model.scheme.rates.level
-        self.force = (1 - level) * forces[0] + level * forces[1]
-        self.driven = positions - forcing.current(state)
-        self.number = number
-        y = np.zeros(model.reduction.free)
-        for _ in range(8):
-            y = self.solve(state, interval, y)
-            members = model.points.members
-            if members is None or members.check(self.at(y)[0]) == FINE:
-                break
-        if model.points.follow_joints:
-            y, state = self.follow(state, interval, y)
-        return self.columns(y), state
+    def mean(self, ends):
+        return (1 - self.level) * ends[0] + self.level * ends[1]
 
-    def columns(self, y):
-        """Increment of all columns, and the forces with it."""
-        D, r, _ = self.at(y)
-        fixed = np.zeros(self.model.reduction.columns - len(y) - len(self.driven))
-        return np.concatenate([y, self.driven, fixed]), r
-
-    def follow(self, state, interval, y):
-        """The unknowns with the forces of joints that friction follows."""
-        points, internal = self.model.points, state.spring_internal.copy()
-        points.begin_following()
-        for trial in range(100):
-            given = replace(state, spring_internal=internal)
-            self.complete(given, interval, [self.columns(y)])
-            self.begin(given, interval)
-            points.evaluate(self.at(y)[0])
-            joints = self.loop.problem.state_arrays["joint_forces"].reshape(-1, 3)
-            for joint, axis in self.model.reduction.axes():
-                points.set_axis(joint, axis)
-            if not points.follow(joints, state.q, internal, trial > 90):
-                return y, given
-            y = self.solve(given, interval, y)
-        raise AssertionError("friction and force do not meet")
-
-    def begin(self, state, interval):
-        """Set the state at the start of a sub-step."""
-        model, self.start, self.length = self.model, state, interval.length
-        model.reduction.begin(state.q, state.slides)
+    def forces(self, end):
+        """Forces (size,) of supports and joints on nodes, by the balance of all others."""
+        model, state, interval = self.model, self.state, self.interval
+        if len(followed := model.points.followed):  # friction knows the forces of its joints
+            state = replace(state, spring_internal=state.spring_internal.copy())
+            state.spring_internal[followed] = end.spring_internal[followed]
         model.forms.begin(interval, model.start_of(state, interval.length))
         if (strains := self.forcing.natural(interval.end)) is not None:
             model.forms.beams.natural.set(None, strains)
-
-    def at(self, y):
-        """Increment, forces of supports and joints, and the residual of the unknowns."""
-        model, state = self.model, self.start
-        D = model.reduction.expand(y, self.driven)
-        r = model.forms.internal_force(D) - self.force
+        for _ in range(8):  # until all members are known that a point touches
+            inner = model.forms.internal_force(self.D)
+            if model.points.members is None or model.points.members.check(self.D) == FINE:
+                break
+        model.points.evaluate_slides(self.z)
         if (rules := model.nodal_rules) is None:
-            rates = model.scheme.rates
-            a, _ = rates.acceleration(D, state.v, state.a, self.length, model.turns)
+            rates = self.D, state.v, state.a, interval.length
+            a, _ = self.rates.acceleration(*rates, model.turns)
         else:
             past = state.q - (state.q if state.q_previous is None else state.q_previous)
-            nodal = rules.at(self.number, D, state.v, state.a, past, self.length)
+            nodal = rules.at(0, self.D, state.v, state.a, past, interval.length)
             a = rules.to_vector(nodal[:, :3])
-        r += model.mass @ a
-        return D, r, model.reduction.project(r)[: len(y)]
+        added = self.mean(self.forcing.forces(interval))
+        inertia, stopping = model.mass @ a, model.mass @ state.v / interval.length
+        self.size = max(abs(part).max() for part in (added, inner, inertia, stopping))
+        return inner + inertia - added
 
-    def solve(self, state, interval, y):
-        """The unknowns for which the residual is zero, from those that are known."""
-        self.begin(state, interval)
-        if not len(y):
-            return y
-        if self.jacobian is None or abs(self.length_of_jacobian / self.length - 1) > 1e-9:
-            self.differentiate(y)
-        smallest = np.inf
-        for _ in range(MOST):
-            correction = np.linalg.solve(self.jacobian, self.at(y)[2])
-            size = abs(correction).max()
-            if size <= EXACT or (size > 0.5 * smallest and size < 1e-10):
-                return y - correction
-            if size > 0.2 * smallest:
-                self.differentiate(y)
-                correction = np.linalg.solve(self.jacobian, self.at(y)[2])
-            smallest = size = abs(correction).max()
-            part = min(1.0, 0.5 / size)
-            while part > 1e-3 and self.left(y - part * correction) > size:
-                part /= 2
-            y = y - part * correction
-        raise AssertionError("the plain step does not converge")
+    def held(self):
+        """Gaps that the step opens (n,), and the forces (size, m) of unit multipliers.
 
-    def left(self, y):
-        """Size of the next correction by the present Jacobian."""
-        left = abs(np.linalg.solve(self.jacobian, self.at(y)[2])).max()
-        return left if np.isfinite(left) else np.inf
+        Behind the rows of nodes those of slides: what each force does along them.
+        """
+        model, size = self.model, self.model.size
+        keys = *model.scene.prescribed, *model.scene.fixed
+        supported = [model.mesh.dofs[key] for key in keys]
+        driven = [*self.prescribed, *[0.0] * len(model.scene.fixed)]
+        gaps, columns = [self.D[supported] - driven], list(np.eye(size + len(self.Dd))[supported])
+        for joint in model.scene.joints:
+            sliding = isinstance(joint, SlidingJoint)
+            gap, wrenches = (self.on_beam if sliding else self.on_node)(joint)
+            turns = 3 if joint.turns_together else 2
+            gaps.append(gap[:turns])
+            if (motor := self.motors.get((joint.number, "slide"))) is not None:
+                gaps.append([self.Dd[joint.number] - motor])
+            for i, (dofs, values, along) in enumerate(wrenches[:turns]):
+                column = np.zeros(size + len(self.Dd))
+                np.add.at(column, dofs, values)
+                if joint.b is not GROUND:
+                    column[self.dofs(joint.b)[i]] += 1.0
+                column[size + joint.number] = along
+                columns.append(column)
+        return np.concatenate(gaps), np.array(columns).reshape(-1, size + len(self.Dd)).T
 
-    def differentiate(self, y):
-        """The Jacobian of the residual by central differences."""
-        columns = []
-        for step in JUMP * np.eye(len(y)):
-            ends = (self.at(y + sign * step)[2] for sign in (1, -1))
-            columns.append(np.subtract(*ends) / (2 * JUMP))
-        self.jacobian, self.length_of_jacobian = np.column_stack(columns), self.length
-        following = ~self.jacobian.any(axis=1)  # unknowns that close loops have no equation here
-        self.jacobian[following, following] = 1.0
+    def on_node(self, joint):
+        """Gap that opens, and the forces on a for unit forces on b, with what acts on the slide."""
+        D, psi = (self.of(of, joint.a) for of in (self.D, self.state.q))
+        slides = self.state.slides[joint.number] + np.array([0.0, self.Dd[joint.number]])
+        arms, along = [], []
+        for angle, d in zip((psi[2], psi[2] + D[2]), slides, strict=True):
+            turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            axis = joint.axis
+            slide = np.zeros((2, 2)) if axis is None else (np.multiply(d, axis), axis)
+            arms.append(turn @ (joint.offset + slide[0]))
+            along.append(turn @ slide[1])
+        _, slope = self.rates.work_increment(D[2:], np.arange(1))
+        lever, axis = across(self.mean(arms)), slope[0] * self.mean(along)
+        gap = self.of(self.D, joint.b) - D
+        gap[:2] -= arms[1] - arms[0]
+        gap[2] -= self.motors.get((joint.number, "rotation"), 0.0)
+        dofs = [] if joint.a is GROUND else self.dofs(joint.a)
+        force = [np.array([-1.0, 0, -lever[0]]), np.array([0, -1.0, -lever[1]]), -np.eye(3)[2]]
+        return gap, [(dofs, f[: len(dofs)], s) for f, s in zip(force, (*axis, 0.0), strict=True)]
+
+    def on_beam(self, joint):
+        """The same of a node on a beam (fx_beam/coupling/sliding.py)."""
+        path, model = joint.path, self.model
+        nodes = model.mesh.dofs[model.mesh.nodes_of(model.scene, joint.beam)]
+        Ds = self.Dd[joint.number]
+        s = self.state.slides[joint.number] + np.array([0.0, Ds])
+        every = np.eye(len(path))[None]
+        N = np.array([path.over(every, end)[0] for end in s[:, None]])
+        slopes = np.array([path.over(every, end, 1)[0] for end in s[:, None]])
+        element = path.element(s[0])
+        rest = np.column_stack([path.X, path.angles()])
+        x = rest + np.array([self.state.q[nodes], self.state.q[nodes] + self.D[nodes]])
+        gap = self.of(self.D, joint.b) - (N[1] @ x[1] - N[0] @ x[0])
+        mean, Dx = self.mean(N), self.D[nodes]
+        shares = np.array([np.outer(mean, row) for row in np.eye(3)]).reshape(3, -1, 3)
+        if self.level != 0.5:
+            return gap, self.on_dofs(nodes, shares, self.mean([slopes[i] @ x[i] for i in (0, 1)]))
+        Q = (N[1] - N[0]) / Ds if abs(Ds) > SHORT * path.h[element] else slopes.mean(axis=0)
+        axis = Q @ x.mean(axis=0)
+        first, last = path.degree * element, path.degree * (element + 1)
+        chord = (x[:, last] - x[:, first]).mean(axis=0)[:2]
+        w, z = across(chord) / (chord @ chord), across(Q @ Dx[:, :2]) / 4
+        shares[:2, last, :2] += Ds * np.outer(z, w)
+        shares[:2, first, :2] -= Ds * np.outer(z, w)
+        axis[:2] -= z * (w @ (Dx[last] - Dx[first])[:2])
+        if joint.turns_together and self.rates.turning:
+            half, y, y_c = Dx[:, 2] / 2, mean @ Dx[:, 2] / 2, self.of(self.D, joint.b)[2] / 2
+            per = mean * np.cos(half) / np.sinc((half - y) / np.pi)
+            shares[2, :, 2] = per / per.sum()
+            axis[2] *= np.sinc((y_c - y) / np.pi) / (np.cos(y_c) * np.cos(y))
+        return gap, self.on_dofs(nodes, shares, axis)
+
+    @staticmethod
+    def on_dofs(nodes, shares, axis):
+        return [(nodes.ravel(), -of.ravel(), s) for of, s in zip(shares, axis, strict=True)]
+
+    def errors(self, end):
+        """Largest gap that the step opens, and largest force without balance by the largest."""
+        r = np.concatenate([self.forces(end), np.zeros(len(self.Dd))])
+        points, number = self.model.points, {c: n for n, c in self.model.couplings.slides.items()}
+        for column, force in zip(points.columns.tolist(), points.on_slides(0), strict=True):
+            r[self.model.size + number[column]] -= force
+        gaps, columns = self.held()
+        driven = {number for number, name in self.motors if name == "slide"}
+        kept = np.setdiff1d(np.arange(len(r)), self.model.size + np.array([*driven], int))
+        r, columns = r[kept], columns[kept]
+        multipliers = np.linalg.lstsq(columns, r, rcond=1e-12)[0]
+        size = max(self.size, abs(multipliers).max(initial=0.0))
+        return abs(gaps).max(initial=0.0), abs(r - columns @ multipliers).max() / (size or 1.0)
 
 
-def plainly(scene, scheme=None, *, dt, t_end, newton=None):
-    """The motion of a scene in steps of equal length, as `simulate` gives it."""
+def assert_balanced(scene, scheme=None, *, dt, t_end, newton=None, least=1e-10):
+    """Each step of a motion opens no joint, and leaves no force above `least` of the largest one.
+
+    Its scheme has no sub-steps.
+    """
     scheme = scheme or fb.EnergyMomentum()
     prepared = Prepared(scene, Options(scheme=scheme, newton=newton, max_halvings=0))
-    model, times = prepared.model, dt * np.arange(round(t_end / dt) + 1)
-    recorder = Recorder(model, times, Record())
-    state, plain = prepared.first_state(dt, None), PlainStep(prepared)
-    to = prepared.loop.record_start(state, recorder, len(times))
-    for to.first, ends in enumerate(pairwise(times), start=1):
-        state = plain.take(state, Interval(*ends), to)
-        recorder.count(to.rows, to.starts)
-    return solution_of(model, recorder, prepared.stats, lambda: state, ended=True)
+    state, times = prepared.first_state(dt, None), dt * np.arange(round(t_end / dt) + 1)
+    for number, to in enumerate(times[1:]):
+        ends, interval = np.array([to]), Interval(state.t, float(to))
+        recorder = Recorder(prepared.model, np.array([state.t, to]), Record())
+        assert prepared.loop.run(state, ends, recorder)
+        end = prepared.loop.state(float(to))
+        errors = PlainStep(prepared, state, interval).errors(end)
+        assert errors[0] < GAP and errors[1] < least, (number, errors)
+        state = end

@@ -319,10 +319,6 @@ class JointReduction:
             maps[:, :2], maps[:, 2:] = _perp(mean_rho), slope[:, None] * mean_t
         return D
 
-    def axes(self):
-        """Of each node that slides on a beam its joint, and the axis (2,) there in the step."""
-        return [(own.joint.number, own.relation.virtual_map[:2, -1]) for own in self._sliding]
-
     @property
     def _sliding(self) -> list[Slide]:
         return [] if self.sliders is None else self.sliders.all

@@ -467,23 +467,6 @@ class PointForces:
         pairs = zip(self._forces, self._first_internal, strict=True)
         return np.array([first + 2 for force, first in pairs if force.load.joint >= 0], dtype=int)
 
-    def begin_following(self) -> None:
-        """Begin to look for the forces of joints that friction follows in a step."""
-        self._c.fx_begin_following(self._all)
-
-    def set_axis(self, joint: int, axis: np.ndarray) -> None:
-        """Set the axis (2,) of a beam at the node that slides on it by a joint."""
-        self._c.fx_set_axis(self._all, joint, self._of(np.ascontiguousarray(axis)))
-
-    def follow(self, joints: np.ndarray, q: np.ndarray, internal: np.ndarray, still: bool) -> bool:
-        """Set forces of joints in internal variables of friction, by those (joints, 3) of a step.
-
-        False if these are known. With `still` the last ones had no effect.
-        """
-        vectors = (self._of(np.ascontiguousarray(x)) for x in (joints.ravel(), q, self._D))
-        level, of_internal = self._rule.level, self._of(internal)
-        return bool(self._c.fx_follow_joints(self._all, *vectors, level, still, of_internal))
-
     @property
     def owners(self) -> np.ndarray:
         """What of the scene each internal variable (width,) belongs to, as text."""

