@@ -91,7 +91,7 @@ static void vjp_laws(const Problem *p, const Work *w, const Adjoint *a, const Li
   const Layout *at = &l->at;
   vjp(l->of + JOINED, x);
   vjp(l->of + CLOSED, x);
-  if (HAS(LOOPS) && p->closures) solve_closures(p, w, w->part_virtual, w->order_virtual, x + at->closing);
+  if (HAS(LOOPS) && p->closures) solve_closures(p, w, 0, w->part, w->part_order, x + at->closing);
   for (int i = 0; i < p->closures; ++i) x[at->R + p->loop_column[p->following[i]]] += x[at->closing + i];
   for (int i = MAPPED; i > LEVERS; --i) vjp(l->of + i, x);
   if (last) vjp(l->of + LEVERS, x);

@@ -175,22 +175,12 @@ static void factorise_corner(const Problem *p, const Work *w) {
   factorise_band(m, m, m, D, w->corner_order);
 }
 
-/* Solves for the unknowns of the bordering rows, with four right sides g, in their place. */
-static void solve_corner(const Problem *p, const Work *w, Four *g) {
+/* Solves for the unknowns of the bordering rows, of one or GROUP_SIZE right sides (solve_band_rows). */
+INLINED void solve_corner(const Problem *p, const Work *w, int sides, double *g) {
   int m = p->bordering_rows;
-  const double *unit = w->corner_units, *per_most = unit + m;
-  Four x[m];
-  for (int i = 0; i < m; ++i) {
-    int k = w->corner_order[i];
-    x[i] = per_most[k] * g[k];
-    for (int j = 0; j < i; ++j) x[i] -= w->corner[(long)k * m + j] * x[j];
-  }
-  for (int i = m - 1; i >= 0; --i) {
-    const double *row = w->corner + (long)w->corner_order[i] * m;
-    for (int j = i + 1; j < m; ++j) x[i] -= row[j] * x[j];
-    x[i] *= 1 / row[i];
-    g[i] = unit[i] * x[i];
-  }
+  for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[m + i / sides];
+  solve_band_rows(sides, m, m, m, w->corner, w->corner_order, g);
+  for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[i / sides];
 }
 
 /* Unknowns y of the bordering rows from the first column of the block, A^-1 b, and the others, A^-1 B. The first
@@ -198,12 +188,9 @@ static void solve_corner(const Problem *p, const Work *w, Four *g) {
 static void solve_bordering_rows(const Problem *p, const Work *w) {
   int m = p->bordering_rows, n = p->block;
   double *g = w->bordering_right;
-  Four y[m];
   for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)
     g[c->bordering_row] -= c->value * w->block[(long)c->column * n];
-  for (int i = 0; i < m; ++i) y[i] = (Four){g[i]};
-  solve_corner(p, w, y);
-  for (int i = 0; i < m; ++i) g[i] = y[i][0];
+  solve_corner(p, w, 1, g);
   for (int i = 0; i < p->positions; ++i) {
     double *row = w->block + (long)i * n;
     for (int j = 0; w->reached[i] && j < m; ++j) row[0] -= row[1 + j] * g[j];

@@ -34,18 +34,28 @@ INLINED Track track_at(const Problem *p, int j, double d_other, double d) {
   return track_of(p->track[j], p->axis + 2 * j, p->rule == 0 ? d_other : d, d);
 }
 
-/* How the virtual slide changes with the slide at the start (0) or at the end (1). */
-static void bend_slide(const Problem *p, const Work *w, int j, int end, const double *bend, double *out) {
-  const double *at = w->frame + 4 * j, start = 1 - p->level, level = p->level;
+/* Derivatives of the four values of Tv of a joint by the rotation of the carrier (0) and by the slide (1), at the start (0)
+   or at the end (1) of a step. */
+INLINED void slopes_of_joint(const Problem *p, const Work *w, int j, int end, double by[2][4]) {
+  const double *frame = w->frame + 4 * j, *own = frame + 2 * end, *mean = w->mean_t + 2 * j;
+  const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
+  double shares[] = {1 - p->level, p->level}, share = shares[end], slope = w->carrier_slope[j];
+  double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j], chord[2], bend[2];
+  double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, p->slide_column[j]);
+  Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
+  turn_by(own, track.chord[0], track.chord[1], chord);
   if (p->rule == 0)
-    rotate(start * at[0] + level * at[2], start * at[1] + level * at[3], bend[0], bend[1], out);
-  else
-    turn_by(at + 2 * end, 2 * (end ? level : start) * bend[0], 2 * (end ? level : start) * bend[1], out);
+    rotate(shares[0] * frame[0] + shares[1] * frame[2], shares[0] * frame[1] + shares[1] * frame[3], track.bend[0],
+           track.bend[1], bend);
+  else turn_by(own, 2 * share * track.bend[0], 2 * share * track.bend[1], bend);
+  by[0][0] = -share * rho[0], by[0][1] = -share * rho[1], by[1][0] = -share * t[1], by[1][1] = share * t[0];
+  by[0][2] = carrier_bend * mean[0] - slope * share * chord[1], by[0][3] = carrier_bend * mean[1] + slope * share * chord[0];
+  by[1][2] = slope * bend[0], by[1][3] = slope * bend[1];
 }
 
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
-  w->values[0] = w->virtual_map[0] = 1;
+  w->virtual_map[0] = 1;
   begin_points(p, w);
   for (int j = 0; j < p->joints; ++j) {
     double d = at(p->slides, p->slide_of[j]);
@@ -79,7 +89,7 @@ static void expand_columns(const Problem *p, const Work *w) {
   if (p->auxiliaries) increase_auxiliaries(p, w); /* first those of rotations, on which the arms depend */
   sum_columns(p, w);
   for (int j = 0; j < p->joints; ++j) {
-    const double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j, *t1 = w->t1 + 2 * j;
+    const double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j;
     double psi = at(p->q, p->carrier[j]), Dpsi = at(D, p->carrier[j]);
     double d0 = at(p->slides, p->slide_of[j]), d = d0 + at(w->z, p->slide_column[j]);
     set_arm(p, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->rho1, w->t1);
@@ -94,11 +104,11 @@ static void expand_columns(const Problem *p, const Work *w) {
       mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
       mean_t[i] = (1 - level) * start[i] + level * end[i];
     }
-    double *value = w->values + 1 + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
-    value[0] = -rho1[1], value[1] = rho1[0], value[2] = t1[0], value[3] = t1[1];
+    double *virtual_map = w->virtual_map + 1 + 4 * j;
     virtual_map[0] = -mean_rho[1], virtual_map[1] = mean_rho[0];
     virtual_map[2] = slope * mean_t[0], virtual_map[3] = slope * mean_t[1];
   }
+  set_values(p, w->rho1, w->t1, w->values);
   if (p->auxiliaries) increase_auxiliaries(p, w), sum_columns(p, w);
   for (int k = 0; k < p->followers; ++k) {
     int i = p->through[k];
@@ -200,8 +210,6 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
     if (p->closure_arm[k] >= 0) w->passing[p->closure_arm[k]] = w->closing[k];
 }
 
-/* Derivatives of the forces of a joint on the rotation and on the slide, by either (joint_reduction.py). */
-enum { BY_TURNS, OF_TURN_BY_SLIDE, OF_SLIDE_BY_TURN, BY_SLIDES };
 
 /* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
 static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
@@ -213,22 +221,10 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
                          w->values[p->coupled_value[k]] * p->coupled_sign[k];
   if (p->geometric) transmitted(p, w, p->sliders ? w->loaded : r);
   for (int k = 0; k < p->geometric; ++k) {
-    int j = p->geometric_joint[k];
-    double F0 = w->passing[2 * j], F1 = w->passing[2 * j + 1];
-    const double *rho = w->rho1 + 2 * j, *t = w->t1 + 2 * j, *mean = w->mean_t + 2 * j, *end = w->frame + 4 * j + 2;
-    double d = at(p->slides, p->slide_of[j]), term, turned[2];
-    Track track = track_at(p, j, d, d + at(w->z, p->slide_column[j]));
-    if (p->geometric_kind[k] == BY_TURNS)
-      term = -p->level * (F0 * rho[0] + F1 * rho[1]);
-    else if (p->geometric_kind[k] == OF_TURN_BY_SLIDE)
-      term = p->level * (F1 * t[0] - F0 * t[1]);
-    else if (p->geometric_kind[k] == OF_SLIDE_BY_TURN)
-      turn_by(end, track.chord[0], track.chord[1], turned),
-          term = w->carrier_bend[j] * (F0 * mean[0] + F1 * mean[1]) +
-                 w->carrier_slope[j] * p->level * (F1 * turned[0] - F0 * turned[1]);
-    else
-      bend_slide(p, w, j, 1, track.bend, turned), term = w->carrier_slope[j] * (F0 * turned[0] + F1 * turned[1]);
-    K[p->geometric_to[k]] += p->geometric_sign[k] * term;
+    int j = p->geometric_joint[k], kind = p->geometric_kind[k];
+    double slopes[2][4], *F = w->passing + 2 * j, *by = slopes[kind % 2] + kind / 2 * 2;
+    slopes_of_joint(p, w, j, 1, slopes);
+    K[p->geometric_to[k]] += p->geometric_sign[k] * (F[0] * by[0] + F[1] * by[1]);
   }
   for (int k = 0; k < p->auxiliary_entries; ++k) {
     if (p->auxiliary_equation[k] < 0) continue;

@@ -44,7 +44,7 @@ static void change_bordering_rows(const Problem *p, const Work *w, const Linear 
     g[p->carrier_bordering + i] = l->block[p->order[p->unknowns - p->closures + p->carried_closure[i]]];
   for (const BorderingEntry *e = w->bordering_entry; e < w->bordering_entry + *w->bordering_entries; ++e)
     g[e->bordering_row] -= e->value * l->block[e->column];
-  solve_corner(p, w, g);
+  solve_corner(p, w, GROUP_SIZE, (double *)g);
   for (int i = 0; i < p->positions; ++i)
     l->block[i] -= sum_of_products(m, w->block + (long)i * p->block + 1, g);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
@@ -118,7 +118,7 @@ static void jvp_joints(const Problem *p, const Work *w, const Linear *l, Changes
   const Layout *at = &l->at;
   for (int j = 0; p->closures && j < GROUP_SIZE; ++j) {
     for (int i = 0; i < p->closures; ++i) w->closure[i] = x[at->R + p->loop_column[p->following[i]]][j];
-    solve_closures_transposed(p, w, w->part_virtual, w->order_virtual, w->closure);
+    solve_closures(p, w, 1, w->part_virtual, w->order_virtual, w->closure);
     for (int i = 0; i < p->closures; ++i) x[at->closing + i][j] = w->closure[i];
   }
   jvp(l->of + CLOSED, x);

@@ -247,13 +247,9 @@ static int solve_raised(Problem *p, const Work *w) {
   factorise_band(many, many, many, S, row);
   for (int i = 0; i < many; ++i) {
     most = fmax(most, fabs(S[row[i] * many + i])), least = fmin(least, fabs(S[row[i] * many + i]));
-    x[i] = y[at[row[i]]];
-    for (int j = 0; j < i; ++j) x[i] -= S[row[i] * many + j] * x[j];
+    x[i] = y[at[i]];
   }
-  for (int i = many - 1; i >= 0; --i) {
-    for (int j = i + 1; j < many; ++j) x[i] -= S[row[i] * many + j] * x[j];
-    x[i] /= S[row[i] * many + i];
-  }
+  solve_band_rows(1, many, many, many, S, row, x);
   for (int i = 0; i < p->free; ++i) {
     w->step[i] = y[order[i]];
     for (int j = 0; j < many; ++j) w->step[i] += z[(long)j * n + order[i]] * x[j];

@@ -122,6 +122,7 @@ static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row,
   if (p->friction_follows) set_axes(p, w);
   if (HAS(MEMBERS) && p->points->members) l->of[TOUCHED].count = 0, put_members(l->of + TOUCHED, p, &l->at);
   reduce_tangent(p, w, w->r);
+  if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0, w->part, w->part_order);
   return 1;
 }
 
@@ -140,34 +141,27 @@ static void put_strains(const Problem *p, Linear *l) {
 static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int first, int j) {
   const Layout *at_ = &l->at;
   int column = p->slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
-  double slope = w->carrier_slope[j], d[2] = {at(p->slides, p->slide_of[j])}, *e = p->axis + 2 * j;
-  double rest = a->slide_at_rest[j], bend[2], chord[2];
-  const double *mean = w->mean_t + 2 * j;
-  d[1] = d[0] + at(w->z, column);
+  double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, column), *e = p->axis + 2 * j, rest = a->slide_at_rest[j];
   Track at_rest = track_of(p->track[j], e, rest, rest);
   for (int end = 0; end < 2; ++end) {
-    const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
-    double c = w->frame[4 * j + 2 * end], s = w->frame[4 * j + 2 * end + 1], share = end ? p->level : 1 - p->level;
-    Track track = track_at(p, j, d[1 - end], d[end]);
-    rotate(c, s, track.chord[0], track.chord[1], chord), bend_slide(p, w, j, end, track.bend, bend);
-    double R[2][2] = {{c, -s}, {s, c}}, across[] = {-chord[1], chord[0]};
-    double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j];
+    double share = end ? p->level : 1 - p->level, slopes[2][4];
+    double c = w->frame[4 * j + 2 * end], s = w->frame[4 * j + 2 * end + 1], R[2][2] = {{c, -s}, {s, c}};
+    Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
     int turn = in(end ? at_->q1 : at_->q, p->carrier[j]), slide = in(end ? at_->Y1 : at_->Y, column);
+    Block *arms = end ? l->of + ARMS : first ? l->of + BEGUN : 0, *levers = l->of + LEVERS;
+    slopes_of_joint(p, w, j, end, slopes);
+    for (int i = 0; i < (slides ? 4 : 2); ++i)
+      put(l->of + CARRIED, turn, map + i, slopes[0][i]), put(l->of + CARRIED, slide, map + i, slopes[1][i]);
     for (int i = 0; i < 2; ++i) {
       int arm = at_->arms + 2 * j + i, lever = map + 1 - i;
       double lever_share = i ? -share : share;
-      Block *arms = end ? l->of + ARMS : first ? l->of + BEGUN : 0, *levers = l->of + LEVERS;
-      put(l->of + CARRIED, turn, lever, lever_share * (i ? rho[0] : -rho[1]));
-      put(l->of + CARRIED, slide, lever, lever_share * t[i]);
-      if (slides) put(l->of + CARRIED, turn, map + 2 + i, carrier_bend * mean[i] + slope * share * across[i]);
-      if (slides) put(l->of + CARRIED, slide, map + 2 + i, slope * bend[i]);
       for (int k = 0; k < 2; ++k) {
         int offset = at_->offset + 2 * j + k, axis = at_->axis + 2 * j + k;
         double place_by = R[i][0] * track.place_by[0][k] + R[i][1] * track.place_by[1][k];
         double chord_by = R[i][0] * track.chord_by[0][k] + R[i][1] * track.chord_by[1][k];
         if (arms) put(arms, offset, arm, R[i][k] - (i == k)), put(arms, axis, arm, place_by - at_rest.place_by[i][k]);
         put(levers, offset, lever, lever_share * R[i][k]), put(levers, axis, lever, lever_share * place_by);
-        if (slides) put(levers, axis, map + 2 + i, slope * share * chord_by);
+        if (slides) put(levers, axis, map + 2 + i, w->carrier_slope[j] * share * chord_by);
       }
       if (arms) put(arms, at_->rest + j, arm, -at_rest.chord[i]);
     }
@@ -196,15 +190,6 @@ static void put_places(const Problem *p, const Linear *l, const double *values, 
     for (int c = 0; c < a->components; ++c)
       for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
         put(to, Y + a->carried[c], q + a->entry_row[k], a->entry_sign[k] * values[a->entry_value[k]]);
-  }
-}
-
-/* The values of T at the start. */
-static void values_at_start(const Problem *p, const Work *w, double *values) {
-  values[0] = 1;
-  for (int j = 0; j < p->joints; ++j, values += 4) {
-    const double *rho = w->rho0 + 2 * j, *t = w->t0 + 2 * j;
-    values[1] = -rho[1], values[2] = rho[0], values[3] = t[0], values[4] = t[1];
   }
 }
 
@@ -406,7 +391,7 @@ static void linearise(const Problem *p, const Work *w, const Adjoint *a, Linear 
   put_loads(p, l), put_points(p, a, l), put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l), put_closures(p, w, l);
   if (first) {
     double values[1 + 4 * p->joints];
-    values_at_start(p, w, values);
+    set_values(p, w->rho0, w->t0, values);
     put_auxiliaries(p, l, values, l->at.Y, l->of + BEGUN), put_places(p, l, values, 0, l->of + BEGUN);
   }
   if (!forces && !p->friction_follows) return;

@@ -145,67 +145,54 @@ static int choose_following(const Problem *p, const Work *w) {
   return 1;
 }
 
-/* LU factors of the part of G that belongs to the unknowns that follow, block by block. */
-static void factorise_closures(const Problem *p, const Work *w, const double *G, double *factors, int *order) {
+/* Solves the equations of `factorise_band` for one or GROUP_SIZE right sides x, [row][right side], in their place. */
+INLINED void solve_band_rows(int sides, int n, int lower, int upper, const double *A, const int *order, double *x) {
+  Four y[n];
+  for (int i = 0; i < n; ++i) {
+    const double *row = A + (long)order[i] * n, *right = x + order[i] * sides;
+    y[i] = sides == 1 ? (Four){*right} : *(const Four *)right;
+    for (int j = order[i] > lower ? order[i] - lower : 0; j < i; ++j) y[i] -= row[j] * y[j];
+  }
+  for (int i = n - 1; i >= 0; --i) {
+    const double *row = A + (long)order[i] * n;
+    for (int j = i + 1; j < n && j <= i + lower + upper; ++j) y[i] -= row[j] * y[j];
+    y[i] *= 1 / row[i];
+    for (int k = 0; k < sides; ++k) x[i * sides + k] = y[i][k];
+  }
+}
+
+/* LU factors of the part of G that belongs to the unknowns that follow, or of its transpose, block by block. */
+static void factorise_closures(const Problem *p, const Work *w, const double *G, int transposed, double *factors, int *order) {
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin;
-    int lower = w->band[2 * b], upper = w->band[2 * b + 1];
+    int lower = w->band[2 * b + transposed], upper = w->band[2 * b + !transposed];
     double *A = factors + p->block_part[b];
     for (int i = 0; i < m; ++i) {
       int first = i > lower ? i - lower : 0, end = i + lower + upper < m ? i + lower + upper + 1 : m;
       memset(A + (long)i * m + first, 0, (end - first) * sizeof(double));
-      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
-        int at = w->follows[p->closure_near[k]];
-        if (at >= 0) A[(long)i * m + at - begin] = G[k];
-      }
     }
+    for (int i = 0; i < m; ++i)
+      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
+        int j = w->follows[p->closure_near[k]] - begin;
+        if (w->follows[p->closure_near[k]] >= 0) A[transposed ? (long)j * m + i : (long)i * m + j] = G[k];
+      }
     factorise_band(m, lower, upper, A, order + begin);
   }
 }
 
-/* Solves G_d x = b for the part G_d of the unknowns that follow, in place of b. */
-static void solve_closures(const Problem *p, const Work *w, const double *factors, const int *order, double *x) {
+/* Solves for the unknowns that follow, in the place of x. */
+static void solve_closures(const Problem *p, const Work *w, int transposed, const double *factors, const int *order, double *x) {
   for (int b = 0; b < p->blocks; ++b) {
-    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, lower = w->band[2 * b];
-    int beside = lower + w->band[2 * b + 1];
-    const double *A = factors + p->block_part[b];
-    double *y = w->closure_scratch, *of = x + begin;
-    for (int i = 0; i < m; ++i) {
-      int chosen = order[begin + i];
-      const double *row = A + (long)chosen * m;
-      y[i] = of[chosen];
-      for (int j = chosen > lower ? chosen - lower : 0; j < i; ++j) y[i] -= row[j] * y[j];
-    }
-    for (int i = m - 1; i >= 0; --i) {
-      const double *row = A + (long)order[begin + i] * m;
-      for (int j = i + 1; j < m && j <= i + beside; ++j) y[i] -= row[j] * y[j];
-      y[i] /= row[i];
-    }
-    memcpy(of, y, m * sizeof(double));
+    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, *band = w->band + 2 * b;
+    solve_band_rows(1, m, band[transposed], band[!transposed], factors + p->block_part[b], order + begin, x + begin);
   }
 }
 
-/* The same for the transposed part. */
-static void solve_closures_transposed(const Problem *p, const Work *w, const double *factors, const int *order,
-                                  double *x) {
-  for (int b = 0; b < p->blocks; ++b) {
-    int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, lower = w->band[2 * b];
-    int beside = lower + w->band[2 * b + 1];
-    const double *A = factors + p->block_part[b];
-    double *y = w->closure_scratch, *of = x + begin;
-    memcpy(y, of, m * sizeof(double));
-    for (int i = 0; i < m; ++i) {
-      const double *row = A + (long)order[begin + i] * m;
-      y[i] /= row[i];
-      for (int j = i + 1; j < m && j <= i + beside; ++j) y[j] -= row[j] * y[i];
-    }
-    for (int i = m - 1; i >= 0; --i) {
-      int chosen = order[begin + i];
-      const double *row = A + (long)chosen * m;
-      for (int j = chosen > lower ? chosen - lower : 0; j < i; ++j) y[j] -= row[j] * y[i];
-      of[chosen] = y[i];
-    }
-  }
+/* Values of T at an end of a step. */
+static void set_values(const Problem *p, const double *rho, const double *t, double *values) {
+  *values++ = 1;
+  for (int j = 0; j < p->joints; ++j, rho += 2, t += 2, values += 4)
+    values[0] = -rho[1], values[1] = rho[0], values[2] = t[0], values[3] = t[1];
 }
 
 /* Closures of displacements, less the arms of the joints between two configurations. */
@@ -221,11 +208,7 @@ static void find_closures(const Problem *p, const double *u, const double *rho0,
 static int begin_loops(const Problem *p, const Work *w) {
   if (!HAS(LOOPS) || !p->closures) return 1;
   find_closures(p, p->q, p->arm_at_rest, w->rho0, w->closure0);
-  for (int j = 0; j < p->joints; ++j) {
-    double *value = w->values + 1 + 4 * j;
-    value[0] = -w->rho0[2 * j + 1], value[1] = w->rho0[2 * j];
-    value[2] = w->t0[2 * j], value[3] = w->t0[2 * j + 1];
-  }
+  set_values(p, w->rho0, w->t0, w->values);
   if (p->carried) memset(w->D, 0, p->dofs * sizeof(double));
   for (Slider *a = p->slider; HAS(SLIDERS) && p->carried && a < p->slider + p->sliders; ++a) {
     a->s0 = a->s1 = p->slides[a->joint];
@@ -255,8 +238,8 @@ static int correct_loops(const Problem *p, const Work *w, double *last) {
   if (size <= p->closure_closed || (*last < size && size <= 1e3 * p->closure_closed)) return 1;
   *last = size;
   derive_closures(p, w, w->values, w->G);
-  factorise_closures(p, w, w->G, w->part, w->part_order);
-  solve_closures(p, w, w->part, w->part_order, closure);
+  factorise_closures(p, w, w->G, 0, w->part, w->part_order);
+  solve_closures(p, w, 0, w->part, w->part_order, closure);
   for (int k = 0; k < m; ++k) w->z[p->loop_column[p->following[k]]] -= closure[k];
   return 0;
 }
@@ -264,9 +247,9 @@ static int correct_loops(const Problem *p, const Work *w, double *last) {
 /* Derivatives of the closures at the present increment. */
 static void linearise_loops(const Problem *p, const Work *w) {
   derive_closures(p, w, w->values, w->G);
-  factorise_closures(p, w, w->G, w->part, w->part_order);
+  factorise_closures(p, w, w->G, 0, w->part, w->part_order);
   derive_closures(p, w, w->virtual_map, w->G_virtual);
-  factorise_closures(p, w, w->G_virtual, w->part_virtual, w->order_virtual);
+  factorise_closures(p, w, w->G_virtual, 1, w->part_virtual, w->order_virtual);
 }
 
 /* Small changes of the unknowns that follow. */
@@ -277,14 +260,14 @@ static void complete(const Problem *p, const Work *w, double *z) {
     for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
       w->closure[i] += w->G[k] * z[p->loop_column[p->closure_near[k]]];
   }
-  if (HAS(LOOPS) && p->closures) solve_closures(p, w, w->part, w->part_order, w->closure);
+  if (HAS(LOOPS) && p->closures) solve_closures(p, w, 0, w->part, w->part_order, w->closure);
   for (int k = 0; k < p->closures; ++k) z[p->loop_column[p->following[k]]] = -w->closure[k];
 }
 
 /* Forces of the closing joints, those that leave no residual of the unknowns that follow. */
 static void close_residual(const Problem *p, const Work *w, double *R) {
   for (int k = 0; k < p->closures; ++k) w->closing[k] = R[p->loop_column[p->following[k]]];
-  solve_closures_transposed(p, w, w->part_virtual, w->order_virtual, w->closing);
+  solve_closures(p, w, 1, w->part_virtual, w->order_virtual, w->closing);
   for (int i = 0; i < p->closures; ++i)
     for (int k = p->closure_start[i]; k < p->closure_start[i + 1]; ++k)
       R[p->loop_column[p->closure_near[k]]] -= w->G_virtual[k] * w->closing[i];

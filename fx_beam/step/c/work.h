@@ -10,7 +10,7 @@ typedef struct {
   double *tangent, *inertia, *values, *virtual_map, *frame, *rho0, *t0, *rho1, *t1, *mean_t, *carrier_slope;
   double *carrier_bend, *passing, *columns, *y, *row, *start, *force, *dead, *scratch;
   double *saved, *rule, *loaded, *factors, *factorised, *residual, *direction, *image, *guess;
-  double *G, *G_virtual, *part, *part_virtual, *closure, *closure0, *closure_row, *closure_scratch, *pivoting; /* of loops */
+  double *G, *G_virtual, *part, *part_virtual, *closure, *closure0, *closure_row, *pivoting; /* of loops */
   double *closing, *closed;
   int *follows, *largest_at, *part_order, *order_virtual; /* closure that each loop column follows, or -1 */
   int *band; /* [blocks, 2] of the factors */
@@ -60,7 +60,7 @@ static long lay_out(const Problem *p, Work *w, double *at) {
   w->G = allocate(&at, g), w->G_virtual = allocate(&at, g);
   w->part = allocate(&at, p->part_size), w->part_virtual = allocate(&at, p->part_size);
   w->closure = allocate(&at, m), w->closure0 = allocate(&at, m), w->closure_row = allocate(&at, m ? c : 0);
-  w->closure_scratch = allocate(&at, m), w->pivoting = allocate(&at, p->pivoting_size);
+  w->pivoting = allocate(&at, p->pivoting_size);
   w->closing = allocate(&at, m), w->closed = allocate(&at, m ? n : 0);
   w->follows = (int *)allocate(&at, p->loop_columns), w->largest_at = (int *)allocate(&at, 3 * m);
   w->band = (int *)allocate(&at, 2 * p->blocks);
