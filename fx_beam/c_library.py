@@ -39,6 +39,33 @@ _FLAGS = [
 # Compiler option for the processor, on architectures where it accepts "native".
 _OPTION = {"x86_64": "-march", "aarch64": "-mcpu"}.get(platform.machine())
 
+# Extensions of a processor that compilers may use.
+_X86 = "SSE4.2 AVX AVX2 BMI2 FMA FMA4 XOP AVX-512F AVX-512VL AVX-512DQ AVX-512BW".split()
+_ARM = {"ATOMICS": (8, "atomic instructions (LSE)"), "SVE": (22, "SVE")}
+_QUESTION = '#ifdef __%s\n  if (!(%s)) return "%s";\n#endif\n'
+_QUESTIONS = [
+    *(
+        _QUESTION % (f"{x.replace('.', '_')}__", f'__builtin_cpu_supports("{x.lower()}")', name)
+        for name, x in ((name, name.replace("-", "")) for name in _X86)
+    ),
+    *(
+        _QUESTION % (f"ARM_FEATURE_{x}", f"getauxval(AT_HWCAP) & 1UL << {bit}", name)
+        for x, (bit, name) in _ARM.items()
+    ),
+]
+_MISSING = "const char *fx_missing(void)"
+# The name of what the processor lacks, or an empty one; the function itself runs on any processor.
+_ASKS = f"""
+#if defined __aarch64__ && defined __linux__
+#include <sys/auxv.h>
+#endif
+#ifdef __x86_64__
+__attribute__((target("arch=x86-64")))
+#endif
+__attribute__((externally_visible)) {_MISSING} {{
+{"".join(_QUESTIONS)}  return "";
+}}
+"""
 # What C takes arrays of numbers as.
 _NUMBERS = {"int": np.int32, "double": np.float64}
 
@@ -53,7 +80,7 @@ def declared(header: str, definitions: tuple[str, ...]) -> cffi.FFI:
     ffi, text = cffi.FFI(), declarations(header)
     for name, _, value in (definition.partition(" ") for definition in definitions):
         text = re.sub(rf"\b{name}\b", value, text)
-    ffi.cdef(text)
+    ffi.cdef(f"{text}\n{_MISSING};")
     return ffi
 
 
@@ -77,8 +104,9 @@ def open_library(
 
 
 def with_macros(file: str, *macros: str) -> str:
-    """Text of a C file after the definition of some macros."""
-    return "".join(f"#define {macro}\n" for macro in macros) + (SOURCES / file).read_text()
+    """Text of a C file after the definition of some macros, with `fx_missing`."""
+    defined = "".join(f"#define {macro}\n" for macro in macros)
+    return f'{defined}{(SOURCES / file).read_text()}{_ASKS}'
 
 
 @functools.cache

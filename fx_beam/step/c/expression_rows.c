@@ -1,7 +1,6 @@
 /* For values at the Gauss points (point_values.py). */
 
 #include "expression_rows.h"
-#include "processor.h"
 
 /* Adds the values A (rows, cells, values), of coefficients w (rows, cells, width), constants c of each row, and
    coordinates x of each cell. */

@@ -11,4 +11,3 @@ typedef struct {
 } Sizes;
 
 void fx_tabulate(Tabulate tabulate, Sizes of, int rows, int cells, const double *w, const double *c, const double *x, double *A);
-const char *fx_missing(void); /* processor.h */

@@ -3,7 +3,6 @@
 #include <stdlib.h>
 #include "algebra.h"
 #include "fitted_rates.h"
-#include "processor.h"
 #include "track.h"
 
 /* Subtracted from the diagonal of equations, relative to what masses give, as they are singular where

@@ -48,4 +48,3 @@ int fx_rate_equations(const RateFit *f, int n, const double *q, const double *sl
                       double *given, double *push);
 /* Rates and negative multipliers for m right sides of each configuration. */
 int fx_solve_rates(const RateFit *f, int n, int m, const double *entries, const double *right, double *x);
-const char *fx_missing(void); /* processor.h */

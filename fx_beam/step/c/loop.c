@@ -2,7 +2,6 @@
    equations are in the functions that FFCx generates from the weak form. */
 
 #include "local_error.h"
-#include "processor.h"
 #include "recorder.h"
 #include "tape.h"
 

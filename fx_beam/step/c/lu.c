@@ -2,7 +2,6 @@
 
 #include <stdlib.h>
 #include "lu.h"
-#include "processor.h"
 #include "sparse_lu.h"
 
 /* Factors of a matrix, of which `at` has the positions of the entries among them; returns 0 if a pivot is

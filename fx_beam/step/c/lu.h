@@ -6,4 +6,3 @@
 
 int fx_factorise(const SparseRows *rows, int entries, const int *at, const double *values, double *factors);
 void fx_solve(const SparseRows *rows, const int *order, const double *factors, const double *b, double *x);
-const char *fx_missing(void); /* processor.h */

@@ -49,7 +49,6 @@ typedef struct {
   FixedPoint followed;  /* forces of joints that limit friction */
 } PointForces;
 
-const char *fx_missing(void); /* processor.h */
 
 /* The values of all parameters of the scene. */
 void fx_set_parameters(const PointForces *p, const double *values);

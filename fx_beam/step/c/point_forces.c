@@ -1,4 +1,3 @@
 /* For the steps in Python. */
 
 #include "point_forces.h"
-#include "processor.h"

@@ -1,6 +1,5 @@
 /* Nodes that slide on beams, for Python. */
 
-#include "processor.h"
 #include "slide_relation.h"
 #include "sliding.h"
 

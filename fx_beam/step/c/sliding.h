@@ -7,4 +7,3 @@
 /* For displacements and rotations q at the start, and increments D, of the beam: the increment of the node
    with its derivatives. */
 void fx_slide(Slider *a, const double *q, const double *D);
-const char *fx_missing(void); /* processor.h */
