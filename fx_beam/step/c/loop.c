@@ -197,7 +197,7 @@ static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   const double *driven = inputs->driven + k * p->driven;
   evolve(p, w->fields, p->t + p->level * w->dt, w->dt);
   if (p->naturals) memcpy(p->natural, w->natural_end, (long)p->cells * p->cell_natural * sizeof(double));
-  fx_evolve_points(p->points, w->D, w->z, p->spring_internal);
+  evolve_points(p->points, w->D, w->z, p->spring_internal);
   advance_rates(p, w, w->dt);
   if (p->keeps_previous) memcpy(p->q_previous, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];

@@ -83,22 +83,10 @@ typedef struct {
 enum { MEMBERS_FINE, MEMBERS_MOVED, MEMBERS_PASSED, MEMBERS_SLID };
 
 void fx_free_members(MemberContacts *m);
-void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
-                      const double *internal);
 void fx_evaluate_members(MemberContacts *m, const double *D);
 void fx_add_members(const MemberContacts *m, double *f);
-/* Adds the product of their tangent and x. */
-void fx_times_members(const MemberContacts *m, const double *x, double *out);
 int fx_check_members(MemberContacts *m, const double *D);
-double fx_lost_at_members(MemberContacts *m, const double *D);
-double fx_stored_at_members(MemberContacts *m, const double *q, const double *internal);
 /* Adds the derivatives of the stored energy by degrees of freedom, internal variables and all numbers; of each contact
    a function has those of its energy by all that its law is given. */
 void fx_energy_by_members(MemberContacts *m, const double *q, const double *internal, Law **by, double *of_q,
                           double *of_internal, double *of_numbers);
-/* Internal variables at the end of a step. */
-void fx_evolve_members(MemberContacts *m, const double *D, double *internal);
-/* Of each point the least gap, at most 1. */
-void fx_member_gaps(MemberContacts *m, const double *q, double *out);
-/* Adds the forces on points to those that are recorded, of each slot x and y. */
-void fx_record_members(const MemberContacts *m, double factor, double *out);

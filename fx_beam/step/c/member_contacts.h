@@ -322,8 +322,8 @@ static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, do
 }
 
 /* The start of a step: contact points, and what does not change in it. */
-void fx_begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
-                      const double *internal) {
+static void begin_members(MemberContacts *m, const double *q, const double *v, double t, double dt,
+                             const double *internal) {
   allocate_members(m);
   double step = fmax(m->step, v ? largest_motion(m, v, 0, fabs(dt)) : 0), least = HUGE_VAL;
   for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
@@ -467,7 +467,8 @@ void fx_add_members(const MemberContacts *m, double *f) {
   }
 }
 
-void fx_times_members(const MemberContacts *m, const double *x, double *out) {
+/* Adds the product of their tangent and x. */
+static void multiply_members(const MemberContacts *m, const double *x, double *out) {
   for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e)
     for (int i = 0; e->closed && i < CONTACT_POINT_DOFS; ++i) {
       double sum = 0;
@@ -553,7 +554,7 @@ static void add_energy_in_slots(const MemberContacts *m, Energy *to, const doubl
     }
 }
 
-double fx_lost_at_members(MemberContacts *m, const double *D) {
+static double lost_at_members(MemberContacts *m, const double *D) {
   Energy left = {0};
   double lost;
   add_energy_in_slots(m, &left, m->memory, 1);
@@ -566,7 +567,8 @@ double fx_lost_at_members(MemberContacts *m, const double *D) {
   return left.sum;
 }
 
-void fx_evolve_members(MemberContacts *m, const double *D, double *internal) {
+/* Internal variables at the end of a step. */
+static void evolve_members(MemberContacts *m, const double *D, double *internal) {
   double *memory = internal + m->first_internal;
   if (m->slots) memset(memory, 0, IN_SLOT * m->slots * sizeof(double));
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
@@ -626,10 +628,6 @@ static double stored_at_members(MemberContacts *m, Energy *to, const double *q, 
   return to->sum;
 }
 
-double fx_stored_at_members(MemberContacts *m, const double *q, const double *internal) {
-  return stored_at_members(m, &(Energy){0}, q, internal);
-}
-
 void fx_energy_by_members(MemberContacts *m, const double *q, const double *internal, Law **by, double *of_q,
                           double *of_internal, double *of_numbers) {
   stored_at_members(m, &(Energy){by, 0, of_q, of_internal, of_numbers}, q, internal);
@@ -641,12 +639,14 @@ static void note_gap(MemberContacts *m, int contact, int point, int piece, doubl
   out[point] = fmin(out[point], gap);
 }
 
-void fx_member_gaps(MemberContacts *m, const double *q, double *out) {
+/* Of each point the least gap, at most 1. */
+static void member_gaps(MemberContacts *m, const double *q, double *out) {
   for (int i = 0; i < m->conditions; ++i) out[i] = 1;
   visit_all(m, q, note_gap, out);
 }
 
-void fx_record_members(const MemberContacts *m, double factor, double *out) {
+/* Adds the forces on points to those that are recorded, of each slot x and y. */
+static void record_members(const MemberContacts *m, double factor, double *out) {
   for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
     for (int k = 0; e->closed && k < 5; ++k) {

@@ -61,7 +61,7 @@ static const double *times_members(const Problem *p, const double *x) {
   MemberContacts *m = p->points->members;
   if (!HAS(MEMBERS) || !m) return 0;
   memset(m->product, 0, p->dofs * sizeof(double));
-  fx_times_members(m, x, m->product);
+  multiply_members(m, x, m->product);
   return m->product;
 }
 
@@ -200,7 +200,7 @@ static void begin_deviation(const Problem *p, const Work *w) {
 }
 
 static double deviation(const Problem *p, const Work *w, double part) {
-  return fx_point_deviation(p->points, w->correction, w->step, part);
+  return point_deviation(p->points, w->correction, w->step, part);
 }
 
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
@@ -257,7 +257,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
     if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
-    if (p->may_overshoot) fx_note_tangents(p->points);
+    if (p->may_overshoot) note_tangents(p->points);
     if (HAS(MEMBERS) && p->changing) change_rows(p);
     p->residuals[p->tried++ % RESIDUALS] = largest_size(free, w->reduced);
     memset(w->step, 0, p->columns * sizeof(double));

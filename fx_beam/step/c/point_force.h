@@ -62,7 +62,6 @@ void fx_add_points(const PointForces *p, int first, int end, double factor, doub
 void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K);
 double fx_lost_at_points(const PointForces *p, const double *D, const double *z);
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal);
-void fx_evolve_points(const PointForces *p, const double *D, const double *z, double *internal);
 /* Begins to look for the forces of joints that friction follows in a step. */
 void fx_begin_following(PointForces *p);
 /* The axis of a beam at the node that slides on it by a joint. */
@@ -72,7 +71,3 @@ void fx_set_axis(const PointForces *p, int joint, const double *axis);
 int fx_follow_joints(PointForces *p, const double *joints, const double *q, const double *D, double level, int still,
                      double *internal);
 void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out);
-/* Of forces with functions of a user: notes the tangent; the work, on a part of the last correction, of
-   what the forces deviate from it. */
-void fx_note_tangents(const PointForces *p);
-double fx_point_deviation(const PointForces *p, const double *correction, const double *step, double part);

@@ -42,7 +42,7 @@ void fx_begin_points(const PointForces *p, const double *q, const double *v, con
     for (int i = 0; i < e->internal; ++i) *to++ = internal[e->first_internal + i];
     for (int i = 0; i < e->remembered; ++i) *to++ = 0;
   }
-  if (HAS(MEMBERS) && p->members) fx_begin_members(p->members, q, v, t, dt, internal);
+  if (HAS(MEMBERS) && p->members) begin_members(p->members, q, v, t, dt, internal);
 }
 
 static void move_to(const PointForce *e, const double *D, const double *z) {
@@ -73,7 +73,7 @@ void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K
 }
 
 double fx_lost_at_points(const PointForces *p, const double *D, const double *z) {
-  double sum = HAS(MEMBERS) && p->members ? fx_lost_at_members(p->members, D) : 0;
+  double sum = HAS(MEMBERS) && p->members ? lost_at_members(p->members, D) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->loss) continue;
     move_to(e, D, z);
@@ -84,7 +84,7 @@ double fx_lost_at_points(const PointForces *p, const double *D, const double *z)
 }
 
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal) {
-  double sum = HAS(MEMBERS) && p->members ? fx_stored_at_members(p->members, q, internal) : 0;
+  double sum = HAS(MEMBERS) && p->members ? stored_at_members(p->members, &(Energy){0}, q, internal) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->energy) continue;
     place_at(e, q, slide);
@@ -95,14 +95,14 @@ double fx_stored_at_points(const PointForces *p, const double *q, const double *
   return sum;
 }
 
-void fx_evolve_points(const PointForces *p, const double *D, const double *z, double *internal) {
+static void evolve_points(const PointForces *p, const double *D, const double *z, double *internal) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->internal) continue;
     move_to(e, D, z);
     call(e->law, e->given, e->results, values_of(e));
     memcpy(internal + e->first_internal, e->results + e->size + e->entries, e->internal * sizeof(double));
   }
-  if (HAS(MEMBERS) && p->members) fx_evolve_members(p->members, D, internal);
+  if (HAS(MEMBERS) && p->members) evolve_members(p->members, D, internal);
 }
 
 /* The size of the force of a joint that friction follows, and its derivatives: by x and y of the force, by the
@@ -149,10 +149,11 @@ void fx_find_switches(const PointForces *p, const double *q, const double *slide
     place_at(e, q, slide);
     call(e->switches, e->given, out, e->conditions);
   }
-  if (HAS(MEMBERS) && p->members) fx_member_gaps(p->members, q, out);
+  if (HAS(MEMBERS) && p->members) member_gaps(p->members, q, out);
 }
 
-void fx_note_tangents(const PointForces *p) {
+/* Of forces with functions of a user: notes the tangent. */
+static void note_tangents(const PointForces *p) {
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->overshoots) continue;
     memcpy(e->tangent_at, e->given + e->size, e->size * sizeof(double));
@@ -160,7 +161,8 @@ void fx_note_tangents(const PointForces *p) {
   }
 }
 
-double fx_point_deviation(const PointForces *p, const double *correction, const double *step, double part) {
+/* The work, on a part of the last correction, of what these forces deviate from their tangent. */
+static double point_deviation(const PointForces *p, const double *correction, const double *step, double part) {
   double sum = 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->overshoots) continue;

@@ -46,7 +46,7 @@ static void add_contact_forces(const Problem *p) {
   double *out = p->contact_forces;
   scale(2 * p->points->recorded, p->earlier, out);
   if (HAS(MEMBERS) && p->points->members)
-    fx_record_members(p->points->members, p->share, out + 2 * p->points->contacts);
+    record_members(p->points->members, p->share, out + 2 * p->points->contacts);
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->contacts; ++e, out += 2)
     for (int i = 0; i < 2 * e->nodes; ++i) out[i % 2] -= p->share * e->results[i];
 }
