@@ -24,6 +24,8 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.scene.track import Track
 
+from .sliding import table_of
+
 # Kinds of plain equations, and the component of each: the last slides.
 _ALONG_X, _ALONG_Y, _SLOT, _TURN, _SUPPORT = range(5)
 _COMPONENTS = np.array([0, 1, -1, 2])
@@ -196,19 +198,12 @@ class OnBeam:
 
     def tables(self) -> dict[str, Any]:
         """As BeamRate in C."""
-        path = self.path
         return {
             "joint": self.number,
             "free": self.free[0],
             "sleeve": self.sleeve,
-            "degree": path.degree,
-            "elements": len(path.h),
-            "nodes": len(path),
-            "dofs": self.beam,
-            "ends": path.s,
-            "coefficients": path.coefficients,
-            "position": path.X,
-            "angle": path.angles(),
+            "nodes": len(self.path),
+            "path": [table_of(self.path) | {"dofs": self.beam}],
         }
 
 

@@ -45,17 +45,8 @@ class Sliding:
         ffi, self._library = c_library.kept_library(*_LIBRARY)
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         #: What the relation depends on, by the names of Slider in C.
-        self.table = {
+        self.table = table_of(path) | {
             "components": components,
-            "degree": path.degree,
-            "elements": len(path.h),
-            "window": path.window,
-            "most": path.most,
-            "width": path.width,
-            "ends": path.s,
-            "coefficients": path.coefficients,
-            "position": path.X,
-            "angle": path.angles() if components == 3 else np.zeros(len(path)),
             "level": level,
             "by_tangent": by_tangent,
         }
@@ -110,3 +101,18 @@ class Sliding:
         """Distance beyond an end of the beam at the end of the step [m], and which one it is."""
         s = self._c.s1
         return (-s, "start") if s < 0 else (max(s - self.path.length, 0.0), "end")
+
+
+def table_of(path: Path) -> dict[str, Any]:
+    """A path by the names of Slider in C."""
+    return {
+        "degree": path.degree,
+        "elements": len(path.h),
+        "window": path.window,
+        "most": path.most,
+        "width": path.width,
+        "ends": path.s,
+        "coefficients": path.coefficients,
+        "position": path.X,
+        "angle": path.angles(),
+    }

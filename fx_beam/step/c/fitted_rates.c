@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include "algebra.h"
 #include "fitted_rates.h"
+#include "slide_relation.h"
 #include "track.h"
 
 /* Subtracted from the diagonal of equations, relative to what masses give, as they are singular where
@@ -41,36 +42,24 @@ static void set_row(double *given, double *push, int row, double g, double x, do
 /* Equations of a node on a beam, with their entries from g on; returns their number. */
 static int set_on_beam(const BeamRate *b, const double *q, const double *slide, int row, double *g,
                        double *given, double *push) {
-  int e = 0, n = 1 + b->nodes, rows = 2 - b->free + b->sleeve, last = row + rows - 1;
-  double s = slide[b->joint], along[2] = {0}, bend = 0;
-  while (e < b->elements - 1 && s >= b->ends[e + 1]) ++e;
-  double h = b->ends[e + 1] - b->ends[e], x = (s - b->ends[e]) / h;
-  memset(g, 0, 3L * rows * n * sizeof(double));
-  for (int k = 0; k <= 3 * b->degree; ++k) {
-    int node = b->degree * (e - 1) + k;
-    if (node < 0 || node >= b->nodes) continue;
-    const double *c = b->coefficients + 4 * (e * (3 * b->degree + 1) + k);
-    const int *dof = b->dofs + 3 * node;
-    double slope = (c[1] + x * (2 * c[2] + 3 * x * c[3])) / h;
-    for (int i = 0; i < 2; ++i) along[i] += slope * (b->position[2 * node + i] + q[dof[i]]);
-    bend += slope * (b->angle[node] + q[dof[2]]);
-  }
+  Slider *a = b->path;
+  Weight N;
+  int n = 1 + b->nodes, rows = 2 - b->free + b->sleeve, last = row + rows - 1;
+  double along[3];
+  find_axis(a, slide[b->joint], q, &N, along);
   double square = along[0] * along[0] + along[1] * along[1], size = sqrt(square);
+  double turned = b->free ? -along[2] / square : 0;
   if (b->free)
     set_row(given, push, row, 0, -along[1] / size, along[0] / size);
   else
     set_row(given, push, row, along[0], 1, 0), set_row(given, push, row + 1, along[1], 0, 1);
-  double turned = b->free ? -bend / square : 0;
-  if (b->sleeve) set_row(given, push, last, b->free ? 0 : bend, turned * along[0], turned * along[1]);
+  if (b->sleeve) set_row(given, push, last, b->free ? 0 : along[2], turned * along[0], turned * along[1]);
+  memset(g, 0, 3L * rows * n * sizeof(double));
   for (int r = row; r < row + rows; ++r, g += 3 * n) {
     double weight[3] = {push[2 * r], push[2 * r + 1], b->sleeve && r == last};
-    for (int i = 0; i < 3; ++i) g[i * n] = weight[i];
-    for (int k = 0; k <= 3 * b->degree; ++k) {
-      int node = b->degree * (e - 1) + k;
-      if (node < 0 || node >= b->nodes) continue;
-      const double *c = b->coefficients + 4 * (e * (3 * b->degree + 1) + k);
-      double N = c[0] + x * (c[1] + x * (c[2] + x * c[3]));
-      for (int i = 0; i < 3; ++i) g[i * n + 1 + node] = -weight[i] * N;
+    for (int i = 0; i < 3; ++i) {
+      g[i * n] = weight[i];
+      for (int k = 0; k < a->width; ++k) g[i * n + 1 + a->first + k] = -weight[i] * N.of[k];
     }
   }
   return rows;

@@ -2,11 +2,13 @@
 
 #pragma once
 
-/* A node that slides on a beam, in equations of rates: whether it slides freely and turns with the beam;
-   the path as in Slider of problem.h. */
+#include "slider.h"
+
+/* A node that slides on a beam, in equations of rates: whether it slides freely and turns with the beam, nodes of the beam,
+   and its path alone. */
 typedef struct {
-  int joint, free, sleeve, degree, elements, nodes, *dofs;
-  double *ends, *coefficients, *position, *angle;
+  int joint, free, sleeve, nodes;
+  Slider *path;
 } BeamRate;
 
 /* The equations G v = g of a scene, and their solution. */

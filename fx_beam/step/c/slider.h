@@ -56,13 +56,13 @@ typedef struct {
   double level;
   int by_tangent;
   int *dofs;                   /* [node][3] */
-  /* Entries of its columns: rows, values and signs, from entry_start[component] on. */
-  int *entry_start, *entry_row, *entry_value;
-  double *entry_sign;
-  /* Entries of the beam's degrees of freedom [node][3]: columns, values and signs, from part_start on;
-     storage indices of the diagonal of its rotations in the full tangent. */
-  int *part_start, *part_column, *part_value, *turn_stored_at;
-  double *part_sign;
+  /* Entries of its columns: rows, values and signs, from entry_start[component] on. Entries of the beam's degrees of freedom
+     [node][3]: columns, values and signs, from part_start on; storage indices of the diagonal of its rotations in the full
+     tangent. */
+  struct {
+    int *entry_start, *entry_row, *entry_value, *part_start, *part_column, *part_value, *turn_stored_at;
+    double *entry_sign, *part_sign;
+  };
   int bordering_row, products; /* first bordering row that is no column; number of products */
   /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
      of their diagonals. */

@@ -74,20 +74,14 @@ static int leaves_beam(const Problem *p) {
 }
 
 /* Rate of the arc length at the start of the step. */
-static double slider_rate(const Problem *p, const Slider *a) {
-  double along[2] = {0}, apart[2], square;
-  Weight weights;
-  Slider at = *a;
-  int e;
-  at.s0 = at.s1 = p->slides[a->joint];
-  begin_window(&at, &e, &e), weigh_place(&at, e, 1, 0, &weights);
-  for (int i = 0; i < 2; ++i) apart[i] = p->v[a->node[i]];
-  for (int k = 0; k < a->width; ++k)
-    for (int i = 0; i < 2; ++i) {
-      int dof = a->dofs[3 * (at.first + k) + i];
-      along[i] += weights.by[1][k] * (a->position[2 * (at.first + k) + i] + p->q[dof]);
-      apart[i] -= weights.of[k] * p->v[dof];
-    }
+static double slider_rate(const Problem *p, Slider *a) {
+  double along[3], apart[2], square;
+  Weight N;
+  find_axis(a, p->slides[a->joint], p->q, &N, along);
+  for (int i = 0; i < 2; ++i) {
+    apart[i] = p->v[a->node[i]];
+    for (int k = 0; k < a->width; ++k) apart[i] -= N.of[k] * p->v[a->dofs[3 * (a->first + k) + i]];
+  }
   square = along[0] * along[0] + along[1] * along[1];
   return (apart[0] * along[0] + apart[1] * along[1]) / square;
 }
