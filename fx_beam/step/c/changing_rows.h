@@ -47,7 +47,7 @@ static void find_entries(const Problem *p, ChangingRows *c) {
   const MemberContacts *m = p->points->members;
   c->entries = 0;
   for (int i = 0; i < m->contact_points; ++i) {
-    c->work[i] = c->entries;
+    c->entry_start[i] = c->entries;
     for (int k = 0; m->contact_point[i].counted && k < CONTACT_POINT_DOFS; ++k)
       for (int e = c->dof_start[m->contact_point[i].dof[k]]; e < c->dof_start[m->contact_point[i].dof[k] + 1]; ++e) {
         int column = c->dof_column[e];
@@ -58,7 +58,7 @@ static void find_entries(const Problem *p, ChangingRows *c) {
             (ContactPointEntry){k, c->row_of[column], c->unknown_of[column], c->dof_value[e], c->dof_sign[e]};
       }
   }
-  c->work[m->contact_points] = c->entries;
+  c->entry_start[m->contact_points] = c->entries;
 }
 
 /* The graph of groups: that of the scene, and all pairs of each touch. */
@@ -70,7 +70,7 @@ static void make_graph(const ChangingRows *c, int contact_points) {
   }
   for (int i = 0; i < contact_points; ++i) {
     of.count = 0;
-    for (int a = c->work[i]; a < c->work[i + 1]; ++a) {
+    for (int a = c->entry_start[i]; a < c->entry_start[i + 1]; ++a) {
       const ContactPointEntry *e = c->entry + a;
       if (e->row >= 0) add_once(&of, c->group_of[e->row]);
       if (e->column >= 0) add_once(&of, c->group_of[e->column]);
@@ -104,8 +104,8 @@ static void put_in(Degrees *d, int g, int degree) {
 /* Eliminates the groups in an order of minimum degree; auxiliary unknowns come from the leaves of trees to the roots, and forces
    after what they act on (lu_layout.py). What each is coupled with then remains in its list; its position is in
    `position`. */
-static void eliminate_groups(const ChangingRows *c, int *position, int *room) {
-  int n = c->groups, least = 0;
+static void eliminate_groups(const ChangingRows *c) {
+  int n = c->groups, least = 0, *room = c->work;
   Degrees d = {room, room + n, room + 2 * n, room + 3 * n, room + 4 * n, room + 5 * n};
   memcpy(d.waits, c->waits, n * sizeof(int));
   for (int g = 0; g < n; ++g) d.head[g] = d.tail[g] = d.mark[g] = -1;
@@ -115,7 +115,7 @@ static void eliminate_groups(const ChangingRows *c, int *position, int *room) {
     int g = d.head[least];
     IntList *own = c->near_to + g;
     take_out(&d, g, least);
-    position[g] = k;
+    c->position[g] = k;
     for (int i = 0; i < own->count; ++i) {
       int h = own->of[i], kept = 0;
       ++stamp;
@@ -160,8 +160,8 @@ static long place_in(const ChangingRows *c, int group, int column_group, int row
 #define ROOM(array, count) array = realloc(array, ((count) + 1) * sizeof *(array))
 
 /* Rows of the factors, from the groups in their order. */
-static void lay_out_rows(ChangingRows *c, const int *position) {
-  int n = c->groups, *size = c->work, *group_at = c->work + n;
+static void lay_out_rows(ChangingRows *c) {
+  int n = c->groups, *position = c->position, *size = c->work, *group_at = c->work + n;
   SparseRows *r = &c->rows;
   ROOM(r->first, n), ROOM(r->source_start, n), ROOM(r->run_start, n);
   for (int g = 0; g < n; ++g) size[position[g]] = c->first_unknown[g + 1] - c->first_unknown[g], group_at[position[g]] = g;
@@ -277,29 +277,20 @@ static void change_rows(Problem *p) {
   c->searches = m->searches, c->placed = -1;
   count_contact_points(m);
   int n = c->groups;
-  ROOM(c->work, 9L * n + m->contact_points + 8);
+  ROOM(c->work, 6L * n), ROOM(c->position, n), ROOM(c->entry_start, m->contact_points);
   if (!c->near_to) c->near_to = calloc(n, sizeof(IntList));
   find_entries(p, c);
   make_graph(c, m->contact_points);
   long pairs = 0;
   for (int i = 0; i < m->contact_points; ++i) {
-    long many = c->work[i + 1] - c->work[i];
+    long many = c->entry_start[i + 1] - c->entry_start[i];
     pairs += many * many;
   }
   ROOM(c->entry_at, pairs), ROOM(c->at, p->tangent_start[p->unknowns]);
-  int *position = c->work + m->contact_points + 1, *starts = malloc((m->contact_points + 1) * sizeof(int));
-  memcpy(starts, c->work, (m->contact_points + 1) * sizeof(int));
-  ROOM(c->position, n);
-  int *positions = c->position;
   c->rows.unknowns = p->unknowns;
-  eliminate_groups(c, position, position + n);
-  memcpy(positions, position, n * sizeof(int));
-  lay_out_rows(c, positions);
-  long size = c->rows.start[p->unknowns];
-  ROOM(c->factors, size);
-  c->entry_start = realloc(c->entry_start, (m->contact_points + 1) * sizeof(int));
-  memcpy(c->entry_start, starts, (m->contact_points + 1) * sizeof(int));
-  free(starts);
+  eliminate_groups(c);
+  lay_out_rows(c);
+  ROOM(c->factors, c->rows.start[p->unknowns]);
   if (HAS(SLIDERS) && p->bordering_rows) place_bordering_rows(p, m->contact_points);
   p->kept.present = 0;
   if (c->keep) p->kept.worth = worth_of(p, c);

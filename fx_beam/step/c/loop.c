@@ -243,12 +243,6 @@ static void undo(Problem *p, const Work *w, Problem before) {
   memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
 }
 
-/* Forgets what was recorded of a step that is not taken. */
-static void forget(Record *to, int starts, long taped) {
-  to->starts = starts;
-  if (to->tape) to->tape->rows = taped;
-}
-
 /* Values of Model.switches in the present state. */
 static void find_sides(const Problem *p, double *out) {
   fx_find_switches(p->points, p->q, p->slides, out);
@@ -282,10 +276,10 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
     int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;
     int of_row = step % to->every == 0 || step == to->last, wanted = of_row && part + 1 == to->parts;
     if (part == 0 || p->level != 0.5) to->starts = to->complete;
-    int starts = to->starts;
+    int starts = to->starts, changed = 0;
     long taped = to->tape ? to->tape->rows : 0;
     double lost = p->dissipated;
-    Problem before;
+    Problem before; /* of a step that may change the state and fail */
     if (p->sub_steps > 1 || p->controlled || p->watches || to->parts > 1) {
       before = *p;
       memcpy(w->saved, p->memory, p->memory_size * sizeof(double));
@@ -295,11 +289,8 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       set_shares(p, i, part);
       if (of_row && to->stores_starts) record_start(p, dt * p->fractions[i], i, to);
       const double *known = p->known ? p->known + i * p->columns : p->repeats && to->tape->increments ? to->tape->increments + number * p->columns : 0;
-      if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0, known)) {
-        if (i > 0) undo(p, w, before);
-        forget(to, starts, taped);
-        return k;
-      }
+      if (!take_step(p, w, dt * p->fractions[i], i, inputs, number, unchecked && i == 0, known)) goto failed;
+      changed = 1;
       int asked = !p->repeats && (p->keeps_joint_forces || (of_row && to->forces));
       int joints = p->scene_joints && asked;
       int contacts = of_row && to->forces && p->points->recorded;
@@ -313,9 +304,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       advance(p, w, inputs, number);
       if (p->watches && switched(p)) {
         p->failure = SWITCHED;
-        undo(p, w, before);
-        forget(to, starts, taped);
-        return k;
+        goto failed;
       }
     }
     if (p->controlled) {
@@ -323,9 +312,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       p->ratios[0] = p->ratios[1], p->ratios[1] = ratio;
       if (ratio > 1) {
         p->failure = TOO_INACCURATE;
-        undo(p, w, before);
-        forget(to, starts, taped);
-        return k;
+        goto failed;
       }
       int low = ratio >= 0 && fmax(ratio, p->ratios[0]) < p->lowest;
       if (low || ratio > p->highest) steps = k + 1, p->stopped = 1;
@@ -338,6 +325,12 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
     ++p->completed;
     unchecked = !wanted || p->energies[1] >= p->least_energy;
     LAP(AUDIT);
+    continue;
+  failed: /* nothing of it is recorded */
+    if (changed) undo(p, w, before);
+    to->starts = starts;
+    if (to->tape) to->tape->rows = taped;
+    return k;
   }
   if (unchecked && begin_internal(p, w->fields, p->t, dt, 1)) count_inverted(p);
   return steps;

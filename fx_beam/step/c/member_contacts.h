@@ -131,13 +131,8 @@ static void look_at(MemberContacts *m, int number, int i, const double *x, int n
     if (begins) r[0][a] = 2 * r[1][a] - r[2][a];
     if (ends) r[2][a] = 2 * r[1][a] - r[0][a];
   }
-  Piece piece = piece_of(r[0], r[1], r[2]);
-  double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5;
-  double at = nearest_place(&piece, low, high), n[3], slope[3], arm[2] = {0, 0};
-  piece_weights(at, n, slope);
-  for (int k = 0; k < 3; ++k) arm[0] += n[k] * r[k][0], arm[1] += n[k] * r[k][1];
-  double distance = sqrt(dot2(arm, arm));
-  if (distance < reach) visit(m, number, i, node, at, distance, with);
+  NearPoint near = nearest_on(r, 0, begins, ends);
+  if (near.distance < reach) visit(m, number, i, node, near.place, near.distance, with);
 }
 
 /* Visits all points with a member within a margin of their radii: at each nearest place of its own. */

@@ -67,23 +67,25 @@ static inline int grows_at_joint(const double *a, const double *b) {
   return dot2(chord, joint) > 0;
 }
 
-/* The nearest point of two pieces to the origin, from the arms to four nodes, images included. `begins` and
-   `ends` say whether the first or the last node is an image. */
+/* The nearest point of a piece to the origin, from the arms to its nodes: the first or the second of two (0 or 1). `begins`
+   and `ends` say whether its first or last node is an image. */
+static NearPoint nearest_on(double (*r)[2], int second, int begins, int ends) {
+  NearPoint near = {0};
+  Piece c = piece_of(r[0], r[1], r[2]);
+  double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5, x = nearest_place(&c, low, high), arm[2] = {0, 0};
+  int inside = second ? x < high : x > low; /* also at the joint of the pieces */
+  piece_weights(x, near.weights + second, near.slopes + second);
+  for (int j = 0; j < 3; ++j) arm[0] += near.weights[second + j] * r[j][0], arm[1] += near.weights[second + j] * r[j][1];
+  near.place = x + second, near.distance = sqrt(dot2(arm, arm));
+  near.per_rate = inside ? 1 / rate_of_residual(&c, x) : 0;
+  near.left = !second && !begins && x <= low ? -1 : second && !ends && x >= high ? 1 : 0;
+  return near;
+}
+
+/* The nearest point of two pieces, from the arms to four nodes. */
 static NearPoint nearest_point(double r[4][2], int begins, int ends) {
-  NearPoint found = {0};
-  int k = !grows_at_joint(r[1], r[2]);
-  double low = !k && begins ? 0 : -0.5, high = k && ends ? 0 : 0.5;
-  Piece c = piece_of(r[k], r[k + 1], r[k + 2]);
-  double x = nearest_place(&c, low, high), n[3], slope[3];
-  int inside = k ? x < high : x > low; /* also at the joint of the pieces */
-  piece_weights(x, n, slope);
-  for (int j = 0; j < 3; ++j) found.weights[k + j] = n[j], found.slopes[k + j] = slope[j];
-  double arm[2] = {0, 0};
-  for (int j = 0; j < 3; ++j) arm[0] += n[j] * r[k + j][0], arm[1] += n[j] * r[k + j][1];
-  found.place = x + k, found.distance = sqrt(dot2(arm, arm));
-  found.per_rate = inside ? 1 / rate_of_residual(&c, x) : 0;
-  found.left = !k && !begins && x <= low ? -1 : k && !ends && x >= high ? 1 : 0;
-  return found;
+  int second = !grows_at_joint(r[1], r[2]);
+  return nearest_on(r + second, second, !second && begins, second && ends);
 }
 
 /* Weights of images go to the nodes themselves. */
