@@ -106,7 +106,7 @@ def open_library(
 def with_macros(file: str, *macros: str) -> str:
     """Text of a C file after the definition of some macros, with `fx_missing`."""
     defined = "".join(f"#define {macro}\n" for macro in macros)
-    return f'{defined}{(SOURCES / file).read_text()}{_ASKS}'
+    return f"{defined}{(SOURCES / file).read_text()}{_ASKS}"
 
 
 @functools.cache

@@ -559,33 +559,29 @@ class Problem:
         model, reduction = self.model, self.model.reduction
         sizes = {name: math.prod(array.lengths(model.sizes)) for name, array in ARRAYS.items()}
         sizes["driven_now"] = reduction.driven
-        # One piece of memory, which the loop copies before a step with sub-steps.
-        known, past = self.library.PAST, (1, model.size, reduction.free)
-        order = self.library.MAX_ORDER if self.c.sub_steps > 1 else 0
-        errors = order, order * model.size, (self.library.AVERAGED - 1) * model.size
-        memory = np.zeros(sum(sizes.values()) + known * sum(past) + sum(errors))
-        self._set(memory=memory, memory_size=len(memory))
-        ends = [0, *itertools.accumulate([*sizes.values(), *(known * n for n in past), *errors])]
-        arrays = [memory[start:end] for start, end in itertools.pairwise(ends)]
-        states, of_errors = arrays[:-6], arrays[-3:]
-        ages, differences, differences_y = arrays[-6:-3]
-        self.state_arrays = dict(zip(sizes, states, strict=True))
+        # Past of the predictor and of local errors: ages and divided differences.
+        known, order = self.library.PAST, self.library.MAX_ORDER if self.c.sub_steps > 1 else 0
+        past = {"ages": 1, "past": model.size, "past_y": reduction.free}
+        every = sizes | {name: known * n for name, n in past.items()}
+        every |= {"error_ages": order, "error_past": order * model.size}
+        every["error_highest"] = (self.library.AVERAGED - 1) * model.size
+        #: One piece of memory, which the loop copies before a step with sub-steps.
+        self.memory = np.zeros(sum(every.values()))
+        ends = itertools.pairwise(itertools.accumulate(every.values(), initial=0))
+        arrays = {name: self.memory[slice(*part)] for name, part in zip(every, ends, strict=True)}
+        self._set(memory=self.memory, memory_size=len(self.memory), **arrays)
+        self.state_arrays = {name: arrays[name] for name in sizes}
         #: Those that are not empty.
         self._filled = {name: array for name, array in self.state_arrays.items() if array.size}
-        self._set(**self.state_arrays)
-        names = "error_ages", "error_past", "error_highest"
-        self._set(**dict(zip(names, of_errors, strict=True)))
-        #: The state, and what the next steps are predicted from.
-        self.memory, self._ages = memory, (ages, of_errors[0])
+        self._ages = arrays["ages"], arrays["error_ages"]
         #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
-        self.past = ages, *(d.reshape(known, -1) for d in (differences, differences_y))
+        self.past = arrays["ages"], *(arrays[n].reshape(known, -1) for n in ("past", "past_y"))
         #: First configuration with inverted sections.
         self.inverted_q = np.zeros(model.size)
         switches = model.points.conditions
         #: Values of the switches at both ends of a sub-step.
         self.sides = np.zeros((2, switches))
         self._set(inverted_q=self.inverted_q, switches=switches, sides=self.sides)
-        self._set(ages=self.past[0], past=self.past[1], past_y=self.past[2])
         #: Work space of C.
         self.scratch = aligned(np.zeros(self.library.fx_scratch(self.c)))
         self._set(scratch=self.scratch)

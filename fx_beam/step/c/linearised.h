@@ -241,9 +241,18 @@ static void put_points(const Problem *p, const Adjoint *a, Linear *l) {
   }
 }
 
+/* The force of a node that slides, in three places `held`, from forces on its rows, and what it exerts on its beam. */
+static void put_carry(Block *to, const Work *w, const Slider *a, const int *held, int r) {
+  for (int c = 0; c < a->components; ++c)
+    for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
+      put(to, r + a->entry_row[k], held[c], a->entry_sign[k] * w->virtual_map[a->entry_value[k]]);
+  for (int c = 0; c < a->components; ++c)
+    for (int k = 0; k < a->components * a->width; ++k) put(to, held[c], r + local_dof(a, k), a->virtual_map[c][k]);
+}
+
 /* Tv^T r, from the forces r and the values of Tv, with those of nodes that slide and of loops. */
 static void put_rows(const Problem *p, const Work *w, Linear *l) {
-  const double *values = w->virtual_map, *r = with_carried(p, w);
+  const double *r = with_carried(p, w);
   int R = l->at.R, map = l->at.map;
   Block *to = l->of + CARRIED;
   for (int i = 0; i < p->closures; ++i)
@@ -251,19 +260,14 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
       put(to, map + p->closure_value[k], R + p->closure_column[k], -p->closure_sign[k] * w->closing[i]);
   for (int i = p->sliders - 1; i >= 0; --i) {
     const Slider *a = p->slider + i;
+    int first = l->at.held + 3 * i, held[] = {first, first + 1, first + 2};
     for (int c = 0; c < a->components; ++c) {
-      int held = l->at.held + 3 * i + c;
-      put(to, R + a->carried[c], held, 1);
-      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k) {
-        put(to, l->at.r + a->entry_row[k], held, a->entry_sign[k] * values[a->entry_value[k]]);
-        put(to, map + a->entry_value[k], held, a->entry_sign[k] * r[a->entry_row[k]]);
-      }
+      put(to, R + a->carried[c], held[c], 1);
+      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
+        put(to, map + a->entry_value[k], held[c], a->entry_sign[k] * r[a->entry_row[k]]);
     }
-    for (int c = 0, s = a->components * a->width; c < a->components; ++c) {
-      int held = l->at.held + 3 * i + c;
-      for (int k = 0; k < s; ++k) put(to, held, l->at.r + local_dof(a, k), a->virtual_map[c][k]);
-      put(to, held, R + a->column, a->virtual_map[c][s]);
-    }
+    put_carry(to, w, a, held, l->at.r);
+    for (int c = 0; c < a->components; ++c) put(to, held[c], R + a->column, a->virtual_map[c][a->components * a->width]);
   }
 }
 
@@ -272,10 +276,7 @@ static void put_forces_on_auxiliaries(const Problem *p, const Work *w, Linear *l
   double *on_auxiliaries = l->on_auxiliaries;
   if (!p->auxiliaries) return;
   memset(on_auxiliaries, 0, (p->columns + p->auxiliaries) * sizeof(double));
-  add_rows(p, w, with_carried(p, w), on_auxiliaries);
-  for (int i = 0; i < p->closures; ++i)
-    for (int k = p->closure_entry_start[i]; k < p->closure_entry_start[i + 1]; ++k)
-      on_auxiliaries[p->closure_column[k]] -= p->closure_sign[k] * w->virtual_map[p->closure_value[k]] * w->closing[i];
+  add_rows(p, w, with_carried(p, w), on_auxiliaries), add_closing(p, w, on_auxiliaries);
   collect_auxiliaries(p, w->virtual_map, on_auxiliaries);
   for (int k = p->auxiliary_entries - 1; k >= 0; --k) {
     int auxiliary = p->columns + p->auxiliary_of[k], value = p->auxiliary_value[k], to = l->at.R + p->auxiliary_column[k];
@@ -307,14 +308,11 @@ static void put_closing(const Problem *p, const Work *w, Linear *l) {
     for (int k = p->closure_entry_start[i]; p->carried && k < p->closure_entry_start[i + 1]; ++k)
       put(to, closing, l->at.pushed + p->closure_column[k], -p->closure_sign[k] * w->virtual_map[p->closure_value[k]]);
   }
-  for (const Slider *a = p->slider + p->sliders - 1; p->carried && a >= p->slider; --a)
-    for (int c = 0; c < a->components; ++c) {
-      int held = l->at.pushed + a->carried[c];
-      for (int k = a->entry_start[c]; k < a->entry_start[c + 1]; ++k)
-        put(to, l->at.carried + a->entry_row[k], held, a->entry_sign[k] * w->virtual_map[a->entry_value[k]]);
-      for (int k = 0; k < a->components * a->width; ++k)
-        put(to, held, l->at.carried + local_dof(a, k), a->virtual_map[c][k]);
-    }
+  for (const Slider *a = p->slider + p->sliders - 1; p->carried && a >= p->slider; --a) {
+    int held[3];
+    for (int c = 0; c < a->components; ++c) held[c] = l->at.pushed + a->carried[c];
+    put_carry(to, w, a, held, l->at.carried);
+  }
   for (int i = 0; p->carried && i < p->dofs; ++i) put(to, l->at.carried + i, l->at.r + i, 1);
 }
 
@@ -323,16 +321,6 @@ static void put_passes(const Problem *p, Linear *l, int first, int end) {
     put(l->of + JOINED, l->at.r + p->pass_dof[k], l->at.forces + p->pass_of[k], p->pass_sign[k]);
     put(l->of + JOINED, l->at.r + p->pass_dof[k], in(l->at.r, p->pass_to[k]), 1);
   }
-}
-
-/* The derivatives of the force across the axis of a beam (followed_size) by the axis. */
-static void slope_of_axis(const Slider *a, const double *joints, double slope[2]) {
-  int s = a->components * a->width;
-  double axis[] = {a->virtual_map[0][s], a->virtual_map[1][s]};
-  const double *F = joints + 3 * a->joint;
-  double length = hypot(axis[0], axis[1]), across = (axis[0] * F[1] - axis[1] * F[0]) / length;
-  for (int i = 0; i < 2; ++i)
-    slope[i] = (across < 0 ? -1 : 1) * ((i ? -F[0] : F[1]) - across * axis[i] / length) / length;
 }
 
 /* Forces of joints (find_joint_forces), and their sizes that friction follows. */
@@ -351,7 +339,7 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
   for (const PointForce *e = p->points->of; e < p->points->of + p->points->all; ++e) {
     double slope[5];
     if (e->load < 0) continue;
-    followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
+    double across = followed_size(e, w->joint_forces, p->q, w->D, p->level, slope);
     for (int i = 0; i < 2; ++i) put(to, forces + 3 * e->load + i, followed, slope[i]);
     put(to, in(l->at.q, e->load_turn), followed, (1 - p->level) * slope[2]);
     put(to, in(l->at.q1, e->load_turn), followed, p->level * slope[2]);
@@ -367,9 +355,11 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
       }
     }
     for (int j = 0; j < p->sliders; ++j) {
-      if (p->slider[j].joint != e->load) continue;
-      slope_of_axis(p->slider + j, w->joint_forces, slope);
-      for (int i = 0; i < 2; ++i) put(to, l->at.axes + 2 * j + i, followed, slope[i]);
+      const Slider *a = p->slider + j;
+      int s = a->components * a->width;
+      double length = hypot(a->virtual_map[0][s], a->virtual_map[1][s]);
+      for (int i = 0; a->joint == e->load && i < 2; ++i)
+        put(to, l->at.axes + 2 * j + i, followed, (slope[3 + i] - across * e->load_axis[i]) / length);
     }
     ++followed;
   }

@@ -274,13 +274,17 @@ static void close_residual(const Problem *p, const Work *w, double *R) {
   for (int k = 0; k < p->closures; ++k) R[p->loop_column[p->following[k]]] = 0;
 }
 
+/* Adds the forces of the closing joints on columns. */
+static void add_closing(const Problem *p, const Work *w, double *out) {
+  for (int i = 0; i < p->closures; ++i)
+    for (int k = p->closure_entry_start[i]; k < p->closure_entry_start[i + 1]; ++k)
+      out[p->closure_column[k]] -= p->closure_sign[k] * w->virtual_map[p->closure_value[k]] * w->closing[i];
+}
+
 /* Forces with those of nodes on beams, to which loops add, after `close_residual` of r. */
 static void carry_in_loops(const Problem *p, const Work *w, const double *r) {
   memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
-  push_columns(p, w->columns);
-  for (int i = 0; i < p->closures; ++i)
-    for (int k = p->closure_entry_start[i]; k < p->closure_entry_start[i + 1]; ++k)
-      w->columns[p->closure_column[k]] -= p->closure_sign[k] * w->virtual_map[p->closure_value[k]] * w->closing[i];
+  push_columns(p, w->columns), add_closing(p, w, w->columns);
   memcpy(w->loaded, r, p->dofs * sizeof(double));
   carry(p, w, w->loaded, w->columns);
 }
