@@ -19,24 +19,19 @@ static void scale(long n, double factor, double *x) {
   for (long i = 0; i < n && factor != 0 && factor != 1; ++i) x[i] *= factor;
 }
 
-static double dot(int n, const double *x, const double *y) {
+INLINED double product_of_all(int n, const double *x, const double *y, int sizes) {
   double sum[LANES] = {0}, rest = 0;
   int i = 0;
   for (; i + LANES <= n; i += LANES)
-    for (int l = 0; l < LANES; ++l) sum[l] += x[i + l] * y[i + l];
-  for (; i < n; ++i) rest += x[i] * y[i];
+    for (int l = 0; l < LANES; ++l) sum[l] += sizes ? fabs(x[i + l] * y[i + l]) : x[i + l] * y[i + l];
+  for (; i < n; ++i) rest += sizes ? fabs(x[i] * y[i]) : x[i] * y[i];
   return rest + sum_of(sum);
 }
 
+static double dot(int n, const double *x, const double *y) { return product_of_all(n, x, y, 0); }
+
 /* Sum of |x| |y|. */
-static double dot_of_sizes(int n, const double *x, const double *y) {
-  double sum[LANES] = {0}, rest = 0;
-  int i = 0;
-  for (; i + LANES <= n; i += LANES)
-    for (int l = 0; l < LANES; ++l) sum[l] += fabs(x[i + l] * y[i + l]);
-  for (; i < n; ++i) rest += fabs(x[i] * y[i]);
-  return rest + sum_of(sum);
-}
+static double dot_of_sizes(int n, const double *x, const double *y) { return product_of_all(n, x, y, 1); }
 
 static double double_of(int64_t bits) {
   double value;

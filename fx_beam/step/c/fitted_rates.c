@@ -13,19 +13,19 @@ enum { REPETITIONS = 20 };
 
 /* Work space: all entries, those in use, what is given, forces on b; right side, solution and correction in
    the order of elimination; factors; multipliers; forces on points, and rates that follow. */
+#define FIT_ARRAYS(OF)                                                                                     \
+  OF(g, f->all_entries) OF(entry, f->entries) OF(given, f->count) OF(push, 2 * f->count) OF(right, unknowns) \
+  OF(x, unknowns) OF(rest, unknowns) OF(factors, f->column_start[unknowns]) OF(multiplier, f->count)       \
+  OF(on_point, 3 * f->points) OF(other, f->others)
+
 typedef struct {
-  double *g, *entry, *given, *push, *right, *x, *rest, *factors, *multiplier, *on_point, *other;
+  FIT_ARRAYS(NUMBERS)
 } FitWork;
 
 static long lay_out_fit(const RateFit *f, FitWork *w, double *at) {
   double *begin = at;
   long unknowns = f->used + f->count;
-  w->g = allocate(&at, f->all_entries), w->entry = allocate(&at, f->entries);
-  w->given = allocate(&at, f->count), w->push = allocate(&at, 2 * f->count);
-  w->right = allocate(&at, unknowns), w->x = allocate(&at, unknowns);
-  w->rest = allocate(&at, unknowns), w->factors = allocate(&at, f->column_start[unknowns]);
-  w->other = allocate(&at, f->others);
-  w->multiplier = allocate(&at, f->count), w->on_point = allocate(&at, 3 * f->points);
+  FIT_ARRAYS(ALLOCATE)
   return at - begin;
 }
 

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 #include "point_force.h"
+#include "vectors.h"
 
 /* Most trials, and relative changes below which the numbers are found, and below which round-off may stop them. */
 enum { MOST_TRIALS = 40 };
@@ -14,29 +15,19 @@ static const double INDEPENDENT = 0.03;
 
 static inline void begin_fixed_point(FixedPoint *f) { f->trials = 0, f->change = HUGE_VAL; }
 
-static inline double product_with(int n, const double *x, const double *y) {
-  double sum = 0;
-  for (int i = 0; i < n; ++i) sum += x[i] * y[i];
-  return sum;
-}
-
-static inline void subtract(int n, double factor, const double *x, double *from) {
-  for (int i = 0; i < n; ++i) from[i] -= factor * x[i];
-}
-
 /* Takes from the numbers found what the secants say of their changes, with the newest first. */
 static inline void apply_secants(const FixedPoint *f, double *change, double *trial) {
   int n = f->size, used = 0, known = f->trials < SECANTS ? f->trials : SECANTS;
   double *secants = f->memory + 2 * n, *rows = secants + 2 * SECANTS * n;
   for (int k = 1; k <= known && used < n; ++k) {
     const double *secant = secants + 2 * n * ((f->trials - k) % SECANTS);
-    double *row = rows + 2 * n * used, length = sqrt(product_with(n, secant, secant));
+    double *row = rows + 2 * n * used, length = sqrt(product_of(n, secant, secant));
     memcpy(row, secant, 2 * n * sizeof(double));
-    for (int i = 0; i < used; ++i) subtract(2 * n, product_with(n, row, rows + 2 * n * i), rows + 2 * n * i, row);
-    double left = sqrt(product_with(n, row, row));
+    for (int i = 0; i < used; ++i) add_times(2 * n, -product_of(n, row, rows + 2 * n * i), rows + 2 * n * i, row);
+    double left = sqrt(product_of(n, row, row));
     if (!(left > INDEPENDENT * length)) continue;
     for (int i = 0; i < 2 * n; ++i) row[i] /= left;
-    subtract(n, product_with(n, change, row), row + n, trial);
+    add_times(n, -product_of(n, change, row), row + n, trial);
     ++used;
   }
 }

@@ -21,14 +21,10 @@ static int factorise_tangent(Problem *p, const Work *w) {
   int middle = middle_of_tangent(p), n = p->unknowns;
   Ends of = ends_around(n, p->band, middle);
   memset(w->reduced, 0, p->free * sizeof(double)), memset(w->y, 0, n * sizeof(double));
-  if (HAS(CHAIN) && !eliminate_chain(p, w, middle / 3, 1)) return 0;
-  if (!HAS(CHAIN) && !(HAS(BAND) ? eliminate_tangent(p, w, n, of) : factorise(p, w))) return 0;
-  if (!HAS(SLIDERS) || !p->bordering_rows) return 1;
-  for (int i = 0; i < p->positions; ++i) reach(p, w, i);
-  if (HAS(CHAIN)) solve_chain_block(p, w, middle / 3);
-  else if (HAS(BAND)) solve_band_block(p, w, of);
-  else solve_sparse_columns(p, w, &p->rows, w->factors, p->block / 4);
-  factorise_corner(p, w);
+  for (int i = 0; HAS(SLIDERS) && p->bordering_rows && i < p->positions; ++i) reach(p, w, i);
+  if (HAS(CHAIN | BAND)) return eliminate_bordered(p, w, middle, of);
+  if (!factorise(p, w)) return 0;
+  if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
   return 1;
 }
 

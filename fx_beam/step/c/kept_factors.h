@@ -18,11 +18,6 @@ typedef struct {
    wanted error of a solution, relative to it. */
 static const double SLOWEST = 0.2, MOST = 1e-3, LEAST = 1e-12;
 
-/* x += factor y */
-static void add_times(int n, double factor, const double *restrict y, double *restrict x) {
-  for (int i = 0; i < n; ++i) x[i] += factor * y[i];
-}
-
 /* The product of the tangent and d, which the factors propose for r. With bordering rows, whose columns are not there any
    more: r, and the product with what A has changed by since its factorisation. */
 static void times_tangent(const Problem *p, const Work *w, const double *d, const double *r, double *out) {
@@ -189,16 +184,23 @@ static void bordering_contact_points(const Problem *p, const Work *w) {
       }
 }
 
+/* Factors of a chain or a band with those of its corner; returns 0 if it is singular. */
+static int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of) {
+  if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, 1) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
+  if (!p->bordering_rows) return 1;
+  if (HAS(CHAIN)) solve_chain_block(p, w, middle / 3);
+  else solve_band_block(p, w, of);
+  factorise_corner(p, w);
+  return 1;
+}
+
 /* Solution of a chain or a band with bordering rows, for the right side `reduced`; returns 0 if it is singular. */
 static int solve_bordered(const Problem *p, const Work *w) {
   int middle = middle_of_elimination(p), n = p->unknowns;
   Ends of = ends_around(n, p->band, middle);
   begin_right_sides(p, w, w->reduced);
   for (int i = 0; i < n; ++i) w->y[p->order[i] * !HAS(CHAIN)] = i < p->free ? w->reduced[i] : 0;
-  if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, 1) : eliminate_tangent(p, w, n, of))) return 0;
-  if (HAS(CHAIN)) solve_chain_block(p, w, middle / 3);
-  else solve_band_block(p, w, of);
-  factorise_corner(p, w);
+  if (!eliminate_bordered(p, w, middle, of)) return 0;
   solve_bordering_rows(p, w);
   if (HAS(CHAIN)) {
     finish_chain(p, w, middle / 3);

@@ -7,6 +7,11 @@
 #include "member_curve.h"
 #include "vectors.h"
 
+static inline void call(Law *law, const double *given, double *results, int values) {
+  for (int i = 0; i < values; ++i) results[i] = 0;
+  law(results, 0, given, 0, 0, 0, 0);
+}
+
 /* Motions in a step that are still searched for; how many steps a search should last; least margin, relative
    to the radii; least arm at the end of a step in the direction of that at its start. */
 static const double SPARE = 1.5, LASTS = 8, LEAST_MARGIN = 1e-3;
@@ -401,11 +406,6 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
   return 1;
 }
 
-static inline void call_law(Law *law, const double *given, double *results, int values) {
-  memset(results, 0, values * sizeof(double));
-  law(results, 0, given, 0, 0, 0, 0);
-}
-
 /* The tangent of a contact point from that of so many of its sums. */
 INLINED void tangent_of(ContactPoint *e, double K[2 * MOST_SUMS][2 * MOST_SUMS], int count) {
   double half[2 * MOST_SUMS][CONTACT_POINT_DOFS];
@@ -435,7 +435,7 @@ static void make_tangent(const MemberContact *c, ContactPoint *e) {
 /* Calls the law of a contact point, after `move_contact_point`. */
 static void find_force(const MemberContact *c, ContactPoint *e) {
   int values = c->sums + c->entries + c->internal + c->remembered;
-  call_law(c->law, e->given, e->results, values);
+  call(c->law, e->given, e->results, values);
 }
 
 void fx_evaluate_members(MemberContacts *m, const double *D) {
@@ -527,10 +527,10 @@ static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int 
   double given[CONTACT_POINT_GIVEN];
   give_distance(c, point, distance, internal, given);
   if (!to->by) {
-    call_law(c->energy, given, found, 1), to->sum += *found;
+    call(c->energy, given, found, 1), to->sum += *found;
     return;
   }
-  call_law(to->by[contact], given, found, CONTACT_POINT_GIVEN);
+  call(to->by[contact], given, found, CONTACT_POINT_GIVEN);
   for (int i = 0; i < c->numbers; ++i)
     to->of_numbers[c->first_number + point * c->numbers + i] += found[numbers_at(c) + i];
 }
@@ -556,7 +556,7 @@ static double lost_at_members(MemberContacts *m, const double *D) {
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
     if (!c->loss || !move_contact_point(m, e, D)) continue;
-    call_law(c->loss, e->given, &lost, 1);
+    call(c->loss, e->given, &lost, 1);
     left.sum += lost;
   }
   return left.sum;

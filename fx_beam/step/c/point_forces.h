@@ -12,11 +12,6 @@ static inline double coordinate(const PointForce *e, int k, const double *nodes,
   return e->dof[k] < 0 ? 0 : nodes[e->dof[k]];
 }
 
-static inline void call(Law *law, const double *given, double *results, int values) {
-  for (int i = 0; i < values; ++i) results[i] = 0;
-  law(results, 0, given, 0, 0, 0, 0);
-}
-
 /* Place of the force that friction follows among its internal variables. */
 enum { FOLLOWED = 2 };
 

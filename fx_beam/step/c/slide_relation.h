@@ -87,12 +87,6 @@ static double over_sine_slope(double x) {
   return fabs(x) < 1e-2 ? x / 3 + 7 * x * x * x / 90 : (1 - x / tan(x)) / sin(x);
 }
 
-static double product_of(int n, const double *a, const double *b) {
-  double total = 0;
-  for (int k = 0; k < n; ++k) total += a[k] * b[k];
-  return total;
-}
-
 /* Elements of both ends of a step, of which it may pass so many; the first node of the window. */
 static void begin_window(Slider *a, int *e0, int *e1) {
   int first = element_of(a, a->s0), last = element_of(a, a->s1), limit = a->elements - a->window;

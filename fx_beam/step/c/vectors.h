@@ -28,3 +28,15 @@ FOR_VECTORS double tan(double);
    result is b: a value that may be NaN must be the first one. */
 INLINED double larger(double a, double b) { return a > b ? a : b; }
 INLINED double smaller(double a, double b) { return a < b ? a : b; }
+
+/* Sum of the products of few numbers. */
+static inline double product_of(int n, const double *x, const double *y) {
+  double sum = 0;
+  for (int i = 0; i < n; ++i) sum += x[i] * y[i];
+  return sum;
+}
+
+/* x += factor y */
+static void add_times(int n, double factor, const double *restrict y, double *restrict x) {
+  for (int i = 0; i < n; ++i) x[i] += factor * y[i];
+}
