@@ -77,8 +77,8 @@ def draw(scene, motion):
     """Draw the scene and its last shape, plain and coloured; print the times."""
     pictures = {
         "scene": lambda path: fb.plot.scene(scene, path),
-        "shape": lambda path: fb.plot.shapes(motion, [1], path),
-        "in colour": lambda path: fb.plot.shapes(motion, [1], path, colour="strain energy"),
+        "shape": lambda path: fb.plot.shapes(motion, path, rows=[1]),
+        "in colour": lambda path: fb.plot.shapes(motion, path, rows=[1], colour="strain energy"),
     }
     with tempfile.TemporaryDirectory() as folder:
         fb.plot.scene(lattice(1), Path(folder) / "first.png")  # imports

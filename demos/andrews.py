@@ -186,9 +186,9 @@ def draw(results, numbers):
     solution, bodies = simulate(3000)
     drawn, _ = scene()
     plot.scene(drawn, results / "scene.png")
-    plot.shapes(solution, range(1000, 1801, 100), results / "shapes.png")
+    plot.shapes(solution, results / "shapes.png", rows=range(1000, 1801, 100))
     crossing = bodies[3]["D"]
-    plot.animate(solution, range(0, 3001, 30), results / "motion.gif", trace=crossing)
+    plot.animate(solution, results / "motion.gif", rows=range(0, 3001, 30), trace=crossing)
 
     found = angles(solution, bodies)
     figure, axes = plot.figure(2, 1)

@@ -194,7 +194,7 @@ def draw(results, solution, scene, belt, pulleys, contacts, ratios):
 
     plot.scene(scene, results / "scene.png")
     first, last = (round(t / DT / EVERY) for t in (0.9, 1.6))
-    plot.animate(solution, range(first, last), results / "motion.gif", colour="N")
+    plot.animate(solution, results / "motion.gif", rows=range(first, last), colour="N")
 
     figure, ((speed, pull), (angle, drum)) = plot.figure(2, 2)
     of_pulleys = rates(solution, pulleys)

@@ -225,7 +225,9 @@ def draw(results, shown, travel, force, curve):
 
     motion, _, pulled, nock, arrow = shown
     plot.scene(scene()[0], results / "scene.png")
-    plot.shapes(pulled, [0, 3, 6, len(pulled.t) - 1], results / "shapes.png", marks={"nock": nock})
+    plot.shapes(
+        pulled, results / "shapes.png", rows=[0, 3, 6, len(pulled.t) - 1], marks={"nock": nock}
+    )
     figure, axes = plot.figure(1, 2, height=3.0)
     pull, energy = axes.flat
     pull.plot(*curve, color="#0072B2", linewidth=2.8, alpha=0.35, label="elastica")
@@ -242,7 +244,7 @@ def draw(results, shown, travel, force, curve):
         energy.plot(t, values, color=colour, linewidth=1.0, label=label)
     energy.set(xlabel="time $t$ [ms]", ylabel="energy [J]", xlim=(0, t[-1]), ylim=(0, None))
     plot.save(figure, results / "draw_and_energy.png")
-    plot.animate(motion, range(0, 1200, 15), results / "motion.gif", trace=arrow)
+    plot.animate(motion, results / "motion.gif", rows=range(0, 1200, 15), trace=arrow)
 
 
 if __name__ == "__main__":

@@ -189,7 +189,7 @@ def draw(results, runs):
     motion, rows = runs["flexible pole"]
     solution = motion.solution()
     frames = range(0, len(solution.t), 3)
-    plot.animate(solution, frames, results / "motion.gif", trace=solution.beams["pole"].end)
+    plot.animate(solution, results / "motion.gif", rows=frames, trace=solution.beams["pole"].end)
     feet = solution.position(solution.beams["pole"].start)
     thumbnail.animate(
         *(solution, range(0, len(solution.t), 6), results / "thumbnail.gif"),

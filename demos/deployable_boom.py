@@ -151,8 +151,8 @@ def draw(results, motions):
     plot.scene(boom(True)[0], results / "scene.png")
     latest = abs(whole.t - 2.0).argmin()
     rows = [int(row) for row in np.linspace(0, latest, 8)]
-    plot.shapes(whole, rows, results / "shapes.png")
-    plot.animate(whole, range(0, len(whole.t), 15), results / "motion.gif")
+    plot.shapes(whole, results / "shapes.png", rows=rows)
+    plot.animate(whole, results / "motion.gif", rows=range(0, len(whole.t), 15))
     thumbnail.animate(whole, range(0, latest, 20), results / "thumbnail.gif")
 
     figure, axes = plot.figure(1, 2, height=3.0)

@@ -149,8 +149,8 @@ def draw(results, runs):
     solution, floors = runs[1.0]
     plot.scene(floors[0].target.start.scene, results / "scene.png")
     rows = [round(t / DT) for t in (0.0, 0.3, 0.4, 0.5, 0.65, 0.9)]
-    plot.shapes(solution, rows, results / "shapes.png")
-    plot.animate(solution, range(0, round(2.4 / DT), round(0.04 / DT)), results / "motion.gif")
+    plot.shapes(solution, results / "shapes.png", rows=rows)
+    plot.animate(solution, results / "motion.gif", rows=range(0, round(2.4 / DT), round(0.04 / DT)))
 
     figure, axes = plot.figure(2, 2)
     (heights, force), (parts, drift) = axes

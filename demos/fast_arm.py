@@ -228,7 +228,7 @@ def draw(results, turns):
     plot.save(figure, results / "profiles.png")
     turn, c = turns["40 numbers"]
     rows = range(0, INTERVALS * STEPS + 1, 4 * STEPS)
-    plot.shapes(turn.solution(c), rows, results / "shapes.png")
+    plot.shapes(turn.solution(c), results / "shapes.png", rows=rows)
 
 
 if __name__ == "__main__":

@@ -164,8 +164,8 @@ def draw(results, motion, disc, grips, left_behind):
 
     plot.scene(scene()[0], results / "scene.png")
     rows = [int(t / DT) for t in (0.0, LIFT[0], T_END)]
-    plot.shapes(motion, rows, results / "shapes.png")
-    plot.animate(motion, range(0, len(motion.t), 15), results / "motion.gif")
+    plot.shapes(motion, results / "shapes.png", rows=rows)
+    plot.animate(motion, results / "motion.gif", rows=range(0, len(motion.t), 15))
     places = motion.position(disc)
     thumbnail.animate(
         *(motion, range(0, len(motion.t), 30), results / "thumbnail.gif"),

@@ -204,10 +204,10 @@ def draw(results, path, loaded, hinge, rows):
     # The three unloaded states on the path, both limit points, and the end.
     unloaded = [int(np.argmin(abs(part))) for part in np.split(load, rows)]
     shown = sorted([*np.add(unloaded, [0, *rows]), *rows, len(load) - 1])
-    plot.shapes(path, shown, results / "shapes.png", scene_unit="-")
-    plot.shapes(path, shown, results / "moments.png", scene_unit="-", colour="M")
+    plot.shapes(path, results / "shapes.png", rows=shown, scene_unit="-")
+    plot.shapes(path, results / "moments.png", rows=shown, scene_unit="-", colour="M")
     plot.animate(
-        path, range(len(load)), results / "motion.gif", fps=8, trace=loaded, scene_unit="-"
+        path, results / "motion.gif", rows=range(len(load)), fps=8, trace=loaded, scene_unit="-"
     )
 
 

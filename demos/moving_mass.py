@@ -196,7 +196,7 @@ def draw(results, runs):
     bridge, joint = scene(SPEEDS["a = 0.5"] / 200**0.5, section=soft, height=2.0)
     t_end = duration(SPEEDS["a = 0.5"]) * 200**0.5
     solution = fb.simulate(bridge, dt=t_end / STEPS, t_end=0.9 * t_end)
-    plot.animate(solution, range(0, len(solution.t), 6), results / "motion.gif", trace=joint.b)
+    plot.animate(solution, results / "motion.gif", rows=range(0, len(solution.t), 6), trace=joint.b)
 
 
 if __name__ == "__main__":

@@ -266,9 +266,9 @@ def draw(results, runs):
     marks = {"A": solution.beams["member 1"].end, "B": solution.beams["member 2"].end}
     plot.scene(marks["A"].scene, results / "scene.png", dimensions=True, marks=marks)
     rows = range(0, round(0.9 / DT) + 1, round(0.1 / DT))
-    plot.shapes(solution, rows, results / "shapes.png", marks=marks)
+    plot.shapes(solution, results / "shapes.png", rows=rows, marks=marks)
     frames, path = range(0, round(SHOWN / DT) + 1, 2), results / "motion.gif"
-    plot.animate(solution, frames, path, fps=25, trace=marks["B"], marks=marks)
+    plot.animate(solution, path, rows=frames, fps=25, trace=marks["B"], marks=marks)
 
     figure, axes = plot.figure(3, 1)
     for ax in axes.flat:

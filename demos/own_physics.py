@@ -183,7 +183,7 @@ def draw(results, free, forced, damped):
     def around(ax, k):
         return scenery(ax, forced.shape("nozzle")[k])
 
-    plot.animate(forced, range(0, len(forced.t), 6), results / "motion.gif", scenery=around)
+    plot.animate(forced, results / "motion.gif", rows=range(0, len(forced.t), 6), scenery=around)
 
 
 def scenery(ax, nozzle):

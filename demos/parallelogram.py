@@ -153,7 +153,7 @@ def draw(results):
         force.plot(solution.t_level[1:], N, **line)
         if name == "EnergyDecaying":
             plot.animate(
-                solution, range(0, len(solution.t), 6), results / "motion.gif", trace=joint
+                solution, results / "motion.gif", rows=range(0, len(solution.t), 6), trace=joint
             )
     theta, _ = rigid(*SHOWN)(solution.t)
     path.plot(solution.t, CRANK * np.cos(theta), "k:", linewidth=1.0, label="rigid")

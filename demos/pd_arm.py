@@ -163,7 +163,7 @@ def draw(results, solution, prescribed, rows):
 
     plot.scene(scene()[0], results / "scene.png")
     tip = solution.beams["arm"].end
-    plot.animate(solution, range(0, 3000, 30), results / "motion.gif", trace=tip)
+    plot.animate(solution, results / "motion.gif", rows=range(0, 3000, 30), trace=tip)
     figure, axes = plot.figure(3, 1)
     angle, distance, torque = axes.flat
     blue, orange = {"color": "#0072B2"}, {"color": "#D55E00", "linewidth": 1}

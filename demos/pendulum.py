@@ -265,7 +265,7 @@ def draw(results, runs, numbers):
     first = range(0, round(2 * exact / SMALL), 2)
     tip = solution.beams["rod"].end
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
-    plot.animate(solution, first, results / "motion.gif", fps=25, trace=tip)
+    plot.animate(solution, results / "motion.gif", rows=first, fps=25, trace=tip)
 
     figure, axes = plot.figure(2, 1)
     for i, ax in enumerate(axes.flat):

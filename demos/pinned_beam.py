@@ -211,9 +211,9 @@ def draw(results, solutions, fine):
     solution = solutions["EnergyMomentum"]
     until = max(T_TIP)
     first = range(round(until / DT) + 1)
-    plot.shapes(solution, first[::3], results / "shapes.png", scene_unit="in")
+    plot.shapes(solution, results / "shapes.png", rows=first[::3], scene_unit="in")
     node = solution.beams["beam"].end
-    plot.animate(solution, first, results / "motion.gif", trace=node, scene_unit="in")
+    plot.animate(solution, results / "motion.gif", rows=first, trace=node, scene_unit="in")
 
     # Left: the first 1.4 s, where diverging curves can be distinguished. Right: the whole run.
     figure, axes = plot.figure(2, 2)

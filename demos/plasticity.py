@@ -358,9 +358,9 @@ def draw(results, loops, frames, hinged, ring):
     axes[1].set(xlabel="sway of the corner [mm]", ylabel="force $F$ [kN]")
     plot.save(figure, results / "loops.png")
 
-    plot.shapes(ring, SHOWN, results / "ring.png", colour="plastic curvature")
+    plot.shapes(ring, results / "ring.png", rows=SHOWN, colour="plastic curvature")
     plot.animate(
-        ring, range(0, len(ring.t), 30), results / "motion.gif", colour="plastic curvature"
+        ring, results / "motion.gif", rows=range(0, len(ring.t), 30), colour="plastic curvature"
     )
 
 

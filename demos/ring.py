@@ -253,8 +253,8 @@ def draw(results, runs):
     figure.savefig(results / "modes.png", dpi=200)
 
     flight = runs["EnergyMomentum", DT]
-    plot.shapes(flight, range(0, 901, 150), results / "shapes.png")
-    plot.animate(flight, range(0, len(flight.t), 8), results / "motion.gif", fps=20)
+    plot.shapes(flight, results / "shapes.png", rows=range(0, 901, 150))
+    plot.animate(flight, results / "motion.gif", rows=range(0, len(flight.t), 8), fps=20)
 
     figure, axes = plot.figure(2, 2)
     for (energy, drift), dt in zip(axes.T, (max(STEPS), DT), strict=True):

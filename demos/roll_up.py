@@ -128,8 +128,8 @@ def draw(results, runs, errors, motion):
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
     solution, beam, _ = runs["once"]
-    plot.shapes(solution, range(len(solution.t)), results / "shapes.png")
-    plot.animate(motion, range(0, len(motion.t), 4), results / "motion.gif", trace=beam.end)
+    plot.shapes(solution, results / "shapes.png", rows=range(len(solution.t)))
+    plot.animate(motion, results / "motion.gif", rows=range(0, len(motion.t), 4), trace=beam.end)
 
     figure, axes = plot.figure(1, 2, height=3.0)
     convergence, energy = axes.flat

@@ -219,10 +219,10 @@ def draw(results, solution, joints):
     t = solution.t
     turn = round(PERIOD / DT)
     last = range(len(t) - 1 - turn, len(t) - 1, turn // 8)
-    plot.shapes(solution, last, results / "shapes.png")
+    plot.shapes(solution, results / "shapes.png", rows=last)
     middle = solution.beams["rod"].node(0.5)
     two = range(len(t) - 1 - 2 * turn, len(t))
-    plot.animate(solution, two[::4], results / "motion.gif", trace=middle, colour="M")
+    plot.animate(solution, results / "motion.gif", rows=two[::4], trace=middle, colour="M")
 
     x, velocity, moment = rigid(t)
     grey = {"color": "0.6", "linewidth": 2.4, "label": "rigid mechanism, exact"}

@@ -174,7 +174,7 @@ def draw(results, path, made, by_displacement, driven):
     plot.quantities(ax, np.arange(len(cells)), curves)
     ax.set(xlabel="equilibrium along the path", ylabel="height of the cell [mm]")
     plot.save(figure, results / "heights.png")
-    plot.animate(path, range(0, len(path.t), 8), results / "motion.gif", fps=12)
+    plot.animate(path, results / "motion.gif", rows=range(0, len(path.t), 8), fps=12)
 
 
 if __name__ == "__main__":

@@ -277,9 +277,9 @@ def draw(results, runs, meshes, heavy):
     marks = {"A": beam.start, "B": beam.node(0.25), "C": beam.end}
     plot.scene(beam.start.scene, results / "scene.png", dimensions=True, marks=marks)
     rows = range(0, len(solution.t), tenth)
-    plot.shapes(solution, rows, results / "shapes.png", marks=marks)
+    plot.shapes(solution, results / "shapes.png", rows=rows, marks=marks)
     frames = range(0, len(solution.t), tenth // 10)
-    plot.animate(solution, frames, results / "motion.gif", trace=marks["B"], marks=marks)
+    plot.animate(solution, results / "motion.gif", rows=frames, trace=marks["B"], marks=marks)
 
     figure, axes = plot.figure(2, 1)
     for i, ax in enumerate(axes.flat):

@@ -142,8 +142,10 @@ def draw(results, runs):
     arm = solution.beams["arm"]
     plot.scene(arm.start.scene, results / "scene.png")
     rows = [round(t / DT) for t in (0, 0.05, 0.1, 0.13, 0.16, 0.19, 0.22, 0.25)]
-    plot.shapes(solution, rows, results / "shapes.png")
-    plot.animate(solution, range(0, len(solution.t), 20), results / "motion.gif", trace=arm.end)
+    plot.shapes(solution, results / "shapes.png", rows=rows)
+    plot.animate(
+        solution, results / "motion.gif", rows=range(0, len(solution.t), 20), trace=arm.end
+    )
     thumbnail.animate(
         *(solution, range(0, len(solution.t), 25), results / "thumbnail.gif"),
         fixed=lambda ax: ax.add_patch(thumbnail.disc(PEG, RADIUS)),

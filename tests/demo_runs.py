@@ -43,10 +43,10 @@ def _coarse(figure, path, **look):
 def numbers(name):
     """What a demo returns, which draws its pictures as well, once; films with few frames."""
 
-    def animate(solution, steps, path, fps=20, **options):
-        few = steps[:: max(1, len(steps) // 10)]
-        FILMS[name] = len(steps), len(few), fps
-        whole(solution, few, path, fps, **options)
+    def animate(solution, path, rows, fps=20, **options):
+        few = rows[:: max(1, len(rows) // 10)]
+        FILMS[name] = len(rows), len(few), fps
+        whole(solution, path, few, fps=fps, **options)
 
     whole = fb.plot.animate
     films = mock.patch.object(fb.plot, "animate", animate)

@@ -18,7 +18,7 @@ from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
-from .drawing import Drawing, checked_drawing, clock, three_digits
+from .drawing import Drawing, checked_drawing, clock, say_if_too_small, three_digits
 from .members import Colouring, Members
 from .plane import LARGEST, Plane
 from .supports import Supports
@@ -96,8 +96,10 @@ _COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 
 def animate(
     solution: Solution,
-    steps: Sequence[int],
     path: Path | str,
+    rows: Sequence[int] | None = None,
+    times: Sequence[float] | None = None,
+    count: int | None = None,
     fps: int = 20,
     trace: Node | None = None,
     scene_unit: str = "m",
@@ -116,10 +118,14 @@ def animate(
     ----------
     solution : Solution
         The motion.
-    steps : sequence of int
-        Rows of `Solution.t`, one for each frame.
     path : str or path
         File to write; its name ends with .gif or .mp4.
+    rows : sequence of int, optional
+        Rows of `Solution.t` to draw, one for each frame.
+    times : sequence of float, optional
+        Times [s], or load factors, whose nearest rows are drawn.
+    count : int, optional
+        Number of rows, evenly spaced; 100 if neither rows nor times are given.
     fps : int
         Frames per second [1/s].
     trace : Node, optional
@@ -150,10 +156,12 @@ def animate(
     require(is_whole(fps, 1, 1000), "fps", fps, "a whole number from 1 to 1000")
     fits = scenery is None or callable(scenery)
     require(fits, "scenery", scenery, "a function of axes and row")
-    drawing = checked_drawing(solution, steps, magnify)
+    drawing = checked_drawing(solution, magnify, 100, rows, times, count)
+    shown = drawing.rows
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
     plane = _plane(drawing, scene_unit, colour is not None, size)
+    say_if_too_small(drawing)
     ax = plane.ax
     look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
     look |= {"fontsize": "small", "va": "bottom"}
@@ -175,16 +183,16 @@ def animate(
     canvas = FigureCanvasAgg(plane.figure)
     canvas.draw()
     still, supports = canvas.copy_from_bbox(plane.figure.bbox), Supports(drawing)
-    headings = clock(solution.t[list(steps)].tolist())
+    headings = clock(solution.t[shown].tolist())
     if solution.stats.static:
-        headings = [f"load factor {three_digits(t)}" for t in solution.t[list(steps)]]
+        headings = [f"load factor {three_digits(t)}" for t in solution.t[shown]]
 
     def frames() -> Iterator[np.ndarray]:
-        for k, words in zip(steps, headings, strict=True):
+        for k, words in zip(shown, headings, strict=True):
             heading.set_text(words)
             move(lines, k)
             if trace is not None:
-                past.set_data(*drawing.positions(trace.number, slice(steps[0], k + 1)).T)
+                past.set_data(*drawing.positions(trace.number, slice(shown[0], k + 1)).T)
             drawn = [*draw_moving(ax, drawing, k), *draw_joints(ax, drawing, k)]
             drawn += [*draw_forces(ax, drawing, k), *supports.draw(ax, k)]
             drawn += draw_marks(ax, drawing, k, {} if marks is None else marks)

@@ -53,7 +53,7 @@ class Page:
 def interactive(
     solution: Solution,
     path: Path | str | None = None,
-    steps: Sequence[int] | None = None,
+    rows: Sequence[int] | None = None,
     trace: Node | Sequence[Node] = (),
     series: dict[str, np.ndarray] | None = None,
     scene_unit: str = "m",
@@ -72,7 +72,7 @@ def interactive(
         The motion, or the equilibria.
     path : str or path, optional
         File to write; its name ends with .html. In a notebook none is needed: the page is shown.
-    steps : sequence of int, optional
+    rows : sequence of int, optional
         Rows of `Solution.t` to show; by default at most 200, evenly spaced.
     trace : Node or sequence of Node, optional
         Nodes whose paths are drawn from the start.
@@ -106,12 +106,8 @@ def interactive(
     True
     """
     path = None if path is None else writable(path, ("html", "htm"))
-    if steps is None and isinstance(solution, Solution):
-        last = len(solution.t) - 1
-        steps = np.unique(np.linspace(0, last, min(_ROWS, last + 1)).round().astype(int)).tolist()
     require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
-    rows = () if steps is None else steps
-    drawing = checked_drawing(solution, rows, magnify)
+    drawing = checked_drawing(solution, magnify, _ROWS, rows)
     factor, unit = time_unit(solution.t[-1])
     heavy = nodes_with_mass(drawing)
     data = {

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
-from .drawing import Drawing, checked_drawing, three_digits, time_unit
+from .drawing import Drawing, checked_drawing, say_if_too_small, three_digits, time_unit
 from .members import SEQUENTIAL, Colouring, Members
 from .plane import Plane, picture, written
 from .supports import Supports
@@ -26,8 +26,10 @@ _MANY = 1000  # members above which their tubes have six sides
 
 def shapes(
     solution: Solution,
-    steps: Sequence[int],
     path: Path | str | None = None,
+    rows: Sequence[int] | None = None,
+    times: Sequence[float] | None = None,
+    count: int | None = None,
     scene_unit: str = "m",
     magnify: float = 1.0,
     marks: dict[str, Node] | None = None,
@@ -46,10 +48,14 @@ def shapes(
     ----------
     solution : Solution
         The motion.
-    steps : sequence of int
-        Rows of `Solution.t` to draw.
     path : str or path, optional
         Picture to write; its ending gives the format.
+    rows : sequence of int, optional
+        Rows of `Solution.t` to draw.
+    times : sequence of float, optional
+        Times [s], or load factors, whose nearest rows are drawn.
+    count : int, optional
+        Number of rows, evenly spaced; 8 if neither rows nor times are given.
     scene_unit : str
         Unit of length in which the scene is given, for labels; nothing is scaled.
     magnify : float
@@ -79,8 +85,10 @@ def shapes(
         The picture.
     """
     path = picture(path)
-    drawing = checked_drawing(solution, steps, magnify)
+    drawing = checked_drawing(solution, magnify, 8, rows, times, count)
+    shown = drawing.rows
     plane = Plane(drawing, scene_unit, bar=True)
+    say_if_too_small(drawing)
     ax = plane.ax
     ax.set_title(drawing.title(), fontsize="medium")
     draw_outlines(ax, drawing.obstacles)
@@ -88,17 +96,17 @@ def shapes(
     if colour is None:
         shades = _by_time(plane, drawing, thickness)
     else:
-        shades = ["0.35"] * len(steps)
+        shades = ["0.35"] * len(shown)
         colouring = Colouring(drawing, colour, scene_unit, colour_limits, colour_scale, thickness)
-        for order, k in enumerate(steps):
+        for order, k in enumerate(shown):
             ax.add_collection(colouring.paint(colouring.lines(2.2, 2 + 1e-4 * order), k))
         plane.draw_bar(colouring.scale, **colouring.bar)
-    for k, shade in zip(steps, shades, strict=True):
+    for k, shade in zip(shown, shades, strict=True):
         draw_moving(ax, drawing, k, shade, small=True)
         draw_forces(ax, drawing, k, shade)
-    draw_joints(ax, drawing, steps[-1])
-    Supports(drawing).draw(ax, steps[-1])
-    draw_marks(ax, drawing, steps[0], {} if marks is None else marks)
+    draw_joints(ax, drawing, shown[-1])
+    Supports(drawing).draw(ax, shown[-1])
+    draw_marks(ax, drawing, shown[0], {} if marks is None else marks)
     return written(plane.figure, path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import is_whole, numbers, positive, require
+from fx_beam.errors import SceneError, is_whole, numbers, positive, require
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.lookup import scene_of
 from fx_beam.results.solution import Solution
@@ -20,9 +21,13 @@ from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
 from fx_beam.scene.obstacles import Obstacle, Shape
 
+_log = logging.getLogger("fx_beam")
+
 # Fractions of the scene's size: what is drawn beyond the nearest positions, distance and length
 # of the strokes. An obstacle farther away than the size is not drawn.
 _BEYOND, _APART, _STROKE = 0.1, 0.03, 0.016
+# Displacements below this fraction of it cannot be seen.
+_TINY = 1e-3
 
 
 class Outline(NamedTuple):
@@ -327,11 +332,37 @@ class Drawing:
         return f"{stats.scheme}, {stats.steps} steps to {t[-1]:g} s" + magnified
 
 
-def checked_drawing(solution: Solution, steps: Sequence[int], magnify: float) -> Drawing:
-    """A drawing of rows of a solution; SceneError for what does not fit."""
+def checked_drawing(
+    solution: Solution,
+    magnify: float,
+    usual: int = 1,
+    rows: Any = None,
+    times: Any = None,
+    count: Any = None,
+) -> Drawing:
+    """A drawing of rows, of those next to some times, or of a usual or another number of them."""
     require(isinstance(solution, Solution), "solution", solution, "a Solution")
-    rows = len(solution.t)
-    fits = numbers(steps).ndim == 1 and all(is_whole(k, 0, rows - 1) for k in steps)
-    wanted = f"rows of the solution, such as range(0, {rows}, {max(1, rows // 10)})"
-    require(fits and len(steps) > 0, "steps", steps, wanted)
-    return Drawing(solution, list(steps), positive(magnify, "magnify"))
+    last, t = len(solution.t) - 1, solution.t
+    if sum(given is not None for given in (rows, times, count)) > 1:
+        raise SceneError("a picture shows rows, times or a count of rows: give one of these")
+    if rows is times is None:
+        count = usual if count is None else count
+        require(is_whole(count, 1), "count", count, "a whole number, at least 1")
+        rows = np.unique(np.linspace(0, last, min(count, last + 1)).round().astype(int)).tolist()
+    elif times is not None:
+        times = numbers(times)
+        fits = times.ndim == 1 and len(times) > 0 and t[0] <= times.min() and times.max() <= t[-1]
+        require(fits, "times", times, f"times of the solution, from {t[0]:g} to {t[-1]:g} s")
+        rows = [int(abs(t - time).argmin()) for time in times]
+    fits = numbers(rows).ndim == 1 and all(is_whole(k, 0, last) for k in rows)
+    wanted = f"rows of the solution, such as range(0, {last + 1}, {max(1, last // 10)})"
+    require(fits and len(rows) > 0, "rows", rows, wanted)
+    return Drawing(solution, list(rows), positive(magnify, "magnify"))
+
+
+def say_if_too_small(drawing: Drawing) -> None:
+    """Warn of a motion that cannot be seen, with the factor that shows it."""
+    moved = abs(drawing.solution.q[drawing.rows][..., :2]).max(initial=0.0)
+    if drawing.magnify == 1 and 0 < moved < _TINY * drawing.size:
+        factor = 10 ** int(np.log10(0.05 * drawing.size / moved))
+        _log.warning("the largest displacement is %.1g: magnify=%g would show it", moved, factor)

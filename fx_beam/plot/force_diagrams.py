@@ -32,8 +32,8 @@ _NAMED = 12  # members up to which each has its extreme value written beside it
 
 def diagrams(
     solution: Solution,
-    row: int,
     path: Path | str | None = None,
+    row: int | None = None,
     quantities: Sequence[str] = RESULTANTS,
     deformed: bool = True,
     scene_unit: str = "m",
@@ -49,11 +49,11 @@ def diagrams(
     ----------
     solution : Solution
         The motion, or the equilibria.
-    row : int
-        Row of `Solution.t`. In a motion the values are means over the step that ends there, see
-        `Solution.t_level`.
     path : str or path, optional
         Picture to write; its ending gives the format.
+    row : int, optional
+        Row of `Solution.t`, by default the last. In a motion the values are means over the step
+        that ends there, see `Solution.t_level`.
     quantities : sequence of {"N", "Q", "M"}
         The panels, from left to right.
     deformed : bool
@@ -72,7 +72,9 @@ def diagrams(
         For a row or quantities that the solution does not have, or one without beams.
     """
     path = picture(path)
-    checked_drawing(solution, [row], 1.0)
+    if row is None and isinstance(solution, Solution):
+        row = len(solution.t) - 1
+    (row,) = checked_drawing(solution, 1.0, rows=[row]).rows
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
     names = list(quantities) if isinstance(quantities, Iterable) else []

@@ -119,10 +119,10 @@ def test_bodies_are_drawn_without_any_beam(tmp_path):
     assert {"body 1", "body 2"} <= {text.get_text() for text in ax.texts}
     solution = fb.simulate(scene, dt=0.01, t_end=0.2)
     solution.save(tmp_path / "run.npz")
-    fb.plot.shapes(fb.load(tmp_path / "run.npz"), [0, 20], tmp_path / "a.png")
+    fb.plot.shapes(fb.load(tmp_path / "run.npz"), tmp_path / "a.png", rows=[0, 20])
     assert (tmp_path / "a.png").stat().st_size > 10_000
     with pytest.raises(ValueError, match="has none"):
-        fb.plot.shapes(solution, [0], tmp_path / "c.png", colour="M")
+        fb.plot.shapes(solution, tmp_path / "c.png", rows=[0], colour="M")
     with pytest.raises(ValueError, match="has no beams"):
         solution.to_paraview(tmp_path / "d.pvd")
 

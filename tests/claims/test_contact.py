@@ -404,7 +404,7 @@ def test_pictures_show_the_obstacles_that_are_near(tmp_path):
         seen = max(on_it, key=len)
         assert (len(seen) < 2) == (shape is far)
         assert shape in (ring, far) or np.ptp(seen[:, 0]) < 3  # the part that is near
-    fb.plot.shapes(fb.simulate(scene, dt=0.01, t_end=0.1), [0, 10], tmp_path / "shapes.png")
+    fb.plot.shapes(fb.simulate(scene, dt=0.01, t_end=0.1), tmp_path / "shapes.png", rows=[0, 10])
     assert (tmp_path / "shapes.png").stat().st_size > 10_000
 
 

@@ -258,9 +258,9 @@ def test_pictures_and_files_for_paraview_show_the_variables(tmp_path):
     on_members = grid.point_data["plastic curvature"].reshape(-1, 2)
     wanted = [*solution.internal(beam, NAME)[-1], *[0.0] * other.elements]
     assert on_members == pytest.approx(np.transpose([wanted] * 2), abs=1e-12)
-    fb.plot.shapes(solution, [0, 30], tmp_path / "a.png", colour="plastic curvature")
+    fb.plot.shapes(solution, tmp_path / "a.png", rows=[0, 30], colour="plastic curvature")
     with pytest.raises(ValueError, match="'plastic curvature', or None"):
-        fb.plot.shapes(solution, [0, 30], tmp_path / "a.png", colour="plastic strain")
+        fb.plot.shapes(solution, tmp_path / "a.png", rows=[0, 30], colour="plastic strain")
 
 
 def test_the_variable_may_be_left_out_if_there_is_one_and_joints_are_named():

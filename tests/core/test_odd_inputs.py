@@ -122,7 +122,7 @@ def cost(value, **weights):
         ),
         (lambda my: fb.plot.interactive(my.fall, trace=1.0), "1.0 is not a node"),
         (lambda my: fb.plot.Page(1), "text = 1 must be a page"),
-        (lambda my: fb.plot.diagrams(my.fall, 1, quantities=1), "quantities = 1 must be some of"),
+        (lambda my: fb.plot.diagrams(my.fall, quantities=1), "quantities = 1 must be some of"),
         (lambda my: fb.plot.curves(my.fall, "a.png", len), "axes = .* must be axes of matplotlib"),
         (lambda my: fb.plot.curves(my.axes, my.fall, len), "solutions = .* must be a dict"),
         (lambda my: fb.plot.curves(my.axes, {"a": 1}, len), r"solutions\['a'\] = 1 must be a Sol"),

@@ -40,7 +40,7 @@ def swing(request):
 def test_places_and_values_are_those_of_the_solution(swing):
     _, rope, disc, solution = swing
     steps = range(0, 51, 5)
-    held = data(fb.plot.interactive(solution, steps=steps))
+    held = data(fb.plot.interactive(solution, rows=steps))
     low, high = map(np.array, held["window"])
     nodes = decoded(held["nodes"], "<i4", -1).astype(int)
     points = decoded(held["points"], "<u2", len(steps), len(nodes), 2)
@@ -126,7 +126,7 @@ def test_equilibria_and_scenes_of_bodies_have_pages_too():
     ("options", "words"),
     [
         ({"path": "motion.txt"}, "must end with .html"),
-        ({"steps": [99]}, "rows of the solution"),
+        ({"rows": [99]}, "rows of the solution"),
         ({"series": {"tip": [1.0, 2.0]}}, "one for each row"),
         ({"series": 3}, "a dict of values by name"),
         ({"magnify": 0}, "a positive number"),

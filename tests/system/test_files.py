@@ -46,7 +46,7 @@ WRITERS = {
     "run.csv": lambda solution, path: solution.to_csv(path, {"tip": solution.beams["arm"].end}),
     "run.pvd": lambda solution, path: solution.to_paraview(path),
     "curves.png": lambda solution, path: fb.plot.save(_figure(solution), path),
-    "arm.gif": lambda solution, path: fb.plot.animate(solution, [0, 9], path),
+    "arm.gif": lambda solution, path: fb.plot.animate(solution, path, rows=[0, 9]),
     "study.json": lambda solution, path: write_json(path, NUMBERS),
     "study.csv": lambda solution, path: write_csv(path, [NUMBERS] * 100),
 }

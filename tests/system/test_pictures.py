@@ -9,6 +9,7 @@ from pytest import approx
 from scenes import FLYING
 
 import fx_beam as fb
+from fx_beam.plot.drawing import checked_drawing
 
 plot = pytest.importorskip("fx_beam.plot")
 Figure = pytest.importorskip("matplotlib.figure").Figure
@@ -148,7 +149,9 @@ def test_a_curve_is_drawn_round_and_before_it_moves_where_its_motion_starts(degr
 
 
 def test_magnified_shapes_move_the_nodes_by_that_factor(swing):
-    figures = [plot.shapes(swing[2], [0, 10], colour="M", magnify=factor) for factor in (1.0, 5.0)]
+    figures = [
+        plot.shapes(swing[2], rows=[0, 10], colour="M", magnify=factor) for factor in (1.0, 5.0)
+    ]
     (start, plain), (_, large) = (
         [np.array(row.get_segments()) for row in painted(figure)] for figure in figures
     )
@@ -165,7 +168,7 @@ def test_members_are_as_thick_as_their_sections_and_turn_with_them(degree, facto
     scene.pin(beam.start)
     scene.set_velocity(beam, lambda x, y: (0, x), spin=1.0)
     solution = fb.simulate(scene, dt=0.05, t_end=0.5)
-    (bands,) = painted(plot.shapes(solution, [10], colour="N", thickness=factor))
+    (bands,) = painted(plot.shapes(solution, rows=[10], colour="N", thickness=factor))
     corners = np.array([path.vertices[:4] for path in bands.get_paths()])
     across = corners[:, 0] - corners[:, 3]
     ends = np.arange(len(corners)) / len(corners)
@@ -189,7 +192,7 @@ def test_supports_are_where_their_nodes_are_in_each_row():
     scene.prescribe(rod.end, x=lambda t: -0.5 * t * t)
     solution = fb.simulate(scene, dt=0.05, t_end=1.0)
     for k in (0, 10, 20):
-        found = rings(plot.shapes(solution, [k]).axes[0])
+        found = rings(plot.shapes(solution, rows=[k]).axes[0])
         for node in (arm.start, arm.end, rod.end):
             assert np.hypot(*(found - solution.position(node)[k]).T).min() < 1e-9
     assert solution.position(rod.end)[20, 0] == approx(1.5)
@@ -227,7 +230,7 @@ def test_a_force_between_points_is_drawn_between_them_before_and_in_the_motion(l
     other = (1.0, -1.0) if fixed else right.start
     scene.add_force_between(left.start, other, **law)
     solution = fb.simulate(scene, dt=0.05, t_end=0.5)
-    for figure, k in (plot.scene(scene), 0), (plot.shapes(solution, [0, 10]), 10):
+    for figure, k in (plot.scene(scene), 0), (plot.shapes(solution, rows=[0, 10]), 10):
         a = solution.position(left.start)[k]
         b = np.array(other) if fixed else solution.position(right.start)[k]
         lines = [line.get_xydata() for line in figure.axes[0].lines]
@@ -247,7 +250,7 @@ def test_shapes_that_nodes_carry_move_and_turn_with_them():
 
     def carried(k):
         """The pieces of the shapes, each within a line of the picture; without their hatching."""
-        ax = plot.shapes(solution, [k]).axes[0]
+        ax = plot.shapes(solution, rows=[k]).axes[0]
         lines = [one.get_xydata() for one in ax.lines if one.get_linewidth() == 1.4]
         ends = np.flatnonzero(np.isnan(lines[0][:, 0]))
         circle, line = (part[~np.isnan(part[:, 0])] for part in np.split(lines[0], ends[:1]))
@@ -268,11 +271,11 @@ def arrow(figure):
 
 def test_a_force_is_drawn_in_the_window_and_with_the_section_that_it_follows(swing):
     _, bar, solution = swing
-    psi, drawn = solution.rotation(bar.end)[10], arrow(plot.shapes(solution, [10]))
+    psi, drawn = solution.rotation(bar.end)[10], arrow(plot.shapes(solution, rows=[10]))
     direction = np.array([drawn.U[0], drawn.V[0]])
     assert direction / np.hypot(*direction) == approx([-np.sin(psi), np.cos(psi)])
     scene, _ = cantilever(force=(-5.0, 0))
-    drawn = arrow(plot.shapes(fb.static(scene, steps=1), [1]))
+    drawn = arrow(plot.shapes(fb.static(scene, steps=1), rows=[1]))
     assert 1.1 < drawn.X[0] < drawn.axes.get_xlim()[1]
 
 
@@ -347,7 +350,7 @@ def test_a_scene_of_many_members_is_drawn_without_names_and_says_once_what_is_eq
 
 def rows_of_colours(solution, folder, name):
     """Mean rows of red and of blue pixels below the axis of the girder; None without any."""
-    plot.diagrams(solution, 1, folder / "girder.png", [name], deformed=False)
+    plot.diagrams(solution, folder / "girder.png", 1, [name], deformed=False)
     pixels = np.asarray(Image.open(folder / "girder.png").convert("RGB")).astype(int)
     red = pixels[..., 0] - pixels[..., 2] > 25
     blue = pixels[..., 2] - pixels[..., 0] > 25
@@ -358,7 +361,7 @@ def rows_of_colours(solution, folder, name):
 
 
 def test_diagrams_have_a_panel_and_the_extreme_values_of_each_quantity(girder, tmp_path):
-    plot.diagrams(girder, 1, tmp_path / "girder.svg")
+    plot.diagrams(girder, tmp_path / "girder.svg")
     # Texts of a picture in SVG are beside their outlines.
     texts = re.findall("<!-- (.*?) -->", (tmp_path / "girder.svg").read_text("utf-8"))
     for name in ("axial force", "shear force", "bending moment"):
@@ -382,7 +385,7 @@ def test_a_moment_is_drawn_on_the_side_in_tension_and_a_shear_force_changes_its_
 @pytest.mark.parametrize("quantity", ["N", "Q", "M", "strain energy", "speed"])
 def test_members_are_coloured_by_what_is_in_them(swing, quantity):
     _, bar, solution = swing
-    _, row = painted(plot.shapes(solution, [5, 10], colour=quantity))
+    _, row = painted(plot.shapes(solution, rows=[5, 10], colour=quantity))
     pieces = len(row.get_array()) * 4 // 5  # those of the bar come before those of the bead
     values = np.asarray(row.get_array())[:pieces]
     middles = np.array(row.get_segments()).mean(axis=1)[:pieces]
@@ -413,7 +416,7 @@ def test_members_are_coloured_by_what_is_in_them(swing, quantity):
 def test_limits_are_the_ends_of_the_colours_and_arrows_show_what_is_beyond(
     bent, options, ends, extend
 ):
-    figure = plot.shapes(bent, [1], **options)
+    figure = plot.shapes(bent, rows=[1], **options)
     (row,), bar = painted(figure), figure.axes[1]
     assert row.get_clim() == ends
     # The axis of a logarithmic scale goes there and back through the logarithm.
@@ -428,14 +431,14 @@ def test_limits_are_the_ends_of_the_colours_and_arrows_show_what_is_beyond(
 @pytest.mark.parametrize("name", ["scene", "shapes", "diagrams", "modes"])
 def test_pictures_are_returned_and_written_into_files_of_the_same_kinds(name, swing, tmp_path):
     scene, bar, solution = swing
-    given = {"scene": (scene,), "shapes": (solution, [0, 2]), "diagrams": (solution, 2)}
-    draw, given = getattr(plot, name), given.get(name) or (fb.modes(scene, n=2),)
-    assert isinstance(draw(*given), Figure)
+    given = {"scene": scene, "modes": fb.modes(scene, n=2)}.get(name, solution)
+    draw = getattr(plot, name)
+    assert isinstance(draw(given), Figure)
     for ending in ("png", "svg", "pdf", "webp") if name == "scene" else ("png", "svg"):
-        assert isinstance(draw(*given, tmp_path / f"picture.{ending}"), Figure)
+        assert isinstance(draw(given, tmp_path / f"picture.{ending}"), Figure)
         assert (tmp_path / f"picture.{ending}").stat().st_size > 1000
     with pytest.raises(ValueError, match="its name must end with .*png.*svg"):
-        draw(*given, tmp_path / "picture.doc")
+        draw(given, tmp_path / "picture.doc")
 
 
 def test_a_film_has_marks_scenery_and_colours_and_is_white_elsewhere(swing, tmp_path):
@@ -448,7 +451,7 @@ def test_a_film_has_marks_scenery_and_colours_and_is_white_elsewhere(swing, tmp_
 
     more = {"marks": {"tip": bar.end}, "scenery": scenery}
     for colour in (None, "speed"):
-        plot.animate(solution, [0, 5, 10], tmp_path / f"{colour}.gif", colour=colour, **more)
+        plot.animate(solution, tmp_path / f"{colour}.gif", rows=[0, 5, 10], colour=colour, **more)
     assert drawn == [0, 5, 10] * 2
     plain, coloured = ((tmp_path / f"{colour}.gif").read_bytes() for colour in (None, "speed"))
     assert plain != coloured and min(len(plain), len(coloured)) > 5e3
@@ -458,19 +461,38 @@ def test_a_film_has_marks_scenery_and_colours_and_is_white_elsewhere(swing, tmp_
 
 def test_films_have_all_rows_their_speed_and_the_size_that_is_asked_for(swing, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
-    plot.animate(swing[2], range(11), tmp_path / "film.mp4", fps=5, size=(301, 407))
+    plot.animate(swing[2], tmp_path / "film.mp4", rows=range(11), fps=5, size=(301, 407))
     frames, seconds = ffmpeg.count_frames_and_secs(str(tmp_path / "film.mp4"))
     assert frames == 11 and seconds == approx(11 / 5)
     reader = ffmpeg.read_frames(str(tmp_path / "film.mp4"))
     assert next(reader)["size"] == (300, 406)  # even
     reader.close()
     for size in ((1920, 1080), (301, 407)):
-        plot.animate(swing[2], [0, 1, 2], tmp_path / "film.gif", size=size)
+        plot.animate(swing[2], tmp_path / "film.gif", rows=[0, 1, 2], size=size)
         with Image.open(tmp_path / "film.gif") as film:
             assert film.size == size and film.n_frames == 3
 
 
 # -- What is refused -------------------------------------------------------------------------------
+
+
+def test_rows_are_those_next_to_times_or_evenly_spaced(swing):
+    t, shown = swing[2].t, lambda **of: checked_drawing(swing[2], 1.0, 8, **of).rows
+    assert shown(times=[t[3] + 1e-6, t[9]]) == [3, 9] and shown(count=3) == [
+        0,
+        (len(t) - 1) // 2,
+        len(t) - 1,
+    ]
+    assert len(shown()) == 8
+
+
+def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
+    scene, section = fb.Scene(), fb.Section(EA=1e9, GA=1e9, EI=1e6)
+    beam = scene.add_beam([(0, 0), (1, 0)], section)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0.0, 1.0))
+    plot.shapes(fb.static(scene, steps=1))
+    assert "magnify=100000 would show it" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -486,7 +508,10 @@ def test_films_have_all_rows_their_speed_and_the_size_that_is_asked_for(swing, t
         ("shapes", {"colour_limits": 3}, "colour_limits = 3 must be two finite numbers"),
         ("shapes", {"colour_limits": (0, 1), "colour_scale": "log"}, "both positive, on a log"),
         ("shapes", {"colour_scale": "cubic"}, "colour_scale = 'cubic' must be 'linear' or 'log'"),
-        ("diagrams", {"steps": 99}, "rows of the solution"),
+        ("diagrams", {"row": 99}, "rows of the solution"),
+        ("shapes", {"times": [-1.0]}, "times of the solution, from 0 to"),
+        ("shapes", {"count": 0}, "count = 0 must be a whole number, at least 1"),
+        ("shapes", {"count": 3, "rows": [0]}, "rows, times or a count of rows: give one"),
         ("diagrams", {"quantities": ["N", "speed"]}, "must be some of N, Q, M"),
         ("diagrams", {"quantities": []}, "must be some of N, Q, M"),
         ("diagrams", {"deformed": "yes"}, "True or False"),
@@ -496,12 +521,11 @@ def test_what_cannot_be_drawn_is_refused_before_a_file_is_begun(
     swing, draw, options, words, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    options = {"steps": 1 if draw == "diagrams" else [0], "path": "a.png"} | options
+    options = {"path": "a.png"} | options
     if "colour_limits" in options or "colour_scale" in options:
         options["colour"] = "M"
-    steps, path = options.pop("steps"), options.pop("path")
     with pytest.raises(ValueError, match=re.escape(words)):
-        getattr(plot, draw)(swing[2], steps, path, **options)
+        getattr(plot, draw)(swing[2], **options)
     assert not list(tmp_path.iterdir())
 
 
@@ -518,7 +542,7 @@ def test_scenes_that_cannot_be_drawn_are_refused():
     scene.clamp(scene.add_beam([(0, 0), (2, 0)], fb.Section(strain_energy=energy, rhoA=1)).start)
     solution = fb.simulate(scene, dt=0.05, t_end=0.05)
     with pytest.raises(ValueError, match="needs EA and EI, or rhoA and rhoI, in the section of 'b"):
-        plot.shapes(solution, [0], thickness=1.0)
+        plot.shapes(solution, rows=[0], thickness=1.0)
 
 
 def test_a_film_without_what_writes_it_and_curves_without_a_folder_are_refused(
@@ -528,4 +552,4 @@ def test_a_film_without_what_writes_it_and_curves_without_a_folder_are_refused(
         plot.save(plot.figure(1, 1)[0], tmp_path / "nowhere" / "curves.png")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(RuntimeError, match="MP4 needs imageio-ffmpeg: pip install imageio-ffmpeg"):
-        plot.animate(swing[2], "all", tmp_path / "motion.mp4")
+        plot.animate(swing[2], tmp_path / "motion.mp4", rows="all")

@@ -75,7 +75,7 @@ def test_what_is_in_the_file_is_said_where_it_is_asked_for(tmp_path):
     for ask in (
         lambda: found.position(next(iter(found.beams.values())).end),
         lambda: found.resultants(next(iter(found.beams))),
-        lambda: fb.plot.shapes(found, [0]),
+        lambda: fb.plot.shapes(found, rows=[0]),
     ):
         with pytest.raises(ValueError, match=r"motion not in memory: the rows are in .*rows.pvd"):
             ask()
