@@ -18,7 +18,7 @@ def report(tmp_path_factory):
     """What the short form returns, and the directory with what it wrote."""
     directory = tmp_path_factory.mktemp("stability")
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("draw_map", "draw_curves"):
+        for name in ("draw_map", "draw_summary"):
             patch.setattr(stability_report, name, of_cases(getattr(stability_report, name)))
         return *benchmark("stability").main(quick=True, results=directory), directory
 
@@ -51,7 +51,7 @@ def test_the_decaying_scheme_gains_no_energy_in_any_case_and_ends_wherever_ours_
     assert [cell.case.name for cell in decaying] == [*ours]
     for cell in decaying:
         name = cell.case.name
-        allowed = {"kept", "lost"} | ({ours[name].kind} & {"failed"})
+        allowed = {"kept", "damped"} | ({ours[name].kind} & {"failed"})
         verdict = cell.verdict
         assert verdict.kind in allowed, name
         # Never more energy than at the start and from the loads, and never less than none.
@@ -77,7 +77,7 @@ def test_every_cell_has_a_verdict_and_a_ratio(report):
 def test_the_cases_cover_what_is_stiff_and_extreme(report):
     groups = {cell.case.group for cell in report[0]}
     kinds = "EA [N], highest frequency, mass, inertia, slenderness, elements, shortest element, "
-    kinds += "turn in a step, in one step, jump, dt over, EI times, String, Bead, Many steps, "
+    kinds += "turn in a step, in one step, jump, dt over, EI over, String, Bead, Many steps, "
     kinds += "stiffness of the peg, rigid bars, Crank with friction, Plank that slides"
     for kind in kinds.split(", "):
         assert any(kind in group for group in groups), kind
@@ -91,7 +91,7 @@ def test_the_published_scheme_drifts_where_ours_does_not(report):
 
 
 def test_newmark_blows_up_and_hht_loses_energy_on_the_pinned_beam(report):
-    name = "Pinned beam, dt = 0.01 s: EA and GA times: 1e0"
+    name = "Pinned beam, dt = 0.01 s: EA and GA over the example's: 1e0"
     assert of_scheme(report[0], NEWMARK)[name].kind == "blew up"
     assert of_scheme(report[3], HHT)["Pinned beam: dt [s]: 0.01"].kind == "lost"
 
@@ -103,9 +103,6 @@ def test_newmarks_rule_blows_up_on_a_rigid_loop_however_small_the_steps(report):
     newmark = [cell for cell in on_loops if cell.scheme == NEWMARK]
     assert [cell.case.dt for cell in newmark] == [0.01, 0.0025]
     assert [cell.verdict.kind for cell in newmark] == ["blew up", "blew up"]
-    # Steps a quarter as long postpone it little.
-    late, later = (cell.t[np.argmax(cell.ratio > 2)] for cell in newmark)
-    assert 1.5 < late < later < 2 * late
 
 
 def test_our_scheme_drifts_with_rounding_only(report):
@@ -138,7 +135,7 @@ def test_the_report_is_written_in_full(report):
     )
     assert {"processor", "dolfinx"} <= set(found["machine"])
     page = (directory / "cases.md").read_text()
-    for picture in ("cases.png", "cases_curves.png"):
+    for picture in ("cases.png", "cases_summary.png"):
         assert f"]({picture})" in page and (directory / picture).stat().st_size > 20_000
     for group in {cell.case.group for cell in cells}:
         assert f"## {group}\n" in page
