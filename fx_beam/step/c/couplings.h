@@ -35,11 +35,13 @@ INLINED Track track_at(const Problem *p, int j, double d_other, double d) {
 }
 
 /* Derivatives of the four values of Tv of a joint by the rotation of the carrier (0) and by the slide (1), at the start (0)
-   or at the end (1) of a step. */
-INLINED void slopes_of_joint(const Problem *p, const Work *w, int j, int end, double by[2][4]) {
+   or at the end (1) of a step. Of a joint that does not slide only those of the first two by the rotation. */
+static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, double by[2][4]) {
   const double *frame = w->frame + 4 * j, *own = frame + 2 * end, *mean = w->mean_t + 2 * j;
   const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
   double shares[] = {1 - p->level, p->level}, share = shares[end], slope = w->carrier_slope[j];
+  by[0][0] = -share * rho[0], by[0][1] = -share * rho[1];
+  if (p->slide_column[j] < 0) return;
   double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j], chord[2], bend[2];
   double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, p->slide_column[j]);
   Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
@@ -48,7 +50,7 @@ INLINED void slopes_of_joint(const Problem *p, const Work *w, int j, int end, do
     rotate(shares[0] * frame[0] + shares[1] * frame[2], shares[0] * frame[1] + shares[1] * frame[3], track.bend[0],
            track.bend[1], bend);
   else turn_by(own, 2 * share * track.bend[0], 2 * share * track.bend[1], bend);
-  by[0][0] = -share * rho[0], by[0][1] = -share * rho[1], by[1][0] = -share * t[1], by[1][1] = share * t[0];
+  by[1][0] = -share * t[1], by[1][1] = share * t[0];
   by[0][2] = carrier_bend * mean[0] - slope * share * chord[1], by[0][3] = carrier_bend * mean[1] + slope * share * chord[0];
   by[1][2] = slope * bend[0], by[1][3] = slope * bend[1];
 }
@@ -213,7 +215,7 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
 
 /* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
 static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
-  double *K = w->tangent;
+  double *K = w->tangent, slopes[2][4];
   if (HAS(SLIDERS)) turn_beams(p, w);
   for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
   for (int k = 0; k < p->coupled; ++k)
@@ -222,8 +224,8 @@ static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   if (p->geometric) transmitted(p, w, p->sliders ? w->loaded : r);
   for (int k = 0; k < p->geometric; ++k) {
     int j = p->geometric_joint[k], kind = p->geometric_kind[k];
-    double slopes[2][4], *F = w->passing + 2 * j, *by = slopes[kind % 2] + kind / 2 * 2;
-    slopes_of_joint(p, w, j, 1, slopes);
+    double *F = w->passing + 2 * j, *by = slopes[kind % 2] + kind / 2 * 2;
+    if (!k || j != p->geometric_joint[k - 1]) slopes_of_joint(p, w, j, 1, slopes);
     K[p->geometric_to[k]] += p->geometric_sign[k] * (F[0] * by[0] + F[1] * by[1]);
   }
   for (int k = 0; k < p->auxiliary_entries; ++k) {

@@ -144,7 +144,7 @@ static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear 
   double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, column), *e = p->axis + 2 * j, rest = a->slide_at_rest[j];
   Track at_rest = track_of(p->track[j], e, rest, rest);
   for (int end = 0; end < 2; ++end) {
-    double share = end ? p->level : 1 - p->level, slopes[2][4];
+    double share = end ? p->level : 1 - p->level, slopes[2][4] = {{0}};
     double c = w->frame[4 * j + 2 * end], s = w->frame[4 * j + 2 * end + 1], R[2][2] = {{c, -s}, {s, c}};
     Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
     int turn = in(end ? at_->q1 : at_->q, p->carrier[j]), slide = in(end ? at_->Y1 : at_->Y, column);
