@@ -285,7 +285,7 @@ def joint_friction(kind: Kind) -> PointLaw:
     """Friction that sticks, of a joint under its own force; numbers: tau, limit of unit force, kt.
 
     Internal variables: stretch and slip as in a contact, and the force, with which the step is
-    repeated until it is that of the step (fx_follow_joints).
+    repeated until it is that of the step (follow_forces).
     """
 
     def slips(step: _Step) -> tuple[_Step, Any]:

@@ -116,12 +116,12 @@ static void audit(Problem *p, const Work *w, const double *change) {
 
 /* Finds the forces of joints that friction follows, and repeats the step with them. */
 static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
-  fx_begin_following(p->points);
+  begin_fixed_point(&p->points->followed);
   for (int k = 0, still = 0; k < MOST_TRIALS; ++k) {
     evaluate_nodes(p, w);
     find_joint_forces(p, w);
     set_axes(p, w);
-    if (!fx_follow_joints(p->points, w->joint_forces, p->q, w->D, p->level, still, p->spring_internal)) return OK;
+    if (!follow_forces(p->points, w->joint_forces, p->q, w->D, p->level, still, p->spring_internal)) return OK;
     begin_internal(p, w->fields, t, w->dt, 0);
     long before = p->iterations;
     int failure = newton(p, w, driven, GO_ON);

@@ -57,12 +57,4 @@ void fx_add_points(const PointForces *p, int first, int end, double factor, doub
 void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K);
 double fx_lost_at_points(const PointForces *p, const double *D, const double *z);
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal);
-/* Begins to look for the forces of joints that friction follows in a step. */
-void fx_begin_following(PointForces *p);
-/* The axis of a beam at the node that slides on it by a joint. */
-void fx_set_axis(const PointForces *p, int joint, const double *axis);
-/* From the forces of joints in the step D from q sets those that friction follows, by which the step is repeated;
-   returns 0 if they are known. With `still` the last ones had no effect. */
-int fx_follow_joints(PointForces *p, const double *joints, const double *q, const double *D, double level, int still,
-                     double *internal);
 void fx_find_switches(const PointForces *p, const double *q, const double *slide, double *out);

@@ -116,15 +116,16 @@ static double followed_size(const PointForce *e, const double *joints, const dou
   return fabs(across);
 }
 
-void fx_set_axis(const PointForces *p, int joint, const double *axis) {
+/* The axis of a beam at the node that slides on it by a joint. */
+static void set_axis(const PointForces *p, int joint, const double *axis) {
   for (PointForce *e = p->of; e < p->of + p->all; ++e)
     for (int i = 0; e->load == joint && e->slide >= 0 && i < 2; ++i) e->load_axis[i] = axis[i] / hypot(axis[0], axis[1]);
 }
 
-void fx_begin_following(PointForces *p) { begin_fixed_point(&p->followed); }
-
-int fx_follow_joints(PointForces *p, const double *joints, const double *q, const double *D, double level, int still,
-                     double *internal) {
+/* From the forces of joints in the step D from q sets those that friction follows, by which the step is repeated;
+   returns 0 if they are known. With `still` the last ones had no effect. */
+static int follow_forces(PointForces *p, const double *joints, const double *q, const double *D, double level, int still,
+                         double *internal) {
   int n = 0;
   double slope[5], found[p->all], trial[p->all];
   for (const PointForce *e = p->of; e < p->of + p->all; ++e)

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "algebra.h"
+#include "point_forces.h"
 #include "slide_relation.h"
 #include "track.h"
 
@@ -54,11 +55,11 @@ static double slide_at_level(const Problem *p, const Work *w, int j) {
 static void set_axes(const Problem *p, const Work *w) {
   for (int j = 0; j < p->joints; ++j) {
     double d = slide_at_level(p, w, j);
-    if (p->track[j]) fx_set_axis(p->points, p->slide_of[j], track_of(p->track[j], p->axis + 2 * j, d, d).chord);
+    if (p->track[j]) set_axis(p->points, p->slide_of[j], track_of(p->track[j], p->axis + 2 * j, d, d).chord);
   }
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
     int s = a->components * a->width;
-    fx_set_axis(p->points, a->joint, (double[]){a->virtual_map[0][s], a->virtual_map[1][s]});
+    set_axis(p->points, a->joint, (double[]){a->virtual_map[0][s], a->virtual_map[1][s]});
   }
 }
 
