@@ -260,6 +260,16 @@ class Structs:
             else:
                 setattr(struct, name, self._pointer(kind, value))
 
+    def remember(self, struct: Any) -> None:
+        """Remember what a struct has now, for `restore`."""
+        self._fresh = bytes(self._ffi.buffer(struct)), len(self._referenced)
+
+    def restore(self, struct: Any) -> None:
+        """Set all members of a struct to what they were, and forget the data of later ones."""
+        values, count = self._fresh
+        self._ffi.memmove(struct, values, len(values))
+        del self._referenced[count:]
+
     def _members(self, struct: Any) -> dict[str, Any]:
         return _types(self._type(struct))
 

@@ -16,6 +16,7 @@ from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import state_of
 from fx_beam.motions.progress import attach, failure_of, progress_bar
+from fx_beam.motions.recent import recent_model
 from fx_beam.motions.surroundings import waiting_team, warn_of_equal_work
 from fx_beam.parallel.whole import shared
 from fx_beam.results.audit import Stats
@@ -24,7 +25,6 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.model import Model
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
 from fx_beam.step.turning_frame import TurningFrame
@@ -59,7 +59,8 @@ class LoadPath:
         self.scene, self.options, self.start = scene, options, start
         self._inputs = values_at(scene, options.inputs, options.t)
         self.began, scheme = time.perf_counter(), Equilibrium()
-        self.model = model = Model(connected, scheme, settles=True)
+        self.model = model = recent_model(connected, scheme, settles=True)
+        model.needed_by(self)
         self.stats = Stats(
             scheme=scheme.name,
             level=scheme.rates.level,
@@ -197,9 +198,11 @@ class LoadPath:
             self._stepper.loop.inversion.check(state.t, state.q)
         end = replace(turning[-1], t=self.forcing.time, inputs=self._inputs)
         stability = self._stability(states, lambda state: self._solution([state]))
-        return solution_of(
+        solution = solution_of(
             model, recorder, stats, lambda: end, stability=stability.found_when_read()
         )
+        model.needed_by(solution.resultants_of_beam)
+        return solution
 
     def _stability(self, states: list[State], solved) -> PathStability:
         return PathStability(self._stepper, list(states), solved, isinstance(self.start, Branch))

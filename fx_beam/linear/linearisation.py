@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -13,6 +13,7 @@ from fx_beam.errors import SceneError, require
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
 from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.recent import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
@@ -26,7 +27,8 @@ from fx_beam.step.turning_frame import TurningFrame, check_turns
 INSTANT = 1e-30
 
 
-class Linearisation(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Linearisation:
     """Small motions about a configuration, reduced to the unknowns."""
 
     #: The scene, and its model with the values of its inputs in the state.
@@ -68,8 +70,9 @@ class Linearisation(NamedTuple):
     def damping(self, what: str) -> scipy.sparse.csr_matrix:
         """Derivative (free, free) of the forces by the rates, at rest; errors say `what` asks."""
         # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
-        model, start = Model(self.model.scene, EnergyMomentum(), instant=True), self.start
-        equations, tangents = Equations(model, inert=False), []
+        model = recent_model(self.model.scene, EnergyMomentum(), instant=True)
+        equations, tangents, start = Equations(model, inert=False), [], self.start
+        model.needed_by(equations)
         for dt in (INSTANT, 2 * INSTANT):
             equations.begin(instant(start.t, dt), start)
             equations.at_start(np.zeros(model.size))
@@ -107,7 +110,7 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
         raise SceneError(f"{what} needs an fx_beam.Scene, not {scene!r}")
     end = state.end if isinstance(state, Solution) else None
     held = with_values(scene, None if end is None else end.inputs)
-    model = Model(held, Equilibrium(), mobile=True)
+    model = recent_model(held, Equilibrium(), mobile=True)
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, start, state, what)
@@ -129,7 +132,9 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
     columns = reduction.completion()[:, unknowns]
     rest = balance.residual[unknowns]
     largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
-    return Linearisation(scene, model, K, M, T, unknowns, columns, start, rest, largest, G)
+    about = Linearisation(scene, model, K, M, T, unknowns, columns, start, rest, largest, G)
+    model.needed_by(about)
+    return about
 
 
 def turning_frame_of(model: Model, state: Solution, what: str) -> TurningFrame | None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.prepared import end_of, state_of
+from fx_beam.motions.recent import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node
@@ -44,7 +44,8 @@ _MOMENT, _KINK = 1e-6, 1e-3
 _FIRST, _SECOND = (3 / 4, -3 / 20, 1 / 60), (3 / 2, -3 / 20, 1 / 90)
 
 
-class Deviations(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Deviations:
     """M z'' + C z' + K z = 0 for small deviations z of the unknowns and of driven motion."""
 
     model: Model
@@ -91,7 +92,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     else:
         end_of(at)
         end_factor = float(at.t[-1]) if at.stats.static else 1.0
-    model, frame = Model(held.scene, EnergyMomentum(), instant=True), None
+    model, frame = recent_model(held.scene, EnergyMomentum(), instant=True), None
     check_unknowns(model, what)
     forcing = Forcing(model)
     state = reference_state(model)
@@ -125,7 +126,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     r += mass @ (T @ a)
     turning, _ = coupling.parts(coupling.derivatives(a)[0])
     geometric = coupling.of_forces(np.concatenate([r, pushes]))
-    return Deviations(
+    about = Deviations(
         model,
         held,
         forcing,
@@ -145,6 +146,8 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         frame=frame,
         factor=end_factor,
     )
+    model.needed_by(about)
+    return about
 
 
 def _warn_of_turn(model: Model, state: State, T: np.ndarray, dT: np.ndarray, what: str) -> None:

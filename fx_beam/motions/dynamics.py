@@ -23,9 +23,10 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 
-from .motion_series import MotionSeries, Recent
+from .motion_series import MotionSeries
 from .options import Condition, Options, check_scene
 from .progress import keeping_steps
+from .recent import keep, take_recent
 from .surroundings import thread_series
 
 # Changes that are so near to their limits when another one happens happen with it, as those of a
@@ -33,7 +34,6 @@ from .surroundings import thread_series
 _TOGETHER = 1e-9
 # Of a step, or of a thousandth of the time: what is left after the last change is no motion.
 _NOTHING = 1e-6
-_RECENT = Recent()
 
 
 class ChangingScene:
@@ -268,7 +268,9 @@ def simulate(
         until=until,
         outputs=outputs,
     )
-    series: MotionSeries = thread_series() or _RECENT.of(scene)
+    if (series := thread_series()) is None:
+        series, key = take_recent(scene, "motion")
+        keep(series := series or MotionSeries(brief=True), key)
     if changes is None:
         return series.motion(scene, options, start)
     return ChangingScene(scene, changes, options).motion(series, start)

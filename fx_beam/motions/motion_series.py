@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 import weakref
 from collections.abc import Callable
@@ -25,12 +24,10 @@ from .contact_check import warn_of_places
 from .evaluation import solution_of
 from .options import Options
 from .prepared import Prepared
+from .recent import SMALL
 from .run import Run, warn_of_damping
 from .surroundings import waiting_team, warn_of_equal_work
 from .transferred_state import end_of
-
-# Degrees of freedom of a scene that a brief series keeps, and how many series a thread has.
-_SMALL, _MOST = 3000, 4
 
 
 class _Plan(NamedTuple):
@@ -42,7 +39,7 @@ class _Plan(NamedTuple):
 
 
 class MotionSeries:
-    """Simulates scenes. `Response` and each worker of a sweep own one, `simulate` has `Recent`.
+    """Simulates scenes. `Response` and each worker of a sweep own one, `simulate` has recent ones.
 
     With `reads_at_once` solutions are read before anything else happens; `alone` motions are not
     divided among processes. A `brief` one keeps small scenes only, and no plans.
@@ -137,7 +134,7 @@ class MotionSeries:
     def _keep(self, run: Run, solution: Solution) -> None:
         """Keep what a run was made with. As long as its solution lives, this needs it."""
         prepared = run.prepared
-        if self._brief and (prepared.loop is None or prepared.model.size > _SMALL):
+        if self._brief and (prepared.loop is None or prepared.model.size > SMALL):
             return
         self.prepared, self._solution = prepared, weakref.ref(solution.resultants_of_beam)
         if run.is_repeatable and not self._brief:
@@ -205,21 +202,3 @@ class MotionSeries:
         stats.seconds = time.perf_counter() - began
         warn_of_damping(stats, dt)
         return prepared
-
-
-class Recent(threading.local):
-    """The series of the last motions of a thread: scenes of the same structure take their models.
-
-    As long as a solution is in use, it has its own.
-    """
-
-    def __init__(self):
-        self._series: list[tuple[tuple[int, ...], MotionSeries]] = []
-
-    def of(self, scene: Scene) -> MotionSeries:
-        """A series for a scene."""
-        key = len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
-        fit = (entry for entry in self._series if entry[0] == key and entry[1].is_free)
-        entry = next(fit, None) or (key, MotionSeries(brief=True))
-        self._series = [*(other for other in self._series if other is not entry), entry][-_MOST:]
-        return entry[1]

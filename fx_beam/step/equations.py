@@ -54,7 +54,7 @@ class Equations:
         if problem is None:
             # The loop of a motion has another storage, whose library is there already.
             bare = model.scheme.rates.at_rest or not inert
-            problem = Problem(model, NewtonOptions(), turning is not None, bare=bare)
+            problem = Problem.of(model, NewtonOptions(), turning is not None, True, bare)
             problem.hand_over_ends(turning)
             problem.c.at_rest |= not inert
         self._problem, self._c, self._library = problem, problem.c, problem.library

@@ -44,7 +44,7 @@ class CompiledLoop:
         if model.forms.beams is not None:
             model.forms.beams.bind_inversion()  # C has its form as well
         #: Owns the arrays to which C points.
-        self.problem = problem = Problem(model, options, forcing.turning is not None, alone)
+        self.problem = problem = Problem.of(model, options, forcing.turning is not None, alone)
         self._ffi, self._library = problem.ffi, problem.library
         # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
         names = "double[]", "int[]", "Inputs *", "Record *", "Rows[]"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import math
+import weakref
 from collections.abc import Callable
 from threading import RLock
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -95,13 +97,26 @@ class Model:
         self._damp_friction()
         self._structure, self._joints = Structure(scene), scene.joints[:]
         self._weightless = scheme.rates.at_rest and not mobile
-        #: Why the scene without loads is a mechanism; empty if it is none.
-        self.mechanism = ""
         self._settles = settles
+        #: What C has of it, by what it is for, and how often the numbers were set.
+        self.problems: dict[Any, Any] = {}
+        self.refills = 0
+        self._users: list[Callable[[], Any]] = []
         if not part:
             self._check_mechanism()
 
+    def needed_by(self, user: Any) -> None:
+        """Do not serve another scene as long as an object lives."""
+        self._users.append(weakref.ref(user))
+
+    @property
+    def is_free(self) -> bool:
+        """Whether all that needed it is gone."""
+        return bool(self._users) and all(user() is None for user in self._users)
+
     def _check_mechanism(self) -> None:
+        #: Why the scene without loads is a mechanism; empty if it is none.
+        self.mechanism = ""
         heavy = not self._weightless and not self.massless.any()
         if self.scene.virtual_works or heavy:
             return
@@ -119,6 +134,7 @@ class Model:
         What was assembled for the last scene changes in place.
         """
         self._structure.check(scene)
+        self.refills, self._users = self.refills + 1, []
         moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
         self.forms.refill(scene)
@@ -132,7 +148,7 @@ class Model:
         for name in (*(_OF_MASSES if heavier else ()), *(_OF_POSITIONS if elsewhere else ())):
             self.__dict__.pop(name, None)
         self._damp_friction()
-        if elsewhere or scene.drags:
+        if elsewhere or scene.drags or self.scheme.rates.at_rest:
             self._check_mechanism()
 
     def _damp_friction(self) -> None:

@@ -85,13 +85,24 @@ class Problem:
         numbers = self._numbers(masses=True) | self._positions()
         #: What some were made of: positions of nodes, and how often masses had changed.
         self._X, self._mass_changes = model.mesh.X, model.mass_changes
+        #: `Model.refills` at the last one.
+        self.refills = model.refills
         #: Members that are numbers of the scene, which C reads here.
         self._own = {name: np.array(values, float) for name, values in numbers.items()}
         self._set(**self._own)
         self._allocate()
         self._structs.check(self.c)
-        #: The struct before any run.
-        self._fresh = bytes(self.ffi.buffer(self.c))
+        self._structs.remember(self.c)
+
+    @classmethod
+    def of(cls, model: Model, *given: Any) -> Problem:
+        """A problem with the numbers that a model has now; one of earlier numbers serves again."""
+        problem = model.problems.get(given)
+        if problem is None or problem.refills == model.refills:  # that serves others now
+            problem = model.problems[given] = cls(model, *given)
+        else:
+            problem.refill()
+        return problem
 
     def _features_of_scene(self) -> str:
         """What the library for C must have (c/scene_features.h)."""
@@ -223,11 +234,12 @@ class Problem:
         for name, values in numbers.items():
             self._own[name][...] = values
         self._X, self._mass_changes = model.mesh.X, model.mass_changes
+        self.refills = model.refills
         if self.tables is not None:
             if moved:
                 self.tables.move(dolfinx_api.element_coordinates(model.mesh.mesh))
             self.tables.refill()
-        self.ffi.memmove(self.c, self._fresh, len(self._fresh))
+        self._structs.restore(self.c)
         self._clear()
 
     def _hand_over_points(self, stored_at: np.ndarray) -> None:
