@@ -62,8 +62,8 @@ def _package(name: str, distribution: str) -> str:
     place = Path(spec.origin).parent if spec.origin else "?"
     try:
         return f"{metadata.version(distribution)}, {place}"
-    except metadata.PackageNotFoundError:
-        return f"version unknown, {place}"
+    except metadata.PackageNotFoundError:  # such as dolfinx, which comes in the wheel of another
+        return f"{getattr(import_module(name), '__version__', 'version unknown')}, {place}"
 
 
 def _loop() -> str:

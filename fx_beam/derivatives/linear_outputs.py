@@ -137,7 +137,11 @@ class LocalOutput:
             given, places = np.asarray(getattr(local, field)), None if field in _OF_JOINTS else ends
             unit = np.zeros(given.shape)
             unit[component] = 1.0
-            slopes = slope(lambda x, name=field: of.law(local._replace(**{name: x})), given, unit)
+
+            def of_field(x: np.ndarray, name: str = field) -> np.ndarray:
+                return of.law(local._replace(**{name: x}))
+
+            slopes = slope(of_field, given, unit)
             for part, by in enumerate(np.atleast_2d(slopes)):
                 if by.any():
                     yield of_entries(name, entry, part, every, by, places)

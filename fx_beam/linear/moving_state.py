@@ -312,7 +312,8 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
     _, later, _, slides_later = step(2 * INSTANT, True)
     C, viscous = (2 * INSTANT * d for d in (at_once - later, slides_at_once - slides_later))
     size = abs(state.v / model.unit).max()
-    h = _SMALL / size if size else 1.0
+    # A motion of round-off alone would have steps so long that natural strains lose their digits.
+    h = min(_SMALL / size, 1.0) if size else 1.0
     if state.internal is not None or state.spring_internal is not None:
         h = min(h, _SHORT)
         _, ahead, _, slides_ahead = step(h, True, 0.5)

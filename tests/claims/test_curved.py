@@ -32,7 +32,7 @@ def all_places(beam):
 def at_lobatto_points(beam):
     """Places (elements, degree + 1, 2) of the elements' polynomials at their Lobatto points."""
     p, nodes = beam.degree, all_places(beam)
-    places = np.array([-1, *np.sort(Legendre.basis(p).deriv().roots()), 1])
+    places = np.array([-1, *np.sort(Legendre.basis(p).deriv().roots().real), 1])
     through = np.vander(places, p + 1) @ np.linalg.inv(np.vander(np.linspace(-1, 1, p + 1)))
     return np.array([through @ nodes[k * p : k * p + p + 1] for k in range(beam.elements)]), places
 
