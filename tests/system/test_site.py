@@ -45,30 +45,6 @@ document.fonts.load('16px "fx_beam Math"').then(async fonts => {
 """
 
 
-# In either mode: for each piece of code whether it has its button, what that would copy, and the
-# difference of lightness between its sign and its ground.
-BUTTONS = """
-addEventListener('load', () => {
-  const light = colour =>
-    colour.match(/[\\d.]+/g).slice(0, 3).reduce((sum, x) => sum + +x, 0) / 765;
-  const look = mode => {
-    document.documentElement.dataset.theme = mode;
-    return [...document.querySelectorAll('pre')].map(code => {
-      const button = code.parentElement.querySelector('button.copybtn');
-      if (!button) return null;
-      const style = getComputedStyle(button);
-      return {
-        shown: style.opacity == 1 && button.getBoundingClientRect().width > 10,
-        contrast: Math.abs(light(style.color) - light(style.backgroundColor)),
-        copies: document.querySelector(button.dataset.clipboardTarget).textContent,
-      };
-    });
-  };
-  document.title = JSON.stringify({light: look('light'), dark: look('dark')});
-});
-"""
-
-
 @pytest.fixture
 def extension(monkeypatch):
     """Imports an extension of the site."""
@@ -109,13 +85,12 @@ def test_formulas_are_whole_where_the_system_has_no_font_for_them(drawn, tmp_pat
     assert max(measured["cut"]) <= 0
 
 
-def built_page(text, folder, *extensions):
+def built_page(text, folder):
     """Folder of a site of one page with the settings of the whole site."""
     (folder / "index.md").write_text(text)
     command = [sys.executable, "-m", "sphinx", "-q", "-c", str(DOCS), str(folder)]
-    chosen = ",".join(["extensions=myst_parser", "mathml", *extensions])
     subprocess.run(
-        [*command, str(folder / "html"), "-D", chosen],
+        [*command, str(folder / "html"), "-D", "extensions=myst_parser,mathml"],
         check=True,
         capture_output=True,
         timeout=120,
@@ -134,34 +109,6 @@ def test_the_search_knows_the_words_of_other_fields(tmp_path):
         "belt tendon rope cable chain hinge pin Kelvin Voigt Rayleigh Riks linkage muscle bumper"
     )
     assert not {word for word in words.split() if search.stem(word.lower()) not in known}
-
-
-@pytest.mark.slow
-@browser.needed
-def test_code_has_a_button_to_copy_it_in_light_and_dark(tmp_path):
-    pytest.importorskip("sphinx_copybutton")
-    pytest.importorskip("pydata_sphinx_theme")
-    page = "# A page\n\n```python\nx = 1\n```\n\n```text\nprinted\n```\n"
-    built = built_page(page, tmp_path, "sphinx_copybutton") / "index.html"
-    still = "<style>* { transition: none !important; }</style>"
-    script = f"{still}<script>{BUTTONS}</script></body>"
-    built.write_text(built.read_text().replace("</body>", script))
-    dom = browser.dom(built, tmp_path)
-    for code, printed in json.loads(re.search("<title>(.*?)</title>", dom)[1]).values():
-        assert code["shown"] and code["copies"] == "x = 1\n"
-        assert code["contrast"] > 0.25
-        assert printed is None
-
-
-@pytest.mark.slow
-@browser.needed
-def test_pictures_open_in_their_full_size_unless_they_lead_to_a_page(tmp_path):
-    pytest.importorskip("pydata_sphinx_theme")
-    shutil.copy(DOCS / "pictures" / "oscillator.png", tmp_path / "one.png")
-    page = "# A page\n\n![One](one.png)\n\n[![Link](one.png)](https://example.org)\n"
-    dom = browser.dom(built_page(page, tmp_path) / "index.html", tmp_path)
-    links = re.findall(r'<a [^>]*href="([^"]*)"[^>]*><img [^>]*src="([^"]*)"', dom)
-    assert [Path(href).name for href, _ in links] == ["one.png", "example.org"]
 
 
 def test_formulas_of_all_demos_can_be_drawn(extension, drawn):
