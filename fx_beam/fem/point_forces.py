@@ -228,6 +228,7 @@ class PointForces:
             nodal=self._nodal,
             all=len(rows),
             of=rows,
+            probe=np.zeros(max((law.values + 2 * law.law.size for law in laws), default=1)),
             followed={"size": following, "memory": np.zeros(self._c.FIXED_POINT_ROWS * following)},
         )
         if self.members is not None:
@@ -268,7 +269,7 @@ class PointForces:
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""
         force, law, given = self._forces[i], self._laws[i], self._given[i]
-        of = law.law
+        of, row, column = law.law, *law.entries.T
         self._numbers[i][:] = force.numbers
         return {
             "law": law.address("law"),
@@ -280,6 +281,7 @@ class PointForces:
             "internal": of.internal,
             "remembered": of.remembered,
             "conditions": law.conditions,
+            "overshoots": of.overshoots,
             "dof": np.array(force.dofs or [-1]),
             "slide": force.slide,
             "column": -1,
@@ -290,12 +292,15 @@ class PointForces:
             "load_axis": force.load.axis,
             "first_internal": self._first_internal[i],
             "first_entry": first_entry,
+            "entry_row": row,
+            "entry_column": column,
             "given": given,
             "numbers": self._numbers[i],
             "parameters": len(law.parameters),
             "parameter": [self._names.index(name) for name in law.parameters],
             "parameter_values": given[arguments(of) :],
             "results": self._results[i],
+            "tangent_at": np.zeros(2 * of.size + len(law.entries)),
         }
 
     @property

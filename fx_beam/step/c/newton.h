@@ -193,20 +193,37 @@ static void retake(const Problem *p, const Work *w, double *taken, double part) 
   balance(p, w);
 }
 
+/* The motion of all nodes in the last correction. */
+static void begin_deviation(const Problem *p, const Work *w) {
+  memset(w->step + p->free, 0, (p->columns - p->free) * sizeof(double));
+  spread(p, w, w->step, w->correction);
+}
+
+static double deviation(const Problem *p, const Work *w, double part) {
+  return point_deviation(p->points, w->correction, w->step, part);
+}
+
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
    regula falsi. `gained` is the work at its start. */
 static void line_search(const Problem *p, const Work *w, double gained) {
-  double low = 0, high = 1, at_low = gained, at_high = along_step(p, w), taken = 1;
+  int springs = !p->cell_internal;
+  if (springs) begin_deviation(p, w);
+  double at_high = springs ? deviation(p, w, 1) : along_step(p, w);
+  double low = 0, high = 1, at_low = gained, taken = 1, part = 1, work;
   if (gained <= 0 || -at_high <= p->overshoot * gained) return;
   for (int k = 0; k < p->searches; ++k) {
-    double part = (low * at_high - high * at_low) / (at_high - at_low), work;
-    retake(p, w, &taken, part), work = along_step(p, w);
+    part = (low * at_high - high * at_low) / (at_high - at_low);
+    if (springs)
+      work = gained * (1 - part) + deviation(p, w, part);
+    else
+      retake(p, w, &taken, part), work = along_step(p, w);
     if (fabs(work) <= p->overshoot * gained) break;
     if (work > 0)
       low = part, at_low = work, at_high /= 2;
     else
       high = part, at_high = work, at_low /= 2;
   }
+  if (springs) retake(p, w, &taken, part);
 }
 
 /* Instead of the order of a prediction: from the unknowns as they are. */
@@ -240,6 +257,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
     if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
+    if (p->may_overshoot) note_tangents(p->points);
     if (HAS(MEMBERS) && p->changing) change_rows(p);
     p->residuals[p->tried++ % RESIDUALS] = largest_size(free, w->reduced);
     memset(w->step, 0, p->columns * sizeof(double));

@@ -10,7 +10,7 @@ typedef struct {
   struct { Law *energy; };   /* stored at the start */
   struct { Law *loss; };     /* lost in the step */
   struct { Law *switches; }; /* values that change their sign where it switches */
-  int size, entries, internal, remembered, conditions;
+  int size, entries, internal, remembered, conditions, overshoots;
   int *dof;           /* [size] degrees of freedom; -1 for the ground */
   int slide, column;  /* joint of a slide and its column, or -1 */
   int joint;          /* to whose moment it belongs, or -1 */
@@ -18,11 +18,13 @@ typedef struct {
   double load_axis[2]; /* across which the force counts; zero for all of it */
   int nodes;          /* of a contact: on which the force on its point acts, the first ones */
   int first_internal, first_entry; /* among those of all forces */
+  int *entry_row, *entry_column;   /* [entries] */
   /* Given: start, increment and rate [size], t, dt, internal variables, remembered, numbers of the law,
      values of parameters. */
   double *given, *numbers, *results;
   int parameters, *parameter; /* which ones of the scene it needs */
   double *parameter_values;
+  double *tangent_at; /* increment and results where the tangent is evaluated, if it `overshoots` */
 } PointForce;
 
 /* Largest number of secants of a fixed point. */
@@ -39,7 +41,10 @@ typedef struct {
 typedef struct {
   int contacts, external, nodal, all;
   int recorded;         /* points whose forces are recorded: of contacts, then slots of members */
-  struct { PointForce *of; };
+  struct {
+    PointForce *of;
+    double *probe;    /* room for results of one force, and for a correction */
+  };
   struct { MemberContacts *members; };
   FixedPoint followed;  /* forces of joints that limit friction */
 } PointForces;

@@ -68,24 +68,24 @@ void fx_add_point_tangents(const PointForces *p, const int *stored_at, double *K
 }
 
 double fx_lost_at_points(const PointForces *p, const double *D, const double *z) {
-  double lost, sum = HAS(MEMBERS) && p->members ? lost_at_members(p->members, D) : 0;
+  double sum = HAS(MEMBERS) && p->members ? lost_at_members(p->members, D) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->loss) continue;
     move_to(e, D, z);
-    call(e->loss, e->given, &lost, 1);
-    sum += lost;
+    call(e->loss, e->given, p->probe, 1);
+    sum += *p->probe;
   }
   return sum;
 }
 
 double fx_stored_at_points(const PointForces *p, const double *q, const double *slide, const double *internal) {
-  double stored, sum = HAS(MEMBERS) && p->members ? stored_at_members(p->members, &(Energy){0}, q, internal) : 0;
+  double sum = HAS(MEMBERS) && p->members ? stored_at_members(p->members, &(Energy){0}, q, internal) : 0;
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->energy) continue;
     place_at(e, q, slide);
     for (int i = 0; i < e->internal; ++i) e->given[3 * e->size + 2 + i] = internal[e->first_internal + i];
-    call(e->energy, e->given, &stored, 1);
-    sum += stored;
+    call(e->energy, e->given, p->probe, 1);
+    sum += *p->probe;
   }
   return sum;
 }
@@ -146,4 +146,37 @@ void fx_find_switches(const PointForces *p, const double *q, const double *slide
     call(e->switches, e->given, out, e->conditions);
   }
   if (HAS(MEMBERS) && p->members) member_gaps(p->members, q, out);
+}
+
+/* Of forces with functions of a user: notes the tangent. */
+static void note_tangents(const PointForces *p) {
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
+    if (!e->overshoots) continue;
+    memcpy(e->tangent_at, e->given + e->size, e->size * sizeof(double));
+    memcpy(e->tangent_at + e->size, e->results, (e->size + e->entries) * sizeof(double));
+  }
+}
+
+/* The work, on a part of the last correction, of what these forces deviate from their tangent. */
+static double point_deviation(const PointForces *p, const double *correction, const double *step, double part) {
+  double sum = 0;
+  for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
+    if (!e->overshoots) continue;
+    int n = e->size, values = values_of(e);
+    double *D = e->given + n, *now = p->probe, *along = now + values, *before = along + n;
+    const double *from = e->tangent_at, *force = from + n, *slope = force + n;
+    memcpy(before, D, n * sizeof(double));
+    for (int k = 0; k < n; ++k) {
+      along[k] = coordinate(e, k, correction, step, e->column);
+      D[k] += (1 - part) * along[k];
+    }
+    call(e->law, e->given, now, values);
+    for (int k = 0; k < n; ++k) sum += along[k] * (now[k] - force[k]);
+    for (int i = 0; i < e->entries; ++i) {
+      int column = e->entry_column[i];
+      sum -= along[e->entry_row[i]] * slope[i] * (D[column] - from[column]);
+    }
+    memcpy(D, before, n * sizeof(double));
+  }
+  return sum;
 }
