@@ -57,7 +57,7 @@ import fx_beam as fb
 scene = fb.Scene()
 beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=10.0))
 scene.set_velocity(beam, (1.0, 0.0))
-fb.plot.shapes(fb.simulate(scene, dt=0.1, t_end=0.1), [0, 1], "shapes.png")
+fb.plot.shapes(fb.simulate(scene, dt=0.1, t_end=0.1), "shapes.png")
 """
     assert script(code) == ""
 

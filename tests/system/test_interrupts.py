@@ -3,15 +3,13 @@
 import itertools
 import signal
 import sys
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from interrupting import call_stopped_at
 
 import fx_beam as fb
-from fx_beam.motions import dynamics, open_motion
-from fx_beam.motions.motion_series import MotionSeries
+from fx_beam.motions import motion_series, open_motion, recent
 from fx_beam.step import single_steps
 
 DT = 1 / 64
@@ -205,7 +203,8 @@ def alarm():
 def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctrl_c, monkeypatch):
     run = RUNS[name]()
     # Each run sets up a model of its own, so that it has as many lines as the others.
-    monkeypatch.setattr(dynamics, "_RECENT", SimpleNamespace(of=lambda scene: MotionSeries()))
+    for module in (recent, motion_series):
+        monkeypatch.setattr(module, "SMALL", -1)
     whole = run()
     steps, end = lines_of(run)
     # Not at the beginning of the steps: from run to run it is some lines earlier or later.

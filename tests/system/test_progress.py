@@ -10,6 +10,7 @@ from jointed import whirling
 from scenes import FLYING
 
 import fx_beam as fb
+from fx_beam.motions import recent
 
 # Without rounding, so that two runs may be equal to the last digit.
 DT = 1 / 16
@@ -110,20 +111,27 @@ def loaded():
 
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
-def test_an_interrupted_path_hands_over_its_equilibria(continuation):
+def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch):
+    monkeypatch.setattr(recent, "SMALL", -1)  # each run sets up a model of its own
+
     def path():
         return fb.static(loaded(), steps=5, continuation=continuation)
 
-    whole, rows, place, ended = path(), [], 1000, False
-    while not ended:  # at ever later lines of Python
+    def stopped(place):
         try:
-            ended = not call_stopped_at(place, path, how=raised)
+            call_stopped_at(place, path, how=raised)
         except KeyboardInterrupt as stop:
-            if (first := stop.solution) is not None:
-                rows.append(len(first.t))
-                np.testing.assert_array_equal(first.q, whole.q[: rows[-1]])
-                assert first.stats.failure.kind == "interrupted" and stop.__notes__
-        place += place // 5
+            return stop
+
+    whole, rows, end = path(), [], 1000
+    while stopped(end):  # its lines of Python, of which the last are those of the steps
+        end += end // 5
+    for place in np.linspace(end / 1.3, end, 90):
+        stop = stopped(int(place))
+        if (first := getattr(stop, "solution", None)) is not None:
+            rows.append(len(first.t))
+            np.testing.assert_array_equal(first.q, whole.q[: rows[-1]])
+            assert first.stats.failure.kind == "interrupted" and stop.__notes__
     assert any(1 < count < len(whole.t) for count in rows)
 
 
