@@ -268,9 +268,11 @@ def simulate(
         until=until,
         outputs=outputs,
     )
-    if (series := thread_series()) is None:
-        series, key = take_recent(scene, "motion")
-        keep(series := series or MotionSeries(brief=True), key)
+    series = thread_series()
+    if series is None:
+        recent, key = take_recent(scene, "motion")
+        series = recent or MotionSeries(brief=True)
+        keep(series, key)
     if changes is None:
         return series.motion(scene, options, start)
     return ChangingScene(scene, changes, options).motion(series, start)

@@ -56,8 +56,10 @@ def warn_of_equal_work() -> None:
 def waiting_team(scene: Scene) -> Team | None:
     """Processes that wait for parts of a scene; None without any, in a sweep, or if it is small."""
     team = present() if thread_series() is None else None
+    if team is None:
+        return None
     elements = sum(beam.elements for beam in scene.beams)
-    if team is None or elements >= SMALLEST:
+    if elements >= SMALLEST:
         return team
     _log.info(
         "%d elements: the first of %d processes computes them alone, which is faster below %d",

@@ -340,12 +340,15 @@ def checked_drawing(
     times: Any = None,
     count: Any = None,
 ) -> Drawing:
-    """A drawing of rows, of those next to some times, or of a usual or another number of them."""
+    """A drawing of some rows, of those next to some times, or of a number of them.
+
+    `usual` is the number if nothing is asked for. SceneError for what does not fit.
+    """
     require(isinstance(solution, Solution), "solution", solution, "a Solution")
     last, t = len(solution.t) - 1, solution.t
     if sum(given is not None for given in (rows, times, count)) > 1:
         raise SceneError("a picture shows rows, times or a count of rows: give one of these")
-    if rows is times is None:
+    if rows is None and times is None:
         count = usual if count is None else count
         require(is_whole(count, 1), "count", count, "a whole number, at least 1")
         rows = np.unique(np.linspace(0, last, min(count, last + 1)).round().astype(int)).tolist()

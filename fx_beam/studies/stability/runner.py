@@ -26,7 +26,6 @@ from .case import Case, Cell, Verdict, classify, drift_of, energy_ratio
 
 _log = logging.getLogger("fx_beam")
 
-# Number of points of a stored curve.
 # Relative change of the time step for repeated runs: enough to change the last digits of all
 # results. It must be small, so that a load that jumps between two steps still does.
 _DIGIT = 2.0**-51
