@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .dual import Dual, have_slopes, plain, stacked
+
 _NOW: ContextVar[ArrayCalls | None] = ContextVar("array calls", default=None)
 # Fewer values are cheaper one by one; an array of so many is never taken for a vector.
 _LEAST = 24
@@ -32,13 +34,16 @@ class ArrayCalls:
     ) -> np.ndarray:
         """Values (n, size) at n arguments (n, k); `one_by_one` finds them from some of these."""
         key = what, getattr(function, "__code__", type(function))
-        if len(arguments) < _LEAST or not self._fit.get(key, True):
+        least = 2 if have_slopes() else _LEAST  # with slopes, calls one by one are dear
+        if len(arguments) < least or not self._fit.get(key, True):
             return one_by_one(arguments)
         at_once, is_first = _at_once(function, size, arguments), key not in self._fit
         if is_first:
             known = one_by_one(arguments)
             self._fit[key] = at_once is not None and _agree(at_once, known)
             return known
+        if have_slopes() and at_once is not None:
+            return at_once  # the last motion has compared values
         some = np.linspace(0, len(arguments) - 1, _SAMPLES).astype(int)
         if at_once is None or not _agree(at_once[some], one_by_one(arguments[some])):
             return one_by_one(arguments)
@@ -65,23 +70,28 @@ class calling_with_arrays:  # noqa: N801  # a block, which costs less than one b
 
 def _agree(values: np.ndarray, known: np.ndarray) -> bool:
     """Whether values (n, size) differ by round-off at most."""
+    values, known = plain(values), plain(known)
     return bool((abs(values - known) <= _ROUNDING * abs(known).max(axis=0)).all())
 
 
 def _at_once(function: Callable, size: int, arguments: np.ndarray) -> np.ndarray | None:
     """Finite values (n, size) of one call; None if they do not fit."""
-    columns = np.array(arguments.T[..., None], order="C")
-    columns.setflags(write=False)
+    if isinstance(arguments, Dual):
+        columns: Any = [arguments[:, [i]] for i in range(arguments.shape[1])]
+    else:
+        columns = np.array(arguments.T[..., None], order="C")
+        columns.setflags(write=False)
     shape = len(arguments), 1
     try:
         with np.errstate(divide="raise", over="raise", invalid="raise"):
             result: Any = function(*columns)
-        if isinstance(result, np.ndarray) and result.shape == (len(arguments), size):
-            values = np.array(result, float)
+        if isinstance(result, np.ndarray | Dual) and result.shape == (len(arguments), size):
+            values = stacked(result)
         else:
-            alone = not hasattr(result, "__len__") or len(result) != size
+            alone = isinstance(result, Dual) and not result.ndim
+            alone = alone or not hasattr(result, "__len__") or len(result) != size
             parts: Sequence = (result,) if alone else result
-            values = np.hstack([np.broadcast_to(np.asarray(part, float), shape) for part in parts])
+            values = np.hstack([np.broadcast_to(stacked(part), shape) for part in parts])
     except Exception:  # noqa: BLE001  # whatever a function does that takes single numbers
         return None
     return values if values.shape[1] == size and np.isfinite(values).all() else None

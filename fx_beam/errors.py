@@ -20,6 +20,7 @@ from ufl.constantvalue import RealValue, Zero
 import numpy as np
 
 from .array_calls import array_calls
+from .dual import Dual, DualFloat, dual_of, in_scene, stacked
 
 TimeFunction = Callable[[float], np.ndarray]
 # Parameter names, in lower case, that show a function of position instead of time.
@@ -148,6 +149,10 @@ def as_float(value) -> float:
     """
     if type(value) in _PLAIN:
         return float(value)
+    if isinstance(value, Dual):
+        return math.nan if value.ndim else in_scene(value)
+    if isinstance(value, DualFloat):
+        return value
     scalar = _scalar(value)
     try:
         return float(scalar) if _is_real(scalar) else math.nan
@@ -288,6 +293,8 @@ def numbers(value) -> np.ndarray:
         return np.array(value, dtype=float)
     if type(value) in (list, tuple) and all(type(part) is float for part in value):
         return np.array(value)
+    if (dual := dual_of(value)) is not None:
+        return in_scene(dual if dual.ndim else dual.reshape(1))
     parts = value if isinstance(value, list | tuple) else [value]
     if any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(part) for part in parts):
         return np.empty((0, 0))
@@ -339,7 +346,7 @@ class Constant:
 
     def each(self, arguments) -> np.ndarray:
         """The constant (n, size), for n tuples of arguments."""
-        return np.broadcast_to(self._value, (len(arguments), len(self._value)))
+        return np.broadcast_to(stacked(self._value), (len(arguments), len(self._value)))
 
 
 def argument_names(function) -> list[str]:
@@ -463,7 +470,7 @@ class _CheckedFunction:
             one = arguments[min(len(collected), len(arguments) - 1)]
             raise self._failure(one, error) from error
         # Else the line below finds the arguments whose value is wrong.
-        return np.array([self(*one) for one in arguments]) if values is None else values
+        return stacked([self(*one) for one in arguments]) if values is None else values
 
     def collect(self, collected: list, arguments) -> np.ndarray | None:
         """Call the function, with its values in `collected`; gives them (n, size), if all fit.
@@ -502,7 +509,7 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
     Raises StepError otherwise. The `time` of the error, or of another exception, says when.
     """
     if isinstance(function, Constant):
-        return np.array(function.each(times))
+        return stacked(function.each(times))
     if isinstance(function, _CheckedFunction) and (calls := array_calls()) is not None:
         one_by_one = functools.partial(_series, function, what=what)
         return calls.values(function.function, function.size, times[:, None], what, one_by_one)
@@ -525,7 +532,7 @@ def _series(function: TimeFunction, arguments: np.ndarray, what: str) -> np.ndar
         if values is not None and np.isfinite(values).all():
             return values
         # Else the line below finds the time of the failure.
-    return np.array([evaluate(function, float(t), what) for t in times])
+    return stacked([evaluate(function, float(t), what) for t in times])
 
 
 def evaluate(function: TimeFunction, t: float, what: str) -> np.ndarray:

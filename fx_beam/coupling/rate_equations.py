@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import plain, stacked
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
@@ -52,9 +53,7 @@ class RateEquations:
     ):
         self._points, self._X, self.columns = points, mesh.X, columns
         self.size, self.joints = mesh.dofs.size, scene.joint_count
-        #: From a to b in the reference configuration, and axes of slides (joints + 1, 2); the last
-        #: is none, as the joint -1 of supports.
-        self.apart, self.axis = np.zeros((2, self.joints + 1, 2))
+        self.apart, self.axis = map(plain, arms_and_axes(scene, sliding))
         #: Kinds of the tracks of joints, and by the numbers of the joints (joints + 1,) theirs.
         self.tracks: set[type[Track]] = {Track, *(joint.track for joint in scene.joints)}
         self.track = np.zeros(self.joints + 1, dtype=int)
@@ -64,10 +63,7 @@ class RateEquations:
         for joint in scene.joints:
             if joint in sliding:
                 continue
-            if not joint.is_index:  # else its nodes coincide
-                self.apart[joint.number] = joint.apart
             if joint.axis is not None:
-                self.axis[joint.number] = joint.axis
                 self.track[joint.number] = joint.track.number
             if joint not in left_out:
                 free = "slide" in joint.coordinates and "slide" not in joint.driven
@@ -205,6 +201,22 @@ class OnBeam:
             "nodes": len(self.path),
             "path": [table_of(self.path) | {"dofs": self.beam}],
         }
+
+
+def arms_and_axes(scene: Scene, sliding: Sequence[SlidingJoint]) -> tuple[Any, Any]:
+    """From a to b in the reference configuration, and axes of slides (joints + 1, 2).
+
+    The last is none, as the joint -1 of supports. They have slopes if the scene has.
+    """
+    arms: list[Any] = [(0.0, 0.0)] * (scene.joint_count + 1)
+    axes = arms[:]
+    for joint in scene.joints:
+        if joint not in sliding:
+            if not joint.is_index:  # else its nodes coincide
+                arms[joint.number] = joint.apart
+            if joint.axis is not None:
+                axes[joint.number] = joint.axis
+    return stacked(arms), stacked(axes)
 
 
 def rigid_points(

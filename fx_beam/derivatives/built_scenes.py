@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import Dual, LostSlopesError, plain, slopes_by
 from fx_beam.errors import SceneError, all_of, check_takes, numbers, require, shown
-from fx_beam.motions.numbers import OF_STEPS
+from fx_beam.motions.numbers import OF_OUTPUTS, OF_STEPS
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -18,8 +19,8 @@ from .output_values import Wanted
 
 #: A function of numbers (m,) that gives a scene and its outputs by name.
 Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
-#: Arrays by name, of a scene with a change of x[i]: a function of the scene, i and the change.
-NumbersOf = Callable[[Scene, int, float], dict[str, np.ndarray]]
+#: Arrays by name, some of which may be dual: a function of the scene, and of the change of x (m,).
+NumbersOf = Callable[[Scene, Any], dict[str, Any]]
 
 _log = logging.getLogger("fx_beam")
 _INACCURATE = (
@@ -42,6 +43,9 @@ _NOISE, _COMPUTED = 1e-12, {"a", "v", "driven rates", "forces of columns", "forc
 _ROUNDING = 8 * np.finfo(float).eps
 # Largest difference of the numbers of two scenes at the same x, relative to them.
 _SAME = 1e-9
+# Step of the difference by which slopes are checked, relative to x; errors of it, relative to the
+# sizes of all terms; and round-off of numbers, relative to their size.
+_CHECK_STEP, _AGREE, _FEW_DIGITS = 2.0**-20, 1e-4, 64 * np.finfo(float).eps
 
 
 def checked_numbers(x: Any) -> np.ndarray:
@@ -61,8 +65,14 @@ class BuiltScenes:
         self.names: list[str] = []
         # Numbers of which it was said that differences of `build` are inaccurate.
         self._told: set[int] = set()
+        #: Why there are differences by some of the numbers, by their indices.
+        self.reasons: dict[int, str] = {}
+        # Names of the only numbers, which steps do not read, that have differences by some of x.
+        self._names: dict[int, list[str]] = {}
+        # Shapes of all numbers, by name, for which slopes were checked.
+        self._checked: list[dict[str, tuple[int, ...]]] = []
 
-    def at(self, x: np.ndarray) -> tuple[Scene, dict[str, Wanted]]:
+    def at(self, x: Any) -> tuple[Scene, dict[str, Wanted]]:
         """The scene of numbers, and its outputs; SceneError if `build` gives something else."""
         built = self._build(x)
         fits = isinstance(built, tuple) and len(built) == 2
@@ -85,17 +95,97 @@ class BuiltScenes:
         require(list(outputs) == self.names, "Response: outputs", list(outputs), wanted)
         return scene, outputs
 
+    @property
+    def reason(self) -> str:
+        """By which numbers derivatives are differences of `build`, and why; empty if by none."""
+        return "; ".join(f"x[{i}]: {self.reasons[i]}" for i in sorted(self.reasons))
+
     def derivatives(
         self, x: np.ndarray, known: Scene, numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) by x of the numbers of scenes; `known` is that at x."""
-        before, here = numbers_of(known, 0, 0.0), self._numbers(x, 0, 0.0, numbers_of)
-        _check_same(before, here)
-        by_name = {name: np.zeros((len(x), *values.shape)) for name, values in here.items()}
-        for i in range(len(x)):
-            for name, values in self._derivative(x, i, here, numbers_of):
-                by_name[name][i] = values
+        here, by_name = self._slopes(x, numbers_of)
+        if (shapes := {name: values.shape for name, values in here.items()}) not in self._checked:
+            _check_same(numbers_of(known, np.zeros(len(x))), here)
+            self._checked.append(shapes)
+            self._check(x, here, by_name, numbers_of)
+        for i in sorted(self.reasons):
+            differences = dict(self._derivative(x, i, here, numbers_of))
+            for name in self._names.get(i, by_name.keys()):
+                by_name[name][i] = differences.get(name, 0.0)
         return by_name
+
+    # -- By dual numbers ---------------------------------------------------------------------------
+
+    def _slopes(
+        self, x: np.ndarray, numbers_of: NumbersOf
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """The numbers of a scene, and slopes (m, ...) by those of x that have no `reasons`."""
+        while len(lost := self.reasons.keys() - self._names.keys()) < len(x):
+            try:
+                with slopes_by(x, without=lost) as dual:
+                    change = Dual(np.zeros(len(x)), dual.slopes)
+                    numbers = numbers_of(self.at(dual)[0], change)
+                break
+            except Exception as error:  # noqa: BLE001  # whatever a function does that takes floats
+                self._learn(error, {*range(len(x))} - lost)
+        else:
+            numbers = self._numbers(x, np.zeros(len(x)), numbers_of)
+        by_name = {name: np.zeros((len(x), *values.shape)) for name, values in numbers.items()}
+        for name, values in numbers.items():
+            if isinstance(values, Dual):
+                by_name[name][:] = np.moveaxis(values.slopes, -1, 0)
+        return {name: plain(values) for name, values in numbers.items()}, by_name
+
+    def _learn(self, error: BaseException | None, others: set[int]) -> None:
+        """Take differences by those numbers that an error says to have no slopes, or by all."""
+        text = repr(error)
+        while error is not None and not isinstance(error, LostSlopesError):
+            error = error.__cause__ or error.__context__
+        if isinstance(error, LostSlopesError) and error.numbers & others:
+            text, others = str(error), error.numbers & others
+        for i in others:
+            self._names.pop(i, None)
+            self.reasons.setdefault(i, text)
+
+    def _check(
+        self,
+        x: np.ndarray,
+        here: dict[str, np.ndarray],
+        by_name: dict[str, np.ndarray],
+        numbers_of: NumbersOf,
+    ) -> None:
+        """Take differences by numbers whose slopes are others, from now on.
+
+        One difference along a change of all numbers shows whether there are any.
+        """
+        steps = _CHECK_STEP * np.where(abs(x) > _ZERO, x, 1.0)
+        others = sorted({*range(len(x))} - self.reasons.keys())
+        change, size = np.zeros(len(x)), np.random.default_rng(0).uniform(0.5, 1, len(x))
+        change[others] = (size * steps)[others] * (-1.0) ** np.arange(len(others))
+        try:
+            scenes = [(self.at(x + by)[0], by) for by in (-change, change)]
+        except SceneError:  # that of one number says it better
+            scenes = []
+        try:
+            ends = [numbers_of(scene, by) for scene, by in scenes]
+        except OtherStructureError as other:
+            raise SceneError(
+                f"Response: a scene beside x = {shown(x)} has another structure than there: "
+                f"{other}. There are no derivatives at x"
+            ) from None
+        if scenes and not _wrong(change, ends, here, by_name):
+            return
+        for i in others:
+            change = steps * (np.arange(len(x)) == i)
+            ends = [self._moved(x, i, by, numbers_of) for by in (-steps[i], steps[i])]
+            if wrong := _wrong(change, ends, here, by_name):
+                text = ", ".join(map(repr, wrong))
+                self.reasons[i] = f"it changes {text} of the scene in a way that has no slopes"
+                if OF_OUTPUTS.issuperset(wrong):
+                    self._names[i] = wrong
+
+    # -- By differences ----------------------------------------------------------------------------
 
     def _derivative(
         self, x: np.ndarray, i: int, here: dict[str, np.ndarray], numbers_of: NumbersOf
@@ -103,7 +193,7 @@ class BuiltScenes:
         """Derivatives (...) by x[i] of those numbers that depend on it."""
         size = x[i] if abs(x[i]) > _ZERO else 1.0
         h = 2.0 ** (np.frexp(size)[1] + _STEP)  # x + h is exact
-        low, above = (self._numbers(x, i, change, numbers_of) for change in (-h, h / 2))
+        low, above = (self._moved(x, i, change, numbers_of) for change in (-h, h / 2))
         depend = [
             name
             for name, values in here.items()
@@ -129,7 +219,7 @@ class BuiltScenes:
         best: dict[str, tuple[float, np.ndarray]] = {}
         sizes, worse, bent = dict.fromkeys(depend, np.zeros(())), 0, dict[str, float]()
         for _ in range(_TRIES):
-            below, high = (self._numbers(x, i, change, numbers_of) for change in (-h / 2, h))
+            below, high = (self._moved(x, i, change, numbers_of) for change in (-h / 2, h))
             for name in depend:
                 if name in best and best[name][0] <= _BENT:
                     continue
@@ -146,7 +236,7 @@ class BuiltScenes:
             if not bent or worse == 2:
                 break  # all is well, or round-off grows
             h *= 2.0 ** -int(np.clip(np.log2(max(bent.values()) / _BENT) / 2 + 1, 1, _SHORTER))
-            low, above = (self._numbers(x, i, change, numbers_of) for change in (-h, h / 2))
+            low, above = (self._moved(x, i, change, numbers_of) for change in (-h, h / 2))
         if bent and i not in self._told:
             self._told.add(i)
             name = max(bent, key=bent.__getitem__)
@@ -155,21 +245,27 @@ class BuiltScenes:
             yield name, values
 
     def _numbers(
-        self, x: np.ndarray, i: int, change: float, numbers_of: NumbersOf
+        self, x: np.ndarray, change: np.ndarray, numbers_of: NumbersOf
+    ) -> dict[str, np.ndarray]:
+        """Numbers of the scene with a change of x."""
+        return numbers_of(self.at(x + change)[0], change)
+
+    def _moved(
+        self, x: np.ndarray, i: int, by: float, numbers_of: NumbersOf
     ) -> dict[str, np.ndarray]:
         """Numbers of the scene with a change of x[i]."""
-        moved, here = x.copy(), shown(x[i])
-        moved[i] += change
-        there = shown(moved[i])
+        change, here = np.zeros(len(x)), shown(x[i])
+        change[i] = by
+        there = shown(x[i] + by)
         try:
-            scene, _ = self.at(moved)
+            scene, _ = self.at(x + change)
         except SceneError as error:
             raise SceneError(
                 f"Response: no derivatives by x[{i}] at {here}, since there is no scene at "
                 f"{there}: {error}"
             ) from error
         try:
-            return numbers_of(scene, i, change)
+            return numbers_of(scene, change)
         except OtherStructureError as other:
             raise SceneError(
                 f"Response: the scene at x[{i}] = {there} has another structure than at {here}: "
@@ -185,6 +281,27 @@ def _check_same(before: dict[str, np.ndarray], here: dict[str, np.ndarray]) -> N
                 f"Response: build gives other numbers than before at the same x: {name!r} of the "
                 f"scene differs by {gap:.2g}. They must depend on x alone"
             )
+
+
+def _wrong(
+    change: np.ndarray,
+    ends: list[dict[str, np.ndarray]],
+    here: dict[str, np.ndarray],
+    by_name: dict[str, np.ndarray],
+) -> list[str]:
+    """Names of numbers whose difference, between the ends of a change, is not that of slopes."""
+    wrong = []
+    for name, slopes in by_name.items():
+        known, sizes = np.tensordot(change, slopes, 1), np.tensordot(abs(change), abs(slopes), 1)
+        error, values = abs((ends[1][name] - ends[0][name]) / 2 - known), abs(here[name])
+        if name in OF_STEPS:
+            sizes, values = sizes.max(axis=0), values.max(axis=0)
+        if name != "points":  # whose numbers have different units
+            values = values.max(initial=0.0)
+        round_off = (1e4 if name in _COMPUTED else 1.0) * _FEW_DIGITS * values
+        if not all_of(error <= _AGREE * sizes + round_off):
+            wrong.append(name)
+    return sorted(wrong)
 
 
 def _size(name: str, values: np.ndarray) -> np.ndarray:

@@ -177,3 +177,9 @@ class LocalOutput:
 def needs_rates(output: Output) -> bool:
     """Whether rates that fit the joints, or their impulses, are in an output."""
     return record_of(output) in ("rates", "forces")
+
+
+def observes_start(output: Output) -> bool:
+    """Whether accelerations or forces at the start are in an output."""
+    of = definition(output).quantity.of if isinstance(output.of, Node | Joint) else ""
+    return of in ("a", "reactions", "joint_forces", "motor_forces")

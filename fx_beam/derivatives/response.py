@@ -13,11 +13,18 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import numpy as np
 
 from fx_beam.array_calls import calling_with_arrays
+from fx_beam.dual import Dual, have_slopes, plain
 from fx_beam.equilibria.load_path import LoadPath
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require
 from fx_beam.laws.schemes import Scheme
+from fx_beam.motions.initial_state import rates_with_slopes
 from fx_beam.motions.motion_series import MotionSeries
-from fx_beam.motions.numbers import OF_OUTPUTS, numbers_of, observed_numbers_of
+from fx_beam.motions.numbers import (
+    OF_OUTPUTS,
+    numbers_of,
+    numbers_of_state,
+    observed_numbers_of,
+)
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
 from fx_beam.results.audit import Stats
@@ -37,6 +44,7 @@ from fx_beam.step.tape import LIMIT, Part, Tape
 
 from .built_scenes import Build, BuiltScenes, checked_numbers
 from .gradient import Gradient, along
+from .linear_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, summed
 from .output_values import Recording, values_of
@@ -292,8 +300,9 @@ class Response:
         """Derivatives of a sum of weights times outputs of the last call, by all numbers.
 
         They are those of the steps as they were taken, to round-off (adjoint method), times those
-        of the scene's numbers, which are differences of `build`, without a motion. The first call
-        of `vjp` repeats the motion; later ones find what motions have left for them.
+        of the scene's numbers, by one call of `build` with dual numbers, without a motion; see
+        `stats.difference_reason`. The first call of `vjp` repeats the motion; later ones find what
+        motions have left for them.
 
         Parameters
         ----------
@@ -357,7 +366,7 @@ class Response:
         """Derivatives of outputs of the last call by all numbers, at all times.
 
         They are those of the steps as they were taken, to round-off (forward sensitivities), times
-        those of the scene's numbers, which are differences of `build`, without a motion.
+        those of the scene's numbers, by one call of `build` with dual numbers, without a motion.
 
         Parameters
         ----------
@@ -526,8 +535,7 @@ class Response:
             series.tapes = True
             self._motion()
         elif not self._is_set:
-            scene = self._connected(self._scenes.at(self._x)[0])
-            series.prepared = series.prepare(scene, self._options)
+            series.prepared = series.prepare(self._connected(self._scene), self._options)
             self._is_set = True
         if series.prepared is None or series.tape is None:
             raise SceneError(
@@ -598,11 +606,20 @@ class Response:
             if any(observes_rates(model, output) for output in of):
                 rates = rates_at(tape, np.arange(len(tape) + 1))
 
-            def numbers_of(scene: Scene, i: int, change: float) -> dict[str, np.ndarray]:
-                moved = None if start is None else functools.partial(start.at, number=i, by=change)
-                return self._numbers_of(scene, (t0, t1), rates, moved)
+            def numbers_of(scene: Scene, change: np.ndarray) -> dict[str, np.ndarray]:
+                moved = None if start is None else functools.partial(start.at, by=plain(change))
+                numbers = self._numbers_of(scene, (t0, t1), rates, moved)
+                if start is not None and isinstance(change, Dual):
+                    of_state = numbers_of_state(model, start.at(model, change))
+                    numbers |= {
+                        name: Dual(plain(numbers[name]), of.slopes)
+                        for name, of in of_state.items()
+                        if isinstance(of, Dual)
+                    }
+                return numbers
 
             self._known_changes = self._scenes.derivatives(self._x, self._scene, numbers_of)
+            self.stats.difference_reason = self._scenes.reason
         return self._known_changes
 
     def _change_of_start(self) -> StateChange | None:
@@ -614,7 +631,7 @@ class Response:
             return None
         of = StaticDerivatives(self._path)
         changes = self._scenes.derivatives(
-            self._x, self._scene, lambda scene, i, change: of.numbers_of(scene)
+            self._x, self._scene, lambda scene, change: of.numbers_of(scene)
         )
         self._refuse_others(changes, of.names)
         return of.change_of_end(changes)
@@ -647,15 +664,21 @@ class Response:
         t0, t1 = steps
         scene, self._is_set = self._connected(given), False
         prepared = self._with_numbers_of(scene)
-        first = self._options.dt
+        of = [output for output in self._outputs.values() if isinstance(output, Output)]
+        first, at_start = self._options.dt, any(map(observes_start, of))
         if self._options.tolerance is not None:
             first = float(t1[len(prepared.model.scheme.fractions) - 1] - t0[0])
         if at_rest is None:
-            state = prepared.first_state(first, self._start_of(given), rates is not None)
+            state = prepared.first_state(first, self._start_of(given), at_start)
         else:
-            state = prepared.state_from(at_rest(prepared.model), first, rates is not None)
-        numbers = numbers_of(prepared, state, t0, t1)
-        return numbers if rates is None else numbers | observed_numbers_of(prepared, state, *rates)
+            state = prepared.state_from(at_rest(prepared.model), first, at_start)
+        numbers: dict[str, Any] = numbers_of(prepared, state, t0, t1)
+        if self._start is None and have_slopes():
+            of_start = prepared.model, prepared.forcing, state, first
+            numbers["v"] = rates_with_slopes(*of_start, numbers)
+        if rates is None:
+            return numbers
+        return numbers | observed_numbers_of(prepared, state, *rates, at_start)
 
     def _connected(self, scene: Scene) -> Scene:
         """A scene with its inputs."""
@@ -665,7 +688,8 @@ class Response:
         """What is prepared, with the numbers of a scene, but not its compiled loop."""
         series, prepared = self._series, self._series.prepared
         assert prepared is not None
-        series.prepared = None  # until all is well
+        if not have_slopes():  # else its numbers are those that it has
+            series.prepared = None  # until all is well
         try:
             prepared.refill_model(scene)
         except ElsewhereError:

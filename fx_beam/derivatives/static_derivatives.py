@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -148,11 +149,14 @@ class StateChange:
     def __init__(self, of: StaticDerivatives, changes: dict[str, np.ndarray]):
         self._path, self._state, self._changes = of.path, of.states[-1], changes
 
-    def at(self, model: Model, number: int, by: float) -> State:
-        """The equilibrium with a change of one number, in the numbering of a model."""
+    def at(self, model: Model, by: Any) -> State:
+        """The equilibrium with a change of the numbers (m,), in the numbering of a model.
+
+        It has slopes if the change has.
+        """
         path_model = self._path.model
         moved = {
-            name: values + by * self._changes[name][number].reshape(np.shape(values))
+            name: values + (by @ self._changes[name].reshape(len(by), -1)).reshape(np.shape(values))
             for name in self._changes
             if (values := getattr(self._state, name)) is not None
         }

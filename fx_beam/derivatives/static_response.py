@@ -157,6 +157,7 @@ class StaticResponse(Response):
             of = self._derivatives
             assert of is not None  # `_followed` comes first
             self._known_changes = self._scenes.derivatives(
-                self._x, self._scene, lambda scene, i, by: of.numbers_of(scene)
+                self._x, self._scene, lambda scene, change: of.numbers_of(scene)
             )
+            self.stats.difference_reason = self._scenes.reason
         return self._known_changes

@@ -270,14 +270,6 @@ def assemble_matrix(matrix, form) -> None:
     fem.assemble_matrix(matrix, form)
 
 
-def entries(form, matrix) -> np.ndarray:
-    """Entries of a bilinear form in the sparsity of a matrix, which keeps its own values."""
-    before = matrix.data.copy()
-    assemble_matrix(matrix, form)
-    values, matrix.data[:] = matrix.data.copy(), before
-    return values
-
-
 def assemble_vector(array: np.ndarray, form) -> None:
     """Assemble a linear form; old values of `array` are overwritten."""
     array[:] = 0.0

@@ -11,6 +11,7 @@ import ufl
 
 import numpy as np
 
+from fx_beam.dual import plain, stacked
 from fx_beam.errors import SceneError, all_of, fields_in, refuse_fields
 from fx_beam.fem import dolfinx_api
 from fx_beam.laws.kinematics import Step
@@ -47,8 +48,8 @@ class Data(NamedTuple):
     def on(self, mesh: Mesh):
         """dolfinx's constant or function with the data."""
         if not self.points:
-            return dolfinx_api.constant(mesh.mesh, self.values)
-        return dolfinx_api.at_gauss_points(mesh.mesh, self.values)
+            return dolfinx_api.constant(mesh.mesh, plain(self.values))
+        return dolfinx_api.at_gauss_points(mesh.mesh, plain(self.values))
 
 
 class FilledField:
@@ -64,13 +65,13 @@ class FilledField:
         known = self.data
         if data.points != known.points or data.values.shape != known.values.shape:
             raise OtherStructureError("data of beams that were equal differ, or conversely")
-        if all_of(data.values == known.values):
+        self.data = data  # its slopes may be others
+        if all_of(plain(data.values) == plain(known.values)):
             return False
-        self.data = data
         if self._constant is None:
-            dolfinx_api.set_at_gauss_points(self.on_mesh, data.values)
+            dolfinx_api.set_at_gauss_points(self.on_mesh, plain(data.values))
         else:
-            self._constant[...] = data.values
+            self._constant[...] = plain(data.values)
         return True
 
 
@@ -94,8 +95,8 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
     constants = {id(section): section.constants(names) for section in distinct(sections)}
     if None not in constants.values():
         if len(constants) == 1:
-            return Data(0, np.array(*constants.values()))
-        return cell_data(mesh, np.array([constants[id(section)] for section in sections]))
+            return Data(0, stacked(*constants.values()))
+        return cell_data(mesh, stacked([constants[id(section)] for section in sections]))
     gauss = dolfinx_api.gauss_points(points)
     values: list[np.ndarray] = []
     for beam in scene.beams:
@@ -105,10 +106,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
         values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])
-    of_cell = np.empty((len(mesh.beam_of_cell), *values[0].shape[1:]))
-    for cells, rows in zip(mesh.cells, values, strict=True):
-        of_cell[cells] = rows
-    return Data(points, of_cell)
+    return Data(points, np.concatenate(values)[np.argsort(np.concatenate(mesh.cells))])
 
 
 def distinct(sections: Iterable[Section]) -> list[Section]:
@@ -219,10 +217,6 @@ class Fields:
     def full_rule(self) -> int:
         """Points of the rule that integrates products of two fields exactly."""
         return self.degree + 1
-
-    def trial_and_test(self):
-        """Trial functions of displacement and rotation, and the virtual ones."""
-        return *ufl.split(self.trial), *ufl.split(self.test)
 
     def step(self, rates: UpdateRule, what: str, natural: bool = False) -> Step:
         """A step with its rates, those of a scheme; errors say `what` they are.

@@ -24,10 +24,9 @@ def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
 
     They are the weights of a Gauss rule times the Lagrange polynomials of the nodes.
     """
-    nodes, elements = mesh.nodes[number], len(mesh.cells[number])
-    degree = (len(nodes) - 1) // elements
-    of_elements = nodes[np.arange(elements)[:, None] * degree + np.arange(degree + 1)]
-    weights, shape, slope = _rule(degree, rule)
+    of_elements = mesh.elements[mesh.cells[number]]
+    degree = of_elements.shape[1] - 1
+    weights, shape, slope = gauss_rule(degree, rule)
     stretch = np.linalg.norm(slope @ mesh.X[of_elements], axis=-1)  # (elements, rule)
     forces = (weights * stretch)[..., None] * shape  # (elements, rule, degree + 1)
     forces = np.repeat(forces[:, :, None], 2, axis=2)
@@ -39,7 +38,7 @@ def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
 
 
 @functools.cache
-def _rule(degree: int, rule: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def gauss_rule(degree: int, rule: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights (rule,), and polynomials of equidistant nodes (rule, degree + 1), and slopes."""
     x, weights = np.polynomial.legendre.leggauss(rule)
     powers = np.arange(degree + 1)

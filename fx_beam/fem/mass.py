@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable, Mapping
 from typing import Any
-
-import ufl
 
 import numpy as np
 import scipy.sparse
 
+from fx_beam.dual import DualFloat, have_slopes, plain, stacked
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from . import dolfinx_api
-from .beam_forms import BeamForms
-from .dolfinx_api import CompiledForm
-from .fields import Data, DataShape, Fields, FilledField, distinct, refill, section_data
+from .fields import distinct, section_data
 from .forms import Forms
+from .loads import gauss_rule
 from .mesh import Mesh
 
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
@@ -29,8 +27,8 @@ class Mass:
     Each is assembled when it is first asked for: statics does without the mass.
     """
 
-    def __init__(self, scene: Scene, mesh: Mesh, forms: Forms, at_rest: bool):
-        self._mesh, self._forms, self._at_rest = mesh, forms, at_rest
+    def __init__(self, scene: Scene, mesh: Mesh, forms: Forms):
+        self._mesh, self._forms = mesh, forms
         self._read(scene)
         #: How often the matrix was computed.
         self.changes = 0
@@ -42,50 +40,18 @@ class Mass:
         self._scene, self._masses, self._gravity = scene, scene.masses[:], scene.gravity
         sections = distinct(beam.section for beam in scene.beams)
         self._given = [(section.rhoA, section.rhoI) for section in sections]
-
-    @property
-    def _beams(self) -> BeamForms:
-        assert self._forms.beams is not None  # some have distributed mass
-        return self._forms.beams
+        self._has = [name for name in _WORDS if any(getattr(s, name) for s in sections)]
 
     @functools.cached_property
     def matrix(self) -> scipy.sparse.csr_matrix:
         """Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity."""
-        K, data = self._forms.stiffness, self._densities()
-        entries = np.zeros_like(K.data), K.indices, K.indptr
-        mass = scipy.sparse.csr_matrix(entries, K.shape, copy=False)
-        #: Densities by name, on the mesh.
-        self._fields = {name: FilledField(values, self._mesh) for name, values in data.items()}
-        self._form: Any = None
-        #: Values of the beams, None before they are assembled.
-        self._of_beams: np.ndarray | None = None
-        if data:
-            shapes = (data[name].shape if name in data else None for name in ("rhoA", "rhoI"))
-            compiled, densities = _mass_form(self._beams.fields.plain, *shapes)
-            fields = {symbol: self._fields[name].on_mesh for name, symbol in densities.items()}
-            self._form = self._beams.bind(compiled, fields)
-        self.assembled += [_WORDS[name] for name in data]
+        K = self._forms.stiffness
+        self.assembled += [_WORDS[name] for name in self._has]
         if self._scene.masses:
             self.assembled.append("lumped mass")
-        self._assemble(mass)
-        return mass
-
-    def _assemble(self, mass: scipy.sparse.csr_matrix) -> None:
         self.changes += 1
-        mass.data[:] = 0.0
-        if self._form is not None:
-            if self._of_beams is None:
-                self._of_beams = dolfinx_api.entries(self._form, self._beams.matrix)
-            mass.data[self._beams.value_at] = self._of_beams
-        if self._scene.masses:
-            mass.data[self._diagonal] += self._mesh.from_nodes(self.lumped)
-
-    @functools.cached_property
-    def _diagonal(self) -> np.ndarray:
-        """Positions of the diagonal in the values of the stiffness."""
-        K = self._forms.stiffness
-        row = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
-        return np.flatnonzero(row == K.indices)
+        entries = plain(self._entries(self._blocks())), K.indices, K.indptr
+        return scipy.sparse.csr_matrix(entries, K.shape, copy=False)
 
     def refill(self, scene: Scene, moved: bool) -> bool:
         """Set mass and weight to those of a scene of the same structure, whose mesh is set.
@@ -94,23 +60,20 @@ class Mass:
         """
         mass, masses, gravity, given = self.matrix, self._masses, self._gravity, self._given
         self._read(scene)
-        anew = moved
+        anew = moved or given != self._given or masses != self._masses
         # Functions may give other values.
-        if given != self._given or any(callable(value) for pair in given for value in pair):
-            anew |= bool(refill(self._fields, self._densities()))
+        anew |= any(callable(value) for pair in given for value in pair)
+        heavier = False
         if anew:
-            self._of_beams = None
-        other, heavier = anew or masses != self._masses, False
-        if other:
-            before = mass.data.copy()
-            self.__dict__.pop("lumped", None)
-            self._assemble(mass)
-            if ((mass.data != 0) != (before != 0)).any():
+            blocks = self._blocks()
+            entries, self.changes = plain(self._entries(blocks)), self.changes + 1
+            if ((mass.data != 0) != (entries != 0)).any():
                 raise OtherStructureError("other nodes have mass")
-            heavier = bool((mass.data != before).any())
+            heavier = bool((mass.data != entries).any())
+            mass.data[:] = entries
         # The mass may be assembled only here, and then differs from none.
-        if scene.gravity is not None and (other or (scene.gravity != gravity).any()):
-            self.weight = self._weigh(scene.gravity)
+        if scene.gravity is not None and (anew or (scene.gravity != gravity).any()):
+            self.weight = plain(self._weights(blocks if anew else self._blocks(["rhoA"])))
         return heavier
 
     @functools.cached_property
@@ -119,64 +82,78 @@ class Mass:
         if self._scene.gravity is None:
             return None
         self.assembled.append("gravity")
-        return self._weigh(self._scene.gravity)
+        return plain(self._weights(self._blocks(["rhoA"])))
 
-    def _weigh(self, given: np.ndarray) -> np.ndarray:
-        gravity = np.append(given, 0.0)
-        if not self._at_rest:
-            return self.matrix @ self._mesh.from_nodes(np.tile(gravity, (len(self._mesh.X), 1)))
-        return self._mesh.from_nodes(self.lumped * gravity) + self._distributed_weight()
+    def numbers(self) -> dict[str, Any]:
+        """Entries of the mass, and the weight if there is any, with slopes that the scene has."""
+        numbers = {"mass": self.matrix.data, "weight": self.weight}
+        given = [value for rows in (self._given, self._masses) for row in rows for value in row]
+        given += [] if self._gravity is None else [*self._gravity]
+        moves = self._mesh.places(self._scene) is not self._mesh.X
+        if have_slopes() and (moves or any(type(v) is DualFloat or callable(v) for v in given)):
+            blocks = self._blocks()
+            numbers["mass"] = self._entries(blocks)
+            if self.weight is not None:
+                numbers["weight"] = self._weights(blocks)
+        return numbers
 
-    def _distributed_weight(self) -> np.ndarray:
-        """Weight (size,) of the beams, as a load, which needs no mass matrix."""
-        weight = np.zeros(self._forms.size)
-        if self._has("rhoA"):
-            data = self._data("rhoA")
-            compiled, density, gravity = _weight_form(self._beams.fields.plain, data.shape)
-            pull = dolfinx_api.constant(self._mesh.mesh, self._scene.gravity)
-            form = self._beams.bind(compiled, {density: data.on(self._mesh), gravity: pull})
-            dolfinx_api.assemble_vector(weight[: self._mesh.in_beams], form)
-        return weight
+    def _entries(self, blocks: Mapping[str, Any]) -> Any:
+        size = len(self._forms.stiffness.data)
+        if not (blocks or self._masses):
+            return np.zeros(size)
+        places, values = [], []
+        if self._masses:
+            places, values = [self._diagonal], [self._mesh.from_nodes(self.lumped)]
+        for name, block in blocks.items():
+            for component in (0, 1) if name == "rhoA" else (2,):
+                places.append(self._places[component])
+                values.append(block.reshape(-1))
+        return np.bincount(np.concatenate(places), np.concatenate(values), size)
 
-    def _has(self, name: str) -> bool:
-        """Whether any section has one of the data."""
-        return any(getattr(beam.section, name) for beam in self._scene.beams)
+    def _weights(self, blocks: Mapping[str, Any]) -> Any:
+        masses = self.lumped[:, 0]
+        if "rhoA" in blocks:
+            at, of_nodes = self._mesh.elements.ravel(), np.sum(blocks["rhoA"], 2).reshape(-1)
+            masses = masses + np.bincount(at, of_nodes, len(masses))
+        return self._mesh.from_nodes(np.outer(masses, np.append(stacked(self._scene.gravity), 0.0)))
 
-    def _densities(self) -> dict[str, Data]:
-        """Distributed mass and inertia, if there are any."""
-        return {name: self._data(name) for name in ("rhoA", "rhoI") if self._has(name)}
-
-    def _data(self, name: str) -> Data:
-        """Distributed mass or inertia."""
-        return section_data(self._mesh, self._scene, (name,), self._beams.fields.full_rule)
+    def _blocks(self, names: Iterable[str] = tuple(_WORDS)) -> dict[str, Any]:
+        """Masses and inertias (cells, degree + 1, degree + 1) of the nodes of cells, by name."""
+        if not (given := [name for name in names if name in self._has]):
+            return {}
+        mesh, degree = self._mesh, self._scene.beams[0].degree
+        weights, shape, slope = gauss_rule(degree, degree + 1)
+        products = weights[:, None, None] * shape[:, :, None] * shape[:, None]
+        along = slope @ mesh.places(self._scene)[mesh.elements]
+        lengths, blocks = np.hypot(along[..., 0], along[..., 1]), {}
+        for name in given:
+            density = section_data(mesh, self._scene, (name,), degree + 1).values
+            of_points = np.broadcast_to(density, lengths.shape) * lengths
+            of_cells = of_points @ products.reshape(len(weights), -1)
+            blocks[name] = of_cells.reshape(-1, degree + 1, degree + 1)
+        return blocks
 
     @functools.cached_property
-    def lumped(self) -> np.ndarray:
+    def _places(self) -> np.ndarray:
+        """Positions (3, cells * (degree + 1)^2) of blocks in the values of the stiffness."""
+        K, dofs = self._forms.stiffness, self._mesh.dofs[self._mesh.elements]
+        n, count, columns = len(K.indptr) - 1, dofs.shape[1], np.moveaxis(dofs, 2, 0)
+        keys = np.repeat(np.arange(n), np.diff(K.indptr)) * n + K.indices
+        wanted = np.repeat(columns, count, axis=2) * n + np.tile(columns, count)
+        order = None if (np.diff(keys) > 0).all() else np.argsort(keys)
+        at = np.searchsorted(keys, wanted.reshape(3, -1), sorter=order)
+        return (at if order is None else order[at]).astype(np.int32)
+
+    @functools.cached_property
+    def _diagonal(self) -> np.ndarray:
+        """Positions of the diagonal in the values of the stiffness."""
+        K = self._forms.stiffness
+        row = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
+        return np.flatnonzero(row == K.indices)
+
+    @property
+    def lumped(self) -> Any:
         """Lumped masses and inertias (n_node, 3) by the components that they resist."""
-        lumped = np.zeros((len(self._mesh.X), 3))
-        for node, mass, inertia in self._scene.masses:
-            lumped[node] += mass, mass, inertia
-        return lumped
-
-
-@functools.cache
-def _mass_form(
-    fields: Fields, rhoA: DataShape | None, rhoI: DataShape | None
-) -> tuple[CompiledForm, dict[str, Any]]:
-    """Form of the mass matrix, and its symbols of rhoA and rhoI, for those that there are."""
-    shapes = {"rhoA": rhoA, "rhoI": rhoI}
-    data = {name: fields.data(shape) for name, shape in shapes.items() if shape is not None}
-    u, psi, virtual_u, virtual_psi = fields.trial_and_test()
-    work: Any = data.get("rhoA", 0) * ufl.dot(virtual_u, u)
-    work += data.get("rhoI", 0) * virtual_psi * psi
-    form = work * fields.measure(fields.full_rule)
-    return dolfinx_api.compile_form(form, "mass"), data
-
-
-@functools.cache
-def _weight_form(fields: Fields, rhoA: DataShape) -> tuple[CompiledForm, Any, Any]:
-    """Form of the beams' weight, and its symbols of rhoA and of gravity."""
-    density, gravity = fields.data(rhoA), fields.data((0, (2,)))
-    *_, virtual_u, _ = fields.trial_and_test()
-    form = density * ufl.dot(gravity, virtual_u) * fields.measure(fields.full_rule)
-    return dolfinx_api.compile_form(form, "weight"), density, gravity
+        given = stacked([(mass, mass, inertia) for _, mass, inertia in self._scene.masses])
+        at = 3 * np.array([row.node for row in self._scene.masses], int)[:, None] + np.arange(3)
+        return np.bincount(at.ravel(), given.reshape(-1), self._mesh.dofs.size).reshape(-1, 3)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.content_cache import cached_by_content
+from fx_beam.dual import Dual, DualFloat, have_slopes, stacked
 from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
@@ -67,13 +68,33 @@ class Mesh:
             self.mesh.move(X if self.curved else X[: len(scene.nodes)])
         return True
 
+    def places(self, scene: Scene) -> Any:
+        """`X`, with slopes if positions of a scene with these nodes have some."""
+        ends = (x for node in scene.nodes for x in (node.x, node.y))
+        if self.curved or not (have_slopes() and any(type(x) is DualFloat for x in ends)):
+            return self.X
+        points = [stacked([(node.x, node.y) for node in scene.nodes])]
+        points += [inner_positions(beam) for beam in scene.beams if beam.degree > 1]
+        return np.concatenate(points)
+
+    @functools.cached_property
+    def elements(self) -> np.ndarray:
+        """Nodes (cells, degree + 1) of each cell, in order along it."""
+        rows: list[Any] = []
+        for nodes, cells in zip(self.nodes, self.cells, strict=True):
+            degree = (len(nodes) - 1) // len(cells)
+            rows.append(nodes[np.arange(len(cells))[:, None] * degree + np.arange(degree + 1)])
+        return self.from_elements(np.concatenate(rows))
+
     def to_nodes(self, vector: np.ndarray) -> np.ndarray:
         """Values (n_node, 3) at the nodes of a vector (size,) over all degrees of freedom."""
         return vector[self.dofs]
 
-    def from_nodes(self, values: np.ndarray) -> np.ndarray:
+    def from_nodes(self, values: Any) -> Any:
         """Vector (size,) over all degrees of freedom of values (n_node, 3) at the nodes."""
-        vector = np.empty(self.dofs.size)
+        if isinstance(values, Dual):
+            return Dual(self.from_nodes(values.values), self.from_nodes(values.slopes))
+        vector = np.empty((self.dofs.size, *values.shape[2:]))
         vector[self.dofs] = values
         return vector
 
@@ -81,11 +102,9 @@ class Mesh:
         """Values (elements, ...) in the order of the beams of those of the cells."""
         return values[np.concatenate(self.cells)]
 
-    def from_elements(self, values: np.ndarray) -> np.ndarray:
+    def from_elements(self, values: Any) -> Any:
         """Values (cells, ...) of those of the elements in the order of the beams."""
-        of_cells = np.empty_like(values)
-        of_cells[np.concatenate(self.cells)] = values
-        return of_cells
+        return values[np.argsort(np.concatenate(self.cells))]
 
     def sum_at_points(self, values: np.ndarray) -> np.ndarray:
         """Sums (n_node, 2) of values (cells, 2 points) at the points of the cells' geometry."""

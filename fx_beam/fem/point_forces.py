@@ -12,6 +12,7 @@ import scipy.sparse
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
+from fx_beam.dual import stacked
 from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
@@ -264,7 +265,7 @@ class PointForces:
     @property
     def numbers(self) -> np.ndarray:
         """Numbers of all forces, one force after the other."""
-        return np.array([number for force in self._forces for number in force.numbers], float)
+        return stacked([number for force in self._forces for number in force.numbers])
 
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""

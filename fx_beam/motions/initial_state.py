@@ -5,10 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse.linalg
 
+from fx_beam.coupling.rate_equations import arms_and_axes
+from fx_beam.dual import Dual, plain, with_slopes
 from fx_beam.errors import SceneError, all_of, any_of
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.results.state import Past, State
@@ -240,7 +243,7 @@ def _begin(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
     forcing.check_start(state)
-    rates, bend = forcing.derivatives(state.t, 1e-3 * dt)
+    rates, bend = map(plain, forcing.derivatives(state.t, 1e-3 * dt))
     model.reduction.begin(state.q, state.slides)
     if singularity := model.reduction.singularity:
         raise SceneError(f"start: {singularity}. Start from a position beside it")
@@ -306,7 +309,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
     scene = model.scene
     if not (any_of(state.v) or scene.velocities or any_of(driven)):
         return np.zeros(model.reduction.columns)
-    v = state.v.copy() if any_of(state.v) else given_velocity(model)
+    v = state.v.copy() if any_of(state.v) else plain(given_velocity(model))
     if scene.projects_velocities:
         return projected_rates(model, state, v, driven)
     w = rates_of_columns(model, state, v, driven)
@@ -359,20 +362,43 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
     return w
 
 
-def given_velocity(model: Model) -> np.ndarray:
-    """Initial rates (size,) as given; zero elsewhere."""
-    mesh, scene = model.mesh, model.scene
-    v, known = np.zeros((len(mesh.X), 3)), np.zeros(len(mesh.X), dtype=bool)
+def given_velocity(model: Model) -> Any:
+    """Initial rates (size,) as given, with slopes that the scene has; zero elsewhere."""
+    mesh, scene, X = model.mesh, model.scene, model.mesh.places(model.scene)
+    rows, place, count = [np.zeros((len(X), 3))], np.arange(len(X)), len(X)
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
-        positions = mesh.X[nodes]
-        given = np.empty((len(nodes), 3))
-        given[:, :2], given[:, 2:] = item.value.each(positions), item.spin.each(positions)
-        twice = known[nodes]
+        given = np.hstack([of.each(X[nodes]) for of in (item.value, item.spin)])
+        twice = place[nodes] >= len(X)
         if any_of(twice) or not all_of(np.isfinite(given)):
-            _check_velocities(model, positions, given, v[nodes], twice)
-        v[nodes], known[nodes] = given, True
-    return model.from_nodes(v)
+            others = plain(np.concatenate(rows))[place[nodes]]
+            _check_velocities(model, mesh.X[nodes], plain(given), others, twice)
+        place[nodes], count = count + np.arange(len(nodes)), count + len(nodes)
+        rows.append(given)
+    return mesh.from_nodes(np.concatenate(rows)[place])
+
+
+def rates_with_slopes(
+    model: Model, forcing: Forcing, state: State, dt: float, numbers: dict[str, Any]
+) -> Any:
+    """Rates of a first state that fit the joints, with slopes; `numbers` are those of the scene."""
+    given: Any = given_velocity(model)
+    driven: Any = forcing.derivatives(state.t, 1e-3 * dt)[0]
+    if not (isinstance(given, Dual) or isinstance(driven, Dual) or any_of(state.v)):
+        return state.v
+    given, driven = with_slopes(given), with_slopes(driven)
+    if model.scene.joints or driven.size:
+        for of, to in ((driven.values, given.values), (driven.slopes, given.slopes)):
+            to[model.prescribed] = of[: len(model.prescribed)]
+        arms, axes = arms_and_axes(model.scene, model.sliding)
+        numbers = numbers | {"arms of joints": arms, "axes of joints": axes}
+        of_state = {"q": state.q, "v": given, "slides": state.slides, "driven rates": driven}
+        duals = {name: with_slopes(values) for name, values in (numbers | of_state).items()}
+        fit = model.rate_fit.derivatives(*(duals[name].values[None] for name in of_state))
+        changes = {name: np.moveaxis(dual.slopes, -1, 0) for name, dual in duals.items()}
+        rates, *_ = fit.jvp({name: changes[name][None] for name in of_state}, changes)
+        given.slopes = rates[0].T
+    return Dual(state.v, given.slopes)
 
 
 def _check_velocities(

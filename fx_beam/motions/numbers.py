@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.coupling.rate_equations import arms_and_axes
+from fx_beam.dual import stacked
 from fx_beam.results.state import State
 from fx_beam.scene.joints import joints_by_number
 from fx_beam.step.forcing import LoadForcing
@@ -46,40 +48,42 @@ def numbers_of(
     followers = model.points.followers
     driven = forcing.series(t1) + _before_motors(model)
     of_steps = {"loads": forcing.loads(t0, t1), "driven": driven}
-    of_steps["work at the start"] = state.work
-    of_steps["dissipated_energy at the start"] = state.dissipated
     if len(parameters := model.forms.parameters):
         of_steps["parameters"] = parameters.over_steps(t0, t1, model.scheme.rates.level)
-        of_steps["parameters at the start"] = parameters.at(float(t0[0]))
+        of_steps["parameters at the start"] = parameters.at_times(t0[:1])[0]
     if len(followers):
         of_steps["follower force"] = followers.series(t0, t1)
     if model.natural:
         of_steps["naturals"] = forcing.naturals(t1)
-    return _arrays(_of_model(model) | of_steps | _of_state(model, state))
+    return _arrays(_of_model(model) | of_steps) | numbers_of_state(model, state)
 
 
 def observed_numbers_of(
-    prepared: Prepared, state: State, times: np.ndarray, lengths: np.ndarray
+    prepared: Prepared, state: State, times: np.ndarray, lengths: np.ndarray, at_start: bool
 ) -> dict[str, np.ndarray]:
-    """What outputs read besides: of the initial state, joints, and rates of driven motions.
+    """What outputs read besides: of joints, and rates of driven motions.
+
+    And accelerations and forces `at_start`, if it is true.
 
     These at `times` (n,), by steps of the `lengths` (n,) that end there [s].
     """
     model = prepared.model
     joints, columns = model.sizes["joints"], model.sizes["constraints"]
-    observed: dict[str, Any] = {
-        "a": state.a,
-        "forces of columns": _or_zeros(state.constraint_forces, (columns,)),
-        "forces of joints": _or_zeros(state.joint_forces, (joints, 3)),
-        "axes of slides": np.zeros((joints, 2)),
-        "offsets of slides": np.zeros((joints, 2)),
-    }
+    observed: dict[str, Any] = {}
+    if at_start:
+        observed["a"] = state.a
+        observed["forces of columns"] = _or_zeros(state.constraint_forces, (columns,))
+        observed["forces of joints"] = _or_zeros(state.joint_forces, (joints, 3))
+    axes: list[Any] = [(0.0, 0.0)] * joints
+    offsets = axes[:]
     for joint in model.scene.joints:
         if joint.axis is not None:
-            observed["axes of slides"][joint.number] = joint.axis
-            observed["offsets of slides"][joint.number] = joint.offset
+            axes[joint.number], offsets[joint.number] = joint.axis, joint.offset
+    for name, rows in (("axes of slides", axes), ("offsets of slides", offsets)):
+        observed[name] = stacked(rows).reshape(-1, 2)
     if model.fitted_rates is not None:
-        observed |= model.fitted_rates.numbers
+        arms, axes = arms_and_axes(model.scene, model.sliding)
+        observed |= {"arms of joints": arms, "axes of joints": axes}
         observed["driven rates"] = prepared.forcing.end_rates(times, lengths)
     return _arrays(observed)
 
@@ -107,13 +111,13 @@ def static_numbers_of(
         of_steps["follower force"] = np.repeat(followers.series(t, t), rows, axis=0)
     if model.natural:
         of_steps["naturals"] = factors[:, None] * forcing.naturals(t)
-    return _arrays(_of_model(model) | of_steps | _of_state(model, reference_state(model)))
+    of_state = numbers_of_state(model, reference_state(model))
+    return _arrays(_of_model(model) | of_steps) | of_state
 
 
 def _of_model(model: Model) -> dict[str, Any]:
     numbers: dict[str, Any] = {
-        "X": model.mesh.X,
-        "mass": model.mass.data,
+        "X": model.mesh.places(model.scene),
         "columns": model.loads.unit_loads.data,
         "points": model.points.numbers,
     }
@@ -121,27 +125,29 @@ def _of_model(model: Model) -> dict[str, Any]:
         numbers |= {"members": members.numbers, "arcs": members.arcs}
     if model.natural:
         numbers["natural columns"] = model.natural.unit_loads.data
-    if model.weight is not None:
-        numbers["weight"] = model.weight
+    numbers |= model.mass_and_weight
     if model.forms.beams is not None:
         numbers |= model.forms.beams.numbers
     if model.couplings.moving:
-        joints = model.reduction.joint_tables()
-        numbers |= {name: joints[name] for name in ("offset", "axis")}
         by_number = joints_by_number(model.scene)
-        numbers["rest"] = [by_number[joint.number].start()[0] for joint in model.couplings.moving]
+        moving = [by_number[joint.number] for joint in model.couplings.moving]
+        axes = [(0.0, 0.0) if joint.axis is None else joint.axis for joint in moving]
+        numbers["offset"] = stacked([joint.offset for joint in moving]).reshape(-1, 2)
+        numbers["axis"] = stacked(axes).reshape(-1, 2)
+        numbers["rest"] = [joint.start()[0] for joint in moving]
     if sliding := model.sliding:
         numbers["places"] = [joint.place_at_rest for joint in sliding]
         numbers["paths"] = np.concatenate([joint.path.numbers for joint in sliding])
     return numbers
 
 
-def _of_state(model: Model, state: State) -> dict[str, Any]:
+def numbers_of_state(model: Model, state: State) -> dict[str, Any]:
+    """Those of the state at the start."""
     of_state = {name: getattr(state, name) for name in _OF_STATE}
+    of_state["work at the start"] = state.work
     of_state["motors"] = state.motors + _before_motors(model)[len(model.prescribed) :]
-    return {
-        name.replace("_", " "): values for name, values in of_state.items() if values is not None
-    }
+    named = {name.replace("_", " "): values for name, values in of_state.items()}
+    return _arrays(named | {"dissipated_energy at the start": state.dissipated})
 
 
 def _before_motors(model: Model) -> np.ndarray:
@@ -153,4 +159,4 @@ def _before_motors(model: Model) -> np.ndarray:
 
 
 def _arrays(numbers: dict[str, Any]) -> dict[str, np.ndarray]:
-    return {name: np.array(values, float) for name, values in numbers.items()}
+    return {name: stacked(values) for name, values in numbers.items() if values is not None}

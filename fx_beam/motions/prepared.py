@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fx_beam.dual import have_slopes, plain
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.parallel.team import Team
@@ -203,12 +204,14 @@ def smooth_start(
     """
     if len(model.scheme.fractions) == 1 or (fits := model.fitted_rates) is None:
         return state
+    if have_slopes():
+        raise TypeError("a start that is found by a step has no slopes")
     counts = copy(vars(stats)) | {"ended_by": dict(stats.ended_by)}
     end = stepper.trial(state, state.t + dt).state
     vars(stats).update(counts)
     if end is None:
         return state
-    driven = forcing.end_rates(np.array([end.t]), np.array([dt]))
+    driven = plain(forcing.end_rates(np.array([end.t]), np.array([dt])))
     swing = fits.fit(end.q[None], end.v[None], end.slides[None], driven).corrections
     # The slow part is the mean of both ends, as the start fits; at the start it is normal to what
     # joints allow there.

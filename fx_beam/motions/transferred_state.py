@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.dual import plain
 from fx_beam.errors import SceneError, shown
 from fx_beam.fem.parameter_values import before
 from fx_beam.results.solution import Solution
@@ -66,7 +67,7 @@ def transferred_state(model: Model, start: Solution) -> State:
         nodal.pop("fitted")
     elif not known.all():
         fresh = model.from_nodes(np.repeat(~known[:, None], 3, axis=1).astype(float))
-        given = fresh * given_velocity(model)
+        given = fresh * plain(given_velocity(model))
         nodal["v"] += given
         nodal["fitted"] += given
     _check_new_beams(model, start, nodal["q"])

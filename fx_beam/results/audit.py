@@ -179,6 +179,9 @@ class Stats:
     setup_reason : str
         Why the scene was set up anew; empty if only its numbers were new: in a `Response`, or in
         `simulate` after a scene of the same structure whose solution is no longer in use.
+    difference_reason : str
+        By which numbers of a `Response` derivatives are differences of `build`, and why; empty if
+        all follow from one call with dual numbers.
     compiled : list of str
         Compiled forms.
     assembled : list of str
@@ -236,6 +239,7 @@ class Stats:
     seconds: float = 0.0
     setup_seconds: float = 0.0
     setup_reason: str = ""
+    difference_reason: str = ""
     compiled: list[str] = field(default_factory=list)
     assembled: list[str] = field(default_factory=list)
     friction_damping: dict[str, list[float]] = field(default_factory=dict)

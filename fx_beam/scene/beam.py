@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.dual import plain, stacked
 from fx_beam.errors import LARGEST, SceneError, as_float, is_whole, numbers, require, shown
 
 #: Components of a node's motion, in the order used in all arrays.
@@ -184,7 +185,7 @@ def inner_positions(beam: Beam) -> np.ndarray:
         return beam.inner.reshape(-1, 2)
     if beam.degree == 1:
         return np.empty((0, 2))
-    points = np.array([(node.x, node.y) for node in beam.nodes])
+    points = stacked([(node.x, node.y) for node in beam.nodes])
     fractions = np.arange(1, beam.degree)[:, None] / beam.degree
     return (points[:-1, None] + fractions * np.diff(points, axis=0)[:, None]).reshape(-1, 2)
 
@@ -262,7 +263,8 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
         raise SceneError(
             f"beam {name!r}: points must be pairs (x, y) or nodes, not {shown(points)}"
         ) from None
-    corners = numbers([position_of(point) for point in points])
+    given = numbers([position_of(point) for point in points])
+    corners = np.asarray(given)
     fits = corners.ndim == 2 and corners.shape[1] == 2
     if not fits or not (abs(corners) <= LARGEST).all():
         raise SceneError(
@@ -281,10 +283,12 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
     counts = _spread(elements, lengths, name)
     if sum(counts) == len(counts):  # quickly, as in frames of many members
         return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
-    ends = [points[0]]
-    for a, b, count, corner in zip(corners[:-1], corners[1:], counts, points[1:], strict=True):
-        ends += [*map(tuple, np.linspace(a, b, count + 1)[1:-1].tolist()), corner]
-    steps = np.diff([position_of(end) for end in ends], axis=0)
+    ends, places, at = [points[0]], [corners[:1]], stacked(given)
+    for a, b, count, corner in zip(at[:-1], at[1:], counts, points[1:], strict=True):
+        on_piece = np.linspace(a, b, count + 1)[1:]
+        ends += [*map(tuple, on_piece[:-1].tolist()), corner]
+        places.append(plain(on_piece))
+    steps = np.diff(np.concatenate(places), axis=0)
     return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
 
 

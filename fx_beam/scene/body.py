@@ -77,7 +77,7 @@ def velocities_of(body: Body, velocity, spin) -> list[loads.Velocity]:
     centre = body.centre
     given = loads.initial_velocity(centre, velocity, spin)
     position = np.array([[centre.x, centre.y]])
-    (vx, vy), w = given.value.each(position)[0], float(given.spin.each(position)[0, 0])
+    (vx, vy), w = given.value.each(position)[0], given.spin.each(position)[0, 0]
     return [
         loads.initial_velocity(
             node, (vx - w * (node.y - centre.y), vy + w * (node.x - centre.x)), w

@@ -9,7 +9,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError, require, shown, vector
+from fx_beam.dual import dual_of, in_scene
+from fx_beam.errors import SceneError, numbers, require, shown, vector
 
 from .beam import Node
 from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
@@ -145,7 +146,7 @@ class Joint:
             return np.array(self.place.apart)
         if self.a is GROUND or self.b is GROUND:
             return self.offset
-        return np.array([self.b.x - self.a.x, self.b.y - self.a.y])
+        return numbers([self.b.x - self.a.x, self.b.y - self.a.y])
 
     @property
     def arm(self) -> np.ndarray:
@@ -485,6 +486,8 @@ def _direction(kind: str, axis) -> np.ndarray:
     length = np.hypot(*given)
     if length == 0:
         raise SceneError(f"{kind}: axis = {given} has no direction. Give a nonzero vector")
+    if (dual := dual_of(given)) is not None:
+        return in_scene(dual / np.hypot(*dual))
     unit = given / length
     unit.setflags(write=False)
     return unit

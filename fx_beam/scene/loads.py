@@ -11,6 +11,7 @@ import ufl
 
 import numpy as np
 
+from fx_beam.dual import stacked
 from fx_beam.errors import (
     LARGEST,
     CheckedFunction,
@@ -18,6 +19,7 @@ from fx_beam.errors import (
     SceneError,
     TimeFunction,
     argument_names,
+    as_float,
     check_takes_time,
     checked_function,
     is_flag,
@@ -85,7 +87,7 @@ class PlaceTimeFunction:
         try:
             result: Any = self._function(places.copy(), t)
             parts: Sequence = (result,) if self._size == 1 else tuple(result)
-            columns = [np.broadcast_to(np.asarray(part, float), len(places)) for part in parts]
+            columns = [np.broadcast_to(stacked(part), len(places)) for part in parts]
             return np.column_stack(columns) if len(columns) == self._size else None
         except Exception:  # noqa: BLE001  # whatever a function does that takes single places
             return None
@@ -109,7 +111,7 @@ def values_along(
 ) -> np.ndarray:
     """Values (n * size,) of a function of place at n places."""
     checked = [vector(function(x), size, f"{what} at {name} = {x:g}") for x in places.tolist()]
-    return np.concatenate(checked)
+    return stacked(checked).ravel()
 
 
 class Mass(NamedTuple):
@@ -177,7 +179,7 @@ def not_negative(value, what: str) -> float:
     (number,) = vector(value, 1, what)
     fits = number == 0 or number >= 1 / LARGEST
     require(fits, what, value, "zero or positive")
-    return float(number)
+    return as_float(number)
 
 
 @dataclass(frozen=True, eq=False)

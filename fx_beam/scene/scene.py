@@ -11,6 +11,7 @@ from typing import Any, overload
 from fx_beam.errors import (
     SceneError,
     TimeFunction,
+    as_float,
     is_name,
     is_one_of,
     is_whole,
@@ -246,14 +247,14 @@ class Scene:
         m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in given)
         fits = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
         require(fits, f"{name}: points", points, "a dict of positions by their names")
-        ends: list[Node | tuple[float, float]] = [(float(x), float(y))]
+        ends: list[Node | tuple[float, float]] = [(x, y)]
         for key, point in (points or {}).items():
             if isinstance(point, Node):
                 loads.check_node(self, point, f"{name}: point {key!r}")
                 ends.append(point)
             else:
                 at = vector(point, 2, f"{name}: point {key!r}")
-                ends.append((float(at[0]), float(at[1])))
+                ends.append((at[0], at[1]))
         centre, *nodes = self._nodes_at(ends, name)
         for node in nodes:
             offset = (node.x - centre.x, node.y - centre.y)
@@ -1146,7 +1147,7 @@ class Scene:
         nodes, first = [], len(self.nodes)
         for end in ends:
             if not isinstance(end, Node):
-                end = Node(len(self.nodes), float(end[0]), float(end[1]), self)
+                end = Node(len(self.nodes), as_float(end[0]), as_float(end[1]), self)
                 self.nodes.append(end)
             nodes.append(end)
         lowest, highest = self._corners

@@ -14,6 +14,7 @@ import ufl
 import numpy as np
 
 from fx_beam.array_calls import array_calls
+from fx_beam.dual import stacked
 from fx_beam.errors import (
     SceneError,
     as_float,
@@ -353,7 +354,7 @@ def _check_name(name, what: str) -> None:
 def _values(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
     """Values at fractions of the arc length, of the same shape."""
     if not callable(datum):
-        return np.full(fractions.shape, _value(name, datum))
+        return np.broadcast_to(stacked(_value(name, datum)), fractions.shape)
     each, rows = functools.partial(_each, name, datum), fractions.reshape(-1, 1)
     if (calls := array_calls()) is not None:
         values = calls.values(datum, 1, rows, name, each)
@@ -364,7 +365,7 @@ def _values(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
 
 def _each(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
     """Values (n, 1) at fractions (n, 1)."""
-    return np.array([[_value(name, datum, float(f))] for f in fractions[:, 0]])
+    return stacked([[_value(name, datum, float(f))] for f in fractions[:, 0]])
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
@@ -411,7 +412,7 @@ def _evaluated(datum: Callable, fraction: float, what: str) -> float:
     try:
         value = datum if isinstance(datum, ufl.core.expr.Expr) else datum(fraction)
         if isinstance(value, float):
-            return float(value)
+            return as_float(value)
         # UFL functions of numbers return numbers or expressions of numbers.
         if isinstance(value, ufl.core.expr.Expr):
             refuse_fields(fields_in(value), what)
@@ -420,4 +421,4 @@ def _evaluated(datum: Callable, fraction: float, what: str) -> float:
         raise  # from a datum that this one is computed from
     except Exception as error:
         raise SceneError(f"{what}: calling it raised {error!r}") from error
-    return float(shaped(value, 1, what)[0])
+    return as_float(shaped(value, 1, what)[0])

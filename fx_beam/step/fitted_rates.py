@@ -62,12 +62,6 @@ class FittedRates:
         """
         return Fit(*self._solver.fit(q, v, slides, driven, driven=driven.shape[1]))
 
-    @property
-    def numbers(self) -> dict[str, np.ndarray]:
-        """Numbers of the scene that rates depend on, besides masses and driven rates."""
-        equations = self._equations(True)
-        return {"arms of joints": equations.apart, "axes of joints": equations.axis}
-
     @functools.cached_property
     def _solver_of_all(self) -> RateSolver:
         return RateSolver(self._equations(True), self._mass, self._unit, all_rates=True)

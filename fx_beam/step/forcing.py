@@ -75,12 +75,12 @@ class Forcing:
         d1, d2, far, e1, e2, e3 = (f - f0 for f in others)
         rates = (4 * d1 - d2) / (2 * h)
         # Rates below the error of these differences are set to zero.
-        rates[abs(rates) < 1e-3 * abs(far) / (100 * h)] = 0.0
+        rates = np.where(abs(rates) < 1e-3 * abs(far) / (100 * h), 0.0, rates)
         h *= 10
         bend = 4 * e2 - 5 * e1 - e3
         # Values below the rounding error as well.
-        bend[abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(e3))] = 0.0
-        return rates, bend / h**2
+        small = abs(bend) <= 10 * np.finfo(float).eps * (abs(f0) + abs(e3))
+        return rates, np.where(small, 0.0, bend) / h**2
 
     def end_rates(self, ends: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """Rates (n, driven) of driven motion at the ends of steps, from values in these steps.
@@ -100,18 +100,15 @@ class Forcing:
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
-        factors = np.empty((len(t0), 2, self.model.loads.unit_loads.shape[1]))
-        if factors.size:  # both ends at once
-            ends = self.model.loads.series(np.concatenate(just_inside(t0, t1)))
-            factors[:, 0], factors[:, 1] = ends[: len(t0)], ends[len(t0) :]
-        return factors
+        if not self.model.loads.unit_loads.shape[1]:
+            return np.empty((len(t0), 2, 0))
+        ends = self.model.loads.series(np.concatenate(just_inside(t0, t1)))  # both at once
+        return np.stack([ends[: len(t0)], ends[len(t0) :]], axis=1)
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
-        positions = np.empty((len(times), len(self._driven)))
-        for i, (function, what) in enumerate(self._driven):
-            positions[:, i : i + 1] = series(function, times, what)
-        return positions
+        positions = [series(function, times, what) for function, what in self._driven]
+        return np.hstack([np.empty((len(times), 0)), *positions])
 
     def current(self, state: State) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) in a state [m, rad]."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.dual import plain
 from fx_beam.laws.interval import divided
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import ARRAYS, NUMBERS, ROWS, Past, State
@@ -367,7 +368,9 @@ class CompiledLoop:
             if self.model.natural:
                 first = slice(1 if self.model.natural.constant else None)
                 natural = _of_each_step(forcing.naturals(t1[first]), len(t1))
-            return StepInputs(loads, forcing.series(t1), follower_force, values, natural, parts)
+            values_of = loads, forcing.series(t1), follower_force, values, natural
+            loads, driven, follower_force, values, natural = map(plain, values_of)
+            return StepInputs(loads, driven, follower_force, values, natural, parts)
         except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
             inputs = self.inputs(t, times[:before]) if before else no_inputs(parts)

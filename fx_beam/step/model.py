@@ -79,7 +79,7 @@ class Model:
             begin_to_build(_probable_features(scene, scheme))
         self.forms = Forms(scene, scheme, self.mesh, instant)
         self.size, self.turns = self.forms.size, self.forms.turns
-        self._mass = Mass(scene, self.mesh, self.forms, scheme.rates.at_rest)
+        self._mass = Mass(scene, self.mesh, self.forms)
         numbers = {joint.number for joint in scene.joints}
         #: Numbers of joints that were removed, or are not there yet.
         self.removed_joints = [n for n in range(scene.joint_count) if n not in numbers]
@@ -230,6 +230,11 @@ class Model:
     def mass(self) -> scipy.sparse.csr_matrix:
         """The constant mass matrix, assembled at the first access."""
         return self._mass.matrix
+
+    @property
+    def mass_and_weight(self) -> dict[str, Any]:
+        """Entries of the mass, and the weight if there is any; with slopes that the scene has."""
+        return self._mass.numbers()
 
     @property
     def mass_changes(self) -> int:

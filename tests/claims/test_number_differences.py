@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import fx_beam as fb
+from fx_beam.dual import slopes_by, stacked
 
 STEPS, TIMES = 40, np.linspace(0, 1, 5)
 X = np.array([0.3, -0.2, 0.5, 0.1, -0.4])
@@ -34,57 +35,36 @@ def profile(t, x):
     return x @ [0, 0, 0, 0, 1], np.interp(t, TIMES, x)
 
 
-def single(t, x):
-    return x[4], np.interp(float(t), TIMES, x)
-
-
-def of_a_vector(t, x):
-    return np.array([0, 1]) * np.interp(t, TIMES, x) + np.array([x[4], 0])
-
-
 def bent(t, x):
     return x[4] ** 3, np.interp(t, TIMES, np.sin(x))
 
 
-@pytest.mark.parametrize("force", [profile, of_a_vector], ids=lambda own: own.__name__)
-def test_functions_that_accept_arrays_are_called_once_for_all_times(force):
-    sizes = []
-
-    def counted(t, x):
-        sizes.append(np.size(t))
-        return force(t, x)
-
-    run, calls = _response(counted)
-    found = _gradient(run)
-    run(X)
-    calls.clear(), sizes.clear()
-    _gradient(run)  # with a motion
-    at_once = [size for size in sizes if size > 1]
-    # In the motion, and once for each scene that is compared: that of the motion, and all others.
-    assert at_once == [2 * STEPS] * (len(calls) + 1)
-    # Single times: the first scene, then a few of each, to compare.
-    assert len(sizes) - len(at_once) < 6 * STEPS + 7 * (len(calls) + 1)
-    assert found == pytest.approx(_gradient(_response(single)[0]), rel=1e-11, abs=1e-13)
-
-
-def test_numbers_on_a_line_take_two_scenes_and_others_four():
-    for force, number in ((profile, 2), (bent, 4)):
+def test_only_numbers_that_functions_take_as_floats_are_differenced():
+    of_a_float = lambda t, x: (float(x[4]), np.interp(t, TIMES, x))  # noqa: E731
+    for force, of_one in ((profile, 0), (bent, 0), (of_a_float, 2)):
         run, calls = _response(force)
         _gradient(run)
         calls.clear()
         _gradient(run)
-        assert len(calls) == 2 + number * len(X)  # the motion, and the scene at x
+        assert len(calls) == 2 + of_one  # the motion, and the scene with slopes
+        assert ("x[4]: float()" in run.stats.difference_reason) == bool(of_one)
 
 
-def test_derivatives_of_bent_numbers_are_exact():
-    found, of_line = (_gradient(_response(own)[0]) for own in (bent, _straightened))
-    assert found == pytest.approx(of_line, rel=1e-11, abs=1e-13)
-
-
-def _straightened(t, x):
-    """`bent`, with its tangent at X in the place of its curves."""
-    cube = X[4] ** 3 + 3 * X[4] ** 2 * (x[4] - X[4])
-    return cube, np.interp(t, TIMES, np.sin(X) + np.cos(X) * (x - X))
+def test_slopes_are_those_of_functions():
+    """Against differences that are extrapolated twice."""
+    x, A, t = np.array([0.3, 0.7, 1.2]), np.arange(6.0).reshape(2, 3), np.linspace(0, 1, 30)
+    functions = [
+        lambda x: A @ x + np.hypot(x[0], x[1:]) * np.linalg.norm(x) / np.max(x),
+        lambda x: np.interp(t * x[0], np.cumsum(x) / 3, x ** x[0]) * np.where(t > 0.5, x[1], t),
+        lambda x: np.hstack([np.exp(-x) / x, np.arctan2(x, 2.0), np.linspace(x[0], x[2], 3)]),
+        lambda x: np.stack([x, np.tanh(x), [1.0, x[0], 2.0]], axis=-1).T @ np.array([x[0], 0, 1]),
+    ]
+    for of in functions:
+        steps = [(h, h * row) for h in (4e-3, 2e-3, 1e-3) for row in np.eye(3)]
+        ends = [(of(x + e) - of(x - e)) / (2 * h) for h, e in steps]
+        expected = np.tensordot([1 / 45, -20 / 45, 64 / 45], np.reshape(ends, (3, 3, -1)), 1)
+        with slopes_by(x) as dual:
+            assert stacked(of(dual)).slopes.T == pytest.approx(expected, abs=2e-12)
 
 
 def _pulse(t, x):
@@ -92,24 +72,9 @@ def _pulse(t, x):
     return (x[0] if np.any(t > 0.9) else 0.0), np.interp(t, TIMES, x)
 
 
-def _in_place(t, x):
-    t *= 1.0
-    return x[4], np.interp(t, TIMES, x)
-
-
-@pytest.mark.parametrize("force", [_pulse, _in_place], ids=lambda own: own.__name__)
-def test_functions_that_give_other_values_for_arrays_are_called_one_by_one(force):
+def test_functions_that_give_other_values_for_arrays_are_called_one_by_one():
     def alone(t, x):
-        return force(float(t), x)
+        return _pulse(float(t), x)
 
-    found, known = (_gradient(_response(own)[0]) for own in (force, alone))
+    found, known = (_gradient(_response(own)[0]) for own in (_pulse, alone))
     assert found == pytest.approx(known, rel=1e-11, abs=1e-13)
-
-
-def test_functions_that_differ_from_scene_to_scene_are_compared_at_some_times():
-    def switched(t, x):
-        return (np.max(t) if x[0] != X[0] else t), np.interp(t, TIMES, x)
-
-    run, _ = _response(switched)
-    alone, _ = _response(lambda t, x: switched(float(t), x))
-    assert _gradient(run) == pytest.approx(_gradient(alone), rel=1e-11, abs=1e-13)

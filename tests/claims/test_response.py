@@ -399,6 +399,6 @@ def test_numbers_at_the_end_of_their_range_have_no_derivatives():
 
     run = fb.Response(build, dt=0.01, t_end=0.05)
     run([0.0])
-    said = r"by x\[0\] at 0.0, since there is no scene at -0.0004"
+    said = r"by x\[0\] at 0.0, since there is no scene at -9.5"
     with pytest.raises(fb.SceneError, match=said):
         run.jacobian()

@@ -83,3 +83,17 @@ def test_the_balance_of_energy_holds_for_derivatives(response):
     _, _, J = response
     balance = J["total"] + J["dissipated"] - J["work"]
     assert abs(balance - balance[0]).max() < 1e-9 * size_of(J["total"])
+
+
+@pytest.mark.parametrize(
+    "name", ["free beam", "rigid bodies", "closed loop", "driven chain of bodies"]
+)
+def test_data_of_scenes_have_slopes_and_no_differences(name):
+    """They agree with a difference in one direction, else there would be a reason."""
+    case = SCENES[name]
+    speed = lambda scene: {"end": fb.Output("velocity", scene.nodes[-1])}  # noqa: E731
+    options = {"dt": case.dt, "t_end": STEPS * case.dt}
+    run = fb.Response(lambda x: (scene := case.build(x), speed(scene)), case.scheme(), **options)
+    run(ONES)
+    run.jacobian()
+    assert run.stats.difference_reason == ""

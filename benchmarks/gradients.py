@@ -1,0 +1,100 @@
+"""Time of value with gradient, and with Jacobian, in motions, and of least squares.
+
+    .venv/bin/python benchmarks/gradients.py [elements] [steps]
+
+An arm whose numbers are values of a load over time, or stiffnesses along it with masses. Lowest
+processor times of a few calls, relative to a motion of the same response.
+"""
+
+import sys
+from time import thread_time
+
+import numpy as np
+from scipy.optimize import least_squares
+
+import fx_beam as fb
+
+NUMBERS = 3, 5, 20, 100
+
+
+def loaded(count, elements):
+    """`build` for so many values of a load."""
+    times = np.linspace(0, 1, count)
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, lambda t: (0.0, np.interp(t, times, x)))
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    return build
+
+
+def tapered(count, elements):
+    """`build` for masses, and so many stiffnesses less three."""
+    places = np.linspace(0, 1, count - 3)
+
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        stiffness = {"EI": lambda f: 10.0 * np.interp(f, places, x[3:])}
+        section = fb.Section(EA=1e4 * x[0], GA=1e4 * x[0], rhoA=x[1], rhoI=1e-3, **stiffness)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=elements)
+        scene.clamp(beam.start)
+        scene.add_mass(beam.end, 0.1 * x[2])
+        return scene, {"tip": fb.Output("position", beam.end)}
+
+    return build
+
+
+def lowest(function, times):
+    """Lowest processor time of some calls [s]."""
+    seconds = []
+    for _ in range(times):
+        before = thread_time()
+        function()
+        seconds.append(thread_time() - before)
+    return min(seconds)
+
+
+def measured(build, count, steps, tries=9):
+    """Times of a motion [ms], and of value with gradient and with Jacobian in motions."""
+    run, x = fb.Response(build, dt=1 / steps, t_end=1.0), 1 + 0.1 * np.sin(np.arange(1, count + 1))
+    rng, weights = np.random.default_rng(0), {"tip": np.ones((steps + 1, 2))}
+
+    def moved():
+        run(x * (1 + 1e-3 * rng.random(count)))
+
+    moved()
+    motion = lowest(moved, 3 * tries)
+    run.vjp(weights)
+    gradient = lowest(lambda: (moved(), run.vjp(weights)), tries)
+    jacobian = lowest(lambda: (moved(), run.jacobian()), tries)
+    return 1e3 * motion, gradient / motion, jacobian / motion
+
+
+def fitted(build, count, steps):
+    """Times of a fit with the Jacobian and with SciPy's differences [s]."""
+    run, x = fb.Response(build, dt=1 / steps, t_end=1.0), np.ones(count)
+    misfit = run.misfit({"tip": run(1.02 * x)[1]["tip"]})
+    misfit.jacobian(x)
+    return [
+        lowest(lambda of=of: least_squares(misfit, x, jac=of), 3)
+        for of in (misfit.jacobian, "2-point")
+    ]
+
+
+def main(elements=8, steps=200):
+    row = "{:>8} {:>8} {:>12} {:>10} {:>10} {:>14} {:>14}".format
+    print(row("", "numbers", "motion [ms]", "gradient", "Jacobian", "fit, jac [s]", "without [s]"))
+    for kind in (loaded, tapered):
+        for count in NUMBERS[kind is tapered :]:
+            values = measured(kind(count, elements), count, steps)
+            fits = fitted(kind(count, elements), count, steps) if count < 100 else []
+            texts = [f"{value:.3g}" for value in (*values, *fits)] + [""] * (2 - len(fits))
+            print(row(kind.__name__, count, *texts), flush=True)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))

@@ -1,0 +1,422 @@
+"""Numbers with slopes: values, and their derivatives by the numbers of which a scene is built."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
+
+# How many numbers have slopes in this block.
+_COUNT: ContextVar[int] = ContextVar("numbers with slopes", default=0)
+# Step in the imaginary direction, for slopes without cancellation.
+_STEP = 1e-100
+
+
+class LostSlopesError(TypeError):
+    """Something takes plain floats alone; slopes by the `numbers` would be lost in it."""
+
+    def __init__(self, what: str, given: Iterable):
+        super().__init__(f"{what} takes no number that has slopes; a function of NumPy may")
+        one_by_one = (one for part in given for one in (part if type(part) is list else [part]))
+        slopes = [one.slopes for one in one_by_one if isinstance(one, Dual)]
+        by = [rows.reshape(-1, rows.shape[-1]).any(axis=0) for rows in slopes]
+        self.numbers = {*np.flatnonzero(np.any(by, axis=0)).tolist()} if by else set()
+
+
+class Dual(NDArrayOperatorsMixin):
+    """Values (...) with slopes (..., m) by m numbers; NumPy's functions and arithmetic keep both.
+
+    It is no float: what can keep no slopes, such as ``math.sin``, raises `LostSlopesError`.
+    Comparisons are those of the values.
+    """
+
+    __slots__ = "slopes", "values"
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, values: Any, slopes: np.ndarray):
+        self.values, self.slopes = np.asarray(values, float), slopes
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("shape", "ndim", "size", "dtype"):
+            return getattr(self.values, name)
+        if name in _METHODS:  # NumPy calls those of functions for the entries of arrays of objects
+            return functools.partial(_METHODS[name], self)
+        raise AttributeError(name)
+
+    @property
+    def T(self) -> Any:  # noqa: N802  # as of arrays
+        """Transposed."""
+        return np.transpose(self)
+
+    def __len__(self):
+        return len(self.values)
+
+    def __iter__(self):
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, key):
+        values = self.values[key]
+        if isinstance(key, tuple) and any(part is Ellipsis for part in key):
+            key = (*key, slice(None))
+        return Dual(values, self.slopes[key])
+
+    def reshape(self, *shape) -> Dual:
+        """The same of another shape."""
+        values = self.values.reshape(*shape)
+        return Dual(values, self.slopes.reshape(*values.shape, self.slopes.shape[-1]))
+
+    def tolist(self) -> list:
+        """Nested lists of entries."""
+        return [part.tolist() if part.ndim else part for part in self]
+
+    # -- What plain numbers have ------------------------------------------------------------------
+
+    def plain(self, what: str) -> np.ndarray:
+        """The values, if there is no slope; LostSlopesError otherwise."""
+        if self.slopes.any():
+            raise LostSlopesError(what, [self])
+        return self.values
+
+    def __float__(self):
+        return float(self.plain("float(), or a function of math,"))
+
+    def __int__(self):
+        return int(self.plain("int()"))
+
+    __index__ = __int__
+
+    def __array__(self, dtype=None, copy=None):
+        if dtype is not None and np.dtype(dtype).kind != "O":
+            return self.plain("an array of floats").astype(dtype)
+        entries = np.empty(self.shape, object)
+        for index in np.ndindex(self.shape):
+            entries[index] = self[index]
+        return entries
+
+    def __bool__(self):
+        return bool(self.values)
+
+    def __format__(self, spec):
+        return format(self.values.item() if not self.ndim else self.values, spec)
+
+    # -- Functions of NumPy -----------------------------------------------------------------------
+
+    def __array_ufunc__(self, ufunc, method, *given, out=None, **options):
+        if ufunc is np.add and method == "reduce":
+            return _sum(given[0], options.get("axis", 0))
+        if method != "__call__" or out is not None or options:
+            raise LostSlopesError(f"numpy.{ufunc.__name__}.{method}", given)
+        parts = [_parts(part) for part in given]
+        if None in parts:
+            raise LostSlopesError(type(given[parts.index(None)]).__name__, given)
+        arguments = [values for values, _ in parts]
+        if ufunc in _OF_VALUES:
+            return ufunc(*arguments)
+        if ufunc is np.matmul:
+            return _matmul(*parts)
+        if ufunc not in _RULES and ufunc not in _ANALYTIC:
+            raise LostSlopesError(f"numpy.{ufunc.__name__}", given)
+        values = ufunc(*arguments)
+        total: Any = 0.0
+        for (_, slopes), rule in zip(parts, _RULES.get(ufunc, (_slope(ufunc),)), strict=True):
+            if slopes is not None:
+                total = total + np.asarray(rule(values, *arguments))[..., None] * slopes
+        shape = *values.shape, self.slopes.shape[-1]
+        return Dual(values, total if total.shape == shape else np.broadcast_to(total, shape))
+
+    def __array_function__(self, function, kinds, given, options):
+        if function in _PLACING:
+            return _placed(function, given, options)
+        if function in _FUNCTIONS:
+            return _FUNCTIONS[function](*given, **options)
+        if function in _OF_VALUES:
+            return function(*map(plain, given), **options)
+        raise LostSlopesError(f"numpy.{function.__name__}", given)
+
+
+class DualFloat(float):
+    """A float in a scene, with slopes (m,); arithmetic with other floats keeps them."""
+
+    slopes: np.ndarray
+
+    def __new__(cls, value: float, slopes: np.ndarray):
+        """A float with slopes."""
+        number = super().__new__(cls, value)
+        number.slopes = slopes
+        return number
+
+    def __reduce__(self):
+        return float, (float(self),)
+
+    def __neg__(self):
+        return DualFloat(-float(self), -self.slopes)
+
+
+class DualArray(np.ndarray):
+    """Values in a scene, with `slopes` (..., m) beside; results of functions of it have none."""
+
+    slopes: Any = None
+
+    def __array_finalize__(self, other):
+        self.slopes = None
+
+    def __getitem__(self, key):
+        values, slopes = super().__getitem__(key), self.slopes
+        return values if slopes is None else in_scene(Dual(values, slopes[key]))
+
+    def __iter__(self):
+        return (self[i] for i in range(len(self)))
+
+
+@contextmanager
+def slopes_by(x: np.ndarray, without: Iterable[int] = ()) -> Iterator[Dual]:
+    """Numbers (m,) with slopes by themselves, but `without` some, for a block."""
+    slopes = np.eye(len(x))
+    slopes[[*without]] = 0.0
+    before = _COUNT.set(len(x))
+    try:
+        yield Dual(x, slopes)
+    finally:
+        _COUNT.reset(before)
+
+
+def have_slopes() -> bool:
+    """Whether numbers in this block may have slopes."""
+    return _COUNT.get() > 0
+
+
+def in_scene(dual: Dual) -> Any:
+    """What a scene keeps of a dual number, or of several."""
+    if not dual.ndim:
+        return DualFloat(float(dual.values), dual.slopes)
+    array: Any = np.array(dual.values).view(DualArray)
+    array.slopes = dual.slopes
+    return array
+
+
+def dual_of(value: Any) -> Dual | None:
+    """Numbers of any shape as a dual number; None if nothing in them has slopes."""
+    if isinstance(value, Dual):
+        return value
+    if not have_slopes():
+        return None
+    if isinstance(value, DualFloat | DualArray):
+        return None if value.slopes is None else Dual(value, value.slopes)
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        value = value.tolist()
+        return dual_of(value)
+    if not isinstance(value, list | tuple):
+        return None
+    duals = [dual_of(part) for part in value]
+    if all(dual is None for dual in duals):
+        return None
+    parts = [
+        with_slopes(part if dual is None else dual) for part, dual in zip(value, duals, strict=True)
+    ]
+    return Dual([part.values for part in parts], np.array([part.slopes for part in parts]))
+
+
+def stacked(values: Any) -> Any:
+    """An array of numbers, with slopes if any of them has."""
+    dual = dual_of(values)
+    return np.array(values, float) if dual is None else dual
+
+
+def plain(values: Any) -> Any:
+    """The values without slopes."""
+    return values.values if isinstance(values, Dual) else values
+
+
+def with_slopes(values: Any, count: int = 0) -> Dual:
+    """Numbers as dual ones, perhaps without a slope that is not zero."""
+    dual = stacked(values)
+    slopes = (*np.shape(dual), count or _COUNT.get())
+    return dual if isinstance(dual, Dual) else Dual(dual, np.zeros(slopes))
+
+
+def _parts(value: Any) -> Any:
+    """Values and slopes, which may be None, of an argument; None if it is no number."""
+    if type(value) is Dual:
+        return value.values, value.slopes
+    if type(value) in (float, int):
+        return value, None
+    if (dual := dual_of(value)) is not None:
+        return dual.values, dual.slopes
+    try:
+        return np.asarray(value, float), None
+    except Exception:  # noqa: BLE001  # of what is no number, such as an expression of UFL
+        return None
+
+
+def _in_scene(of_dual: Callable) -> Callable:
+    def result(self, other):
+        if not isinstance(other, float | int | np.ndarray):
+            return NotImplemented
+        return in_scene(of_dual(Dual(self, self.slopes), other))
+
+    return result
+
+
+for _name in ("add", "sub", "mul", "truediv", "pow"):
+    for _text in (f"__{_name}__", f"__r{_name}__"):
+        setattr(DualFloat, _text, _in_scene(getattr(Dual, _text)))
+
+
+def _slope(function: Callable) -> Callable:
+    """The derivative of an analytic function of one argument."""
+    return lambda o, a: function(a + _STEP * 1j).imag / _STEP
+
+
+#: Derivatives of functions by each argument, of the result and the arguments.
+_RULES: dict[Any, tuple[Callable[..., Any], ...]] = {
+    np.add: (lambda o, a, b: 1.0, lambda o, a, b: 1.0),
+    np.subtract: (lambda o, a, b: 1.0, lambda o, a, b: -1.0),
+    np.multiply: (lambda o, a, b: b, lambda o, a, b: a),
+    np.true_divide: (lambda o, a, b: 1 / b, lambda o, a, b: -o / b),
+    np.power: (
+        lambda o, a, b: np.where(b == 0, 0.0, b * a ** np.where(b == 0, 1.0, b - 1)),
+        lambda o, a, b: o * np.log(np.where(a > 0, a, 1.0)),
+    ),
+    np.remainder: (lambda o, a, b: 1.0, lambda o, a, b: -np.floor(a / b)),
+    np.arctan2: (lambda o, a, b: b / (a * a + b * b), lambda o, a, b: -a / (a * a + b * b)),
+    np.hypot: (lambda o, a, b: a / o, lambda o, a, b: b / o),
+    np.maximum: (lambda o, a, b: a >= b, lambda o, a, b: a < b),
+    np.minimum: (lambda o, a, b: a <= b, lambda o, a, b: a > b),
+    np.negative: (lambda o, a: -1.0,),
+    np.positive: (lambda o, a: 1.0,),
+    np.absolute: (lambda o, a: np.sign(a),),
+    np.deg2rad: (lambda o, a: np.pi / 180,),
+    np.rad2deg: (lambda o, a: 180 / np.pi,),
+    np.sin: (lambda o, a: np.cos(a),),
+    np.cos: (lambda o, a: -np.sin(a),),
+}
+_ANALYTIC = {
+    *(np.sqrt, np.square, np.reciprocal, np.exp, np.exp2, np.expm1, np.log, np.log2, np.log10),
+    *(np.log1p, np.tan, np.arcsin, np.arccos, np.arctan, np.sinh, np.cosh, np.tanh, np.arcsinh),
+}
+#: Functions that have no slopes.
+_OF_VALUES = {
+    *(np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal),
+    *(np.isfinite, np.isnan, np.isinf, np.floor, np.ceil, np.sign, np.floor_divide),
+    *(np.shape, np.ndim, np.size, np.zeros_like, np.ones_like, np.empty_like, np.full_like),
+    *(np.any, np.all, np.array_equal, np.searchsorted, np.argsort, np.argmax, np.argmin),
+}
+
+
+def _matmul(a: tuple, b: tuple) -> Dual:
+    (A, by_a), (B, by_b) = a, b
+    values, total = np.asarray(A @ B), np.zeros(())
+    if by_a is not None:
+        total = total + np.moveaxis(np.moveaxis(by_a, -1, 0) @ B, 0, -1)
+    if by_b is not None:
+        of_b = A @ by_b if B.ndim == 1 else np.moveaxis(A @ np.moveaxis(by_b, -1, 0), 0, -1)
+        total = total + of_b
+    return Dual(values, total)
+
+
+def _along(function: Callable) -> Callable:
+    """A linear function of the values along an axis, or of all."""
+
+    def result(a, axis=None, **options) -> Dual:
+        a, axis = (a, axis % a.ndim) if axis is not None else (a.reshape(-1), 0)
+        return Dual(*(function(of, axis=axis, **options) for of in (a.values, a.slopes)))
+
+    return result
+
+
+_sum = _along(np.sum)
+
+
+def _interp(x, xp, fp) -> Any:
+    """Interpolated on a line between points; its slopes at a point are those after it."""
+    x, xp, fp = map(stacked, (x, xp, fp))
+    at, places = plain(x), plain(xp)
+    i = _clip(np.searchsorted(places, at, "right") - 1, 0, len(places) - 2)
+    w = _clip((x - xp[i]) / (xp[i + 1] - xp[i]), 0.0, 1.0)
+    return (1 - w) * fp[i] + w * fp[i + 1]
+
+
+def _clip(a, low=None, high=None) -> Any:
+    a = a if low is None else np.maximum(a, low)
+    return a if high is None else np.minimum(a, high)
+
+
+def _linspace(start, stop, num=50, endpoint=True):
+    fractions = np.linspace(0.0, 1.0, num, endpoint)
+    start, stop = stacked(start), stacked(stop)
+    return start + fractions.reshape(-1, *[1] * np.ndim(start)) * (stop - start)
+
+
+def _broadcast_to(a, shape) -> Dual:
+    shape = (shape,) if isinstance(shape, int) else tuple(shape)
+    slopes = np.broadcast_to(a.slopes, (*shape, a.slopes.shape[-1]))
+    return Dual(np.broadcast_to(a.values, shape), slopes)
+
+
+def _bincount(at, weights, size):
+    slopes = np.zeros((size, weights.slopes.shape[-1]))
+    for i in np.flatnonzero(weights.slopes.any(axis=0)):
+        slopes[:, i] = np.bincount(at, weights.slopes[:, i], size)
+    return Dual(np.bincount(at, weights.values, size), slopes)
+
+
+_FUNCTIONS: dict[Any, Callable] = {
+    np.sum: _sum,
+    np.mean: _along(np.mean),
+    np.cumsum: _along(np.cumsum),
+    np.diff: lambda a, axis=-1: _along(np.diff)(a, axis),
+    np.dot: lambda a, b: np.matmul(a, b) if np.ndim(a) and np.ndim(b) else a * b,
+    np.outer: lambda a, b: stacked(a).reshape(-1)[:, None] * stacked(b).reshape(-1),
+    np.interp: _interp,
+    np.clip: _clip,
+    np.max: lambda a: a.reshape(-1)[int(a.values.argmax())],
+    np.min: lambda a: a.reshape(-1)[int(a.values.argmin())],
+    np.linalg.norm: lambda a, axis=None: np.sqrt(_sum(a * a, axis)),
+    np.linspace: _linspace,
+    np.bincount: _bincount,
+    np.broadcast_to: _broadcast_to,
+}
+#: Functions that only place entries, and which arguments have these.
+_PLACING = dict.fromkeys(
+    (np.concatenate, np.stack, np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
+    + (np.ravel, np.transpose, np.atleast_1d, np.atleast_2d, np.copy, np.repeat, np.tile, np.flip)
+    + (np.roll, np.squeeze, np.expand_dims, np.swapaxes, np.moveaxis, np.take, np.diag),
+    (0,),
+) | {np.where: (1, 2), np.append: (0, 1)}
+
+
+def _placed(function: Callable, given: Any, options: dict) -> Dual:
+    """What a function that only places entries gives: it is called with their numbers."""
+    entries: list[Dual] = []
+
+    def numbers_of(value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return [numbers_of(part) for part in value]
+        first = sum(part.size for part in entries)
+        entries.append(with_slopes(value, count).reshape(-1))
+        return first + np.arange(entries[-1].size).reshape(np.shape(value))
+
+    flat = [one for part in given for one in (part if isinstance(part, list | tuple) else [part])]
+    count = next(one.slopes.shape[-1] for one in flat if isinstance(one, Dual))
+    chosen = [
+        numbers_of(part) if i in _PLACING[function] else plain(part) for i, part in enumerate(given)
+    ]
+    at = function(*chosen, **options)
+    values, slopes = entries[0].values, entries[0].slopes
+    if len(entries) > 1:
+        values = np.concatenate([part.values for part in entries])
+        slopes = np.concatenate([part.slopes for part in entries])
+    if at.size == values.size and (np.diff(at.ravel()) == 1).all():  # in the same order
+        return Dual(values.reshape(at.shape), slopes.reshape(*at.shape, -1))
+    return Dual(values[at], slopes[at])
+
+
+_METHODS = {of.__name__: of for of in (*_RULES, *_ANALYTIC) if of.nin == 1}
+_METHODS |= {of.__name__: of for of in (np.sum, np.mean, np.cumsum, np.dot, np.clip, np.repeat)}
+_METHODS |= {of.__name__: of for of in (np.ravel, np.transpose, np.copy, np.squeeze, np.argsort)}
+_METHODS |= {"max": np.max, "min": np.min, "flatten": np.ravel}
