@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping
 from typing import Any
+
+import ufl
 
 import numpy as np
 import scipy.sparse
@@ -13,7 +14,8 @@ from fx_beam.dual import DualFloat, have_slopes, plain, stacked
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from .fields import distinct, section_data
+from . import dolfinx_api, ffcx_api
+from .fields import distinct, fields_of, section_data
 from .forms import Forms
 from .loads import gauss_rule
 from .mesh import Mesh
@@ -50,7 +52,7 @@ class Mass:
         if self._scene.masses:
             self.assembled.append("lumped mass")
         self.changes += 1
-        entries = plain(self._entries(self._blocks())), K.indices, K.indptr
+        entries = plain(self._entries(self._of_cells())), K.indices, K.indptr
         return scipy.sparse.csr_matrix(entries, K.shape, copy=False)
 
     def refill(self, scene: Scene, moved: bool) -> bool:
@@ -65,15 +67,15 @@ class Mass:
         anew |= any(callable(value) for pair in given for value in pair)
         heavier = False
         if anew:
-            blocks = self._blocks()
-            entries, self.changes = plain(self._entries(blocks)), self.changes + 1
+            of_cells = self._of_cells()
+            entries, self.changes = plain(self._entries(of_cells)), self.changes + 1
             if ((mass.data != 0) != (entries != 0)).any():
                 raise OtherStructureError("other nodes have mass")
             heavier = bool((mass.data != entries).any())
             mass.data[:] = entries
         # The mass may be assembled only here, and then differs from none.
         if scene.gravity is not None and (anew or (scene.gravity != gravity).any()):
-            self.weight = plain(self._weights(blocks if anew else self._blocks(["rhoA"])))
+            self.weight = plain(self._weights(of_cells if anew else self._of_cells()))
         return heavier
 
     @functools.cached_property
@@ -82,7 +84,7 @@ class Mass:
         if self._scene.gravity is None:
             return None
         self.assembled.append("gravity")
-        return plain(self._weights(self._blocks(["rhoA"])))
+        return plain(self._weights(self._of_cells()))
 
     def numbers(self) -> dict[str, Any]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has."""
@@ -91,57 +93,61 @@ class Mass:
         given += [] if self._gravity is None else [*self._gravity]
         moves = self._mesh.places(self._scene) is not self._mesh.X
         if have_slopes() and (moves or any(type(v) is DualFloat or callable(v) for v in given)):
-            blocks = self._blocks()
-            numbers["mass"] = self._entries(blocks)
+            of_cells = self._of_cells()
+            numbers["mass"] = self._entries(of_cells)
             if self.weight is not None:
-                numbers["weight"] = self._weights(blocks)
+                numbers["weight"] = self._weights(of_cells)
         return numbers
 
-    def _entries(self, blocks: Mapping[str, Any]) -> Any:
-        size = len(self._forms.stiffness.data)
-        if not (blocks or self._masses):
-            return np.zeros(size)
+    def _entries(self, of_cells: Any) -> Any:
         places, values = [], []
         if self._masses:
             places, values = [self._diagonal], [self._mesh.from_nodes(self.lumped)]
-        for name, block in blocks.items():
-            for component in (0, 1) if name == "rhoA" else (2,):
-                places.append(self._places[component])
-                values.append(block.reshape(-1))
+        if of_cells is not None:
+            places, values = [*places, self._places], [*values, of_cells.reshape(-1)]
+        size = len(self._forms.stiffness.data)
+        if not places:
+            return np.zeros(size)
         return np.bincount(np.concatenate(places), np.concatenate(values), size)
 
-    def _weights(self, blocks: Mapping[str, Any]) -> Any:
-        masses = self.lumped[:, 0]
-        if "rhoA" in blocks:
-            at, of_nodes = self._mesh.elements.ravel(), np.sum(blocks["rhoA"], 2).reshape(-1)
-            masses = masses + np.bincount(at, of_nodes, len(masses))
-        return self._mesh.from_nodes(np.outer(masses, np.append(stacked(self._scene.gravity), 0.0)))
+    def _weights(self, of_cells: Any) -> Any:
+        pull = np.append(stacked(self._scene.gravity), 0.0)
+        weight = self._mesh.from_nodes(self.lumped * pull)
+        if of_cells is not None:
+            rows, columns, _ = _unit_masses(self._degree)
+            forces, at = of_cells * pull[columns % 3], self._dofs[:, rows]
+            weight = weight + np.bincount(at.ravel(), forces.reshape(-1), len(weight))
+        return weight
 
-    def _blocks(self, names: Iterable[str] = tuple(_WORDS)) -> dict[str, Any]:
-        """Masses and inertias (cells, degree + 1, degree + 1) of the nodes of cells, by name."""
-        if not (given := [name for name in names if name in self._has]):
-            return {}
-        mesh, degree = self._mesh, self._scene.beams[0].degree
-        weights, shape, slope = gauss_rule(degree, degree + 1)
-        products = weights[:, None, None] * shape[:, :, None] * shape[:, None]
-        along = slope @ mesh.places(self._scene)[mesh.elements]
-        lengths, blocks = np.hypot(along[..., 0], along[..., 1]), {}
-        for name in given:
-            density = section_data(mesh, self._scene, (name,), degree + 1).values
-            of_points = np.broadcast_to(density, lengths.shape) * lengths
-            of_cells = of_points @ products.reshape(len(weights), -1)
-            blocks[name] = of_cells.reshape(-1, degree + 1, degree + 1)
-        return blocks
+    def _of_cells(self) -> Any:
+        """Entries (cells, n) of the mass matrices of cells, None without beams that have mass."""
+        if not self._has:
+            return None
+        mesh, degree, (_, _, masses) = self._mesh, self._degree, _unit_masses(self._degree)
+        along = gauss_rule(degree, degree + 1)[2] @ mesh.places(self._scene)[mesh.elements]
+        lengths = np.hypot(along[..., 0], along[..., 1])
+        density = section_data(mesh, self._scene, ("rhoA", "rhoI"), degree + 1).values
+        of_points = lengths[..., None] * density
+        return of_points.reshape(len(lengths), -1) @ masses
+
+    @property
+    def _degree(self) -> int:
+        return self._scene.beams[0].degree
+
+    @property
+    def _dofs(self) -> np.ndarray:
+        """Degrees of freedom (cells, 3 nodes) of each cell, node by node along it."""
+        return self._mesh.dofs[self._mesh.elements].reshape(len(self._mesh.elements), -1)
 
     @functools.cached_property
     def _places(self) -> np.ndarray:
-        """Positions (3, cells * (degree + 1)^2) of blocks in the values of the stiffness."""
-        K, dofs = self._forms.stiffness, self._mesh.dofs[self._mesh.elements]
-        n, count, columns = len(K.indptr) - 1, dofs.shape[1], np.moveaxis(dofs, 2, 0)
+        """Positions (cells * n,) of the entries of cells in the values of the stiffness."""
+        K, (rows, columns, _) = self._forms.stiffness, _unit_masses(self._degree)
+        n = len(K.indptr) - 1
         keys = np.repeat(np.arange(n), np.diff(K.indptr)) * n + K.indices
-        wanted = np.repeat(columns, count, axis=2) * n + np.tile(columns, count)
+        wanted = (self._dofs[:, rows] * n + self._dofs[:, columns]).ravel()
         order = None if (np.diff(keys) > 0).all() else np.argsort(keys)
-        at = np.searchsorted(keys, wanted.reshape(3, -1), sorter=order)
+        at = np.searchsorted(keys, wanted, sorter=order)
         return (at if order is None else order[at]).astype(np.int32)
 
     @functools.cached_property
@@ -157,3 +163,24 @@ class Mass:
         given = stacked([(mass, mass, inertia) for _, mass, inertia in self._scene.masses])
         at = 3 * np.array([row.node for row in self._scene.masses], int)[:, None] + np.arange(3)
         return np.bincount(at.ravel(), given.reshape(-1), self._mesh.dofs.size).reshape(-1, 3)
+
+
+@functools.cache
+def _unit_masses(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows and columns (n,) of entries of an element's mass matrix, and those (2 points, n).
+
+    Of an element of unit length, whose rhoA or rhoI is one at one Gauss point, and zero elsewhere.
+    Degrees of freedom are numbered node by node along the element.
+    """
+    fields = fields_of(degree, curved=False)
+    points, nodes = fields.full_rule, np.array([0, *range(2, degree + 1), 1])
+    density = fields.data((points, (2,)))
+    (u, psi), (virtual_u, virtual_psi) = ufl.split(fields.trial), ufl.split(fields.test)
+    work = density[0] * ufl.dot(virtual_u, u) + density[1] * virtual_psi * psi
+    form = dolfinx_api.compile_form(work * fields.measure(points), "mass")
+    units = np.eye(2 * points)
+    masses = ffcx_api.element_tensors(form, units, [[0, 0, 0], [1, 0, 0]], 3 * (degree + 1))
+    order = np.dstack([2 * nodes, 2 * nodes + 1, 2 * (degree + 1) + nodes]).ravel()
+    masses = masses[:, order][:, :, order]
+    rows, columns = np.nonzero(masses.any(axis=0))
+    return rows, columns, masses[:, rows, columns]

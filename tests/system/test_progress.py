@@ -126,7 +126,7 @@ def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch
     whole, rows, end = path(), [], 1000
     while stopped(end):  # its lines of Python, of which the last are those of the steps
         end += end // 5
-    for place in np.linspace(end / 1.3, end, 90):
+    for place in np.linspace(end / 2, end, 90):
         stop = stopped(int(place))
         if (first := getattr(stop, "solution", None)) is not None:
             rows.append(len(first.t))
