@@ -61,14 +61,14 @@ def main():
                     for dt in STEPS:
                         scene, rail = made(stiffness, **damping)
                         solution = fb.simulate(scene, scheme, dt=dt, t_end=end)
-                        errors.append(abs(solution.slide(rail) - known(solution.t)).max())
+                        errors.append(abs(solution.joint(rail).slide - known(solution.t)).max())
                     row = f"{name} {scheme.name} {stiffness:g} {damping or 'critical'}"
                     print(f"{row:50}", *(f"{error:8.1e}" for error in errors))
     for tolerance in (1e-3, 1e-4, 1e-5):
         for damping in ({}, {"damping": 0.0}):
             scene, rail = bead(1e5, **damping)
             solution = fb.simulate(scene, t_end=END, tolerance=tolerance)
-            error = abs(solution.slide(rail) - exact(solution.t)[0]).max()
+            error = abs(solution.joint(rail).slide - exact(solution.t)[0]).max()
             print(f"bead, tolerance {tolerance:g} {damping}: {error:.1e}, {len(solution.t)} steps")
     print("Restitution: steps a contact, least and largest over the places where steps end")
     for e in (0.8, 0.5, 0.2):
@@ -82,7 +82,7 @@ def bounce(restitution, dt, part):
     scene = fb.Scene()
     ball = scene.add_body((0, 0.02 + part * dt), mass=1.0, inertia=0.1).centre
     floor = fb.Line((0, 0), (0, 1))
-    scene.add_obstacle(ball, floor, stiffness=1e6, restitution=restitution, speed=0.01)
+    scene.add_contact(ball, floor, stiffness=1e6, restitution=restitution, speed=0.01)
     scene.set_velocity(ball, (0, -1.0))
     return fb.simulate(scene, dt=dt, t_end=0.03 + 8 * dt).velocity(ball)[-1, 1]
 

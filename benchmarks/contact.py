@@ -12,7 +12,7 @@ def ball(stiffness):
     """A mass of 1 kg, 5 cm above a floor; a bounce takes 0.2 s."""
     scene = fb.Scene(gravity=(0, -10))
     mass = scene.add_body((0, 0.05), 1.0, 1.0).centre
-    scene.add_obstacle(mass, fb.Line((0, 0), normal=(0, 1)), stiffness)
+    scene.add_contact(mass, fb.Line((0, 0), normal=(0, 1)), stiffness)
     return scene
 
 

@@ -108,7 +108,7 @@ def motor(fb):
 
 def obstacle(fb, **laws):
     scene, rod = beam(fb)
-    scene.add_obstacle(rod, fb.Line((0, -0.01), (0, 1)), stiffness=1e3, **laws)
+    scene.add_contact(rod, fb.Line((0, -0.01), (0, 1)), stiffness=1e3, **laws)
     return scene
 
 
@@ -156,7 +156,7 @@ def everything(fb):
     scene.add_joint(fb.Prismatic(rod.end, block.centre, axis=(1, 0), spring=fb.Spring(10.0)))
     scene.add_force(rod.end, lambda t: (t, 1.0))
     friction = fb.Coulomb(0.3, 500.0)
-    scene.add_obstacle(rod, fb.Line((0, -0.1), (0, 1)), stiffness=1e3, friction=friction)
+    scene.add_contact(rod, fb.Line((0, -0.1), (0, 1)), stiffness=1e3, friction=friction)
     other = scene.add_beam([(0.5, -0.05), (1.5, -0.05)], section, elements=2)
     scene.clamp(other.end)
     scene.add_contact(other, rod, stiffness=1e4, radius=0.05)
@@ -172,7 +172,7 @@ def order_four(fb, scene, **options):
 
 
 def static(fb, scene):
-    return fb.static(scene, steps=10)
+    return fb.static(scene, load_steps=10)
 
 
 def modes(fb, scene):

@@ -47,7 +47,7 @@ def arms():
         if last is None:
             scene.pin(arm.start)
         else:
-            scene.add_joint(fb.Revolute(last, arm.start, friction=fb.Friction(0.1, 0.1)))
+            scene.add_joint(fb.Revolute(last, arm.start, friction=fb.SmoothFriction(0.1, 0.1)))
         last = arm.end
     return scene
 

@@ -108,7 +108,7 @@ def measure(sizes):
         print(f"  relative error of the energy balance {error:.1e}")
         draw(scene, motion)
         clock = process_time()
-        state = fb.static(scene, steps=10)
+        state = fb.static(scene, load_steps=10)
         print(f"  ten load steps {process_time() - clock:.1f}")
         clock = process_time()
         fb.modes(scene, state, n=10)

@@ -67,7 +67,7 @@ def measure():
         "multi-body system": (lambda: scene("multibody"), simulate),
         "chain of 800 links": (lambda: chain(fb, 800), simulate),
         "lattice of 64 x 64 cells": (lambda: lattice(fb, 64), simulate),
-        "one cell, static": (lambda: lattice(fb, 1), lambda made: fb.static(made, steps=1)),
+        "one cell, static": (lambda: lattice(fb, 1), lambda made: fb.static(made, load_steps=1)),
         "one cell, modes": (lambda: lattice(fb, 1), fb.modes),
     }
     found = {}

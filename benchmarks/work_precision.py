@@ -175,7 +175,7 @@ def pendulum(quick):
         },
         "start": stretched,
         "t_end": module.T_END,
-        "steps": halved(module.LARGE, 4 if quick else 8),
+        "dt": halved(module.LARGE, 4 if quick else 8),
         "meshes": [(1, 1)] if quick else [(1, 1), (4, 1), (1, 2)],
     }
 
@@ -191,7 +191,7 @@ def three_bar_swing(quick):
         },
         "exact": {"energy": 0.0},
         "t_end": 0.6,
-        "steps": halved(corner / 8, 3 if quick else 6),
+        "dt": halved(corner / 8, 3 if quick else 6),
         "meshes": [(4, 1), (8, 1)] if quick else [(4, 1), (8, 1), (16, 1), (4, 2), (8, 2), (4, 3)],
     }
 
@@ -206,7 +206,7 @@ def three_bar_swing_to_1_s(quick):
             "energy": energy_error,
         },
         "t_end": demo("three_bar_swing").T_END,
-        "steps": halved(corner / 32, 2 if quick else 5),
+        "dt": halved(corner / 32, 2 if quick else 5),
         "meshes": [(4, 2)] if quick else [(4, 1), (8, 1), (16, 1), (4, 2), (8, 2), (8, 3)],
         "finer": (8 if quick else 16, 2),
         "repetitions": 1 if quick else 3,
@@ -225,7 +225,7 @@ def multibody(quick):
         },
         "exact": {"energy": 0.0},
         "t_end": pulse_end,
-        "steps": halved(corner / 10, 2 if quick else 5),
+        "dt": halved(corner / 10, 2 if quick else 5),
         "meshes": [(5, 1)] if quick else meshes,
     }
 
@@ -240,7 +240,7 @@ def multibody_to_2_s(quick):
             "energy": energy_error,
         },
         "t_end": demo("multibody").SHOWN,
-        "steps": halved(0.01, 2 if quick else 5),
+        "dt": halved(0.01, 2 if quick else 5),
         "meshes": [(5, 2)] if quick else [(5, 1), (10, 1), (20, 1), (5, 2), (10, 2), (5, 3)],
         "finer": (8, 2),
         "repetitions": 1 if quick else 3,
@@ -259,7 +259,7 @@ def pinned_beam(quick):
         },
         "exact": {"energy": 0.0, "angular momentum": 0.0},
         "t_end": 0.5,
-        "steps": halved(demo("pinned_beam").DT, 3 if quick else 6),
+        "dt": halved(demo("pinned_beam").DT, 3 if quick else 6),
         "meshes": [(8, 1)] if quick else meshes,
     }
 
@@ -274,7 +274,7 @@ def pinned_beam_to_2_s(quick):
             "angular momentum": momentum_error,
         },
         "t_end": 2.0,
-        "steps": halved(demo("pinned_beam").DT, 2 if quick else 6),
+        "dt": halved(demo("pinned_beam").DT, 2 if quick else 6),
         "meshes": [(8, 2)] if quick else [(8, 1), (16, 1), (32, 1), (8, 2), (16, 2), (16, 3)],
         "finer": (8 if quick else 16, 2),
         "repetitions": 1 if quick else 3,

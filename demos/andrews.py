@@ -145,7 +145,9 @@ def audit(solution, bodies):
         "largest relative error of an angle": abs(found / ANGLES - 1).max(),
         "largest error of a speed": abs(speeds(solution, bodies)[:, -1] - SPEEDS).max(),
         "relative balance error": abs(energy.balance_error).max() / energy.work.max(),
-        "largest gap": max(solution.gap(joint).max() for joint in bodies[1].centre.scene.joints),
+        "largest gap": max(
+            solution.joint(joint).gap.max() for joint in bodies[1].centre.scene.joints
+        ),
         "seconds": solution.stats.seconds,
     }
 

@@ -83,7 +83,7 @@ def capstan(mu):
     friction = fb.Coulomb(mu, 1e8)
     scene.add_contact(strip, fb.Circle((0, 0), RADIUS), stiffness=1e6, friction=friction)
     scene.add_force(strip.end, (0, -1.0))
-    N = fb.static(scene, steps=10).resultants(strip).N[-1]
+    N = fb.static(scene, load_steps=10).resultants(strip).N[-1]
     return N[-1] / N[0]
 
 

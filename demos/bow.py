@@ -91,9 +91,9 @@ def scene(mass=SHOWN, weight=1.0, limb_elements=10, string_elements=8):
 def drawn(mass=SHOWN, weight=1.0, steps=9):
     """The bow when it is strung, and when it is drawn."""
     bow, nock, arrow = scene(mass, weight)
-    strung = fb.static(bow, steps=4)
+    strung = fb.static(bow, load_steps=4)
     string = strung.displacement(nock)[-1, 0]
-    pulled = fb.static(bow, steps=steps, start=strung, inputs={"draw": string - DRAW})
+    pulled = fb.static(bow, load_steps=steps, start=strung, inputs={"draw": string - DRAW})
     return bow, nock, arrow, strung, pulled
 
 

@@ -77,7 +77,7 @@ def outputs(pole, rail, hinge):
 
 def upright(bending=1.0):
     """The equilibrium that is to be held."""
-    return fb.static(scene(bending, held=True)[0], steps=2)
+    return fb.static(scene(bending, held=True)[0], load_steps=2)
 
 
 def design(bending=1.0, states=STATES):

@@ -52,7 +52,7 @@ def scene(restitution=1.0):
     speed = SPEED if restitution < 1 else None
     plane = fb.Line((0, 0), normal=(0, 1))
     half = lower, upper
-    floors = [made.add_obstacle(part, plane, STIFFNESS, restitution, speed) for part in half]
+    floors = [made.add_contact(part, plane, STIFFNESS, restitution, speed) for part in half]
     for part in half:
         made.set_velocity(part, (VELOCITY, 0))
     return made, floors

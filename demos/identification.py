@@ -60,7 +60,7 @@ def build(x):
     first, second = members
     scene.pin(first.start)
     scene.add_mass(second.end, TIP)
-    coulomb = fb.Friction(friction, speed=0.5)
+    coulomb = fb.SmoothFriction(friction, speed=0.5)
     scene.add_joint(fb.Revolute(first.end, second.start, friction=coulomb))
     return scene, {
         "hinge": fb.Output("position", first.end),

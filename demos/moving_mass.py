@@ -176,7 +176,7 @@ def draw(results, runs):
     sag, force = axes.flat
     colours = "#0072B2", "#D55E00", "#009E73"
     for (name, (solution, joint)), colour in zip(runs.items(), colours, strict=True):
-        place = solution.slide(joint) / LENGTH
+        place = solution.joint(joint).slide / LENGTH
         exact = series(SPEEDS[name]) / STATIC
         sag.plot(place, exact, color=colour, linewidth=2.8, alpha=0.35)
         sag.plot(

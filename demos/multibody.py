@@ -164,7 +164,7 @@ def largest_force(solution, start, end):
 def audit(solution, joints):
     """Numbers by which a run is assessed."""
     after, ratio = energy_ratio(solution)
-    slide = solution.slide(joints["slide"])
+    slide = solution.joint(joints["slide"]).slide
     return {
         "steps": solution.stats.steps,
         "energy after the pulse": float(np.interp(after[0], solution.t, energy(solution))),
@@ -172,7 +172,7 @@ def audit(solution, joints):
         "highest energy ratio": ratio.max(),
         "energy drift": abs(ratio - 1).max(),
         "balance error": abs(solution.energy.balance_error).max(),
-        "largest gap": max(solution.gap(joint).max() for joint in joints.values()) / SIZE,
+        "largest gap": max(solution.joint(joint).gap.max() for joint in joints.values()) / SIZE,
         "slide": [slide.min(), slide.max()],
         "largest axial force during the pulse": largest_force(solution, 0.0, PULSE_END),
         "largest axial force up to 0.7 s": largest_force(solution, PULSE_END, 0.7),
@@ -279,7 +279,7 @@ def draw(results, runs):
         for ax, joint in zip(axes[:2, 0], "AB", strict=True):
             ax.plot(run.t, displacement(run, joint), **look)
             ax.set(ylabel=f"displacement $u_y$ of {joint} [m]")
-        axes[2, 0].plot(run.t, run.slide(joints["slide"]), **look)
+        axes[2, 0].plot(run.t, run.joint(joints["slide"]).slide, **look)
     axes[2, 0].set(ylabel="slide $d$ [m]")
     plot.save(figure, results / "displacement.png")
 

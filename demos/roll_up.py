@@ -51,7 +51,7 @@ def rolled_up(turns, steps, elements=ELEMENTS, degree=DEGREE):
     """Solution, beam, and distance (n,) of its tip from the exact position over the length."""
     log.info("%g turns, %d elements of degree %d", turns, elements, degree)
     rolled, beam = scene(turns, elements, degree)
-    solution = fb.static(rolled, steps=steps)
+    solution = fb.static(rolled, load_steps=steps)
     angle = np.maximum(solution.load_factor * turns * 2 * np.pi, 1e-300)
     exact = LENGTH / angle[:, None] * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
     return solution, beam, np.hypot(*(solution.position(beam.end) - exact).T) / LENGTH

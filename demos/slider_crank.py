@@ -146,7 +146,7 @@ def audit(solution, joints):
             motor_work(solution, joints) - energy.total + energy.total[0]
         ).max()
         / scale,
-        "largest gap": max(solution.gap(joint).max() for joint in joints.values()),
+        "largest gap": max(solution.joint(joint).gap.max() for joint in joints.values()),
         "slider off the rigid mechanism": abs(x - rigid(solution.t)[0]).max(),
         "largest deflection of the rod": abs(deflection(solution)).max(),
         "largest bending moment in the rod": abs(solution.resultants("rod").M).max(),

@@ -51,7 +51,7 @@ def scene(stiffness=STIFFNESS, restitution=1.0):
     speed = SPEED if restitution < 1 else None
     stop = fb.Stop(*LIMITS, HINGE, restitution, speed)
     hinge = made.add_joint(fb.Revolute(fb.GROUND, arm.start, stop=stop))
-    peg = made.add_obstacle(arm, fb.Circle(PEG, RADIUS), stiffness, restitution, speed)
+    peg = made.add_contact(arm, fb.Circle(PEG, RADIUS), stiffness, restitution, speed)
     made.set_velocity(arm, lambda x, y: (-SPIN * y, SPIN * x), spin=SPIN)
     return made, hinge, peg
 

@@ -41,7 +41,7 @@ from .orbits.periodic_search import (
     periodic as periodic,
 )
 from .results.audit import BeamResultants as BeamResultants, Energy as Energy, Stats as Stats
-from .results.contact import Contact as Contact
+from .results.contact import ContactMotion as ContactMotion
 from .results.joint_motion import JointMotion as JointMotion
 from .results.saved import load as load
 from .results.solution import Solution as Solution
@@ -54,11 +54,12 @@ from .results.vibrations import (
 from .scene.beam import Beam as Beam, Node as Node
 from .scene.body import Body as Body
 from .scene.changes import Fuse as Fuse, Latch as Latch
+from .scene.contacts import Circle as Circle, Contact as Contact, Line as Line
 from .scene.coordinate import (
     Coordinate as Coordinate,
     Coulomb as Coulomb,
     Damper as Damper,
-    Friction as Friction,
+    SmoothFriction as SmoothFriction,
     Spring as Spring,
     Stop as Stop,
 )
@@ -76,7 +77,6 @@ from .scene.joints import (
 )
 from .scene.law import Law as Law
 from .scene.loads import thermal as thermal
-from .scene.obstacles import Circle as Circle, Line as Line, Obstacle as Obstacle
 from .scene.outputs import Output as Output
 from .scene.parameters import Parameter as Parameter
 from .scene.scene import Scene as Scene

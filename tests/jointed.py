@@ -168,8 +168,8 @@ def frame():
     scene.add_drag(bow, linear=(0.1, 0.2), quadratic=0.05, rotation=0.01)
     scene.add_drag(post, linear=0.1)
     scene.add_drag(post.end, linear=0.2, quadratic=0.3, rotation=0.05)
-    scene.add_obstacle(bow, fb.Line((1.203, 1.1), normal=(-1, 0.2)), stiffness=1e3)
-    scene.add_obstacle(bow.end, fb.Circle((1.3, 0.5), 0.6), 1e3, restitution=0.5, speed=0.1)
+    scene.add_contact(bow, fb.Line((1.203, 1.1), normal=(-1, 0.2)), stiffness=1e3)
+    scene.add_contact(bow.end, fb.Circle((1.3, 0.5), 0.6), 1e3, restitution=0.5, speed=0.1)
     scene.add_force_between(
         bow.end, (1.5, 1.6), spring=fb.Spring(20.0, rest=0.4), damper=fb.Damper(0.3)
     )
@@ -190,7 +190,10 @@ def linkage():
     )
     scene.add_joint(
         fb.Revolute(
-            fb.GROUND, body["pin"], damper=fb.Damper(0.2), friction=fb.Friction(0.3, speed=0.1)
+            fb.GROUND,
+            body["pin"],
+            damper=fb.Damper(0.2),
+            friction=fb.SmoothFriction(0.3, speed=0.1),
         )
     )
     scene.add_joint(fb.Revolute(body["end"], rod.start, stop=fb.Stop(-0.5, 1e-4, 50.0)))
@@ -203,7 +206,7 @@ def linkage():
             offset=(0.1 - 0.05, 0.1 - 0.01),
             spring=fb.Spring(40.0, rest=0.1),
             damper=fb.Damper(0.5),
-            friction=fb.Friction(0.2, speed=0.05),
+            friction=fb.SmoothFriction(0.2, speed=0.05),
             stop=(-0.4, 0.055, 1e3),
         )
     )

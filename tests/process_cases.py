@@ -61,7 +61,7 @@ def jointed():
     scene.add_force_between(nodes[0, 0], arm.end, spring=fb.Spring(stiffness=40.0))
     scene.clamp(nodes[0, 0])
     scene.pin(nodes[1, 0])
-    scene.add_obstacle(arm, fb.Line((0.0, -1.3), (0.0, 1.0)), stiffness=1e4)
+    scene.add_contact(arm, fb.Line((0.0, -1.3), (0.0, 1.0)), stiffness=1e4)
     return scene
 
 
@@ -162,9 +162,9 @@ CASES = {
     "yielding": lambda **o: run(bent, **o),
     "warmed": lambda **o: run(warmed, **o),
     "softened": lambda **o: run(softened, **o),
-    "equilibrium": lambda: fb.static(held(), steps=3, t=1.0),
-    "equilibrium of bodies": lambda: fb.static(still(), steps=3),
-    "bent": lambda: fb.static(bent(), steps=3, t=1.0),
+    "equilibrium": lambda: fb.static(held(), load_steps=3, t=1.0),
+    "equilibrium of bodies": lambda: fb.static(still(), load_steps=3),
+    "bent": lambda: fb.static(bent(), load_steps=3, t=1.0),
 }
 
 #: Those that are also written to files, row by row.

@@ -265,7 +265,7 @@ class Response:
         series, outputs, prepared = self._series, self._outputs, self._series.prepared
         if self._start is not None or prepared is None or not series.repeats(self._options):
             return None
-        if series.tapes or scene.obstacles:
+        if series.tapes or scene.contacts:
             return None  # the end is needed, or what lies deep in them is told
         if len(scene.nodes) != len(prepared.model.scene.nodes):
             return None  # outputs may be of nodes that the model has not

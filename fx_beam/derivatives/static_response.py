@@ -33,7 +33,7 @@ class StaticResponse(Response):
     ----------
     build : callable
         ``build(x)`` gives the scene and its outputs, as in `Response`.
-    steps : int
+    load_steps : int
         Number of load steps.
     t : float
         Time at which functions of time are evaluated [s].
@@ -71,7 +71,7 @@ class StaticResponse(Response):
     ...     scene.clamp(beam.start)
     ...     scene.add_moment(beam.end, math.pi * x[0])
     ...     return scene, {"tip": fb.Output("position", beam.end)}
-    >>> run = fb.StaticResponse(build, steps=4)
+    >>> run = fb.StaticResponse(build, load_steps=4)
     >>> factors, y = run([1.0])
     >>> J = run.jacobian()
     >>> J["tip"].shape
@@ -83,7 +83,7 @@ class StaticResponse(Response):
     def __init__(
         self,
         build: Build,
-        steps: int = 10,
+        load_steps: int = 10,
         *,
         t: float = 0.0,
         continuation: str | None = None,
@@ -95,7 +95,7 @@ class StaticResponse(Response):
         check_takes(build, "x", "StaticResponse: build")
         self._build = build
         self._static = StaticOptions(
-            steps=steps,
+            load_steps=load_steps,
             t=t,
             continuation=continuation,
             newton=newton,

@@ -45,7 +45,7 @@ class Branch:
     >>> scene.pin(column.start)
     >>> scene.fix(column.end, "x")
     >>> load = scene.add_force(column.end, (0, -12.0))
-    >>> point, = fb.static(scene, steps=4).critical_points
+    >>> point, = fb.static(scene, load_steps=4).critical_points
     >>> bent = fb.static(scene, start=point.branch(+1), continuation="arc-length")
     >>> bool(abs(bent.displacement(column.node(0.5))[-1, 0]) > 0.2), bool(bent.stable.all())
     (True, True)
@@ -153,7 +153,7 @@ def imperfect(scene: Scene, modes: Modes, size: float, mode: int = 0) -> Scene:
     >>> scene.pin(column.start)
     >>> scene.fix(column.end, "x")
     >>> load = scene.add_force(column.end, (0, -12.0))
-    >>> point, = fb.static(scene, steps=4).critical_points
+    >>> point, = fb.static(scene, load_steps=4).critical_points
     >>> crooked = fb.imperfect(scene, point.modes, 0.001)
     >>> round(crooked.beams[0].node(0.5).x, 6)
     0.001

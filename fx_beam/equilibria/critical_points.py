@@ -67,7 +67,7 @@ class CriticalPoint:
     >>> scene.pin(column.start)
     >>> scene.fix(column.end, "x")
     >>> load = scene.add_force(column.end, (0, -12.0))
-    >>> point, = fb.static(scene, steps=4).critical_points
+    >>> point, = fb.static(scene, load_steps=4).critical_points
     >>> point.kind, round(12 * point.load_factor / math.pi**2, 5)
     ('bifurcation', 1.0)
     """

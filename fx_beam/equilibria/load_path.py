@@ -74,7 +74,7 @@ class LoadPath:
             raise SceneError(
                 "static: arc-length steps do not find the force of a joint that its friction "
                 "follows, fx_beam.Coulomb. Use load steps (without continuation), or "
-                "fx_beam.Friction"
+                "fx_beam.SmoothFriction"
             )
         turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
         self.forcing = LoadForcing(model, options.t, turning)
@@ -123,7 +123,7 @@ class LoadPath:
     def _follow(self) -> None:
         """Append all states."""
         stepper, states, options, start = self._stepper, self.states, self.options, self.start
-        limits = options.steps, options.max_cuts
+        limits = options.load_steps, options.max_cuts
         if isinstance(start, Branch):
             self._branch_off(start)
             return
@@ -150,7 +150,7 @@ class LoadPath:
                 "its path, which must not have a start of its own"
             )
         states.append(state)
-        limits, shape = (options.steps, options.max_cuts), self.model.from_nodes(start.shape)
+        limits, shape = (options.load_steps, options.max_cuts), self.model.from_nodes(start.shape)
         try:
             new, ahead, distance = first_step(arc, state, shape, *limits)
         except StepFailed as failure:
@@ -167,7 +167,7 @@ class LoadPath:
                 return stepper.start_from(state := self._at_rest(start))
             except StepError:
                 pass  # the forces that held it do not hold it alone
-        state = Settling(stepper).settled(state, 1 / self.options.steps)
+        state = Settling(stepper).settled(state, 1 / self.options.load_steps)
         if state.negative_eigenvalues:
             _log.warning(_UNSTABLE)
         return state

@@ -31,7 +31,7 @@ _MOST_STEPS = 10_000_000
 class StaticOptions:
     """Those of `static`; SceneError for all that can be refused without a scene."""
 
-    steps: int = 10
+    load_steps: int = 10
     t: float = 0.0
     continuation: str | None = None
     newton: Any = None
@@ -46,7 +46,7 @@ class StaticOptions:
     def __post_init__(self):
         self.__dict__["newton"] = NewtonOptions() if self.newton is None else self.newton
         for name, least, most in (
-            ("steps", 1, _MOST_STEPS),
+            ("load_steps", 1, _MOST_STEPS),
             ("max_steps", 1, _MOST_STEPS),
             ("max_cuts", 0, MOST_HALVINGS),
             ("branches", 0, 10),

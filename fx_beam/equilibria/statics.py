@@ -19,7 +19,7 @@ from .static_options import StaticOptions
 @keeping_steps
 def static(
     scene: Scene,
-    steps: int = 10,
+    load_steps: int = 10,
     *,
     t: float = 0.0,
     continuation: str | None = None,
@@ -45,12 +45,12 @@ def static(
     ----------
     scene : Scene
         The scene.
-    steps : int
+    load_steps : int
         Number of load steps, if none is divided. A step that fails, or whose work is too
         inaccurate, is halved; after steps with few iterations the length is doubled again. Springs
         under tension are released before the first load step, in the same number of steps. An
-        arc-length step changes the load factor by at most 1/`steps`, and its turn is limited in
-        proportion.
+        arc-length step changes the load factor by at most 1/`load_steps`, and its turn is limited
+        in proportion.
     t : float
         Time at which functions of time are evaluated [s].
     continuation : {"arc-length"}, optional
@@ -120,12 +120,12 @@ def static(
     >>> beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1.0), elements=8)
     >>> scene.clamp(beam.start)
     >>> load = scene.add_moment(beam.end, math.pi / 2)
-    >>> solution = fb.static(scene, steps=4)
+    >>> solution = fb.static(scene, load_steps=4)
     >>> bool(abs(solution.rotation(beam.end)[-1] - math.pi / 2) < 1e-8)
     True
     """
     options = StaticOptions(
-        steps=steps,
+        load_steps=load_steps,
         t=t,
         continuation=continuation,
         newton=newton,

@@ -162,7 +162,7 @@ class Forms:
         forces = point_forces(scene, self._mesh, mobility)
         members, touching = None, members_touching(scene, self._mesh, mobility)
         if touching:
-            slots = sum(len(o.points.lengths) for o in scene.obstacles if isinstance(o.shape, Beam))
+            slots = sum(len(o.points.lengths) for o in scene.contacts if isinstance(o.shape, Beam))
             members = MemberContacts(touching, self._rule, self._mesh, slots)
         return forces, Followers(scene, self._rates.level), members
 

@@ -20,8 +20,8 @@ from fx_beam.laws.member_gap import (
 )
 from fx_beam.laws.point_laws import Kind, PointLaw, StepRule
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.contacts import Contact, arc_of, points_of
 from fx_beam.scene.coordinate import bristle
-from fx_beam.scene.obstacles import Obstacle, arc_of, points_of
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
@@ -64,7 +64,7 @@ def members_touching(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[Tou
     """
     pairs: list[Touching] = []
     first = 0
-    for contact in scene.obstacles:
+    for contact in scene.contacts:
         if isinstance(contact.shape, Beam):
             pairs += _both_ways(contact, scene, mesh, mobility, first)
             first += len(contact.points.lengths)
@@ -72,7 +72,7 @@ def members_touching(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[Tou
 
 
 def _both_ways(
-    contact: Obstacle, scene: Scene, mesh: Mesh, mobility: np.ndarray, first: int
+    contact: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray, first: int
 ) -> list[Touching]:
     a, b = contact.target, contact.shape
     assert isinstance(b, Beam)
@@ -118,7 +118,7 @@ def _both_ways(
     ]
 
 
-def _law(contact: Obstacle, kind: Kind, loses: bool) -> PointLaw:
+def _law(contact: Contact, kind: Kind, loses: bool) -> PointLaw:
     if contact.energy is not None:
         return laws.contact_law(kind, contact.energy, loses)
     return laws.contact(kind, loses)

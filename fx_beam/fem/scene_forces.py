@@ -20,10 +20,10 @@ from fx_beam.laws.point_laws import (
     drag,
 )
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.coordinate import Coordinate, Coulomb, Friction, Stop, bristle
+from fx_beam.scene.contacts import Contact
+from fx_beam.scene.coordinate import Coordinate, Coulomb, SmoothFriction, Stop, bristle
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.obstacles import Obstacle
 from fx_beam.scene.scene import Scene
 
 from .mesh import Mesh
@@ -35,7 +35,7 @@ def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointFo
 
     By the `mobility`, 1 / mass of degrees of freedom, then slides, friction has critical damping.
     """
-    shapes = [obstacle for obstacle in scene.obstacles if not isinstance(obstacle.shape, Beam)]
+    shapes = [contact for contact in scene.contacts if not isinstance(contact.shape, Beam)]
     return [  # first those of joints, whose internal variables have their places from them
         *_of_joints(scene, mesh),
         *_between(scene, mesh),
@@ -49,12 +49,12 @@ def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointFo
 
 def may_have_forces(scene: Scene) -> bool:
     """Whether a scene has anything that may exert forces at points; some numbers may be zero."""
-    parts = scene.joints, scene.forces_between, scene.loads, scene.obstacles, scene.drags
+    parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
     return any(parts)
 
 
 def _contacts(
-    obstacle: Obstacle, scene: Scene, mesh: Mesh, mobility: np.ndarray
+    obstacle: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray
 ) -> Iterator[PointForce]:
     loses, friction = bool(obstacle.loss), obstacle.friction
     of_loss = (obstacle.loss, obstacle.speed) if loses else ()
@@ -184,7 +184,7 @@ def _of_coordinate(
         if of_law not in by_function:
             by_function[of_law] = laws.damper_law(kind, damper.law)
         yield by_function[of_law], []
-    if isinstance(of.friction, Friction):
+    if isinstance(of.friction, SmoothFriction):
         if callable(of.friction.force):
             yield laws.friction_law(kind, of.friction.force), [of.friction.speed]
         else:

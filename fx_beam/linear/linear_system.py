@@ -204,7 +204,7 @@ class LinearSystem:
 
 def linearise(
     scene: Scene,
-    at: Solution | Motion | None = None,
+    state: Solution | Motion | None = None,
     inputs: Sequence[str] | None = None,
     outputs: Mapping[str, Output] | None = None,
 ) -> LinearSystem:
@@ -225,7 +225,7 @@ def linearise(
     ----------
     scene : Scene
         The scene.
-    at : Solution or Motion, optional
+    state : Solution or Motion, optional
         Where: the last row of a static solution, which may turn, or of a motion over time with its
         velocities, or the present state of a `Motion`, each with its values of the inputs. By
         default the reference configuration at rest without loads, as for `modes`.
@@ -262,15 +262,15 @@ def linearise(
 
     >>> held = copy.copy(scene)
     >>> held.fix(held.beams[0].start, "rotation")
-    >>> upright = fb.static(held, steps=1)
+    >>> upright = fb.static(held, load_steps=1)
     >>> system = fb.linearise(scene, upright, outputs={"angle": fb.Output("angle", hinge)})
     >>> round(float(np.linalg.eigvals(system.A).real.max()), 2), round((1.5 * 9.81) ** 0.5, 2)
     (3.84, 3.84)
     """
     what = "linearise"
     check_scene(scene, what)
-    fits = isinstance(at, Motion | Solution | None)
-    require(fits, f"{what}: at", at, "a Solution or a Motion of the scene")
+    fits = isinstance(state, Motion | Solution | None)
+    require(fits, f"{what}: state", state, "a Solution or a Motion of the scene")
     outputs = {} if outputs is None else outputs
     check_outputs(scene, outputs, f"{what}: outputs")
     known = widths(scene)
@@ -279,7 +279,7 @@ def linearise(
     fits = fits and all(isinstance(name, str) for name in names)
     require(fits, f"{what}: inputs", inputs, "a sequence of names")
     check_names(names, known, f"{what}: inputs")
-    about = deviations(scene, at.state if isinstance(at, Motion) else at, what)
+    about = deviations(scene, state.state if isinstance(state, Motion) else state, what)
     driving = InputColumns(about, names)
     reduced = FirstOrder(about, driving, what)
     rows, of_rates, labels = _outputs(about, outputs, what)

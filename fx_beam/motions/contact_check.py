@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fx_beam.results.contact import Contact
+from fx_beam.results.contact import ContactMotion
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest
 from fx_beam.scene.coordinate import Stop
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.loads import label
-from fx_beam.scene.obstacles import Circle, Obstacle, arc_of, nearest
 
 _log = logging.getLogger("fx_beam")
 # Depth in a circle, relative to its radius, from which its force says little.
@@ -48,7 +48,7 @@ def _warn_of_depth(solution: Solution) -> None:
         else ("simulate", "t =", "motion from there on is not that", "shorter")
     )
     whole = static or len(solution.t) == solution.stats.steps + 1
-    for obstacle in solution.obstacles:
+    for obstacle in solution.contacts:
         first_deep = _first_in_depth(solution, obstacle, whole)
         if first_deep is None:
             continue
@@ -61,13 +61,13 @@ def _warn_of_depth(solution: Solution) -> None:
 
 
 def _first_in_depth(
-    solution: Solution, obstacle: Obstacle, whole: bool
+    solution: Solution, obstacle: Contact, whole: bool
 ) -> tuple[int, np.ndarray, str] | None:
     """Row and place of the first point deep in a circle or, if `whole`, gone through it."""
     shape, q = obstacle.shape, solution.recorded("q")
     if not isinstance(shape, Circle) or shape.inside:
         return None
-    nodes = Contact(solution, obstacle).nodes
+    nodes = ContactMotion(solution, obstacle).nodes
     rows = max(2, _AT_ONCE // len(nodes))
     for first in range(0, len(q), rows - 1):
         now = q[first : first + rows]
@@ -112,7 +112,7 @@ def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
     """
     if len(solution.t) < 4 or len(solution.t) != solution.stats.steps + 1:
         return
-    short_impacts: list[tuple[int, float, str, Obstacle | Stop]] = []
+    short_impacts: list[tuple[int, float, str, Contact | Stop]] = []
     for what, law, gap in _with_losses(solution, joints):
         closed = gap < 0  # a step has a force if it begins or ends behind the obstacle
         closed[1:] |= closed[:-1]
@@ -134,11 +134,11 @@ def _warn_of_short_impacts(solution: Solution, joints: Sequence[Joint]) -> None:
 
 def _with_losses(
     solution: Solution, joints: Sequence[Joint]
-) -> Iterator[tuple[str, Obstacle | Stop, np.ndarray]]:
+) -> Iterator[tuple[str, Contact | Stop, np.ndarray]]:
     """What can hit with a loss: as text, its law, and gaps (n, m)."""
-    for obstacle in solution.obstacles:
+    for obstacle in solution.contacts:
         if obstacle.restitution < 1:
-            yield str(obstacle), obstacle, Contact(solution, obstacle).gap
+            yield str(obstacle), obstacle, ContactMotion(solution, obstacle).gap
     for joint in joints:
         for coordinate, on in joint.coordinates.items():
             name, stop = "slide" if coordinate == "slide" else "angle", on.stop
@@ -156,7 +156,7 @@ def warn_of_sharp_bends(solution: Solution) -> None:
     A contact may begin or end at a depth there: the energy jumps, or a step fails.
     """
     name, row = ("static", "load factor") if solution.stats.static else ("simulate", "t =")
-    for obstacle in solution.obstacles:
+    for obstacle in solution.contacts:
         a, b = obstacle.target, obstacle.shape
         if not isinstance(b, Beam):
             continue
@@ -176,7 +176,7 @@ def warn_of_sharp_bends(solution: Solution) -> None:
 
 
 def _first_inside(
-    solution: Solution, obstacle: Obstacle, touching: Beam | Node, member: Beam
+    solution: Solution, obstacle: Contact, touching: Beam | Node, member: Beam
 ) -> tuple[int, np.ndarray, float, Beam] | None:
     """Row, place and radius of curvature of the first such touch of a member."""
     X, q = solution.X[:, :2], solution.recorded("q")

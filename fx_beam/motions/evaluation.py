@@ -95,7 +95,7 @@ def solution_of(
         variables_of_beam=_variables_of_beam(model, internal, natural),
         variables_of_joint=_variables_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
-        obstacles=list(scene.obstacles),
+        contacts=list(scene.contacts),
         end=last if later else last(),
         names_of_parameters=model.forms.parameters.names,
         variables_of_contact=_variables_of_contact(model, of_springs),
@@ -147,7 +147,7 @@ def _variables_of_contact(model: Model, rows: np.ndarray | None) -> dict[int, np
     """Stretch and slip (n, points, 2) by the number of a contact."""
     by_contact: dict[int, np.ndarray] = {}
     first = model.points.of_contacts.start
-    for obstacle in model.scene.obstacles:
+    for obstacle in model.scene.contacts:
         if rows is not None and obstacle.variables:
             of_points = rows[:, first : first + obstacle.variables]
             by_contact[obstacle.number] = of_points.reshape(len(rows), -1, 2)

@@ -14,9 +14,9 @@ from fx_beam.fem.parameter_values import before
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.contacts import Contact
 from fx_beam.scene.joints import JointKey, constraints_of, joints_in, key_of
 from fx_beam.scene.loads import NAMES
-from fx_beam.scene.obstacles import Obstacle
 from fx_beam.step.model import Model
 
 from .initial_state import given_velocity, reference_state
@@ -41,7 +41,7 @@ def has_changed(model: Model, start: Solution) -> bool:
     members = [one.name for one in scene.beams], [one.name for one in scene.bodies]
     if members != ([*start.beams], [*start.bodies]):
         return True
-    has, had = ([(str(o), o.along, o.variables) for o in of.obstacles] for of in (scene, start))
+    has, had = ([(str(o), o.along, o.variables) for o in of.contacts] for of in (scene, start))
     if has != had:
         return True
     if end.constraints is None:  # a solution that is no run
@@ -225,8 +225,8 @@ def _elements_of(start: Solution) -> dict[str, slice]:
 
 def _contacts_before(model: Model, start: Solution, rows: np.ndarray) -> dict[str, str]:
     """Contacts of the scene, and the same ones of the solution, if it has them."""
-    left, same = list(start.obstacles), dict[str, str]()
-    for contact in model.scene.obstacles:
+    left, same = list(start.contacts), dict[str, str]()
+    for contact in model.scene.contacts:
         key = _contact_key(contact, lambda node: int(rows[node.number]))
         twins = [one for one in left if _contact_key(one, lambda node: node.number) == key]
         same[str(contact)] = ""
@@ -239,7 +239,7 @@ def _contacts_before(model: Model, start: Solution, rows: np.ndarray) -> dict[st
     return same
 
 
-def _contact_key(contact: Obstacle, number_of: Callable[[Node], int]) -> tuple:
+def _contact_key(contact: Contact, number_of: Callable[[Node], int]) -> tuple:
     """What touches what; members by their names, nodes by their numbers in the solution."""
     shape, target = contact.shape, contact.target
     carrier = None if isinstance(shape, Beam) else shape.carrier

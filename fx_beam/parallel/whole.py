@@ -40,7 +40,7 @@ def _check(model: Model) -> None:
     scene, couplings = model.scene, model.couplings
     for what, there in (
         ("a node that slides on a beam", sliding_joints(scene.joints)),
-        ("contact between members", any(isinstance(o.shape, Beam) for o in scene.obstacles)),
+        ("contact between members", any(isinstance(o.shape, Beam) for o in scene.contacts)),
         ("virtual works of your own", scene.virtual_works),
         ("a closed loop of joints", couplings.closures),
         ("a long tree of joints", couplings.auxiliaries),

@@ -16,10 +16,10 @@ from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.lookup import scene_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
+from fx_beam.scene.contacts import Contact, Shape
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
-from fx_beam.scene.obstacles import Obstacle, Shape
 
 _log = logging.getLogger("fx_beam")
 
@@ -49,9 +49,7 @@ def _turn(angle: float) -> np.ndarray:
     return np.array([[c, s], [-s, c]])
 
 
-def outlines(
-    obstacles: Iterable[Obstacle], positions: np.ndarray, size: float
-) -> Iterator[Outline]:
+def outlines(obstacles: Iterable[Contact], positions: np.ndarray, size: float) -> Iterator[Outline]:
     """Outlines of the fixed shapes that are near.
 
     Circles up to the size in radius are whole, larger ones and lines reach past the positions.
@@ -181,13 +179,13 @@ class Drawing:
     @cached_property
     def obstacles(self) -> list[Outline]:
         """Outlines of the fixed obstacles that are near."""
-        return list(outlines(self.solution.obstacles, self.points, self.reach))
+        return list(outlines(self.solution.contacts, self.points, self.reach))
 
     @cached_property
     def _carried(self) -> list[tuple[int, Outline]]:
         """Nodes that carry obstacles, and the outlines as if these nodes were at the origin."""
         outlines_of: dict[Shape, tuple[int, Outline]] = {}
-        for obstacle in self.solution.obstacles:
+        for obstacle in self.solution.contacts:
             shape = obstacle.shape
             if isinstance(shape, Beam) or shape.carrier is None or shape in outlines_of:
                 continue

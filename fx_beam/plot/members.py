@@ -14,7 +14,7 @@ from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, SymLo
 from fx_beam.errors import as_float, is_one_of, numbers, positive, require, shown
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.scene.beam import Beam, arc_lengths
-from fx_beam.scene.obstacles import Obstacle
+from fx_beam.scene.contacts import Contact
 
 from .drawing import Drawing
 
@@ -56,7 +56,7 @@ class Members:
         if thickness is not None:
             positive(thickness, "thickness", "a positive factor on the depth, or None")
             fractions = np.arange(self.pieces + 1) / self.pieces
-            touching = _contact_depths(drawing.solution.obstacles)
+            touching = _contact_depths(drawing.solution.contacts)
             depths = [
                 np.full((beam.elements, len(fractions)), touching[beam.name])
                 if beam.name in touching
@@ -95,7 +95,7 @@ class Members:
         return np.repeat(np.asarray(values), counts, axis=0)
 
 
-def _contact_depths(contacts: Iterable[Obstacle]) -> dict[str, float]:
+def _contact_depths(contacts: Iterable[Contact]) -> dict[str, float]:
     """Thickness with which members touch, by their names; where they have several the largest."""
     depths: dict[str, float] = {}
     for contact in contacts:

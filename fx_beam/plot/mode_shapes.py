@@ -67,7 +67,7 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
 class Vibration:
     """A mode in the form of a solution with three rows: at rest, moved, a quarter period later."""
 
-    obstacles = ()
+    contacts = ()
 
     def __init__(self, modes: Modes, mode: int, size: float):
         self.modes, self.mode, self.X = modes, mode, modes.positions

@@ -98,7 +98,7 @@ class Reference:
     def __init__(self, scene: Scene):
         self.beams = {beam.name: beam for beam in scene.beams}
         self.bodies = {body.name: body for body in scene.bodies}
-        self.obstacles = scene.obstacles
+        self.contacts = scene.contacts
         #: Rows of `X` with the nodes of each beam in order, including those inside elements.
         self.nodes_of_beam = dict[str, np.ndarray]()
         free = len(scene.nodes)

@@ -311,7 +311,7 @@ class BeamResultants:
     >>> beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=2)
     >>> scene.clamp(beam.start)
     >>> load = scene.add_force(beam.end, (10.0, 0.0))
-    >>> forces = fb.static(scene, steps=1).resultants(beam)
+    >>> forces = fb.static(scene, load_steps=1).resultants(beam)
     >>> forces.s, forces.N[-1].round(6)
     (array([0.5, 1.5]), array([10., 10.]))
     """

@@ -10,23 +10,23 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.obstacles import Obstacle, arc_of, nearest
+from fx_beam.scene.contacts import Contact, arc_of, nearest
 
 
-def as_recorded(contacts: Iterable[Obstacle]) -> list[Obstacle]:
+def as_recorded(contacts: Iterable[Contact]) -> list[Contact]:
     """Contacts in the order in which forces are recorded: those of members are behind others."""
     return sorted(contacts, key=lambda contact: isinstance(contact.shape, Beam))
 
 
 @dataclass(frozen=True, repr=False)
-class Contact:
+class ContactMotion:
     """Gaps, forces and slip of a contact over time; created by `Solution.contact`.
 
     Parameters
     ----------
     solution : Solution
         The solution.
-    obstacle : Obstacle
+    obstacle : Contact
         One of its obstacles.
 
     Examples
@@ -38,14 +38,14 @@ class Contact:
     >>> beam = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=8)
     >>> scene.clamp(beam.start)
     >>> load = scene.add_force(beam.end, (0.0, -10.0))
-    >>> stop = scene.add_obstacle(beam.end, fb.Line((0, -1e-3), normal=(0, 1)), stiffness=1e9)
+    >>> stop = scene.add_contact(beam.end, fb.Line((0, -1e-3), normal=(0, 1)), stiffness=1e9)
     >>> contact = fb.static(scene).contact(stop)
     >>> float(contact.force[-1, 0, 1].round(1)), bool(contact.gap.min() > -1e-8)
     (7.0, True)
     """
 
     solution: Any
-    obstacle: Obstacle
+    obstacle: Contact
 
     def __repr__(self):
         return f"<{self.obstacle} over {len(self.solution.t)} rows>"
@@ -71,7 +71,7 @@ class Contact:
     def force(self) -> np.ndarray:
         """Forces (n, m, 2) on the points at `Solution.t_level` [N]."""
         first = 0
-        for other in as_recorded(self.solution.obstacles):
+        for other in as_recorded(self.solution.contacts):
             if other is self.obstacle:
                 break
             first += len(other.points.lengths)
@@ -112,7 +112,7 @@ class Contact:
             return self._sides(shape) * known[..., variable]
         return shape.side * known[..., variable]
 
-    # Nearest points take time: they are found once for each `Contact`.
+    # Nearest points take time: they are found once for each `ContactMotion`.
     @functools.cached_property
     def _now(self) -> tuple[np.ndarray, np.ndarray]:
         """Gaps (n, m) and directions (n, m, 2) to the free side at the times t."""
@@ -174,7 +174,7 @@ class Contact:
             sides[i] = np.where(x * directions[i, :, 1] > y * directions[i, :, 0], -1.0, 1.0)
         return sides
 
-    def _nodes_of(self, obstacle: Obstacle) -> np.ndarray:
+    def _nodes_of(self, obstacle: Contact) -> np.ndarray:
         target = obstacle.target
         if isinstance(target, Beam):
             return self.solution.nodes_of_beam[target.name]

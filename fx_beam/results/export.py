@@ -12,7 +12,7 @@ import numpy as np
 
 from fx_beam.errors import is_name, shown
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
-from fx_beam.scene.obstacles import Obstacle
+from fx_beam.scene.contacts import Contact
 
 from .files import of_numpy, replacing
 from .state import HISTORIES
@@ -68,7 +68,7 @@ def save(solution, path) -> None:
     ]
     meta = {"format": FORMAT, "stats": stats, "beams": beams, "joints": joints, "bodies": bodies}
     meta["parameters"] = solution.names_of_parameters
-    meta["obstacles"] = [_described(obstacle) for obstacle in solution.obstacles]
+    meta["contacts"] = [_described(contact) for contact in solution.contacts]
     text = json.dumps(meta, default=of_numpy)
     arrays = {"meta": np.array(text), **arrays}
     with replacing(path) as new, open(new, "wb") as raw:
@@ -100,7 +100,7 @@ def _stability(solution) -> dict[str, np.ndarray]:
         return {}
 
 
-def _described(obstacle: Obstacle) -> dict:
+def _described(obstacle: Contact) -> dict:
     """An obstacle in plain values; a node by its number, a beam by its name."""
     target, shape = obstacle.target, obstacle.shape
     parts: dict = {"beam": shape.name} if isinstance(shape, Beam) else {}

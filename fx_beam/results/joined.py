@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.obstacles import Obstacle
+from fx_beam.scene.contacts import Contact
 
 from .audit import BeamResultants, Energy, Stats
 from .contact import as_recorded
@@ -123,7 +123,7 @@ class _Joined:
             resultants_of_beam=self._resultants,
             variables_of_beam=self._variables("variables_of_beam"),
             variables_of_joint=self._variables("variables_of_joint"),
-            obstacles=self._obstacles(),
+            contacts=self._obstacles(),
             bodies=first.bodies | second.bodies,
             end=end,
             names_of_parameters=self._parameters(),
@@ -148,7 +148,7 @@ class _Joined:
                 one, two = _padded(one, most, nothing), _padded(two, most, nothing)
             elif name == "contact_forces":
                 one = _of_contacts([*self._contacts.values()], one, obstacles)
-                two = _of_contacts(second.obstacles, two, obstacles)
+                two = _of_contacts(second.contacts, two, obstacles)
             elif name == "parameters":
                 one, two = (
                     _of_names(of, rows, parameters) for of, rows in ((first, one), (second, two))
@@ -170,11 +170,11 @@ class _Joined:
         number = int(self._nodes[node.number])
         return node if number == node.number else Node(number, node.x, node.y, node.scene)
 
-    def _contacts_of_first(self) -> dict[int, Obstacle]:
+    def _contacts_of_first(self) -> dict[int, Contact]:
         """Contacts of the first motion by their numbers there, as the joined one has them."""
-        known = {_contact_key(one): one for one in self._second.obstacles}
-        numbers, contacts = {one.number for one in self._second.obstacles}, dict[int, Obstacle]()
-        for one in self._first.obstacles:
+        known = {_contact_key(one): one for one in self._second.contacts}
+        numbers, contacts = {one.number for one in self._second.contacts}, dict[int, Contact]()
+        for one in self._first.contacts:
             moved = one
             if isinstance(one.target, Node):
                 moved = replace(moved, target=self._node(one.target))
@@ -187,8 +187,8 @@ class _Joined:
             numbers.add(contacts[one.number].number)
         return contacts
 
-    def _obstacles(self) -> list[Obstacle]:
-        every = [*self._second.obstacles, *self._contacts.values()]
+    def _obstacles(self) -> list[Contact]:
+        every = [*self._second.contacts, *self._contacts.values()]
         return [*{one.number: one for one in every}.values()]
 
     def _parameters(self) -> list[str]:
@@ -263,13 +263,13 @@ def _padded(rows: np.ndarray, lengths: tuple[int, ...], nothing: float = 0.0) ->
     return padded
 
 
-def _contact_key(contact: Obstacle) -> tuple:
+def _contact_key(contact: Contact) -> tuple:
     """What touches what, and where."""
     shape = None if isinstance(contact.shape, Beam) else contact.shape
     return str(contact), contact.along, shape
 
 
-def _of_contacts(before: list[Obstacle], rows: np.ndarray, obstacles: list[Obstacle]) -> np.ndarray:
+def _of_contacts(before: list[Contact], rows: np.ndarray, obstacles: list[Contact]) -> np.ndarray:
     """Forces at the contacts of both motions, from those of one."""
     forces = np.zeros((len(rows), sum(len(one.points.lengths) for one in obstacles), 2))
     places, first = dict[int, slice](), 0

@@ -9,9 +9,9 @@ import numpy as np
 
 from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.contacts import Contact
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import NAMES
-from fx_beam.scene.obstacles import Obstacle
 
 from .audit import BeamResultants
 
@@ -58,18 +58,18 @@ def joint_number(solution: Any, joint: Joint) -> int:
     return joint.number
 
 
-def obstacle_of(solution: Any, obstacle: Obstacle) -> Obstacle:
-    """The obstacle of a solution, also for that of its scene or of a copy."""
-    known = {ours.number: ours for ours in solution.obstacles}
-    if not isinstance(obstacle, Obstacle) or obstacle.number not in known:
+def contact_of(solution: Any, contact: Contact) -> Contact:
+    """The contact of a solution, also for that of its scene or of a copy."""
+    known = {ours.number: ours for ours in solution.contacts}
+    if not isinstance(contact, Contact) or contact.number not in known:
         raise ValueError(
-            f"{shown(obstacle)} is not an obstacle of this solution; take the one that "
-            "add_obstacle or add_contact returned"
+            f"{shown(contact)} is not a contact of this solution; take the one that add_contact "
+            "returned"
         )
-    ours = known[obstacle.number]
-    other = ours.shape != obstacle.shape and not isinstance(ours.shape, Beam)
-    if str(ours) != str(obstacle) or other:
-        raise ValueError(f"{obstacle} belongs to another scene; this solution has {ours}")
+    ours = known[contact.number]
+    other = ours.shape != contact.shape and not isinstance(ours.shape, Beam)
+    if str(ours) != str(contact) or other:
+        raise ValueError(f"{contact} belongs to another scene; this solution has {ours}")
     return ours
 
 

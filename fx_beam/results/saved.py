@@ -13,8 +13,8 @@ import numpy as np
 from fx_beam.errors import Failure
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
+from fx_beam.scene.contacts import Contact, Shape
 from fx_beam.scene.coordinate import Coulomb
-from fx_beam.scene.obstacles import Obstacle, Shape
 
 from .audit import BeamResultants, Energy, Stability, Stats
 from .export import FORMAT
@@ -189,8 +189,8 @@ def _read(raw: BinaryIO) -> Solution:
         if "past_ages" in data:  # that of a motion
             parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
         end = State(**parts)
-    obstacles = _obstacles(meta["obstacles"], beams, node)
-    friction = {o.number: data.get(f"contact{o.number}_friction") for o in obstacles}
+    contacts = _contacts(meta["contacts"], beams, node)
+    friction = {o.number: data.get(f"contact{o.number}_friction") for o in contacts}
     return Solution(
         {name: data[name] for name in HISTORIES},
         X=data["X"],
@@ -202,7 +202,7 @@ def _read(raw: BinaryIO) -> Solution:
         variables_of_beam=internal,
         variables_of_joint=springs,
         bodies=bodies,
-        obstacles=obstacles,
+        contacts=contacts,
         end=end,
         names_of_parameters=meta.get("parameters", []),
         variables_of_contact={n: rows for n, rows in friction.items() if rows is not None},
@@ -224,10 +224,10 @@ def _divide_by_beams(data: dict[str, np.ndarray], beams: list[dict]) -> None:
             data[f"beam{i}_{part}"] = whole[..., first:end]
 
 
-def _obstacles(
+def _contacts(
     saved: list[dict], beams: dict[str, Beam], node: Callable[[int], Node]
-) -> list[Obstacle]:
-    obstacles = []
+) -> list[Contact]:
+    contacts = []
     kinds: dict[str, Any] = {kind.__name__: kind for kind in Shape.__subclasses__()}
 
     def made(kind: str, shape: dict) -> Shape | Beam:
@@ -243,8 +243,8 @@ def _obstacles(
             item["radius"] = tuple(item["radius"])
         if item.get("friction") is not None:
             item["friction"] = Coulomb(**item["friction"])
-        obstacles.append(Obstacle(target, made(kind, shape), **{"number": number} | item))
-    return obstacles
+        contacts.append(Contact(target, made(kind, shape), **{"number": number} | item))
+    return contacts
 
 
 def _stats(saved: dict[str, Any]) -> Stats:

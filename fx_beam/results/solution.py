@@ -12,16 +12,16 @@ import numpy as np
 from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
+from fx_beam.scene.contacts import Contact
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.notebook import html_table, sketch
-from fx_beam.scene.obstacles import Obstacle
 from fx_beam.scene.outputs import Output, definition
 
 from . import export, joined, lookup, paraview
 from .audit import BeamResultants, Energy, Stability, Stats, facts, read_only
-from .contact import Contact
+from .contact import ContactMotion
 from .joint_motion import JointMotion, motion_of
-from .lookup import joint_number, node_number, obstacle_of
+from .lookup import contact_of, joint_number, node_number
 from .state import HISTORIES, State
 
 # Histories that a `Record` may omit, with its name for them.
@@ -59,8 +59,8 @@ class Solution:
         Internal variables, (n, points) each, by name for each beam that has some.
     variables_of_joint : dict
         Internal variables of springs, (n,) each, by name for each number of a joint that has some.
-    obstacles : list of Obstacle
-        The obstacles of the scene.
+    contacts : list of Contact
+        The contacts of the scene.
     bodies : dict, optional
         The bodies by name.
     end : State or callable, optional
@@ -111,7 +111,7 @@ class Solution:
         resultants_of_beam: Callable[[str], BeamResultants],
         variables_of_beam: dict[str, dict[str, np.ndarray]],
         variables_of_joint: dict[int, dict[str, np.ndarray]],
-        obstacles: list[Obstacle],
+        contacts: list[Contact],
         bodies: dict[str, Body] | None = None,
         end: State | Callable[[], State] | None = None,
         names_of_parameters: Sequence[str] = (),
@@ -120,7 +120,7 @@ class Solution:
     ):
         # Histories, energies and the last state are set when they are first read.
         self._histories, self._end = histories, end
-        self.X, self.obstacles = read_only(X), obstacles
+        self.X, self.contacts = read_only(X), contacts
         if energy is not None:
             self.energy = energy
         self.stats = stats
@@ -354,36 +354,6 @@ class Solution:
         joint_number(self, joint)  # refuses one of another scene
         return JointMotion(self, joint)
 
-    def slide(self, joint: Joint) -> np.ndarray:
-        """Slide of a prismatic joint or a pin in slot over time.
-
-        Parameters
-        ----------
-        joint : Joint
-            The joint that `Scene.add_joint` returned.
-
-        Returns
-        -------
-        (n,) float
-            Distance along the axis from the joint's position on a to b [m].
-        """
-        return self.joint(joint).slide
-
-    def gap(self, joint: Joint) -> np.ndarray:
-        """Distance of a joint's node b from its position on a, over time.
-
-        Parameters
-        ----------
-        joint : Joint
-            The joint that `Scene.add_joint` returned.
-
-        Returns
-        -------
-        (n,) float
-            Distance [m]; zero to round-off, as joints eliminate degrees of freedom.
-        """
-        return self.joint(joint).gap
-
     # -- Parameters -----------------------------------------------------------------------------
 
     def parameter(self, name: str) -> np.ndarray:
@@ -405,22 +375,22 @@ class Solution:
             )
         return self.parameters[:, self.names_of_parameters.index(name)]
 
-    # -- Obstacles ------------------------------------------------------------------------------
+    # -- Contacts -------------------------------------------------------------------------------
 
-    def contact(self, obstacle: Obstacle) -> Contact:
+    def contact(self, contact: Contact) -> ContactMotion:
         """Gaps, forces and slip of a contact over time.
 
         Parameters
         ----------
-        obstacle : Obstacle
-            What `Scene.add_contact` or `add_obstacle` returned, or one of `obstacles`.
+        contact : Contact
+            What `Scene.add_contact` returned, or one of `contacts`.
 
         Returns
         -------
-        Contact
+        ContactMotion
             With `gap`, `force` and its parts, `slip`, and `nodes`.
         """
-        return Contact(self, obstacle_of(self, obstacle))
+        return ContactMotion(self, contact_of(self, contact))
 
     # -- Beams ----------------------------------------------------------------------------------
 

@@ -191,7 +191,7 @@ HISTORIES: dict[str, History] = {
     "t_level": History(
         (),
         "Times at which the rows of `resultants`, `reaction`, `JointMotion.force` and "
-        "`Contact.force` hold [s]: the scheme's level in the step that ends at t[k]. At mid-"
+        "`ContactMotion.force` hold [s]: the scheme's level in the step that ends at t[k]. At mid-"
         "step they are means over the whole step, whatever its parts: times the step's length "
         "they are impulses. Otherwise they are values, for a halved step in its last part. Row "
         "0 is the start: reactions and joint forces are zero there or, after "

@@ -5,13 +5,16 @@ from __future__ import annotations
 import itertools
 from collections.abc import Set
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 
 from fx_beam.errors import SceneError, is_name, require
 
 from . import loads
-from .beam import Node
+from .beam import Beam, Node
+
+T = TypeVar("T", "Beam", "Body")
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,18 @@ class Body:
     def nodes(self) -> list[Node]:
         """The centre, then the points."""
         return [self.centre, *self.points.values()]
+
+
+class Members(list[T]):
+    """Beams or bodies in their order; ``beams["arm"]`` is that of a name."""
+
+    def __getitem__(self, key: Any) -> Any:
+        if not isinstance(key, str):
+            return super().__getitem__(key)
+        by_name = {member.name: member for member in self}
+        if key not in by_name:
+            raise SceneError(f"the scene has no {key!r}; it has {list(by_name)}")
+        return by_name[key]
 
 
 def name_of(kind: str, names: Set[str], count: int, name: str | None) -> str:

@@ -75,7 +75,7 @@ class Stop:
     >>> rail = scene.add_joint(fb.Prismatic(fb.GROUND, block.start, axis=(1, 0), stop=stop))
     >>> scene.set_velocity(block, (2.0, 0.0))
     >>> solution = fb.simulate(scene, dt=1e-3, t_end=0.5)
-    >>> bool(solution.slide(rail).max() < 0.53), bool(solution.slide(rail)[-1] < 0.1)
+    >>> bool(solution.joint(rail).slide.max() < 0.53), bool(solution.joint(rail).slide[-1] < 0.1)
     (True, True)
     >>> bool(abs(solution.energy.balance_error).max() < 1e-11)
     True
@@ -297,7 +297,7 @@ class Spring:
     >>> arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
     >>> joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=hinge))
     >>> load = scene.add_moment(arm.end, 4.0)
-    >>> motion = fb.static(scene, steps=4).joint(joint)
+    >>> motion = fb.static(scene, load_steps=4).joint(joint)
     >>> round(float(motion.internal("plastic angle")[-1]), 6), round(float(motion.angle[-1]), 6)
     (0.1, 0.1004)
     """
@@ -355,7 +355,7 @@ class Damper:
 
 
 @dataclass(frozen=True)
-class Friction:
+class SmoothFriction:
     """Coulomb friction on a joint's free coordinate, of constant magnitude, regularised.
 
     The force is F tanh(rate / speed): above 3 times the speed it is F up to 0.5 %. Below it is
@@ -382,12 +382,12 @@ class Friction:
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
     >>> block = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0))
-    >>> friction = fb.Friction(force=2.0, speed=0.01)
+    >>> friction = fb.SmoothFriction(force=2.0, speed=0.01)
     >>> rail = fb.Prismatic(fb.GROUND, block.start, axis=(1, 0), friction=friction)
     >>> rail = scene.add_joint(rail)
     >>> scene.set_velocity(block, (2.0, 0.0))
     >>> solution = fb.simulate(scene, dt=0.01, t_end=1.5)
-    >>> round(float(solution.slide(rail)[-1]), 3)
+    >>> round(float(solution.joint(rail).slide[-1]), 3)
     1.0
     """
 
@@ -402,8 +402,8 @@ class Friction:
         set_finite(self, "speed", "not negative")
         if not self.speed:
             raise SceneError(
-                "Friction: speed = 0 must be positive. It is the rate below which the friction is "
-                "viscous; try a hundredth of the rates of the motion"
+                "SmoothFriction: speed = 0 must be positive. It is the rate below which friction "
+                "is viscous; try a hundredth of the rates of the motion"
             )
 
 
@@ -427,7 +427,7 @@ class Coordinate:
         Linear damper, or one with a law of its own.
     motor : callable or Input, optional
         ``motor(t)``, the change of the coordinate since the start. It prescribes the coordinate.
-    friction : Friction or Coulomb, optional
+    friction : SmoothFriction or Coulomb, optional
         Friction of a constant magnitude, or that follows the force of the joint and sticks.
     stop : Stop or (lower, upper, stiffness), optional
         Elastic stops.
@@ -443,7 +443,7 @@ class Coordinate:
     spring: Spring | None = None
     damper: Damper | None = None
     motor: Callable[[float], np.ndarray] | None = None
-    friction: Friction | Coulomb | None = None
+    friction: SmoothFriction | Coulomb | None = None
     stop: Stop | None = None
 
     def __str__(self):
@@ -452,7 +452,8 @@ class Coordinate:
         return ", ".join("motor" if of is self.motor else str(of) for of in parts) or "free"
 
     def __post_init__(self):
-        parts = ("spring", (Spring,)), ("damper", (Damper,)), ("friction", (Friction, Coulomb))
+        frictions = SmoothFriction, Coulomb
+        parts = ("spring", (Spring,)), ("damper", (Damper,)), ("friction", frictions)
         for name, wanted in parts:
             value = getattr(self, name)
             fits = value is None or isinstance(value, wanted)
@@ -479,13 +480,13 @@ def checked_coordinate(what: str, spring, damper, motor, friction=None, stop=Non
 
 def _check_magnitude(force: Callable[[Any], Any]) -> None:
     """Refuse a magnitude of friction that is no UFL expression of the rate, or negative."""
-    expression = _law_of(force, 0.1, "Friction: force(rate)")
-    refuse_fields(fields_in(expression), "Friction: force", parameters_in(expression))
+    expression = _law_of(force, 0.1, "SmoothFriction: force(rate)")
+    refuse_fields(fields_in(expression), "SmoothFriction: force", parameters_in(expression))
     for rate in (sign * 10.0**k for k in range(-6, 5) for sign in (1, -1)):
-        value = _value(force, rate, "Friction: force(rate)")
+        value = _value(force, rate, "SmoothFriction: force(rate)")
         if isinstance(value, complex) or not value >= 0:
             raise SceneError(
-                f"Friction: force({rate:g}) = {value:g} must not be negative, and finite"
+                f"SmoothFriction: force({rate:g}) = {value:g} must not be negative, and finite"
             )
 
 

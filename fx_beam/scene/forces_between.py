@@ -120,7 +120,7 @@ def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size
     if isinstance(on.friction, Coulomb):
         raise SceneError(
             f"{made}: fx_beam.Coulomb needs a normal force, which a force between two points has "
-            "not. Use fx_beam.Friction"
+            "not. Use fx_beam.SmoothFriction"
         )
     if on.stop is not None:
         on.stop.check_start(distance, 1e-9 * size, f"{made}: the distance")

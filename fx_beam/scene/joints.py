@@ -13,7 +13,15 @@ from fx_beam.dual import dual_of, in_scene
 from fx_beam.errors import SceneError, numbers, require, shown, vector
 
 from .beam import Node
-from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
+from .coordinate import (
+    Coordinate,
+    Coulomb,
+    Damper,
+    SmoothFriction,
+    Spring,
+    Stop,
+    checked_coordinate,
+)
 from .joint_kinematics import JointKinematics
 from .notebook import html_table
 from .track import Track
@@ -329,7 +337,7 @@ def Revolute(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: Friction | Coulomb | None = None,
+    friction: SmoothFriction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> Joint:
     """Revolute joint (hinge): b keeps its position on a and rotates freely.
@@ -344,7 +352,7 @@ def Revolute(
         On the relative rotation psi_b - psi_a.
     motor : callable or Input, optional
         ``motor(t)``, the relative rotation since the start [rad]; zero at t = 0.
-    friction : Friction or Coulomb, optional
+    friction : SmoothFriction or Coulomb, optional
         On the relative rotation.
     stop : Stop or (lower, upper, stiffness), optional
         On the relative rotation [rad, N m/rad]; a limit may be None.
@@ -380,7 +388,7 @@ def Prismatic(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: Friction | Coulomb | None = None,
+    friction: SmoothFriction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> Joint:
     """Prismatic joint: b slides along an axis fixed to a, and rotates with a.
@@ -397,7 +405,7 @@ def Prismatic(
         On the slide.
     motor : callable or Input, optional
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
-    friction : Friction or Coulomb, optional
+    friction : SmoothFriction or Coulomb, optional
         On the slide.
     stop : Stop or (lower, upper, stiffness), optional
         On the slide [m, N/m]; a limit may be None.
@@ -416,7 +424,7 @@ def Prismatic(
     >>> bar = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e4, GA=1e4, EI=1e3, rhoA=1.0))
     >>> guide = scene.add_joint(fb.Prismatic(fb.GROUND, bar.node(0), axis=(0, 1)))
     >>> solution = fb.simulate(scene, dt=0.05, t_end=0.5)
-    >>> round(float(solution.slide(guide)[-1]), 6)
+    >>> round(float(solution.joint(guide).slide[-1]), 6)
     -1.25
     """
     slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor, friction, stop)
@@ -432,7 +440,7 @@ def PinInSlot(
     damper: Damper | None = None,
     motor=None,
     hinge: Coordinate | None = None,
-    friction: Friction | Coulomb | None = None,
+    friction: SmoothFriction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> Joint:
     """Pin in a slot: b slides along an axis fixed to a, and rotates freely.
@@ -451,7 +459,7 @@ def PinInSlot(
         ``motor(t)``, the slide since the start [m]; zero at t = 0.
     hinge : Coordinate, optional
         Spring, damper, friction, stops and motor of the relative rotation.
-    friction : Friction or Coulomb, optional
+    friction : SmoothFriction or Coulomb, optional
         On the slide.
     stop : Stop or (lower, upper, stiffness), optional
         On the slide [m, N/m]; a limit may be None.

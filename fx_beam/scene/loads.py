@@ -396,7 +396,7 @@ def thermal(alpha: float, temperature):
     >>> scene.clamp(bar.start)
     >>> scene.clamp(bar.end)
     >>> strain = scene.add_natural_strain(bar, axial=fb.thermal(12e-6, 50.0))
-    >>> fb.static(scene, steps=1).resultants(bar).N[-1].round(6)
+    >>> fb.static(scene, load_steps=1).resultants(bar).N[-1].round(6)
     array([-600., -600.])
     """
     (factor,) = vector(alpha, 1, "thermal: alpha")

@@ -60,7 +60,7 @@ def facts(scene: Any) -> dict[str, str]:
         entries["unknowns"] = str(3 * nodes - held)
     for name in ("joints", "masses", "loads"):
         entries[name] = str(len(getattr(scene, name)))
-    for name in ("natural_strains", "drags", "obstacles", "forces_between"):
+    for name in ("natural_strains", "drags", "contacts", "forces_between"):
         if getattr(scene, name):
             entries[name.replace("_", " ")] = str(len(getattr(scene, name)))
     if scene.parameters:

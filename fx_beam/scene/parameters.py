@@ -22,7 +22,7 @@ class Parameter(ufl.Constant):
 
     Numbers that such a function has otherwise are compiled in, and each new one takes a second or
     two. A parameter may stand in the strain energy of a `Section` or `Spring`, in the update of
-    `InternalVariables`, in the law of a `Damper`, of `Friction` or of an obstacle, in a force
+    `InternalVariables`, in the law of a `Damper`, of `SmoothFriction` or of an obstacle, in a force
     between points and in a virtual work. `Scene.parameters` has those of a scene by name, and
     changes them.
 

@@ -105,8 +105,8 @@ def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
     scene.virtual_works[:] = [work for work in scene.virtual_works if work.beam is not target]
     for between in [force for force in scene.forces_between if on_it(force.a, force.b)]:
         scene.remove(between)
-    scene.obstacles[:] = [
-        one for one in scene.obstacles if not on_it(one.target, getattr(one.shape, "carrier", None))
+    scene.contacts[:] = [
+        one for one in scene.contacts if not on_it(one.target, getattr(one.shape, "carrier", None))
     ]
     if isinstance(target, Node):
         scene.masses[:] = [mass for mass in scene.masses if mass.node != target.number]

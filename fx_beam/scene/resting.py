@@ -17,7 +17,7 @@ def resting(scene: Scene) -> Scene:
     rest = object.__new__(Scene)
     rest.__dict__.update(vars(scene))
     rest.drags = []
-    rest.obstacles = [replace(of, restitution=1.0) if of.loss else of for of in scene.obstacles]
+    rest.contacts = [replace(of, restitution=1.0) if of.loss else of for of in scene.contacts]
     rest.joints = [_with_resting(joint, "slide", "rotation") for joint in scene.joints]
     rest.forces_between = [_with_resting(force, "on") for force in scene.forces_between]
     return rest

@@ -22,8 +22,17 @@ from fx_beam.errors import (
 
 from . import loads
 from .beam import COMPONENTS, Beam, Node
-from .body import Body, check_body, name_of, velocities_of
-from .coordinate import Coulomb, Damper, Friction, Spring, Stop, checked_coordinate, parameters_of
+from .body import Body, Members, check_body, name_of, velocities_of
+from .contacts import Contact, Shape, check_members, check_start, checked_contact
+from .coordinate import (
+    Coulomb,
+    Damper,
+    SmoothFriction,
+    Spring,
+    Stop,
+    checked_coordinate,
+    parameters_of,
+)
 from .curve import Curve, layout
 from .forces_between import ForceBetween, GivenPull, Pull, checked_force
 from .inputs import Input, time_function
@@ -31,7 +40,6 @@ from .joints import GROUND, Joint, Rigid, check_new, moved_by, placed
 from .law import parameters_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .notebook import facts, html_table, sketch
-from .obstacles import Obstacle, Shape, check_members, check_start, checked_obstacle
 from .parameters import Parameter, Parameters
 from .removal import locked, own_joint, remove_beam, remove_body, remove_joint, unlocked
 from .section import Section
@@ -61,14 +69,14 @@ class Scene:
     >>> beam = scene.add_beam([(0, 0), (2, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e3), elements=16)
     >>> scene.clamp(beam.start)
     >>> load = scene.add_force(beam.end, (0.0, -0.3))
-    >>> tip = fb.static(scene, steps=1).displacement(beam.end)[-1]
+    >>> tip = fb.static(scene, load_steps=1).displacement(beam.end)[-1]
     >>> round(float(tip[1]), 4), round(-0.3 * 2**3 / 3e3, 4)
     (-0.0008, -0.0008)
     """
 
     def __init__(self, gravity: Sequence[float] | None = None):
         self.gravity = None if gravity is None else vector(gravity, 2, "gravity")
-        self.beams: list[Beam] = []
+        self.beams: list[Beam] = Members[Beam]()
         self._names: set[str] = set()
         self.nodes: list[Node] = []
         #: Smallest and largest coordinates of all nodes.
@@ -85,7 +93,7 @@ class Scene:
         self.natural_strains: list[NaturalStrain] = []
         #: Numbers in functions of your own by name, which change without compilation: `Parameter`.
         self.parameters = Parameters()
-        self.bodies: list[Body] = []
+        self.bodies: list[Body] = Members[Body]()
         self._names_of_bodies: set[str] = set()
         #: Numbers of nodes whose members were taken away. They are held where they are.
         self.gone: set[int] = set()
@@ -93,7 +101,7 @@ class Scene:
         #: Joints that were ever added: as their numbers stay, so do rows of solutions.
         self.joint_count = 0
         self._couplings: dict[tuple, Joint] = {}
-        self.obstacles: list[Obstacle] = []
+        self.contacts: list[Contact] = []
         self.forces_between: list[ForceBetween] = []
         #: Contacts and forces between points that were ever added: their numbers stay as well.
         self.contact_count = self.force_count = 0
@@ -237,7 +245,7 @@ class Scene:
         >>> pin = scene.add_joint(fb.Revolute(fb.GROUND, body["pin"]))
         >>> held = copy.deepcopy(scene)
         >>> held.fix(held.bodies[0].centre, "rotation")
-        >>> found = fb.modes(scene, state=fb.static(held, steps=1))
+        >>> found = fb.modes(scene, state=fb.static(held, load_steps=1))
         >>> round(float(found.angular_frequencies[0] ** 2), 9)
         10.0
         """
@@ -425,30 +433,39 @@ class Scene:
         """
         self.projects_velocities = True
 
-    def add_obstacle(
+    def add_contact(
         self,
-        target: Beam | Node,
-        obstacle: Shape,
+        a: Beam | Node,
+        b: Shape | Beam,
         stiffness: float | None = None,
         restitution: float = 1.0,
         speed: float | None = None,
         energy: Callable[[Any], Any] | None = None,
         friction: Coulomb | None = None,
-    ) -> Obstacle:
-        """Add a line or circle that a node, or all nodes of a beam, cannot enter.
+        radius: float | tuple[float, float] = 0.0,
+        along: int | None = None,
+    ) -> Contact:
+        """Add contact of a node or beam with a line or circle, fixed or carried, or with a beam.
 
-        If a node enters it by the depth d, the force k d (1 + r tanh(rate of d / speed)) pushes it
-        back along the normal; r = (1 - e^2) / (1 + e^2), as for a `Stop`. The
-        energy k d^2 / 2 is stored. The contact of a beam acts at its nodes, also those inside its
-        elements, each with its share of the length; between two nodes a beam may enter the
-        obstacle.
+        If a node enters the shape by the depth d, the force k d (1 + r tanh(rate of d / speed))
+        pushes it back along the normal; r = (1 - e^2) / (1 + e^2), as for a `Stop`. The energy
+        k d^2 / 2 is stored. The contact of a beam acts at its nodes, also those inside its
+        elements, each with its share of the length; between two nodes a beam may enter the shape.
+
+        A circle or line that a node of a beam or body carries gets the opposite force and its
+        moment. In schemes that conserve energy the work of both is exactly the change of the stored
+        energy, and both momenta are conserved.
+
+        Two beams touch at the nodes of each, anywhere along the other one, which is a smooth curve
+        through the middles of its elements, with round ends. The stiffness per length is that of
+        both together. A beam may touch itself: `b` is `a`.
 
         Parameters
         ----------
-        target : Beam or Node
-            The beam or node that it stops. It does not stop other members.
-        obstacle : Line or Circle
-            The line or circle.
+        a : Beam or Node
+            What touches: a node of a beam or body, or a beam. It does not stop other members.
+        b : Line, Circle or Beam
+            What it touches: a shape that is fixed or carried by a node, another beam, or the same.
         stiffness : float, optional
             Stiffness k of a node [N/m], of a beam per length [N/m^2].
         restitution : float
@@ -460,74 +477,6 @@ class Scene:
             In place of the stiffness ``energy(d)``, the stored energy of a node [J], of a beam per
             length [J/m], as a UFL expression of the depth d [m]; zero at d = 0. Its derivative is
             in the place of k d.
-        friction : Coulomb, optional
-            Friction that sticks; none by default.
-
-        Returns
-        -------
-        Obstacle
-            The numbered obstacle, for `Solution.contact`.
-
-        Raises
-        ------
-        SceneError
-            For a target of another scene, a value out of range, or a node that starts behind it.
-
-        Examples
-        --------
-        A bar that falls on a floor and bounces.
-
-        >>> import fx_beam as fb
-        >>> scene = fb.Scene(gravity=(0, -10))
-        >>> section = fb.Section(EA=1e5, GA=1e5, EI=1e3, rhoA=1.0, rhoI=0.01)
-        >>> bar = scene.add_beam([(0, 0.2), (1, 0.2)], section, elements=2)
-        >>> floor = scene.add_obstacle(bar, fb.Line((0, 0), normal=(0, 1)), stiffness=1e5)
-        >>> solution = fb.simulate(scene, dt=1e-3, t_end=0.4)
-        >>> bool(solution.contact(floor).gap.min() > -0.01)
-        True
-        >>> bool(abs(solution.energy.balance_error).max() < 1e-11)
-        True
-        """
-        impact = stiffness, restitution, speed, energy
-        return self._contact(target, obstacle, impact, friction=friction)
-
-    def add_contact(
-        self,
-        a: Beam | Node,
-        b: Shape | Beam,
-        *,
-        stiffness: float | None = None,
-        energy: Callable[[Any], Any] | None = None,
-        restitution: float = 1.0,
-        speed: float | None = None,
-        friction: Coulomb | None = None,
-        radius: float | tuple[float, float] = 0.0,
-        along: int | None = None,
-    ) -> Obstacle:
-        """Add contact of a node or beam with a line or circle that may move, or with a beam.
-
-        The law is that of `add_obstacle`. A circle or line that a node of a beam or body carries
-        gets the opposite force and its moment. In schemes that conserve energy the work of both is
-        exactly the change of the stored energy, and both momenta are conserved.
-
-        Two beams touch at the nodes of each, anywhere along the other one, which is a smooth curve
-        through the middles of its elements, with round ends. The stiffness per length is that of
-        both together. A beam may touch itself: `b` is `a`.
-
-        Parameters
-        ----------
-        a : Beam or Node
-            What touches: a node of a beam or body, or a beam.
-        b : Line, Circle or Beam
-            What it touches: a shape that is fixed or carried by a node, another beam, or the same.
-        stiffness : float, optional
-            Stiffness k of a node [N/m], of a beam per length [N/m^2].
-        energy : callable, optional
-            Stored energy of the depth in the place of a stiffness, as in `add_obstacle`.
-        restitution : float
-            Coefficient of restitution e from 0 to 1.
-        speed : float, optional
-            Speed below which the loss is viscous [m/s]; required for e < 1.
         friction : Coulomb, optional
             Friction that sticks; none by default. It acts on the surface of a member with a
             `radius`, and on that of a circle or line that moves.
@@ -541,20 +490,32 @@ class Scene:
 
         Returns
         -------
-        Obstacle
+        Contact
             The numbered contact, for `Solution.contact`.
 
         Raises
         ------
         SceneError
-            For nodes of another scene, a value out of range, what starts behind the shape, a shape
-            that is carried by what it should stop, or members that overlap at the start.
+            For members of another scene, a value out of range, what starts behind the shape, a
+            shape that is carried by what it should stop, or members that overlap at the start.
 
         Examples
         --------
-        A ball hits a disc of the same mass that is free: their velocities change places.
+        A bar that falls on a floor and bounces.
 
         >>> import fx_beam as fb
+        >>> scene = fb.Scene(gravity=(0, -10))
+        >>> section = fb.Section(EA=1e5, GA=1e5, EI=1e3, rhoA=1.0, rhoI=0.01)
+        >>> bar = scene.add_beam([(0, 0.2), (1, 0.2)], section, elements=2)
+        >>> floor = scene.add_contact(bar, fb.Line((0, 0), normal=(0, 1)), stiffness=1e5)
+        >>> solution = fb.simulate(scene, dt=1e-3, t_end=0.4)
+        >>> bool(solution.contact(floor).gap.min() > -0.01)
+        True
+        >>> bool(abs(solution.energy.balance_error).max() < 1e-11)
+        True
+
+        A ball hits a disc of the same mass that is free: their velocities change places.
+
         >>> scene = fb.Scene()
         >>> ball, disc = (scene.add_body((x, 0), mass=1.0, inertia=0.01).centre for x in (0, 1))
         >>> hit = scene.add_contact(ball, fb.Circle(disc, 0.2), stiffness=1e5, radius=0.1)
@@ -563,22 +524,19 @@ class Scene:
         >>> solution.velocity(disc)[-1].round(9)
         array([2., 0.])
         """
-        impact = stiffness, restitution, speed, energy
-        return self._contact(a, b, impact, radius=radius, along=along, friction=friction)
-
-    def _contact(self, target, shape, impact: tuple, **options) -> Obstacle:
-        loads.check_target(self, target, "contact")
-        carrier = getattr(shape, "carrier", None)
+        loads.check_target(self, a, "contact")
+        carrier = getattr(b, "carrier", None)
         if carrier is not None:
-            loads.check_node(self, carrier, f"{type(shape).__name__} of a contact")
-        made = checked_obstacle(target, shape, impact, self.contact_count, **options)
+            loads.check_node(self, carrier, f"{type(b).__name__} of a contact")
+        impact, options = (stiffness, restitution, speed, energy), (radius, along, friction)
+        made = checked_contact(a, b, impact, self.contact_count, *options)
         if isinstance(made.shape, Beam):
             loads.check_target(self, made.shape, "contact")
             check_members(made, self._size)
         else:
             check_start(made, self._size)
         self.parameters.add(parameters_of_energy(made.energy, None, 1), str(made))
-        self.obstacles.append(made)
+        self.contacts.append(made)
         self.contact_count += 1
         return made
 
@@ -588,7 +546,7 @@ class Scene:
         b: Any,
         spring: Spring | None = None,
         damper: Damper | None = None,
-        friction: Friction | None = None,
+        friction: SmoothFriction | None = None,
         stop: Stop | tuple | None = None,
         force: Pull | float | Input | None = None,
     ) -> ForceBetween:
@@ -608,7 +566,7 @@ class Scene:
             Spring on r, linear or with a ``strain_energy(x)`` of x = r - rest.
         damper : Damper, optional
             Damper on the rate of r, linear or with a law of its own.
-        friction : Friction, optional
+        friction : SmoothFriction, optional
             Friction on the rate of r.
         stop : Stop or (lower, upper, stiffness), optional
             Limits of r: a rope has an upper one, a prop a lower one.
@@ -964,7 +922,7 @@ class Scene:
 
         Parameters
         ----------
-        *parts : Joint, Beam, Body, Obstacle, Load, Mass, Drag, VirtualWork, ForceBetween, ...
+        *parts : Joint, Beam, Body, Contact, Load, Mass, Drag, VirtualWork, ForceBetween, ...
             What the methods that add them returned. For supports there is `free`.
 
         Raises
@@ -1000,7 +958,7 @@ class Scene:
         )
         lists = (
             *(self.loads, self.natural_strains, self.masses, self.drags, self.virtual_works),
-            *(self.forces_between, self.obstacles),
+            *(self.forces_between, self.contacts),
         )
         for part in parts:
             for known, remove in whole:

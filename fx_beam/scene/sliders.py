@@ -11,7 +11,15 @@ import numpy as np
 from fx_beam.errors import SceneError, as_float, require
 
 from .beam import Beam, Node
-from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, checked_coordinate
+from .coordinate import (
+    Coordinate,
+    Coulomb,
+    Damper,
+    SmoothFriction,
+    Spring,
+    Stop,
+    checked_coordinate,
+)
 from .joint_kinematics import SlidingKinematics
 from .joints import GROUND, Joint
 from .path import Path
@@ -164,7 +172,7 @@ def Slider(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: Friction | Coulomb | None = None,
+    friction: SmoothFriction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> SlidingJoint:
     """A node that slides along a flexible beam, over all of its elements; it rotates freely.
@@ -190,7 +198,7 @@ def Slider(
         On the arc length. The `rest` of the spring is an arc length.
     motor : callable, optional
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
-    friction : Friction or Coulomb, optional
+    friction : SmoothFriction or Coulomb, optional
         On the arc length. That of Coulomb follows the force across the beam.
     stop : Stop or (lower, upper, stiffness), optional
         On the arc length [m, N/m], before an end of the beam is reached; a limit may be None.
@@ -221,7 +229,7 @@ def Slider(
     >>> mass = scene.add_joint(fb.Slider(bridge, car.centre, motor=lambda t: 2 * t))
     >>> scene.set_velocity(car.centre, (2.0, 0.0))
     >>> solution = fb.simulate(scene, dt=0.01, t_end=1.0)
-    >>> round(float(solution.slide(mass)[-1]), 9)
+    >>> round(float(solution.joint(mass).slide[-1]), 9)
     2.0
     """
     return _sliding(
@@ -236,7 +244,7 @@ def Sleeve(
     spring: Spring | None = None,
     damper: Damper | None = None,
     motor=None,
-    friction: Friction | Coulomb | None = None,
+    friction: SmoothFriction | Coulomb | None = None,
     stop: Stop | tuple | None = None,
 ) -> SlidingJoint:
     """A node that slides along a flexible beam and turns with it.
@@ -258,7 +266,7 @@ def Sleeve(
         On the arc length.
     motor : callable, optional
         ``motor(t)``, the change of the arc length since the start [m]; zero at t = 0.
-    friction : Friction or Coulomb, optional
+    friction : SmoothFriction or Coulomb, optional
         On the arc length. That of Coulomb follows the force across the beam.
     stop : Stop or (lower, upper, stiffness), optional
         On the arc length [m, N/m], before an end of the beam is reached; a limit may be None.

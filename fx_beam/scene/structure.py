@@ -18,13 +18,13 @@ import numpy as np
 
 from .beam import Beam, Node
 from .body import Body
-from .coordinate import Coordinate, Coulomb, Damper, Friction, Spring, Stop, functions_of
+from .contacts import Contact
+from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .forces_between import ForceBetween
 from .internal_variables import InternalVariables
 from .joints import Joint
 from .law import functions_of_energy
 from .loads import Drag, Load, StrainPart, Velocity, VirtualWork
-from .obstacles import Obstacle
 from .scene import Scene
 from .section import Section
 from .symbols import STEP
@@ -43,7 +43,7 @@ def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
     for joint in scene.joints:
         for on in joint.coordinates.values():
             expressions += functions_of(on)
-    for obstacle in scene.obstacles:
+    for obstacle in scene.contacts:
         expressions += functions_of_energy(obstacle.energy, None, 1)
     for force in scene.forces_between:
         expressions += force.functions
@@ -63,10 +63,10 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Coordinate: ("motor",),
     Spring: ("stiffness", "rest"),
     Damper: ("viscosity",),
-    Friction: ("force", "speed"),
+    SmoothFriction: ("force", "speed"),
     Coulomb: ("mu", "stiffness", "radius", "damping"),
     Stop: ("lower", "upper", "stiffness", "restitution", "speed"),
-    Obstacle: ("stiffness", "restitution", "speed", "radius"),
+    Contact: ("stiffness", "restitution", "speed", "radius"),
     ForceBetween: ("b",),
     Load: ("value", "along"),
     StrainPart: ("value", "along"),
@@ -79,8 +79,8 @@ _OWN: dict[type, tuple[str, ...]] = {
     InternalVariables: ("update",),
     Spring: ("strain_energy",),
     Damper: ("law",),
-    Friction: ("force",),
-    Obstacle: ("energy",),
+    SmoothFriction: ("force",),
+    Contact: ("energy",),
     ForceBetween: ("force",),
     VirtualWork: ("term",),
 }

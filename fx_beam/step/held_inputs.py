@@ -18,7 +18,7 @@ from .forcing import Forcing
 # Parts of a scene on which its motion depends.
 _PARTS = (
     *("beams", "nodes", "fixed", "prescribed", "masses"),
-    *("loads", "drags", "virtual_works", "joints", "obstacles", "forces_between"),
+    *("loads", "drags", "virtual_works", "joints", "contacts", "forces_between"),
     "natural_strains",
 )
 

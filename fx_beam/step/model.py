@@ -154,7 +154,7 @@ class Model:
     def _damp_friction(self) -> None:
         """Give friction that sticks its damping, by the masses that it holds."""
         coordinates = [c for joint in self.scene.joints for c in joint.coordinates.values()]
-        frictions = [getattr(of, "friction", None) for of in (*self.scene.obstacles, *coordinates)]
+        frictions = [getattr(of, "friction", None) for of in (*self.scene.contacts, *coordinates)]
         if any(isinstance(of, Coulomb) for of in frictions) and not self.scheme.rates.at_rest:
             self.forms.damp_friction(self.scene, self.mobility())
 
@@ -501,7 +501,7 @@ class Model:
 
 def _probable_features(scene: Scene, scheme: Scheme) -> str:
     """What the library for most scenes of a kind has (c/scene_features.h)."""
-    if any(isinstance(obstacle.shape, Beam) for obstacle in scene.obstacles):
+    if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
         return "MEMBERS"
     if scheme.rates.at_rest:
         return "0"

@@ -27,7 +27,7 @@ def angle(solution, joint):
 
 
 def coordinate(solution, joint):
-    return angle(solution, joint) if joint.axis is None else solution.slide(joint)
+    return angle(solution, joint) if joint.axis is None else solution.joint(joint).slide
 
 
 def frequency(t, x):
@@ -56,7 +56,7 @@ def test_a_sprung_slider_has_the_frequency_of_the_mid_point_rule(dt):
     scene, joint = slider(velocity=2.0)
     solution = fb.simulate(scene, dt=dt, t_end=100 * dt)
     exact = 2 / dt * np.arctan(5.0 * dt / 2)  # sqrt(50 / 2) = 5
-    slide = solution.slide(joint)
+    slide = solution.joint(joint).slide
     assert frequency(solution.t, slide) == pytest.approx(exact, rel=1e-7)
     amplitude = 2.0 / 5.0
     assert slide == pytest.approx(amplitude * np.sin(exact * solution.t), abs=1e-6)
@@ -78,11 +78,11 @@ def test_a_sprung_hinge_has_the_frequency_of_small_oscillations():
 def test_a_spring_pulls_to_its_rest_length():
     # Released at 0 it swings about the rest, and the damper brings it there.
     scene, joint = slider(rest=0.7)
-    slide = fb.simulate(scene, dt=0.001, t_end=2 * np.pi / 5).slide(joint)
+    slide = fb.simulate(scene, dt=0.001, t_end=2 * np.pi / 5).joint(joint).slide
     assert slide.max() == pytest.approx(1.4, rel=1e-4)
     scene, joint = slider(rest=0.7, damper=fb.Damper(20.0))
     solution = fb.simulate(scene, dt=0.02, t_end=10.0)
-    assert solution.slide(joint)[-1] == pytest.approx(0.7, rel=1e-6)
+    assert solution.joint(joint).slide[-1] == pytest.approx(0.7, rel=1e-6)
     assert solution.energy.total[-1] == pytest.approx(0.0, abs=1e-6)
     assert solution.energy.springs[0] == pytest.approx(50.0 / 2 * 0.7**2)
     assert solution.energy.strain[0] == 0
@@ -101,13 +101,13 @@ def test_a_critically_damped_slider_follows_its_closed_solution():
         scene, joint = slider(velocity=2.0, damper=fb.Damper(20.0))
         solution = fb.simulate(scene, scheme, dt=0.002, t_end=1.0)
         exact = 2.0 * solution.t * np.exp(-5 * solution.t)
-        assert abs(solution.slide(joint) - exact).max() < 1e-4 * exact.max()
+        assert abs(solution.joint(joint).slide - exact).max() < 1e-4 * exact.max()
 
 
 def test_a_slider_sags_by_its_weight_over_the_stiffness():
     scene, joint = slider(gravity=(0, -9.81), damper=fb.Damper(20.0))
     solution = fb.simulate(scene, fb.GeneralizedAlpha(0.0), dt=0.02, t_end=10.0)
-    assert solution.slide(joint)[-1] == pytest.approx(-0.8 * 2 * 9.81 / 50.0, rel=1e-6)
+    assert solution.joint(joint).slide[-1] == pytest.approx(-0.8 * 2 * 9.81 / 50.0, rel=1e-6)
     # At rest the joint carries the weight, spring included, and the moment about its node.
     force = solution.joint(joint).force[-1]
     assert force == pytest.approx([0, 2 * 9.81, 2 * 9.81], rel=1e-6, abs=1e-6)
@@ -246,7 +246,7 @@ def test_the_power_of_a_motor_on_a_slide_is_exact_and_without_its_spring(tmp_pat
     # The motor pushes the bar and its spring; the joint is both of them.
     pushed = solution.joint(joint).motor_force[1:]
     total = solution.joint(joint).force[1:, 0]
-    middle = (solution.slide(joint)[1:] + solution.slide(joint)[:-1]) / 2
+    middle = (solution.joint(joint).slide[1:] + solution.joint(joint).slide[:-1]) / 2
     np.testing.assert_allclose(pushed - 30.0 * middle, total, atol=1e-9 * abs(pushed).max())
 
 

@@ -104,7 +104,7 @@ def test_a_force_beside_the_leg_bends_it_with_its_moment():
     beam = scene.add_beam([(0, 0), body["A"]], LEG, elements=2, degree=3)
     scene.clamp(beam.start)
     scene.add_force(body["B"], (0, 1e-6))
-    tip = fb.static(scene, steps=1).displacement(body["B"])[-1, 1]
+    tip = fb.static(scene, load_steps=1).displacement(body["B"])[-1, 1]
     bending = 1e-6 / LEG.EI * (2**3 / 3 + 2 * 2**2 / 2 + 2)  # L^3/3 + L^2 e + L e^2, e = 1
     assert tip == pytest.approx(bending + 1e-6 * 2 / LEG.GA, rel=1e-6)
 

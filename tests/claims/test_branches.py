@@ -33,8 +33,8 @@ def elastica(load):
 def bent():
     """Both branches of a column, up to twice its buckling load."""
     scene, middle, top = column(20.0)
-    (point,) = fb.static(scene, steps=4).critical_points
-    how = {"steps": 10, "continuation": "arc-length"}
+    (point,) = fb.static(scene, load_steps=4).critical_points
+    how = {"load_steps": 10, "continuation": "arc-length"}
     ways = [fb.static(scene, start=point.branch(sign), **how) for sign in (1, -1)]
     return point, ways, middle, top
 
@@ -91,7 +91,7 @@ def test_shallow_arches_snap_and_sway_at_their_loads(rise):
     found = []
     for radius in (2e-3, 1e-3):
         scene, _ = shallow_arch(rise, 1.2 * limit, radius=radius)
-        path = fb.static(scene, steps=6, continuation="arc-length", max_steps=100)
+        path = fb.static(scene, load_steps=6, continuation="arc-length", max_steps=100)
         points = path.critical_points
         assert (points[0].kind == "bifurcation") == (rise > np.sqrt(5.5))
         bifurcations, limits = (
@@ -118,7 +118,7 @@ def low_arch():
 @pytest.fixture(scope="module")
 def tree():
     scene, top = low_arch()
-    how = {"steps": 8, "continuation": "arc-length", "max_steps": 60}
+    how = {"load_steps": 8, "continuation": "arc-length", "max_steps": 60}
     return fb.static(scene, branches=2, **how), top
 
 
@@ -147,9 +147,9 @@ def test_a_sway_branch_leads_from_one_bifurcation_to_the_other_and_returns(tree)
 
 def test_an_imperfect_path_nears_the_branch():
     scene, middle, _ = column(20.0)
-    (point,) = fb.static(scene, steps=4).critical_points
+    (point,) = fb.static(scene, load_steps=4).critical_points
     crooked = fb.imperfect(scene, point.modes, 1e-3)
-    path = fb.static(crooked, steps=20)
+    path = fb.static(crooked, load_steps=20)
     across, _ = elastica(20.0)
     assert abs(path.displacement(crooked.beams[0].node(0.5))[-1, 0]) == pytest.approx(across, 0.01)
     assert path.stable.all() and scene.beams[0].node(0.5).x == 0
@@ -158,7 +158,7 @@ def test_an_imperfect_path_nears_the_branch():
 def test_a_motion_snaps_from_a_limit_point():
     """Under a little more than the limit load the arch falls through; under less it stays."""
     scene, top = low_arch()
-    path = fb.static(scene, steps=8, continuation="arc-length")
+    path = fb.static(scene, load_steps=8, continuation="arc-length")
     limit = next(point for point in path.critical_points if point.kind == "limit point")
     lowest = []
     for factor in (1.1, 0.9):
@@ -219,7 +219,7 @@ def test_an_asymmetric_bifurcation_is_found_and_followed_to_both_sides(asymmetri
     assert factors[0] == pytest.approx(factors[1], rel=1e-8)
     rises, stable = [], []
     for sign in (1, -1):
-        how = {"steps": 10, "continuation": "arc-length", "max_steps": 12}
+        how = {"load_steps": 10, "continuation": "arc-length", "max_steps": 12}
         branch = fb.static(scene, start=found[0][0].branch(sign), **how)
         psi = branch.rotation(bar.end)[1:]
         assert 15 * branch.load_factor[1:] == pytest.approx(load(psi), rel=3e-5)
@@ -244,7 +244,7 @@ def hinged_columns(stiffness, load):
 def test_a_tree_has_the_branches_of_its_branches():
     """The second column buckles on the straight path, and on both branches of the first one."""
     scene, tops = hinged_columns((10.0, 12.0), 15.0)
-    path = fb.static(scene, steps=5, branches=2)
+    path = fb.static(scene, load_steps=5, branches=2)
     assert path.unstable_modes[-1] == 2
     factors = [point.load_factor for point in path.critical_points]
     assert 15 * np.array(factors) == pytest.approx([10.0, 12.0], rel=3e-5)
@@ -267,9 +267,9 @@ def test_a_tree_has_the_branches_of_its_branches():
 
 def test_a_point_with_two_modes_has_branches_along_both():
     scene, tops = hinged_columns((10.0, 10.0), 15.0)
-    (point,) = fb.static(scene, steps=5).critical_points
+    (point,) = fb.static(scene, load_steps=5).critical_points
     assert len(point.modes) == 2
-    how = {"steps": 10, "continuation": "arc-length"}
+    how = {"load_steps": 10, "continuation": "arc-length"}
     for mode in (0, 1):
         branch = fb.static(scene, start=point.branch(+1, mode), **how)
         turned = np.array([branch.rotation(top)[-1] for top in tops])
@@ -281,9 +281,9 @@ def test_points_of_a_path_that_starts_from_a_loaded_state():
     """The first load fades while the second one rises; such a path has no branches yet."""
     scene, _ = hinged_columns((10.0,), 0.0)
     scene.change(scene.loads[0], (0.0, 5.0))
-    pulled = fb.static(scene, steps=2)
+    pulled = fb.static(scene, load_steps=2)
     scene.change(scene.loads[0], (0.0, -15.0))
-    path = fb.static(scene, steps=4, start=pulled)
+    path = fb.static(scene, load_steps=4, start=pulled)
     (point,) = path.critical_points
     assert 15 * point.load_factor - 5 * (1 - point.load_factor) == pytest.approx(10, rel=3e-5)
     with pytest.raises(fb.SceneError, match="must not have a start of its own"):

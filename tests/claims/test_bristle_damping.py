@@ -82,7 +82,7 @@ def error(dt, scheme, stiffness=1e5, **damping):
     solution = fb.simulate(scene, scheme, dt=dt, t_end=END)
     places, slips = exact(solution.t)
     assert slips == 6
-    return abs(solution.slide(rail) - places).max(), solution
+    return abs(solution.joint(rail).slide - places).max(), solution
 
 
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying()], ids=str)
@@ -108,7 +108,7 @@ def test_a_bristle_vibrates_as_a_damped_spring_with_errors_of_second_order():
         solution = fb.simulate(scene, dt=dt, t_end=t)
         errors.append(abs(solution.displacement(block)[-1, 0] - expected))
     assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.1)
-    values = np.linalg.eigvals(fb.linearise(scene, at=solution).A)
+    values = np.linalg.eigvals(fb.linearise(scene, state=solution).A)
     assert abs(values - (-zeta * w + 1j * free)).min() < 1e-6 * w
 
 
@@ -135,4 +135,4 @@ def test_critical_damping_is_that_of_the_mass_which_the_spring_holds():
     expected = [2 * sqrt(mass / 1e4) for mass in masses]
     assert [low for low, _ in found.values()] == pytest.approx(expected, rel=1e-12)
     joints = [f"joint {pin.number} rotation", f"joint {rail.number} slide"]
-    assert [*found] == [*joints, *map(str, scene.obstacles)]
+    assert [*found] == [*joints, *map(str, scene.contacts)]

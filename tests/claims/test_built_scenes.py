@@ -51,7 +51,7 @@ def test_derivative_by_a_number_that_is_zero_is_the_same_in_small_scenes(size):
         scene.add_force(beam.end, (0, -1e-4))
         return scene, {"tip": fb.Output("position", beam.end, "y")}
 
-    run = fb.StaticResponse(build, steps=2)
+    run = fb.StaticResponse(build, load_steps=2)
     run([0.0])
     found, h = run.jacobian()["tip"][-1, 0], 1e-4 * size
     ends = [run([side * h])[1]["tip"][-1] for side in (-2, -1, 1, 2)]
@@ -111,7 +111,7 @@ def test_more_elements_than_before_are_set_up_anew(make):
         scene.clamp(beam.start)
         return scene, {"tip": fb.Output("position", beam.end)}
 
-    options = {"dt": 0.01, "t_end": 0.05} if make is fb.Response else {"steps": 2}
+    options = {"dt": 0.01, "t_end": 0.05} if make is fb.Response else {"load_steps": 2}
     run = make(build, **options)
     alone = make(build, **options)([6])[1]["tip"]
     for elements in (4, 4, 6):

@@ -185,7 +185,7 @@ def test_long_chains_and_loops_are_in_balance_and_stay_together(made):
     assert found.stats.newton_iterations <= 4.5 * 10
     energy = found.energy
     assert abs(energy.balance_error).max() < 1e-11 * max(energy.kinetic.max(), 1.0)
-    assert max(found.gap(joint).max() for joint in scene.joints) < 1e-13
+    assert max(found.joint(joint).gap.max() for joint in scene.joints) < 1e-13
 
 
 def memory(scene):
@@ -242,7 +242,7 @@ def spring_chain(n):
 def test_springs_of_a_long_chain_carry_the_moments_of_its_load(options):
     scene, ends = spring_chain(20)
     scene.add_force(ends[-1], (0.0, -10.0))
-    solution = fb.static(scene, steps=10, **options)
+    solution = fb.static(scene, load_steps=10, **options)
     turns = solution.q[-1, [body.centre.number for body in scene.bodies], 2]
     across = np.array([solution.position(end)[-1, 0] for end in ends])
     assert turns[-1] < -0.3

@@ -272,7 +272,7 @@ def test_contacts_in_another_order_keep_their_springs_in_a_scene_built_anew(tmp_
     for contact in others.values():
         assert (whole.contact(contact).stretch[31:] == second.contact(contact).stretch[1:]).all()
         assert (whole.contact(contact).gap[31:] == second.contact(contact).gap[1:]).all()
-    own = [whole.contact(one) for one in whole.obstacles if one.number > 1]
+    own = [whole.contact(one) for one in whole.contacts if one.number > 1]
     assert len(own) == 2  # those of the first scene have other numbers now
     for one, contact in zip(own, contacts.values(), strict=True):
         assert (one.stretch[:31] == first.contact(contact).stretch).all()
@@ -385,10 +385,10 @@ def test_a_hinge_that_has_yielded_stays_bent_when_the_load_is_taken_away():
     arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
     joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=hinge))
     moment = scene.add_moment(arm.end, 4.0)
-    bent = fb.static(scene, steps=4)
+    bent = fb.static(scene, load_steps=4)
     assert bent.joint(joint).angle[-1] == pytest.approx(0.1 + 4e-4, abs=1e-9)
     scene.remove(moment)
-    free = fb.static(scene, start=bent, steps=4)
+    free = fb.static(scene, start=bent, load_steps=4)
     assert free.joint(joint).angle[-1] == pytest.approx(0.1, abs=1e-6)
     assert free.joint(joint).internal("plastic angle")[-1] == pytest.approx(0.1, abs=1e-9)
 
@@ -408,7 +408,7 @@ def test_driven_motions_go_on_from_where_they_are():
     scene, beam = cantilever()
     scene.prescribe(beam.end, y=lambda t: 0.1 * t)
     first = fb.static(scene, t=1.0)
-    second = fb.static(scene, t=3.0, start=first, steps=4)
+    second = fb.static(scene, t=3.0, start=first, load_steps=4)
     assert second.displacement(beam.end)[:, 1] == pytest.approx([0.1, 0.15, 0.2, 0.25, 0.3])
 
 

@@ -39,7 +39,7 @@ def test_buckling_loads_converge_with_twice_the_degree(degree, order, elements, 
     errors = []
     for n in (elements, 2 * elements):
         scene, exact = column(1.4 * k**2, n, degree, k)
-        (point,) = fb.static(scene, steps=4).critical_points
+        (point,) = fb.static(scene, load_steps=4).critical_points
         assert point.kind == "bifurcation"
         errors.append(1.4 * k**2 * point.load_factor / exact - 1)
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.4)
@@ -76,7 +76,7 @@ def force_on_truss(y, height):
 
 
 def test_limit_points_of_a_truss_are_exact():
-    path = fb.static(truss(0.2, 20.0), steps=10, continuation="arc-length")
+    path = fb.static(truss(0.2, 20.0), load_steps=10, continuation="arc-length")
     first, second = path.critical_points
     top = scipy.optimize.minimize_scalar(
         lambda y: -force_on_truss(y, 0.2), bounds=(0, 0.2), options={"xatol": 1e-9}
@@ -98,8 +98,8 @@ def test_columns_that_differ_and_buckle_at_once_are_one_point():
         scene.pin(beam.start)
         scene.fix(beam.end, "x")
         scene.add_force(beam.end, (0, -14.0 * factor))
-    (point,) = fb.static(scene, steps=4).critical_points
-    alone = fb.static(column(14.0, 4, 2, np.pi)[0], steps=4).critical_points[0]
+    (point,) = fb.static(scene, load_steps=4).critical_points
+    alone = fb.static(column(14.0, 4, 2, np.pi)[0], load_steps=4).critical_points[0]
     assert len(point.modes) == 2
     across = point.modes.shapes[:, [beam.node(0.5).number for beam in scene.beams], 0]
     assert abs(np.linalg.det(across / abs(across).max())) > 0.1  # one mode for each column
@@ -112,7 +112,7 @@ def test_becks_column_flutters_at_its_load():
     beam = scene.add_beam([(0, 0), (0, 1)], section, 8, 3)
     scene.clamp(beam.start)
     scene.add_force(beam.end, (0, -22.0), follower=True)
-    (point,) = fb.static(scene, steps=11).critical_points
+    (point,) = fb.static(scene, load_steps=11).critical_points
     assert point.kind == "flutter"
     assert 22 * point.load_factor == pytest.approx(20.05095, rel=2e-6)
     assert point.modes.angular_frequencies[0] == pytest.approx(11.0157, rel=1e-4)
@@ -150,7 +150,7 @@ def test_a_pivot_that_is_zero_is_no_bifurcation():
     scene.add_joint(fb.Revolute(fb.GROUND, one["O"], spring=fb.Spring(1.0)))
     scene.add_joint(fb.Revolute(one["A"], two["A"], spring=fb.Spring(1.0)))
     scene.add_force(two.centre, (-3.0, 0))
-    path = fb.static(scene, steps=6)
+    path = fb.static(scene, load_steps=6)
     found = [3 * point.load_factor for point in path.critical_points]
     assert found == pytest.approx([(3 - 5**0.5) / 2, (3 + 5**0.5) / 2], rel=1e-9)
     assert path.unstable_modes.tolist() == [0, *[1] * 5, 2]
@@ -159,11 +159,11 @@ def test_a_pivot_that_is_zero_is_no_bifurcation():
 def test_an_error_names_the_bifurcation_at_which_steps_fail():
     """A push of 1e-9 of the load leads a column to one side, but not to a load above buckling."""
     straight, _ = column(14.0, 4, 2, np.pi)
-    factor = fb.static(straight, steps=4).critical_points[0].load_factor
+    factor = fb.static(straight, load_steps=4).critical_points[0].load_factor
     scene, _ = column(14.0 * factor, 4, 2, np.pi)
     scene.add_force(scene.beams[0].node(0.5), (1e-9, 0))
     with pytest.raises(fb.StepError, match=r"a bifurcation near load factor 1\. Follow") as caught:
-        fb.static(scene, steps=4)
+        fb.static(scene, load_steps=4)
     path = caught.value.solution
     assert len(path.t) > 4
     assert path.critical_points[-1].load_factor == pytest.approx(1, abs=1e-7)
@@ -172,7 +172,7 @@ def test_an_error_names_the_bifurcation_at_which_steps_fail():
 
 def test_an_error_names_the_limit_point_at_which_steps_fail():
     with pytest.raises(fb.StepError, match=r"limit point near load factor 0\.148\. .*arc-length"):
-        fb.static(truss(0.2, 20.0), steps=17)
+        fb.static(truss(0.2, 20.0), load_steps=17)
 
 
 # -- Contact and materials that flow ---------------------------------------------------------------
@@ -180,11 +180,11 @@ def test_an_error_names_the_limit_point_at_which_steps_fail():
 
 def test_a_column_between_walls_buckles_as_if_they_were_away():
     scene, _ = column(50.0, 4, 2, np.pi)
-    free = fb.static(scene, steps=6).critical_points
+    free = fb.static(scene, load_steps=6).critical_points
     for side in (0.02, -0.02):
         wall = fb.Line((side, 0), (-side, 0))
-        scene.add_obstacle(scene.beams[0], wall, stiffness=1e4)
-    found = fb.static(scene, steps=6).critical_points
+        scene.add_contact(scene.beams[0], wall, stiffness=1e4)
+    found = fb.static(scene, load_steps=6).critical_points
     assert [point.kind for point in found] == ["bifurcation"] * 2
     factors = [point.load_factor for point in free]
     assert [point.load_factor for point in found] == pytest.approx(factors, rel=1e-9)
@@ -194,8 +194,8 @@ def test_a_column_that_leans_on_a_prop_buckles_into_two_waves():
     """The prop is a node's stop at a small gap in the middle, where the second mode has a node."""
     scene, _ = column(45.0, 8, 2, np.pi)
     middle = scene.beams[0].node(0.5)
-    scene.add_obstacle(middle, fb.Line((2e-3, 0), (-1, 0)), stiffness=1e6)
-    first = fb.static(scene, steps=4).critical_points[0]
+    scene.add_contact(middle, fb.Line((2e-3, 0), (-1, 0)), stiffness=1e6)
+    first = fb.static(scene, load_steps=4).critical_points[0]
     side = np.sign(first.modes.shapes[0, middle.number, 0])
     leaning = fb.static(scene, start=first.branch(side), continuation="arc-length")
     (point,) = leaning.critical_points
@@ -210,8 +210,8 @@ def test_a_truss_becomes_stable_where_it_meets_a_stop(stop, steps):
     """Its load falls down to the stop, where it has a minimum, and rises again."""
     scene = truss(0.2, 20.0)
     top = scene.beams[0].end
-    scene.add_obstacle(top, fb.Line((0, stop), (0, 1)), stiffness=1e3)
-    path = fb.static(scene, steps=steps, continuation="arc-length")
+    scene.add_contact(top, fb.Line((0, stop), (0, 1)), stiffness=1e3)
+    path = fb.static(scene, load_steps=steps, continuation="arc-length")
     limit, contact = path.critical_points
     assert [limit.kind, contact.kind] == ["limit point", "contact"]
     exact = force_on_truss(stop, 0.2) / 20
@@ -240,7 +240,7 @@ def test_a_column_on_a_plastic_hinge_fails_where_it_begins_to_flow(hardening):
     bar = scene.add_body((0, 1), mass=1.0, inertia=1.0, points={"foot": (0, 0)})
     scene.add_joint(fb.Revolute(fb.GROUND, bar["foot"], spring=hinge))
     scene.add_force(bar.centre, (across, -down))
-    path = fb.static(scene, steps=7, continuation="arc-length", max_steps=30)
+    path = fb.static(scene, load_steps=7, continuation="arc-length", max_steps=30)
     points = path.critical_points
     if hardening:
         assert path.load_factor[-1] == 1 and path.stable.all() and not points
@@ -282,7 +282,7 @@ def test_a_column_that_hardens_buckles_at_its_tangent_modulus_load(how):
     scene.pin(beam.start)
     scene.fix(beam.end, "x")
     scene.add_force(beam.end, (0, -0.5 * euler))
-    path = fb.static(scene, steps=7, continuation=how)
+    path = fb.static(scene, load_steps=7, continuation=how)
     (point,) = path.critical_points
     load = 0.5 * euler * point.load_factor
     strain = 2 * yields / E + (load - 2 * yields) / slope
@@ -297,7 +297,7 @@ def test_a_column_that_hardens_buckles_at_its_tangent_modulus_load(how):
 
 def test_points_are_kept_in_copies_once_they_were_read():
     scene, _ = column(14.0, 4, 2, np.pi)
-    path = fb.static(scene, steps=3)
+    path = fb.static(scene, load_steps=3)
     before = pickle.loads(pickle.dumps(path))
     with pytest.raises(ValueError, match="Compute the path again"):
         _ = before.critical_points
@@ -333,6 +333,6 @@ def test_rings_buckle_under_dead_and_under_following_pressure(follows, exact):
         scene.add_line_load(
             beam, lambda s: (-5 * np.cos(turn * s), -5 * np.sin(turn * s)), of="arc length"
         )
-    (point,) = fb.static(scene, steps=4).critical_points
+    (point,) = fb.static(scene, load_steps=4).critical_points
     assert point.kind == "bifurcation"
     assert 5 * point.load_factor == pytest.approx(exact, rel=1e-5)

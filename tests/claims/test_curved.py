@@ -185,7 +185,7 @@ def test_an_arc_is_bent_straight_by_its_own_curvature(GA):
         scene, beam = quarter(2, elements, fb.Section(EA=2 * GA, GA=GA, EI=1.0))
         scene.clamp(beam.start)
         scene.add_moment(beam.end, -1.0)
-        solution = fb.static(scene, steps=4)
+        solution = fb.static(scene, load_steps=4)
         assert abs(solution.resultants(beam).N[-1]).max() < 1e-9 * GA
         errors.append(math.dist(solution.position(beam.end)[-1], (math.pi / 2, 0)))
     assert (np.log2(np.divide(errors[:-1], errors[1:])) > 2 * 2 - 0.1).all()
@@ -218,7 +218,7 @@ def tip_per_moment(curve, degree, elements, moment):
         return of(moment * length + math.atan2(*rate(f)[::-1])) * math.hypot(*rate(f))
 
     exact = [quad(advance, 0, 1, of, epsabs=1e-13)[0] for of in (math.cos, math.sin)]
-    return math.dist(fb.static(scene, steps=2).position(beam.end)[-1], exact)
+    return math.dist(fb.static(scene, load_steps=2).position(beam.end)[-1], exact)
 
 
 @DEGREES
@@ -244,7 +244,7 @@ def tip_per_force(degree, elements, thickness, curve="arc", force=1e-4):
         beam = scene.add_beam(function, section, elements=elements, degree=degree)
         scene.clamp(beam.start)
         scene.add_force(beam.end, (0, factor * force))
-        tip = fb.static(scene, steps=1).displacement(beam.end)[-1, 1]
+        tip = fb.static(scene, load_steps=1).displacement(beam.end)[-1, 1]
         found += weight * tip / (factor * force)
     return found / quad(work, 0, 1, epsabs=1e-13)[0] - 1
 
@@ -279,7 +279,7 @@ def test_resultants_of_a_curve_stand_at_its_arc_length():
     scene, beam = quarter(2, 4, fb.Section(EA=1e6, GA=1e6, EI=1e3))
     scene.clamp(beam.start)
     scene.add_force(beam.end, (0, 1e-3))
-    r = fb.static(scene, steps=1).resultants(beam)
+    r = fb.static(scene, load_steps=1).resultants(beam)
     angle = r.s  # on a radius of 1
     assert r.M[-1] == pytest.approx(1e-3 * (1 - np.sin(angle)), abs=2e-5)
     assert r.N[-1] == pytest.approx(1e-3 * np.sin(angle), abs=2e-5)

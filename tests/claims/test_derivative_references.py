@@ -148,7 +148,7 @@ def two_loads(x):
 
 @pytest.mark.parametrize("scheme", [fb.EnergyMomentum(), fb.EnergyDecaying()])
 def test_a_place_answers_to_a_load_elsewhere_as_that_place_to_a_load_here(scheme):
-    start = {"start": lambda scene: fb.static(scene, steps=2)}
+    start = {"start": lambda scene: fb.static(scene, load_steps=2)}
     run = fb.Response(two_loads, scheme, dt=0.02, t_end=0.6, **start)
     _, y = run(np.zeros(2))
     assert np.ptp(y["b"]) < 1e-9  # it stays at rest
@@ -350,8 +350,8 @@ def cantilever(x):
 def test_reaction_of_a_cantilever_by_its_load():
     """At rest it is minus the load, and its moment minus the load times where the tip is."""
     load = 2.0
-    static = fb.StaticResponse(cantilever, steps=3)
-    start = {"start": lambda scene: fb.static(scene, steps=3)}
+    static = fb.StaticResponse(cantilever, load_steps=3)
+    start = {"start": lambda scene: fb.static(scene, load_steps=3)}
     moving = fb.Response(cantilever, dt=0.01, t_end=0.05, **start)
     for run, factors in ((static, static([load])[0]), (moving, np.ones(6))):
         _, y = run([load])
@@ -494,12 +494,12 @@ def lossy(x):
     section = fb.Section(EA=1e4, GA=5e3, EI=20 * x[0], rhoA=x[1], rhoI=1e-2, retardation=1e-3)
     beam = scene.add_beam([(0, 0), (x[2], 0.1)], section, elements=2)
     law = fb.Damper(law=lambda rate: 0.1 * rate + 0.02 * rate**3)
-    friction = fb.Friction(0.2 * x[0], speed=0.1)
+    friction = fb.SmoothFriction(0.2 * x[0], speed=0.1)
     scene.add_joint(fb.Revolute(fb.GROUND, beam.start, damper=law, friction=friction))
     scene.add_drag(beam, linear=0.1 * x[2], quadratic=0.05 * x[0], rotation=0.02)
     contact = {"stiffness": 500 * x[1], "restitution": 0.5, "speed": 0.3}
     contact["friction"] = fb.Coulomb(0.3 * x[0], stiffness=100.0)
-    scene.add_obstacle(beam.end, fb.Line((0, -0.02 * x[2]), normal=(-0.1, 1)), **contact)
+    scene.add_contact(beam.end, fb.Line((0, -0.02 * x[2]), normal=(-0.1, 1)), **contact)
     scene.add_force(beam.end, (0, 2 * x[1]), follower=True)
     pull = fb.Parameter("pull", lambda t: 10 * x[2] * (1 + t))
     spring = fb.Spring(strain_energy=lambda r: pull * (r - 0.5) ** 2)

@@ -184,7 +184,7 @@ def test_statics_knows_nothing_of_drag():
         if drag:
             scene.add_drag(bar, linear=drag)
             scene.add_drag(bar.end, linear=drag)
-        solution = fb.static(scene, steps=1)
+        solution = fb.static(scene, load_steps=1)
         assert not any("drag" in name for name in solution.stats.compiled)
         tips.append(solution.displacement(bar.end)[-1])
     assert (tips[0] == tips[1]).all()

@@ -33,7 +33,7 @@ def floor(k):
     """The ball falls on an obstacle."""
     scene, node = ball()
     scene.fix(node, "x", "rotation")
-    scene.add_obstacle(node, fb.Line((0, 0), normal=(0, 1)), k)
+    scene.add_contact(node, fb.Line((0, 0), normal=(0, 1)), k)
     return scene, node
 
 
@@ -132,7 +132,7 @@ def test_steps_of_order_four_end_where_a_contact_begins_and_ends():
     contact = 2 * (np.pi - np.arctan2(v / w, GRAVITY / w**2)) / w
     for event in (fall, fall + contact, 3 * fall + contact, 3 * fall + 2 * contact):
         assert abs(solution.t - event).min() < 2e-5
-    force = solution.contact(solution.obstacles[0]).force[1:, 0, 1]
+    force = solution.contact(solution.contacts[0]).force[1:, 0, 1]
     momentum = np.diff(solution.linear_momentum[:, 1])
     assert force * np.diff(solution.t) - GRAVITY * np.diff(solution.t) == pytest.approx(
         momentum, abs=1e-10
@@ -155,7 +155,7 @@ def test_order_four_warns_of_losses_at_impacts(of, caplog):
     for order, loss in ((4, 0.5), (4, 1.0), (2, 0.5)):
         scene, node = ball()
         if of == "obstacle":
-            scene.add_obstacle(
+            scene.add_contact(
                 node, fb.Line((0, 0), normal=(0, 1)), 1e4, restitution=loss, speed=0.1
             )
         else:

@@ -23,7 +23,7 @@ def column(load, tip_mass, elements, degree):
 
 
 def flutter_load(load, steps, *of):
-    point, *_ = fb.static(column(load, *of), steps=steps).critical_points
+    point, *_ = fb.static(column(load, *of), load_steps=steps).critical_points
     assert point.kind == "flutter"
     return load * point.load_factor
 
@@ -41,7 +41,7 @@ def test_the_load_of_flutter_depends_on_neither_steps_nor_loads(tip_mass, elemen
     loads = [flutter_load(*way, *of) for way in ways]
     assert loads == pytest.approx(loads[:1] * len(ways), rel=1e-8)
     for side, grow in ((-1e-8, 0), (1e-8, 1)):
-        path = fb.static(column(loads[0] * (1 + side), *of), steps=2)
+        path = fb.static(column(loads[0] * (1 + side), *of), load_steps=2)
         assert path.unstable_modes[-1] == grow
 
 
@@ -51,7 +51,7 @@ def test_two_equal_columns_flutter_at_one_point_with_two_modes():
     scene.clamp(other.start)
     scene.add_mass(other.end, 0.5)
     scene.add_force(other.end, (0, -24.0), follower=True)
-    (point,) = fb.static(scene, steps=4).critical_points
+    (point,) = fb.static(scene, load_steps=4).critical_points
     assert 24 * point.load_factor == pytest.approx(flutter_load(24.0, 4, 0.5, 4, 2), rel=1e-8)
     tops = [beam.end.number for beam in scene.beams]
     across = point.modes.shapes[:, tops, 0]
@@ -66,7 +66,7 @@ def test_zieglers_column_flutters_between_two_loads_and_then_diverges():
     scene.add_joint(fb.Revolute(fb.GROUND, one["O"], spring=fb.Spring(1.0)))
     scene.add_joint(fb.Revolute(one["A"], two["A"], spring=fb.Spring(1.0)))
     scene.add_force(two.centre, (-6.0, 0), follower=True)
-    path = fb.static(scene, steps=10)
+    path = fb.static(scene, load_steps=10)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         first, second = path.critical_points

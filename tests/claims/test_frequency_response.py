@@ -108,7 +108,7 @@ def test_the_response_is_that_of_a_long_motion_about_a_stressed_state(f):
     histories = [*motion.displacement(moved.end).T, motion.rotation(moved.end)]
     seen = np.array([amplitude(history) for history in histories])
     assert abs(found.values[0] - seen).max() < 5e-4 * abs(seen).max()
-    coordinates = motion.slide(slider), motion.joint(slider).angle
+    coordinates = motion.joint(slider).slide, motion.joint(slider).angle
     seen = np.array([amplitude(history) for history in coordinates])
     assert abs(at_joint.values[0] - seen).max() < 5e-4 * abs(seen).max()
     # About the undeformed start it is another one.

@@ -135,7 +135,7 @@ def test_a_stiffening_spring_keeps_its_energy_in_any_unit(size):
     joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.start, axis=(1, 0), spring=spring))
     scene.set_velocity(body, (1.5 * size, 0.0))
     solution = fb.simulate(scene, dt=0.02, t_end=20.0)
-    E, x = solution.energy.total, solution.slide(joint) / size - 0.1
+    E, x = solution.energy.total, solution.joint(joint).slide / size - 0.1
     assert drift(E) < 1e-11
     assert solution.energy.springs.max() > 0.99 * E[0]
     # Amplitude, and half of the period: the integral of dx / v.
@@ -153,7 +153,7 @@ def test_load_steps_follow_the_flow_exactly_and_stiff_members_may_turn_about_a_h
     arm = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e9, GA=1e9, EI=1e9))
     joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=PLASTIC))
     scene.add_moment(arm.end, 6.0)
-    solution = fb.static(scene, steps=6)
+    solution = fb.static(scene, load_steps=6)
     assert solution.stats.halvings == 0
     moments = 6.0 * solution.t
     flown = np.maximum(moments - YIELD, 0) / HARDENING
@@ -165,7 +165,7 @@ def test_load_steps_follow_the_flow_exactly_and_stiff_members_may_turn_about_a_h
 
 def test_a_load_step_of_statics_is_the_time_of_the_update():
     scene, joint = driven(ZENER, 0.1)
-    found = fb.static(scene, steps=1).joint(joint).internal("dashpot")[-1]
+    found = fb.static(scene, load_steps=1).joint(joint).internal("dashpot")[-1]
     assert found == pytest.approx(0.1 * (1 / TAU) / (1 + 1 / TAU))
 
 
@@ -175,7 +175,7 @@ def test_modes_hold_a_hinge_that_has_relaxed():
     joint = scene.add_joint(fb.Revolute(fb.GROUND, arm.start, spring=ZENER))
     scene.add_mass(arm.end, 2.0)
     scene.add_moment(arm.end, 4.0)
-    state = fb.static(scene, steps=4)
+    state = fb.static(scene, load_steps=4)
     assert state.joint(joint).internal("dashpot")[-1] > 0.02
     found = fb.modes(scene, state, n=1)
     assert found.angular_frequencies == pytest.approx([math.sqrt((SLOW + FAST) / 2)], rel=1e-6)

@@ -31,7 +31,7 @@ def workshop():
     ball, cart, pusher = (scene.add_body((x, 0.1), **mass) for x in (2.0, 3.0, 4.0))
     scene.fix(ball.centre, "x", "rotation")
     scene.set_velocity(ball, (0, -1.0))
-    floor = scene.add_obstacle(ball.centre, fb.Line((0, 0), normal=(0, 1)), 300.0)
+    floor = scene.add_contact(ball.centre, fb.Line((0, 0), normal=(0, 1)), 300.0)
     rail = fb.Prismatic(
         fb.GROUND, cart.centre, axis=(1, 0), motor=lambda t: 0.2 * np.sin(9 * t) ** 2
     )

@@ -132,7 +132,7 @@ def test_the_loop_of_moment_and_curvature_is_exact(kind):
 def test_load_steps_follow_the_flow_exactly():
     scene, beam = cantilever(PLASTIC)
     scene.add_moment(beam.end, 1.0)
-    solution = fb.static(scene, steps=10)
+    solution = fb.static(scene, load_steps=10)
     flown = np.maximum(solution.t - YIELD, 0) / HARDENING
     found = solution.internal(beam, NAME)
     assert abs(found - flown[:, None]).max() < 1e-12
@@ -147,7 +147,7 @@ def test_load_steps_follow_the_flow_exactly():
 def test_a_load_step_of_statics_is_the_time_of_the_update():
     scene, beam = cantilever(ZENER)
     scene.prescribe(beam.end, rotation=0.1)
-    (found,) = {round(x, 12) for x in fb.static(scene, steps=1).internal(beam, "dashpot")[-1]}
+    (found,) = {round(x, 12) for x in fb.static(scene, load_steps=1).internal(beam, "dashpot")[-1]}
     assert found == pytest.approx(0.1 * (1 / TAU) / (1 + 1 / TAU))
 
 

@@ -48,7 +48,7 @@ def bar(degree, elements=1, points=((0, 0), (1, 0)), speed=0.0):
 def test_a_bar_pushed_through_its_clamp_is_reported(degree, way, caplog):
     scene, beam = bar(degree)
     scene.add_force(beam.end, (-1.5 * EA, 0.0))
-    solution = fb.static(scene, steps=10, continuation=way)
+    solution = fb.static(scene, load_steps=10, continuation=way)
     assert solution.resultants(beam).N[-1] == pytest.approx(np.full(degree, -1.5 * EA))
     # The strain is -1.5 of the load factor, and -1 at two thirds.
     assert solution.stats.inverted == np.count_nonzero(solution.load_factor > 2 / 3) > 2

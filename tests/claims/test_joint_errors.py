@@ -184,14 +184,14 @@ def test_histories_of_joints_are_refused_for_what_is_no_joint_of_the_solution():
     scene.add_joint(fb.PinInSlot(b.start, c.start, axis=(1, 0)))
     solution = run(scene)
     with pytest.raises(ValueError, match="joint 0, Revolute of .* has no slide"):
-        solution.slide(hinge)
-    for history in (lambda joint: solution.joint(joint).force, solution.gap):
+        _ = solution.joint(hinge).slide
+    for history in (lambda joint: solution.joint(joint).force, solution.joint):
         with pytest.raises(ValueError, match="not a joint of this solution; take the one"):
             history(given)
         with pytest.raises(ValueError, match="not a joint of this solution"):
             history("hinge")
     with pytest.raises(ValueError, match="not a node of this solution"):
-        solution.slide(pair("prismatic with offset")[3])
+        solution.joint(pair("prismatic with offset")[3])
 
 
 # -- Mechanisms without mass ---------------------------------------------------------------------

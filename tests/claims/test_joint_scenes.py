@@ -32,7 +32,7 @@ def swing(Q=None, order=(0, 1, 2, 3), swapped=False):
         forces[2] *= -1  # the action on the other node
     x = np.array([solution.position(beam.node(f)) for beam in scene.beams for f in (0, 0.5, 1)])
     psi = solution.q[:, :, 2]
-    slides = np.array([solution.slide(made[i]) for i in (1, 3)])
+    slides = np.array([solution.joint(made[i]).slide for i in (1, 3)])
     return x @ Q, sign * psi, slides, forces[..., :2] @ Q, sign * forces[..., 2]
 
 
@@ -167,7 +167,7 @@ def test_closed_loops_of_flexible_members_keep_energy_and_stay_closed():
     scene.make_velocities_compatible()
     solution = fb.simulate(scene, dt=0.01, t_end=2.0)
     assert abs(solution.energy.balance_error).max() < 1e-10 * solution.energy.kinetic.max()
-    assert max(solution.gap(joint).max() for joint in scene.joints) < 1e-12
+    assert max(solution.joint(joint).gap.max() for joint in scene.joints) < 1e-12
     assert np.ptp(solution.rotation(posts[-1].start)) > 0.5
     assert solution.stats.unknowns == 3 * 5 * 3 - 2 * len(scene.joints)
 

@@ -57,9 +57,9 @@ def test_energy_and_momenta_are_kept_in_free_flight(kind, degree, inner):
     assert drift(solution.energy.total) < 1e-10
     assert drift(solution.linear_momentum) < 1e-10
     assert drift(solution.angular_momentum) < 1e-10
-    assert solution.gap(joint).max() < 1e-12
+    assert solution.joint(joint).gap.max() < 1e-12
     if kind in SLIDING:
-        assert np.ptp(solution.slide(joint)) > 1.5  # and the members are 1 long
+        assert np.ptp(solution.joint(joint).slide) > 1.5  # and the members are 1 long
     assert np.ptp(solution.rotation(joint.b)) > 0.3
 
 
@@ -84,7 +84,7 @@ def test_gaps_stay_closed_over_10_000_steps_without_stabilisation(kind):
     throw(scene, first, second, joint)
     solution = fb.simulate(scene, dt=0.01, t_end=100.0)
     assert solution.stats.steps == 10_000
-    assert solution.gap(joint).max() < 1e-11
+    assert solution.joint(joint).gap.max() < 1e-11
     assert drift(solution.energy.total) < 1e-9
 
 
@@ -164,7 +164,7 @@ def test_whichever_node_follows_energy_is_exact_joints_close_and_newton_converge
         tight = fb.NewtonOptions(tolerance=1e-12)
         solution = fb.simulate(scene, scheme, dt=0.05, t_end=0.3, newton=tight)
         assert np.ptp(solution.q, axis=0).max() > 0.03
-        assert max(solution.gap(joint).max() for joint in scene.joints) < 1e-13
+        assert max(solution.joint(joint).gap.max() for joint in scene.joints) < 1e-13
         # Where a term of the tangent that bends with the joint is a tenth off, some take 5 or 6.
         assert solution.stats.newton_iterations <= 4.5 * solution.stats.steps
         assert solution.stats.halvings == 0
@@ -273,7 +273,7 @@ def test_the_newmark_family_keeps_linear_momentum_with_joints(kind):
     scene, joint = thrown(kind)
     solution = fb.simulate(scene, fb.GeneralizedAlpha(0.6), dt=0.01, t_end=0.5)
     assert drift(solution.linear_momentum) < 1e-10
-    assert solution.gap(joint).max() < 1e-12
+    assert solution.joint(joint).gap.max() < 1e-12
 
 
 @pytest.mark.parametrize(

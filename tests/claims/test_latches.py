@@ -57,7 +57,7 @@ def test_two_masses_that_latch_lose_the_energy_of_their_reduced_mass(scheme):
     for body in (left, right):
         assert latched.velocity(body)[:, 0] == pytest.approx(3 * 0.6 / 5, rel=1e-11)
     assert abs(latched.linear_momentum - apart.linear_momentum[-1]).max() < 1e-12
-    assert latched.slide(guide) == pytest.approx(1.5, abs=1e-12)
+    assert latched.joint(guide).slide == pytest.approx(1.5, abs=1e-12)
     assert abs(latched.joint(own).motor_force[1:]).max() < 1e-9
     assert abs(latched.energy.balance_error).max() < 1e-12
 
@@ -89,7 +89,7 @@ def test_a_joint_that_is_unlocked_goes_on_freely():
     scene.unlock(guide)
     load = scene.add_force(guide.b, (3.0, 0.0))
     free = fb.simulate(scene, dt=0.1, t_end=3.0, start=latched)
-    assert free.slide(guide)[-1] == pytest.approx(1.5 + 3.0 / 3.0 * 1.0**2 / 2, abs=1e-9)
+    assert free.joint(guide).slide[-1] == pytest.approx(1.5 + 3.0 / 3.0 * 1.0**2 / 2, abs=1e-9)
     assert free.energy.impact[-1] == pytest.approx(latched.energy.impact[-1], rel=1e-12)
     assert load in scene.loads
 
@@ -186,7 +186,7 @@ def test_a_joint_that_closes_a_loop_in_a_motion():
     axis = np.array([[np.cos(psi), np.sin(psi)], [-np.sin(psi), np.cos(psi)]]) @ apart
     slot = scene.add_joint(fb.PinInSlot(left.centre, right["end"], axis=axis), at=swing)
     closed = fb.simulate(scene, dt=5e-3, t_end=0.5, start=swing)
-    assert closed.slide(slot)[0] == pytest.approx(np.hypot(*apart), rel=1e-12)
+    assert closed.joint(slot).slide[0] == pytest.approx(np.hypot(*apart), rel=1e-12)
     assert closed.joint(slot).gap.max() < 1e-12
     assert closed.energy.impact[0] > 0
     assert abs(closed.energy.balance_error).max() < 1e-10

@@ -77,7 +77,7 @@ def assert_has_eigenvalues(A, expected, rel):
 @pytest.mark.parametrize("case", [{}, {"rhoI": 0.0, "retardation": 0.0}])
 def test_eigenvalues_are_those_of_damped_modes_about_a_stressed_state(case):
     scene, _, _, outputs = hanging(**case)
-    state = fb.static(scene, steps=4)
+    state = fb.static(scene, load_steps=4)
     system = fb.linearise(scene, state, outputs=outputs)
     modes = fb.modes(scene, state, n=6)
     assert (modes.damping_ratios > 1e-3).all()
@@ -91,7 +91,7 @@ def test_eigenvalues_are_those_of_damped_modes_about_a_stressed_state(case):
 @pytest.mark.parametrize("rhoI", [0.01, 0.0])
 def test_the_transfer_function_is_the_frequency_response(rhoI):
     scene, arm, joint, outputs = hanging(rhoI)
-    state, f = fb.static(scene, steps=4), [0.0, 0.6, 2.2, 30.0]
+    state, f = fb.static(scene, load_steps=4), [0.0, 0.6, 2.2, 30.0]
     system = fb.linearise(scene, state, outputs=outputs)
     for k, direction in enumerate(np.eye(2)):
         at_end, at_joint = (
@@ -114,7 +114,7 @@ def test_rates_of_motors_and_prescribed_motions_are_inputs():
     motor = fb.Input("place", factor=2.0)
     joint = scene.add_joint(fb.Revolute(base.end, arm.start, motor=motor))
     scene.add_drag(arm, linear=0.3)
-    start = fb.static(scene, steps=4, inputs={"place": 0.3})
+    start = fb.static(scene, load_steps=4, inputs={"place": 0.3})
     quantities = {"tip": "displacement", "v": "velocity", "spin": "spin"}
     outputs = {name: fb.Output(quantity, arm.end) for name, quantity in quantities.items()}
     system = fb.linearise(scene, start, outputs=outputs | {"angle": fb.Output("angle", joint)})
@@ -209,7 +209,7 @@ def test_systems_of_the_instant_of_a_closed_loop_in_motion():
     slot = fb.PinInSlot(arm["O"], crank["P"], axis=(0.2, 0.7), damper=fb.Damper(0.1))
     slot = scene.add_joint(slot)
     scene.add_moment(crank.centre, fb.Input("torque"))
-    hanging = fb.static(scene, steps=8)
+    hanging = fb.static(scene, load_steps=8)
     modes = fb.modes(scene, hanging, n=1)
     assert_has_eigenvalues(fb.linearise(scene, hanging).A, modes.eigenvalues, 1e-9)
     outputs = {

@@ -325,7 +325,7 @@ def loaded(load, degree=1, **options):
 @pytest.mark.parametrize("degree", [1, 3])
 def test_a_load_that_grows_along_a_beam_has_its_resultant_at_two_thirds(degree):
     scene, bar, beam = loaded(lambda s: (0.0, -3.0 * s / LENGTH), degree, of="arc length")
-    bent = fb.static(scene, steps=1)
+    bent = fb.static(scene, load_steps=1)
     total = 3.0 * LENGTH / 2
     lever = 1 + 2 * LENGTH / 3
     assert bent.reaction(bar.start)[-1] == pytest.approx([0, total, total * lever], rel=1e-6)
@@ -394,7 +394,7 @@ def test_a_function_of_single_places_gives_what_one_of_arrays_gives():
 
 def test_in_statics_the_load_is_that_at_the_given_time():
     scene, beam = simply_supported(lambda s, t: (0.0, -LOAD * t))
-    still = fb.static(scene, steps=1, t=3.0)
+    still = fb.static(scene, load_steps=1, t=3.0)
     total = 3 * LOAD * LENGTH
     assert still.reaction(beam.end)[-1, 1] == pytest.approx(total / 2)
 
@@ -439,7 +439,7 @@ def test_the_shape_under_a_follower_force_is_the_integral_from_the_tip():
     force = np.array([-1.0, -12.0])
     scene, beam = cantilever(1.0, 16, 2, section)
     scene.add_force(beam.end, force, follower=True)
-    solution = fb.static(scene, steps=8)
+    solution = fb.static(scene, load_steps=8)
 
     # Seen from the tip's section the force is constant and everything known: no shooting.
     def slope(_, y):

@@ -22,7 +22,7 @@ def rigid_columns(stiffnesses, load):
 
 def test_a_single_step_may_pass_eighty_points():
     stiffnesses = 1.0 + np.arange(80)
-    path = fb.static(rigid_columns(stiffnesses, 100.0), steps=1)
+    path = fb.static(rigid_columns(stiffnesses, 100.0), load_steps=1)
     points = path.critical_points
     assert path.unstable_modes.tolist() == [0, 80]
     assert {point.kind for point in points} == {"bifurcation"}
@@ -31,7 +31,7 @@ def test_a_single_step_may_pass_eighty_points():
 
 
 def test_steps_may_meet_one_of_several_points():
-    path = fb.static(rigid_columns((2.0, 5.0, 8.0), 10.0), steps=2)
+    path = fb.static(rigid_columns((2.0, 5.0, 8.0), 10.0), load_steps=2)
     assert path.unstable_modes.tolist() == [0, 1, 3]
     loads = [10 * point.load_factor for point in path.critical_points]
     assert loads == pytest.approx([2.0, 5.0, 8.0], rel=1e-9)
@@ -45,7 +45,7 @@ def test_what_is_not_located_is_in_the_list_with_one_warning(monkeypatch, caplog
 
     located = critical_points.root_of
     monkeypatch.setattr(critical_points, "root_of", root_of)
-    path = fb.static(rigid_columns((2.0, 5.0, 8.0), 10.0), steps=1)
+    path = fb.static(rigid_columns((2.0, 5.0, 8.0), 10.0), load_steps=1)
     with caplog.at_level(logging.WARNING):
         first, second, missed = sorted(path.critical_points, key=lambda point: point.kind)
     assert [10 * point.load_factor for point in (first, second)] == pytest.approx([2.0, 8.0])
@@ -63,7 +63,7 @@ def test_where_modes_are_unknown_there_are_no_points_but_a_warning(caplog):
     beam = scene.add_beam([(0, 0), (0, 1)], fb.Section(EA=1e4, GA=1e4, EI=1.0), 4)
     scene.clamp(beam.start)
     scene.add_force(beam.end, (0, -2.0), follower=True)
-    path = fb.static(scene, steps=2)
+    path = fb.static(scene, load_steps=2)
     with caplog.at_level(logging.WARNING):
         assert path.critical_points == []
     assert "stability depends on masses" in caplog.text
@@ -81,11 +81,11 @@ def test_an_error_names_a_bifurcation_one_step_ahead_whatever_the_rounding(load,
         scene.add_force(beam.end, (0, -load))
         return scene
 
-    (point,) = fb.static(column(14.0), steps=4).critical_points
+    (point,) = fb.static(column(14.0), load_steps=4).critical_points
     scene = column(14.0 * point.load_factor * load)
     scene.add_force(scene.beams[0].node(0.5), (push, 0))
     with pytest.raises(fb.StepError, match=r"a bifurcation near load factor 1\. Follow"):
-        fb.static(scene, steps=4)
+        fb.static(scene, load_steps=4)
 
 
 @pytest.mark.parametrize("stiffness", [1e4, 1e10])
@@ -97,11 +97,11 @@ def test_a_limit_point_of_a_driven_rotation_is_one_for_any_stiffness(stiffness):
     scene.clamp(beam.start)
     scene.fix(beam.end, "y", "rotation")
     scene.prescribe(beam.end, x=lambda t: -0.01)
-    point = fb.static(scene, steps=4).critical_points[0]
-    bent = fb.static(scene, start=point.branch(), continuation="arc-length", steps=4)
+    point = fb.static(scene, load_steps=4).critical_points[0]
+    bent = fb.static(scene, start=point.branch(), continuation="arc-length", load_steps=4)
     scene.free(beam.start, "rotation")
     scene.prescribe(beam.start, rotation=lambda t: -0.22)
-    how = {"continuation": "arc-length", "steps": 10, "max_steps": 25}
+    how = {"continuation": "arc-length", "load_steps": 10, "max_steps": 25}
     turned = fb.static(scene, start=bent, **how)
     assert turned.critical_points[0].kind == "limit point"
     assert turned.critical_points[0].load_factor == pytest.approx(turned.stats.limit_points[0])

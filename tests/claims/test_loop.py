@@ -129,7 +129,7 @@ def test_load_steps_of_a_large_frame_keep_quadratic_convergence_and_balance():
     for j in range(33):
         scene.clamp(nodes[0, j])
         scene.add_force(nodes[32, j], (0.0, 2e4))
-    solution = fb.static(scene, steps=4)
+    solution = fb.static(scene, load_steps=4)
     assert abs(solution.q[-1, :, 2]).max() > 0.1
     assert solution.stats.newton_iterations <= 6 * 4
     held = sum(solution.reaction(nodes[0, j])[-1, :2] for j in range(33))

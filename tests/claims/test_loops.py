@@ -84,7 +84,7 @@ def test_a_linkage_falls_with_order_two_and_its_energy():
         scene, bars, _ = four_bar()
         solution = run(scene, dt=dt, t_end=1.0)
         assert largest(solution.energy.balance_error) < 1e-11 * solution.energy.kinetic.max()
-        assert max(solution.gap(joint).max() for joint in scene.joints) < 1e-14
+        assert max(solution.joint(joint).gap.max() for joint in scene.joints) < 1e-14
         assert solution.stats.unknowns == 1
         found.append(solution.position(bars[1].centre)[-1])
     ratio = largest(found[1] - found[0]) / largest(found[2] - found[1])
@@ -157,7 +157,7 @@ def test_initial_velocities_that_open_a_loop_are_refused():
 
 def test_a_linkage_on_a_spring_rests_where_it_was_found_at_rest():
     scene, bars, crank = four_bar(spring=fb.Spring(200.0))
-    static = fb.static(scene, steps=3)
+    static = fb.static(scene, load_steps=3)
     assert static.stats.unknowns == 1 and largest(static.rotation(bars[0].centre)) > 0.01
     solution = fb.simulate(scene, dt=0.01, t_end=0.5, start=static)
     assert largest(np.ptp(solution.q, axis=0)) < 1e-9
@@ -165,7 +165,7 @@ def test_a_linkage_on_a_spring_rests_where_it_was_found_at_rest():
     # The spring's moment does the work of the weights, by differences.
     shift = 1e-6
     held, moved = (
-        fb.static(four_bar(motor=lambda t, end=end: end * t)[0], t=1.0, steps=1)
+        fb.static(four_bar(motor=lambda t, end=end: end * t)[0], t=1.0, load_steps=1)
         for end in (angle, angle + shift)
     )
     slope = np.diff([s.energy.potential[-1] for s in (held, moved)])[0] / shift
@@ -186,7 +186,7 @@ def test_the_frequency_of_a_linkage_is_that_of_its_reduced_inertia():
 
 def test_the_response_of_a_slide_is_that_of_its_node():
     scene, bar, slide = trammel()
-    state = fb.static(scene, steps=2)
+    state = fb.static(scene, load_steps=2)
     of_slide, of_node = (
         fb.frequency_response(scene, (bar.centre, (1.0, 0.0)), at, [0.5, 1.5], state)
         for at in (slide, bar["y"])
@@ -205,7 +205,7 @@ def plank(end):
 
 def test_a_plank_on_two_supports_has_their_forces_and_cannot_move():
     scene, roller = plank(lambda a, b: fb.PinInSlot(a, b, axis=(1, 0)))
-    for solution in (fb.static(scene, steps=1), run(scene, t_end=0.02)):
+    for solution in (fb.static(scene, load_steps=1), run(scene, t_end=0.02)):
         assert solution.stats.unknowns == 0
         assert solution.joint(roller).force[-1] == pytest.approx([0, 5, 0], abs=1e-12)
     with pytest.raises(fb.SceneError, match="modes: the scene has no unknowns"):

@@ -13,7 +13,7 @@ LIGHT, HEAVY = fb.Section(**STIFF), fb.Section(**STIFF, rhoA=1.0, rhoI=0.01)
 
 def check_static(scene):
     """An equilibrium, for which no part may move freely."""
-    fb.static(scene, steps=1)
+    fb.static(scene, load_steps=1)
 
 
 def check_moving(scene):

@@ -85,7 +85,7 @@ def test_it_does_so_where_nodes_slide_on_beams():
     solution = fb.simulate(scene, dt=2e-3, t_end=0.1)
     assert_conserved(solution)
     # It touches beam and rod about the end that slides; the tangent is exact.
-    assert all(solution.contact(one).normal.max() > 1 for one in scene.obstacles)
+    assert all(solution.contact(one).normal.max() > 1 for one in scene.contacts)
     assert solution.stats.newton_iterations < 3.2 * solution.stats.steps
 
 
@@ -244,9 +244,9 @@ def test_along_the_arc_length_an_arch_snaps_through_onto_a_member():
         hold(beam.start)
         hold(beam.end)
     scene.add_force(arch.nodes[6], (0.0, -60.0))
-    alone = fb.static(scene, steps=10, continuation="arc-length")
+    alone = fb.static(scene, load_steps=10, continuation="arc-length")
     contact = scene.add_contact(arch, below, stiffness=1e5, radius=0.02)
-    solution = fb.static(scene, steps=10, continuation="arc-length")
+    solution = fb.static(scene, load_steps=10, continuation="arc-length")
     # Before it touches, the path is that without contact; then it ends higher.
     first = solution.stats.limit_points[0]
     assert first == pytest.approx(alone.stats.limit_points[0], abs=1e-8)
@@ -280,7 +280,7 @@ def test_bad_contact_of_members_is_an_error_that_says_what_to_do(options, messag
     scene.remove(contact)
     with pytest.raises(fb.SceneError, match=message):
         scene.add_contact(scene.beams[1], scene.beams[0], stiffness=1e5, **options)
-    assert not scene.obstacles
+    assert not scene.contacts
 
 
 @pytest.mark.parametrize("thickness", [0.3, 0.1])

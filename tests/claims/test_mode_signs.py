@@ -27,7 +27,7 @@ def first_largest(shape):
 
 def test_the_first_of_the_largest_displacements_of_a_mode_is_positive():
     scene = column()
-    path = fb.static(scene, steps=5)
+    path = fb.static(scene, load_steps=5)
     damped = fb.Scene()
     beam = damped.add_beam([(0, 0), (1, 0)], SECTION, 4, 2)
     damped.clamp(beam.start)
@@ -59,12 +59,12 @@ def test_modes_that_only_turn_have_a_sign():
 
 def test_an_imperfect_beam_keeps_its_fractions(tmp_path):
     scene = column()
-    second = fb.static(scene, steps=5).critical_points[1]
+    second = fb.static(scene, load_steps=5).critical_points[1]
     shape = second.modes.shapes[0] / abs(second.modes.shapes[0, :, 0]).max()
     scene.beams[0].node(0.25)
     crooked = fb.imperfect(scene, second.modes, 0.05)
     again = fb.imperfect(crooked, fb.modes(crooked, n=1), 0.05)
-    solution = fb.static(crooked, steps=2)
+    solution = fb.static(crooked, load_steps=2)
     solution.save(tmp_path / "crooked.npz")
     saved = fb.load(tmp_path / "crooked.npz").beams["beam 1"]
     for beam in (crooked.beams[0], again.beams[0], saved):

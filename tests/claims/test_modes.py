@@ -414,7 +414,7 @@ def test_a_state_that_has_relaxed_keeps_its_internal_variables():
     arm = scene.add_beam([(0, 0), (1, 0)], section, elements=4)
     scene.clamp(arm.start)
     scene.add_moment(arm.end, 0.9)
-    state = fb.static(scene, steps=4)
+    state = fb.static(scene, load_steps=4)
     assert state.internal(arm, "dashpot")[-1].min() > 0.05
     elastic = fb.Scene()
     elastic.clamp(elastic.add_beam([(0, 0), (1, 0)], SPARSE, elements=4).start)

@@ -178,7 +178,7 @@ def test_a_motion_starts_from_an_equilibrium_with_its_inputs():
     scene.add_joint(fb.Revolute(fb.GROUND, beam.start, motor=motor))
     scene.add_force(beam.end, fb.Input("push"))
     held = {"place": 0.8, "push": (0.0, 2.0)}
-    equilibrium = fb.static(scene, steps=4, inputs=held)
+    equilibrium = fb.static(scene, load_steps=4, inputs=held)
     outputs = {"tip": fb.Output("position", beam.end)}
     motion = fb.Motion(scene, dt=DT, outputs=outputs, start=equilibrium)
     assert motion.inputs == {"place": pytest.approx(0.8), "push": pytest.approx((0.0, 2.0))}
@@ -197,7 +197,7 @@ def test_modes_about_a_state_count_the_values_of_its_inputs():
         scene.add_joint(fb.Rigid(post.end, arm.start, offset=(0, 0.3)))
         scene.add_force(arm.end, force)
         inputs = {"push": (-3.0, -2.0)} if isinstance(force, fb.Input) else None
-        state = fb.static(scene, steps=2, inputs=inputs)
+        state = fb.static(scene, load_steps=2, inputs=inputs)
         response = fb.frequency_response(scene, (arm.end, (0, 1)), arm.end, [0.5], state=state)
         found.append([fb.modes(scene, state, n=3).frequencies, abs(response.values[0])])
     for with_input, constant in zip(*found, strict=True):

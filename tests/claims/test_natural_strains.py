@@ -29,7 +29,7 @@ def bar(section=SOFT, elements=4, degree=1, **strains):
 def test_a_free_beam_becomes_an_arc_without_stress(degree, error, continuation):
     k0 = 2.0
     scene, beam = bar(degree=degree, elements=7, curvature=k0)
-    arc = fb.static(scene, steps=4, continuation=continuation)
+    arc = fb.static(scene, load_steps=4, continuation=continuation)
     tip = np.sin(k0) / k0, (1 - np.cos(k0)) / k0
     np.testing.assert_allclose(arc.position(beam.end)[-1], tip, rtol=0, atol=error)
     r = arc.resultants(beam)
@@ -42,7 +42,7 @@ def test_a_beam_clamped_at_both_ends_does_not_move_and_has_the_moment_of_its_cur
     k0 = 3.0
     scene, beam = bar(curvature=k0)
     scene.clamp(beam.end)
-    held = fb.static(scene, steps=2)
+    held = fb.static(scene, load_steps=2)
     assert not held.q[-1].any()
     np.testing.assert_allclose(held.resultants(beam).M[-1], -SOFT.EI * k0, rtol=1e-12)
     np.testing.assert_allclose(held.reaction(beam.end)[-1], [0, 0, -SOFT.EI * k0], atol=1e-9)
@@ -55,17 +55,17 @@ def test_the_prop_of_a_propped_cantilever_carries_three_halves_of_its_curvature(
     k0 = 1e-3
     scene, beam = bar(fb.Section(EA=1e6, GA=1e9, EI=1.0), degree=3, curvature=k0)
     scene.fix(beam.end, "y")
-    prop = fb.static(scene, steps=1).reaction(beam.end)[-1, 1]
+    prop = fb.static(scene, load_steps=1).reaction(beam.end)[-1, 1]
     assert prop == pytest.approx(-3 * k0 / 2, rel=1e-5)
 
 
 def test_a_heated_bar_between_walls_is_pressed_and_a_free_one_grows():
     scene, beam = bar(axial=fb.thermal(12e-6, lambda f, t: 80.0 * t * f))
-    warm = fb.static(scene, steps=1, t=0.5)
+    warm = fb.static(scene, load_steps=1, t=0.5)
     assert warm.displacement(beam.end)[-1, 0] == pytest.approx(12e-6 * 20, rel=1e-6)
     scene.clamp(beam.end)
     # N is constant, and its strain makes up for the mean of the heat.
-    N = fb.static(scene, steps=1, t=0.5).resultants(beam).N[-1]
+    N = fb.static(scene, load_steps=1, t=0.5).resultants(beam).N[-1]
     np.testing.assert_allclose(N, -SOFT.EA * 12e-6 * 20, rtol=1e-6)
     assert fb.thermal(2e-5, 50) == pytest.approx(1e-3)
     assert fb.thermal(2e-5, fb.Input("oven", factor=2.0)).factor == (4e-5,)
@@ -73,7 +73,7 @@ def test_a_heated_bar_between_walls_is_pressed_and_a_free_one_grows():
 
 def test_natural_shear_and_functions_of_both_are_those_of_the_time_of_the_equilibrium():
     scene, beam = bar(degree=2, shear=lambda f, t: 1e-3 * t * (1 + 0 * f), axial=lambda t: 2e-3 * t)
-    sheared = fb.static(scene, steps=1, t=3.0)
+    sheared = fb.static(scene, load_steps=1, t=3.0)
     np.testing.assert_allclose(sheared.position(beam.end)[-1], [1.006, 3e-3], rtol=0, atol=2e-5)
     for name, value in (("natural axial strain", 6e-3), ("natural shear strain", 3e-3)):
         np.testing.assert_allclose(sheared.internal(beam, name)[-1], value, rtol=1e-12)
@@ -83,10 +83,10 @@ def test_several_natural_strains_add_up_and_one_that_is_changed_goes_on_from_whe
     scene, beam = bar(axial=1e-3)
     scene.clamp(beam.end)
     more = scene.add_natural_strain(beam, axial=2e-3, curvature=0.5)
-    both = fb.static(scene, steps=1)
+    both = fb.static(scene, load_steps=1)
     np.testing.assert_allclose(both.resultants(beam).N[-1], -3e-3 * SOFT.EA, rtol=1e-9)
     scene.change(more, axial=0.0)
-    less = fb.static(scene, steps=2, start=both)
+    less = fb.static(scene, load_steps=2, start=both)
     expected = [-3e-3 * SOFT.EA, -2e-3 * SOFT.EA, -1e-3 * SOFT.EA]
     np.testing.assert_allclose(less.resultants(beam).N[:, 0], expected, rtol=1e-9)
     np.testing.assert_allclose(less.resultants(beam).M[-1], -0.5 * SOFT.EI, rtol=1e-9)
@@ -99,9 +99,9 @@ def test_a_prestress_by_a_natural_strain_stays_while_a_load_rises():
     string = fb.Section(EA=1e6, GA=1e6, EI=1e-3)
     scene, beam = bar(string, elements=16, degree=2, axial=-tension / string.EA)
     scene.pin(beam.end)
-    taut = fb.static(scene, steps=1)
+    taut = fb.static(scene, load_steps=1)
     scene.add_force(beam.node(0.5), (0.0, -0.1))
-    loaded = fb.static(scene, steps=4, start=taut)
+    loaded = fb.static(scene, load_steps=4, start=taut)
     sunk = loaded.displacement(beam.node(0.5))[:, 1]
     # P L / (4 T), in equal steps; bending adds a little stiffness.
     np.testing.assert_allclose(sunk, -0.1 / (4 * tension) * np.linspace(0, 1, 5), rtol=2e-2)
@@ -119,9 +119,9 @@ def test_the_vibrations_of_a_prestressed_beam_are_those_of_the_continuum(tension
     scene.pin(beam.start)
     scene.pin(beam.end)
     scene.add_natural_strain(beam, axial=-tension / s.EA)
-    state = fb.static(scene, steps=1)
+    state = fb.static(scene, load_steps=1)
     by_modes = fb.modes(scene, state=state, n=3).angular_frequencies
-    by_system = np.sort(np.linalg.eigvals(fb.linearise(scene, at=state).A).imag)
+    by_system = np.sort(np.linalg.eigvals(fb.linearise(scene, state=state).A).imag)
     by_system = by_system[by_system > 0][:3]
     for n, omegas in enumerate(zip(by_modes, by_system, strict=True), start=1):
         # (GA k^2 - rhoA w^2) (EI k^2 + GA - T - rhoI w^2) = (GA - T)^2 k^2
@@ -162,7 +162,7 @@ def test_a_linear_system_of_a_muscle_is_the_limit_of_small_motions(rhoI, retarda
     scene, beam = bar(section, elements=3, curvature=fb.Input("muscle", factor=0.5))
     scene.add_drag(beam, linear=2.0, rotation=0.02)
     load = scene.add_force(beam.end, (0.0, 0.2))
-    start = fb.static(scene, steps=4)
+    start = fb.static(scene, load_steps=4)
     outputs = {"tip": fb.Output("displacement", beam.end, "y")}
     system = fb.linearise(scene, start, outputs=outputs)
     t = 2e-3 * np.arange(201)
@@ -303,7 +303,7 @@ def test_a_muscle_that_shortens_lifts_a_weight_with_the_work_of_lifting():
     muscle = scene.add_beam([(0, 0), (0, -1)], rod, elements=2)
     scene.clamp(muscle.start)
     scene.add_mass(muscle.end, 2.0, 1.0)
-    hanging = fb.static(scene, steps=1)
+    hanging = fb.static(scene, load_steps=1)
     scene.add_natural_strain(muscle, axial=lambda t: -0.2 * (1 - np.cos(np.pi * t)) / 2)
     lifted = fb.simulate(scene, dt=0.01, t_end=1.0, start=hanging)
     height = np.diff(lifted.position(muscle.end)[[0, -1], 1]).item()
@@ -346,7 +346,7 @@ def test_an_own_force_sees_the_natural_strains_of_the_step():
     scene, beam = bar(curvature=2.0)
     scene.clamp(beam.end)
     scene.add_virtual_work(force)
-    held = fb.static(scene, steps=1)
+    held = fb.static(scene, load_steps=1)
     np.testing.assert_allclose(held.reaction(beam.end)[-1], [0, 0, -SOFT.EI], atol=1e-9)
 
 

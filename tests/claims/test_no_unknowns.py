@@ -72,7 +72,7 @@ def test_it_moves_as_it_is_driven_and_balances_its_energy(name):
 @pytest.mark.parametrize("name", SCENES)
 def test_its_equilibria_are_where_it_is_driven_to_and_nothing_vibrates(name):
     for continuation in (None, "arc-length"):
-        solution = fb.static(SCENES[name](), steps=4, t=0.5, continuation=continuation)
+        solution = fb.static(SCENES[name](), load_steps=4, t=0.5, continuation=continuation)
         assert solution.load_factor[-1] == 1
         assert abs(solution.q[-1]).max() == pytest.approx(0.0 if name == "clamped" else push(0.5))
     with pytest.raises(fb.SceneError, match="modes: the scene has no unknowns: supports, joints"):

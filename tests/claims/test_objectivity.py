@@ -73,7 +73,7 @@ def test_a_rigid_motion_strains_nothing(degree, section):
     scene = fb.Scene()
     beam = scene.add_beam([(0, 0), (1, 2), (3, 1)], section, elements=3, degree=degree)
     scene.prescribe(beam.start, x=lambda t: 5 * t, y=lambda t: -2 * t, rotation=lambda t: 0.9 * t)
-    moved = fb.static(scene, steps=2, t=1.0)
+    moved = fb.static(scene, load_steps=2, t=1.0)
     expected = rotation(0.9) @ (3, 1) + (5, -2)
     assert moved.position(beam.end)[-1] == pytest.approx(expected, abs=1e-12)
     EA, length = 1e4, 2 * 5**0.5

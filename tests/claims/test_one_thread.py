@@ -67,7 +67,7 @@ def test_a_response_refuses_a_second_thread_between_a_motion_and_its_derivatives
     def build(x):
         return pendulum(x[0])
 
-    options = {"dt": 0.01, "t_end": 0.03} if kind is fb.Response else {"steps": 1}
+    options = {"dt": 0.01, "t_end": 0.03} if kind is fb.Response else {"load_steps": 1}
     run, errors = kind(build, **options), []
     run([1.0])
 

@@ -58,7 +58,7 @@ def test_the_swing_with_the_data_of_the_paper_is_of_order_four_before_its_revers
 def test_a_slider_crank_with_joints_and_a_motor_is_of_order_four():
     crank = demo("slider_crank")
     scene, joints = crank.scene()
-    assert order(scene, lambda s: s.slide(joints["guide"])[-1], crank.RAMP, 800) > 3.5
+    assert order(scene, lambda s: s.joint(joints["guide"]).slide[-1], crank.RAMP, 800) > 3.5
 
 
 def stiffening(eps, gamma, kappa):
@@ -156,7 +156,8 @@ def test_a_damper_is_of_order_four_and_amplification_is_reported(caplog):
     scene, joint = braked(rate=1.0)
     exact = 3.0 * (1 - np.exp(-2.0))
     errors = [
-        fb.simulate(scene, FOUR, dt=dt, t_end=2.0).slide(joint)[-1] - exact for dt in (0.25, 0.125)
+        fb.simulate(scene, FOUR, dt=dt, t_end=2.0).joint(joint).slide[-1] - exact
+        for dt in (0.25, 0.125)
     ]
     assert np.log2(errors[0] / errors[1]) > 3.8
     assert not caplog.records

@@ -72,7 +72,7 @@ def test_energies_that_are_quadratic_piece_by_piece_are_kept():
     guide = scene.add_joint(fb.Prismatic(fb.GROUND, rod.start, axis=(1, 0), spring=spring))
     scene.set_velocity(rod, (3.0, 0.0))
     solution = fb.simulate(scene, dt=0.005, t_end=2.0)
-    slide = solution.slide(guide)
+    slide = solution.joint(guide).slide
     assert slide.min() < -0.5 and slide.max() > 0.09
     assert abs(solution.energy.balance_error).max() < 1e-11
 

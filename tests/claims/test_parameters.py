@@ -66,11 +66,11 @@ def at_points(number):
         (0.5, 2),
         spring=fb.Spring(strain_energy=lambda x: 10 * number("spring") * x**2, rest=1.5),
         damper=fb.Damper(law=lambda rate: number("damper") * rate),
-        friction=fb.Friction(lambda rate: number("friction") + 0 * rate, speed=0.1),
+        friction=fb.SmoothFriction(lambda rate: number("friction") + 0 * rate, speed=0.1),
         force=lambda r, rate, t: number("force") * r,
     )
     ceiling = fb.Line((0, 0.01), normal=(0, -1))
-    scene.add_obstacle(arm.end, ceiling, energy=lambda d: 1e3 * number("obstacle") * d**2)
+    scene.add_contact(arm.end, ceiling, energy=lambda d: 1e3 * number("obstacle") * d**2)
     return scene
 
 

@@ -29,7 +29,7 @@ def euler_load(k):
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
 def test_each_critical_load_of_a_column_makes_one_more_mode_unstable(continuation):
-    path = fb.static(column(200.0), steps=30, continuation=continuation)
+    path = fb.static(column(200.0), load_steps=30, continuation=continuation)
     loads = [euler_load(n * np.pi) for n in (1, 2, 3, 4)]
     expected = np.searchsorted(loads, 200.0 * path.load_factor)
     assert path.unstable_modes.tolist() == expected.tolist()
@@ -56,11 +56,12 @@ def arch(**changes):
 @pytest.mark.parametrize("hinge", [False, True])
 def test_the_same_modes_grow_as_in_free_vibrations_of_a_row(hinge):
     scene = arch(hinge=hinge)
-    path = fb.static(scene, steps=8, continuation="arc-length")
+    path = fb.static(scene, load_steps=8, continuation="arc-length")
     assert path.unstable_modes.max() > 0
     for row in (len(path.t) // 3, len(path.t) - 1):
         load = path.load_factor[row]
-        at = fb.static(scene, steps=8, continuation="arc-length", max_steps=row) if row else path
+        options = {"load_steps": 8, "continuation": "arc-length", "max_steps": row}
+        at = fb.static(scene, **options) if row else path
         assert at.load_factor[-1] == load
         growing = int((fb.modes(scene, at, n=6).angular_frequencies < 0).sum())
         assert path.unstable_modes[row] == growing == at.unstable_modes[-1]
@@ -79,7 +80,7 @@ def test_a_closed_loop_of_joints_counts_as_its_modes():
     scene.add_joint(fb.Revolute(left.end, top.start))
     scene.add_joint(fb.Revolute(right.end, top.end))
     scene.add_force(top.node(0.5), (0, -42.0))
-    path = fb.static(scene, steps=8)
+    path = fb.static(scene, load_steps=8)
     assert path.unstable_modes.tolist() == (42 * path.load_factor > 20).astype(int).tolist()
 
 
@@ -88,13 +89,13 @@ def test_stability_under_a_force_that_follows_needs_masses():
     beam = scene.add_beam([(0, 0), (0, 1)], fb.Section(EA=1e4, GA=1e4, EI=1.0), 4)
     scene.clamp(beam.start)
     scene.add_force(beam.end, (0, -2.0), follower=True)
-    path = fb.static(scene, steps=2)
+    path = fb.static(scene, load_steps=2)
     with pytest.raises(ValueError, match="depends on masses"):
         _ = path.unstable_modes
 
 
 def test_stability_survives_copies_and_files(tmp_path):
-    path = fb.static(column(15.0), steps=3)
+    path = fb.static(column(15.0), load_steps=3)
     path.save(tmp_path / "path.npz")
     for other in (pickle.loads(pickle.dumps(path)), fb.load(tmp_path / "path.npz")):
         assert other.unstable_modes.tolist() == [0, 0, 1, 1]

@@ -305,7 +305,7 @@ def test_a_quick_return_mechanism_whose_pin_slides_on_a_beam_repeats_itself():
     cycle = fb.periodic(scene, period=2 * np.pi / SPEED, steps=101, scheme=scheme)
     assert cycle.stable and cycle.error < 1e-9 and cycle.iterations < 10
     assert repeats(scene, cycle, scheme) < 1e-8
-    assert np.ptp(cycle.solution.slide(pin)) > 0.39
+    assert np.ptp(cycle.solution.joint(pin).slide) > 0.39
     energy = cycle.solution.energy
     assert np.ptp(energy.work[[0, -1]]) == pytest.approx(energy.dissipated[-1], rel=1e-7)
     assert abs(energy.balance_error).max() < 1e-9 * energy.dissipated[-1]

@@ -106,7 +106,7 @@ def test_a_wire_that_yields_keeps_its_length_in_statics():
     scene.add_force_between(ball, (0, 0), energy)
     scene.add_force(ball, (40.0, 0.0))
     # It yields at 30 N, then hardens by 100 N/m.
-    assert fb.static(scene, steps=4).displacement(ball)[-1, 0] == pytest.approx(
+    assert fb.static(scene, load_steps=4).displacement(ball)[-1, 0] == pytest.approx(
         0.1 + 40 / 1e4, rel=1e-6
     )
 

@@ -7,7 +7,7 @@ import fx_beam as fb
 
 COUNT = 10
 BASES = "prescribed", "revolute", "prismatic", "pinned"
-FRICTIONS = None, fb.Friction(0.3, speed=0.1), fb.Coulomb
+FRICTIONS = None, fb.SmoothFriction(0.3, speed=0.1), fb.Coulomb
 
 
 def scene_of(x, rng):

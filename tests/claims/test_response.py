@@ -252,11 +252,11 @@ def test_motions_start_from_statics():
         return scene, {"end": outputs["end"]}
 
     how = {"dt": 0.01, "t_end": 0.1}
-    run = fb.Response(build, start=lambda scene: fb.static(scene, steps=2), **how)
+    run = fb.Response(build, start=lambda scene: fb.static(scene, load_steps=2), **how)
     for x in (5.0, 6.0):
         _, y = run([x])
         scene, _ = build([x])
-        start = fb.static(scene, steps=2)
+        start = fb.static(scene, load_steps=2)
         bent = fb.simulate(scene, start=start, **how).position(scene.beams[0].end)
         assert (y["end"] == bent).all()
         assert bent[0, 1] < -0.01

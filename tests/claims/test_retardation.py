@@ -146,7 +146,7 @@ def test_statics_and_undamped_scenes_know_nothing_of_it():
         arm = cantilever.add_beam([(0, 0), (1, 0)], section, elements=4)
         cantilever.clamp(arm.start)
         cantilever.add_force(arm.end, (0.0, -100.0))
-        tips.append(fb.static(cantilever, steps=2).displacement(arm.end)[-1])
+        tips.append(fb.static(cantilever, load_steps=2).displacement(arm.end)[-1])
     assert tips[1] == pytest.approx(tips[0], rel=1e-12)
 
 

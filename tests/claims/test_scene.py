@@ -198,7 +198,7 @@ def test_a_corner_keeps_its_angle(as_one):
         start, bend, end = arm.start, arm.end, leg.end
     scene.clamp(start)
     scene.add_moment(end, moment)
-    solution = fb.static(scene, steps=1)
+    solution = fb.static(scene, load_steps=1)
 
     def chords(length, start):
         turn = moment * length / EI / elements

@@ -25,7 +25,7 @@ def pendulum(angle, mass=2.0, inertia=0.5):
 )
 def test_a_pendulum_hangs_down_wherever_it_starts(angle, how):
     scene, bob, frequency = pendulum(angle)
-    path = fb.static(scene, steps=4, continuation=how)
+    path = fb.static(scene, load_steps=4, continuation=how)
     assert path.load_factor[[0, -1]].tolist() == [0.25, 1.0]
     assert path.position(bob) == pytest.approx(np.array([[0.0, -1.0]] * len(path.t)), abs=1e-9)
     assert path.stable.all() and path.critical_points == []
@@ -35,7 +35,7 @@ def test_a_pendulum_hangs_down_wherever_it_starts(angle, how):
 
 def test_a_pendulum_on_its_head_is_said_to_be_unstable(caplog):
     scene, bob, _ = pendulum(np.pi)
-    path = fb.static(scene, steps=2)
+    path = fb.static(scene, load_steps=2)
     assert path.position(bob)[-1] == pytest.approx([0, 1], abs=1e-9)
     assert path.unstable_modes.tolist() == [1, 1]
     assert "is unstable" in caplog.text
@@ -52,7 +52,7 @@ def test_a_chain_of_bars_hangs_as_a_funicular_polygon(side):
         scene.add_joint(fb.Revolute(first.end, second.start))
     scene.pin(bars[0].start)
     scene.pin(bars[-1].end)
-    path = fb.static(scene, steps=2)
+    path = fb.static(scene, load_steps=2)
     left, right = (path.reaction(node)[-1, :2] for node in (bars[0].start, bars[-1].end))
     weight = G * sum(bar.length for bar in bars)
     assert left + right == pytest.approx([0, weight], abs=1e-8 * weight)
@@ -66,13 +66,13 @@ def test_a_chain_of_bars_hangs_as_a_funicular_polygon(side):
 
 def test_a_loop_of_bars_hangs_where_its_weight_is_lowest():
     def held(angle):
-        return fb.static(four_bar(motor=lambda t: angle * t)[0], t=1.0, steps=4)
+        return fb.static(four_bar(motor=lambda t: angle * t)[0], t=1.0, load_steps=4)
 
     def height(angle):
         return held(angle).energy.potential[-1]
 
     best = scipy.optimize.minimize_scalar(height, bounds=(-3.5, -2.5), options={"xatol": 1e-6}).x
-    path = fb.static(four_bar()[0], steps=2)
+    path = fb.static(four_bar()[0], load_steps=2)
     assert path.q[-1] == pytest.approx(held(best).q[-1], abs=1e-5)
     assert path.stable.all()
 
@@ -82,8 +82,8 @@ def test_a_body_comes_to_rest_in_a_groove():
     ball = scene.add_body((0.3, 1.0), mass=1.0, inertia=0.1)
     scene.fix(ball.centre, "rotation")
     for side in (1, -1):
-        scene.add_obstacle(ball.centre, fb.Line((0, 0), (side, 1)), stiffness=1e5)
-    path = fb.static(scene, steps=3)
+        scene.add_contact(ball.centre, fb.Line((0, 0), (side, 1)), stiffness=1e5)
+    path = fb.static(scene, load_steps=3)
     # Each side is pressed in by d = -y / sqrt(2): 2 k d / sqrt(2) = m g.
     assert path.position(ball.centre)[-1] == pytest.approx([0, -G / 1e5], abs=1e-9)
     assert path.stable.all()
@@ -91,9 +91,9 @@ def test_a_body_comes_to_rest_in_a_groove():
 
 def test_a_second_load_starts_from_what_hangs():
     scene, bob, _ = pendulum(1.0)
-    hanging = fb.static(scene, steps=2)
+    hanging = fb.static(scene, load_steps=2)
     scene.add_force(bob, (2.0 * G, 0.0))
-    path = fb.static(scene, steps=4, start=hanging)
+    path = fb.static(scene, load_steps=4, start=hanging)
     assert path.position(bob)[-1] == pytest.approx([np.sqrt(0.5), -np.sqrt(0.5)], abs=1e-9)
 
 
@@ -109,12 +109,12 @@ def test_what_no_load_holds_is_refused():
     with pytest.raises(fb.SceneError, match="along .*as a rigid body.* finds no equilibrium"):
         fb.static(falling)
     sliding, block = body()
-    sliding.add_obstacle(block, fb.Line((0, 0), (0, 1)), stiffness=1e5)
+    sliding.add_contact(block, fb.Line((0, 0), (0, 1)), stiffness=1e5)
     with pytest.raises(fb.SceneError, match=r"they leave x of node 0 at \(0.3, 0.5\) free"):
         fb.static(sliding)
     turning, ball = body(rotates=True)
     for side in (1, -1):
-        turning.add_obstacle(ball, fb.Line((0, 0), (side, 1)), stiffness=1e5)
+        turning.add_contact(ball, fb.Line((0, 0), (side, 1)), stiffness=1e5)
     with pytest.raises(fb.SceneError, match="they leave rotation of node 0 .* free"):
         fb.static(turning)
     loose = fb.Scene()

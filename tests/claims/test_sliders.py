@@ -59,7 +59,7 @@ def test_energy_and_momenta_are_kept_while_a_bead_crosses_ten_elements(make, deg
     scene, joint = thrown(make, shape, degree)
     solution = fb.simulate(scene, dt=0.01, t_end=0.75)
     assert solution.stats.solver.startswith("compiled")
-    crossed = np.searchsorted(joint.beam.s, solution.slide(joint)[-1])
+    crossed = np.searchsorted(joint.beam.s, solution.joint(joint).slide[-1])
     assert crossed > 10 and solution.stats.halvings == 0
     assert_kept(solution)
     assert solution.joint(joint).gap.max() < 1e-13
@@ -91,7 +91,7 @@ def test_two_bodies_pass_each_other_on_one_beam_and_keep_energy_and_momenta():
         joints.append(scene.add_joint(make(rod, bead["hook"])))
     scene.make_velocities_compatible()
     solution = fb.simulate(scene, dt=0.01, t_end=1.0)
-    slides = [solution.slide(joint) for joint in joints]
+    slides = [solution.joint(joint).slide for joint in joints]
     assert slides[0][-1] > slides[1][-1]
     assert drift(solution.energy.total) < 1e-11
     assert drift(solution.linear_momentum) < 1e-11
@@ -163,7 +163,7 @@ def test_what_slides_is_in_balance(made, scheme):
 def test_the_wheels_of_a_carriage_stay_apart_on_a_bridge():
     scene = carriage(section=STIFF)
     solution = fb.simulate(scene, dt=0.005, t_end=1.0)
-    rear, front = (solution.slide(wheel) for wheel in scene.joints)
+    rear, front = (solution.joint(wheel).slide for wheel in scene.joints)
     assert front - rear == pytest.approx(0.6, abs=1e-3)
 
 
@@ -179,7 +179,7 @@ def test_a_rigid_carriage_on_two_wheels_closes_a_loop_and_keeps_energy_and_momen
     solution = fb.simulate(scene, dt=0.01, t_end=0.3)
     assert_kept(solution)
     assert max(solution.joint(wheel).gap.max() for wheel in wheels) < 1e-12
-    rear, front = (solution.slide(wheel) for wheel in wheels)
+    rear, front = (solution.joint(wheel).slide for wheel in wheels)
     assert rear[-1] > 3.3 and np.ptp(front - rear) > 1e-6
 
 
@@ -221,7 +221,7 @@ def test_a_bead_on_a_circular_wire_swings_as_a_pendulum(degree, error):
 def test_a_bead_at_rest_on_a_wire_vibrates_as_a_pendulum():
     held = wire(2, 24, at=0.5)[0]
     held.fix(held.beams[1].end, "x")
-    at_rest = fb.static(held, steps=1)
+    at_rest = fb.static(held, load_steps=1)
     lowest = fb.modes(wire(2, 24, at=0.5)[0], at_rest, n=1).angular_frequencies[0]
     assert lowest == pytest.approx(np.sqrt(9.81), rel=5e-3)
 
@@ -243,7 +243,7 @@ def test_a_sleeve_bends_a_turning_arm_by_the_coriolis_force():
     rate, EI = 2.0, 5e3
     scene, body, joint = flexible_arm(EI, motor=lambda t: rate * t)
     solution = fb.simulate(scene, dt=1e-3, t_end=1.0)
-    slide, motion = solution.slide(joint), solution.joint(joint)
+    slide, motion = solution.joint(joint).slide, solution.joint(joint)
     assert slide == pytest.approx(0.4 * np.cosh(rate * solution.t), rel=2e-3)
     along = np.diff(slide) / np.diff(solution.t)
     assert (motion.rate[1:] + motion.rate[:-1]) / 2 == pytest.approx(along, abs=1e-4)
@@ -274,7 +274,7 @@ def test_a_weight_between_two_nodes_bends_a_beam_as_the_formula_says():
     scene.add_force(post.start, (0.0, -10.0))
     scene.fix(post.end, "x", "rotation")
     joint = scene.add_joint(fb.Slider(beam, post.start))
-    solution = fb.static(scene, steps=2)
+    solution = fb.static(scene, load_steps=2)
     exact = -10.0 * place**2 * (6 - place) ** 2 / (3 * 1e5 * 6)
     assert solution.displacement(post.start)[-1, 1] == pytest.approx(exact, rel=2e-3)
     assert solution.joint(joint).force[-1, 1] == pytest.approx(10.0)
@@ -290,7 +290,7 @@ def test_a_sleeve_carries_the_moment_of_its_load():
     post = scene.add_beam([(2.3, 0), (2.3, 0.5)], STIFF)
     scene.add_force(post.end, (3.0, -10.0))
     joint = scene.add_joint(fb.Sleeve(beam, post.start, spring=fb.Spring(1e6, rest=2.3)))
-    solution = fb.static(scene, steps=1)
+    solution = fb.static(scene, load_steps=1)
     assert solution.joint(joint).force[-1] == pytest.approx([-3.0, 10.0, 3.0 * 0.5], rel=1e-2)
     at_wall = solution.reaction(beam.start)[-1]
     assert at_wall == pytest.approx([-3.0, 10.0, 10.0 * 2.3 + 3.0 * 0.5], rel=1e-2)
@@ -305,7 +305,7 @@ def test_running_off_the_end_names_joint_and_time_and_keeps_the_steps():
         fb.simulate(scene, dt=0.02, t_end=2.0, max_halvings=3)
     error = raised.value
     assert error.failure.kind == "off the end" and 0.7 < error.time < 0.8
-    slide = error.solution.slide(joint)
+    slide = error.solution.joint(joint).slide
     assert len(slide) > 35 and 5.7 < slide[-1] <= joint.beam.length
     assert drift(error.solution.energy.total) < 1e-11
 
@@ -334,7 +334,7 @@ def own_stop(x):
 def test_stops_before_the_ends_turn_a_node_back(make, options, limit):
     scene, joint = thrown(make, **options)
     solution = fb.simulate(scene, dt=0.005, t_end=1.2)
-    slide = solution.slide(joint)
+    slide = solution.joint(joint).slide
     assert limit < slide.max() < 6.0 and slide[-1] < 5.0
     assert_kept(solution)
 
@@ -348,7 +348,7 @@ def test_a_motion_measures_slide_and_rate_and_its_linear_system_has_them():
     for name, value in motion.outputs.items():
         assert value == pytest.approx(getattr(record, name)[-1], rel=1e-8, abs=1e-9)
     outputs.pop("force")
-    system = fb.linearise(scene, at=motion, outputs=outputs)
+    system = fb.linearise(scene, state=motion, outputs=outputs)
     slide, rate = np.asarray(system.C)
     assert slide @ np.asarray(system.A) == pytest.approx(rate, abs=1e-9 * abs(rate).max())
     with pytest.raises(fb.SceneError, match="measure the rotation of the node that slides"):
@@ -401,7 +401,7 @@ def test_a_fixed_guide_is_the_same_however_it_is_held_and_its_force_moves_the_ro
         momentum = np.diff(solution.linear_momentum, axis=0) / 0.01
         weight = np.array([0.0, -9.81 * 6.0 * SOFT.rhoA])
         assert abs(momentum + solution.joint(joint).force[1:, :2] - weight).max() < 1e-9
-        ends.append([*solution.position(rod.end)[-1], solution.slide(joint)[-1]])
+        ends.append([*solution.position(rod.end)[-1], solution.joint(joint).slide[-1]])
     assert abs(np.array(ends) - ends[0]).max() < 1e-10
 
 
@@ -443,7 +443,7 @@ def test_a_sleeve_pushes_a_bent_rod_out_by_its_energy_per_length(degree, error):
     joint = scene.add_joint(fb.Sleeve(rod, fb.GROUND, fraction=0.5, motor=lambda t: t))
     scene.add_force(rod.end, (0.0, load))
     for t in (np.arange(8) + 0.5) / 8 / elements:
-        there = fb.static(scene, steps=3, t=t).joint(joint)
+        there = fb.static(scene, load_steps=3, t=t).joint(joint)
         pushes.append(there.motor_force[-1])
         wanted.append(there.force[-1, 2] ** 2 / 2 + load**2 / 2e5)
     assert np.mean(pushes) == pytest.approx(np.mean(wanted), rel=error)
@@ -616,7 +616,7 @@ def tensions_beside_a_pulley(length, elements, degree=2, stiffness=50.0, moving=
         solution = fb.simulate(scene, fb.EnergyDecaying(), dt=0.02, t_end=20.0)
         assert abs(solution.v[-1]).max() < 0.05
     else:
-        solution = fb.static(scene, steps=5)
+        solution = fb.static(scene, load_steps=5)
     left, right = (np.hypot(*solution.reaction(end)[-1, :2]) for end in (cable.start, cable.end))
     return abs(left - right) / T
 

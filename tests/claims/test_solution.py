@@ -142,7 +142,7 @@ def test_resultants_are_given_at_the_gauss_points_of_the_elements(degree):
     scene.clamp(beam.start)
     middles, halves = np.array([0.75, 2.25, 3.5]), np.array([0.75, 0.75, 0.5])
     expected = (middles[:, None] + halves[:, None] * GAUSS[degree]).ravel()
-    assert fb.static(scene, steps=1).resultants(beam).s == pytest.approx(expected, rel=1e-14)
+    assert fb.static(scene, load_steps=1).resultants(beam).s == pytest.approx(expected, rel=1e-14)
 
 
 def test_tension_is_positive_and_carries_the_weight_that_hangs_below():
@@ -151,7 +151,7 @@ def test_tension_is_positive_and_carries_the_weight_that_hangs_below():
     beam = scene.add_beam([(0, 0), (0, -3)], heavy, elements=3)
     scene.pin(beam.start)
     scene.add_mass(beam.end, 5.0)
-    solution = fb.static(scene, steps=1)
+    solution = fb.static(scene, load_steps=1)
     r = solution.resultants(beam)
     # Constant over a two-node element, at its middle.
     assert r.N[-1] == pytest.approx(9.81 * (5.0 + 2.0 * (3 - r.s)), rel=1e-9)
@@ -174,7 +174,7 @@ def test_resultants_of_a_tip_force_follow_from_equilibrium(angle):
     along, across, length = 1e-3, 2e-3, 2.0
     scene, beam = cantilever((c, s), degree=2)
     scene.add_force(beam.end, (c * along - s * across, s * along + c * across))
-    r = fb.static(scene, steps=1).resultants(beam)
+    r = fb.static(scene, load_steps=1).resultants(beam)
     assert r.N[1] == pytest.approx(np.full(8, along), rel=1e-4)
     assert r.Q[1] == pytest.approx(np.full(8, across), rel=1e-4)
     assert r.M[1] == pytest.approx(across * (length - r.s), rel=1e-4)
@@ -191,7 +191,7 @@ def test_resultants_belong_to_the_elements_of_their_beam():
         tooth = scene.add_beam([spine.nodes[k], (1, k)], MASSLESS, elements=2, name=f"tooth {k}")
         pull[k] = 1e-4 * k**2
         scene.add_force(tooth.end, (pull[k], 0.0))
-    solution = fb.static(scene, steps=1)
+    solution = fb.static(scene, load_steps=1)
     for k, force in pull.items():
         assert solution.resultants(f"tooth {k}").N[1] == pytest.approx([force] * 2, rel=1e-3)
     # Across the spine, to the left of its way, acts what pulls above.
@@ -322,7 +322,7 @@ def test_springs_and_beams_have_their_energies_apart():
     scene.clamp(first.start)
     solution = fb.simulate(scene, dt=0.01, t_end=0.3)
     energy = solution.energy
-    in_springs = 20.0 / 2 * (solution.slide(joint) - 0.3) ** 2
+    in_springs = 20.0 / 2 * (solution.joint(joint).slide - 0.3) ** 2
     assert energy.springs == pytest.approx(in_springs, rel=1e-9, abs=1e-12)
     assert energy.strain[0] == 0 < energy.strain.max()
     assert energy.total == pytest.approx(energy.kinetic + energy.strain + energy.springs)

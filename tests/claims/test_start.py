@@ -99,7 +99,7 @@ def test_a_scene_in_equilibrium_stays_at_rest():
     scene.add_force(left.end, lambda t: (2.0, -8.0))
     scene.add_force(right.start, (1.0, 3.0), follower=True)
     scene.add_virtual_work(lambda step: -2.0 * step.load_factor * step.virtual_u[1], left)
-    rest = fb.static(scene, steps=4)
+    rest = fb.static(scene, load_steps=4)
     bent = abs(rest.q[-1]).max()
     assert bent > 0.03
     motion = fb.simulate(scene, dt=0.01, t_end=0.2, start=rest)
@@ -113,7 +113,7 @@ def test_a_beam_let_go_keeps_the_energy_that_bent_it():
     beam = scene.add_beam([(0, 0), (1, 0)], FLYING, elements=4)
     scene.clamp(beam.start)
     scene.add_force(beam.end, lambda t: (0.0, 60.0 if t <= 0 else 0.0))
-    bent = fb.static(scene, steps=10)
+    bent = fb.static(scene, load_steps=10)
     motion = fb.simulate(scene, dt=0.01, t_end=1.0, start=bent)
     energy = motion.energy
     assert energy.total[0] == bent.energy.strain[-1]

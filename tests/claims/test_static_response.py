@@ -41,7 +41,7 @@ def rolled_tip(load):
 
 def test_tip_of_a_rolled_beam_depends_on_its_load_as_exact():
     """At rest, and in a motion from there: the start and the load change together."""
-    run, h = fb.StaticResponse(roll_up, steps=8), 1e-5
+    run, h = fb.StaticResponse(roll_up, load_steps=8), 1e-5
     factors, y = run([1.0])
     J = run.jacobian()["tip"][..., 0]
     exact = [(rolled_tip(f * (1 + h)) - rolled_tip(f * (1 - h))) / (2 * h) for f in factors[1:]]
@@ -52,7 +52,7 @@ def test_tip_of_a_rolled_beam_depends_on_its_load_as_exact():
     weights[-1] = 1.0
     assert run.vjp({"tip": weights}) == pytest.approx(J[-1].sum(), abs=1e-9)
 
-    start = {"start": lambda scene: fb.static(scene, steps=8)}
+    start = {"start": lambda scene: fb.static(scene, load_steps=8)}
     moved = fb.Response(roll_up, dt=0.01, t_end=0.1, **start)
     moved([1.0])
     tips = moved.jacobian()["tip"][..., 0]
@@ -82,7 +82,7 @@ def bent_beyond_its_limit(x):
 
 def test_turn_of_a_beam_that_has_yielded_depends_on_its_moment_and_limit_as_exact():
     moment, limit = 2 * YIELD, YIELD
-    run = fb.StaticResponse(bent_beyond_its_limit, steps=4)
+    run = fb.StaticResponse(bent_beyond_its_limit, load_steps=4)
     factors, y = run([moment, HARDENING, limit])
     over = factors * moment - limit > 1e-9
     assert over.any() and not over.all()
@@ -141,7 +141,7 @@ def test_work_of_a_moment_that_bends_a_cantilever():
         return scene, {"work": fb.Output("work", scene), "lost": lost}
 
     M, EI, L = x = np.array([2.0, 3.0, 0.8])
-    run = fb.StaticResponse(build, steps=4)
+    run = fb.StaticResponse(build, load_steps=4)
     factors, y = run(x)
     assert y["work"] == pytest.approx(factors**2 * M**2 * L / (2 * EI), abs=1e-12)
     expected = [M * L / EI, -(M**2) * L / (2 * EI**2), M**2 / (2 * EI)]
@@ -162,7 +162,7 @@ def block(x):
 
 def test_a_block_with_friction_moves_by_f_less_mu_n_over_k():
     x = np.array([30.0, 50.0, 0.2])
-    run = fb.StaticResponse(block, steps=3)
+    run = fb.StaticResponse(block, load_steps=3)
     y = run(x)[1]
     assert y["d"][-1] == pytest.approx((30.0 - 10.0) / 200.0)
     J = run.jacobian()
@@ -193,7 +193,7 @@ def loads(x):
     spring = fb.Spring(30 * x[0], rest=0.5 * x[1])
     pull = {"spring": spring, "force": lambda r, rate, t: 2 * ufl.sin(t + 1) / r}
     scene.add_force_between(beam.end, (2, 0.5), **pull)
-    scene.add_obstacle(beam.end, fb.Circle((1.0, -0.9 * x[1]), 0.9), stiffness=1e3 * x[0])
+    scene.add_contact(beam.end, fb.Circle((1.0, -0.9 * x[1]), 0.9), stiffness=1e3 * x[0])
     return scene
 
 
@@ -337,7 +337,7 @@ def with_outputs(build, *without):
 
 @pytest.mark.parametrize("build", SCENES, ids=lambda build: build.__name__)
 def test_all_outputs_of_equilibria_have_their_derivatives(build):
-    assert_derivatives(fb.StaticResponse(with_outputs(build), steps=3, t=1.0, newton=EXACT), X)
+    assert_derivatives(fb.StaticResponse(with_outputs(build), load_steps=3, t=1.0, newton=EXACT), X)
 
 
 # -- Starts of motions -----------------------------------------------------------------------------
@@ -354,7 +354,7 @@ def test_a_motion_from_an_equilibrium_takes_its_derivatives_without_further_equi
 
     def start(scene):
         count[0] += 1
-        return fb.static(scene, steps=4, newton=EXACT)
+        return fb.static(scene, load_steps=4, newton=EXACT)
 
     run = moving(with_outputs(build), start)
     _, y = run(X)
@@ -368,8 +368,8 @@ def test_a_start_that_goes_on_from_another_equilibrium():
     """That of an elastic scene does not depend on the way; one that yields is differenced."""
 
     def from_half(scene):
-        half = fb.static(scene, steps=2)
-        return fb.static(scene, steps=2, start=half, newton=EXACT)
+        half = fb.static(scene, load_steps=2)
+        return fb.static(scene, load_steps=2, start=half, newton=EXACT)
 
     for build in (driven, yielding):
         assert_derivatives(moving(with_outputs(build, *LOSSES), from_half), X)
@@ -407,7 +407,7 @@ def test_what_has_no_derivatives_in_equilibria_is_refused_by_its_name(build, mes
         scene = build(x)
         return scene, {"work": fb.Output("work", scene)}
 
-    run = fb.StaticResponse(observed, steps=2)
+    run = fb.StaticResponse(observed, load_steps=2)
     run(X)
     with pytest.raises(fb.SceneError, match=message):
         run.jacobian()

@@ -29,7 +29,7 @@ def bent(section, elements, degree, load=5.0, steps=5):
     """Tip displacement and rotation of a cantilever under a dead force, and the solution."""
     scene, beam = cantilever(section, elements, degree)
     scene.add_force(beam.end, (0.0, -load))
-    solution = fb.static(scene, steps=steps)
+    solution = fb.static(scene, load_steps=steps)
     tip = *solution.displacement(beam.end)[-1], solution.rotation(beam.end)[-1]
     return np.array(tip), solution
 
@@ -84,7 +84,7 @@ def test_weight_is_lowered_in_and_its_potential_counts_in_full():
     section = fb.Section(EA=1e6, GA=1e6, EI=1.0, rhoA=0.02)
     scene, beam = cantilever(section, 4, gravity=(0.0, -10.0))
     scene.add_mass(beam.end, 0.01)
-    solution = fb.static(scene, steps=20)
+    solution = fb.static(scene, load_steps=20)
     q, P = 0.2, 0.1
     assert -solution.displacement(beam.end)[-1, 1] == pytest.approx(q / 8 + P / 3, rel=1e-2)
     assert solution.reaction(beam.start)[-1, 1] == pytest.approx(q + P)
@@ -136,7 +136,7 @@ def supported(kind, by_joints):
     else:
         scene.clamp(beam.start)
         fix(scene, beam.end)
-    return fb.static(scene, steps=4)
+    return fb.static(scene, load_steps=4)
 
 
 @pytest.mark.parametrize("kind", SUPPORTS)
@@ -154,11 +154,11 @@ def test_a_slide_on_a_bent_beam_stays_on_it_and_does_no_work():
     rod = scene.add_beam([(1.3, 0), (2.3, 0)], section, elements=2)
     joint = scene.add_joint(fb.Prismatic(rail.end, rod.start, axis=(1, 0), spring=fb.Spring(40.0)))
     scene.add_force(rod.end, (3.0, -2.0))
-    solution = fb.static(scene, steps=40)
-    assert solution.gap(joint).max() < 1e-14
+    solution = fb.static(scene, load_steps=40)
+    assert solution.joint(joint).gap.max() < 1e-14
     along = np.array([np.cos(solution.rotation(rail.end)), np.sin(solution.rotation(rail.end))])
     pull = solution.load_factor * (np.array([3.0, -2.0]) @ along)
-    assert 40.0 * solution.slide(joint) == pytest.approx(pull, rel=1e-9)
+    assert 40.0 * solution.joint(joint).slide == pytest.approx(pull, rel=1e-9)
     assert abs(solution.energy.balance_error[-1]) < 1e-3 * solution.energy.work[-1]
 
 
@@ -167,7 +167,7 @@ def test_a_motor_turns_a_crank_against_a_load():
     crank = scene.add_beam([(0, 0), (1, 0)], fb.Section(EA=1e6, GA=1e6, EI=1e6))
     joint = scene.add_joint(fb.Revolute(fb.GROUND, crank.start, motor=lambda t: t))
     scene.add_force(crank.end, (0.0, -3.0))
-    solution = fb.static(scene, steps=20, t=np.pi / 2)
+    solution = fb.static(scene, load_steps=20, t=np.pi / 2)
     assert solution.position(crank.end)[-1] == pytest.approx([0, 1], abs=1e-5)
     factor, angle = solution.load_factor, solution.rotation(crank.end)
     assert solution.joint(joint).force[:, 2] == pytest.approx(3 * factor * np.cos(angle), abs=1e-4)
@@ -203,7 +203,7 @@ def test_a_spring_without_load_turns_an_arm_to_its_rest_and_keeps_it_there(way, 
 def test_a_stiff_spring_is_let_go_in_steps_and_balances_the_beams(way):
     scene, left, right, joint = sprung(fb.Prismatic, fb.Spring(100.0, 0.2), True, axis=(0, 1))
     solution = fb.static(scene, continuation=way)
-    slide = solution.slide(joint)
+    slide = solution.joint(joint).slide
     push = 100.0 * (0.2 - slide)
     turned = solution.rotation(left.end)
     across = np.column_stack([-np.sin(turned), np.cos(turned)])
@@ -213,7 +213,8 @@ def test_a_stiff_spring_is_let_go_in_steps_and_balances_the_beams(way):
     # What the spring gives way, the beams take up: by hand, 24 EI/L^3 for small displacements,
     # and more where these stretch the beams as much as here.
     assert (0.1 < slide).all() and (slide < 0.2 * 100 / (100 + 24 * 10 / 2**3)).all()
-    assert fb.static(scene, steps=40).slide(joint)[-1] == pytest.approx(slide[-1], rel=1e-9)
+    finer = fb.static(scene, load_steps=40).joint(joint).slide
+    assert finer[-1] == pytest.approx(slide[-1], rel=1e-9)
     assert np.ptp(slide) < 1e-12
     assert not solution.energy.work.any()
 
@@ -227,7 +228,7 @@ def test_a_force_of_ones_own_is_a_load_by_the_load_factor_and_else_a_spring():
     scene.add_virtual_work(lambda step: -50.0 * step.u[1] * step.virtual_u[1])
     scene.add_virtual_work(lambda step: -2.0 * step.load_factor * step.virtual_u[1])
     scene.add_virtual_work(lambda step: -7.0 * ufl.dot(step.v, step.virtual_u))  # at rest nothing
-    solution = fb.static(scene, steps=4)
+    solution = fb.static(scene, load_steps=4)
     assert solution.displacement(beam.end)[:, 1] == pytest.approx(-0.04 * solution.load_factor)
     assert abs(solution.energy.balance_error).max() < 1e-12
 
@@ -241,7 +242,7 @@ def test_dampers_hold_nothing():
         arm = scene.add_beam([(1, 0), (2, 0)], ROLLED, degree=2)
         scene.add_joint(fb.Revolute(beam.end, arm.start, **acting))
         scene.add_moment(arm.end, 1.0)
-        return fb.static(scene, steps=1).rotation(arm.end)[-1]
+        return fb.static(scene, load_steps=1).rotation(arm.end)[-1]
 
     spring = fb.Spring(20.0)
     assert hinged(spring=spring, damper=fb.Damper(1e3)) == hinged(spring=spring)
@@ -291,11 +292,11 @@ def test_a_step_that_may_be_cut_no_more_ends_in_an_error_with_what_was_found():
     scene, beam = cantilever(ROLLED, 4, 1, LENGTH)
     scene.add_moment(beam.end, lambda t: 4 * np.pi * ROLLED.EI / LENGTH)
     with pytest.raises(fb.StepError, match="turns by .* more than max_turn = 2") as caught:
-        fb.static(scene, steps=4, max_cuts=0)
+        fb.static(scene, load_steps=4, max_cuts=0)
     assert caught.value.time == 0
     assert len(caught.value.solution.t) == 1
     with pytest.raises(fb.StepError, match="after 1 cuts"):
-        fb.static(scene, steps=2, max_cuts=1)
+        fb.static(scene, load_steps=2, max_cuts=1)
 
 
 @pytest.mark.parametrize("steps", [1, 25])
@@ -311,7 +312,7 @@ def test_loads_over_a_limit_point_end_in_an_error_that_names_the_continuation(st
     limit = EA * np.sqrt(at_limit**2 - 1) * (1 / at_limit - 1 / length)
     scene.add_force(bar.end, (0.0, -3 * limit))
     with pytest.raises(fb.StepError, match="limit point.*continuation") as caught:
-        fb.static(scene, steps=steps)
+        fb.static(scene, load_steps=steps)
     error = caught.value
     assert f"from load factor {error.time:.6g}" in str(error)
     assert "times that of the first step, which indicates a limit point" in str(error)
@@ -332,7 +333,7 @@ def test_a_snap_much_shorter_than_a_step_does_not_pass_unseen(steps):
     snaps, back = fb.static(scene, continuation="arc-length").stats.limit_points
     assert 0 < snaps - back < 0.1 * snaps + 1e-3
     with pytest.raises(fb.StepError, match="continuation") as caught:
-        fb.static(scene, steps=steps)
+        fb.static(scene, load_steps=steps)
     assert caught.value.time < snaps
 
 
@@ -346,7 +347,7 @@ def test_a_beam_that_stiffens_as_a_cable_needs_no_short_steps(stiffness):
     scene.pin(string.end)
     load = 0.01 * stiffness
     scene.add_force(string.node(0.5), (0.0, -load))
-    solution = fb.static(scene, steps=1)
+    solution = fb.static(scene, load_steps=1)
     assert solution.stats.steps < 20
     angle = np.arctan(-2 * solution.displacement(string.node(0.5))[-1, 1])
     assert 2 * stiffness * (1 / np.cos(angle) - 1) * np.sin(angle) == pytest.approx(load, rel=0.05)

@@ -168,7 +168,7 @@ def test_rows_at_chosen_times_are_as_accurate_as_the_steps(order, tolerance):
     assert solution.t == pytest.approx(times)
     assert error(solution, exact) < 1.5 * error(steps, exact)
     # The gap is that of the interpolation.
-    assert max(solution.gap(joint).max() for joint in joints.values()) < 1e-3
+    assert max(solution.joint(joint).gap.max() for joint in joints.values()) < 1e-3
     energy = solution.energy
     assert abs(energy.balance_error).max() < 1e-11 * energy.total.max()
     assert solution.resultants("member 2").N.shape == (101, 5)

@@ -19,7 +19,7 @@ def end_of_cantilever(section, force, elements, degree):
     beam = scene.add_beam([(0, 0), (2, 0)], section, elements=elements, degree=degree)
     scene.clamp(beam.start)
     scene.add_force(beam.end, force)
-    solution = fb.static(scene, steps=1)
+    solution = fb.static(scene, load_steps=1)
     return solution.displacement(beam.end)[-1]
 
 

@@ -33,7 +33,7 @@ def test_a_turning_bar_stretches_by_the_centrifugal_force():
     # u'' + k^2 (x + u) = 0 with k^2 = rhoA W^2 / EA, and u(0) = u'(1) = 0.
     spin, k = 60.0, 60.0 / np.sqrt(1e5)
     scene, beam = blade()
-    state = fb.static(scene, steps=4, spin=spin)
+    state = fb.static(scene, load_steps=4, spin=spin)
     assert state.displacement(beam.end)[-1] == pytest.approx([np.tan(k) / k - 1, 0], rel=1e-6)
     assert state.velocity(beam.end)[-1] == pytest.approx([0, spin * np.tan(k) / k], rel=1e-6)
     assert state.reaction(beam.start)[-1, 0] == pytest.approx(-1e5 * (1 / np.cos(k) - 1), rel=1e-5)
@@ -44,7 +44,7 @@ def test_the_work_of_a_turn_is_its_kinetic_and_its_strain_energy():
     scene.add_force(beam.end, (0.0, 1.0))
     errors = []
     for steps in (5, 10):
-        energy = fb.static(scene, steps=steps, spin=20.0, pivot=(-0.3, 0.0)).energy
+        energy = fb.static(scene, load_steps=steps, spin=20.0, pivot=(-0.3, 0.0)).energy
         assert energy.kinetic[-1] > 100 * energy.strain[-1] > 0
         errors.append(abs(energy.balance_error[-1]) / energy.strain[-1])
     assert errors[1] < 0.3 * errors[0] < 0.01
@@ -74,7 +74,7 @@ def on_rail(normal, spin, k=50.0, mass=2.0, r=0.4):
     axis = (0, 1) if normal else (1, 0)
     rail = fb.Prismatic(fb.GROUND, body.centre, axis=axis, spring=fb.Spring(k))
     rail = scene.add_joint(rail)
-    return scene, body, rail, fb.static(scene, steps=4, spin=spin)
+    return scene, body, rail, fb.static(scene, load_steps=4, spin=spin)
 
 
 @pytest.mark.parametrize("normal", [True, False], ids=["lagging", "radial"])
@@ -104,7 +104,7 @@ def whirling(kx, ky, spin, retardation=0.0):
         scene.pin(bar.start)
         scene.add_joint(fb.Revolute(m.centre, bar.end))
     scene.fix(m.centre, "rotation")
-    return scene, fb.static(scene, steps=2, spin=spin)
+    return scene, fb.static(scene, load_steps=2, spin=spin)
 
 
 @pytest.mark.parametrize("spin", [3.0, 14.0])
@@ -201,7 +201,7 @@ PUBLISHED = {0: 3.5160, 1: 3.6816, 3: 4.7973, 6: 7.3604}
 def test_a_turning_cantilever_has_the_published_table():
     for eta, published in PUBLISHED.items():
         scene, _ = blade(SLENDER, elements=10, degree=3)
-        found = fb.modes(scene, fb.static(scene, steps=2, spin=float(eta)), n=1)
+        found = fb.modes(scene, fb.static(scene, load_steps=2, spin=float(eta)), n=1)
         # Out of the plane the frame takes nothing from the square.
         across = np.hypot(found.angular_frequencies[0], eta)
         assert across == pytest.approx(published, abs=6e-5)
@@ -211,7 +211,7 @@ def test_a_turning_cantilever_has_the_published_table():
 @pytest.mark.parametrize(("eta", "hub"), [(3, 0.0), (6, 1.0)])
 def test_a_slender_blade_has_the_frequencies_of_the_ritz_method(eta, hub):
     scene, _ = blade(SLENDER, elements=10, degree=3)
-    state = fb.static(scene, steps=2, spin=float(eta), pivot=(-hub, 0.0))
+    state = fb.static(scene, load_steps=2, spin=float(eta), pivot=(-hub, 0.0))
     found = fb.modes(scene, state, n=2)
     # Axial elasticity of 1e-7 of the stiffness and Coriolis forces change the last digits.
     assert found.angular_frequencies == pytest.approx(ritz(eta, hub)[0], rel=2e-5)

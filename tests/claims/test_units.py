@@ -99,7 +99,7 @@ def braked(u):
         arm, linear=0.4 * speed * u.length / force, quadratic=0.3 * speed**2 * u.length / force
     )
     scene.add_drag(arm.end, linear=0.4 * speed / force, rotation=0.1 / u.energy / u.time)
-    friction = fb.Friction(0.5 / u.energy, 0.1 * u.time)
+    friction = fb.SmoothFriction(0.5 / u.energy, 0.1 * u.time)
     turning = {"spring": u.turning_spring(20.0, 0.1), "damper": u.turning_damper(0.3)}
     scene.add_joint(fb.Revolute(fb.GROUND, arm.start, friction=friction, **turning))
     return scene
@@ -125,7 +125,7 @@ def simulated(scene, u):
 
 def loaded(continuation):
     def run(scene, u):
-        solution = fb.static(scene, steps=5, t=0.3 / u.time, continuation=continuation)
+        solution = fb.static(scene, load_steps=5, t=0.3 / u.time, continuation=continuation)
         return motion(solution, u)
 
     return run
@@ -172,7 +172,7 @@ def test_a_nanorod_bends_vibrates_and_swings_as_the_theory_of_beams_says():
     force = 1e-3 * 3 * ROD.EI / LENGTH**2
     for continuation in (None, "arc-length"):
         scene, rod = nanorod(force)
-        solution = fb.static(scene, steps=2, continuation=continuation)
+        solution = fb.static(scene, load_steps=2, continuation=continuation)
         deflection = solution.displacement(rod.end)[-1, 1]
         assert deflection == pytest.approx(
             force * LENGTH**3 / 3 / ROD.EI + force * LENGTH / ROD.GA, rel=1e-5

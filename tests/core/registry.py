@@ -259,7 +259,7 @@ def prismatic_with_laws(x):
 @case()
 def pin_in_slot_with_friction(x):
     hinge = fb.Coordinate(spring=fb.Spring(10.0))
-    friction = fb.Friction(0.5 * x[7], speed=0.1)
+    friction = fb.SmoothFriction(0.5 * x[7], speed=0.1)
     return hung(x, fb.PinInSlot, axis=(1.0, 0.0), hinge=hinge, friction=friction)
 
 
@@ -325,7 +325,7 @@ def sleeve_on_the_ground(x):
 
 @case()
 def body_that_slides_on_a_sliding_bar(x):
-    scene = on_a_rod(x, fb.Sleeve, friction=fb.Friction(0.5 * x[8], 0.5))
+    scene = on_a_rod(x, fb.Sleeve, friction=fb.SmoothFriction(0.5 * x[8], 0.5))
     bar = scene.beams[1]
     place = (bar.start.x, (bar.start.y + bar.end.y) / 2)
     body = scene.add_body(place, mass=0.2 * x[3], inertia=0.01)
@@ -478,7 +478,7 @@ def free_bodies(x):
 def laws_between_free_bodies(x):
     scene, one, other = free_bodies(x)
     laws = {"damper": fb.Damper(0.1, law=lambda v: 0.7 * abs(v) * v), "stop": (-0.1, 0.1, 500.0)}
-    friction = fb.Friction(0.5 * x[7], 0.5)
+    friction = fb.SmoothFriction(0.5 * x[7], 0.5)
     scene.add_joint(fb.Revolute(one["pin"], other["pin"], friction=friction, **laws))
     scene.make_velocities_compatible()
     return scene
@@ -520,7 +520,7 @@ def line_obstacle_with_friction(x):
     scene = fb.Scene(gravity=GRAVITY)
     beam = scene.add_beam([(0, 0.001), (1, 0.2 * x[5])], section(x), 2)
     scene.set_velocity(beam, (1.0 * x[6], -1.0))
-    scene.add_obstacle(
+    scene.add_contact(
         beam, fb.Line((0, 0), (0, 1)), stiffness=1e3 * x[7], friction=fb.Coulomb(0.3 * x[8], 500.0)
     )
     return scene
@@ -531,7 +531,7 @@ def circle_carried_by_a_body(x):
     scene = fb.Scene()
     wheel = scene.add_body((0.5, 0.65), mass=1.0 * x[3], inertia=0.05)
     beam = scene.add_beam([(0, 0), (1, 0)], section(x), 4)
-    scene.add_obstacle(
+    scene.add_contact(
         beam, fb.Circle(wheel.centre, 0.6), stiffness=1e3 * x[7], restitution=0.8, speed=0.1
     )
     scene.set_velocity(wheel, (0.2, -2.0), spin=1.0)

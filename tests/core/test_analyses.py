@@ -65,7 +65,7 @@ def falling():
 
 def test_static_rolls_a_beam_up_as_exact():
     scene, outputs = rolled([1.0])
-    solution = fb.static(scene, steps=4)
+    solution = fb.static(scene, load_steps=4)
     tip = solution.position(outputs["tip"].of)
     exact = [rolled_tip(f) for f in solution.load_factor[1:]]
     assert tip[1:] == pytest.approx(np.array(exact), abs=1e-9)
@@ -76,7 +76,7 @@ def test_static_rolls_a_beam_up_as_exact():
 
 
 def test_static_response_has_the_derivatives_of_the_closed_form():
-    run, h = fb.StaticResponse(rolled, steps=4), 1e-5
+    run, h = fb.StaticResponse(rolled, load_steps=4), 1e-5
     factors, y = run([1.0])
     slopes = run.jacobian()["tip"][1:, :, 0]
     exact = [(rolled_tip(f * (1 + h)) - rolled_tip(f * (1 - h))) / (2 * h) for f in factors[1:]]
@@ -98,7 +98,7 @@ def test_the_arc_length_follows_a_snap_through():
     scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (0, 1)))
     pull = scene.add_force_between(body.centre, (0, 0), spring=fb.Spring(k, rest=rest))
     scene.add_force(body.centre, (0, -2 * force(top)))
-    path = fb.static(scene, steps=8, continuation="arc-length")
+    path = fb.static(scene, load_steps=8, continuation="arc-length")
     assert isinstance(pull, fb.ForceBetween)
     assert path.stats.limit_points == pytest.approx([0.5, -0.5], rel=1e-9)
     assert [p.kind for p in path.critical_points] == ["limit point"] * 2
@@ -130,13 +130,13 @@ def test_an_imperfect_column_deflects_as_southwell_says():
     scene.pin(beam.start)
     scene.fix(beam.end, "x")
     scene.add_force(beam.end, (0, -12.0))
-    (point,) = fb.static(scene, steps=4).critical_points
+    (point,) = fb.static(scene, load_steps=4).critical_points
     size = 1e-6
     crooked = fb.imperfect(scene, point.modes, size)
     node = crooked.beams[0].node(0.5)
     assert abs(node.x) == pytest.approx(size, rel=1e-9) and beam.node(0.5).x == 0
     crooked.change(crooked.loads[0], (0.0, -5.0))
-    moved = abs(fb.static(crooked, steps=1).displacement(node)[-1, 0])
+    moved = abs(fb.static(crooked, load_steps=1).displacement(node)[-1, 0])
     assert moved == pytest.approx(size * 5 / (12 * point.load_factor - 5), rel=1e-5)
 
 
@@ -356,12 +356,12 @@ def test_every_output_of_a_response_and_a_motion_is_what_a_solution_says():
 def test_a_contact_pushes_back_what_falls_on_it():
     scene = fb.Scene()
     body = scene.add_body((0, 1e-3), mass=1.0, inertia=1.0)
-    wall = scene.add_obstacle(body.centre, fb.Line((0, 0), (0, 1)), stiffness=100.0)
+    wall = scene.add_contact(body.centre, fb.Line((0, 0), (0, 1)), stiffness=100.0)
     scene.set_velocity(body, (0.0, -1.0))
     solution = fb.simulate(scene, dt=1e-3, t_end=0.4)
     contact = solution.contact(wall)
-    assert isinstance(body, fb.Body) and isinstance(wall, fb.Obstacle)
-    assert isinstance(contact, fb.Contact)
+    assert isinstance(body, fb.Body) and isinstance(wall, fb.Contact)
+    assert isinstance(contact, fb.ContactMotion)
     # Half a period of omega = 10 rad/s: the depth 1/10 m at the most, and the same speed back.
     assert contact.gap.min() == pytest.approx(-0.1, rel=1e-3)
     assert solution.velocity(body.centre)[-1, 1] == pytest.approx(1.0, rel=1e-9)

@@ -47,7 +47,7 @@ def my(tmp_path_factory):
         scene=scene,
         beam=beam,
         fall=fb.simulate(scene, **STEPS),
-        bent=fb.static(scene, steps=1),
+        bent=fb.static(scene, load_steps=1),
         other=bar(2.0)[1],
         axes=fb.plot.figure(1, 1)[1][0, 0],
         folder=str(tmp_path_factory.mktemp("odd")),

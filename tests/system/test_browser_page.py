@@ -33,7 +33,7 @@ def swing(request):
     scene.pin(rope.start)
     disc = scene.add_body((1.1, 0.0), 0.5, 0.01, {"pin": (1.0, 0.0)}, name="disc")
     scene.add_joint(fb.Revolute(rope.end, disc.points["pin"]))
-    scene.add_obstacle(rope, fb.Line((0, -3), (0, 1)), 1e4)
+    scene.add_contact(rope, fb.Line((0, -3), (0, 1)), 1e4)
     return scene, rope, disc, fb.simulate(scene, dt=0.01, t_end=0.5)
 
 
@@ -115,7 +115,7 @@ def test_equilibria_and_scenes_of_bodies_have_pages_too():
     beam = scene.add_beam([(0, 0), (1, 0)], ROPE, elements=4)
     scene.clamp(beam.start)
     scene.add_force(beam.end, (0, -1.0))
-    assert data(fb.plot.interactive(fb.static(scene, steps=3)))["static"]
+    assert data(fb.plot.interactive(fb.static(scene, load_steps=3)))["static"]
     scene = fb.Scene(gravity=(0, -9.81))
     body = scene.add_body((0, 0), 1.0, 0.1, {"edge": (0.1, 0)}, name="stone")
     page = fb.plot.interactive(fb.simulate(scene, dt=0.1, t_end=0.5), trace=body.centre)

@@ -180,7 +180,7 @@ def bent():
     arm = scene.add_beam([(0, 0), (1, 0)], SECTION, elements=2)
     scene.clamp(arm.start)
     scene.add_force(arm.end, (0.0, 5.0))
-    return lambda: fb.static(scene, steps=3)
+    return lambda: fb.static(scene, load_steps=3)
 
 
 RUNS = {

@@ -18,12 +18,12 @@ def objects():
     pin = scene.add_joint(fb.Revolute(upper.end, lower.start, spring=fb.Spring(3.0)))
     scene.clamp(upper.start)
     scene.add_force_between(lower.end, (2, 5), spring=fb.Spring(2.0), damper=fb.Damper(0.5))
-    scene.add_obstacle(lower, fb.Line((0, -3), (0, 1)), 1e3)
+    scene.add_contact(lower, fb.Line((0, -3), (0, 1)), 1e3)
     solution = fb.simulate(scene, dt=0.01, t_end=0.1)
     return {
         "Scene": scene,
         "Joint": pin,
-        "Obstacle": scene.obstacles[0],
+        "Contact": scene.contacts[0],
         "ForceBetween": scene.forces_between[0],
         "Solution": solution,
         "Energy": solution.energy,

@@ -46,7 +46,7 @@ def swing():
 def bent():
     """A cantilever under a force at its end: about M = -1 at the clamp, and 0 at the end."""
     section = fb.Section(EA=1e4, GA=1e4, EI=1.0)
-    return fb.static(cantilever(force=(0, -1.0), section=section, elements=10)[0], steps=1)
+    return fb.static(cantilever(force=(0, -1.0), section=section, elements=10)[0], load_steps=1)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def girder():
     scene.pin(beam.start)
     scene.fix(beam.end, "y")
     scene.add_line_load(beam, (0, -LOAD * 1e-6))
-    return fb.static(scene, steps=1)
+    return fb.static(scene, load_steps=1)
 
 
 def crane():
@@ -73,7 +73,8 @@ def crane():
     scene.fix(roof.start, "x", "rotation")
     scene.clamp(roof.end)
     scene.prescribe(roof.start, y=lambda t: t)
-    parts = {"spring": fb.Spring(1.0), "damper": fb.Damper(1.0), "friction": fb.Friction(1.0, 0.01)}
+    parts = {"spring": fb.Spring(1.0), "damper": fb.Damper(1.0)}
+    parts["friction"] = fb.SmoothFriction(1.0, 0.01)
     scene.add_joint(fb.Revolute(girder.node(0.25), strut.start, **parts))
     scene.add_joint(fb.Revolute(girder.end, boom.start, motor=lambda t: t))
     scene.add_joint(fb.Prismatic(boom.end, finger.start, axis=(1, 0), **parts))
@@ -217,7 +218,7 @@ def test_a_clamp_is_across_a_single_member_and_along_an_axis_under_several(ends,
     [
         ({"spring": fb.Spring(5.0)}, False),
         ({"damper": fb.Damper(1.0)}, True),
-        ({"friction": fb.Friction(1.0, 0.01)}, False),
+        ({"friction": fb.SmoothFriction(1.0, 0.01)}, False),
         ({"force": lambda distance, rate, t: 1.0 + 0 * distance}, True),
     ],
     ids=["spring", "damper", "friction", "force"],
@@ -275,7 +276,7 @@ def test_a_force_is_drawn_in_the_window_and_with_the_section_that_it_follows(swi
     direction = np.array([drawn.U[0], drawn.V[0]])
     assert direction / np.hypot(*direction) == approx([-np.sin(psi), np.cos(psi)])
     scene, _ = cantilever(force=(-5.0, 0))
-    drawn = arrow(plot.shapes(fb.static(scene, steps=1), rows=[1]))
+    drawn = arrow(plot.shapes(fb.static(scene, load_steps=1), rows=[1]))
     assert 1.1 < drawn.X[0] < drawn.axes.get_xlim()[1]
 
 
@@ -491,7 +492,7 @@ def test_a_motion_too_small_to_be_seen_is_said_with_a_factor(caplog):
     beam = scene.add_beam([(0, 0), (1, 0)], section)
     scene.clamp(beam.start)
     scene.add_force(beam.end, (0.0, 1.0))
-    plot.shapes(fb.static(scene, steps=1))
+    plot.shapes(fb.static(scene, load_steps=1))
     assert "magnify=100000 would show it" in caplog.text
 
 

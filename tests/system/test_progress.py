@@ -115,7 +115,7 @@ def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch
     monkeypatch.setattr(recent, "SMALL", -1)  # each run sets up a model of its own
 
     def path():
-        return fb.static(loaded(), steps=5, continuation=continuation)
+        return fb.static(loaded(), load_steps=5, continuation=continuation)
 
     def stopped(place):
         try:
@@ -140,8 +140,8 @@ def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
 def test_a_path_shows_its_load_factor_to_those_who_ask(continuation, capfd):
-    fb.static(loaded(), steps=2, continuation=continuation, progress=True)
+    fb.static(loaded(), load_steps=2, continuation=continuation, progress=True)
     out, err = capfd.readouterr()
     assert out == "" and "load factor" in err
-    fb.static(loaded(), steps=2, continuation=continuation)
+    fb.static(loaded(), load_steps=2, continuation=continuation)
     assert capfd.readouterr() == ("", "")

@@ -99,7 +99,7 @@ def test_halving_the_step_divides_the_error_of_the_pendulums_force_by_four(schem
     force, t = settings["exact"]["axial force"], np.linspace(0, 2, 4001)
     settings["quantities"]["impulse"] = module.impulse("rod")
     settings["exact"]["impulse"] = CubicSpline(t, force(t)).antiderivative()
-    more = {"t_end": 2.0, "steps": [0.02, 0.01, 0.005], "repetitions": 1}
+    more = {"t_end": 2.0, "dt": [0.02, 0.01, 0.005], "repetitions": 1}
     found = fb.work_precision.study(
         lambda *mesh: module.scene("pendulum", *mesh), schemes=[scheme], **settings | more
     )
@@ -150,7 +150,7 @@ def test_a_page_has_every_run_its_machine_its_pictures_and_its_sentences(results
     found, page = numbers[example], (results / f"{example}.md").read_text()
     module = benchmark("work_precision")
     settings = getattr(module, example)(quick=True)
-    candidates = len(module.QUICK_SCHEMES) * len(settings["steps"]) * len(settings["meshes"])
+    candidates = len(module.QUICK_SCHEMES) * len(settings["dt"]) * len(settings["meshes"])
     assert len(found["Runs"]) == candidates
     assert {"processor", "dolfinx", "fx_beam"} <= set(found["machine"])
     for run in found["Runs"]:

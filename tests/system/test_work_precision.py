@@ -39,7 +39,7 @@ def tip(t):
 def small(**change):
     """A study of the pendulum that takes no time, with a change."""
     usual = {"scene": pendulum, "quantities": {"tip": PENDULUM.displacement}, "exact": {"tip": tip}}
-    usual |= {"schemes": [fb.EnergyMomentum()], "steps": [0.1], "meshes": [(1, 1)], "t_end": 0.2}
+    usual |= {"schemes": [fb.EnergyMomentum()], "dt": [0.1], "meshes": [(1, 1)], "t_end": 0.2}
     return study(**usual | {"repetitions": 1} | change)
 
 
@@ -130,7 +130,7 @@ def test_error_of_the_momentum_of_free_flight_is_what_a_step_misses_of_the_force
         scene=lambda elements, degree: scenes.free_flight(elements, degree)[0],
         quantities={"momentum": lambda s: s.linear_momentum},
         exact={"momentum": lambda t: np.column_stack([8 * np.minimum(t, 2.5), 0 * t])},
-        steps=[0.1, 0.15],
+        dt=[0.1, 0.15],
         meshes=[(2, 1)],
         t_end=3.0,
     )
@@ -154,7 +154,7 @@ def test_errors_of_step_and_mesh_are_told_apart():
         scene=soft_arm,
         quantities={"tip": lambda s: s.displacement(s.beams["arm"].end)},
         exact=None,
-        steps=[0.02, 0.01, 0.005],
+        dt=[0.02, 0.01, 0.005],
         meshes=[(3, 1), (6, 1), (12, 1)],
         t_end=0.6,
     )
@@ -318,7 +318,7 @@ def test_a_run_that_fails_is_a_row_with_its_reason(tmp_path):
         quantities={"energy": lambda s: s.energy.balance_error / s.energy.total[0]},
         exact={"energy": 0.0},
         schemes={"ours": fb.EnergyMomentum(), "trapezoidal": fb.Newmark()},
-        steps=[0.02],
+        dt=[0.02],
         meshes=[(8, 1)],
         t_end=1.0,
         results=tmp_path / "pinned",
@@ -401,9 +401,9 @@ def test_a_reference_that_fails_is_said_and_exact_quantities_keep_their_errors(t
     ("change", "message"),
     [
         ({"quantities": [PENDULUM.displacement]}, "quantities = .* must be a dict"),
-        ({"steps": []}, "needs steps"),
-        ({"steps": [0.1, 0.3]}, "step = 0.3 must be a positive number, at most t_end = 0.2"),
-        ({"steps": [0.1, 0.05, 0.1]}, "steps: 0.1 is given twice"),
+        ({"dt": []}, "needs dt"),
+        ({"dt": [0.1, 0.3]}, "dt = 0.3 must be a positive number, at most t_end = 0.2"),
+        ({"dt": [0.1, 0.05, 0.1]}, "dt: 0.1 is given twice"),
         ({"meshes": [4, 8]}, "mesh = 4 must be a pair"),
         ({"schemes": {"ours": fb.EnergyMomentum}}, "with brackets"),
         ({"schemes": [fb.HHT(-0.1), fb.HHT(-0.3)]}, "several schemes are called HHT"),
@@ -435,5 +435,5 @@ def test_what_makes_no_sense_is_refused_by_name(change, message):
 )
 def test_a_wrong_quantity_is_refused_by_name(quantity, message):
     with pytest.raises(fb.SceneError, match=message) as refused:
-        small(quantities={"tip": quantity}, steps=[0.05, 0.1])
+        small(quantities={"tip": quantity}, dt=[0.05, 0.1])
     assert "(EnergyMomentum, dt = 0.1 s, 1 element of degree 1)" in str(refused.value)

@@ -49,7 +49,7 @@ def study(
     quantities: Mapping[str, Quantity],
     *,
     t_end: float,
-    steps: Sequence[float],
+    dt: Sequence[float],
     meshes: Sequence[tuple[int, int]],
     schemes: Mapping[str, Scheme] | Sequence[Scheme],
     exact: Mapping[str, Exact] | None = None,
@@ -81,7 +81,7 @@ def study(
         (n, k) at `Solution.t`, a pair of times and such a history, or None if there is no value.
     t_end : float
         End of the simulations [s].
-    steps : sequence of float
+    dt : sequence of float
         Time steps [s].
     meshes : sequence of (int, int)
         Pairs of elements and degree.
@@ -119,15 +119,15 @@ def study(
     """
     exact = exact or {}
     check_takes(scene, "elements, degree", "scene")
-    _check(quantities, exact, t_end, steps, meshes, repetitions)
+    _check(quantities, exact, t_end, dt, meshes, repetitions)
     labelled, grid = candidates.labelled(schemes), [Mesh(*mesh) for mesh in meshes]
     motion = _Motion(scene, start, t_end, quantities, labelled)
     runs = [
-        Run(label, scheme.name, mesh, dt)
-        for mesh, (label, scheme), dt in itertools.product(grid, labelled.items(), steps)
+        Run(label, scheme.name, mesh, step)
+        for mesh, (label, scheme), step in itertools.product(grid, labelled.items(), dt)
     ]
     sought = [name for name in quantities if name not in exact]
-    fine = _fine(grid, min(steps), finer) if sought else []
+    fine = _fine(grid, min(dt), finer) if sought else []
     for mesh in [*grid, *(run.mesh for run in fine[:1])]:
         motion.at(mesh)
     references = {name: accuracy.exact(name, value, t_end) for name, value in exact.items()}
@@ -159,7 +159,7 @@ def study(
     return precision
 
 
-def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
+def _check(quantities, exact, t_end, dt, meshes, repetitions) -> None:
     """Check the arguments before anything is computed."""
     require(isinstance(quantities, Mapping), "quantities", quantities, "a dict by name")
     require(isinstance(exact, Mapping), "exact", exact, "a dict by name of a quantity")
@@ -169,9 +169,9 @@ def _check(quantities, exact, t_end, steps, meshes, repetitions) -> None:
         raise SceneError(f"exact value of {unknown[0]!r}, which is none of {list(quantities)}")
     positive(t_end, "t_end")
     require(is_whole(repetitions, 1), "repetitions", repetitions, "a whole number, at least 1")
-    for dt in candidates.several("steps", steps):
-        fits = is_number(dt) and 0 < dt <= t_end
-        require(fits, "step", dt, f"a positive number, at most t_end = {t_end:g}")
+    for step in candidates.several("dt", dt):
+        fits = is_number(step) and 0 < step <= t_end
+        require(fits, "dt", step, f"a positive number, at most t_end = {t_end:g}")
     for mesh in candidates.several("meshes", meshes):
         fits = np.shape(mesh) == (2,) and all(is_whole(n, 1) for n in mesh)
         require(fits, "mesh", mesh, "a pair of elements and degree, as (8, 1)")

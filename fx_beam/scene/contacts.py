@@ -269,10 +269,10 @@ class Circle(Shape):
 
 
 @dataclass(frozen=True, eq=False)
-class Obstacle:
+class Contact:
     """A line or circle that a node or points of a beam may touch but not enter.
 
-    Created by `Scene.add_obstacle` and `Scene.add_contact`.
+    Created by `Scene.add_contact` and `Scene.add_contact`.
 
     Parameters
     ----------
@@ -303,7 +303,7 @@ class Obstacle:
     >>> import fx_beam as fb
     >>> scene = fb.Scene()
     >>> beam = scene.add_beam([(0, 1), (1, 1)], fb.Section(EA=1.0, GA=1.0, EI=1.0), name="bar")
-    >>> print(scene.add_obstacle(beam, fb.Line((0, 0), normal=(0, 1)), stiffness=1e3))
+    >>> print(scene.add_contact(beam, fb.Line((0, 0), normal=(0, 1)), stiffness=1e3))
     obstacle 0, Line for beam 'bar'
     """
 
@@ -323,7 +323,7 @@ class Obstacle:
         return f"<{self}, {law}>"
 
     def __str__(self):
-        number = "" if self.number < 0 else f"obstacle {self.number}, "
+        number = "" if self.number < 0 else f"contact {self.number}, "
         if isinstance(self.shape, Beam):
             other = "itself" if self.shape is self.target else label(self.shape)
             return f"{number}{label(self.target)} against {other}"
@@ -392,22 +392,22 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
     return Points(nodes, weights, (lengths[:, None] * shares / 2).ravel())
 
 
-def checked_obstacle(
+def checked_contact(
     target: Beam | Node,
     shape: Shape | Beam,
     impact: tuple,
     number: int,
-    radius: Any = 0.0,
-    along: int | None = None,
-    friction: Coulomb | None = None,
-) -> Obstacle:
-    """An obstacle with valid numbers. SceneError for others; where it starts is not checked."""
+    radius: Any,
+    along: int | None,
+    friction: Coulomb | None,
+) -> Contact:
+    """A contact with valid numbers. SceneError for others; where it starts is not checked."""
     if not isinstance(shape, Shape | Beam):
         raise SceneError(
             f"a contact needs an fx_beam.Line, an fx_beam.Circle or a beam, not {shown(shape)}. A "
             "body has none of its own: give it one, such as fx_beam.Circle(body.centre, radius)"
         )
-    what, (stiffness, restitution, speed, energy) = f"obstacle for {label(target)}", impact
+    what, (stiffness, restitution, speed, energy) = f"contact of {label(target)}", impact
     if (stiffness is None) == (energy is None):
         raise SceneError(f"{what}: give either a stiffness or an energy")
     if energy is not None:
@@ -427,7 +427,7 @@ def checked_obstacle(
     require(fits, f"{what}: friction", friction, "an fx_beam.Coulomb(mu, stiffness), or None")
     if friction is not None and friction.radius is not None:
         raise SceneError(f"{what}: friction has the radius of a pin, {friction.radius:g}; omit it")
-    return Obstacle(target, shape, *impact, number, energy, radius, along, friction)
+    return Contact(target, shape, *impact, number, energy, radius, along, friction)
 
 
 def checked_radii(what: str, radius: Any) -> tuple[float, float]:
@@ -441,7 +441,7 @@ def checked_radii(what: str, radius: Any) -> tuple[float, float]:
     return first, second
 
 
-def check_start(made: Obstacle, size: float) -> None:
+def check_start(made: Contact, size: float) -> None:
     """SceneError if the target starts behind a shape, in a scene of this size [m]."""
     target, shape = made.target, made.shape
     assert isinstance(shape, Shape)
@@ -542,7 +542,7 @@ def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray) -> np.nd
     return points + value + x * (slope + x * bend)
 
 
-def check_members(made: Obstacle, size: float) -> None:
+def check_members(made: Contact, size: float) -> None:
     """SceneError if members of a scene of this size [m] touch at the start, or cannot."""
     a, b = made.target, made.shape
     assert isinstance(b, Beam)
