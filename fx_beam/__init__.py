@@ -25,7 +25,7 @@ _IMPORTS = [node for node in _STUB.body if isinstance(node, ast.ImportFrom)]
 _HOMES = {
     a.name: f"{__name__}.{node.module}" for node in _IMPORTS if node.level for a in node.names
 }
-# Pictures, and studies.
+# Materials, pictures, and studies.
 _ROOMS = {
     a.name: f"{node.module}.{a.name}" for node in _IMPORTS if not node.level for a in node.names
 }

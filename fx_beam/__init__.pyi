@@ -1,7 +1,7 @@
 # The names of the package and the files that define them, for type checkers and for __init__.py,
 # which reads this file. What is imported by its full name are modules.
 
-from fx_beam import plot as plot
+from fx_beam import materials as materials, plot as plot
 from fx_beam.studies import stability as stability, work_precision as work_precision
 
 from .derivatives.response import Response as Response

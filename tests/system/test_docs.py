@@ -20,6 +20,7 @@ BLOCKS = [(page, number) for page in PAGES for number in range(len(pages.blocks(
 MODULES = {
     "fx_beam": fb,
     "fx_beam.plot": fb.plot,
+    "fx_beam.materials": fb.materials,
     "fx_beam.studies.work_precision": fb.work_precision,
     "fx_beam.studies.stability": fb.stability,
 }
