@@ -17,7 +17,7 @@ if importlib.util.find_spec("dolfinx") is None:
         name="dolfinx",
     )
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 # The stub, which type checkers read, tells the file that is loaded when a name is first asked for.
 _STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text("utf-8"))

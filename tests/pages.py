@@ -26,7 +26,7 @@ def formulas(page):
 
 def links(page):
     """Files that a page links to, and the names in them; pictures as well."""
-    prose = re.sub(r"```.*?```", "", text(page), flags=re.DOTALL)
+    prose = re.sub(r"```.*?```|`[^`]*`", "", text(page), flags=re.DOTALL)
     for target in re.findall(r"\]\(([^)\s]+)\)", prose):
         if not re.match(r"https?:|#|10\.", target):
             file, _, name = target.partition("#")

@@ -64,7 +64,7 @@ def test_each_piece_of_code_runs_alone(page, number, tmp_path, monkeypatch, caps
         assert min(error["tip path"] for error in errors) < 0.1
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name_of)
+@pytest.mark.parametrize("page", PAGES + list(pages.ROOT.glob("*.md")), ids=lambda p: p.name)
 def test_links_and_names_of_files_lead_to_files_and_definitions(page):
     assert not pages.missing(page)
     folders = "demos|tests|benchmarks|fx_beam"

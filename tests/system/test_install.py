@@ -96,13 +96,16 @@ except ImportError as error:
     assert said.count("\n") == 1
 
 
-def test_the_version_stands_in_one_place_and_is_the_citations():
+def test_the_version_is_that_of_the_citation_the_recipe_and_the_changelog():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert "version" not in project["project"]
     assert project["tool"]["hatch"]["version"]["path"] == "fx_beam/__init__.py"
     citation = (ROOT / "CITATION.cff").read_text()
     assert f"\nversion: {fx_beam.__version__}\n" in citation
-    assert re.search(r"\ndate-released: \d{4}-\d\d-\d\d\n", citation)
+    (date,) = re.findall(r"\ndate-released: (\d{4}-\d\d-\d\d)\n", citation)
+    assert f'version: "{fx_beam.__version__}"' in (ROOT / "recipe" / "recipe.yaml").read_text()
+    changes = (ROOT / "CHANGELOG.md").read_text().splitlines()
+    assert f"## {fx_beam.__version__} ({date})" in changes and len(changes) <= 80
 
 
 def test_what_is_imported_is_what_the_project_asks_for():

@@ -1,4 +1,4 @@
-"""The README is short, its code runs as it stands, and what it links to is there."""
+"""The README is short, its code runs as it stands, and its picture is that of its code."""
 
 import pages
 import pytest
@@ -24,11 +24,6 @@ def test_the_example_is_short_runs_and_draws_the_picture_below_it(tmp_path, monk
     with Image.open(tmp_path / PICTURE.name) as drawn, Image.open(PICTURE) as shown:
         assert max(abs(a - b) for a, b in zip(drawn.size, shown.size, strict=True)) < 50
     assert f"({PICTURE.relative_to(pages.ROOT)})" in pages.text(README)
-
-
-def test_what_the_readme_links_to_is_there():
-    assert len(list(pages.links(README))) > 10
-    assert not pages.missing(README)
 
 
 def test_the_animated_picture_is_small():
