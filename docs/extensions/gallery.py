@@ -1,6 +1,6 @@
 """A page for each demo: what it says, results, pictures, what it prints, and its code in pieces.
 
-Formulas of its docstring are set as such; the text on its results is in docs/outcomes.
+Some have a notebook. The text on the results is in docs/outcomes.
 
 Sphinx-Gallery would want the demos cut into blocks of comments; they are scripts with a docstring
 and functions, so that tests can import them. Each is run once, into docs/_build/demos, and again
@@ -15,7 +15,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import formulas
+import notebooks
+from scripts import code_of, prose
 from sphinx.errors import ExtensionError
 from sphinx.util import logging
 
@@ -40,7 +41,7 @@ PAGE = """\
 
 ## Code
 
-`demos/{name}.py`, run by `./run demos {name}`. `demos/shared/script.py` starts it.
+`demos/{name}.py`, run by `./run demos {name}`. `demos/shared/script.py` starts it. {notebook}
 
 {code}
 """
@@ -65,45 +66,6 @@ def run(demo):
     return folder
 
 
-def prose(text):
-    """Text in Markdown: indented lines and equations as formulas, a drawing as it is."""
-    parts = []
-    for block in text.split("\n\n"):
-        if not block.startswith("    "):
-            parts.append(formulas.inline(block))
-        elif "---" in block:
-            parts.append(f"```text\n{block}\n```")
-        else:
-            lines = [formulas.latex(line) for line in block.splitlines()]
-            parts += [f"$$\n{line}\n$$" for line in lines]
-    return "\n\n".join(parts)
-
-
-def _start(node, lines):
-    """Index of a definition's first line, decorators and the comments before it included."""
-    first = min([node.lineno, *(one.lineno for one in getattr(node, "decorator_list", []))]) - 1
-    before = first
-    while before and (not lines[before - 1] or lines[before - 1].startswith("#")):
-        before -= 1
-    return before if any(lines[before:first]) else first
-
-
-def pieces(source):
-    """The code of a script without its docstrings, each function after what it says."""
-    tree, lines = ast.parse(source), source.splitlines()
-    starts = [_start(node, lines) for node in tree.body[1:]]
-    text, code = "", []
-    for node, start, end in zip(tree.body[1:], starts, [*starts[1:], len(lines)], strict=True):
-        says = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
-        if says:
-            yield text, code
-            text, first = f"**{node.name}**: {formulas.inline(says)}", node.body[0]
-            code = lines[start : first.lineno - 1] + lines[first.end_lineno : end]
-        else:
-            code = [*code, *lines[start:end]]
-    yield text, code
-
-
 def page(demo, folder):
     """Markdown page of a demo, whose pictures are copied beside it."""
     results = run(demo)
@@ -121,8 +83,13 @@ def page(demo, folder):
     still = [image for image in images.values() if image not in moving]
     printed = results / "printed.txt"
     outcome = ROOT / "docs" / "outcomes" / f"{demo.stem}.md"
+    notebook = ""
+    if demo.stem in notebooks.SHOWN:
+        notebooks.write(demo, folder)
+        notebook = f"As a [notebook]({demo.stem}.ipynb), with its motion to play."
     return PAGE.format(
         name=demo.stem,
+        notebook=notebook,
         title=title.rstrip("."),
         text=prose(text.strip()),
         animation="\n\n".join(moving),
@@ -131,14 +98,8 @@ def page(demo, folder):
         printed=f"It prints\n\n```text\n{printed.read_text('utf-8').rstrip()}\n```"
         if printed.exists()
         else "",
-        code="\n\n".join(
-            f"{says}\n\n```python\n{_joined(code)}\n```" for says, code in pieces(source) if code
-        ),
+        code=code_of(source),
     )
-
-
-def _joined(lines):
-    return "\n".join(lines).strip("\n")
 
 
 def write(app):

@@ -60,15 +60,6 @@ def test_all_scripts_start_in_the_same_way():
         assert ast.unparse(start).startswith("script.run("), name
 
 
-def test_a_demo_runs_as_a_script(tmp_path):
-    # The quickest; the others differ in what main does, which the tests above have run.
-    command = [sys.executable, DEMOS["relaxation"], tmp_path]
-    script = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert script.returncode == 0, script.stderr
-    assert (tmp_path / "summary.json").exists()
-    assert (tmp_path / "printed.txt").read_text() == script.stdout
-
-
 DEMO = """from shared import script
 def compute(): return {"x": 1}, ()
 def report(numbers): print(numbers)
@@ -84,3 +75,4 @@ def test_results_go_to_a_folder_named_after_the_demo_or_to_the_one_given(tmp_pat
         command = [sys.executable, "demos/one.py", *([given] if given == "somewhere" else [])]
         subprocess.run(command, cwd=tmp_path, check=True)
         assert json.loads((tmp_path / given / "summary.json").read_text()) == {"x": 1}
+        assert (tmp_path / given / "printed.txt").read_text() == "{'x': 1}\n"

@@ -127,16 +127,6 @@ def test_every_equation_of_the_paper_is_in_the_table():
     assert found == set(range(1, 55))
 
 
-def test_links_to_sources_lead_to_their_lines(monkeypatch):
-    pytest.importorskip("pygments")
-    monkeypatch.syspath_prepend(str(DOCS / "extensions"))
-    sources = importlib.import_module("sources")
-    for page in PAGES:
-        for file, name in pages.links(page):
-            if name and file.suffix != ".md":
-                assert sources.line_of(str(file.relative_to(pages.ROOT)), name), (page, name)
-
-
 def test_formulas_are_ones_that_can_be_drawn():
     latex = pytest.importorskip("docutils.utils.math.latex2mathml")
     for page in PAGES:

@@ -1,8 +1,11 @@
-"""What a terminal and a notebook show of objects: a line, and a table with a small picture."""
+"""What a terminal and a notebook show of objects, and the notebooks of demos."""
 
+import importlib
 import re
 
+import pages
 import pytest
+from scenes import DEMOS
 
 import fx_beam as fb
 
@@ -82,3 +85,17 @@ def test_an_empty_scene_and_a_solution_without_motion_are_shown_too():
     scene.clamp(scene.add_beam([(0, 0), (1, 0)], SECTION).start)
     solution = fb.simulate(scene, dt=0.1, t_end=0.2, record=fb.Record(motion=False))
     assert "<table>" in solution._repr_html_()
+
+
+@pytest.mark.slow
+@pytest.mark.plot
+@pytest.mark.parametrize("name", ["gripper", "shallow_arch", "slider_crank"])
+def test_the_notebook_of_a_demo_runs_and_has_its_motion_inline(name, monkeypatch):
+    client = pytest.importorskip("nbclient")
+    pytest.importorskip("jupytext")
+    monkeypatch.syspath_prepend(str(pages.ROOT / "docs" / "extensions"))
+    notebooks = importlib.import_module("notebooks")
+    book = client.execute(notebooks.of_demo(DEMOS[name]))
+    *_, report, motion = (cell.outputs for cell in book.cells if cell.cell_type == "code")
+    assert name in notebooks.SHOWN and report[0].text
+    assert re.match("<iframe.*canvas.*</iframe>", motion[-1].data["text/html"], re.DOTALL)

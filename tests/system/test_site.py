@@ -112,17 +112,16 @@ def test_the_search_knows_the_words_of_other_fields(tmp_path):
 
 
 def test_formulas_of_all_demos_can_be_drawn(extension, drawn):
-    pytest.importorskip("sphinx")
-    gallery = extension("gallery")
+    scripts = extension("scripts")
     for demo in (pages.ROOT / "demos").glob("*.py"):
-        says = gallery.prose(ast.get_docstring(ast.parse(pages.text(demo))))
+        says = scripts.prose(ast.get_docstring(ast.parse(pages.text(demo))))
         for formula in re.findall(r"\$+(.*?)\$+", says, flags=re.DOTALL):
             assert "<math" in drawn(formula)
         assert not re.search(r"^    \S", re.sub("```.*?```", "", says, flags=re.DOTALL), re.M)
 
 
 def test_a_quick_build_shows_what_an_earlier_run_has_printed(extension, tmp_path, monkeypatch):
-    pytest.importorskip("sphinx")
+    [pytest.importorskip(name) for name in ("sphinx", "jupytext")]
     gallery = extension("gallery")
     monkeypatch.setattr(gallery, "ROOT", tmp_path)
     monkeypatch.setattr(gallery, "RESULTS", tmp_path / "built")
@@ -135,11 +134,9 @@ def test_a_quick_build_shows_what_an_earlier_run_has_printed(extension, tmp_path
 
 
 def test_a_page_of_the_gallery_has_all_code_of_its_demo(extension):
-    pytest.importorskip("sphinx")
     for demo in (pages.ROOT / "demos").glob("*.py"):
-        code = "\n".join(
-            "\n".join(code) for _, code in extension("gallery").pieces(pages.text(demo))
-        )
+        pieces = extension("scripts").pieces(pages.text(demo))
+        code = "\n".join("\n".join(code) for _, code in pieces)
         for tree in (found := ast.parse(code), wanted := ast.parse(pages.text(demo))):
             for node in ast.walk(tree):
                 if isinstance(node, (ast.Module, ast.FunctionDef)) and ast.get_docstring(node):

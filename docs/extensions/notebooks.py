@@ -1,0 +1,61 @@
+"""Notebooks: jupytext makes a cell of each block of Python in Markdown, and of the text between.
+
+`python docs/extensions/notebooks.py gripper` makes gripper.ipynb of demos/gripper.py, and likewise
+of each page in Markdown that is given.
+"""
+
+import ast
+import sys
+from pathlib import Path
+
+import jupytext
+from scripts import code_of, prose
+
+DEMOS = Path(__file__).parents[2] / "demos"
+#: Demos whose pages have a notebook: the first thing that they draw is a solution.
+SHOWN = "gripper", "shallow_arch", "slider_crank"
+END = """
+
+## The result
+
+```python
+numbers, drawn = compute()
+report(numbers)
+```
+
+```python
+fb.plot.interactive(drawn[0])
+```
+"""
+
+
+def of_page(markdown):
+    """The notebook of a text in Markdown."""
+    kernel = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
+    book = jupytext.reads(markdown, "md")
+    book.metadata = kernel
+    return book
+
+
+def of_demo(demo):
+    """The notebook of a demo, without what makes it a script and draws its pictures."""
+    source = demo.read_text(encoding="utf-8")
+    tree, lines = ast.parse(source), source.splitlines()
+    title, _, text = ast.get_docstring(tree).partition("\n")
+    for node in tree.body:
+        start = ast.unparse(node)
+        if start.startswith(("from shared import", "def draw(", "if __name__")):
+            lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)
+    code = code_of("\n".join(lines))
+    return of_page(f"# {title.rstrip('.')}\n\n{prose(text.strip())}\n\n## Code\n\n{code}{END}")
+
+
+def write(path, folder):
+    """Write the notebook of a demo or page into a folder."""
+    book = of_demo(path) if path.suffix == ".py" else of_page(path.read_text(encoding="utf-8"))
+    jupytext.write(book, folder / f"{path.stem}.ipynb")
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:]:
+        write(Path(name) if name.endswith(".md") else DEMOS / f"{name}.py", Path())

@@ -1,0 +1,50 @@
+"""The script of a demo as Markdown: its text with formulas, and its code in pieces."""
+
+import ast
+
+import formulas
+
+
+def prose(text):
+    """Text in Markdown: indented lines and equations as formulas, a drawing as it is."""
+    parts = []
+    for block in text.split("\n\n"):
+        if not block.startswith("    "):
+            parts.append(formulas.inline(block))
+        elif "---" in block:
+            parts.append(f"```text\n{block}\n```")
+        else:
+            lines = [formulas.latex(line) for line in block.splitlines()]
+            parts += [f"$$\n{line}\n$$" for line in lines]
+    return "\n\n".join(parts)
+
+
+def _start(node, lines):
+    """Index of a definition's first line, decorators and the comments before it included."""
+    first = min([node.lineno, *(one.lineno for one in getattr(node, "decorator_list", []))]) - 1
+    before = first
+    while before and (not lines[before - 1] or lines[before - 1].startswith("#")):
+        before -= 1
+    return before if any(lines[before:first]) else first
+
+
+def pieces(source):
+    """The code of a script without its docstrings, each function after what it says."""
+    tree, lines = ast.parse(source), source.splitlines()
+    starts = [_start(node, lines) for node in tree.body[1:]]
+    text, code = "", []
+    for node, start, end in zip(tree.body[1:], starts, [*starts[1:], len(lines)], strict=True):
+        says = ast.get_docstring(node) if isinstance(node, ast.FunctionDef) else None
+        if says:
+            yield text, code
+            text, first = f"**{node.name}**: {formulas.inline(says)}", node.body[0]
+            code = lines[start : first.lineno - 1] + lines[first.end_lineno : end]
+        else:
+            code = [*code, *lines[start:end]]
+    yield text, code
+
+
+def code_of(source):
+    """Markdown of the pieces."""
+    blocks = ((text, "\n".join(code).strip("\n")) for text, code in pieces(source))
+    return "\n\n".join(f"{text}\n\n```python\n{code}\n```" for text, code in blocks if code)
