@@ -53,6 +53,7 @@ html_sidebars = {
     "first_steps": [],
     "tasks": [],
     "gallery": [],
+    "how_we_know": [],
     "limits": [],
     "related": [],
     "changelog": [],
