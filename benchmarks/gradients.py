@@ -3,7 +3,8 @@
     .venv/bin/python benchmarks/gradients.py [elements] [steps]
 
 An arm whose numbers are values of a load over time, or stiffnesses along it with masses. Lowest
-processor times of a few calls, relative to a motion of the same response.
+processor times of a few calls, relative to a motion of the same response. Then the same for ten
+frequencies of the second arm, about the reference and about its static state.
 """
 
 import sys
@@ -74,6 +75,22 @@ def measured(build, count, steps, tries=9):
     return 1e3 * motion, gradient / motion, jacobian / motion
 
 
+def of_modes(count, elements, state):
+    """Time of ten frequencies [ms], and with a gradient and the Jacobian in these."""
+    build, x = tapered(count, elements), 1 + 0.1 * np.sin(np.arange(1, count + 1))
+    run = fb.ModalResponse(lambda x: build(x)[0], n=10, state=state)
+    rng = np.random.default_rng(0)
+
+    def computed():
+        return run(x * (1 + 1e-3 * rng.random(count)))
+
+    weights = np.ones(len(computed()))
+    run.jacobian()
+    modes = lowest(computed, 5)
+    gradient = lowest(lambda: (computed(), run.vjp(weights)), 5)
+    return 1e3 * modes, gradient / modes, lowest(lambda: (computed(), run.jacobian()), 5) / modes
+
+
 def fitted(build, count, steps):
     """Times of a fit with the Jacobian and with SciPy's differences [s]."""
     run, x = fb.Response(build, dt=1 / steps, t_end=1.0), np.ones(count)
@@ -94,6 +111,10 @@ def main(elements=8, steps=200):
             fits = fitted(kind(count, elements), count, steps) if count < 100 else []
             texts = [f"{value:.3g}" for value in (*values, *fits)] + [""] * (2 - len(fits))
             print(row(kind.__name__, count, *texts), flush=True)
+    for name, state in ("modes", None), ("loaded", fb.static):
+        for count in NUMBERS[1:3]:
+            texts = [f"{value:.3g}" for value in of_modes(count, elements, state)]
+            print(row(name, count, *texts, "", ""), flush=True)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.undamped_modes import lowest
 
-from .linearisation import check_equilibrium, linearised
+from .linearisation import Linearisation, check_equilibrium, linearised
 
 # A root is known when inverse iteration changes it by less, relative to its size.
 _CLOSE = 1e-9
@@ -296,6 +296,13 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     require(is_flag(damping), "modes: damping", damping, "True or False")
     about = linearised(scene, state, "modes")
     check_equilibrium(about, state, "modes")
+    omega, rigid, ratios, roots, vectors = lowest_modes(about, n, damping)
+    start = about.start.q
+    return modes_of(about.model, start, about.T @ vectors, omega, rigid, ratios, roots)
+
+
+def lowest_modes(about: Linearisation, n: int, damping: bool):
+    """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes."""
     model, K, M = about.model, about.K, about.M
     if not M.data.any():
         raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
@@ -311,10 +318,8 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
         C = about.coriolis if C is None else C + about.coriolis
     if C is None or not abs(C).max():
         omega, rigid, vectors = lowest(K, M, n)
-        ratios, roots = np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega)
-    else:
-        omega, rigid, ratios, roots, vectors = lowest_damped(K, C, M, n)
-    return modes_of(model, about.start.q, about.T @ vectors, omega, rigid, ratios, roots)
+        return omega, rigid, np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega), vectors
+    return lowest_damped(K, C, M, n)
 
 
 def _symmetric(K):

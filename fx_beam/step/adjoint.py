@@ -85,8 +85,26 @@ class Adjoint:
         check_followed(left, tape, end - left)
         return found
 
+    def vjp_of_equations(
+        self, tape: Tape, of_equations: np.ndarray, of_ends: np.ndarray
+    ) -> tuple[dict[str, Any], np.ndarray]:
+        """Derivatives of a sum of weights times residuals and configurations at ends of load steps.
+
+        Weights (n, free) and (n, size) of all steps, which are not solved: increments are given.
+        By all numbers, and by the unknowns (n, free) at the ends.
+        """
+        every = np.arange(len(tape) + 1)
+        weights = {"equations": of_equations, "q": of_ends}
+        by_unknowns = np.zeros((len(tape), self._p.free))
+        named = self.vjp(tape, lambda _: (weights, every[1:], every[:-1]), True, by_unknowns)
+        return named, by_unknowns
+
     def vjp(
-        self, tape: Tape, weights_of: Callable[[Part], Weights], by_places: bool = True
+        self,
+        tape: Tape,
+        weights_of: Callable[[Part], Weights],
+        by_places: bool = True,
+        by_unknowns: np.ndarray | None = None,
     ) -> dict[str, Any]:
         """Derivatives by all numbers, or by all but places of nodes, "X".
 
@@ -94,16 +112,19 @@ class Adjoint:
         then on the tape: derivatives by "q" and "v" (m, size), "slides" (m, joints), "internal" and
         "spring internal" (m, variables) at boundaries between sub-steps with the numbers `rows`
         (m,); and by the forces in some `sub_steps` (k,):
-        "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
+        "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3). With
+        room for those by unknowns they are of forces on these, "equations", as `vjp_of_equations`.
         """
         self.hand_over_slopes(by_places)
-        p, every, states, forces = self._p, len(tape), self.layout.states, self.layout.forces
+        p, every, states = self._p, len(tape), self.layout.states
+        forces = self.layout.forces if by_unknowns is None else self.layout.equations
         self._x[...] = 0.0
         of_steps = np.zeros((every + 1, self.layout.step_size))
         structs = Structs(self._ffi, declarations("problem.h"))
         #: Sizes of the derivatives by the rates at the starts of all sub-steps.
         self.sizes = np.zeros(every)
-        structs.set(self.c, sizes=self.sizes, of_steps=never_empty(of_steps))
+        to = 0 if by_unknowns is None else by_unknowns
+        structs.set(self.c, sizes=self.sizes, of_steps=never_empty(of_steps), by_unknowns=to)
         left_over: np.ndarray | None = None
         for part in tape.parts(self.problem, backwards=True):
             weights, rows, sub_steps = weights_of(part)

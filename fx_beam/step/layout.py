@@ -48,6 +48,8 @@ class Layout:
         of_state = {name: arrays[name] for name in ("q", "v", "internal", "spring internal")}
         self.states = Rows(of_state | {"slides": slides})
         self.forces = Rows({"constraints": constrained, "joints": arrays["forces"]})
+        #: Rows of the forces on unknowns.
+        self.equations = Rows({"equations": arrays["R"][: p.free]})
 
     def named(self, x: np.ndarray, of_steps: np.ndarray) -> dict[str, np.ndarray]:
         """Numbers of the scene in x (size,), and those of all sub-steps (n, step_size), by name."""

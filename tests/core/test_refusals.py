@@ -346,6 +346,12 @@ REFUSED = {
         (lambda p: of_response(p, dt=None), "tolerance"),
         (lambda p: fb.StaticResponse(3), "build"),
         (lambda p: fb.StaticResponse(lambda x: p.observed(), load_steps=0)([1.0]), "steps"),
+        (lambda p: fb.ModalResponse(3), "build"),
+        (lambda p: fb.ModalResponse(len, n=0), "ModalResponse: n"),
+        (lambda p: fb.ModalResponse(lambda x: x)([1.0]), "what build gives"),
+        (lambda p: fb.ModalResponse(lambda x: p.scene)([]), "finite numbers"),
+        (lambda p: fb.ModalResponse(lambda x: p.scene).jacobian(), r"called after run\(x\)"),
+        (lambda p: fb.ModalResponse(lambda x: p.scene, state=lambda s: 3)([1.0]), "state"),
     ],
     "solutions": [
         (lambda p: p.run().position(ELSEWHERE.end), "node 1 at .* is not a node of this solution"),

@@ -136,22 +136,23 @@ static int vjp_step(Problem *p, Work *w, const Adjoint *a, Linear *l, const Tape
   const Layout *at = &l->at;
   const double *row = tape->row + number * tape->size;
   long k = tape->first + number, steps = at->Y1 - at->loads;
-  int forces = a->forces.at[k] >= 0 || p->friction_follows, whole = forces || p->cell_internal || p->spring_width;
+  int forces = !a->by_unknowns && (a->forces.at[k] >= 0 || p->friction_follows);
+  int whole = forces || (!a->by_unknowns && (p->cell_internal || p->spring_width));
   double *x = a->x;
-  if (!begin_linearised(p, w, a, l, row, forces, k == 0, whole)) return 0;
+  if (!begin_linearised(p, w, a, l, row, forces, k == 0 || a->by_unknowns, whole)) return 0;
   begin_vjp(p, w, a, at, k, x);
   begin_forces(a, at, k, x);
-  if (p->friction_follows) {
-    if (!vjp_followed(p, w, a, l, row, k, x)) return 0;
-  } else if (!vjp_solution(p, w, a, l, whole, x)) return 0;
+  if (!a->by_unknowns)
+    if (!(p->friction_follows ? vjp_followed(p, w, a, l, row, k, x) : vjp_solution(p, w, a, l, whole, x))) return 0;
   vjp_laws(p, w, a, l, x, 1);
   for (int i = 0; i < l->following.size; ++i) x[a->followed[i]] = 0; /* but a first trial */
   memcpy(a->of_steps + k * steps, x + at->loads, steps * sizeof(double));
   a->sizes[k] = sqrt(dot(p->dofs, x + at->v, x + at->v));
-  if (k) return 1;
-  add_given(&a->states, 0, x);
+  if (k && !a->by_unknowns) return 1;
+  if (k == 0) add_given(&a->states, 0, x);
   memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(double));
   vjp(l->of + BEGUN, x);
+  for (int i = 0; a->by_unknowns && i < p->free; ++i) a->by_unknowns[k * p->free + i] = x[at->Y + i] + x[at->Y1 + i];
   return 1;
 }
 

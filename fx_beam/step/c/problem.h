@@ -416,6 +416,9 @@ typedef struct {
   RowsOfRun states, forces;
   double *x, *of_steps; /* by the numbers of the scene and the state (Layout), and by those of each sub-step */
   double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
+  /* If it is there, forces on unknowns have given weights, no equations are solved, and these are the derivatives by the
+     unknowns at both ends [sub-step][unknown]. */
+  double *by_unknowns;
   double *slide_at_rest; /* in the reference configuration */
   /* Of the laws of forces at points: derivatives of each force and internal variable by start, increments, internal
      variables, numbers and parameters, and room for them; how many numbers they have. */

@@ -1,0 +1,358 @@
+"""Natural frequencies as a function of numbers, with derivatives."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from threading import RLock
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from fx_beam.array_calls import ArrayCalls, calling_with_arrays
+from fx_beam.errors import SceneError, array_of, check_takes, is_flag, is_whole, require
+from fx_beam.linear.linearisation import Linearisation, check_equilibrium, linearised
+from fx_beam.linear.modal import lowest_modes
+from fx_beam.results.solution import Solution
+from fx_beam.results.vibrations import Modes, modes_of
+from fx_beam.scene.scene import Scene
+from fx_beam.step.interrupts import one_thread
+from fx_beam.step.model import Model
+
+from .built_scenes import BuiltScenes, checked_numbers
+from .tangent_derivatives import Square, TangentDerivatives, total
+
+_Changes = Mapping[str, np.ndarray]
+
+_log = logging.getLogger("fx_beam")
+# Squares of angular frequencies that differ by less, relative to them, are repeated.
+_EQUAL = 1e-7
+# Modes more than those wanted, which may take their places; and so many if these are not enough.
+_MORE, _MANY = 2, 10
+# Least square of the cosine between two shapes of the same mode.
+_SAME = 0.5
+_REPEATED = (
+    "ModalResponse.jacobian: %d modes have the same frequency, %.6g rad/s. Each column has the "
+    "derivatives of their group, in rising order: directional derivatives by this number alone, "
+    "which do not add up over several numbers"
+)
+
+
+class ModalResponse:
+    r"""Natural frequencies of a scene as a function of numbers.
+
+    ``w = run(x)`` builds the scene of the numbers x and computes its lowest modes, as `modes` does
+    without damping. Their derivatives need no further modes: with :math:`\phi.M \phi = 1`,
+    :math:`d\omega^2/dx = \phi.(K_x - \omega^2 M_x) \phi`, and about a static state also what this
+    changes with the numbers, :math:`-\eta.r_x`, where :math:`K \eta` is the derivative of
+    :math:`\phi.K \phi` by the state, and r the residual. Those along :math:`\phi` are differences
+    of order six, with an error of about 1e-8; all others are exact but for differences of `build`.
+
+    From the second call on modes keep their places: each is the one whose shape is most like that
+    before (MAC, with the mass), also where frequencies cross.
+
+    Parameters
+    ----------
+    build : callable
+        ``build(x)`` gives the scene.
+    n : int
+        Number of modes.
+    state : callable, optional
+        ``state(scene)`` computes the equilibrium about which the scene vibrates, such as
+        ``lambda scene: fb.static(scene)``; by default the reference configuration without loads.
+    damped : bool
+        Whether damping counts: then ``w`` is (n, 2), with the damping ratios beside the
+        frequencies, as in `modes`.
+
+    Attributes
+    ----------
+    modes : Modes
+        The modes of the last call.
+
+    Raises
+    ------
+    SceneError
+        If `build` or `state` is no function of its argument; in a call if x are not finite numbers,
+        if `build` does not give a scene, or `state` no static solution of it, and as of `modes`. In
+        derivatives for scenes with closed loops, nodes that slide on beams, contact with members,
+        internal variables or a spin; or if the tangent of the state is singular.
+
+    Examples
+    --------
+    The first frequency of a cantilever grows with the root of its stiffness, and falls with the
+    square of its length.
+
+    >>> import fx_beam as fb
+    >>> def build(x):
+    ...     scene = fb.Scene()
+    ...     section = fb.Section(EA=1e4 * x[0], GA=1e4 * x[0], EI=x[0], rhoA=1.0)
+    ...     beam = scene.add_beam([(0, 0), (x[1], 0)], section, elements=8)
+    ...     scene.clamp(beam.start)
+    ...     return scene
+    >>> run = fb.ModalResponse(build, n=2)
+    >>> w = run([1.0, 1.0])
+    >>> (run.jacobian()[0] / w[0]).round(2)
+    array([ 0.5, -2. ])
+    """
+
+    def __init__(
+        self,
+        build: Callable[[Any], Scene],
+        n: int = 6,
+        *,
+        state: Callable[[Scene], Solution] | None = None,
+        damped: bool = False,
+    ):
+        check_takes(build, "x", "ModalResponse: build")
+        if state is not None:
+            check_takes(state, "scene", "ModalResponse: state")
+        require(is_whole(n, 1), "ModalResponse: n", n, "a whole number from 1 on")
+        require(is_flag(damped), "ModalResponse: damped", damped, "True or False")
+        self._build, self._n, self._state, self._damped = build, n, state, damped
+        self._begin()
+
+    def _begin(self) -> None:
+        """Know of no call yet."""
+        self._alone, self._calls = RLock(), ArrayCalls()
+        self._scenes = BuiltScenes(self._built)
+        self._x: Any = None
+        self._about: Any = None
+        self._derivatives: TangentDerivatives | None = None
+        # A model of other numbers.
+        self._other: Model | None = None
+        # Shapes (size, n) of the last modes in their places.
+        self._shapes: np.ndarray | None = None
+        self.modes: Modes
+
+    def __getstate__(self):
+        return {name: vars(self)[name] for name in ("_build", "_n", "_state", "_damped")}
+
+    def __setstate__(self, given):
+        vars(self).update(given)
+        self._begin()
+
+    def _built(self, x: Any) -> tuple[Scene, Mapping[str, Any]]:
+        scene = self._build(x)
+        require(isinstance(scene, Scene), "ModalResponse: what build gives", scene, "a Scene")
+        return scene, {"modes": _nothing}
+
+    @one_thread
+    def __call__(self, x: Sequence[float]) -> np.ndarray:
+        """Compute the modes of the scene of some numbers.
+
+        Parameters
+        ----------
+        x : (m,) float
+            The numbers that `build` takes.
+
+        Returns
+        -------
+        (n,) float
+            Angular frequencies [rad/s]: zero for rigid modes, negative for unstable ones, as
+            `Modes.angular_frequencies`; fewer than n if the scene has fewer. With `damped` (n, 2),
+            in the second column damping ratios.
+        """
+        given, self._x = checked_numbers(x), None
+        self._about = self._derivatives = None  # which need the model that this call takes
+        with calling_with_arrays(self._calls):
+            scene, _ = self._scenes.at(given)
+            state = None if self._state is None else self._equilibrium(scene)
+            about = linearised(scene, state, "modes")
+        check_equilibrium(about, state, "modes")
+        found = lowest_modes(about, self._n + _MORE, self._damped)
+        order, alike = self._places(about, found[-1])
+        if alike < _SAME:
+            found = lowest_modes(about, 2 * self._n + _MANY, self._damped)
+            order, _ = self._places(about, found[-1])
+        omega, rigid, ratios, roots, vectors = (part[..., order] for part in found)
+        first, shapes = slice(self._n), about.T @ vectors
+        self._shapes = shapes[:, first]
+        numbers = (part[first] for part in (omega, rigid, ratios, roots))
+        self.modes = modes_of(about.model, about.start.q, self._shapes, *numbers)
+        self._omega, self._roots, self._vectors = omega, roots, vectors
+        self._scene, self._about, self._end = scene, about, state
+        self._x = given
+        return np.column_stack([omega, ratios])[first] if self._damped else omega[first].copy()
+
+    def _equilibrium(self, scene: Scene) -> Solution:
+        assert self._state is not None
+        state = self._state(scene)
+        path = getattr(state, "_load_path", None)
+        fits = path is not None and path.scene is scene
+        require(fits, "ModalResponse: state(scene)", state, "a solution of fx_beam.static(scene)")
+        return state
+
+    def _places(self, about: Linearisation, vectors: np.ndarray) -> tuple[np.ndarray, float]:
+        """Modes in the order of the last shapes, then the others; and how much the least is alike.
+
+        By the modal assurance criterion.
+        """
+        shapes, last = about.T @ vectors, self._shapes
+        every = np.arange(shapes.shape[1])
+        if last is None or len(last) != len(shapes) or last.shape[1] > len(every):
+            return every, 1.0
+        mass = about.model.mass
+        lengths = [np.einsum("ij,ij->j", of.conj(), mass @ of).real for of in (last, shapes)]
+        alike = abs(last.conj().T @ (mass @ shapes)) ** 2 / np.outer(*lengths)
+        rows, order = linear_sum_assignment(-alike)
+        return np.append(order, np.setdiff1d(every, order)), float(alike[rows, order].min())
+
+    # -- Derivatives ------------------------------------------------------------------------------
+
+    @one_thread
+    def jacobian(self) -> np.ndarray:
+        """Derivatives of the frequencies of the last call by all numbers.
+
+        Of modes with the same frequency those of their group, the eigenvalues of its matrix, which
+        a warning tells.
+
+        Returns
+        -------
+        (n, m) float
+            dw/dx; zero for rigid modes. With `damped` (n, 2, m), of frequencies and ratios.
+
+        Raises
+        ------
+        SceneError
+            Before the first call, for scenes without derivatives, and for overdamped modes.
+        """
+        changes = self._changes("jacobian")
+        outputs = 1 + self._damped
+        jacobian = np.zeros((len(self._omega), outputs, len(self._x)))
+        for group in self._groups():
+            if len(group) > 1:
+                jacobian[group, 0] = self._of_group(group, changes)
+                continue
+            for output in range(outputs):
+                jacobian[group, output] = self._of_mode(group[0], np.eye(outputs)[output], changes)
+        return jacobian[: self._n] if self._damped else jacobian[: self._n, 0]
+
+    @one_thread
+    def vjp(self, weights: Sequence[float]) -> np.ndarray:
+        """Derivatives of a sum of weights times frequencies of the last call, by all numbers.
+
+        Parameters
+        ----------
+        weights : (n,) or (n, 2) float
+            Weights of what the call has given, of its shape.
+
+        Returns
+        -------
+        (m,) float
+            The sum of weights times dw/dx.
+
+        Raises
+        ------
+        SceneError
+            As of `jacobian`; for weights of another shape, and for different ones of modes with the
+            same frequency, since only their sum has a gradient.
+        """
+        changes, what = self._changes("vjp"), "ModalResponse.vjp: weights"
+        shape = (len(self.modes), 2) if self._damped else (len(self.modes),)
+        given = array_of(weights, what)
+        fits = given.shape == shape and np.isfinite(given).all()
+        require(bool(fits), what, weights, f"{shape} finite numbers")
+        every = np.zeros((len(self._omega), 1 + self._damped))
+        every[: len(given)] = given.reshape(len(given), -1)
+        squares, total_of = list[Square](), np.zeros(len(self._x))
+        for group in self._groups():
+            if np.ptp(every[group], axis=0).any():
+                raise SceneError(
+                    f"ModalResponse.vjp: the modes {group.tolist()} have the same frequency, so "
+                    f"that only their sum has a gradient, but the weights {every[group].tolist()}. "
+                    "Give equal weights, or all modes of the group by a larger n, or use jacobian"
+                )
+            for mode in group[every[group].any(axis=1)]:
+                if self._damped:  # steps have the time of each vibration
+                    total_of += self._of_mode(mode, every[mode], changes)
+                else:
+                    squares += self._squares(mode, every[mode])
+        return self._of_squares(squares, changes) if squares else total_of
+
+    def _changes(self, what: str) -> dict[str, np.ndarray]:
+        wanted = "called after run(x) without an error"
+        require(self._x is not None, f"ModalResponse.{what}", "no modes yet", wanted)
+        if self._derivatives is None:
+            factor, inputs, of = 0.0, None, "ModalResponse"
+            if self._end is not None and self._end.end is not None:
+                factor, inputs = float(self._end.t[-1]), self._end.end.inputs
+            damped = self._damped and self._about.may_be_damped
+            known = TangentDerivatives(self._about, factor, inputs, of, damped, self._other)
+            with calling_with_arrays(self._calls):
+                self._known_changes = self._scenes.derivatives(
+                    self._x, self._scene, lambda scene, _: known.numbers_of(scene)
+                )
+            self._other = known.other
+            self._derivatives = known
+        return self._known_changes
+
+    def _groups(self) -> Iterator[np.ndarray]:
+        """Modes that are not rigid, those with the same root together."""
+        order = np.lexsort((self._roots.real, self._omega))
+        order = order[self._omega[order] != 0]
+        gaps, sizes = abs(np.diff(self._roots[order])), abs(self._roots[order[1:]])
+        for group in np.split(order, np.flatnonzero(gaps > _EQUAL * sizes) + 1):
+            if len(group) and group.min() < self._n:
+                yield np.sort(group)
+
+    def _squares(self, mode: int, weights: np.ndarray) -> list[Square]:
+        """Their derivatives are those of weights times frequency and damping ratio of a mode.
+
+        With root s and shape x, ds = -x.(s^2 dM + s dC + dK) x / x.(2 s M + C) x.
+        """
+        s, x, w = self._roots[mode], self._vectors[:, mode], abs(self._omega[mode])
+        if s.real and not s.imag and self._damped:
+            raise SceneError(
+                f"ModalResponse: mode {mode} does not vibrate: it is overdamped, or grows, and has "
+                "no derivatives with damped=True"
+            )
+        m, k = x @ (self._about.M @ x), x @ (self._about.K @ x)
+        of_root = weights[0] * np.conj(s) / w if s.imag else -weights[0]
+        if self._damped:
+            of_root += weights[1] * (s.real * np.conj(s) / w**2 - 1) / w
+        factor = -of_root / (s * m - k / s)  # as s^2 m + s c + k = 0
+        parts: list[tuple[np.ndarray, complex]] = [(x.real, 1.0)]
+        if np.iscomplexobj(x):
+            parts = [(x.real, 1 - 1j), (x.imag, -1 - 1j), (x.real + x.imag, 1j)]
+        powers = np.array([1, s, s**2])
+        return [Square(d, *(factor * share * powers).real) for d, share in parts if d.any()]
+
+    def _of_mode(self, mode: int, weights: np.ndarray, changes: _Changes) -> np.ndarray:
+        return self._of_squares(self._squares(mode, weights), changes, 1 / abs(self._omega[mode]))
+
+    def _of_squares(
+        self, squares: list[Square], changes: _Changes, time: float = 1.0
+    ) -> np.ndarray:
+        assert self._derivatives is not None  # after `_changes`
+        by_numbers = self._derivatives.of_squares(squares, self._end is not None, time)
+        self._derivatives.refuse_others(changes, by_numbers)
+        return total(changes, by_numbers)
+
+    def _of_group(self, group: np.ndarray, changes: _Changes) -> np.ndarray:
+        """Derivatives (g, m) of modes of the same frequency."""
+        if np.iscomplexobj(self._vectors):
+            raise SceneError(
+                f"ModalResponse: the damped modes {group.tolist()} have the same root, and no "
+                "derivatives. Leave damping out, or let them differ"
+            )
+        _log.warning(_REPEATED, len(group), self._omega[group[0]])
+        (unit,) = self._squares(group[0], np.ones(1))
+        vectors = self._vectors[:, group]
+
+        def of(direction: np.ndarray) -> np.ndarray:
+            return self._of_squares([unit._replace(direction=direction)], changes)
+
+        own = [of(vector) for vector in vectors.T]
+        matrices = np.zeros((len(self._x), len(group), len(group)))
+        for i in range(len(group)):
+            matrices[:, i, i] = own[i]
+            for j in range(i):  # by the square of the sum
+                both = (of(vectors[:, i] + vectors[:, j]) - own[i] - own[j]) / 2
+                matrices[:, i, j] = matrices[:, j, i] = both
+        return np.linalg.eigvalsh(matrices).T
+
+
+def _nothing(solution: Solution) -> float:
+    """The output of a scene of which only modes are asked for."""
+    return 0.0
