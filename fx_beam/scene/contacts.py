@@ -304,7 +304,7 @@ class Contact:
     >>> scene = fb.Scene()
     >>> beam = scene.add_beam([(0, 1), (1, 1)], fb.Section(EA=1.0, GA=1.0, EI=1.0), name="bar")
     >>> print(scene.add_contact(beam, fb.Line((0, 0), normal=(0, 1)), stiffness=1e3))
-    obstacle 0, Line for beam 'bar'
+    contact 0, Line for beam 'bar'
     """
 
     target: Node | Beam
