@@ -138,22 +138,27 @@ def used():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def timed(scene, steps, every=1):
+    """Processor time of a run, and its solver."""
+    begun = process_time()
+    stats = fb.simulate(scene, dt=DT, t_end=steps * DT, record=fb.Record(every=every)).stats
+    return process_time() - begun, stats.solver
+
+
 def measure(name, n):
     make, _ = MADE[name]
-    fb.simulate(make(3), dt=DT, t_end=DT)  # compiles and imports
+    timed(make(3), 1)  # compiles and imports
     before, start = used(), process_time()
     scene = make(n)
     made = process_time()
-    fb.simulate(scene, dt=DT, t_end=DT)
-    first, memory = process_time() - made, used()
-    seconds = []
-    for every in (STEPS, 1):  # the last row only, then all rows
-        begun = process_time()
-        stats = fb.simulate(scene, dt=DT, t_end=STEPS * DT, record=fb.Record(every=every)).stats
-        seconds.append(process_time() - begun - first)
-    step, row = seconds[0] / STEPS, (seconds[1] - seconds[0]) / STEPS
+    (first, _), memory = timed(scene, 1), used()
+    # What follows takes the model of the run before: with few steps, the last row only, all rows.
+    (few, _), (last, _), (rows, solver) = (
+        timed(scene, *of) for of in ((1,), (STEPS, STEPS), (STEPS,))
+    )
+    step, row = (last - few) / (STEPS - 1), (rows - last) / STEPS
     times = f"{made - start:8.3f} {first:8.3f} {1e3 * step:8.3f} {1e3 * row:8.3f}"
-    print(f"{name:>12} {n:6} {times} {memory - before:9.0f} {used() - before:9.0f} ", stats.solver)
+    print(f"{name:>12} {n:6} {times} {memory - before:9.0f} {used() - before:9.0f} ", solver)
 
 
 if __name__ == "__main__":
