@@ -9,8 +9,9 @@ import scipy.sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
+from fx_beam import c_library
+from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_by_content
-from fx_beam.coupling.auxiliary_order import auxiliary_fill_in
 
 # Rows in a group: the degrees of freedom of a node.
 _GROUP = 3
@@ -215,33 +216,10 @@ def _in_rows(
     forces: int = 0,
 ) -> Factors:
     """Sparse rows in minimum-degree order, with room for exactly the fill-in."""
-    n, group_of = graph.shape[0], _alike(graph, dependent, forces)
-    count = int(group_of.max()) + 1
-    members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
-    of_groups = (members.T @ graph @ members).tocsr()
-    last = np.unique(group_of[n - forces :])
-    if dependent is None:
-        position, starts, filled = fill_in(of_groups, last)
-    else:
-        parts = np.bincount(group_of), group_of[dependent], last
-        position, starts, filled = auxiliary_fill_in(of_groups, *parts)
-    group_of = position[group_of]
-    sizes = np.bincount(group_of).astype(np.int32)
-    first, order = _starts(sizes), np.empty(n, dtype=np.int32)
-    order[np.argsort(group_of, kind="stable")] = np.arange(n)
-    # For each entry of the pattern of groups: its row, and the columns before it in this row.
-    of = np.repeat(np.arange(count, dtype=np.int32), np.diff(starts))
-    before = _starts(sizes[filled])
-    widths = np.diff(before[starts])
-    before = before[:-1] - before[starts[of]]
-    row_starts = _starts(np.repeat(widths, sizes))
-    diagonals = np.arange(n) - np.repeat(first[:-1] - before[filled == of], sizes) + row_starts[:-1]
-    # Rows and their columns are sorted: the entries' positions by bisection.
-    keys, to = of.astype(np.int64) * count + filled, group_of[columns]
-    entry = np.searchsorted(keys, group_of[rows].astype(np.int64) * count + to)
-    at = row_starts[order[rows]] + before[entry] + order[columns] - first[to]
-    groups = _groups(first, of, filled)
-    return Factors(order, at, int(row_starts[-1]), 0, row_starts, diagonals, groups=groups)
+    of = _groups_of(graph, _alike(graph, dependent, forces), dependent, forces)
+    if dependent is None and not forces:
+        of |= _one_by_one(_minimum_degree(of["graph_start"], of["graph"]))
+    return _eliminated(of, rows, columns)
 
 
 def groups_of(
@@ -249,58 +227,96 @@ def groups_of(
     indices: np.ndarray,
     dependent: np.ndarray | None = None,
     forces: int = 0,
-) -> dict[str, np.ndarray]:
-    """Groups of unknowns with equal columns, and which groups are coupled, for changing_rows.h.
+) -> dict[str, Any]:
+    """What an order of elimination is found from, by the names of sparse_rows.h.
 
-    Also which ones wait until others are eliminated: with auxiliary unknowns and forces as in
-    `factors_of`.
+    With auxiliary unknowns and forces as in `factors_of`.
     """
     graph, _ = _graph(indptr, indices)
-    group_of = _alike(graph, dependent, forces)
+    return _groups_of(graph, _alike(graph, dependent, forces), dependent, forces)
+
+
+def _groups_of(
+    graph: scipy.sparse.csr_matrix,
+    group_of: np.ndarray,
+    dependent: np.ndarray | None,
+    forces: int,
+) -> dict[str, Any]:
+    """The same for a graph and the group (n,) of each of its unknowns."""
     n, count = len(group_of), int(group_of.max()) + 1
     members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
-    coupled = (members.T @ graph @ members).tolil()
-    coupled.setdiag(0)
-    coupled = coupled.tocsr()
-    coupled.eliminate_zeros()
+    coupled = (members.T @ graph @ members).tocsr().tocoo()
+    apart = coupled.row != coupled.col
+    row, column = coupled.row[apart], coupled.col[apart]
+    # Forces wait for all unknowns with which they are coupled, others for auxiliary unknowns.
     last = np.unique(group_of[n - forces :])
-    near = coupled[last].tocoo()
-    first, then = near.col, last[near.row]
+    of_forces = np.isin(row, last) & ~np.isin(column, last)
+    first, then = column[of_forces], row[of_forces]
     if dependent is not None:
         first, then = np.hstack([(first, then), group_of[dependent]])
-    apart = first != then
-    pairs = first[apart], then[apart]
-    waits = scipy.sparse.csr_matrix((np.ones(len(pairs[0])), pairs), (count, count))
+    pairs = first.astype(np.int64) * count + then
+    first, then = np.divmod(np.unique(pairs[first != then]), count)
     return {
+        "groups": count,
+        "forces": len(last),
         "group_of": group_of,
-        "first_unknown": _starts(np.bincount(group_of)),
+        "first_unknown": np.concatenate([[0], np.cumsum(np.bincount(group_of))]),
         "unknown": np.argsort(group_of, kind="stable"),
-        "graph_start": coupled.indptr,
-        "graph": coupled.indices,
-        "waits": np.bincount(waits.indices, minlength=count),
-        "waiting_start": waits.indptr,
-        "waiting": waits.indices,
+        "graph_start": np.searchsorted(row, np.arange(count + 1)),
+        "graph": column,
+        "waits": np.bincount(then, minlength=count),
+        "waiting_start": np.searchsorted(first, np.arange(count + 1)),
+        "waiting": then,
     }
 
 
-def _starts(counts: np.ndarray) -> np.ndarray:
-    """Where each of several parts begins, and the last one ends."""
-    return np.concatenate([[0], np.cumsum(counts)])
+def _minimum_degree(indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
+    """An order of minimum degree by SuperLU: of large grids it has less fill-in than that of C."""
+    # The matrix is dominated by its diagonal, so that rows are not exchanged.
+    degree = np.diff(indptr)
+    shape = len(degree), len(degree)
+    coupled = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), shape)
+    dominant = scipy.sparse.diags(degree + 1e-6) - coupled
+    lu = splu(
+        dominant.tocsc(),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        relax=1,
+        options={"SymmetricMode": True},
+    )
+    return np.argsort(lu.perm_c)
 
 
-def _groups(first: np.ndarray, of: np.ndarray, filled: np.ndarray) -> Groups:
-    """Groups with these first rows, from the rows and columns of their pattern."""
-    below, above = filled < of, filled > of
-    numbers = np.arange(len(first))
-    source_starts = np.searchsorted(of[below], numbers)
-    row, column = of[above], filled[above]
-    begins = np.ones(len(row), dtype=bool)
-    begins[1:] = (row[1:] != row[:-1]) | (column[1:] != column[:-1] + 1)
-    run = np.flatnonzero(begins)
-    last = np.append(run[1:], len(row))[: len(run)] - 1
-    run_starts = np.searchsorted(row[run], numbers)
-    columns, ends = first[column[run]], first[column[last] + 1]
-    return Groups(first, source_starts, filled[below], run_starts, columns, ends - columns)
+def _one_by_one(order: np.ndarray) -> dict[str, np.ndarray]:
+    """Which groups wait in this order of all: each for the one before."""
+    waits, waiting = np.ones(len(order), int), np.ones(len(order), int)
+    waits[order[0]] = waiting[order[-1]] = 0
+    starts = np.concatenate([[0], np.cumsum(waiting)])
+    return {"waits": waits, "waiting_start": starts, "waiting": order[1:][np.argsort(order[:-1])]}
+
+
+def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -> Factors:
+    """Sparse rows in minimum-degree order, and where entries in rows and columns are in them."""
+    ffi, library = c_library.kept_library(
+        "order of elimination", "elimination.c", "sparse_rows.h", (), (), ("-O1",)
+    )
+    structs = Structs(ffi, c_library.declarations("sparse_rows.h"))
+    of = ffi.gc(ffi.new("Elimination *"), library.fx_free_elimination)
+    structs.set(of, **groups)
+    at = np.empty(len(rows), np.int32)
+    given = (ffi.from_buffer("int[]", np.asarray(x, np.int32, "C")) for x in (rows, columns, at))
+    library.fx_find_rows(of, len(rows), *given)
+
+    def taken(values: Any, count: int) -> np.ndarray:
+        return np.frombuffer(ffi.buffer(values, 4 * count + 4), np.int32)[:count].copy()
+
+    n, count, r = len(groups["group_of"]), groups["groups"], of.rows
+    first, source, run = (taken(x, count + 1) for x in (r.first, r.source_start, r.run_start))
+    runs = (taken(x, int(run[-1])) for x in (r.run_column, r.run_length))
+    of_groups = Groups(first, source, taken(r.source, int(source[-1])), run, *runs)
+    order, starts = taken(of.order, n), taken(r.start, n + 1)
+    diagonals = taken(r.diagonal, n)
+    return Factors(order, at, int(starts[-1]), 0, starts, diagonals, groups=of_groups)
 
 
 def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces: int) -> np.ndarray:
@@ -326,42 +342,14 @@ def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces:
     return group_of
 
 
-def fill_in(
-    graph: scipy.sparse.csr_matrix, last: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions (n,) in minimum-degree order, and the pattern of L + U in it: starts, columns.
+def fill_in(graph: scipy.sparse.csr_matrix, forces: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n,) in minimum-degree order, and the entries of U: n times row plus column.
 
-    Those of `last` come after all with which they are coupled.
+    The last unknowns may be forces, which come after all with which they are coupled.
     """
-    lu = _factors_of_graph(graph, "MMD_AT_PLUS_A")
-    position = lu.perm_c
-    if len(last):
-        after = position.astype(float)
-        row = np.repeat(np.arange(len(position)), np.diff(graph.indptr))
-        others = np.where(graph.indices == row, -1, position[graph.indices])
-        after[last] = np.maximum.reduceat(others, graph.indptr[:-1])[last] + 0.5
-        order = np.argsort(after, kind="stable")
-        # The pattern's own order of equal fill-in leaves what is coupled in its order.
-        lu = _factors_of_graph(graph[order][:, order], "NATURAL")
-        position = lu.perm_c[np.argsort(order)]
-    lower, upper = lu.L, lu.U
-    lower.data[:] = upper.data[:] = 1.0  # small ones may have become zero
-    pattern = (lower + upper).tocsr()
-    pattern.sort_indices()
-    return position, pattern.indptr, pattern.indices
-
-
-def _factors_of_graph(graph: scipy.sparse.csr_matrix, order: str) -> scipy.sparse.linalg.SuperLU:
-    """Factors of a matrix with a graph, which show the fill-in."""
-    # It is dominated by its diagonal, so that rows are not exchanged, but hardly: else fill-in
-    # would decay from node to node, and vanish. Without relaxed supernodes SuperLU stores what may
-    # differ from zero.
-    coupled = (graph != 0).astype(float)
-    dominant = scipy.sparse.diags(np.diff(graph.indptr) + 1e-6) - coupled
-    return splu(
-        dominant.tocsc(),
-        permc_spec=order,
-        diag_pivot_thresh=0.0,
-        relax=1,
-        options={"SymmetricMode": True},
-    )
+    n, none = graph.shape[0], np.empty(0, int)
+    factors = _eliminated(_groups_of(graph, np.arange(n), None, forces), none, none)
+    assert (of := factors.groups) is not None
+    column = np.repeat(np.arange(n), np.diff(of.source_start))
+    above = of.source.astype(np.int64) * n + column
+    return factors.order, np.sort(np.append(above, np.arange(n) * (n + 1)))

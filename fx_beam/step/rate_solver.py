@@ -158,9 +158,7 @@ def _factors(rows: np.ndarray, columns: np.ndarray, multipliers: int) -> _Factor
         none = np.empty(0, dtype=int)
         return _Factors(none, np.zeros(1, dtype=int), none, none)
     graph = scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), (n, n))
-    order, starts, filled = fill_in((graph + graph.T).tocsr(), np.arange(n - multipliers, n))
-    column = np.repeat(np.arange(n), np.diff(starts))
-    keys = (column.astype(np.int64) * n + filled)[filled >= column]
+    order, keys = fill_in((graph + graph.T).tocsr(), multipliers)
     starts = np.searchsorted(keys, np.arange(n + 1) * n)
     # Entries below the diagonal, each with all before it in its column.
     number = np.arange(len(keys)) - np.repeat(starts[:-1], np.diff(starts))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,8 @@ def sparse_lu(pattern: Pattern, dependent: np.ndarray | None = None) -> LU:
 
     With auxiliary unknowns, `dependent` is that of `Reduction`.
     """
-    return LU(*_library(), pattern, dependent)
+    library = c_library.kept_library("factors of sparse matrices", "lu.c", "lu.h")
+    return LU(*library, pattern, dependent)
 
 
 def pivoted_lu(matrix: Any) -> SuperLU:
@@ -31,11 +31,6 @@ def pivoted_lu(matrix: Any) -> SuperLU:
     """
     options = {"SymmetricMode": True}
     return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options=options)
-
-
-@functools.cache
-def _library() -> tuple[Any, Any]:
-    return c_library.open_library("factors of sparse matrices", "lu.c", "lu.h")
 
 
 class LU:

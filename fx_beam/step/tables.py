@@ -392,8 +392,7 @@ class Problem:
         starts = np.concatenate([[0], np.cumsum(np.bincount(t.entries["row"], minlength=size))])
         values = {f"dof_{name}": t.entries[name][order] for name in ("column", "value", "sign")}
         row = {
-            "groups": len(groups["first_unknown"]) - 1,
-            **groups,
+            "elimination": groups,
             "dof_start": starts,
             **values,
             "row_of": row_of,

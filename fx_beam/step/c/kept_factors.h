@@ -39,7 +39,7 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
 }
 
 /* Positions of the unknowns in the elimination. */
-static const int *order_now(const Problem *p) { return HAS(MEMBERS) && p->changing ? p->changing->order : p->order; }
+static const int *order_now(const Problem *p) { return HAS(MEMBERS) && p->changing ? p->changing->elimination.order : p->order; }
 
 static const double *factors_now(const Problem *p, const Work *w) {
   return HAS(MEMBERS) && p->changing ? p->changing->factors : w->factors;
@@ -59,7 +59,7 @@ static void end_bordering_rows(const Problem *p, const Work *w, double *x) {
     w->y[order_now(p)[p->unknowns - p->closures + p->carried_closure[i]]] = w->bordering_right[p->carrier_bordering + i];
 }
 
-static const SparseRows *rows_now(const Problem *p) { return HAS(MEMBERS) && p->changing ? &p->changing->rows : &p->rows; }
+static const SparseRows *rows_now(const Problem *p) { return HAS(MEMBERS) && p->changing ? &p->changing->elimination.rows : &p->rows; }
 
 /* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
 static void eliminate_bordering_rows(const Problem *p, const Work *w) {

@@ -87,13 +87,9 @@ typedef struct {
   int moving;          /* which of the joints that depend on the motion; -1 on a beam */
 } SlideRate;
 
-/* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): groups of unknowns
-   with equal columns, their graph, and those that wait until others are eliminated; entries of T and Tv of each
-   degree of freedom, as those of the couplings; of each of their columns the unknown and the row of forces on it,
-   a bordering row, or -1. Then what is found: the rows, the order, and where the entries of the tangent, and those of contact points, are. */
-typedef struct {
-  int *of, count, room;
-} IntList;
+/* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): what their order is found
+   from; entries of T and Tv of each degree of freedom, as those of the couplings; of each of their columns the unknown
+   and the row of forces on it, a bordering row, or -1. Then where the entries of the tangent, and those of contact points, are. */
 typedef struct {
   int of, row, column, value; /* which of its entries; the row of forces, and the unknown */
   double sign;
@@ -104,7 +100,7 @@ typedef struct {
   double value;
 } BorderingEntry;
 typedef struct {
-  int groups, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting;
+  Elimination elimination;
   int *dof_start, *dof_column, *dof_value, *row_of, *unknown_of;
   double *dof_sign;
   int keep;             /* whether factors may be kept; the costs of lu_layout.py */
@@ -112,11 +108,9 @@ typedef struct {
   long searches;        /* those of the contact points for which it was found */
   int placed;           /* whether the places are those of the transposed tangent; -1 for none */
   int entries, entry_room;
-  SparseRows rows;
-  struct { IntList *near_to; };
   struct { ContactPointEntry *entry; };
   struct { BorderingEntry *bordering_entry; }; /* room for all entries in bordering rows */
-  struct { int *order, *at, *work, *entry_start, *entry_at, *position; };
+  struct { int *at, *entry_start, *entry_at; };
   struct { double *factors; };
 } ChangingRows;
 

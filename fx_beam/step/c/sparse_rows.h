@@ -9,3 +9,21 @@ typedef struct {
   int unknowns, *start, *diagonal;
   int groups, *first, *source_start, *source, *run_start, *run_column, *run_length;
 } SparseRows;
+
+typedef struct {
+  int *of, count, room;
+} IntList;
+
+/* Groups of unknowns with equal columns, the last of which are forces, their graph, and those that wait until others are
+   eliminated. Then what
+   is found from them (elimination.h): lists of what each group is coupled with, the order, and the rows. */
+typedef struct {
+  int groups, forces, *group_of, *first_unknown, *unknown, *graph_start, *graph, *waits, *waiting_start, *waiting;
+  struct { IntList *near_to; };
+  struct { int *order, *work, *position; };
+  SparseRows rows;
+} Elimination;
+
+/* The order and the rows of a pattern, and the positions among the factors of its entries, in these rows and columns. */
+void fx_find_rows(Elimination *e, int entries, const int *row, const int *column, int *at);
+void fx_free_elimination(Elimination *e);

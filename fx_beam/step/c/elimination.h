@@ -1,0 +1,179 @@
+/* An order of elimination of minimum degree, and the rows of the factors with their fill-in (lu_layout.py). */
+
+#pragma once
+
+#include <stdlib.h>
+#include <string.h>
+#include "sparse_rows.h"
+
+static void add_to(IntList *list, int value) {
+  if (list->count == list->room) list->of = realloc(list->of, (list->room = 2 * list->room + 8) * sizeof(int));
+  list->of[list->count++] = value;
+}
+
+static void add_once(IntList *list, int value) {
+  for (int i = 0; i < list->count; ++i)
+    if (list->of[i] == value) return;
+  add_to(list, value);
+}
+
+static void free_elimination(Elimination *e) {
+  SparseRows *r = &e->rows;
+  for (int g = 0; e->near_to && g < e->groups; ++g) free(e->near_to[g].of);
+  free(e->near_to), free(e->order), free(e->work), free(e->position);
+  free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
+  free(r->run_start), free(r->run_column), free(r->run_length);
+}
+
+#define ROOM(array, count) array = realloc(array, ((count) + 1) * sizeof *(array))
+
+/* The lists of a scene's graph, to which others may be added. */
+static void begin_elimination(Elimination *e) {
+  int n = e->groups;
+  ROOM(e->work, 5L * n + 2 * (e->first_unknown[n] + 1)), ROOM(e->position, n);
+  if (!e->near_to) e->near_to = calloc(n + 1, sizeof(IntList));
+  for (int g = 0; g < n; ++g) {
+    e->near_to[g].count = 0;
+    for (int k = e->graph_start[g]; k < e->graph_start[g + 1]; ++k) add_to(e->near_to + g, e->graph[k]);
+  }
+}
+
+/* Groups in lists by their degree, the unknowns with which they are coupled, but those that still wait for so many others. */
+typedef struct {
+  int *head, *tail, *next, *before, *mark, *waits, *degree;
+} Degrees;
+
+static void take_out(Degrees *d, int g) {
+  if (d->waits[g]) return;
+  if (d->before[g] >= 0) d->next[d->before[g]] = d->next[g]; else d->head[d->degree[g]] = d->next[g];
+  if (d->next[g] >= 0) d->before[d->next[g]] = d->before[g]; else d->tail[d->degree[g]] = d->before[g];
+}
+
+/* Behind those of the same degree, so that several chains are eliminated in turns: the processor overlaps them. Forces come
+   after unknowns of the same degree, without which they may have no pivot. Returns the least degree, which was another
+   one before. */
+static int put_in(const Elimination *e, Degrees *d, int g, int least) {
+  const IntList *list = e->near_to + g;
+  if (d->waits[g]) return least;
+  d->degree[g] = g >= e->groups - e->forces;
+  for (int i = 0; i < list->count; ++i) d->degree[g] += e->first_unknown[list->of[i] + 1] - e->first_unknown[list->of[i]];
+  int degree = d->degree[g], last = d->tail[degree];
+  d->before[g] = last, d->next[g] = -1, d->tail[degree] = g;
+  if (last >= 0) d->next[last] = g; else d->head[degree] = g;
+  return degree < least ? degree : least;
+}
+
+/* Eliminates the groups in an order of minimum degree; auxiliary unknowns come from the leaves of trees to the roots, and forces
+   after what they act on (lu_layout.py). What each is coupled with then remains in its list; its position is in
+   `position`. */
+static void eliminate_groups(const Elimination *e) {
+  int n = e->groups, all = e->first_unknown[n] + 1, least = 0, *lists = e->work, *of = lists + 2 * all;
+  Degrees d = {lists, lists + all, of, of + n, of + 2 * n, of + 3 * n, of + 4 * n};
+  memcpy(d.waits, e->waits, n * sizeof(int));
+  for (int i = 0; i < all; ++i) d.head[i] = d.tail[i] = -1;
+  for (int g = 0; g < n; ++g) d.mark[g] = -1, put_in(e, &d, g, 0);
+  for (int k = 0, stamp = 0; k < n; ++k) {
+    while (d.head[least] < 0) ++least;
+    int g = d.head[least];
+    IntList *own = e->near_to + g;
+    take_out(&d, g);
+    e->position[g] = k;
+    for (int i = 0; i < own->count; ++i) {
+      int h = own->of[i], kept = 0;
+      ++stamp;
+      IntList *other = e->near_to + h;
+      take_out(&d, h);
+      for (int j = 0; j < other->count; ++j) {
+        int f = other->of[j];
+        if (f != g) other->of[kept++] = f, d.mark[f] = stamp;
+      }
+      other->count = kept;
+      for (int j = 0; j < own->count; ++j)
+        if (own->of[j] != h && d.mark[own->of[j]] != stamp) add_to(other, own->of[j]);
+      least = put_in(e, &d, h, least);
+    }
+    for (int i = e->waiting_start[g]; i < e->waiting_start[g + 1]; ++i) {
+      int h = e->waiting[i];
+      if (!--d.waits[h]) least = put_in(e, &d, h, least);
+    }
+  }
+}
+
+static int by_value(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
+
+/* Position among the factors of a row and a column of the elimination, in groups at these positions. */
+static long place_in(const Elimination *e, int group, int column_group, int row, int column) {
+  const SparseRows *r = &e->rows;
+  long offset = r->start[row];
+  if (column_group < group) {
+    for (int s = r->source_start[group]; r->source[s] != column_group; ++s)
+      offset += r->first[r->source[s] + 1] - r->first[r->source[s]];
+    return offset + column - r->first[column_group];
+  }
+  if (column_group == group) return r->diagonal[row] + column - row;
+  offset = r->diagonal[row] + r->first[group + 1] - row;
+  for (int k = r->run_start[group];; offset += r->run_length[k++])
+    if (column < r->run_column[k] + r->run_length[k]) return offset + column - r->run_column[k];
+}
+
+/* Rows of the factors, from the groups in their order. */
+static void lay_out_rows(Elimination *e) {
+  int n = e->groups, *position = e->position, *size = e->work, *group_at = e->work + n;
+  SparseRows *r = &e->rows;
+  ROOM(r->first, n), ROOM(r->source_start, n), ROOM(r->run_start, n);
+  for (int g = 0; g < n; ++g) size[position[g]] = e->first_unknown[g + 1] - e->first_unknown[g], group_at[position[g]] = g;
+  r->first[0] = 0, r->unknowns = e->first_unknown[n];
+  for (int k = 0; k < n; ++k) r->first[k + 1] = r->first[k] + size[k];
+  long couplings = 0;
+  for (int k = 0; k <= n; ++k) r->source_start[k] = 0;
+  for (int k = 0; k < n; ++k) {
+    IntList *list = e->near_to + group_at[k];
+    for (int i = 0; i < list->count; ++i) list->of[i] = position[list->of[i]], ++r->source_start[list->of[i] + 1];
+    qsort(list->of, list->count, sizeof(int), by_value);
+    couplings += list->count;
+  }
+  ROOM(r->source, couplings), ROOM(r->run_column, couplings), ROOM(r->run_length, couplings);
+  for (int k = 0; k < n; ++k) r->source_start[k + 1] += r->source_start[k];
+  int runs = 0, *filled = e->work + 2 * n;
+  memset(filled, 0, n * sizeof(int));
+  for (int k = 0; k < n; ++k) {
+    IntList *list = e->near_to + group_at[k];
+    r->run_start[k] = runs;
+    for (int i = 0; i < list->count; ++i) {
+      int to = list->of[i];
+      r->source[r->source_start[to] + filled[to]++] = k;
+      if (i && to == list->of[i - 1] + 1)
+        r->run_length[runs - 1] += size[to];
+      else
+        r->run_column[runs] = r->first[to], r->run_length[runs++] = size[to];
+    }
+  }
+  r->run_start[n] = runs, r->groups = n;
+  ROOM(r->start, r->unknowns), ROOM(r->diagonal, r->unknowns), ROOM(e->order, r->unknowns);
+  long at = 0;
+  for (int k = 0; k < n; ++k) {
+    int lower = 0, upper = 0, g = group_at[k];
+    for (int s = r->source_start[k]; s < r->source_start[k + 1]; ++s) lower += size[r->source[s]];
+    for (int s = r->run_start[k]; s < r->run_start[k + 1]; ++s) upper += r->run_length[s];
+    for (int i = 0; i < size[k]; ++i) {
+      int row = r->first[k] + i;
+      r->start[row] = at, r->diagonal[row] = at + lower + i;
+      at += lower + size[k] + upper;
+      e->order[e->unknown[e->first_unknown[g] + i]] = row;
+    }
+  }
+  r->start[r->unknowns] = at;
+}
+
+/* The rows, from the lists. */
+static void find_rows(Elimination *e) {
+  eliminate_groups(e);
+  lay_out_rows(e);
+}
+
+/* Position among the factors of an unknown's row and a column; -1 if one of them is a bordering row. */
+static int place_of_pair(const Elimination *e, int i, int j) {
+  if (i < 0 || j < 0) return -1;
+  return place_in(e, e->position[e->group_of[i]], e->position[e->group_of[j]], e->order[i], e->order[j]);
+}
+
