@@ -4,9 +4,8 @@
 
 The pinned beam with 1 to 2048 elements, the pendulum, and the mechanisms of the demos are run by
 EnergyMomentum with everything recorded. The runs alternate; set-up is not included. Also measured:
-its time by phase, and the time to the end of the first step with and without
-compilation. Medians, the machine and the versions are written to results/steps/steps.json, with a
-picture beside it.
+the time to the end of the first step with and without compilation. Medians, the machine and the
+versions are written to results/steps/steps.json, with a picture beside it.
 """
 
 import os
@@ -20,20 +19,9 @@ from time import perf_counter
 from demo_scenes import ROOT, scene
 
 import fx_beam as fb
-from fx_beam.step import build, tables
 from fx_beam.studies import reporting
 
 ELEMENTS = (1, 8, 32, 128, 512, 2048)
-# Phases as in fx_beam/step/c/phases.h, in the same order.
-PHASES = (
-    "internal forces and tangent",
-    "factorisation and solution",
-    "supports and joints",
-    "rates and inertia",
-    "convergence",
-    "predictor",
-    "audit and record",
-)
 
 
 def cases():
@@ -62,26 +50,6 @@ def steps_for(elements):
     return max(50, min(2000, 40000 // elements))
 
 
-def phases(elements, runs):
-    """Time by phase, in ns per element and step of the pinned beam."""
-    steps, beam = steps_for(elements), scene("pinned_beam", elements)
-    load = tables.load_library
-    tables.load_library = lambda features: build.load_library(features, "PHASES")
-    try:
-        ffi, built = tables.load_library("CHAIN")
-        seconds = ffi.unpack(built.fx_phases(), len(PHASES))
-        found = []
-        for _ in range(runs):
-            before = seconds
-            fb.simulate(beam, dt=0.001, t_end=steps * 0.001)
-            seconds = ffi.unpack(built.fx_phases(), len(PHASES))
-            found.append([b - a for a, b in zip(before, seconds, strict=True)])
-    finally:
-        tables.load_library = load
-    medians = (1e9 * median(times) / steps / elements for times in zip(*found, strict=True))
-    return dict(zip(PHASES, medians, strict=True))
-
-
 def first_step(runs):
     """Seconds from start to the end of the first step, with empty and with full caches."""
     script = (
@@ -108,11 +76,6 @@ def main(runs=5):
         case = numbers["cases"][name] = measure(case_scene, dt, steps, runs)
         iterations = case["iterations per step"]
         print(f"{name:26} {case['us per step']:9.2f} us, {iterations:.1f} iterations")
-    shares = {elements: phases(elements, runs) for elements in (8, 2048)}
-    print("\nns per element and step, with", " and ".join(map(str, shares)), "elements:")
-    for phase in PHASES:
-        print(f"{phase:26}", *(f"{times[phase]:9.0f}" for times in shares.values()))
-    numbers["ns per element and step"] = shares
     numbers["first step"] = first_step(runs)
     print("\nfirst step:", *(f"{s:.2f} s {how}," for how, s in numbers["first step"].items()))
     results = ROOT / "results" / "steps"

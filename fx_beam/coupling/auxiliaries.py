@@ -143,9 +143,5 @@ class Auxiliaries:
 
         It is full: for small motions, not for steps.
         """
-        rows = np.zeros((self._first + self._count, self._first))
-        rows[: self._first] = np.eye(self._first)
-        weights = self.sign * values[self.value_at]
-        for auxiliary, column, weight in zip(self.auxiliary, self.column, weights, strict=True):
-            rows[self._first + auxiliary] += weight * rows[column]
-        return scipy.sparse.csr_matrix(rows)
+        each = np.eye(self._first + self._count)
+        return scipy.sparse.csr_matrix(self.by_columns(each, values))

@@ -233,12 +233,13 @@ class JointReduction:
     def joint_tables(self) -> dict:
         """`Tables.joints`."""
         return {
+            "joints": len(self._moving),
             "offset": self._offset,
             "axis": self._axis,
-            "sign": self._joint_sign,
+            "joint_sign": self._joint_sign,
             "carrier": self._carrier,
             "slide_column": self._slide,
-            "number": np.array([joint.number for joint in self._moving], dtype=int),
+            "slide_of": np.array([joint.number for joint in self._moving], dtype=int),
             "track": np.array([joint.track.number for joint in self._moving], dtype=int),
         }
 
@@ -253,7 +254,11 @@ class JointReduction:
                 "sign": self._sign,
             },
             joints=self.joint_tables(),
-            followers={"dof": self._below, "through": self._through},
+            followers={
+                "followers": len(self._below),
+                "follower": self._below,
+                "through": self._through,
+            },
             direct=of.direct,
             coupled=of.coupled,
             geometric=of.geometric,

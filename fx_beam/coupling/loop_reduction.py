@@ -179,16 +179,22 @@ class LoopReduction(JointReduction):
             G = self._with_slides(scipy.sparse.csr_matrix(G), values).toarray()
         return self.auxiliaries.by_columns(G, values) if len(self.auxiliaries) else G
 
-    def _ratios(self, values: np.ndarray) -> np.ndarray:
+    def _ratios(self) -> np.ndarray:
         """Changes (closures, columns) of the unknowns that follow, by the other columns."""
-        G, d = self._of_closures(values), self._following
+        G, d = self._of_closures(self._values), self._following
         W = -_solved(G[:, d], G)
         W[:, d] = 0.0
         return W
 
     def completion(self):
         """Matrix (columns, columns) that gives all rates from those of independent columns."""
-        return self._completion(self._values)
+        W, d = self._ratios(), self._following
+        kept = np.setdiff1d(np.arange(self.columns), d)
+        k, columns = np.nonzero(W)
+        rows = np.concatenate([kept, d[k]])
+        entries = np.concatenate([np.ones(len(kept)), W[k, columns]])
+        at = rows, np.concatenate([kept, columns])
+        return scipy.sparse.csr_matrix((entries, at), (self.columns,) * 2)
 
     def completed(self, z):
         """All rates from those of independent columns."""
@@ -197,13 +203,13 @@ class LoopReduction(JointReduction):
     def spread(self, z):
         """Small change of all degrees of freedom."""
         z = z.copy()
-        z[self._following] = self._ratios(self._values) @ z
+        z[self._following] = self._ratios() @ z
         return super().spread(z)
 
     def gather(self, r):
         """Forces on all columns, as `project` without Tv and springs; zero at d."""
         R, d = super().gather(r), self._following
-        R += self._ratios(self._values).T @ R[d]
+        R += self._ratios().T @ R[d]
         R[d] = 0.0
         return R
 
@@ -216,16 +222,6 @@ class LoopReduction(JointReduction):
     def coupling(self):
         """The matrix of `spread`."""
         return (super().coupling() @ self.completion()).tocsr()
-
-    def _completion(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
-        """The same with T or Tv."""
-        W, d = self._ratios(values), self._following
-        kept = np.setdiff1d(np.arange(self.columns), d)
-        k, columns = np.nonzero(W)
-        rows = np.concatenate([kept, d[k]])
-        entries = np.concatenate([np.ones(len(kept)), W[k, columns]])
-        at = rows, np.concatenate([kept, columns])
-        return scipy.sparse.csr_matrix((entries, at), (self.columns,) * 2)
 
     def project(self, r):
         """Generalised forces at all columns, with those of the closing joints; zero at d."""

@@ -23,10 +23,9 @@ class Tables(NamedTuple):
 
     #: Entries of T and Tv: row, column, value (0 is the constant 1) and sign.
     entries: dict
-    #: Joints that depend on the motion: offset, axis, sign (x, y), carrier (-1: ground),
-    #: slide_column (-1: none) and number.
+    #: Joints that depend on the motion, by the names in problem.h.
     joints: dict
-    #: Degrees of freedom (dof) that follow through joint j: through is 2 j for x and 2 j + 1 for y.
+    #: Degrees of freedom that follow through joint j: through is 2 j for x and 2 j + 1 for y.
     followers: dict
     #: Entries of the full tangent that are added to reduced ones as they are: to and source.
     direct: dict

@@ -28,7 +28,7 @@ def load_library(features: str = "CHAIN", *definitions: str) -> tuple[Any, Any]:
     """The cffi.FFI with the declarations of problem.h, and a compiled library of the loop.
 
     It serves scenes with some features (c/scene_features.h). `definitions` are macros: DERIVATIVES
-    for those of steps in their place, or PHASES, which measures the time of each phase.
+    for those of steps in their place.
     """
     what, more, flags = _asked(features, definitions)
     return c_library.open_library(what, "loop.c", "problem.h", MACROS, more, flags)

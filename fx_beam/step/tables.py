@@ -314,15 +314,8 @@ class Problem:
             equal=np.count_nonzero(equal),
             alone=equal.all() and np.array_equal(t.entries["row"], np.arange(self.model.size)),
             **{f"entry_{name}": values[first] for name, values in t.entries.items()},
-            joints=len(t.joints["number"]),
-            carrier=t.joints["carrier"],
-            slide_column=t.joints["slide_column"],
-            slide_of=t.joints["number"],
-            track=t.joints["track"],
-            joint_sign=t.joints["sign"],
-            followers=len(t.followers["through"]),
-            follower=t.followers["dof"],
-            through=t.followers["through"],
+            **t.joints,
+            **t.followers,
         )
         loops = reduction.loop_tables()
         factors = self.factors

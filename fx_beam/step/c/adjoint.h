@@ -37,11 +37,6 @@ static int solve_transposed(Problem *p, const Work *w, const Adjoint *a) {
   double rest[2];
   Problem turned = *p;
   p->kept.present = 0;
-  if (HAS(MEMBERS) && p->changing) {
-    if (!factorise_changing(p, w)) return 0;
-    by_factors(p, w, w->reduced, w->step);
-    return 1;
-  }
   turned.factor_at = a->transposed_at, turned.kept.present = 0;
   if (HAS(CHAIN | BAND)) transpose_tangent(p, w);
   return solve_reduced(&turned, w, 0, rest);

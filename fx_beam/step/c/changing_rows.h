@@ -142,60 +142,11 @@ static void change_rows(Problem *p) {
   if (c->keep) p->kept.worth = worth_of(p, c);
 }
 
-/* Adds the tangents of all contact points to the factors, with the places of their entries. */
-static void add_contact_points(const Problem *p, const Work *w) {
-  const ChangingRows *c = p->changing;
-  const int *to = c->entry_at;
-  const MemberContacts *m = p->points->members;
-  for (int t = 0; t < m->contact_points; ++t) {
-    const ContactPoint *e = m->contact_point + t;
-    int first = c->entry_start[t], end = c->entry_start[t + 1];
-    if (e->closed)
-      for (int a = first; a < end; ++a) {
-        const ContactPointEntry *row = c->entry + a;
-        double factor = row->sign * w->virtual_map[row->value];
-        const double *K = e->tangent + row->of * CONTACT_POINT_DOFS;
-        for (int b = first; b < end; ++b) {
-          const ContactPointEntry *column = c->entry + b;
-          int at = to[(long)(a - first) * (end - first) + b - first];
-          if (at >= 0) c->factors[at] += factor * K[column->of] * column->sign * w->values[column->value];
-        }
-      }
-    to += (long)(end - first) * (end - first);
-  }
-}
-
-/* Adds the product of their tangents and a vector of unknowns. */
-static void times_contact_points(const Problem *p, const Work *w, const double *x, double *out) {
-  const ChangingRows *c = p->changing;
-  const MemberContacts *m = p->points->members;
-  for (int t = 0; t < m->contact_points; ++t) {
-    const ContactPoint *e = m->contact_point + t;
-    if (!e->closed) continue;
-    double along[CONTACT_POINT_DOFS] = {0}, force[CONTACT_POINT_DOFS] = {0};
-    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) {
-      const ContactPointEntry *column = c->entry + a;
-      along[column->of] += column->sign * w->values[column->value] * x[column->column];
-    }
-    for (int i = 0; i < CONTACT_POINT_DOFS; ++i)
-      for (int j = 0; j < CONTACT_POINT_DOFS; ++j) force[i] += e->tangent[i * CONTACT_POINT_DOFS + j] * along[j];
-    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) {
-      const ContactPointEntry *row = c->entry + a;
-      out[row->column] += row->sign * w->virtual_map[row->value] * force[row->of];
-    }
-  }
-}
-
-static void fill_changing(const Problem *p, const Work *w) {
-  ChangingRows *c = p->changing;
-  if (c->placed != w->transposed) place_entries(p, c, w->transposed);
-  memset(c->factors, 0, c->elimination.rows.start[p->unknowns] * sizeof(double));
-  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) c->factors[c->at[k]] = w->tangent[k];
-  add_contact_points(p, w);
-}
-
-/* Factors of the tangent, or of its transpose, with that of the contact points. */
-static int factorise_changing(const Problem *p, const Work *w) {
-  fill_changing(p, w);
-  return factorise_sparse(&p->changing->elimination.rows, p->changing->factors, w->row);
+/* The product of the tangent of contact with members and a vector; 0 without any. */
+static const double *times_members(const Problem *p, const double *x) {
+  MemberContacts *m = p->points->members;
+  if (!HAS(MEMBERS) || !m) return 0;
+  memset(m->product, 0, p->dofs * sizeof(double));
+  multiply_members(m, x, m->product);
+  return m->product;
 }

@@ -54,8 +54,7 @@ static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) 
   own.block = (double *)l->block, own.reached = l->reached;
   if (HAS(CHAIN)) solve_chain_columns(p, &own, middle / 3, 0, 1);
   else if (HAS(BAND)) solve_band_columns(p, &own, ends_around(p->unknowns, p->band, middle), 0, 1);
-  else if (HAS(MEMBERS) && p->changing) solve_sparse_columns(p, &own, &p->changing->elimination.rows, p->changing->factors, 1);
-  else solve_sparse_columns(p, &own, &p->rows, w->factors, 1);
+  else solve_sparse_columns(p, &own, rows_now(p), factors_now(p, w), 1);
   if (HAS(SLIDERS) && p->bordering_rows) change_bordering_rows(p, w, l);
 }
 

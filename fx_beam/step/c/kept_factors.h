@@ -18,18 +18,6 @@ typedef struct {
    wanted error of a solution, relative to it. */
 static const double SLOWEST = 0.2, MOST = 1e-3, LEAST = 1e-12;
 
-/* The product of the tangent and d, which the factors propose for r. With bordering rows, whose columns are not there any
-   more: r, and the product with what A has changed by since its factorisation. */
-static void times_tangent(const Problem *p, const Work *w, const double *d, const double *r, double *out) {
-  for (int i = 0; i < p->free; ++i) {
-    double sum = p->bordering_rows ? r[i] : 0;
-    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
-      sum += (p->bordering_rows ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * d[p->tangent_column[k]];
-    out[i] = sum;
-  }
-  if (HAS(MEMBERS) && p->changing) times_contact_points(p, w, d, out);
-}
-
 /* Largest correction of a degree of freedom, for corrections x of the unknowns. */
 static double size_of(const Problem *p, const Work *w, const double *x) {
   memcpy(w->columns, x, p->free * sizeof(double));
@@ -38,10 +26,25 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
   return largest(p->dofs, w->scratch, p->per_unit);
 }
 
+/* The product of the tangent and d, which the factors propose for r, after `size_of`. With bordering rows, whose columns are not there any
+   more: r, and the product with what A has changed by since its factorisation. */
+static void times_tangent(const Problem *p, const Work *w, const double *d, const double *r, double *out) {
+  for (int i = 0; i < p->free; ++i) {
+    double sum = p->bordering_rows ? r[i] : 0;
+    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
+      sum += (p->bordering_rows ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * d[p->tangent_column[k]];
+    out[i] = sum;
+  }
+  if (!HAS(MEMBERS) || !p->changing) return;
+  memset(w->columns, 0, p->columns * sizeof(double));
+  add_rows(p, w, times_members(p, w->scratch), w->columns);
+  add_times(p->free, 1, w->columns, out);
+}
+
 /* Positions of the unknowns in the elimination. */
 static const int *order_now(const Problem *p) { return HAS(MEMBERS) && p->changing ? p->changing->elimination.order : p->order; }
 
-static const double *factors_now(const Problem *p, const Work *w) {
+static double *factors_now(const Problem *p, const Work *w) {
   return HAS(MEMBERS) && p->changing ? p->changing->factors : w->factors;
 }
 
@@ -88,17 +91,41 @@ static void by_factors(const Problem *p, const Work *w, const double *b, double 
   if (HAS(SLIDERS) && p->bordering_rows) end_bordering_rows(p, w, x);
 }
 
+/* Adds the tangents of all contact points to the factors, or to the bordering rows and columns: those of nodes that slide. */
+static void add_contact_points(const Problem *p, const Work *w, int bordering) {
+  const ChangingRows *c = p->changing;
+  const int *to = c->entry_at;
+  const MemberContacts *m = p->points->members;
+  for (int t = 0; t < m->contact_points; ++t)
+    for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) {
+      const ContactPointEntry *row = c->entry + a;
+      const double *K = m->contact_point[t].tangent + row->of * CONTACT_POINT_DOFS;
+      double factor = m->contact_point[t].closed ? row->sign * w->virtual_map[row->value] : 0;
+      for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b, ++to) {
+        const ContactPointEntry *column = c->entry + b;
+        double value = factor == 0 ? 0 : factor * K[column->of] * column->sign * w->values[column->value];
+        if (!bordering && *to >= 0) c->factors[*to] += value;
+        if (bordering && *to < 0) add_at(p, w, place_now(c, row->row), place_now(c, column->column), value);
+      }
+    }
+}
+
+/* The tangent, or its transpose, with that of the contact points in the place of its factors. */
 static void fill_factors(const Problem *p, const Work *w) {
-  memset(w->factors, 0, p->factor_size * sizeof(double));
-  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) w->factors[p->factor_at[k]] = w->tangent[k];
+  double *A = factors_now(p, w);
+  const int *at = p->factor_at, members = HAS(MEMBERS) && p->changing;
+  if (members && p->changing->placed != w->transposed) place_entries(p, p->changing, w->transposed);
+  if (members) at = p->changing->at;
+  memset(A, 0, rows_now(p)->start[p->unknowns] * sizeof(double));
+  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) A[at[k]] = w->tangent[k];
+  if (members) add_contact_points(p, w, 0);
 }
 
 static int factorise(Problem *p, const Work *w) {
   p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
-  if (HAS(MEMBERS) && p->changing) return p->kept.present = factorise_changing(p, w);
   fill_factors(p, w);
   if (p->kept.worth && p->bordering_rows) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
-  return p->kept.present = factorise_sparse(&p->rows, w->factors, w->row);
+  return p->kept.present = factorise_sparse(rows_now(p), factors_now(p, w), w->row);
 }
 
 /* The error that a correction of this size may have. */
@@ -169,21 +196,6 @@ static int middle_of_elimination(const Problem *p) {
   return p->positions / 2;
 }
 
-/* Adds the tangents of contact points to the bordering rows and columns: those of nodes that slide. */
-static void bordering_contact_points(const Problem *p, const Work *w) {
-  const ChangingRows *c = p->changing;
-  const MemberContacts *m = p->points->members;
-  for (int t = 0; t < m->contact_points; ++t)
-    for (int a = c->entry_start[t]; m->contact_point[t].closed && a < c->entry_start[t + 1]; ++a)
-      for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b) {
-        const ContactPointEntry *row = c->entry + a, *column = c->entry + b;
-        if (row->row >= 0 && column->column >= 0) continue;
-        double value = m->contact_point[t].tangent[row->of * CONTACT_POINT_DOFS + column->of] * row->sign * column->sign *
-                       w->virtual_map[row->value] * w->values[column->value];
-        add_at(p, w, place_now(c, row->row), place_now(c, column->column), value);
-      }
-}
-
 /* Factors of a chain or a band with those of its corner; returns 0 if it is singular. */
 static int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of) {
   if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, 1) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
@@ -228,14 +240,13 @@ static int solve_raised(Problem *p, const Work *w) {
   double b = 0, most = 0, least = HUGE_VAL, S[RAISED * RAISED], x[RAISED];
   const SparseRows *rows = rows_now(p);
   const int *order = order_now(p);
-  double *A = p->changing ? p->changing->factors : w->factors;
+  double *A = factors_now(p, w);
   if (p->bordering_rows || p->band) return 0;
   for (int i = 0; i < n; ++i)
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) b = fmax(b, fabs(w->tangent[k]));
   while (!regular && many < RAISED && b > 0) {
     at[many++] = w->row[0];
-    if (HAS(MEMBERS) && p->changing) fill_changing(p, w);
-    else fill_factors(p, w);
+    fill_factors(p, w);
     for (int i = 0; i < many; ++i) A[rows->diagonal[at[i]]] += b;
     regular = factorise_sparse(rows, A, w->row);
   }
@@ -285,7 +296,7 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
     memset(w->step, 0, p->free * sizeof(double)); /* a straight path that bifurcates needs no correction */
     return 1;
   }
-  if (HAS(SLIDERS) && HAS(MEMBERS) && p->bordering_rows && p->changing) bordering_contact_points(p, w);
+  if (HAS(SLIDERS) && HAS(MEMBERS) && p->bordering_rows && p->changing) add_contact_points(p, w, 1);
   if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
   by_factors(p, w, w->reduced, w->step);
   return 1;

@@ -175,14 +175,11 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   if (begin_internal(p, w->fields, t, dt, look)) count_inverted(p);
   begin_form(p, &p->drag, w->fields, t, dt);
   begin_form(p, &p->added, w->fields, t, dt);
-  LAP(AUDIT);
   int *order = p->orders + sub_step;
   p->failure = known ? take_increment(p, w, known) : find_increment(p, w, change, *order);
   if (p->failure) return 0;
   if (p->friction_follows && !p->known && (p->failure = follow_joints(p, w, change, t))) return 0;
-  LAP(CHECKS);
   if (!p->at_rest) *order = update_predictor(p, w);
-  LAP(PREDICTOR);
   if (p->repeats) {
     work_increment(p, w);
     return 1;
@@ -269,7 +266,6 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   lay_out(p, w, p->scratch);
   w->dt = 0;
   p->failure = p->stopped = 0;  // also where no step is to be taken
-  LAP(PHASES_IN_ALL);
   if (p->watches) find_sides(p, p->sides);
   int unchecked = 0;
   for (int k = 0; k < steps; ++k) {
@@ -324,7 +320,6 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
     if (wanted) record(p, w, to);
     ++p->completed;
     unchecked = !wanted || p->energies[1] >= p->least_energy;
-    LAP(AUDIT);
     continue;
   failed: /* nothing of it is recorded */
     if (changed) undo(p, w, before);

@@ -5,7 +5,6 @@
 #include "assembly.h"
 #include "couplings.h"
 #include "kept_factors.h"
-#include "phases.h"
 #include "rates.h"
 
 /* Twice the kinetic energy at the start of the step. */
@@ -54,15 +53,6 @@ static void begin_inertia(const Problem *p, const Work *w) {
   if (p->rules) return; /* it depends on the increment */
   for (int k = 0; k < p->mass_start[p->dofs]; ++k)
     w->inertia[p->mass_stored_at[k]] = p->mass[k] * steepness(p, w->dt);
-}
-
-/* The product of the tangent of contact with members and a vector; 0 without any. */
-static const double *times_members(const Problem *p, const double *x) {
-  MemberContacts *m = p->points->members;
-  if (!HAS(MEMBERS) || !m) return 0;
-  memset(m->product, 0, p->dofs * sizeof(double));
-  multiply_members(m, x, m->product);
-  return m->product;
 }
 
 /* The forces r less their change with the last correction, in `scratch`: of some rows, or of all; zero elsewhere. */
@@ -172,9 +162,7 @@ static void balance(const Problem *p, const Work *w) {
   work_increment(p, w);
   acceleration(p, w, w->dt);
   times_mass(p, w->acc, w->r);
-  LAP(INERTIA);
   assemble(p, w);
-  LAP(FORCES);
   for (int i = 0; i < p->dofs; ++i) w->r[i] += w->f[i] - w->force[i];
   if (p->viscosity > 0) resist(p, w);
   project(p, w, w->r, w->reduced);
@@ -253,7 +241,6 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     if (!choose_ahead(p, w)) return OUT_OF_LINE;
   }
   if (!expand(p, w)) return OPEN_LOOP;
-  LAP(COUPLINGS);
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
     if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
@@ -269,15 +256,12 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
       project(p, w, w->scratch, w->reduced);
       hold(p, w);
     }
-    LAP(COUPLINGS);
     if (p->kept.worth) wanted = accuracy(p, w, &sizes, &errors);
     if (p->team.solve)
       rest[1] = 0, p->team.solve(w->reduced, energy_of_step(p, w, kinetic(p, w)), w->step, rest);
     else if (!solve_reduced(p, w, &wanted, rest))
       return SINGULAR;
-    LAP(SOLUTION);
     spread(p, w, w->step, w->correction);
-    LAP(COUPLINGS);
     for (int i = 0; iteration == 1 && p->predicted && i < n; ++i) p->predicted[i] = -w->correction[i];
     double size = largest(n, w->correction, p->per_unit);
     if (!isfinite(size)) return SINGULAR;
@@ -307,9 +291,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     }
     small = small || final;
     if (small || floor) update_reactions(p, w);
-    LAP(CHECKS);
     if (!expand(p, w)) return OPEN_LOOP;
-    LAP(COUPLINGS);
     if (widest_turn(p, w->D) > p->max_turn) return TURNED_TOO_FAR;
     if (small || floor) {
       if (leaves_beam(p)) return SLID_TOO_FAR;

@@ -447,4 +447,3 @@ long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *for
 long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a);
 long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d);
 void fx_free_rows(ChangingRows *c);
-double *fx_phases(void); /* seconds in all phases of phases.h, if they are measured */
