@@ -5,6 +5,7 @@ of each page in Markdown that is given.
 """
 
 import ast
+import re
 import sys
 from pathlib import Path
 
@@ -30,7 +31,8 @@ fb.plot.interactive(drawn[0])
 
 
 def of_page(markdown):
-    """The notebook of a text in Markdown."""
+    """The notebook of a text in Markdown; code that begins with the name of a file is one."""
+    markdown = re.sub(r"^# (\w+\.py)$", r"%%writefile \1", markdown, flags=re.MULTILINE)
     kernel = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
     book = jupytext.reads(markdown, "md")
     book.metadata = kernel

@@ -42,6 +42,10 @@ def public():
 def test_each_piece_of_code_runs_alone(page, number, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     block = pages.blocks(page)[number]
+    monkeypatch.syspath_prepend(tmp_path)
+    for other in pages.blocks(page):  # some are files that the others import
+        if name := re.match(r"# (\w+\.py)\n", other):
+            (tmp_path / name[1]).write_text(other, encoding="utf-8")
     if page.stem == "libraries":
         for name in re.findall(r"^(?:import|from) (\w+)", block, flags=re.MULTILINE):
             pytest.importorskip(name)

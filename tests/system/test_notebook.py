@@ -99,3 +99,15 @@ def test_the_notebook_of_a_demo_runs_and_has_its_motion_inline(name, monkeypatch
     *_, report, motion = (cell.outputs for cell in book.cells if cell.cell_type == "code")
     assert name in notebooks.SHOWN and report[0].text
     assert re.match("<iframe.*canvas.*</iframe>", motion[-1].data["text/html"], re.DOTALL)
+
+
+@pytest.mark.slow
+@pytest.mark.plot
+def test_the_tutorial_is_a_notebook_that_runs(tmp_path, monkeypatch):
+    client = pytest.importorskip("nbclient")
+    pytest.importorskip("jupytext")
+    monkeypatch.syspath_prepend(str(pages.ROOT / "docs" / "extensions"))
+    monkeypatch.chdir(tmp_path)
+    page = pages.ROOT / "docs" / "tutorial.md"
+    client.execute(importlib.import_module("notebooks").of_page(pages.text(page)))
+    assert (tmp_path / "latch.py").is_file() and (tmp_path / "latch_bolt.png").is_file()
