@@ -26,8 +26,9 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
   return largest(p->dofs, w->scratch, p->per_unit);
 }
 
-/* The product of the tangent and d, which the factors propose for r, after `size_of`. With bordering rows, whose columns are not there any
-   more: r, and the product with what A has changed by since its factorisation. */
+/* The product of the tangent and d, which the factors propose for r, after `size_of`, which leaves the motion of nodes
+   in `scratch`. With bordering rows, whose columns are not there any more: r, and the product with what A has changed
+   by since its factorisation. */
 static void times_tangent(const Problem *p, const Work *w, const double *d, const double *r, double *out) {
   for (int i = 0; i < p->free; ++i) {
     double sum = p->bordering_rows ? r[i] : 0;
