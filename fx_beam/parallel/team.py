@@ -19,8 +19,6 @@ from typing import Any
 from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import world
 
-from .own_functions import packed
-
 # Longest time between two looks for a message [s]; the first ones follow each other at once.
 _PAUSE, _AT_ONCE = 1e-3, 200
 # How long the first process waits for the others when mpirun ends them [s].
@@ -274,6 +272,9 @@ def _sendable(answered: tuple[Exception | None, Any]) -> tuple[Exception | None,
 
 
 def _packed(message: Any) -> bytes:
+    # Imported here: one process alone sends nothing.
+    from .own_functions import packed
+
     try:
         return packed(message)
     except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
