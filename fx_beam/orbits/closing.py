@@ -195,14 +195,9 @@ def _damped(matrix: np.ndarray, damping: float) -> Callable[[np.ndarray], np.nda
     """Gives the step for a gap."""
     n = matrix.shape[1]
     damped = np.vstack([matrix, damping * np.eye(n)])
-    Q, R, order = scipy.linalg.qr(damped, mode="economic", pivoting=True)
-    sizes = abs(np.diag(R))
-    rank = np.count_nonzero(sizes > _ROUNDING * sizes[0])
 
     def solve(gap: np.ndarray) -> np.ndarray:
-        step = np.zeros(n)
-        right = -gap @ Q[: len(gap), :rank]
-        step[order[:rank]] = scipy.linalg.solve_triangular(R[:rank, :rank], right)
-        return step
+        right = np.append(-gap, np.zeros(n))
+        return scipy.linalg.lstsq(damped, right, _ROUNDING, lapack_driver="gelsy")[0]
 
     return solve
