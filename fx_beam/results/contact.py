@@ -13,9 +13,12 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, nearest
 
 
-def as_recorded(contacts: Iterable[Contact]) -> list[Contact]:
-    """Contacts in the order in which forces are recorded: those of members are behind others."""
-    return sorted(contacts, key=lambda contact: isinstance(contact.shape, Beam))
+def columns_of(contacts: Iterable[Contact]) -> dict[int, slice]:
+    """Columns of recorded forces by the number of a contact: those of members are behind others."""
+    columns, end = dict[int, slice](), 0
+    for contact in sorted(contacts, key=lambda contact: isinstance(contact.shape, Beam)):
+        columns[contact.number] = slice(end, end := end + len(contact.points.lengths))
+    return columns
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +56,10 @@ class ContactMotion:
     @property
     def nodes(self) -> np.ndarray:
         """Numbers (m,) of the nodes, along the beam; rows of `Solution.X`."""
-        return self._nodes_of(self.obstacle)
+        target = self.obstacle.target
+        if isinstance(target, Beam):
+            return self.solution.nodes_of_beam[target.name]
+        return np.array([target.number])
 
     @property
     def points(self) -> np.ndarray:
@@ -70,13 +76,8 @@ class ContactMotion:
     @property
     def force(self) -> np.ndarray:
         """Forces (n, m, 2) on the points at `Solution.t_level` [N]."""
-        first = 0
-        for other in as_recorded(self.solution.contacts):
-            if other is self.obstacle:
-                break
-            first += len(other.points.lengths)
-        count = len(self.obstacle.points.lengths)
-        return self.solution.recorded("contact_forces")[:, first : first + count]
+        columns = columns_of(self.solution.contacts)[self.obstacle.number]
+        return self.solution.recorded("contact_forces")[:, columns]
 
     @property
     def normal(self) -> np.ndarray:
@@ -173,9 +174,3 @@ class ContactMotion:
             x, y = (row[nodes[after]] - row[nodes[before]]).T
             sides[i] = np.where(x * directions[i, :, 1] > y * directions[i, :, 0], -1.0, 1.0)
         return sides
-
-    def _nodes_of(self, obstacle: Contact) -> np.ndarray:
-        target = obstacle.target
-        if isinstance(target, Beam):
-            return self.solution.nodes_of_beam[target.name]
-        return np.array([target.number])

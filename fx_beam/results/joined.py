@@ -13,7 +13,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 
 from .audit import BeamResultants, Energy, Stats
-from .contact import as_recorded
+from .contact import columns_of
 from .state import HISTORIES
 
 # Statistics that add up.
@@ -271,16 +271,10 @@ def _contact_key(contact: Contact) -> tuple:
 
 def _of_contacts(before: list[Contact], rows: np.ndarray, obstacles: list[Contact]) -> np.ndarray:
     """Forces at the contacts of both motions, from those of one."""
-    forces = np.zeros((len(rows), sum(len(one.points.lengths) for one in obstacles), 2))
-    places, first = dict[int, slice](), 0
-    for one in as_recorded(obstacles):
-        places[one.number] = slice(first, first + len(one.points.lengths))
-        first = places[one.number].stop
-    first = 0
-    for one in as_recorded(before):
-        count = len(one.points.lengths)
-        forces[:, places[one.number]] = rows[:, first : first + count]
-        first += count
+    columns = columns_of(obstacles)
+    forces = np.zeros((len(rows), max((of.stop for of in columns.values()), default=0), 2))
+    for number, of in columns_of(before).items():
+        forces[:, columns[number]] = rows[:, of]
     return forces
 
 
