@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from copy import copy
-
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
+from fx_beam.results.audit import uncounted
 from fx_beam.results.state import State
 from fx_beam.step.events import end_behind_event
 from fx_beam.step.local_error import AVERAGED, order_and_constant
@@ -118,11 +117,9 @@ class AdaptiveRun:
 
     def _trial(self, state: State, t1: float, watch: bool = False) -> Trial:
         """A step that is not part of the run; it is counted as rejected."""
-        stats, counts = self._stats, copy(vars(self._stats))
-        counts["ended_by"] = dict(stats.ended_by)
-        trial = self._stepper.trial(state, t1, watch)
-        vars(stats).update(counts)
-        stats.rejected += 1
+        with uncounted(self._stats):
+            trial = self._stepper.trial(state, t1, watch)
+        self._stats.rejected += 1
         return trial
 
     def _up_to_event(self, result: StepsResult, dt: float) -> tuple[StepsResult, float]:
@@ -154,21 +151,20 @@ class AdaptiveRun:
         longest = (until - state.t) / number
         for _ in range(_TRIALS):
             dt = min(control.length, longest)
-            past, counts, now = integrator.past, copy(vars(stats)), state
-            counts["ended_by"] = dict(stats.ended_by)
+            past, now = integrator.past, state
             integrator.forget_errors()
             ratio, failed = None, False
             try:
-                while ratio is None and not failed:
-                    number = round((now.t - state.t) / dt)
-                    ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
-                    result = self._try_steps(now, ends, 1, NullRecorder())
-                    now, ratio, failed = result.state, result.ratio, result.failed
-                    if result.switched:
-                        break
+                with uncounted(stats):
+                    while ratio is None and not failed:
+                        number = round((now.t - state.t) / dt)
+                        ends = state.t + dt * np.arange(number + 1, self._order + AVERAGED + 1)
+                        result = self._try_steps(now, ends, 1, NullRecorder())
+                        now, ratio, failed = result.state, result.ratio, result.failed
+                        if result.switched:
+                            break
             finally:
                 integrator.past = past
-                vars(stats).update(counts)
             stats.rejected += self._order + AVERAGED
             if failed:
                 self._fail(state, dt)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from fx_beam.dual import have_slopes, plain
 from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.parallel.team import Team
-from fx_beam.results.audit import Stats
+from fx_beam.results.audit import Stats, uncounted
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, State
 from fx_beam.scene.scene import Scene
@@ -206,9 +205,8 @@ def smooth_start(
         return state
     if have_slopes():
         raise TypeError("a start that is found by a step has no slopes")
-    counts = copy(vars(stats)) | {"ended_by": dict(stats.ended_by)}
-    end = stepper.trial(state, state.t + dt).state
-    vars(stats).update(counts)
+    with uncounted(stats):
+        end = stepper.trial(state, state.t + dt).state
     if end is None:
         return state
     driven = plain(forcing.end_rates(np.array([end.t]), np.array([dt])))

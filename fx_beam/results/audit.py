@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,6 +11,17 @@ import numpy as np
 
 from fx_beam.errors import Failure
 from fx_beam.scene.notebook import html_table, sketch
+
+
+@contextmanager
+def uncounted(stats: Stats) -> Iterator[None]:
+    """What is done in this block changes no statistics."""
+    # Lists of what is compiled are those of the model, which goes on with them.
+    counts = vars(stats) | {"ended_by": dict(stats.ended_by)}
+    try:
+        yield
+    finally:
+        vars(stats).update(counts)
 
 
 def read_only(values: np.ndarray) -> np.ndarray:
