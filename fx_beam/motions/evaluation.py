@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from fx_beam.fem.dolfinx_api import gauss_points
 from fx_beam.results.audit import BeamResultants, Stability, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.beam import arc_lengths
+from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.joints import constraints_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
@@ -50,9 +50,7 @@ def solution_of(
         histories, rows = at_times(model, recorded, times, breaks)
     elif not later:
         histories = dict(recorded)
-    internal = histories["internal"] if model.forms.internal_shape[-1] else None
     of_springs = histories["spring_internal"] if model.points.width else None
-    natural = histories["natural"] if model.natural else None
     cache: list[np.ndarray] = []
     of_name = {
         beam.name: (beam, cells) for beam, cells in zip(scene.beams, mesh.cells, strict=True)
@@ -92,7 +90,7 @@ def solution_of(
         beams={beam.name: beam for beam in scene.beams},
         nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
         resultants_of_beam=resultants_of_beam,
-        variables_of_beam=_variables_of_beam(model, internal, natural),
+        variables_of_beam=_variables_of_beam(model, histories),
         variables_of_joint=_variables_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
         contacts=list(scene.contacts),
@@ -113,21 +111,26 @@ def check_rates(model: Model, recorder: Recorder) -> None:
         )
 
 
+def variables_along(model: Model) -> Iterator[tuple[Beam, np.ndarray, str, str, int]]:
+    """Internal variables and natural strains: beam, its cells, name, history, and column there."""
+    with_strains = {strain.beam.name for strain in model.scene.natural_strains}
+    for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
+        internal = beam.section.internal
+        for i, name in enumerate(() if internal is None else internal.names):
+            yield beam, cells, name, "internal", i
+        for i, name in enumerate(NAMES.values() if beam.name in with_strains else ()):
+            yield beam, cells, name, "natural", i
+
+
 def _variables_of_beam(
-    model: Model, rows: np.ndarray | None, natural: np.ndarray | None
+    model: Model, histories: Mapping[str, Any]
 ) -> dict[str, dict[str, np.ndarray]]:
     """Internal variables and natural strains (n, points) by beam and name, from all cells'."""
     by_beam: dict[str, dict[str, np.ndarray]] = {}
-    with_strains = {strain.beam.name for strain in model.scene.natural_strains}
-    for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
-        if beam.section.internal is not None and rows is not None:
-            of_beam = rows[:, cells].reshape(len(rows), -1, rows.shape[-1])
-            names = enumerate(beam.section.internal.names)
-            by_beam[beam.name] = {name: of_beam[..., i] for i, name in names}
-        if beam.name in with_strains and natural is not None:
-            of_beam = natural[:, cells].reshape(len(natural), -1, len(NAMES))
-            strains = {name: of_beam[..., i] for i, name in enumerate(NAMES.values())}
-            by_beam[beam.name] = by_beam.get(beam.name, {}) | strains
+    for beam, cells, name, history, column in variables_along(model):
+        if (rows := histories[history]) is not None:
+            of_beam = rows[:, cells][..., column].reshape(len(rows), -1)
+            by_beam.setdefault(beam.name, {})[name] = of_beam
     return by_beam
 
 

@@ -14,13 +14,11 @@ from fx_beam.results.fields import RESULTANTS
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.paraview import Fields, Piece, write_collection, write_pieces
 from fx_beam.results.solution import Solution
-from fx_beam.scene.loads import NAMES
 from fx_beam.step.interrupts import uninterrupted
-from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 
-from .evaluation import check_rates
+from .evaluation import check_rates, variables_along
 from .prepared import Prepared
 
 # Which part of the time the solution so far may take to be saved.
@@ -42,7 +40,6 @@ class RowFiles:
         self._folder = self._path.with_suffix("")
         self._folder.mkdir(exist_ok=True)
         self._divide(prepared)
-        self._variables = _variables(self._model)
         self._times: list[float] = []
         self._names: list[str] = []
         self._small: list[dict[str, np.ndarray]] = []
@@ -145,13 +142,12 @@ class RowFiles:
         beams = model.forms.beams
         assert beams is not None
         values = recorder.means(beams.resultants(recorder.sub_steps(new)), new)
+        along = dict(zip(RESULTANTS, np.moveaxis(values, -1, 0), strict=True))
+        for _, cells, name, history, column in variables_along(model):
+            of_cells = along.setdefault(name, np.zeros_like(along["N"]))
+            of_cells[:, cells] = histories[history][new:, cells][..., column]
         order = np.concatenate(model.mesh.cells)
-        along = dict(zip(RESULTANTS, np.moveaxis(values[:, order], -1, 0), strict=True))
-        for name, parts in self._variables.items():
-            along[name] = np.zeros_like(along["N"])
-            for kind, elements, column in parts:
-                along[name][:, elements] = histories[kind][new:, order[elements]][..., column]
-        return along
+        return {name: of_cells[:, order] for name, of_cells in along.items()}
 
     # -- What stays ---------------------------------------------------------------------------
 
@@ -179,23 +175,3 @@ class _Alone:
     def __call__(self, method: str, given: list[tuple]) -> list[Any]:
         pairs = zip(self._pieces, given, strict=True)
         return [getattr(piece, method)(*arguments) for piece, arguments in pairs]
-
-
-def _variables(model: Model) -> dict[str, list[tuple[str, np.ndarray, int]]]:
-    """Internal variables and natural strains by name: their history, elements, and column."""
-    ends = np.cumsum([beam.elements for beam in model.scene.beams])
-    with_strains = {strain.beam.name for strain in model.scene.natural_strains}
-    elements_of: dict[tuple[str, str, int], list[np.ndarray]] = {}
-    for beam, end in zip(model.scene.beams, ends.tolist(), strict=True):
-        internal = beam.section.internal
-        names = () if internal is None else internal.names
-        columns = [("internal", name, i) for i, name in enumerate(names)]
-        if beam.name in with_strains:
-            columns += [("natural", name, i) for i, name in enumerate(NAMES.values())]
-        for kind, name, column in columns:
-            elements = np.arange(end - beam.elements, end)
-            elements_of.setdefault((kind, name, column), []).append(elements)
-    variables: dict[str, list[tuple[str, np.ndarray, int]]] = {}
-    for (kind, name, column), parts in elements_of.items():
-        variables.setdefault(name, []).append((kind, np.concatenate(parts), column))
-    return variables
