@@ -18,18 +18,16 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.interrupts import one_thread
-from fx_beam.step.model import Model
+from fx_beam.step.undamped_modes import count_below
 
 from .built_scenes import BuiltScenes, checked_numbers
-from .tangent_derivatives import Square, TangentDerivatives, total
-
-_Changes = Mapping[str, np.ndarray]
+from .tangent_derivatives import Square, TangentDerivatives
 
 _log = logging.getLogger("fx_beam")
 # Squares of angular frequencies that differ by less, relative to them, are repeated.
 _EQUAL = 1e-7
-# Modes more than those wanted, which may take their places; and so many if these are not enough.
-_MORE, _MANY = 2, 10
+# Modes more than those wanted if some of these have other shapes than before, or copies above.
+_MORE = 10
 # Least square of the cosine between two shapes of the same mode.
 _SAME = 0.5
 _REPEATED = (
@@ -117,12 +115,11 @@ class ModalResponse:
         self._alone, self._calls = RLock(), ArrayCalls()
         self._scenes = BuiltScenes(self._built)
         self._x: Any = None
-        self._about: Any = None
-        self._derivatives: TangentDerivatives | None = None
-        # A model of other numbers.
-        self._other: Model | None = None
         # Shapes (size, n) of the last modes in their places.
         self._shapes: np.ndarray | None = None
+        self._tangent = TangentDerivatives(self._damped)
+        self._about: Linearisation | None = None
+        self._changes: dict[str, np.ndarray] | None = None
         self.modes: Modes
 
     def __getstate__(self):
@@ -154,26 +151,32 @@ class ModalResponse:
             in the second column damping ratios.
         """
         given, self._x = checked_numbers(x), None
-        self._about = self._derivatives = None  # which need the model that this call takes
+        self._about = None  # so that its model serves again
+        self._changes = None
         with calling_with_arrays(self._calls):
             scene, _ = self._scenes.at(given)
             state = None if self._state is None else self._equilibrium(scene)
             about = linearised(scene, state, "modes")
         check_equilibrium(about, state, "modes")
-        found = lowest_modes(about, self._n + _MORE, self._damped)
-        order, alike = self._places(about, found[-1])
-        if alike < _SAME:
-            found = lowest_modes(about, 2 * self._n + _MANY, self._damped)
-            order, _ = self._places(about, found[-1])
-        omega, rigid, ratios, roots, vectors = (part[..., order] for part in found)
-        first, shapes = slice(self._n), about.T @ vectors
-        self._shapes = shapes[:, first]
-        numbers = (part[first] for part in (omega, rigid, ratios, roots))
-        self.modes = modes_of(about.model, about.start.q, self._shapes, *numbers)
-        self._omega, self._roots, self._vectors = omega, roots, vectors
         self._scene, self._about, self._end = scene, about, state
+        more = 2 if self._damped else 0  # copies above are seen without damping only
+        if self._take_modes(self._n + more) < _SAME:
+            self._take_modes(2 * self._n + _MORE)
+        omega, ratios, roots = (of[: self._n] for of in (self._omega, self._ratios, self._roots))
+        self._shapes = about.T @ self._vectors[:, : self._n]
+        about_state, rigid = (about.model, about.start.q, self._shapes), omega == 0
+        self.modes = modes_of(*about_state, omega, rigid, ratios, roots)
         self._x = given
-        return np.column_stack([omega, ratios])[first] if self._damped else omega[first].copy()
+        return np.column_stack([omega, ratios]) if self._damped else omega.copy()
+
+    def _take_modes(self, count: int) -> float:
+        """Have the lowest modes in their places; how much the least is like the last one there."""
+        assert self._about is not None  # after `linearised`
+        omega, _, ratios, roots, vectors = lowest_modes(self._about, count, self._damped)
+        order, alike = self._places(self._about, vectors)
+        self._omega, self._ratios, self._roots = omega[order], ratios[order], roots[order]
+        self._vectors = vectors[:, order]
+        return alike
 
     def _equilibrium(self, scene: Scene) -> Solution:
         assert self._state is not None
@@ -217,15 +220,20 @@ class ModalResponse:
         SceneError
             Before the first call, for scenes without derivatives, and for overdamped modes.
         """
-        changes = self._changes("jacobian")
+        self._begin_derivatives("jacobian")
         outputs = 1 + self._damped
         jacobian = np.zeros((len(self._omega), outputs, len(self._x)))
-        for group in self._groups():
-            if len(group) > 1:
-                jacobian[group, 0] = self._of_group(group, changes)
+        groups = [*self._groups()]
+        sums = [part for group in groups for part in self._sums_of(group)]
+        rows = iter(self._of_sums(sums))
+        for group in groups:
+            if len(group) == 1:
+                jacobian[group[0]] = [next(rows) for _ in range(outputs)]
                 continue
-            for output in range(outputs):
-                jacobian[group, output] = self._of_mode(group[0], np.eye(outputs)[output], changes)
+            matrices = np.zeros((len(self._x), len(group), len(group)))
+            for i, j in zip(*np.tril_indices(len(group)), strict=True):
+                matrices[:, i, j] = next(rows)
+            jacobian[group, 0] = np.linalg.eigvalsh(matrices).T  # reads the lower triangles
         return jacobian[: self._n] if self._damped else jacobian[: self._n, 0]
 
     @one_thread
@@ -248,14 +256,15 @@ class ModalResponse:
             As of `jacobian`; for weights of another shape, and for different ones of modes with the
             same frequency, since only their sum has a gradient.
         """
-        changes, what = self._changes("vjp"), "ModalResponse.vjp: weights"
+        self._begin_derivatives("vjp")
+        what = "ModalResponse.vjp: weights"
         shape = (len(self.modes), 2) if self._damped else (len(self.modes),)
         given = array_of(weights, what)
         fits = given.shape == shape and np.isfinite(given).all()
         require(bool(fits), what, weights, f"{shape} finite numbers")
         every = np.zeros((len(self._omega), 1 + self._damped))
         every[: len(given)] = given.reshape(len(given), -1)
-        squares, total_of = list[Square](), np.zeros(len(self._x))
+        squares = list[Square]()
         for group in self._groups():
             if np.ptp(every[group], axis=0).any():
                 raise SceneError(
@@ -264,28 +273,36 @@ class ModalResponse:
                     "Give equal weights, or all modes of the group by a larger n, or use jacobian"
                 )
             for mode in group[every[group].any(axis=1)]:
-                if self._damped:  # steps have the time of each vibration
-                    total_of += self._of_mode(mode, every[mode], changes)
-                else:
-                    squares += self._squares(mode, every[mode])
-        return self._of_squares(squares, changes) if squares else total_of
+                squares += self._squares(mode, every[mode])
+        return self._of_sums([squares])[0] if squares else np.zeros(len(self._x))
 
-    def _changes(self, what: str) -> dict[str, np.ndarray]:
+    def _begin_derivatives(self, what: str) -> None:
         wanted = "called after run(x) without an error"
         require(self._x is not None, f"ModalResponse.{what}", "no modes yet", wanted)
-        if self._derivatives is None:
-            factor, inputs, of = 0.0, None, "ModalResponse"
-            if self._end is not None and self._end.end is not None:
-                factor, inputs = float(self._end.t[-1]), self._end.end.inputs
-            damped = self._damped and self._about.may_be_damped
-            known = TangentDerivatives(self._about, factor, inputs, of, damped, self._other)
+        if self._changes is None:
+            assert self._about is not None  # after a call
+            self._tangent.begin(self._about, self._end)
+            if self._copies_above():
+                self._take_modes(2 * self._n + _MORE)
             with calling_with_arrays(self._calls):
-                self._known_changes = self._scenes.derivatives(
-                    self._x, self._scene, lambda scene, _: known.numbers_of(scene)
+                self._changes = self._scenes.derivatives(
+                    self._x, self._scene, lambda scene, _: self._tangent.numbers_of(scene)
                 )
-            self._other = known.other
-            self._derivatives = known
-        return self._known_changes
+
+    def _copies_above(self) -> bool:
+        """Whether modes may have the frequency of the highest one and are not among these."""
+        assert self._about is not None  # after a call
+        if self._damped:
+            return False
+        highest = self._omega.max()
+        bound = highest * abs(highest) + 2 * _EQUAL * highest**2
+        return count_below(self._about.K, self._about.M, bound) != len(self._omega)
+
+    def _of_sums(self, sums: Sequence[Sequence[Square]]) -> np.ndarray:
+        """Derivatives (n, m) of sums of squares."""
+        about, changes = self._about, self._changes
+        assert about is not None and changes is not None  # after `_begin_derivatives`
+        return self._tangent.of_sums(about, sums, changes) if sums else np.zeros((0, len(self._x)))
 
     def _groups(self) -> Iterator[np.ndarray]:
         """Modes that are not rigid, those with the same root together."""
@@ -307,6 +324,7 @@ class ModalResponse:
                 f"ModalResponse: mode {mode} does not vibrate: it is overdamped, or grows, and has "
                 "no derivatives with damped=True"
             )
+        assert self._about is not None  # after a call
         m, k = x @ (self._about.M @ x), x @ (self._about.K @ x)
         of_root = weights[0] * np.conj(s) / w if s.imag else -weights[0]
         if self._damped:
@@ -316,41 +334,30 @@ class ModalResponse:
         if np.iscomplexobj(x):
             parts = [(x.real, 1 - 1j), (x.imag, -1 - 1j), (x.real + x.imag, 1j)]
         powers = np.array([1, s, s**2])
-        return [Square(d, *(factor * share * powers).real) for d, share in parts if d.any()]
+        rows = [(d, (factor * share * powers).real) for d, share in parts if d.any()]
+        return [Square(d, of[0], of[1], of[2], 1 / w) for d, of in rows]
 
-    def _of_mode(self, mode: int, weights: np.ndarray, changes: _Changes) -> np.ndarray:
-        return self._of_squares(self._squares(mode, weights), changes, 1 / abs(self._omega[mode]))
+    def _sums_of(self, group: np.ndarray) -> Iterator[list[Square]]:
+        """Of a mode those for its frequency and damping ratio; of more those of their matrix.
 
-    def _of_squares(
-        self, squares: list[Square], changes: _Changes, time: float = 1.0
-    ) -> np.ndarray:
-        assert self._derivatives is not None  # after `_changes`
-        by_numbers = self._derivatives.of_squares(squares, self._end is not None, time)
-        self._derivatives.refuse_others(changes, by_numbers)
-        return total(changes, by_numbers)
-
-    def _of_group(self, group: np.ndarray, changes: _Changes) -> np.ndarray:
-        """Derivatives (g, m) of modes of the same frequency."""
-        if np.iscomplexobj(self._vectors):
+        This has a lower triangle, row by row, in which products are halves of squares.
+        """
+        if len(group) == 1:
+            for weights in np.eye(1 + self._damped):
+                yield self._squares(group[0], weights)
+            return
+        if self._damped:
             raise SceneError(
                 f"ModalResponse: the damped modes {group.tolist()} have the same root, and no "
                 "derivatives. Leave damping out, or let them differ"
             )
         _log.warning(_REPEATED, len(group), self._omega[group[0]])
         (unit,) = self._squares(group[0], np.ones(1))
-        vectors = self._vectors[:, group]
-
-        def of(direction: np.ndarray) -> np.ndarray:
-            return self._of_squares([unit._replace(direction=direction)], changes)
-
-        own = [of(vector) for vector in vectors.T]
-        matrices = np.zeros((len(self._x), len(group), len(group)))
-        for i in range(len(group)):
-            matrices[:, i, i] = own[i]
-            for j in range(i):  # by the square of the sum
-                both = (of(vectors[:, i] + vectors[:, j]) - own[i] - own[j]) / 2
-                matrices[:, i, j] = matrices[:, j, i] = both
-        return np.linalg.eigvalsh(matrices).T
+        for i, j in zip(*np.tril_indices(len(group)), strict=True):
+            a, b = self._vectors[:, group[i]], self._vectors[:, group[j]]
+            # a.K b = ((a + b).K (a + b) - (a - b).K (a - b)) / 4
+            halves = [unit.along((a + b) / 2), unit.along((a - b) / 2, -1)]
+            yield halves if i != j else [unit.along(a)]
 
 
 def _nothing(solution: Solution) -> float:

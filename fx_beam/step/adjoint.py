@@ -86,25 +86,41 @@ class Adjoint:
         return found
 
     def vjp_of_equations(
-        self, tape: Tape, of_equations: np.ndarray, of_ends: np.ndarray
-    ) -> tuple[dict[str, Any], np.ndarray]:
-        """Derivatives of a sum of weights times residuals and configurations at ends of load steps.
+        self, tape: Tape, ends: list[int], of_equations: np.ndarray, of_ends: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of sums of weights times residuals and configurations at ends of load steps.
 
-        Weights (n, free) and (n, size) of all steps, which are not solved: increments are given.
-        By all numbers, and by the unknowns (n, free) at the ends.
+        Weights (n, free) and (n, size) of all steps; a sum ends with each of `ends`. By the vector
+        of `Layout` (sums, size), and of each step by its numbers and by the unknowns at its end.
         """
-        every = np.arange(len(tape) + 1)
-        weights = {"equations": of_equations, "q": of_ends}
-        by_unknowns = np.zeros((len(tape), self._p.free))
-        named = self.vjp(tape, lambda _: (weights, every[1:], every[:-1]), True, by_unknowns)
-        return named, by_unknowns
+        self.hand_over_slopes(True)
+        count, every = len(tape), np.arange(len(tape) + 1)
+        stride = -(-self.layout.size // 8) * 8  # each row is aligned
+        x = aligned(np.zeros((len(ends), stride)))[:, : self.layout.size]
+        of_steps = np.zeros((count + 1, self.layout.step_size))
+        by_unknowns = np.zeros((count, self._p.free))
+        self.sizes = np.zeros(count)
+        states, equations = self.layout.states, self.layout.equations
+        weights = equations.filled({"equations": of_equations}, count)
+        structs = Structs(self._ffi, declarations("problem.h"))
+        structs.set(
+            self.c,
+            sizes=self.sizes,
+            of_steps=never_empty(of_steps),
+            by_unknowns=by_unknowns,
+            states=states.members(every[1:], count + 1, states.filled({"q": of_ends}, count)),
+            forces=equations.members(every[:-1], count, weights),
+        )
+        for row, first, end in zip(x, [0, *ends], ends, strict=False):
+            tape.show(first, end)
+            structs.set(self.c, x=row)
+            left = self._library.fx_vjp(self._p, tape.c, self.c)
+            check_followed(left, tape, first + left - 1)
+        self._structs.set(self.c, x=self._x, by_unknowns=0)
+        return x, of_steps[:-1], by_unknowns
 
     def vjp(
-        self,
-        tape: Tape,
-        weights_of: Callable[[Part], Weights],
-        by_places: bool = True,
-        by_unknowns: np.ndarray | None = None,
+        self, tape: Tape, weights_of: Callable[[Part], Weights], by_places: bool = True
     ) -> dict[str, Any]:
         """Derivatives by all numbers, or by all but places of nodes, "X".
 
@@ -112,19 +128,16 @@ class Adjoint:
         then on the tape: derivatives by "q" and "v" (m, size), "slides" (m, joints), "internal" and
         "spring internal" (m, variables) at boundaries between sub-steps with the numbers `rows`
         (m,); and by the forces in some `sub_steps` (k,):
-        "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3). With
-        room for those by unknowns they are of forces on these, "equations", as `vjp_of_equations`.
+        "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
         self.hand_over_slopes(by_places)
-        p, every, states = self._p, len(tape), self.layout.states
-        forces = self.layout.forces if by_unknowns is None else self.layout.equations
+        p, every, states, forces = self._p, len(tape), self.layout.states, self.layout.forces
         self._x[...] = 0.0
         of_steps = np.zeros((every + 1, self.layout.step_size))
         structs = Structs(self._ffi, declarations("problem.h"))
         #: Sizes of the derivatives by the rates at the starts of all sub-steps.
         self.sizes = np.zeros(every)
-        to = 0 if by_unknowns is None else by_unknowns
-        structs.set(self.c, sizes=self.sizes, of_steps=never_empty(of_steps), by_unknowns=to)
+        structs.set(self.c, sizes=self.sizes, of_steps=never_empty(of_steps))
         left_over: np.ndarray | None = None
         for part in tape.parts(self.problem, backwards=True):
             weights, rows, sub_steps = weights_of(part)

@@ -49,6 +49,17 @@ class Forward:
         parts = [*self.jvp_parts(tape, changes, rows_of)]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
+    def along(
+        self, changes: Mapping[str, np.ndarray], by_vector: np.ndarray, of_step: np.ndarray
+    ) -> np.ndarray:
+        """Sums (n, m) of derivatives times changes (m, ...) of the numbers of a single sub-step.
+
+        Derivatives by the vector of `Layout` (n, size), and by the numbers of the step.
+        """
+        count = len(changes["X"])
+        of_numbers = self._of_steps(changes, count, 1)
+        return by_vector @ self._vector(changes, count).T + of_step @ of_numbers.T
+
     def jvp_parts(
         self,
         tape: Tape,

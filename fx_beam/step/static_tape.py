@@ -16,17 +16,9 @@ from .tape import Tape
 
 
 def static_tape(
-    problem: Problem,
-    start: State,
-    states: Sequence[State],
-    forcing: LoadForcing,
-    moves: np.ndarray | None = None,
-    lengths: np.ndarray | None = None,
+    problem: Problem, start: State, states: Sequence[State], forcing: LoadForcing
 ) -> Tape:
     """The steps from a state over others, as rows of a tape (c/tape.h).
-
-    They may have other increments than to these states, `moves` (n, free) of the unknowns, and
-    other `lengths` (n,) [s].
 
     Their length is the increment of the load factor, and their `ratio` the factor itself. Without
     internal variables an equilibrium depends on none before, and is a step from itself.
@@ -41,19 +33,15 @@ def static_tape(
     if model.natural:
         strains = forcing.naturals(t)[0]
     rows, apart, last = [], not model.flows, start.t
-    pairs = zip(states if apart else [start, *states], states, strict=False)
-    for number, (old, new) in enumerate(pairs):
-        increments = _increments(model, old, new)
-        if moves is not None:
-            increments[: model.reduction.free] += moves[number]
-        length, last = new.t - last if lengths is None else lengths[number], new.t
+    for old, new in zip(states if apart else [start, *states], states, strict=False):
+        length, last = new.t - last, new.t
         rows.append(
             [
                 [forcing.time - length, length, new.t, 1.0, 0.0],
                 *(old.q, np.zeros(model.size), old.slides, _or_none(old.internal)),
                 *(_at_start(model, old, new), _or_none(old.natural)),
                 *(new.t * loads, new.t * loads, follower_force, new.t * strains),
-                *(values, increments),
+                *(values, _increments(model, old, new)),
             ]
         )
     tape = Tape(problem)

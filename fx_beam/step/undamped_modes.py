@@ -39,6 +39,11 @@ def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values))), rigid, vectors
 
 
+def count_below(K, M, square: float) -> int:
+    """Number of modes whose squares of angular frequencies are below; -1 at one of these."""
+    return _Pencil(K.tocsr(), M).below(square)
+
+
 def _scaled(matrix, scale: np.ndarray):
     """A matrix in compressed rows with scaled rows and columns; entries that are zero stay."""
     rows = np.repeat(np.arange(len(scale)), np.diff(matrix.indptr))
