@@ -72,8 +72,8 @@ class Together:
         # Nothing here refers to itself or to the loop: with this the parts go at once.
         model, self._loop = loop.model, weakref.proxy(loop)
         #: The equations of steps.
-        self.equations = DistributedEquations(team, model, loop.forcing, loop.failures.options)
-        self._solver = PartedSolver(self.equations, loop.stats)
+        given = loop.forcing, loop.failures.options, loop.stats
+        self.equations = DistributedEquations(team, model, *given)
         self._error: BaseException | None = None
         self._at_rest, self._driven = model.scheme.rates.at_rest, model.reduction.driven
         self._size, self._free = model.size, model.reduction.free
@@ -135,7 +135,7 @@ class Together:
         x = self._array(to, self._free)
         x[:] = np.nan
         if self._error is None:
-            x[:], error[0] = self._solver.solve(self._array(b, self._free).copy(), energy)
+            x[:], error[0] = self.equations.solve(self._array(b, self._free).copy(), energy)
 
 
 def _of(together: Callable[[], Together | None], method: str) -> Callable[..., None]:
@@ -145,8 +145,12 @@ def _of(together: Callable[[], Together | None], method: str) -> Callable[..., N
 class DistributedEquations:
     """The equations of a step, of which the parts evaluate all but the forces at points."""
 
-    def __init__(self, team: Team, model: Model, forcing: Forcing, options: NewtonOptions):
+    def __init__(
+        self, team: Team, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats
+    ):
         self.model, self._natural, self._reduction = model, forcing.natural, model.reduction
+        #: Counts of iterations, and the root of the work of the last solution, per size.
+        self._stats, self._stiffness = stats, 0.0
         _check(model)
         if forcing.turning is not None:
             raise SceneError(f"static: spin on several processes is not possible yet; {_ADVICE}")
@@ -284,44 +288,29 @@ class DistributedEquations:
 
     # -- The linear system ------------------------------------------------------------------------
 
-    def solve(self, b: np.ndarray, least: float) -> Solved:
-        """Solution (free,) for the reduced tangent, with an error that may be `least` anyway."""
-        more = self._of_points()
-        right = np.zeros(self._ends[-1])
-        right[self._numbers] = b
-        own, none = np.split(right, self._ends[:-1]), np.empty(0)
-        given = [(more if not i else none, of, least) for i, of in enumerate(own)]
-        found = self._crew("solve", given)
-        x = np.concatenate([own.x for own in found])[self._numbers]
-        return found[0]._replace(x=x)
-
-    def memory(self) -> list[float]:
-        """The largest memory of each process so far [GB]."""
-        return self._crew("memory")
-
-
-class PartedSolver:
-    """Corrections: the parts solve together."""
-
-    def __init__(self, equations: DistributedEquations, stats: Stats):
-        self._equations, self._stats = equations, stats
-        #: Root of the work of the last solution, per size.
-        self._stiffness = 0.0
-
     def solve(self, b: np.ndarray, energy: float) -> tuple[np.ndarray, float]:
         """Solution (free,) for the reduced tangent, and its relative error.
 
         Not finite if it is singular; as exact as matters in a step of some energy.
         """
-        least, equations = np.inf, self._equations
+        least, more = np.inf, self._of_points()
         if self._stiffness:
             least = _ENERGY_ERROR * math.sqrt(energy) / self._stiffness
-        found = equations.solve(b, least)
-        if found.size:
-            self._stiffness = math.sqrt(abs(b @ found.x)) / found.size
-        self._stats.krylov_iterations += found.iterations
-        self._stats.solver = f"PETSc on {equations.size} processes, {found.kind}"
-        return found.x, found.error
+        right = np.zeros(self._ends[-1])
+        right[self._numbers] = b
+        own, none = np.split(right, self._ends[:-1]), np.empty(0)
+        given = [(more if not i else none, of, least) for i, of in enumerate(own)]
+        solved: list[Solved] = self._crew("solve", given)
+        x, first = np.concatenate([own.x for own in solved])[self._numbers], solved[0]
+        if first.size:
+            self._stiffness = math.sqrt(abs(b @ x)) / first.size
+        self._stats.krylov_iterations += first.iterations
+        self._stats.solver = f"PETSc on {self.size} processes, {first.kind}"
+        return x, first.error
+
+    def memory(self) -> list[float]:
+        """The largest memory of each process so far [GB]."""
+        return self._crew("memory")
 
 
 def _in_order(frame: Frame, values: np.ndarray) -> np.ndarray:
