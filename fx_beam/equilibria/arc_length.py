@@ -353,7 +353,8 @@ class ArcLength:
             work, energy = residual @ dy, abs(f) @ abs(D)
             stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
             if size <= failures.options.tolerance or stuck:
-                r = r + self._path.change(self._path.spread(dy, 0.0)) + dload * per_load
+                change = self.stepper.equations.change(self._path.spread(dy, 0.0))
+                r = r + change + dload * per_load
                 failures.check_slides(D, residuals)
                 failures.check_members(D, residuals)
                 ended_by = "round-off" if stuck else "increment"

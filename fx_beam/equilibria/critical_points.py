@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 
-from fx_beam.results.audit import Stability
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import Modes, modes_of
@@ -125,10 +124,6 @@ class PathStability:
         self._first = int(branches_off and len(states) > 1)
         self._last = int(stepper.stats.closed and len(states) > 1)
         self._motions, self._arc = SmallMotions(stepper), ArcLength(stepper)
-
-    def found_when_read(self) -> Stability:
-        """For a solution."""
-        return Stability(self.unstable_modes, self.critical_points)
 
     def unstable_modes(self) -> np.ndarray:
         """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""

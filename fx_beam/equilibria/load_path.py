@@ -19,7 +19,7 @@ from fx_beam.motions.progress import attach, failure_of, progress_bar
 from fx_beam.motions.recent import recent_model
 from fx_beam.motions.surroundings import waiting_team, warn_of_equal_work
 from fx_beam.parallel.whole import shared
-from fx_beam.results.audit import Stats
+from fx_beam.results.audit import Stability, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
@@ -197,10 +197,9 @@ class LoadPath:
             recorder.record(step, state)
             self._stepper.loop.inversion.check(state.t, state.q)
         end = replace(turning[-1], t=self.forcing.time, inputs=self._inputs)
-        stability = self._stability(states, lambda state: self._solution([state]))
-        solution = solution_of(
-            model, recorder, stats, lambda: end, stability=stability.found_when_read()
-        )
+        path = self._stability(states, lambda state: self._solution([state]))
+        stability = Stability(path.unstable_modes, path.critical_points)
+        solution = solution_of(model, recorder, stats, lambda: end, stability=stability)
         model.needed_by(solution.resultants_of_beam)
         return solution
 

@@ -196,10 +196,6 @@ class PathEquations:
         fixed = np.zeros(self._reduction.columns - self._reduction.free - self._reduction.driven)
         return self._reduction.spread(np.concatenate([dy, dload * self._forcing.goal, fixed]))
 
-    def change(self, D: np.ndarray) -> np.ndarray:
-        """Change (size,) of the forces with a small one of all degrees of freedom."""
-        return self._equations.change(D)
-
     def balance(self, y: np.ndarray, load: float) -> tuple[Balance, np.ndarray, np.ndarray]:
         """The equations, and their derivative with respect to the load factor: full and reduced."""
         model, forcing, reduction = self.model, self._forcing, self._reduction

@@ -58,7 +58,7 @@ class Piece:
         path, D, load = stepper.path, second.q - first.q, second.t - first.t
         none = np.zeros(self.model.reduction.free)
         path.begin(first)
-        self._arc, self._motions, self._start = arc, motions, first
+        self._arc, self.motions, self._start = arc, motions, first
         #: Whether measures may jump.
         self.kinked = self.model.nonsmooth
 
@@ -103,17 +103,13 @@ class Piece:
             if self.model.flows:
                 K = self._arc.stiffness_at(self._start, self._tangent, distance)
             else:
-                K = self.stiffness_of(self.at(distance))
+                K = self.motions.stiffness(self.at(distance))
             self._tangents[distance] = K
         return self._tangents[distance]
 
-    def stiffness_of(self, state: State) -> csr_matrix:
-        """The tangent of a state in which nothing flows."""
-        return self._motions.stiffness(state)
-
     def kind_of_jump(self, low: float, high: float) -> str:
         """What makes the stiffness jump between two distances."""
-        switches = [np.sign(self._values(self.at(end))) for end in (low, high)]
+        switches = [np.sign(self.model.switches(self.at(end))) for end in (low, high)]
         if (switches[0] != switches[1]).any():
             return "contact" if self.model.has_contact else "kink"
         return "flow" if self.model.flows else "kink"
@@ -128,7 +124,7 @@ class Piece:
         path.begin(start)
         none = np.zeros(self.model.reduction.free)
         tangent = path.tangent(none, 0.0, self._tangent)
-        signs, behind = (np.sign(self._values(s)) for s in (start, self.at(high)))
+        signs, behind = (np.sign(self.model.switches(s)) for s in (start, self.at(high)))
         changed = signs != behind
         for side in (-h, h):
             distances = side * np.arange(_STATES)
@@ -136,7 +132,7 @@ class Piece:
                 states = [start, *(arc.state_at(start, tangent, d) for d in distances[1:])]
             except StepFailed:
                 continue
-            values = np.array([self._values(state) for state in states])
+            values = np.array([self.model.switches(state) for state in states])
             if changed.any() and (np.sign(values) == signs).all():
                 break
         else:
@@ -144,10 +140,6 @@ class Piece:
         places = [root_near(distances / h, column) for column in values[:, changed].T]
         nearest = min(places, key=abs)
         return combined(states, weights(distances / h, nearest)) if abs(nearest) < 2 else None
-
-    def _values(self, state: State) -> np.ndarray:
-        """Those that change their sign where a contact opens or closes."""
-        return self.model.switches(state)
 
 
 @dataclass
@@ -307,5 +299,5 @@ def _extrapolated(
         tangents = [piece.stiffness(distance) for distance in distances]
         K = sum(w * K for w, K in zip(shares, tangents, strict=True))
     else:
-        K = piece.stiffness_of(state)
+        K = piece.motions.stiffness(state)
     return Root(near + place * apart, state, K, kind)

@@ -19,6 +19,8 @@ from .state import HISTORIES
 
 #: Format of saved files.
 FORMAT = "fx_beam solution 2"
+# What is written of a contact as it is.
+_OF_CONTACTS = "stiffness", "restitution", "speed", "radius", "along", "number"
 
 
 def save(solution, path) -> None:
@@ -112,12 +114,7 @@ def _described(obstacle: Contact) -> dict:
         "shape": {
             name: part.number if isinstance(part, Node) else part for name, part in parts.items()
         },
-        "stiffness": obstacle.stiffness,
-        "restitution": obstacle.restitution,
-        "speed": obstacle.speed,
-        "radius": obstacle.radius,
-        "along": obstacle.along,
-        "number": obstacle.number,
+        **{name: getattr(obstacle, name) for name in _OF_CONTACTS},
         "friction": None if obstacle.friction is None else asdict(obstacle.friction),
     }
 
