@@ -191,10 +191,12 @@ def report(numbers):
 def draw(results, solution, scene, belt, pulleys, contacts, ratios):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene, results / "scene.png")
     first, last = (round(t / DT / EVERY) for t in (0.9, 1.6))
     plot.animate(solution, results / "motion.gif", rows=range(first, last), colour="N")
+    thumbnail.animate(solution, range(first, last), results / "thumbnail.gif")
 
     figure, ((speed, pull), (angle, drum)) = plot.figure(2, 2)
     of_pulleys = rates(solution, pulleys)

@@ -222,12 +222,14 @@ def report(numbers):
 def draw(results, shown, travel, force, curve):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     motion, _, pulled, nock, arrow = shown
     plot.scene(scene()[0], results / "scene.png")
     plot.shapes(
         pulled, results / "shapes.png", rows=[0, 3, 6, len(pulled.t) - 1], marks={"nock": nock}
     )
+    thumbnail.animate(motion, range(len(motion.t)), results / "thumbnail.gif")
     figure, axes = plot.figure(1, 2, height=3.0)
     pull, energy = axes.flat
     pull.plot(*curve, color="#0072B2", linewidth=2.8, alpha=0.35, label="elastica")

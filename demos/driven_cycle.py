@@ -92,8 +92,10 @@ def report(numbers):
 def draw(results, cycle, motion, coupler, apart, largest):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png")
+    thumbnail.animate(cycle.solution, range(STEPS), results / "thumbnail.gif")
     figure, (axes,) = plot.figure(1, 2, height=3.2)
     turn = np.arange(STEPS) / STEPS
     last = middle(motion, coupler)

@@ -145,12 +145,15 @@ def report(numbers):
 def draw(results, runs):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     solution, floors = runs[1.0]
     plot.scene(floors[0].target.start.scene, results / "scene.png")
     rows = [round(t / DT) for t in (0.0, 0.3, 0.4, 0.5, 0.65, 0.9)]
     plot.shapes(solution, results / "shapes.png", rows=rows)
-    plot.animate(solution, results / "motion.gif", rows=range(0, round(2.4 / DT), round(0.04 / DT)))
+    film = range(0, round(2.4 / DT), round(0.04 / DT))
+    plot.animate(solution, results / "motion.gif", rows=film)
+    thumbnail.animate(solution, film, results / "thumbnail.gif")
 
     figure, axes = plot.figure(2, 2)
     (heights, force), (parts, drift) = axes

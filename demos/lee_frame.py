@@ -181,6 +181,7 @@ def report(numbers):
 def draw(results, path, loaded, hinge, rows):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png", scene_unit="-", dimensions=True)
     load, moved = LOAD * path.load_factor / 1e3, path.displacement(loaded)
@@ -209,6 +210,7 @@ def draw(results, path, loaded, hinge, rows):
     plot.animate(
         path, results / "motion.gif", rows=range(len(load)), fps=8, trace=loaded, scene_unit="-"
     )
+    thumbnail.animate(path, range(len(load)), results / "thumbnail.gif")
 
 
 if __name__ == "__main__":

@@ -170,6 +170,7 @@ def report(numbers):
 def draw(results, runs):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene(SPEEDS["a = 0.25"])[0], results / "scene.png")
     figure, axes = plot.figure(2, 1)
@@ -197,6 +198,7 @@ def draw(results, runs):
     t_end = duration(SPEEDS["a = 0.5"]) * 200**0.5
     solution = fb.simulate(bridge, dt=t_end / STEPS, t_end=0.9 * t_end)
     plot.animate(solution, results / "motion.gif", rows=range(0, len(solution.t), 6), trace=joint.b)
+    thumbnail.animate(solution, range(0, len(solution.t), 6), results / "thumbnail.gif")
 
 
 if __name__ == "__main__":

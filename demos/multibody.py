@@ -261,6 +261,7 @@ def report(numbers):
 def draw(results, runs):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     solution, joints = runs["EnergyMomentum", DT]
     marks = {"A": solution.beams["member 1"].end, "B": solution.beams["member 2"].end}
@@ -269,6 +270,7 @@ def draw(results, runs):
     plot.shapes(solution, results / "shapes.png", rows=rows, marks=marks)
     frames, path = range(0, round(SHOWN / DT) + 1, 2), results / "motion.gif"
     plot.animate(solution, path, rows=frames, fps=25, trace=marks["B"], marks=marks)
+    thumbnail.animate(solution, frames, results / "thumbnail.gif")
 
     figure, axes = plot.figure(3, 1)
     for ax in axes.flat:

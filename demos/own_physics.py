@@ -165,8 +165,10 @@ def report(numbers):
 def draw(results, free, forced, damped):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
+    thumbnail.animate(forced, range(len(forced.t)), results / "thumbnail.gif")
     figure, axes = plot.figure(2, 1, height=2.8)
     energy, force = axes.flat
     energy.plot(free.t, free.energy.total, "C0", label="own material")

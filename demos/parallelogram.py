@@ -134,6 +134,7 @@ def report(numbers):
 def draw(results):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene(), results / "scene.png", dimensions=True)
     shown = {
@@ -155,6 +156,7 @@ def draw(results):
             plot.animate(
                 solution, results / "motion.gif", rows=range(0, len(solution.t), 6), trace=joint
             )
+            thumbnail.animate(solution, range(0, len(solution.t), 6), results / "thumbnail.gif")
     theta, _ = rigid(*SHOWN)(solution.t)
     path.plot(solution.t, CRANK * np.cos(theta), "k:", linewidth=1.0, label="rigid")
     path.set(ylabel="joint $x$ [m]")

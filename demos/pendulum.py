@@ -251,6 +251,7 @@ def report(numbers):
 def draw(results, runs, numbers):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     # Conserving schemes are drawn last, on top of those whose curves fill the panel. The mid-point
     # rule is left out: the paper does not show it, and its values exceed all scales.
@@ -266,6 +267,7 @@ def draw(results, runs, numbers):
     tip = solution.beams["rod"].end
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
     plot.animate(solution, results / "motion.gif", rows=first, fps=25, trace=tip)
+    thumbnail.animate(solution, first, results / "thumbnail.gif")
 
     figure, axes = plot.figure(2, 1)
     for i, ax in enumerate(axes.flat):

@@ -206,6 +206,7 @@ def report(numbers):
 def draw(results, solutions, fine):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png", scene_unit="in", dimensions=True)
     solution = solutions["EnergyMomentum"]
@@ -214,6 +215,7 @@ def draw(results, solutions, fine):
     plot.shapes(solution, results / "shapes.png", rows=first[::3], scene_unit="in")
     node = solution.beams["beam"].end
     plot.animate(solution, results / "motion.gif", rows=first, trace=node, scene_unit="in")
+    thumbnail.animate(solution, first, results / "thumbnail.gif")
 
     # Left: the first 1.4 s, where diverging curves can be distinguished. Right: the whole run.
     figure, axes = plot.figure(2, 2)

@@ -236,6 +236,7 @@ def report(numbers):
 def draw(results, runs):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
     ring, *halves = scene(elements=48)
@@ -255,6 +256,7 @@ def draw(results, runs):
     flight = runs["EnergyMomentum", DT]
     plot.shapes(flight, results / "shapes.png", rows=range(0, 901, 150))
     plot.animate(flight, results / "motion.gif", rows=range(0, len(flight.t), 8), fps=20)
+    thumbnail.animate(flight, range(0, len(flight.t), 8), results / "thumbnail.gif")
 
     figure, axes = plot.figure(2, 2)
     for (energy, drift), dt in zip(axes.T, (max(STEPS), DT), strict=True):

@@ -125,11 +125,13 @@ def report(numbers):
 def draw(results, runs, errors, motion):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
     solution, beam, _ = runs["once"]
     plot.shapes(solution, results / "shapes.png", rows=range(len(solution.t)))
     plot.animate(motion, results / "motion.gif", rows=range(0, len(motion.t), 4), trace=beam.end)
+    thumbnail.animate(motion, range(0, len(motion.t), 4), results / "thumbnail.gif")
 
     figure, axes = plot.figure(1, 2, height=3.0)
     convergence, energy = axes.flat

@@ -214,6 +214,7 @@ def report(numbers):
 def draw(results, solution, joints):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png", dimensions=True)
     t = solution.t
@@ -223,6 +224,7 @@ def draw(results, solution, joints):
     middle = solution.beams["rod"].node(0.5)
     two = range(len(t) - 1 - 2 * turn, len(t))
     plot.animate(solution, results / "motion.gif", rows=two[::4], trace=middle, colour="M")
+    thumbnail.animate(solution, two[::4], results / "thumbnail.gif")
 
     x, velocity, moment = rigid(t)
     grey = {"color": "0.6", "linewidth": 2.4, "label": "rigid mechanism, exact"}

@@ -144,6 +144,7 @@ def report(numbers):
 def draw(results, path, made, by_displacement, driven):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(made[0], results / "scene.png")
     figure, axes = plot.figure(1, 2, height=3.6)
@@ -175,6 +176,7 @@ def draw(results, path, made, by_displacement, driven):
     ax.set(xlabel="equilibrium along the path", ylabel="height of the cell [mm]")
     plot.save(figure, results / "heights.png")
     plot.animate(path, results / "motion.gif", rows=range(0, len(path.t), 8), fps=12)
+    thumbnail.animate(path, range(0, len(path.t), 8), results / "thumbnail.gif")
 
 
 if __name__ == "__main__":

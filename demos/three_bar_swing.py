@@ -269,6 +269,7 @@ def report(numbers):
 def draw(results, runs, meshes, heavy):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     solutions = {name: runs[name, DT] for name in SCHEMES}
     solution = solutions["EnergyMomentum"]
@@ -280,6 +281,7 @@ def draw(results, runs, meshes, heavy):
     plot.shapes(solution, results / "shapes.png", rows=rows, marks=marks)
     frames = range(0, len(solution.t), tenth // 10)
     plot.animate(solution, results / "motion.gif", rows=frames, trace=marks["B"], marks=marks)
+    thumbnail.animate(solution, frames, results / "thumbnail.gif")
 
     figure, axes = plot.figure(2, 1)
     for i, ax in enumerate(axes.flat):

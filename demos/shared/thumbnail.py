@@ -14,18 +14,21 @@ from fx_beam import plot
 
 COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 PIXELS = 240
+#: Most frames of a GIF.
+FRAMES = 50
 
 
 def animate(
     solution, rows, path, moving=None, fixed=None, shade=None, magnify=1.0, tall=1.0, width=3.0
 ):
-    """Write a GIF of some rows, with functions for objects beside the members.
+    """Write a GIF of some rows, thinned to `FRAMES`, with functions for objects beside the members.
 
     ``fixed(axes)`` draws what stands still, ``moving(k)`` gives matplotlib's patches in row k, and
     ``shade(k)`` a number from 0 to 1 for the colour of each member. Displacements are magnified,
     and heights are multiplied by `tall`.
     """
     rows, beams = list(rows), list(solution.beams.values())
+    rows = rows[:: -(-len(rows) // FRAMES)]
     shapes = [(1.0, tall) * _magnified(solution, beam, rows, magnify) for beam in beams]
     figure = Figure(figsize=(PIXELS / 100, PIXELS / 100), dpi=100)
     canvas, ax = FigureCanvasAgg(figure), figure.add_axes((0, 0, 1, 1))
