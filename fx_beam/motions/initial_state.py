@@ -365,17 +365,18 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
 def given_velocity(model: Model) -> Any:
     """Initial rates (size,) as given, with slopes that the scene has; zero elsewhere."""
     mesh, scene, X = model.mesh, model.scene, model.mesh.places(model.scene)
-    rows, place, count = [np.zeros((len(X), 3))], np.arange(len(X)), len(X)
+    v, known = with_slopes(np.zeros((len(X), 3))), np.zeros(len(X), dtype=bool)
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
-        given = np.hstack([of.each(X[nodes]) for of in (item.value, item.spin)])
-        twice = place[nodes] >= len(X)
+        before, twice = v.values[nodes], known[nodes]
+        for columns, of in ((slice(2), item.value), (slice(2, 3), item.spin)):
+            given = of.each(X[nodes])
+            v.values[nodes, columns] = plain(given)
+            v.slopes[nodes, columns] = given.slopes if isinstance(given, Dual) else 0.0
+        known[nodes], given = True, v.values[nodes]
         if any_of(twice) or not all_of(np.isfinite(given)):
-            others = plain(np.concatenate(rows))[place[nodes]]
-            _check_velocities(model, mesh.X[nodes], plain(given), others, twice)
-        place[nodes], count = count + np.arange(len(nodes)), count + len(nodes)
-        rows.append(given)
-    return mesh.from_nodes(np.concatenate(rows)[place])
+            _check_velocities(model, mesh.X[nodes], given, before, twice)
+    return mesh.from_nodes(v if v.slopes.any() else v.values)
 
 
 def rates_with_slopes(

@@ -115,7 +115,7 @@ class Structure:
     def _outlines(self) -> dict[str, Any]:
         """Outlines of the parts that are not empty lists, which most are; few scenes need them."""
         known, parts = _Known(), self._parts.items()
-        full = ((name, part) for name, part in parts if type(part) is not list or part)
+        full = ((name, part) for name, part in parts if not isinstance(part, list) or part)
         return {name: _of_part(name, part, known) for name, part in full}
 
     def check(self, scene: Scene) -> None:
@@ -202,7 +202,7 @@ def _getter(names: list[str]) -> Any:
 
 
 def _of_sequence(values: Any, known: _Known) -> _Outline:
-    if values and type(values[0]) is Node:  # quickly, as in beams of many elements
+    if values and type(next(iter(values))) is Node:  # quickly, as in beams of many elements
         return _Outline((len(values), *(node.number for node in values)))
     return _Outline((len(values), *(_of(value, known) for value in values)))
 
