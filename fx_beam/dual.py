@@ -208,8 +208,7 @@ def dual_of(value: Any) -> Dual | None:
     if isinstance(value, DualFloat | DualArray):
         return None if value.slopes is None else Dual(value, value.slopes)
     if isinstance(value, np.ndarray) and value.dtype == object:
-        value = value.tolist()
-        return dual_of(value)
+        return dual_of(value.tolist())
     if not isinstance(value, list | tuple):
         return None
     duals = [dual_of(part) for part in value]

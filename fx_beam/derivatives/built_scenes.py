@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,17 @@ def checked_numbers(x: Any) -> np.ndarray:
     fits = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))
     require(fits, "Response: x", x, "a sequence of finite numbers")
     return values
+
+
+def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], what: str) -> None:
+    """SceneError if numbers change (m, ...) of which there are no derivatives."""
+    for name in changes.keys() - known - OF_OUTPUTS:
+        changing = np.flatnonzero(changes[name].reshape(len(changes[name]), -1).any(axis=1))
+        if len(changing):
+            raise SceneError(
+                f"{what}: x[{changing[0]}] changes {name!r} of the scene, by which motions have no "
+                "derivatives"
+            )
 
 
 class BuiltScenes:

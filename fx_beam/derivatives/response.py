@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from threading import RLock
 from time import perf_counter
@@ -20,7 +20,6 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.initial_state import rates_with_slopes
 from fx_beam.motions.motion_series import MotionSeries
 from fx_beam.motions.numbers import (
-    OF_OUTPUTS,
     numbers_of,
     numbers_of_state,
     observed_numbers_of,
@@ -42,7 +41,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 from fx_beam.step.tape import LIMIT, Part, Tape
 
-from .built_scenes import Build, BuiltScenes, checked_numbers
+from .built_scenes import Build, BuiltScenes, checked_numbers, refuse_others
 from .gradient import Gradient, along
 from .linear_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
@@ -354,7 +353,7 @@ class Response:
         self.stats.gradient_growth = growth = adjoint.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        self._refuse_others(changes, by_numbers.keys())
+        refuse_others(changes, by_numbers.keys(), "Response")
         known = changes.keys() & by_numbers.keys()
         parts = [along(changes[name], by_numbers[name]) for name in known]
         parts += [gradient.along(changes) for gradient in direct]
@@ -390,7 +389,7 @@ class Response:
         changes = self._changes(tape)
         model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
         forward = Forward(adjoint)
-        self._refuse_others(changes, forward.names)
+        refuse_others(changes, forward.names, "Response")
         boundaries, parts = self._boundaries(tape), list[dict[str, np.ndarray]]()
         before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
         observed: Observation | None
@@ -633,22 +632,8 @@ class Response:
         changes = self._scenes.derivatives(
             self._x, self._scene, lambda scene, change: of.numbers_of(scene)
         )
-        self._refuse_others(changes, of.names)
+        refuse_others(changes, of.names, "Response")
         return of.change_of_end(changes)
-
-    def _refuse_others(self, changes: Mapping[str, np.ndarray], known: Set[str]) -> None:
-        for name in changes.keys() - known - OF_OUTPUTS:
-            self._refuse(name, changes[name])
-
-    @staticmethod
-    def _refuse(name: str, change: np.ndarray) -> None:
-        """SceneError if numbers without derivatives change (m, ...)."""
-        changing = np.flatnonzero(change.reshape(len(change), -1).any(axis=1))
-        if len(changing):
-            raise SceneError(
-                f"Response: x[{changing[0]}] changes {name!r} of the scene, by which motions have "
-                "no derivatives"
-            )
 
     def _numbers_of(
         self,

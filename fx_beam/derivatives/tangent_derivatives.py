@@ -11,9 +11,10 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
 from fx_beam.linear.linearisation import Linearisation
-from fx_beam.motions.numbers import OF_OUTPUTS, static_numbers_of
+from fx_beam.motions.numbers import static_numbers_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
+from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError, Structure
 from fx_beam.step.adjoint import Adjoint
@@ -24,6 +25,8 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.static_tape import static_tape
 from fx_beam.step.tables import Problem
+
+from .built_scenes import refuse_others
 
 # A difference of order six along a direction: points, and weights over the distance. The distance
 # is relative to a motion of the size of the scene, or of a radian.
@@ -86,7 +89,7 @@ class TangentDerivatives:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
         last = self._model
         self._model = model = self._refilled(last, about.scene) if self._damped else about.model
-        slides = [joint.start()[0] for joint in model.scene.joints]
+        slides = slides_at_start(model.scene).tolist()
         if model is last:
             self._problem.refill()
         else:
@@ -125,7 +128,7 @@ class TangentDerivatives:
     ) -> np.ndarray:
         """Derivatives (n, m) of sums of squares by x, with which numbers change (m, ...)."""
         forward, of = Forward(self._adjoint), self._adjoint.layout.of
-        _refuse_others(changes, forward.names)
+        refuse_others(changes, forward.names, "ModalResponse")
         mass = about.model.mass
         rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
         by_mass, steps, ends = np.zeros((len(sums), mass.nnz)), list[_Steps](), list[int]()
@@ -189,17 +192,6 @@ def _solved(about: Linearisation, by_state: np.ndarray) -> np.ndarray:
             "critical point"
         )
     return weights.T
-
-
-def _refuse_others(changes: Mapping[str, np.ndarray], known: set[str]) -> None:
-    """SceneError if numbers change of which there are no derivatives."""
-    for name in changes.keys() - known - OF_OUTPUTS:
-        if changes[name].any():
-            number = int(changes[name].reshape(len(changes[name]), -1).any(axis=1).argmax())
-            raise SceneError(
-                f"ModalResponse: x[{number}] changes {name!r} of the scene, by which there are no "
-                "derivatives"
-            )
 
 
 def _why_not(about: Linearisation) -> str:

@@ -29,8 +29,8 @@ class ContactMotion:
     ----------
     solution : Solution
         The solution.
-    obstacle : Contact
-        One of its obstacles.
+    contact : Contact
+        One of its contacts.
 
     Examples
     --------
@@ -48,15 +48,15 @@ class ContactMotion:
     """
 
     solution: Any
-    obstacle: Contact
+    contact: Contact
 
     def __repr__(self):
-        return f"<{self.obstacle} over {len(self.solution.t)} rows>"
+        return f"<{self.contact} over {len(self.solution.t)} rows>"
 
     @property
     def nodes(self) -> np.ndarray:
         """Numbers (m,) of the nodes, along the beam; rows of `Solution.X`."""
-        target = self.obstacle.target
+        target = self.contact.target
         if isinstance(target, Beam):
             return self.solution.nodes_of_beam[target.name]
         return np.array([target.number])
@@ -66,7 +66,7 @@ class ContactMotion:
         """Positions (n, m, 2) of the points that touch [m]: nodes, or points along elements."""
         nodes = self.nodes
         places = self.solution.X[nodes] + self.solution.recorded("q")[:, nodes, :2]
-        return self.obstacle.points.of(places)
+        return self.contact.points.of(places)
 
     @property
     def gap(self) -> np.ndarray:
@@ -76,7 +76,7 @@ class ContactMotion:
     @property
     def force(self) -> np.ndarray:
         """Forces (n, m, 2) on the points at `Solution.t_level` [N]."""
-        columns = columns_of(self.solution.contacts)[self.obstacle.number]
+        columns = columns_of(self.solution.contacts)[self.contact.number]
         return self.solution.recorded("contact_forces")[:, columns]
 
     @property
@@ -104,11 +104,11 @@ class ContactMotion:
         return self._of_friction(0)
 
     def _of_friction(self, variable: int) -> np.ndarray:
-        known = self.solution.variables_of_contact.get(self.obstacle.number)
+        known = self.solution.variables_of_contact.get(self.contact.number)
         if known is None:
-            why = "has no friction" if self.obstacle.friction is None else "has no motion recorded"
-            raise ValueError(f"{self.obstacle} {why}")
-        shape = self.obstacle.shape
+            why = "has no friction" if self.contact.friction is None else "has no motion recorded"
+            raise ValueError(f"{self.contact} {why}")
+        shape = self.contact.shape
         if isinstance(shape, Beam):
             return self._sides(shape) * known[..., variable]
         return shape.side * known[..., variable]
@@ -130,12 +130,12 @@ class ContactMotion:
 
     def _gaps_and_normals(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gaps (n, m) and directions (n, m, 2) to the free side, at displacements (n, nodes, 3)."""
-        shape, radius = self.obstacle.shape, self.obstacle.radius
+        shape, radius = self.contact.shape, self.contact.radius
         nodes = self.nodes
         if isinstance(shape, Beam):
             return self._from_member(q, shape)
         origin = shape.origin
-        points = self.obstacle.points.of(self.solution.X[nodes] + q[:, nodes, :2])
+        points = self.contact.points.of(self.solution.X[nodes] + q[:, nodes, :2])
         arms, psi = points - origin, np.zeros(len(q))
         if shape.carrier is not None:
             arms = arms - q[:, None, shape.carrier.number, :2]
@@ -148,12 +148,12 @@ class ContactMotion:
         touching, places = self.nodes, self.solution.X + q[:, :, :2]
         nodes = self.solution.nodes_of_beam[member.name]
         arc, apart = None, 0.0
-        if member is self.obstacle.target:
-            arc, apart = arc_of(self.solution.X[nodes]), self.obstacle.apart
+        if member is self.contact.target:
+            arc, apart = arc_of(self.solution.X[nodes]), self.contact.apart
         gaps, directions = np.empty(places[:, touching, 0].shape), places[:, touching].copy()
         for i, row in enumerate(places):
             near = nearest(row[touching], row[nodes], apart, arc)
-            gaps[i] = near.distance - self.obstacle.radii
+            gaps[i] = near.distance - self.contact.radii
             arms = row[touching] - near.point
             directions[i] = arms / np.maximum(near.distance, 1e-300)[:, None]
         return gaps, directions
@@ -166,9 +166,9 @@ class ContactMotion:
         last = len(nodes) - 1
         for i, row in enumerate(places):
             square = ((row[self.nodes][:, None] - row[nodes]) ** 2).sum(axis=-1)
-            if member is self.obstacle.target:
+            if member is self.contact.target:
                 arc = arc_of(self.solution.X[nodes])
-                square[abs(arc[:, None] - arc) < self.obstacle.apart] = np.inf
+                square[abs(arc[:, None] - arc) < self.contact.apart] = np.inf
             near = np.argmin(square, axis=1)
             before, after = np.maximum(near - 1, 0), np.minimum(near + 1, last)
             x, y = (row[nodes[after]] - row[nodes[before]]).T

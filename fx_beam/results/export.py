@@ -102,20 +102,20 @@ def _stability(solution) -> dict[str, np.ndarray]:
         return {}
 
 
-def _described(obstacle: Contact) -> dict:
-    """An obstacle in plain values; a node by its number, a beam by its name."""
-    target, shape = obstacle.target, obstacle.shape
+def _described(contact: Contact) -> dict:
+    """A contact in plain values; a node by its number, a beam by its name."""
+    target, shape = contact.target, contact.shape
     parts: dict = {"beam": shape.name} if isinstance(shape, Beam) else {}
     if not parts:
         parts = {field.name: getattr(shape, field.name) for field in fields(shape)}
     return {
         "on": target.name if isinstance(target, Beam) else target.number,
-        "kind": type(obstacle.shape).__name__,
+        "kind": type(contact.shape).__name__,
         "shape": {
             name: part.number if isinstance(part, Node) else part for name, part in parts.items()
         },
-        **{name: getattr(obstacle, name) for name in _OF_CONTACTS},
-        "friction": None if obstacle.friction is None else asdict(obstacle.friction),
+        **{name: getattr(contact, name) for name in _OF_CONTACTS},
+        "friction": None if contact.friction is None else asdict(contact.friction),
     }
 
 

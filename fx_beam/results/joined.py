@@ -123,7 +123,7 @@ class _Joined:
             resultants_of_beam=self._resultants,
             variables_of_beam=self._variables("variables_of_beam"),
             variables_of_joint=self._variables("variables_of_joint"),
-            contacts=self._obstacles(),
+            contacts=self._every_contact(),
             bodies=first.bodies | second.bodies,
             end=end,
             names_of_parameters=self._parameters(),
@@ -132,7 +132,7 @@ class _Joined:
 
     def _histories(self) -> dict[str, np.ndarray]:
         first, second, histories = self._first, self._second, dict[str, np.ndarray]()
-        obstacles, parameters = self._obstacles(), self._parameters()
+        contacts, parameters = self._every_contact(), self._parameters()
         for name, history in HISTORIES.items():
             one, two = getattr(first, name), getattr(second, name)
             if len(one) != len(first.t) or len(two) != len(second.t):
@@ -147,8 +147,8 @@ class _Joined:
                 nothing = np.nan if name == "slides" else 0.0
                 one, two = _padded(one, most, nothing), _padded(two, most, nothing)
             elif name == "contact_forces":
-                one = _of_contacts([*self._contacts.values()], one, obstacles)
-                two = _of_contacts(second.contacts, two, obstacles)
+                one = _of_contacts([*self._contacts.values()], one, contacts)
+                two = _of_contacts(second.contacts, two, contacts)
             elif name == "parameters":
                 one, two = (
                     _of_names(of, rows, parameters) for of, rows in ((first, one), (second, two))
@@ -187,7 +187,7 @@ class _Joined:
             numbers.add(contacts[one.number].number)
         return contacts
 
-    def _obstacles(self) -> list[Contact]:
+    def _every_contact(self) -> list[Contact]:
         every = [*self._second.contacts, *self._contacts.values()]
         return [*{one.number: one for one in every}.values()]
 
@@ -269,9 +269,9 @@ def _contact_key(contact: Contact) -> tuple:
     return str(contact), contact.along, shape
 
 
-def _of_contacts(before: list[Contact], rows: np.ndarray, obstacles: list[Contact]) -> np.ndarray:
+def _of_contacts(before: list[Contact], rows: np.ndarray, contacts: list[Contact]) -> np.ndarray:
     """Forces at the contacts of both motions, from those of one."""
-    columns = columns_of(obstacles)
+    columns = columns_of(contacts)
     forces = np.zeros((len(rows), max((of.stop for of in columns.values()), default=0), 2))
     for number, of in columns_of(before).items():
         forces[:, columns[number]] = rows[:, of]

@@ -287,7 +287,7 @@ class Contact:
     speed : float, optional
         Speed below which the loss is viscous [m/s].
     number : int
-        Number among the scene's obstacles.
+        Number among the scene's contacts.
     energy : callable, optional
         Stored energy of the depth, in the place of a stiffness.
     radius : float or pair

@@ -53,8 +53,8 @@ class Scene:
     Lengths in metres, masses in kilograms, times in seconds and angles in radians, or any other
     consistent units. Angles and moments are positive anticlockwise.
 
-    A copied or unpickled scene has its own nodes, beams, bodies, joints and obstacles: take them
-    from its `beams`, `bodies`, `joints` and `obstacles`.
+    A copied or unpickled scene has its own nodes, beams, bodies, joints and contacts: take them
+    from its `beams`, `bodies`, `joints` and `contacts`.
 
     Parameters
     ----------

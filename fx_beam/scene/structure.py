@@ -202,7 +202,7 @@ def _getter(names: list[str]) -> Any:
 
 
 def _of_sequence(values: Any, known: _Known) -> _Outline:
-    if values and type(next(iter(values))) is Node:  # quickly, as in beams of many elements
+    if values and type(values[0]) is Node:  # quickly, as in beams of many elements
         return _Outline((len(values), *(node.number for node in values)))
     return _Outline((len(values), *(_of(value, known) for value in values)))
 

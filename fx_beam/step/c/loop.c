@@ -10,10 +10,10 @@ static double mid(const Problem *p, double force, double previous) {
   return force + (0.5 - p->level) * (force - previous);
 }
 
-/* Dead forces with weight at the scheme's level; their mean over the step, which does the work. */
 /* Part of the weight that acts. */
 static double acting(const Problem *p) { return p->at_rest ? p->ratio : 1; }
 
+/* Dead forces with weight at the scheme's level; their mean over the step, which does the work. */
 static void begin_loads(const Problem *p, const Work *w, const double *loads) {
   const double *start = loads, *end = loads + p->loads;
   memset(w->dead, 0, p->dofs * sizeof(double));
