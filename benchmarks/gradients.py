@@ -4,7 +4,8 @@
 
 An arm whose numbers are values of a load over time, or stiffnesses along it with masses. Lowest
 processor times of a few calls, relative to a motion of the same response. Then the same for ten
-frequencies of the second arm, about the reference and about its static state, relative to `modes`.
+frequencies of the second arm, about the reference and about its static state, relative to `modes`,
+and for the load under which it buckles, relative to its path with the critical point.
 """
 
 import sys
@@ -99,6 +100,28 @@ def of_modes(count, elements, state):
     return 1e3 * modes, gradient / modes, lowest(lambda: (computed(), run.jacobian()), 5) / modes
 
 
+def of_buckling(count, elements):
+    """Time of a path with its critical point [ms], and with a gradient in these."""
+    tapered_arm, x = tapered(count, elements), 1 + 0.1 * np.sin(np.arange(1, count + 1))
+    rng = np.random.default_rng(0)
+
+    def build(x):
+        scene, _ = tapered_arm(x)
+        scene.add_force(scene.beams[0].end, (-40.0, 0.0))
+        scene.gravity = None
+        return scene, {"load": fb.Output("critical_load", scene)}
+
+    run = fb.StaticResponse(build, load_steps=4)
+
+    def computed():
+        return run(x * (1 + 1e-3 * rng.random(count)))
+
+    computed(), run.jacobian()
+    path = lowest(computed, 5)
+    gradient = lowest(lambda: (computed(), run.vjp({"load": 1.0})), 5)
+    return 1e3 * path, gradient / path, lowest(lambda: (computed(), run.jacobian()), 5) / path
+
+
 def fitted(build, count, steps):
     """Times of a fit with the Jacobian and with SciPy's differences [s]."""
     run, x = fb.Response(build, dt=1 / steps, t_end=1.0), np.ones(count)
@@ -123,6 +146,9 @@ def main(elements=8, steps=200):
         for count in NUMBERS[1:3]:
             texts = [f"{value:.3g}" for value in of_modes(count, elements, state)]
             print(row(name, count, *texts, "", ""), flush=True)
+    for count in NUMBERS[1:]:
+        texts = [f"{value:.3g}" for value in of_buckling(count, elements)]
+        print(row("buckling", count, *texts, "", ""), flush=True)
 
 
 if __name__ == "__main__":

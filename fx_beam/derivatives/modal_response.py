@@ -21,7 +21,7 @@ from fx_beam.step.interrupts import one_thread
 from fx_beam.step.undamped_modes import count_below
 
 from .built_scenes import BuiltScenes, checked_numbers
-from .tangent_derivatives import Square, TangentDerivatives
+from .tangent_derivatives import Product, TangentDerivatives
 
 _log = logging.getLogger("fx_beam")
 # Squares of angular frequencies that differ by less, relative to them, are repeated.
@@ -117,7 +117,7 @@ class ModalResponse:
         self._x: Any = None
         # Shapes (size, n) of the last modes in their places.
         self._shapes: np.ndarray | None = None
-        self._tangent = TangentDerivatives(self._damped)
+        self._tangent = TangentDerivatives("ModalResponse", self._damped)
         self._about: Linearisation | None = None
         self._changes: dict[str, np.ndarray] | None = None
         self.modes: Modes
@@ -264,7 +264,7 @@ class ModalResponse:
         require(bool(fits), what, weights, f"{shape} finite numbers")
         every = np.zeros((len(self._omega), 1 + self._damped))
         every[: len(given)] = given.reshape(len(given), -1)
-        squares = list[Square]()
+        squares = list[Product]()
         for group in self._groups():
             if np.ptp(every[group], axis=0).any():
                 raise SceneError(
@@ -298,7 +298,7 @@ class ModalResponse:
         bound = highest * abs(highest) + 2 * _EQUAL * highest**2
         return count_below(self._about.K, self._about.M, bound) != len(self._omega)
 
-    def _of_sums(self, sums: Sequence[Sequence[Square]]) -> np.ndarray:
+    def _of_sums(self, sums: Sequence[Sequence[Product]]) -> np.ndarray:
         """Derivatives (n, m) of sums of squares."""
         about, changes = self._about, self._changes
         assert about is not None and changes is not None  # after `_begin_derivatives`
@@ -313,7 +313,7 @@ class ModalResponse:
             if len(group) and group.min() < self._n:
                 yield np.sort(group)
 
-    def _squares(self, mode: int, weights: np.ndarray) -> list[Square]:
+    def _squares(self, mode: int, weights: np.ndarray) -> list[Product]:
         """Their derivatives are those of weights times frequency and damping ratio of a mode.
 
         With root s and shape x, ds = -x.(s^2 dM + s dC + dK) x / x.(2 s M + C) x.
@@ -335,9 +335,9 @@ class ModalResponse:
             parts = [(x.real, 1 - 1j), (x.imag, -1 - 1j), (x.real + x.imag, 1j)]
         powers = np.array([1, s, s**2])
         rows = [(d, (factor * share * powers).real) for d, share in parts if d.any()]
-        return [Square(d, of[0], of[1], of[2], 1 / w) for d, of in rows]
+        return [Product(d, d, of[0], of[1], of[2], 1 / w) for d, of in rows]
 
-    def _sums_of(self, group: np.ndarray) -> Iterator[list[Square]]:
+    def _sums_of(self, group: np.ndarray) -> Iterator[list[Product]]:
         """Of a mode those for its frequency and damping ratio; of more those of their matrix.
 
         This has a lower triangle, row by row, in which products are halves of squares.
@@ -356,8 +356,8 @@ class ModalResponse:
         for i, j in zip(*np.tril_indices(len(group)), strict=True):
             a, b = self._vectors[:, group[i]], self._vectors[:, group[j]]
             # a.K b = ((a + b).K (a + b) - (a - b).K (a - b)) / 4
-            halves = [unit.along((a + b) / 2), unit.along((a - b) / 2, -1)]
-            yield halves if i != j else [unit.along(a)]
+            halves = [unit.square((a + b) / 2), unit.square((a - b) / 2, -1)]
+            yield halves if i != j else [unit.square(a)]
 
 
 def _nothing(solution: Solution) -> float:

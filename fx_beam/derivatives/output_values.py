@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.equilibria.critical_points import first_critical_point
 from fx_beam.errors import require
 from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.outputs import Output, definition
+from fx_beam.scene.outputs import CRITICAL_LOAD, Output, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.recorder import Record
 
@@ -57,6 +58,8 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
         wanted = "a number or an array of numbers"
         require(values.dtype.kind in "iufb", f"Response: the output {name!r}", values, wanted)
         return values
+    if output.quantity == CRITICAL_LOAD:
+        return np.array(first_critical_point(solution).load_factor)
     if isinstance(output.of, Scene):
         name = output.quantity.removesuffix("_energy")
         return getattr(solution.energy, "springs" if name == "spring" else name)

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from fx_beam.equilibria.critical_points import first_critical_point
 from fx_beam.equilibria.load_path import LoadPath
 from fx_beam.equilibria.static_options import StaticOptions
 from fx_beam.errors import check_takes
+from fx_beam.results.solution import Solution
+from fx_beam.scene.outputs import CRITICAL_LOAD
 from fx_beam.step.adjoint import Adjoint
+from fx_beam.step.interrupts import one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.tape import Tape
 
 from .built_scenes import Build
+from .critical_load import CriticalLoad, Sensitivity
 from .response import Response
 from .static_derivatives import StaticDerivatives
 
@@ -28,6 +33,9 @@ class StaticResponse(Response):
     load factors. They are exact for the computed load steps, also if members or springs yield: no
     equilibrium is computed for them. With an arc length as well, the factors of the rows count as
     constant; at a limit point there is no derivative.
+
+    The output "critical_load" of the scene is the load factor at the first critical point of the
+    path, a single number, and its derivatives are those of the point.
 
     Parameters
     ----------
@@ -54,8 +62,10 @@ class StaticResponse(Response):
     Raises
     ------
     SceneError
-        As of `Response`. In derivatives also if springs are under tension and change internal
-        variables before the loads act.
+        As of `Response`; if the path has no critical point, whose load is an output. In derivatives
+        also if springs are under tension and change internal variables before the loads act; and of
+        the critical load, for several modes at once, where the stiffness jumps, by numbers that are
+        imperfections, and as of `ModalResponse`.
 
     Examples
     --------
@@ -78,6 +88,20 @@ class StaticResponse(Response):
     (5, 2, 1)
     >>> bool(abs(J["tip"][-1, :, 0] + [1, 2 / math.pi]).max() < 1e-3)
     True
+
+    The load at which a column buckles is in proportion to its stiffness.
+
+    >>> def column(x):
+    ...     scene, section = fb.Scene(), fb.Section(EA=1e6, GA=1e6, EI=x[0])
+    ...     beam = scene.add_beam([(0, 0), (0, 1)], section, elements=8, degree=3)
+    ...     scene.pin(beam.start)
+    ...     scene.fix(beam.end, "x")
+    ...     scene.add_force(beam.end, (0, -1.0))
+    ...     return scene, {"load": fb.Output("critical_load", scene)}
+    >>> run = fb.StaticResponse(column, load_steps=4)
+    >>> factors, y = run([0.05])
+    >>> round(float(y["load"]) / math.pi**2, 5), (run.jacobian()["load"] / math.pi**2).round(5)
+    (0.05, array([1.]))
     """
 
     def __init__(
@@ -108,6 +132,8 @@ class StaticResponse(Response):
 
     def _begin(self) -> None:
         super()._begin()
+        self._critical_point, self._point_is_taken = CriticalLoad(), False
+        self._solution: Solution
         self._derivatives: StaticDerivatives | None = None
 
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -130,12 +156,70 @@ class StaticResponse(Response):
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         self._scene, self._outputs = self._scenes.at(x)
         self._static_path = LoadPath(self._scene, self._static, None)
-        solution = self._static_path.followed()
+        self._solution = solution = self._static_path.followed()
+        self._point_is_taken = False
         self.stats, self._t = solution.stats, solution.t
         self._derivatives = self._known_changes = None
         return solution.load_factor, self._read_all(solution)
 
     # -- Derivatives ------------------------------------------------------------------------------
+
+    @one_thread
+    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
+        """As of `Response`."""
+        self._check_has_run("vjp")
+        given = self._checked_weights(weights)
+        loads = [float(given.pop(name)) for name in self._critical(given)]
+        by_x = super().vjp(given) if given or not loads else np.zeros(len(self._x))
+        return by_x + sum(loads) * self._critical_load().derivatives() if loads else by_x
+
+    @one_thread
+    def jacobian(self, *names: str) -> dict[str, np.ndarray]:
+        """As of `Response`; of a critical load (m,)."""
+        self._check_has_run("jacobian")
+        wanted = self._differentiable(names or self._scenes.names, "Response.jacobian: names")
+        loads = self._critical(wanted)
+        others = [name for name in wanted if name not in loads]
+        jacobian = super().jacobian(*others) if others else {}
+        of_loads = self._critical_load().derivatives() if loads else np.empty(0)
+        return {name: of_loads if name in loads else jacobian[name] for name in wanted}
+
+    @one_thread
+    def imperfection_sensitivity(self) -> Sensitivity:
+        r"""How the critical load falls if numbers x of the last call make the scene imperfect.
+
+        Near a bifurcation the load is :math:`\lambda_c - c |\Delta x|^p` (Koiter 1945): p = 2/3 at
+        a symmetric bifurcation, with c = 0 where the paths beyond it are stable; p = 1/2 at another
+        one, for changes with the sign of c, while others make the load no less.
+
+        Returns
+        -------
+        exponent : float
+            p.
+        coefficients : (m,) float
+            c for each number alone; 0 for those that are no imperfections, of which `jacobian`
+            tells if nothing else is one.
+
+        Raises
+        ------
+        SceneError
+            Before the first call, if the first critical point is no bifurcation, and as of
+            `jacobian`.
+        """
+        self._check_has_run("imperfection_sensitivity")
+        return self._critical_load().sensitivity()
+
+    def _critical(self, names: Iterable[str]) -> list[str]:
+        of = self._outputs
+        return [name for name in names if getattr(of[name], "quantity", "") == CRITICAL_LOAD]
+
+    def _critical_load(self) -> CriticalLoad:
+        """The first critical point of the last call."""
+        if not self._point_is_taken:
+            point = first_critical_point(self._solution)
+            self._critical_point.take(point, self._scene, self._scenes, self._x)
+            self._point_is_taken = True
+        return self._critical_point
 
     def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
         self._check_has_run(what)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,30 +28,44 @@ from fx_beam.step.tables import Problem
 
 from .built_scenes import refuse_others
 
-# A difference of order six along a direction: points, and weights over the distance. The distance
-# is relative to a motion of the size of the scene, or of a radian.
-_POINTS, _WEIGHTS = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
+# Differences of order six along a direction, and second ones: points, and weights over the distance
+# or its square. The distance is relative to a motion of the size of the scene, or of a radian.
+_FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
+_SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 _DISTANCE = 4e-3
 # Forces that remain of a system that is solved, relative to its right side.
 _SOLVED = 1e-6
 
 
-class Square(NamedTuple):
-    """stiffness * d.K d + damping * d.C d + mass * d.M d, with a direction d (free,).
+class Product(NamedTuple):
+    """stiffness * l.K r + damping * l.C r + mass * l.M r, with directions l and r (free,).
 
-    The steps that tell damping have a `time` [s] like that of the vibration.
+    Damping and mass only of a square, l = r; the steps that tell damping have a `time` [s] like
+    that of the vibration.
     """
 
-    direction: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
     stiffness: float
-    damping: float
-    mass: float
-    time: float
+    damping: float = 0.0
+    mass: float = 0.0
+    time: float = 1.0
 
-    def along(self, direction: np.ndarray, sign: int = 1) -> Square:
-        """The same along another direction, or its negative."""
+    def square(self, direction: np.ndarray, sign: int = 1) -> Product:
+        """The same along another direction on both sides, or its negative."""
         of = (sign * self.stiffness, sign * self.damping, sign * self.mass)
-        return Square(direction, *of, self.time)
+        return Product(direction, direction, *of, self.time)
+
+
+class Weighted(NamedTuple):
+    """Derivatives of n sums by the vector of `Layout`, the numbers of a step, and the mass."""
+
+    by_vector: np.ndarray
+    of_step: np.ndarray
+    by_mass: np.ndarray
+
+    def __add__(self, other: Any) -> Weighted:
+        return Weighted(*(one + more for one, more in zip(self, other, strict=True)))
 
 
 class _Steps(NamedTuple):
@@ -70,8 +84,8 @@ class TangentDerivatives:
     states beside the equilibrium by the same laws, blocks and Jacobians of elements as of motions.
     """
 
-    def __init__(self, damped: bool):
-        self._damped = damped
+    def __init__(self, what: str, damped: bool = False):
+        self._what, self._damped = what, damped
         # The model of the steps with its problem and adjoint, and that of other scenes' numbers.
         self._model: Model | None = None
         self._problem: Problem
@@ -82,7 +96,7 @@ class TangentDerivatives:
     def begin(self, about: Linearisation, state: Solution | None) -> None:
         """Take the tangent about a state, or about the reference."""
         if reason := _why_not(about):
-            raise SceneError(f"ModalResponse: no derivatives: {reason}")
+            raise SceneError(f"{self._what}: no derivatives: {reason}")
         self._start, self._follows = about.start, state is not None
         self._factor, self._inputs = 0.0, None
         if state is not None and state.end is not None:
@@ -120,78 +134,116 @@ class TangentDerivatives:
         forcing = LoadForcing(self._other, self._forcing.time)
         return static_numbers_of(self._other, forcing, np.array([self._factor]))
 
+    def by_factor(self) -> dict[str, np.ndarray]:
+        """Derivatives of the numbers by the load factor, of the names that depend on it."""
+        model, forcing, factor = self._problem.model, self._forcing, self._factor
+        rows = static_numbers_of(model, forcing, np.array([factor - 1, factor + 1]))
+        names = {"loads", "driven", "naturals"} & rows.keys()
+        numbers = {name: (rows[name][1:] - rows[name][:1]) / 2 for name in names}
+        if model.weight is not None:  # the factor multiplies it
+            numbers["weight"] = model.weight / factor
+        return numbers | {"points": model.points.by_load_factor}
+
     def of_sums(
         self,
         about: Linearisation,
-        sums: Sequence[Sequence[Square]],
+        sums: Sequence[Sequence[Product]],
         changes: Mapping[str, np.ndarray],
     ) -> np.ndarray:
-        """Derivatives (n, m) of sums of squares by x, with which numbers change (m, ...)."""
-        forward, of = Forward(self._adjoint), self._adjoint.layout.of
-        refuse_others(changes, forward.names, "ModalResponse")
+        """Derivatives (n, m) of sums of products by x, with which numbers change (m, ...)."""
+        weighted, by_state = self.products(about, sums)
+        if self._follows:
+            weighted += self.forces(-self._solved(about, by_state))
+        else:
+            free = self._adjoint.layout.of["Y"].start
+            weighted.by_vector[:, free : free + by_state.shape[1]] = by_state
+        return self.along(weighted, changes)
+
+    def products(
+        self, about: Linearisation, sums: Sequence[Sequence[Product]], curved: bool = False
+    ) -> tuple[Weighted, np.ndarray]:
+        """Derivatives of sums of products by numbers in a fixed state, and by the state (n, free).
+
+        If `curved` those of the second derivatives of the sums along the directions r, twice.
+        """
         mass = about.model.mass
         rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
         by_mass, steps, ends = np.zeros((len(sums), mass.nnz)), list[_Steps](), list[int]()
-        for of_sum, squares in zip(by_mass, sums, strict=True):
-            for square in squares:
-                full = about.T @ square.direction
-                of_sum += square.mass * full[rows] * full[mass.indices]
-                steps += self._steps(about, square, mass @ full)
+        for of_sum, products in zip(by_mass, sums, strict=True):
+            for product in products:
+                full = about.T @ product.right
+                of_sum += product.mass * full[rows] * full[mass.indices]
+                steps += self._steps(about, product, mass @ full, curved)
             ends.append(sum(len(part.lengths) for part in steps))
         joined = _Steps(*map(np.concatenate, zip(*steps, strict=True)))
-        x, of_step, by_state = self._followed(joined, ends)
-        free = slice(of["Y"].start, of["Y"].start + by_state.shape[1])
-        if self._follows:
-            weights, none = -_solved(about, by_state), np.zeros((len(sums), len(about.start.q)))
-            single = _Steps(0 * weights, weights, none, np.ones(len(sums)))
-            by_forces, of_forces, _ = self._followed(single, [*range(1, len(sums) + 1)])
-            x, of_step = x + by_forces, of_step + of_forces
-        x[:, free] = 0.0 if self._follows else by_state
-        masses = changes["mass"].reshape(len(changes["mass"]), -1)
-        return forward.along(changes, x, of_step) + by_mass @ masses.T
+        by_vector, of_step, by_state = self._followed(joined, ends)
+        return Weighted(by_vector, of_step, by_mass), by_state
 
-    def _steps(self, about: Linearisation, square: Square, momentum: np.ndarray) -> list[_Steps]:
-        """Steps along the direction d, with M d of the nodes (size,)."""
-        d, stiffness, damping, of_mass, time = square
-        size = _DISTANCE / abs(d / about.model.unit_of_unknowns[about.unknowns]).max()
-        moves, weights = size * _POINTS[:, None] * d, _WEIGHTS[:, None] / size
+    def forces(self, weights: np.ndarray) -> Weighted:
+        """Derivatives of weights (n, free) times the residual by numbers in the state."""
+        none = np.zeros((len(weights), len(self._start.q)))
+        single = _Steps(0 * weights, weights, none, np.ones(len(weights)))
+        by_vector, of_step, _ = self._followed(single, [*range(1, len(weights) + 1)])
+        return Weighted(by_vector, of_step, np.zeros((1, 1)))
+
+    def along(self, weighted: Weighted, changes: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Derivatives (n, m) by x, with which numbers change (m, ...), of what is weighted."""
+        forward = Forward(self._adjoint)
+        refuse_others(changes, forward.names, self._what)
+        by_vector, of_step, by_mass = weighted
+        masses = changes["mass"].reshape(len(changes["mass"]), -1)
+        by_x = forward.along(changes, by_vector, of_step)
+        return by_x + (by_mass @ masses.T if by_mass.any() else 0.0)
+
+    def _steps(
+        self, about: Linearisation, product: Product, momentum: np.ndarray, curved: bool
+    ) -> list[_Steps]:
+        """Steps along the direction r, with M r of the nodes (size,)."""
+        left, right, stiffness, damping, of_mass, time = product
+        size = _DISTANCE / abs(right / about.model.unit_of_unknowns[about.unknowns]).max()
+        points, weights = _SECOND if curved else _FIRST
+        moves = size * points[:, None] * right
+        weights = weights[:, None] / size ** (1 + curved)
         of_ends, lengths = 2 * of_mass * weights * momentum, np.ones(len(moves))
         if not self._damped:
-            return [_Steps(moves, stiffness * weights * d, of_ends, 0 * lengths)]
+            return [_Steps(moves, stiffness * weights * left, of_ends, 0 * lengths)]
         # The force of a step with an increment D is K D / 2 + C D / length, that of a length
         # less that of its double C D / (2 length).
         short, long = 2 * time * damping - 2 * stiffness, 4 * stiffness - 2 * time * damping
         return [
-            _Steps(moves, short * weights * d, of_ends, time * lengths),
-            _Steps(moves, long * weights * d, 0 * of_ends, 2 * time * lengths),
+            _Steps(moves, short * weights * left, of_ends, time * lengths),
+            _Steps(moves, long * weights * left, 0 * of_ends, 2 * time * lengths),
         ]
 
     def _followed(self, steps: _Steps, ends: list[int]) -> tuple[np.ndarray, ...]:
-        """Derivatives of sums by the vector of `Layout`, numbers of the step, and the state."""
+        """Derivatives of sums by the vector of `Layout`, numbers of the step, and the state.
+
+        The first ones in a fixed state.
+        """
         state = replace(self._start, t=self._factor)
         tape = static_tape(self._problem, state, [state], self._forcing)
         tape.repeat(steps.moves, steps.lengths)
         weights = steps.of_equations, steps.of_ends
         x, of_steps, by_unknowns = self._adjoint.vjp_of_equations(tape, ends, *weights)
-        first = [0, *ends[:-1]]
+        free, first = self._adjoint.layout.of["Y"].start, [0, *ends[:-1]]
+        x[:, free : free + by_unknowns.shape[1]] = 0.0
         return x, np.add.reduceat(of_steps, first), np.add.reduceat(by_unknowns, first)
 
-
-def _solved(about: Linearisation, by_state: np.ndarray) -> np.ndarray:
-    """Weights (n, free) of forces whose derivatives by the state are these."""
-    K = about.K.T
-    try:
-        weights = pivoted_lu(K).solve(by_state.T)
-    except RuntimeError:
-        weights = np.full(by_state.T.shape, np.nan)
-    left = abs(K @ weights - by_state.T).max(axis=0)
-    if not (left <= _SOLVED * abs(by_state).max(axis=1)).all():
-        raise SceneError(
-            "ModalResponse: no derivatives: the tangent of the state is singular, so that it "
-            "does not follow from the numbers. Support the scene, or take a state beside a "
-            "critical point"
-        )
-    return weights.T
+    def _solved(self, about: Linearisation, by_state: np.ndarray) -> np.ndarray:
+        """Weights (n, free) of forces whose derivatives by the state are these."""
+        K = about.K.T
+        try:
+            weights = pivoted_lu(K).solve(by_state.T)
+        except RuntimeError:
+            weights = np.full(by_state.T.shape, np.nan)
+        left = abs(K @ weights - by_state.T).max(axis=0)
+        if not (left <= _SOLVED * abs(by_state).max(axis=1)).all():
+            raise SceneError(
+                f"{self._what}: no derivatives: the tangent of the state is singular, so that it "
+                "does not follow from the numbers. Support the scene, or take a state beside a "
+                "critical point"
+            )
+        return weights.T
 
 
 def _why_not(about: Linearisation) -> str:

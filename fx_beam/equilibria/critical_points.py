@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 
+from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import Modes, modes_of
@@ -104,6 +105,25 @@ class CriticalPoint:
             return f"<CriticalPoint: {self.kind}, between the rows {self.row} and {self.row + 1}>"
         several = f", {len(self.modes)} modes" if len(self.modes) > 1 else ""
         return f"<CriticalPoint: {self.kind} at load factor {self.load_factor:.9g}{several}>"
+
+
+def first_critical_point(solution: Solution) -> CriticalPoint:
+    """That of a static solution; SceneError if there is none with a load factor."""
+    if not solution.stats.static:
+        raise SceneError("Response: a motion has no critical_load. Take fx_beam.StaticResponse")
+    points = solution.critical_points
+    if not points:
+        raise SceneError(
+            "critical_load: the path has no critical point up to load factor "
+            f"{solution.t[-1]:.6g}. Give larger loads, and to find limit points "
+            'continuation="arc-length"'
+        )
+    if points[0].kind == NOT_LOCATED:
+        raise SceneError(
+            f"critical_load: the first critical point, between the rows {points[0].row} and "
+            f"{points[0].row + 1} of the path, was not located. Take more load steps"
+        )
+    return points[0]
 
 
 class PathStability:

@@ -325,6 +325,14 @@ class PointForces:
 
     # -- A step ---------------------------------------------------------------------------------
 
+    @property
+    def by_load_factor(self) -> np.ndarray:
+        """Derivatives (numbers,) of the numbers of all forces by the load factor."""
+        ends = np.cumsum([len(force.numbers) for force in self._forces], dtype=int)
+        by_factor = np.zeros(ends[-1] if len(ends) else 0)
+        by_factor[ends[self.external] - 1] = 1.0
+        return by_factor
+
     def set_load(self, factor: float, increment: float) -> None:
         """Set the load factor of external forces, and in statics its increment in the step."""
         for numbers in self._numbers[self.external]:

@@ -86,6 +86,27 @@ def test_static_response_has_the_derivatives_of_the_closed_form():
     assert run.vjp({"tip": weights}) == pytest.approx(slopes[-1, 1], abs=1e-9)
 
 
+def arch(x):
+    """Height, stiffness and force of a shallow arch of two bars, which snaps through."""
+    scene = fb.Scene()
+    section = fb.Section(EA=1e3 * x[1], GA=1e3 * x[1], EI=x[1])
+    bars = scene.add_beam([(-1, 0), (0, x[0]), (1, 0)], section, elements=4)
+    scene.pin(bars.start)
+    scene.pin(bars.end)
+    scene.add_force(bars.node(0.5), (0, -20 * x[2]))
+    return scene, {"load": fb.Output("critical_load", scene)}
+
+
+def test_a_limit_point_moves_with_the_numbers_as_its_differences():
+    run, x, h = fb.StaticResponse(arch, 10, continuation="arc-length"), np.array([0.2, 1, 1]), 1e-4
+    (_, y), J = run(x), run.jacobian()["load"]
+    assert J[1:] == pytest.approx(y["load"] * [1, -1], rel=1e-6)
+    ends = [run(x + change)[1]["load"] for change in ([h, 0, 0], [-h, 0, 0])]
+    assert (ends[0] - ends[1]) / (2 * h) == pytest.approx(J[0], rel=1e-5)
+    with pytest.raises(fb.SceneError, match="a limit point has none"):
+        run.imperfection_sensitivity()
+
+
 def test_the_arc_length_follows_a_snap_through():
     k, rest = 100.0, np.hypot(1, 0.5)
 

@@ -1,0 +1,191 @@
+"""Derivatives of the load at a critical point, and its sensitivity to imperfections."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.equilibria.critical_points import CriticalPoint
+from fx_beam.equilibria.path_piece import FLUTTER
+from fx_beam.errors import SceneError
+from fx_beam.linear.linearisation import linearised
+from fx_beam.scene.scene import Scene
+from fx_beam.step.sparse_lu import pivoted_lu
+
+from .built_scenes import BuiltScenes
+from .tangent_derivatives import Product, TangentDerivatives, Weighted
+
+# Part of a sum beside which it is zero but for round-off and the place of the point.
+_ZERO = 1e-5
+# The same of the slope of a bifurcation's mode, beside changes of its stiffness with the load.
+_ASYMMETRIC = 1e-3
+# Change of a singular matrix, relative to its largest entry; iterations for its null vectors.
+_SHIFT, _ITERATIONS = 1e-13, 5
+_WHAT = "StaticResponse: critical_load"
+
+
+class Sensitivity(NamedTuple):
+    """How a load falls with imperfections: by coefficients (m,) times their size to an exponent."""
+
+    exponent: float
+    coefficients: np.ndarray
+
+
+class CriticalLoad:
+    r"""The first critical point of a path, where the matrix B = K - s M has null vectors.
+
+    K phi = s M phi, with s = 0 but for flutter, where s is the square of a frequency that two modes
+    share. At a limit point :math:`d\lambda/dx = -\psi.r_x / \psi.r_\lambda`; else
+    :math:`-g_x / g_\lambda` with the total derivatives of :math:`g = \psi.B \phi`, in which the
+    state follows from x and the load.
+    """
+
+    def __init__(self) -> None:
+        self._tangent = TangentDerivatives(_WHAT)
+
+    def take(self, point: CriticalPoint, scene: Scene, scenes: BuiltScenes, x: np.ndarray) -> None:
+        """Take a point of the path of a scene, that of the numbers x."""
+        self._point, state = point, point.solution
+        assert state is not None and point.modes is not None  # of a point with a load factor
+        if point.kind not in (FLUTTER, "limit point", "bifurcation"):
+            raise SceneError(
+                f"{_WHAT}: no derivatives: at load factor {point.load_factor:.6g} the stiffness "
+                f"jumps ({point.kind}), and there is no smooth function of the numbers"
+            )
+        if len(point.modes) > 1:
+            raise SceneError(
+                f"{_WHAT}: no derivatives: {len(point.modes)} modes become unstable at once, at "
+                f"load factor {point.load_factor:.6g}. Let them differ, by other numbers"
+            )
+        self._about = about = linearised(scene, state, _WHAT)
+        beams = about.model.forms.beams
+        if beams is not None and beams.has_external:
+            raise SceneError(f"{_WHAT}: no derivatives: added virtual works have none")
+        self._tangent.begin(about, state)
+        changes = scenes.derivatives(x, scene, lambda scene, _: self._tangent.numbers_of(scene))
+        of_factor = self._tangent.by_factor()
+        #: Changes (m + 1, ...) of all numbers by x, and by the load factor.
+        self._changes = {}
+        for name, rows in changes.items():
+            last = np.reshape(of_factor.get(name, 0 * rows[0]), (1, *rows[0].shape))
+            self._changes[name] = np.concatenate([rows, last])
+        omega = point.modes.angular_frequencies[0]
+        self._square = omega**2 if point.kind == FLUTTER else 0.0
+        self._unit = about.model.unit_of_unknowns[about.unknowns]
+        self._take_null_vectors()
+
+    def _take_null_vectors(self) -> None:
+        """The singular vectors of the least singular value of B in unit unknowns."""
+        about, unit = self._about, scipy.sparse.diags(self._unit)
+        self._B = (unit @ (about.K - self._square * about.M) @ unit).tocsr()
+        try:
+            lu = pivoted_lu(self._B)
+        except RuntimeError:
+            most = _SHIFT * abs(self._B.data).max()
+            lu = pivoted_lu(self._B + most * scipy.sparse.identity(len(self._unit)))
+        left = np.random.default_rng(0).standard_normal(len(self._unit))
+        for _ in range(_ITERATIONS):
+            right = lu.solve(left)
+            right /= np.linalg.norm(right)
+            left = lu.solve(right, "T")
+            left /= np.linalg.norm(left)
+        self._right, self._left = right, left if left @ right > 0 else -left
+        self.phi, self.psi = self._unit * self._right, self._unit * self._left
+
+    def _solved(self, by_state: np.ndarray) -> np.ndarray:
+        """Weights of forces whose derivatives by the state are these.
+
+        In the complement of the null vector if K is singular.
+        """
+        given, K = self._unit * by_state, self._about.K
+        if self._square:
+            unit = scipy.sparse.diags(self._unit)
+            return self._unit * pivoted_lu((unit @ K @ unit).T).solve(given)
+        rows = [[self._B.T, self._right[:, None]], [self._left[None, :], None]]
+        weights = pivoted_lu(scipy.sparse.bmat(rows)).solve(np.append(given, 0.0))
+        return self._unit * weights[:-1]
+
+    def derivatives(self) -> np.ndarray:
+        """Those of the load factor by x (m,)."""
+        if self._point.kind == "limit point":
+            totals = self._tangent.along(self._tangent.forces(self.psi[None]), self._changes)[0]
+            return -totals[:-1] / totals[-1]
+        totals, by_state, weights = self._along_path()
+        if self._point.kind == "bifurcation":
+            if len(where := np.flatnonzero(self._disturbing())):
+                raise SceneError(self._infinite(int(where[0])))
+            if self._slope(totals[-1], by_state, weights)[0]:
+                raise SceneError(
+                    f"{_WHAT}: no derivatives: the bifurcation at load factor "
+                    f"{self._point.load_factor:.6g} is not symmetric, and its place on the mode "
+                    "follows from more than the tangent"
+                )
+        return -totals[:-1] / totals[-1]
+
+    def sensitivity(self) -> Sensitivity:
+        r"""How the load falls with numbers that are imperfections.
+
+        On the mode, with the distance :math:`\xi`, :math:`A_2 \xi^2/2 + A_3 \xi^3/6 + B \xi
+        \Delta\lambda + C \Delta x = 0` (Koiter): the path with C has a limit point.
+        """
+        if self._point.kind != "bifurcation":
+            raise SceneError(
+                f"StaticResponse.imperfection_sensitivity: a {self._point.kind} has none. It is "
+                "told of a bifurcation; use jacobian"
+            )
+        totals, by_state, weights = self._along_path()
+        B, C = totals[-1], self._disturbing()
+        slope, curvature = self._slope(B, by_state, weights)
+        if slope:
+            size = np.sqrt(2 * abs(slope * C)) / abs(B)
+            return Sensitivity(1 / 2, np.sign(slope * C) * size)
+        falls = (abs(curvature / B) / 2) ** (1 / 3) if curvature * B > 0 else 0.0
+        return Sensitivity(2 / 3, falls * (1.5 * abs(C / B)) ** (2 / 3))
+
+    def _slope(
+        self, by_factor: float, by_state: np.ndarray, weights: np.ndarray
+    ) -> tuple[float, float]:
+        """A_2, or 0 if it is round-off, and A_3."""
+        product = Product(self.psi, self.phi, 1.0)
+        _, (curved,) = self._tangent.products(self._about, [[product]], curved=True)
+        curvature = float(self.phi @ curved - 3 * by_state @ weights)
+        slope, size = self.phi @ by_state, abs(by_factor * self._point.load_factor)
+        return (slope if abs(slope) > _ASYMMETRIC * (size + abs(curvature)) else 0.0), curvature
+
+    def _along_path(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Total derivatives (m + 1,) of psi.B phi by x and by the load factor.
+
+        And those by the state, with the weights of forces that belong to these.
+        """
+        products = [Product(self.psi, self.phi, 1.0)]
+        if self._square:
+            for sign in (1, -1):  # a product of both is made of two squares
+                both = (self.psi + sign * self.phi) / 2
+                products.append(Product(both, both, 0.0, mass=-sign * self._square))
+        weighted, (by_state,) = self._tangent.products(self._about, [products])
+        weights = self._solved(by_state)
+        weighted += self._tangent.forces(-weights[None])
+        return self._tangent.along(weighted, self._changes)[0], by_state, weights
+
+    def _disturbing(self) -> np.ndarray:
+        """Work (m,) on the mode of forces that appear with x; zero if it is round-off of these."""
+        any_motion = self._unit * np.random.default_rng(0).standard_normal(len(self._unit))
+        of_forces = self._tangent.forces(np.array([self.psi, any_motion]))
+        work = self._tangent.along(of_forces, self._changes)[0, :-1]
+        changes = {name: abs(rows) for name, rows in self._changes.items()}
+        sizes = self._tangent.along(Weighted(*map(abs, of_forces)), changes)[1, :-1]
+        return np.where(abs(work) > _ZERO * sizes, work, 0.0)
+
+    def _infinite(self, i: int) -> str:
+        exponent, coefficients = self.sensitivity()
+        power = f"|dx|^{'(2/3)' if exponent > 0.6 else '(1/2)'}"
+        law = f"the critical load falls by {abs(coefficients[i]):.6g} {power}"
+        if not coefficients[i]:
+            law = "beside it the path bends without a limit point"
+        return (
+            f"{_WHAT}: no derivative by x[{i}], which is an imperfection of the scene with a "
+            f"bifurcation at load factor {self._point.load_factor:.6g}: {law}, with an infinite "
+            "slope here. See imperfection_sensitivity, or take a scene that has it already"
+        )

@@ -1,0 +1,122 @@
+"""Derivatives of critical loads, by closed forms, and how these fall with imperfections."""
+
+import numpy as np
+import pytest
+
+import fx_beam as fb
+
+STIFF = 1e6
+
+
+def observed(scene):
+    return scene, {"load": fb.Output("critical_load", scene)}
+
+
+def column(x, loaded):
+    """EI, length and how much there is of the load."""
+    scene = fb.Scene(gravity=(0, -9 * x[2]) if loaded is own_weight else None)
+    section = fb.Section(EA=STIFF * x[0], GA=STIFF * x[0], EI=x[0], rhoA=1.0)
+    beam = scene.add_beam([(0, 0), (0, x[1])], section, elements=8, degree=3)
+    loaded(scene, beam, x[2])
+    return observed(scene)
+
+
+def own_weight(scene, beam, load):
+    scene.clamp(beam.start)
+
+
+def heated(scene, beam, load):
+    """Between two pins."""
+    scene.pin(beam.start)
+    scene.pin(beam.end)
+    scene.add_natural_strain(beam, axial=12 * load / STIFF)
+
+
+def pushed(scene, beam, load):
+    scene.pin(beam.start)
+    scene.fix(beam.end, "x")
+    scene.prescribe(beam.end, y=lambda t: -12 * load / STIFF * beam.length * t)
+
+
+def followed(scene, beam, load):
+    """Beck's column: it flutters."""
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, (0, -22.0 * load), follower=True)
+
+
+@pytest.mark.parametrize(
+    ("loaded", "factor", "powers"),
+    [
+        (own_weight, 7.8373 / 9, (1, -3, -1)),
+        (heated, np.pi**2 / 12, (0, -2, -1)),
+        (pushed, np.pi**2 / 12, (0, -2, -1)),
+        (followed, 20.05095 / 22, (1, -2, -1)),
+    ],
+)
+def test_loads_of_columns_depend_on_their_data_as_in_the_closed_forms(loaded, factor, powers):
+    run = fb.StaticResponse(lambda x: column(x, loaded), load_steps=4, t=1.0)
+    x = np.ones(3)
+    _, y = run(x)
+    assert y["load"] == pytest.approx(factor, rel=1e-4)
+    J = run.jacobian()["load"]
+    assert pytest.approx(powers, abs=2e-4) == J / y["load"]
+    assert run.vjp({"load": -2.0}) == pytest.approx(-2 * J, rel=1e-12)
+    ends = [run(x + h * np.array([0.3, -0.5, 0.4]))[1]["load"] for h in (1e-3, -1e-3)]
+    assert (ends[0] - ends[1]) / 2e-3 == pytest.approx(J @ [0.3, -0.5, 0.4], rel=1e-4)
+
+
+def hinged(x, c=10.0, square=0.0, cube=1.0):
+    """A rigid column that leans by x[0], on a hinge with the moment c psi + ...; 15 N on it."""
+    scene, stiff = fb.Scene(), fb.Section(EA=STIFF, GA=STIFF, EI=STIFF)
+    bar = scene.add_beam([(0, 0), (np.sin(x[0]), np.cos(x[0]))], stiff)
+
+    def energy(psi):
+        return square * psi**3 / 6 + cube * psi**4 / 4
+
+    spring = fb.Spring(stiffness=c * x[1], strain_energy=energy)
+    scene.add_joint(fb.Revolute(fb.GROUND, bar.start, spring=spring))
+    scene.add_force(bar.end, (0, -15.0))
+    return observed(scene)
+
+
+@pytest.mark.parametrize(
+    ("laws", "exponent", "exact"),
+    [
+        # (P - c) psi - (cube + c / 6) psi^3 - square psi^2 / 2 - c x = 0, with its fold
+        ({"cube": -5.0}, 2 / 3, 10 * 1.5 ** (2 / 3) / 15),
+        ({"cube": -1.0}, 2 / 3, 0.0),
+        ({"square": 6.0}, 1 / 2, np.sqrt(2 * 6 * 10) / 15),
+    ],
+)
+def test_loads_fall_with_imperfections_as_koiter_says(laws, exponent, exact):
+    run = fb.StaticResponse(lambda x: hinged(x, **laws), load_steps=4)
+    run([0.0, 1.0])
+    power, coefficients = run.imperfection_sensitivity()
+    assert power == exponent
+    assert coefficients == pytest.approx([exact, 0.0], rel=1e-4, abs=1e-12)
+    with pytest.raises(fb.SceneError, match=r"x\[0\], which is an imperfection"):
+        run.jacobian()
+
+
+def test_a_critical_load_that_there_is_not_is_told_of():
+    run = fb.StaticResponse(lambda x: column([*x, 0.5], followed), load_steps=2)
+    with pytest.raises(fb.SceneError, match="no critical point up to load factor 1"):
+        run([1.0, 1.0])
+    motion = fb.Response(lambda x: column([*x, 1.0], heated), dt=0.1, t_end=0.1)
+    with pytest.raises(fb.SceneError, match="a motion has no critical_load"):
+        motion([1.0, 1.0])
+
+
+def test_two_modes_at_once_have_no_derivatives():
+    def build(x):
+        scene, _ = hinged([0.0, x[0]])
+        bar = scene.add_beam([(1, 0), (1, 1)], scene.beams[0].section)
+        joint = fb.Revolute(fb.GROUND, bar.start, spring=fb.Spring(stiffness=10.0))
+        scene.add_joint(joint)
+        scene.add_force(bar.end, (0, -15.0))
+        return observed(scene)
+
+    run = fb.StaticResponse(build, load_steps=4)
+    assert 15 * run([1.0])[1]["load"] == pytest.approx(10.0, rel=1e-4)
+    with pytest.raises(fb.SceneError, match="2 modes become unstable at once"):
+        run.vjp({"load": 1.0})
