@@ -184,6 +184,7 @@ def report(numbers):
 def draw(results, numbers):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     solution, bodies = simulate(3000)
     drawn, _ = scene()
@@ -191,6 +192,11 @@ def draw(results, numbers):
     plot.shapes(solution, results / "shapes.png", rows=range(1000, 1801, 100))
     crossing = bodies[3]["D"]
     plot.animate(solution, results / "motion.gif", rows=range(0, 3001, 30), trace=crossing)
+
+    points = {i: list(body.points.values()) for i, body in bodies.items()}
+    lines = [[*points[i], *points[i][:1]] if len(points[i]) > 2 else points[i] for i in bodies]
+    rows = range(1000, 1801, 20)
+    thumbnail.animate(solution, rows, results / "thumbnail.gif", bodies=lines)
 
     found = angles(solution, bodies)
     figure, axes = plot.figure(2, 1)

@@ -215,8 +215,12 @@ def report(numbers):
 def draw(results, beam, linear, first, tongue, third):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(scene()[0], results / "scene.png", scene_unit="l")
+    largest = first[-1].solution
+    rows, path = range(len(largest.t)), results / "thumbnail.gif"
+    thumbnail.animate(largest, rows, path, tall=8.0)
     figure, ((curve, zoom), (shapes, changes)) = plot.figure(2, 2, height=2.9)
     for axes in (curve, zoom):
         along = np.linspace(0, 1.05 * LARGEST, 200)

@@ -95,6 +95,8 @@ def draw(results, heights, speeds, deflection):
     # Imported here: the numbers need no matplotlib.
     from fx_beam import plot
 
+    thin = NOMINAL | {"h": HEIGHTS[0], "T": 1 / 14}
+    monte_carlo.film(thin, results / "thumbnail.gif")
     figure, axes = plot.figure(1, 1, height=4.5)
     (ax,) = axes.flat
     ax.grid(False)

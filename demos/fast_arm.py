@@ -209,6 +209,7 @@ def report(numbers):
 def draw(results, turns):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     figure, axes = plot.figure(1, 2, height=3.2)
     profiles, distances = axes.flat
@@ -228,7 +229,13 @@ def draw(results, turns):
     plot.save(figure, results / "profiles.png")
     turn, c = turns["40 numbers"]
     rows = range(0, INTERVALS * STEPS + 1, 4 * STEPS)
-    plot.shapes(turn.solution(c), results / "shapes.png", rows=rows)
+    fastest = turn.solution(c)
+    plot.shapes(fastest, results / "shapes.png", rows=rows)
+    tip = fastest.position(fastest.beams["arm"].end)
+    thumbnail.animate(
+        *(fastest, range(0, len(fastest.t), 4), results / "thumbnail.gif"),
+        moving=lambda k: [thumbnail.disc(tip[k], 0.04 * LENGTH)],
+    )
 
 
 if __name__ == "__main__":

@@ -121,6 +121,18 @@ def frequency(case):
     return np.pi * case["h"] / (2 * LENGTH**2) * np.sqrt(case["E"] / (12 * STEEL["rho"]))
 
 
+def film(case, path):
+    """The last turn of the mechanism as a thumbnail."""
+    from shared import thumbnail
+
+    mechanism, _ = scene(case)
+    motion = fb.simulate(mechanism, dt=case["T"] / STEPS, t_end=(RAMP + TURNS) * case["T"])
+    rows = range(len(motion.t) - STEPS, len(motion.t), 2)
+    slider = motion.position(mechanism.beams["rod"].end)
+    disc = thumbnail.disc
+    thumbnail.animate(motion, rows, path, moving=lambda k: [disc(slider[k], 0.1 * RADIUS)])
+
+
 def report(numbers):
     print(
         f"Largest bending moment in the rod [N m], {numbers['samples']} samples in "
@@ -139,6 +151,7 @@ def draw(results, moments, numbers):
     # Imported here: the numbers need no matplotlib.
     from fx_beam import plot
 
+    film(NOMINAL, results / "thumbnail.gif")
     figure, axes = plot.figure(1, 1)
     (ax,) = axes.flat
     ax.hist(moments, bins=max(round(np.sqrt(len(moments))), 5), color="#0072B2", density=True)

@@ -187,6 +187,7 @@ def report(numbers):
 def draw(results, rows, fine, mathieu, boundaries, grown):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     colors = {"": "0.65", "period doubling": "#D55E00", "fold": "#0072B2"}
     labels = {
@@ -196,6 +197,10 @@ def draw(results, rows, fine, mathieu, boundaries, grown):
     }
     top = 1.08 * max(rows)
     plot.scene(scene(MEAN)[0], results / "scene.png")
+    pushed, _ = scene(pulsating(0.4, 2.0 * own_numbers()[1] / (2 * np.pi)), push=lambda t: PUSH)
+    shaken = fb.simulate(pushed, SCHEME, dt=5e-4, t_end=0.2, progress=False)
+    size = 0.2 * LENGTH / abs(shaken.displacement(pushed.beams[0].node(0.5))[:, 1]).max()
+    thumbnail.animate(shaken, range(len(shaken.t)), results / "thumbnail.gif", tall=size)
     figure, ((chart,),) = plot.figure(1, 1, height=3.6)
     for pulse, (ratios, kinds) in rows.items():
         for kind, color in colors.items():

@@ -339,6 +339,7 @@ def report(numbers):
 def draw(results, loops, frames, hinged, ring):
     # Imported here: the numbers need neither matplotlib nor pyvista.
     from fx_beam import plot
+    from shared import thumbnail
 
     plot.scene(frame(8)[0], results / "scene.png", dimensions=True)
 
@@ -358,6 +359,7 @@ def draw(results, loops, frames, hinged, ring):
     axes[1].set(xlabel="sway of the corner [mm]", ylabel="force $F$ [kN]")
     plot.save(figure, results / "loops.png")
 
+    thumbnail.animate(ring, range(0, len(ring.t), 25), results / "thumbnail.gif")
     plot.shapes(ring, results / "ring.png", rows=SHOWN, colour="plastic curvature")
     plot.animate(
         ring, results / "motion.gif", rows=range(0, len(ring.t), 30), colour="plastic curvature"

@@ -40,11 +40,11 @@ def relax(old, strains0, strains, dt):
     return [(old[0] + dt / TAU * strains[2]) / (1 + dt / TAU)]
 
 
-def scene(test):
+def scene(test, elements=2):
     variables = fb.InternalVariables(("curvature of the dashpot",), relax)
     cantilever = fb.Scene()
     section = fb.Section(strain_energy=energy, internal=variables)
-    arm = cantilever.add_beam([(0, 0), (LENGTH, 0)], section, elements=2, name="arm")
+    arm = cantilever.add_beam([(0, 0), (LENGTH, 0)], section, elements, name="arm")
     cantilever.clamp(arm.start)
     if test == "relaxation":
         cantilever.prescribe(arm.end, rotation=lambda t: RATE * LENGTH * t)
@@ -102,7 +102,10 @@ def report(numbers):
 def draw(results):
     # Imported here: the numbers need no matplotlib.
     from fx_beam import plot
+    from shared import thumbnail
 
+    creeping = fb.simulate(scene("creep", elements=20)[0], dt=STEPS[-1], t_end=4 * T_END)
+    thumbnail.animate(creeping, range(0, len(creeping.t), 8), results / "thumbnail.gif")
     figure, axes = plot.figure(1, 2, height=3.0)
     labels = r"bending moment $M$ [N m]", r"curvature $\kappa$ [1/m]"
     for ax, (test, exact), label in zip(axes.flat, EXACT.items(), labels, strict=True):

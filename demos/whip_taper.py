@@ -233,7 +233,11 @@ def draw(results, drawn):
     from matplotlib.collections import PolyCollection
 
     from fx_beam import plot
+    from shared import thumbnail
 
+    tapered, _ = whip(drawn["optimised"][0])
+    stroke = fb.simulate(tapered, dt=DT, t_end=T_END)
+    thumbnail.animate(stroke, range(0, len(stroke.t), 6), results / "thumbnail.gif")
     figure, axes = plot.figure(1, 2, height=3.4)
     shapes, speeds = axes.flat
     shapes.grid(False)

@@ -19,17 +19,28 @@ FRAMES = 50
 
 
 def animate(
-    solution, rows, path, moving=None, fixed=None, shade=None, magnify=1.0, tall=1.0, width=3.0
+    solution,
+    rows,
+    path,
+    moving=None,
+    fixed=None,
+    shade=None,
+    magnify=1.0,
+    tall=1.0,
+    width=3.0,
+    bodies=(),
 ):
     """Write a GIF of some rows, thinned to `FRAMES`, with functions for objects beside the members.
 
     ``fixed(axes)`` draws what stands still, ``moving(k)`` gives matplotlib's patches in row k, and
     ``shade(k)`` a number from 0 to 1 for the colour of each member. Displacements are magnified,
-    and heights are multiplied by `tall`.
+    and heights are multiplied by `tall`. Bodies are lists of points, between which lines are drawn.
     """
     rows, beams = list(rows), list(solution.beams.values())
     rows = rows[:: -(-len(rows) // FRAMES)]
     shapes = [(1.0, tall) * _magnified(solution, beam, rows, magnify) for beam in beams]
+    for points in bodies:
+        shapes.append(np.stack([solution.position(point)[rows] for point in points], axis=1))
     figure = Figure(figsize=(PIXELS / 100, PIXELS / 100), dpi=100)
     canvas, ax = FigureCanvasAgg(figure), figure.add_axes((0, 0, 1, 1))
     ax.set_axis_off()
@@ -39,7 +50,7 @@ def animate(
         limits(middle - half, middle + half)
     if fixed is not None:
         fixed(ax)
-    colours = list(itertools.islice(itertools.cycle(COLOURS), len(beams)))
+    colours = list(itertools.islice(itertools.cycle(COLOURS), len(shapes)))
     look = {"linewidths": width, "capstyle": "round", "zorder": 3}
     look |= {"colors": colours} if shade is None else {"cmap": "magma_r", "clim": (-0.15, 1)}
     lines = ax.add_collection(LineCollection([], **look))
