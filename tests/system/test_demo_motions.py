@@ -45,6 +45,17 @@ def test_two_bars_change_their_velocities_and_one_flies_back_from_a_wall(bars):
         assert runs[400] == approx(velocities, abs=0.008)
 
 
+# -- gears
+
+
+def test_gears_keep_their_ratio_within_errors_that_go_down_with_their_points(gears):
+    four, eight, sixteen = (gears[points]["wheel from the ratio"] for points in ("4", "8", "16"))
+    assert sixteen < 0.6 * eight < 0.3 * four
+    play = [gears[points]["play"] - gears["play by theory"] for points in ("4", "8", "16")]
+    assert play[0] > play[1] > play[2] > 0 and play[2] < 0.2 * gears["play by theory"]
+    assert all(gears[points]["energy balance"] < 1e-11 for points in ("4", "8", "16"))
+
+
 # -- belt_drive
 
 
