@@ -67,17 +67,25 @@ class PlainStep:
             if model.points.members is None or model.points.members.check(self.D) == FINE:
                 break
         model.points.evaluate_slides(self.z)
-        if (rules := model.nodal_rules) is None:
-            rates = self.D, state.v, state.a, interval.length
-            a, _ = self.rates.acceleration(*rates, model.turns)
-        else:
-            past = state.q - (state.q if state.q_previous is None else state.q_previous)
-            nodal = rules.at(0, self.D, state.v, state.a, past, interval.length)
-            a = rules.to_vector(nodal[:, :3])
         added = self.mean(self.forcing.forces(interval))
-        inertia, stopping = model.mass @ a, model.mass @ state.v / interval.length
+        inertia, stopping = model.mass @ self.acceleration(), model.mass @ state.v / interval.length
         self.size = max(abs(part).max() for part in (added, inner, inertia, stopping))
         return inner + inertia - added
+
+    def acceleration(self):
+        """Acceleration (size,) in the equation of motion, by the rule of the scheme."""
+        model, state, rates, dt = self.model, self.state, self.rates, self.interval.length
+        if (rules := model.nodal_rules) is not None:
+            past = state.q - (state.q if state.q_previous is None else state.q_previous)
+            given = (x[model.mesh.dofs] for x in (self.D, state.v, state.a, past))
+            rows = np.hstack([*given, np.full((len(model.mesh.dofs), 1), dt)])
+            return model.mesh.from_nodes(np.array([rules.functions[0](row)[:3] for row in rows]))
+        if rates.by_mean:
+            return 2 / dt * (rates.work_increment(self.D, model.turns)[0] / dt - state.v)
+        if rates.at_rest:
+            return np.zeros_like(self.D)
+        end = (self.D - dt * state.v) / (rates.beta * dt**2) - (0.5 / rates.beta - 1) * state.a
+        return (1 - rates.alpha_m) * end + rates.alpha_m * state.a
 
     def held(self):
         """Gaps that the step opens (n,), and the forces (size, m) of unit multipliers.

@@ -86,12 +86,9 @@ class BeamDrag:
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Add the resisting forces (size,) for the increment D."""
-        self._set(D)
+        self.increment.x.array[:] = D[: len(self._vector)]
         dolfinx_api.assemble_vector(self._vector, self._force)
         out[: len(self._vector)] += self._vector
-
-    def _set(self, D: np.ndarray) -> None:
-        self.increment.x.array[:] = D[: len(self._vector)]
 
     def add_tangent(self, values: np.ndarray, at: slice | np.ndarray) -> None:
         """Add their derivative by the last D to the values of the stiffness at some positions."""

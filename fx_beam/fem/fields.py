@@ -169,15 +169,8 @@ class Fields:
     @property
     def known(self) -> list:
         """All fields, of which forms may consist."""
-        known = [
-            *self.moving,
-            *self.natural,
-            self.time,
-            self.dt,
-            self.load_factor,
-            self.load_increment,
-        ]
-        known.append(self.memory)
+        constants = self.time, self.dt, self.load_factor, self.load_increment, self.memory
+        known = [*self.moving, *self.natural, *constants]
         return known if self.coordinate is None else [*known, self.coordinate]
 
     def of_step(self, at_rest: bool) -> tuple:

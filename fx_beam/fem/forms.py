@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 import scipy.sparse
 
@@ -51,47 +49,18 @@ def with_pairs(
     """
     if not len(pairs):
         return matrix, None
-    size = matrix.shape[0]
-    row = np.repeat(np.arange(size), np.diff(matrix.indptr))
-    present = row * size + matrix.indices
-    missing = np.setdiff1d(pairs[:, 0] * size + pairs[:, 1], present)
-    if not len(missing):
+    marks = scipy.sparse.coo_matrix((np.full(len(pairs), 1e-9), pairs.T), matrix.shape)
+    numbers = np.arange(1.0, matrix.nnz + 1)
+    whole = scipy.sparse.csr_matrix((numbers, matrix.indices, matrix.indptr), matrix.shape)
+    whole = whole + marks.tocsr()
+    if whole.nnz == matrix.nnz:
         return matrix, None
-    keys = np.sort(np.concatenate([present, missing]))
-    rows, columns = np.divmod(keys, size)
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=size))])
-    positions = np.searchsorted(keys, present)
-    values = np.zeros(len(keys))
-    values[positions] = matrix.data
-    indices = columns.astype(matrix.indices.dtype), indptr.astype(matrix.indptr.dtype)
-    return scipy.sparse.csr_matrix((values, *indices), matrix.shape, copy=False), positions
-
-
-class Forces(Protocol):
-    """A part of the forces. What is added belongs to the increment of the last `add_force`."""
-
-    @property
-    def has_external(self) -> bool:
-        """Whether there are external ones: virtual works of a user, follower forces."""
-
-    @property
-    def depend_on_rates(self) -> bool:
-        """Whether they may depend on rates."""
-
-    def set_load(self, factor: float, increment: float) -> None:
-        """Set the load factor, and in statics its increment in the step."""
-
-    def begin(self, interval: Interval, start: StepStart) -> None:
-        """Begin a step."""
-
-    def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
-        """Add them (size,) for the increment D, against the motion."""
-
-    def add_tangent(self, values: np.ndarray) -> None:
-        """Add their derivatives by D to the values of the tangent."""
-
-    def add_external(self, out: np.ndarray) -> None:
-        """Add the external ones (size,), with the motion."""
+    known = np.flatnonzero(whole.data >= 1)
+    positions = np.empty(matrix.nnz, dtype=int)
+    positions[whole.data[known].astype(int) - 1] = known
+    whole.data[:] = 0.0
+    whole.data[positions] = matrix.data
+    return whole, positions
 
 
 class Forms:
@@ -115,7 +84,9 @@ class Forms:
         self.points = PointForces(forces, followers, self._rule, parameters, members)
         #: Those of beams, None without any.
         self.beams = BeamForms(scene, scheme, mesh, parameters) if scene.beams else None
-        self._parts: list[Forces] = [part for part in (self.beams, self.points) if part is not None]
+        self._parts: list[BeamForms | PointForces] = [self.points]
+        if self.beams is not None:
+            self._parts.insert(0, self.beams)
         rows = np.empty(0), np.empty(0, dtype=np.int32), np.zeros(1, np.int32)
         if self.beams is not None:
             rows = self.beams.rows

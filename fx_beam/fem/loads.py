@@ -10,7 +10,7 @@ import scipy.sparse
 
 from fx_beam.errors import Constant, TimeFunction, evaluate, series
 from fx_beam.laws.interval import Interval, just_inside
-from fx_beam.scene.beam import Beam, Node, arc_lengths
+from fx_beam.scene.beam import Beam, Node, arc_lengths, lagrange_and_slopes
 from fx_beam.scene.loads import NAMES, Load, PlaceTimeFunction, StrainPart, label, values_along
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -40,13 +40,8 @@ def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
 @functools.cache
 def gauss_rule(degree: int, rule: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights (rule,), and polynomials of equidistant nodes (rule, degree + 1), and slopes."""
-    x, weights = np.polynomial.legendre.leggauss(rule)
-    powers = np.arange(degree + 1)
-    of_nodes = np.linspace(0.0, 1.0, degree + 1)[:, None] ** powers
-    at = ((x + 1) / 2)[:, None]
-    slopes = powers * at ** np.maximum(powers - 1, 0)
-    shape, slope = (np.linalg.solve(of_nodes.T, values.T).T for values in (at**powers, slopes))
-    return weights / 2, shape, slope
+    nodes, points = np.linspace(0.0, 1.0, degree + 1), dolfinx_api.gauss_points(rule)
+    return dolfinx_api.gauss_weights(rule), *lagrange_and_slopes(nodes, points[:, 0])
 
 
 class UnitLoad(NamedTuple):

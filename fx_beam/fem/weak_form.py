@@ -99,13 +99,8 @@ class WeakForm:
         of_energies = [p for material in materials for p in parameters_of_energy(*material, 3)]
         #: Names of the parameters in stored energies, and of all.
         self.names_in_energies = names_of(of_energies)
-        self.names = names_of(
-            [
-                *of_energies,
-                *scheme.parameters,
-                *(p for work, _ in works for p in work.parameters_of("virtual work")),
-            ]
-        )
+        of_works = [p for work, _ in works for p in work.parameters_of("virtual work")]
+        self.names = names_of([*of_energies, *scheme.parameters, *of_works])
         #: Their values (n,), None without any, and those by name.
         self.parameters: Any = None
         if self.names:
@@ -187,14 +182,10 @@ class WeakForm:
 
     def _build_residual(self) -> None:
         dx = self.fields.measure(self.fields.degree)
-        self._residual: Any = 0
-        self._stored: Any = 0
-        lost: Any = 0
-        of_scheme: Any = 0
-        held: Any = 0
-        held_before: Any = 0
-        #: Work of natural strains that change.
-        self._actuation: Any = 0
+        none: Any = 0
+        #: The last is the work of natural strains that change.
+        self._residual = self._stored = self._held_before = self._actuation = none
+        lost = of_scheme = held = none
         for tag, (law, parts) in enumerate(zip(self._laws, self._of_laws, strict=True)):
             dx_law = dx(tag) if len(self._laws) > 1 else dx
             for r in parts:
@@ -204,20 +195,19 @@ class WeakForm:
                 if isinstance(r, DecayingResultants):
                     of_scheme += r.loss * dx_law
                     held += 0 if r.held is None else r.held * dx_law
-                    held_before += 0 if r.held_before is None else r.held_before * dx_law
+                    self._held_before += 0 if r.held_before is None else r.held_before * dx_law
             self._stored += law.start.energy(*self.step.strains0) * dx_law
             energy, ends = self._materials[tag][0], self._evolution[tag]
             if energy is not None and ends is not None:
-                at_rest, strains = (
-                    self.scheme.rates.at_rest,
+                stored, strains = (
+                    self._with_values(energy),
                     (self.step.strains0, self.step.strains1),
                 )
-                stored = self._with_values(energy)
+                at_rest = self.scheme.rates.at_rest
                 lost += evolution_loss(stored, *ends, *strains, at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
         self._losses = {"lost energy": lost, "scheme's loss": of_scheme, "scheme's energy": held}
-        self._held_before = held_before
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:

@@ -70,50 +70,6 @@ class UpdateRule(Protocol):
             work[turns], slope[turns] = 2 * tangent, 1 + tangent**2
         return work, slope
 
-    def acceleration(
-        self, D: np.ndarray, v0: np.ndarray, a0: np.ndarray, dt: float, turns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Acceleration in the equation of motion.
-
-        Parameters
-        ----------
-        D : (size,) float
-            Increment of displacements [m] and rotations [rad].
-        v0, a0 : (size,) float
-            Rates and accelerations at the start of the step.
-        dt : float
-            Length of the step [s].
-        turns : int array
-            Degrees of freedom that are rotations.
-
-        Returns
-        -------
-        tuple of (size,) float arrays
-            The acceleration, entry by entry a function of `D`, and its derivative.
-        """
-
-    def end(
-        self, D: np.ndarray, v0: np.ndarray, a0: np.ndarray, dt: float, turns: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Rates and accelerations at the end of the step.
-
-        Parameters
-        ----------
-        D : (size,) float
-            Increment of displacements [m] and rotations [rad].
-        v0, a0 : (size,) float
-            Rates and accelerations at the start of the step.
-        dt : float
-            Length of the step [s].
-        turns : int array
-            Degrees of freedom that are rotations.
-
-        Returns
-        -------
-        tuple of (size,) float arrays
-            Rates and accelerations.
-        """
-
     def fields(self, Du, Dpsi, v0, a0, dt) -> tuple[Any, Any]:
         """Velocity and spin at the scheme's level, in UFL.
 
@@ -160,16 +116,6 @@ class MidPointRates(UpdateRule):
     def level(self) -> float:
         """The middle of the step."""
         return 0.5
-
-    def acceleration(self, D, v0, a0, dt, turns):
-        """a = (v1 - v0)/dt, alpha = (omega1 - omega0)/dt (eq. 30)."""
-        work, slope = self.work_increment(D, turns)
-        return (2 / dt) * (work / dt - v0), (2 / dt**2) * slope
-
-    def end(self, D, v0, a0, dt, turns):
-        """v1 = 2 Du/dt - v0, omega1 = 4 tan(Dpsi/2)/dt - omega0 (eqs 27 and 28)."""
-        v1 = (2 / dt) * self.work_increment(D, turns)[0] - v0
-        return v1, (v1 - v0) / dt
 
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Mean velocity Du/dt and mean spin 2 tan(Dpsi/2)/dt."""
@@ -224,25 +170,16 @@ class NewmarkRates(UpdateRule):
         """Level of the forces, 1 - alpha_f."""
         return 1 - self.alpha_f
 
-    def acceleration(self, D, v0, a0, dt, turns):
-        """Acceleration at level 1 - alpha_m."""
-        a1 = self._end_acceleration(D, v0, a0, dt)
-        slope = np.full_like(D, (1 - self.alpha_m) / (self.beta * dt**2))
-        return (1 - self.alpha_m) * a1 + self.alpha_m * a0, slope
-
-    def end(self, D, v0, a0, dt, turns):
-        """Newmark's velocity and acceleration."""
-        a1 = self._end_acceleration(D, v0, a0, dt)
-        return v0 + dt * ((1 - self.gamma) * a0 + self.gamma * a1), a1
-
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Velocity and spin at level 1 - alpha_f."""
-        D = (Du, Dpsi)
-        ends = [self.end(D[i], v0[i], a0[i], dt, None)[0] for i in (0, 1)]
-        return tuple(self.level * v1 + (1 - self.level) * v for v1, v in zip(ends, v0, strict=True))
+        return tuple(
+            self.level * self._end_rate(*of, dt) + (1 - self.level) * of[1]
+            for of in zip((Du, Dpsi), v0, a0, strict=True)
+        )
 
-    def _end_acceleration(self, D, v0, a0, dt):
-        return (D - dt * v0) / (self.beta * dt**2) - (1 / (2 * self.beta) - 1) * a0
+    def _end_rate(self, D, v0, a0, dt):
+        a1 = (D - dt * v0) / (self.beta * dt**2) - (1 / (2 * self.beta) - 1) * a0
+        return v0 + dt * ((1 - self.gamma) * a0 + self.gamma * a1)
 
 
 @dataclass(frozen=True)
@@ -268,14 +205,6 @@ class AtRest(UpdateRule):
     def level(self) -> float:
         """The end of the step."""
         return 1.0
-
-    def acceleration(self, D, v0, a0, dt, turns):
-        """Zero."""
-        return np.zeros_like(D), np.zeros_like(D)
-
-    def end(self, D, v0, a0, dt, turns):
-        """Rates and accelerations of the start, which are zero."""
-        return v0, a0
 
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Rates of the start, which are zero."""
