@@ -190,6 +190,18 @@ def inner_positions(beam: Beam) -> np.ndarray:
     return (points[:-1, None] + fractions * np.diff(points, axis=0)[:, None]).reshape(-1, 2)
 
 
+def reference_positions(target: Node | Beam) -> np.ndarray:
+    """Positions (nodes, 2) of a node or of all nodes of a beam in order [m]."""
+    if not isinstance(target, Beam):
+        return np.array([(target.x, target.y)])
+    positions = np.empty((target.elements * target.degree + 1, 2))
+    positions[:: target.degree] = [(node.x, node.y) for node in target.nodes]
+    inner = inner_positions(target).reshape(target.elements, -1, 2)
+    for i in range(target.degree - 1):
+        positions[i + 1 :: target.degree] = inner[:, i]
+    return positions
+
+
 def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Values (places, nodes) of the Lagrange polynomials of `nodes` at `places`."""
     return lagrange_and_slopes(nodes, places)[0]

@@ -21,7 +21,7 @@ from fx_beam.errors import (
     vector,
 )
 
-from .beam import Beam, Node, inner_positions, lagrange, position_of
+from .beam import Beam, Node, lagrange, position_of, reference_positions
 from .coordinate import Coulomb, checked_impact, loss_of
 from .joints import GROUND
 from .law import Energy, check_energy
@@ -343,7 +343,7 @@ class Contact:
     @property
     def apart(self) -> float:
         """How far apart along a member its parts must be to touch one another [m]."""
-        longest = np.hypot(*np.diff(start_of(self.target), axis=0).T).max(initial=0.0)
+        longest = np.hypot(*np.diff(reference_positions(self.target), axis=0).T).max(initial=0.0)
         return float(np.pi / 2 * self.radii + 2 * longest)
 
     @property
@@ -452,7 +452,7 @@ def check_start(made: Contact, size: float) -> None:
             f"{made}: {shape.carrier} carries the {shape.name.lower()} and belongs to "
             "what it should stop. Let a node of another member or body carry it"
         )
-    positions = start_of(made.target)
+    positions = reference_positions(made.target)
     inside = made.points.of(positions)
     gaps = shape.gap(inside) - made.radii
     deepest = int(np.argmin(gaps))
@@ -463,18 +463,6 @@ def check_start(made: Contact, size: float) -> None:
             f"{-gaps[deepest]:.4g} behind it. Move it, or give the other side: the opposite "
             "normal of a Line, or inside of a Circle"
         )
-
-
-def start_of(target: Node | Beam) -> np.ndarray:
-    """Positions (nodes, 2) of a node or of all nodes of a beam in order, in the reference [m]."""
-    if not isinstance(target, Beam):
-        return np.array([(target.x, target.y)])
-    positions = np.empty((target.elements * target.degree + 1, 2))
-    positions[:: target.degree] = [(node.x, node.y) for node in target.nodes]
-    inner = inner_positions(target).reshape(target.elements, -1, 2)
-    for i in range(target.degree - 1):
-        positions[i + 1 :: target.degree] = inner[:, i]
-    return positions
 
 
 class Nearest(NamedTuple):
@@ -555,7 +543,7 @@ def check_members(made: Contact, size: float) -> None:
         )
     pairs = [(a, b)] if a is b or not isinstance(a, Beam) else [(a, b), (b, a)]
     for touching, member in pairs:
-        points, nodes = start_of(touching), start_of(member)
+        points, nodes = reference_positions(touching), reference_positions(member)
         arc = arc_of(nodes) if touching is member else None
         if arc is None:
             points = points[may_be_nearer(points, nodes, made.radii)]

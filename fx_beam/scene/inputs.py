@@ -103,22 +103,15 @@ def input_slots(scene) -> Iterator[tuple[InputSlot, str]]:
 
     That is a "load", a "motion", a "parameter" or a "natural strain".
     """
-    for load in scene.loads:
-        if isinstance(load.value, InputSlot):
-            yield load.value, "load"
-    driven = list(scene.prescribed.values())
-    for joint in scene.joints:
-        driven += [on.motor for on in joint.coordinates.values()]
-    for function in driven:
-        if isinstance(function, InputSlot):
-            yield function, "motion"
-    for function in scene.parameters.functions.values():
-        if isinstance(function, InputSlot):
-            yield function, "parameter"
-    for strain in scene.natural_strains:
-        for part in strain.parts.values():
-            if isinstance(part.value, InputSlot):
-                yield part.value, "natural strain"
+    motors = (on.motor for joint in scene.joints for on in joint.coordinates.values())
+    strains = (part.value for strain in scene.natural_strains for part in strain.parts.values())
+    for kind, functions in (
+        ("load", (load.value for load in scene.loads)),
+        ("motion", (*scene.prescribed.values(), *motors)),
+        ("parameter", scene.parameters.functions.values()),
+        ("natural strain", strains),
+    ):
+        yield from ((one, kind) for one in functions if isinstance(one, InputSlot))
 
 
 def widths(scene) -> dict[str, int]:
@@ -160,27 +153,16 @@ def connected(scene, function_of: Callable[[InputSlot], TimeFunction]):
     new.__dict__.update(scene.__dict__)
     new.loads = [replace(load, value=replaced(load.value)) for load in scene.loads]
     new.parameters = scene.parameters.replaced(replaced)
-    new.natural_strains = [
-        replace(
-            strain,
-            parts={
-                name: replace(part, value=replaced(part.value))
-                for name, part in strain.parts.items()
-            },
-        )
-        for strain in scene.natural_strains
-    ]
+    new.natural_strains = []
+    for strain in scene.natural_strains:
+        parts = {k: replace(part, value=replaced(part.value)) for k, part in strain.parts.items()}
+        new.natural_strains.append(replace(strain, parts=parts))
     new.prescribed = {key: replaced(function) for key, function in scene.prescribed.items()}
-    new.joints = [
-        replace(
-            joint,
-            **{
-                name: replace(on, motor=replaced(on.motor))
-                for name, on in joint.coordinates.items()
-            },
-        )
-        for joint in scene.joints
-    ]
+    new.joints = []
+    for joint in scene.joints:
+        on_it = joint.coordinates.items()
+        driven = {name: replace(on, motor=replaced(on.motor)) for name, on in on_it}
+        new.joints.append(replace(joint, **driven))
     return new
 
 

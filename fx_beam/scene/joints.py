@@ -22,6 +22,7 @@ from .coordinate import (
     Stop,
     checked_coordinate,
 )
+from .inputs import time_function
 from .joint_kinematics import JointKinematics
 from .notebook import html_table
 from .track import Track
@@ -232,10 +233,7 @@ class Joint:
         """
         slide, gap = self.start()
         if gap > 1e-9 * size:
-            raise SceneError(
-                f"{self}: at the start there is a gap of {gap:.4g} between b and its position on "
-                "a. Move the nodes, or give the joint an offset"
-            )
+            raise SceneError(f"{self}: {self._misplaced(gap)}")
         for name, coordinate in self.coordinates.items():
             unit = size if name == "slide" else 1.0
             if coordinate.motor is not None:
@@ -250,6 +248,13 @@ class Joint:
             if coordinate.stop is not None:
                 start = slide if name == "slide" else 0.0
                 coordinate.stop.check_start(start, 1e-9 * unit, f"{self}: its {name}")
+
+    def _misplaced(self, gap: float) -> str:
+        """What is wrong with nodes that do not fit."""
+        return (
+            f"at the start there is a gap of {gap:.4g} between b and its position on a. Move the "
+            "nodes, or give the joint an offset"
+        )
 
 
 def placed(joint: Joint, q_a: np.ndarray, q_b: np.ndarray, size: float) -> Joint:
@@ -483,9 +488,9 @@ def PinInSlot(
     slide = checked_coordinate("motor of a pin in slot", spring, damper, motor, friction, stop)
     hinge = Coordinate() if hinge is None else hinge
     require(isinstance(hinge, Coordinate), "PinInSlot: hinge", hinge, "an fx_beam.Coordinate")
-    parts = hinge.spring, hinge.damper, hinge.motor, hinge.friction, hinge.stop
-    rotation = checked_coordinate("hinge of a pin in slot", *parts)
-    return _joint("PinInSlot", a, b, offset, _direction("PinInSlot", axis), slide, rotation)
+    if hinge.motor is not None:
+        hinge = replace(hinge, motor=time_function(hinge.motor, 1, "hinge of a pin in slot"))
+    return _joint("PinInSlot", a, b, offset, _direction("PinInSlot", axis), slide, hinge)
 
 
 def _direction(kind: str, axis) -> np.ndarray:
@@ -501,7 +506,7 @@ def _direction(kind: str, axis) -> np.ndarray:
     return unit
 
 
-def _check_friction(kind: str, slide: Coordinate | None, rotation: Coordinate | None) -> None:
+def check_friction(kind: str, slide: Coordinate | None, rotation: Coordinate | None) -> None:
     """Refuse friction under the joint's force without what tells its size."""
     if slide is not None and isinstance(slide.friction, Coulomb) and slide.friction.radius:
         raise SceneError(f"{kind}: friction of a slide has no radius; omit it")
@@ -514,7 +519,7 @@ def _check_friction(kind: str, slide: Coordinate | None, rotation: Coordinate | 
 
 
 def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
-    _check_friction(kind, slide, rotation)
+    check_friction(kind, slide, rotation)
     for node in (a, b):
         if not isinstance(node, Node):
             raise SceneError(

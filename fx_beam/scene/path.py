@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .beam import Beam, inner_positions
+from .beam import Beam, reference_positions
 
 # Two straight pieces meet in a corner if their directions differ by more than this angle [rad].
 _STRAIGHT = 1e-6
@@ -30,11 +30,7 @@ class Path:
         self.degree, self.h = p, np.diff(beam.s)
         elements = len(self.h)
         #: Reference positions (nodes, 2) of all nodes in order [m].
-        self.X = np.empty((p * elements + 1, 2))
-        self.X[::p] = [(node.x, node.y) for node in beam.nodes]
-        inner = inner_positions(beam).reshape(elements, p - 1, 2)
-        for k in range(1, p):
-            self.X[k::p] = inner[:, k - 1]
+        self.X = reference_positions(beam)
         #: Elements and nodes of a window.
         self.window = min(elements, self.WINDOW)
         self.width = p * self.window + 1

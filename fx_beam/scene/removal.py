@@ -12,18 +12,15 @@ from fx_beam.errors import SceneError, require
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
-from .coordinate import Coordinate, Held
+from .coordinate import Held
 from .joints import Joint, joints_by_number
 
 
 def own_joint(scene: Any, joint: Joint) -> Joint | None:
     """The joint of a scene that was added as this one, and may have been locked since."""
     known = joints_by_number(scene).get(joint.number)
-    same = known is not None and (known.kind, known.a, known.b) == (
-        joint.kind,
-        joint.a,
-        joint.b,
-    )
+    key = joint.kind, joint.a, joint.b
+    same = known is not None and (known.kind, known.a, known.b) == key
     return known if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
 
 
@@ -44,19 +41,17 @@ def locked(joint: Joint, coordinate: str | None) -> Joint:
     name = coordinate or names[0]
     if name in joint.driven:
         raise SceneError(f"lock {joint}: a motor, or a lock, holds its {name} already")
-    return _with_part(joint, name, replace(joint.coordinates[name], motor=Held()))
+    held: Any = replace(joint.coordinates[name], motor=Held())
+    return replace(joint, **{name: held})
 
 
 def unlocked(joint: Joint) -> Joint:
     """The joint without its lock; SceneError if it has none."""
     for name, part in joint.coordinates.items():
         if isinstance(part.motor, Held):
-            return _with_part(joint, name, replace(part, motor=None))
+            free: Any = replace(part, motor=None)
+            return replace(joint, **{name: free})
     raise SceneError(f"unlock {joint}: it is not locked")
-
-
-def _with_part(joint: Joint, name: str, part: Coordinate) -> Joint:
-    return replace(joint, slide=part) if name == "slide" else replace(joint, rotation=part)
 
 
 def remove_beam(scene: Any, beam: Beam) -> None:

@@ -952,26 +952,20 @@ class Scene:
         >>> bool(abs(unloaded.displacement(beam.end)[-1]).max() < 1e-9)
         True
         """
-        whole = (
-            (self.joints, remove_joint),
-            (self.beams, remove_beam),
-            (self.bodies, remove_body),
-        )
+        members = (self.beams, remove_beam), (self.bodies, remove_body)
         lists = (
             *(self.loads, self.natural_strains, self.masses, self.drags, self.virtual_works),
             *(self.forces_between, self.contacts),
         )
         for part in parts:
-            for known, remove in whole:
-                joint = isinstance(part, Joint) and known is self.joints
-                if own_joint(self, part) if joint else any(part is one for one in known):
-                    remove(self, part)
-                    break
+            remove = next((of for known, of in members if any(part is one for one in known)), None)
+            if isinstance(part, Joint) and own_joint(self, part):
+                remove_joint(self, part)
+            elif remove is not None:
+                remove(self, part)
             else:
-                of_its_kind = next(
-                    (known for known in lists if any(part is one for one in known)), []
-                )
-                del of_its_kind[_position(of_its_kind, part, "remove", "a part")]
+                its = next((known for known in lists if any(part is one for one in known)), [])
+                del its[_position(its, part, "remove", "a part")]
             if isinstance(part, ForceBetween) and isinstance(part.force, GivenPull):
                 self.parameters.forget(part.force.pull.name)
             self.changes += 2  # also if something else is added

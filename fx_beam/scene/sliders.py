@@ -21,7 +21,7 @@ from .coordinate import (
     checked_coordinate,
 )
 from .joint_kinematics import SlidingKinematics
-from .joints import GROUND, Joint
+from .joints import GROUND, Joint, check_friction
 from .path import Path
 
 
@@ -116,40 +116,31 @@ class SlidingJoint(Joint):
         x, y = self.path.position(self.fraction * self.path.length)
         return float(x), float(y)
 
-    def _off_the_beam(self) -> str:
+    def _misplaced(self, gap: float) -> str:
         """What is wrong with a node that is not on the beam."""
-        s, gap = self.path.nearest(np.array([self.b.x, self.b.y]))
+        s, least = self.path.nearest(np.array([self.b.x, self.b.y]))
         x, y = self.path.position(s)
         where = about = away = ""
         if self.fraction is not None:
-            where, away = f" at the fraction {self.fraction:g}", f", {gap:.4g} away"
+            where, away = f" at the fraction {self.fraction:g}", f", {least:.4g} away"
         if self.beam.inner is not None:
             about = (
                 ". On a curve the axis is that of the elements, which is near the curve, and "
                 "nearer with more elements or a higher degree"
             )
         return (
-            f"{self}: the node is not on the axis of the beam{where}, but {self.start()[1]:.4g} "
-            f"away{about}. The nearest point of the axis is ({x:.12g}, {y:.12g}), at the fraction "
+            f"the node is not on the axis of the beam{where}, but {gap:.4g} away{about}. The "
+            f"nearest point of the axis is ({x:.12g}, {y:.12g}), at the fraction "
             f"{s / self.path.length:.6g} of its length{away}. Move the node there"
         )
 
     def check_start(self, size: float) -> None:
-        """Refuse a node that is not on the beam, and a motor that does not start from zero."""
-        if self.start()[1] > 1e-9 * size:
-            raise SceneError(self._off_the_beam())
+        """Refuse what no joint may have, and corners under a sleeve."""
+        super().check_start(size)
         if self.turns_together and self.path.has_corners:
             raise SceneError(
                 f"{self}: the beam has corners, at which the rotation of a sleeve would jump. Use "
                 "an fx_beam.spline or arc for the beam, or a Slider"
-            )
-        if self.slide is not None and self.slide.stop is not None:
-            self.slide.stop.check_start(self.start()[0], 1e-9 * size, f"{self}: its slide")
-        motor = self.slide.motor if self.slide else None
-        if motor is not None and not abs(value := motor(0.0)[0]) <= 1e-9 * size:
-            raise SceneError(
-                f"{self}: the motor of its slide is {value:g} at t = 0; it must start from 0. "
-                "Subtract the start value"
             )
 
 
@@ -324,8 +315,7 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         require(fits, f"{kind}: fraction", fraction, "a number from 0 to 1")
         fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
-    if isinstance(slide.friction, Coulomb) and slide.friction.radius:
-        raise SceneError(f"{kind}: friction of a slide has no radius; omit it")
+    check_friction(kind, slide, rotation)
     return SlidingJoint(
         kind, beam.start, node, np.zeros(2), None, slide, rotation, beam=beam, fraction=fraction
     )
