@@ -335,9 +335,11 @@ class BeamForms:
         self, compiled: Any, space: Any, spaces: dict[str, Any], data: Mapping
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Derivatives on the mesh by name, those by coefficients in given spaces; all spaces."""
-        spaces = self._spaces_of_vjp(space, spaces)
-        forms = vjp_form.bound_forms(compiled, self._mesh.mesh, spaces, data, self._subdomains)
-        return forms, spaces
+        spaces, given = self._spaces_of_vjp(space, spaces), (data, self._subdomains)
+        return {
+            name: dolfinx_api.bind(form, self._mesh.mesh, spaces[name], *given)
+            for name, form in compiled.items()
+        }, spaces
 
     def losses_by(self, part: Part) -> list[dict[str, np.ndarray]]:
         """Derivatives of what beams lose in a completed step: of material and scheme, and of drag.

@@ -79,43 +79,26 @@ def _both_ways(
     nodes_a, nodes_b = mesh.nodes_of(scene, a), mesh.nodes_of(scene, b)
     slots_a = first + np.arange(len(nodes_a))
     slots_b = slots_a if a is b else np.full(len(nodes_b), -1)
-    loses = bool(contact.loss)
-    friction = contact.friction
+    loses, friction = bool(contact.loss), contact.friction
     kinds = (
         (MEMBER, FOLLOWED) if friction is None else (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)
     )
     law, followed = (_law(contact, kind, loses) for kind in kinds)
     of_loss = (contact.loss, contact.speed) if loses else ()
-
-    def numbers(nodes: np.ndarray, lengths: np.ndarray, share: float) -> np.ndarray:
-        fixed = np.array([contact.radii, *of_loss], float)
-        stiffness = share * contact.stiffness * lengths
-        rest = np.broadcast_to(fixed, (len(lengths), len(fixed)))
-        columns = [rest[:, 0], stiffness, rest[:, 1:]]
+    sides = (nodes_a, slots_a, contact.points), (nodes_b, slots_b, points_of(b))
+    both, share = isinstance(a, Beam) and a is not b, 0.5 if isinstance(a, Beam) else 1.0
+    pairs: list[Touching] = []
+    for (points, point_slots, of), (nodes, slots, _) in (sides, sides[::-1])[: 1 + both]:
+        lengths = share * of.lengths
+        columns = [contact.radii, contact.stiffness * lengths, *of_loss]
         if friction is not None:
-            columns += bristle(
-                friction, share * lengths, mobility[mesh.dofs[nodes, :2]].max(axis=1)
-            )
-        return np.column_stack(columns)
-
-    def arc(nodes: np.ndarray) -> np.ndarray:
-        return arc_of(mesh.X[nodes])
-
-    lengths = contact.points.lengths
-    if not isinstance(a, Beam):
-        of_a = numbers(nodes_a, lengths, 1.0)
-        parts = nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
-        return [Touching(law, followed, *parts, number=contact.number, owner=str(contact))]
-    if a is b:
-        parts = nodes_a, slots_a, nodes_a, slots_a, numbers(nodes_a, lengths, 0.5), arc(nodes_a)
-        return [Touching(law, followed, *parts, contact.apart, contact.number, str(contact))]
-    of_a = numbers(nodes_a, lengths, 0.5)
-    of_b = numbers(nodes_b, points_of(b).lengths, 0.5)
-    parts = nodes_a, slots_a, nodes_b, slots_b, of_a, arc(nodes_b)
-    return [
-        Touching(law, followed, *parts, number=contact.number, owner=str(contact)),
-        Touching(law, followed, nodes_b, slots_b, nodes_a, slots_a, of_b, arc(nodes_a)),
-    ]
+            columns += bristle(friction, lengths, mobility[mesh.dofs[points, :2]].max(axis=1))
+        numbers = np.column_stack([column + np.zeros(len(lengths)) for column in columns])
+        given = points, point_slots, nodes, slots, numbers, arc_of(mesh.X[nodes])
+        apart = contact.apart if a is b else 0.0
+        named = (-1, "") if pairs else (contact.number, str(contact))
+        pairs.append(Touching(law, followed, *given, apart, *named))
+    return pairs
 
 
 def _law(contact: Contact, kind: Kind, loses: bool) -> PointLaw:

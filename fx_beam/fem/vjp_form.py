@@ -74,16 +74,6 @@ class BoundVjp(NamedTuple):
         return {name: dolfinx_api.space_size(self.spaces[name]) for name in self.work.derivatives}
 
 
-def bound_forms(
-    compiled: Mapping[str, CompiledForm], mesh: Any, spaces: Mapping, data: Mapping, tags: Any
-) -> dict[str, Any]:
-    """Derivatives by names, those by coefficients in the given spaces, on a mesh."""
-    return {
-        name: dolfinx_api.bind(form, mesh, spaces[name], data, tags)
-        for name, form in compiled.items()
-    }
-
-
 def derivatives_of(quantity: Any, fields: Fields, by: Mapping[str, Any]) -> dict[str, Any]:
     """Its derivatives by increment and start, by coefficients, and by coordinates, in UFL.
 

@@ -46,22 +46,16 @@ def facts(scene: Any) -> dict[str, str]:
     if scene.bodies:
         entries["bodies"] = _listed([body.name for body in scene.bodies])
     if scene.nodes:
-        degree = beams[0].degree if beams else 1
+        degree, gone = beams[0].degree if beams else 1, len(scene.gone)
         if beams:
             entries["elements"] = f"{elements} of degree {degree}"
-        nodes = len(scene.nodes) - len(scene.gone) + elements * (degree - 1)
-        entries["nodes"] = str(nodes)
-        held = (
-            len(scene.fixed)
-            - 3 * len(scene.gone)
-            + len(scene.prescribed)
-            + sum(map(_held, scene.joints))
-        )
-        entries["unknowns"] = str(3 * nodes - held)
-    for name in ("joints", "masses", "loads"):
-        entries[name] = str(len(getattr(scene, name)))
-    for name in ("natural_strains", "drags", "contacts", "forces_between"):
-        if getattr(scene, name):
+        nodes = len(scene.nodes) - gone + elements * (degree - 1)
+        supported = len(scene.fixed) - 3 * gone + len(scene.prescribed)
+        held = supported + sum(map(_held, scene.joints))
+        entries |= {"nodes": str(nodes), "unknowns": str(3 * nodes - held)}
+    always, others = ("joints", "masses", "loads"), ("natural_strains", "drags", "contacts")
+    for name in (*always, *others, "forces_between"):
+        if name in always or getattr(scene, name):
             entries[name.replace("_", " ")] = str(len(getattr(scene, name)))
     if scene.parameters:
         entries["parameters"] = str(scene.parameters)

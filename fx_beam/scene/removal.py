@@ -15,6 +15,9 @@ from .body import Body
 from .coordinate import Held
 from .joints import Joint, joints_by_number
 
+# Lists of parts, each with the node or beam on which it is, or with both ends.
+_WITH_ENDS = "loads natural_strains drags velocities virtual_works contacts joints".split()
+
 
 def own_joint(scene: Any, joint: Joint) -> Joint | None:
     """The joint of a scene that was added as this one, and may have been locked since."""
@@ -88,27 +91,15 @@ def _remove_nodes(scene: Any, nodes: Any) -> None:
 def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
     """Take loads, masses, joints, contacts and more away that act on a beam or on a node."""
 
-    def on_it(*ends: Any) -> bool:
-        return any(end is target for end in ends)
+    def is_on_it(part: Any) -> bool:
+        shape = getattr(part, "shape", None)
+        ends = (getattr(part, name, None) for name in ("target", "beam", "a", "b"))
+        return any(end is target for end in (*ends, shape, getattr(shape, "carrier", None)))
 
-    scene.loads[:] = [load for load in scene.loads if not on_it(load.target)]
-    scene.natural_strains[:] = [
-        strain for strain in scene.natural_strains if strain.beam is not target
-    ]
-    scene.drags[:] = [drag for drag in scene.drags if not on_it(drag.target)]
-    scene.velocities[:] = [given for given in scene.velocities if not on_it(given.target)]
-    scene.virtual_works[:] = [work for work in scene.virtual_works if work.beam is not target]
-    for between in [force for force in scene.forces_between if on_it(force.a, force.b)]:
+    for name in _WITH_ENDS:
+        known = getattr(scene, name)
+        known[:] = [part for part in known if not is_on_it(part)]
+    for between in [force for force in scene.forces_between if is_on_it(force)]:
         scene.remove(between)
-    scene.contacts[:] = [
-        one for one in scene.contacts if not on_it(one.target, getattr(one.shape, "carrier", None))
-    ]
     if isinstance(target, Node):
         scene.masses[:] = [mass for mass in scene.masses if mass.node != target.number]
-        ends = ((joint, joint.a, joint.b) for joint in scene.joints)
-        for joint in [joint for joint, *nodes in ends if on_it(*nodes)]:
-            remove_joint(scene, joint)
-    else:
-        sliding = [joint for joint in scene.joints if on_it(getattr(joint, "beam", None))]
-        for joint in sliding:
-            remove_joint(scene, joint)

@@ -180,26 +180,16 @@ def _refined(runs: _Runs, mesh: int, tolerance: float) -> Converged:
     """The quantity, known to the tolerance; from a number of elements on."""
     step = _FIRST
     while True:
-        value, finer_mesh, finer_step = (
-            runs.value(*options)
-            for options in ((mesh, step), (2 * mesh, step), (mesh, _FACTOR * step))
-        )
+        value = runs.value(mesh, step)
         in_mesh, in_step = (
-            _SHARE * float(abs(finer - value).max()) for finer in (finer_mesh, finer_step)
+            _SHARE * float(abs(runs.value(*finer) - value).max())
+            for finer in ((2 * mesh, step), (mesh, _FACTOR * step))
         )
         if in_mesh + in_step <= tolerance:
             finest = runs.value(2 * mesh, _FACTOR * step)
-            return Converged(
-                float(finest) if not finest.ndim else finest,
-                in_mesh + in_step,
-                in_step,
-                in_mesh,
-                2 * mesh,
-                _FACTOR * step,
-                len(runs.values),
-                runs.steps,
-                runs.last,
-            )
+            errors, used = (in_mesh + in_step, in_step, in_mesh), (len(runs.values), runs.steps)
+            known = finest if finest.ndim else float(finest)
+            return Converged(known, *errors, 2 * mesh, _FACTOR * step, *used, runs.last)
         if in_mesh > in_step:
             mesh *= 2
         else:

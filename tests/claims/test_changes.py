@@ -320,6 +320,10 @@ def test_all_that_was_added_is_taken_away_again():
     assert not any((scene.loads, scene.masses, scene.drags, scene.virtual_works))
     assert (fb.simulate(scene, dt=0.01, t_end=0.1).q == reference.q).all()
     scene.add_force_between(beam.end, (0, 3), force=7.0)
+    lane = scene.add_beam([(0, -1), (2, -1)], SECTION, degree=2)
+    scene.add_contact(beam, lane, stiffness=1e3, radius=0.1)
+    scene.remove(lane)
+    assert not scene.contacts
 
 
 def test_a_support_is_taken_away():
