@@ -11,7 +11,7 @@ from fx_beam.scene.inputs import InputSlot
 from fx_beam.scene.loads import Load, PlaceTimeFunction, StrainPart, label
 from fx_beam.scene.scene import Scene
 
-from .drawing import three_digits
+from .drawing import interpolated, three_digits
 from .sheet import Sheet
 from .supports import left_of, node_of
 
@@ -61,14 +61,12 @@ def _largest(load: Load) -> tuple[float, np.ndarray]:
 
 def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
     if isinstance(load.value, InputSlot):
-        return f"{load.value.name}{', follower' if load.follower else ''}"
+        return load.value.name + ", follower" * load.follower
     constant = isinstance(load.value, Constant) and load.along is None
     of = "(s, t)" if isinstance(load.value, PlaceTimeFunction) else "(t)"
     of = of if load.along is None else "(s)"
-    text = (
-        f"{symbol} = {three_digits(value)}{f' {unit}' if si else ''}" if constant else symbol + of
-    )
-    return text + (", follower" if load.follower else "")
+    value_and_unit = f" = {three_digits(value)}{f' {unit}' if si else ''}"
+    return symbol + (value_and_unit if constant else of) + ", follower" * load.follower
 
 
 def _force(sheet: Sheet, load: Load, si: bool) -> None:
@@ -93,7 +91,7 @@ def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
     beam, factor = load.target, _shown(load)
     arc = np.linspace(0, beam.length, _ARROWS + 1)
     positions = np.array([[node.x, node.y] for node in beam.nodes])
-    tips = np.column_stack([np.interp(arc, beam.s, positions[:, i]) for i in (0, 1)])
+    tips = interpolated(arc, beam.s, positions)
     if isinstance(load.value, PlaceTimeFunction):
         loads = load.value.at(arc, _largest(load)[0])
     elif load.along is None:

@@ -205,26 +205,21 @@ def _quantity(
 
 
 def _bodies(drawing: Drawing) -> list[dict[str, Any]]:
-    numbers = {
-        name: [node.number for node in body.nodes] for name, body in drawing.solution.bodies.items()
-    }
-    return [
-        {"name": name, "nodes": nodes, "points": _points_of(drawing, nodes)}
-        for name, nodes in numbers.items()
-    ]
+    entries = []
+    for name, body in drawing.solution.bodies.items():
+        nodes = [node.number for node in body.nodes]
+        entries.append({"name": name, "nodes": nodes, "points": _points_of(drawing, nodes)})
+    return entries
 
 
 def _carried(drawing: Drawing) -> list[dict[str, Any]]:
     """Obstacles that nodes carry: points of the line, then ends of the strokes, in all rows."""
-    in_rows = zip(*(drawing.carried(k) for k in drawing.rows), strict=True)
-    return [
-        {
-            "line": len(outlines[0].line),
-            "strokes": len(outlines[0].strokes),
-            "points": _points(drawing, [[*of.line, *of.strokes.reshape(-1, 2)] for of in outlines]),
-        }
-        for outlines in in_rows
-    ]
+    entries = []
+    for in_rows in zip(*(drawing.carried(k) for k in drawing.rows), strict=True):
+        points = _points(drawing, [[*of.line, *of.strokes.reshape(-1, 2)] for of in in_rows])
+        line, strokes = map(len, in_rows[0])
+        entries.append({"line": line, "strokes": strokes, "points": points})
+    return entries
 
 
 def _supports(drawing: Drawing) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.lookup import scene_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
-from fx_beam.scene.contacts import Contact, Shape
+from fx_beam.scene.contacts import Contact, Shape, arc_of
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.loads import Load
@@ -64,14 +64,17 @@ def outlines(obstacles: Iterable[Contact], positions: np.ndarray, size: float) -
 def outline(shape: Shape, positions: np.ndarray, size: float) -> Outline:
     """The outline of a fixed shape that reaches past some positions."""
     line, away = shape.outline(positions, size, _BEYOND * size)
-    s = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    s = arc_of(line)
     at = np.arange(0.5 * _APART * size, s[-1], _APART * size)
-    starts, out = (
-        np.column_stack([np.interp(at, s, values[:, i]) for i in (0, 1)]) for values in (line, away)
-    )
+    starts, out = (interpolated(at, s, values) for values in (line, away))
     aside = 0.8 * out[:, ::-1] * (1, -1)
     ends = starts + _STROKE * size * (out + aside)
     return Outline(line, np.stack([starts, ends], axis=1))
+
+
+def interpolated(at: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (m, 2) at places (m,) between those (n, 2) at places s (n,)."""
+    return np.column_stack([np.interp(at, s, of) for of in values.T])
 
 
 _UNITS = (1e-3, 1e6, r"$\mu$s"), (1e-2, 1e3, "ms"), (math.inf, 1.0, "s")

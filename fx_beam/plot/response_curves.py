@@ -77,12 +77,9 @@ def frequency_response(
     last.set_yticks(90 * np.arange(first, end + 1, max(1, (end - first) // 4)))
     last.set(ylabel="phase [deg]", xlabel="frequency of the load [Hz]")
     low, high = response.frequencies.min(), response.frequencies.max()
-    if 0 < 100 * low < high:
-        for ax in axes[:, 0]:
-            ax.set_xscale("log")
-    if path is not None:
-        save(fig, path)
-    return fig
+    for ax in axes[:, 0] if 0 < 100 * low < high else ():
+        ax.set_xscale("log")
+    return _saved(fig, path)
 
 
 def response(
@@ -128,9 +125,7 @@ def response(
             )
     unit = "rad" if component == "rotation" else "m"
     ax.set(xlabel="frequency [Hz]", ylabel=f"amplitude of {component} [{unit}]")
-    if path is not None:
-        save(fig, path)
-    return fig
+    return _saved(fig, path)
 
 
 def equilibrium_paths(
@@ -190,9 +185,7 @@ def equilibrium_paths(
             look = {"color": "#D55E00", "markersize": 5, "zorder": 4, "linestyle": ""}
             ax.plot(xs, load * ys, marker=_MARKS[kind], label=kind, **look)
     ax.set(xlabel=label, ylabel=load_label)
-    if path is not None:
-        save(fig, path)
-    return fig
+    return _saved(fig, path)
 
 
 def _all_of(solution: Solution) -> Iterator[Solution]:
@@ -226,3 +219,9 @@ def _with_points(
 def _values(value: Callable[[Solution], np.ndarray], solution: Solution) -> np.ndarray:
     """Values (n,) in the rows of a solution."""
     return curve(value(solution), solution.t, "value(solution)")
+
+
+def _saved(fig: Figure, path: Path | str | None) -> Figure:
+    if path is not None:
+        save(fig, path)
+    return fig

@@ -9,10 +9,11 @@ from matplotlib.figure import Figure
 
 from fx_beam.errors import SceneError, is_flag, is_name, require, shown
 from fx_beam.scene.beam import Node, inner_positions
+from fx_beam.scene.contacts import arc_of
 from fx_beam.scene.scene import Scene
 
 from .actions import draw_actions
-from .drawing import Drawing, apart, three_digits
+from .drawing import Drawing, apart, interpolated, three_digits
 from .plane import picture, written
 from .sheet import Sheet
 from .supports import Supports
@@ -147,13 +148,9 @@ def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -
         sheet.label(body.name, (body.centre.x, body.centre.y), _MEMBER)
     size = 9.0 if len(axes) <= _MANY else 5.5
     for name, points in axes.items() if len(axes) <= _CROWD else ():
-        sheet.label(name, _along(points, (0.5, 0.35, 0.65, 0.2, 0.8)), _MEMBER, size)
-
-
-def _along(points: np.ndarray, fractions) -> np.ndarray:
-    """Points at given fractions of the length of a line."""
-    s = np.append(0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
-    return np.column_stack([np.interp(np.multiply(fractions, s[-1]), s, x) for x in points.T])
+        s = arc_of(points)
+        at = interpolated(s[-1] * np.array([0.5, 0.35, 0.65, 0.2, 0.8]), s, points)
+        sheet.label(name, at, _MEMBER, size)
 
 
 def _dimensions(sheet: Sheet, scene: Scene, points: np.ndarray) -> None:

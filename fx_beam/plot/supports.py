@@ -26,6 +26,11 @@ class Strokes(NamedTuple):
     thin: list[np.ndarray]
     marker: str = ""  # "o" for a pin, "s" where the rotation is held, as in matplotlib
 
+    def at(self, position: np.ndarray, unit: float) -> Strokes:
+        """The same lines at a position, in a unit."""
+        thick, thin = ([position + unit * line for line in lines] for lines in self[:2])
+        return Strokes(thick, thin, self.marker)
+
 
 class Supports:
     """Supports and guides on the ground, each on a side without members.
@@ -60,10 +65,10 @@ class Supports:
         drawing, thick, thin = self._drawing, list[np.ndarray](), list[np.ndarray]()
         nodes: dict[str, list[int]] = {"o": [], "s": []}
         unit = drawing.size * drawing.thinness
-        for number, strokes in self.symbols.items():
-            position = drawing.positions(number, k)
-            thick += [position + unit * line for line in strokes.thick]
-            thin += [position + unit * line for line in strokes.thin]
+        for number, symbol in self.symbols.items():
+            strokes = symbol.at(drawing.positions(number, k), unit)
+            thick += strokes.thick
+            thin += strokes.thin
             if strokes.marker:
                 nodes[strokes.marker].append(number)
         dotted = []
@@ -93,11 +98,8 @@ class Supports:
         ends = low - more, high + more
         away = left_of(axis) if axis[0] < -1e-9 else -left_of(axis)
         middle = start + np.mean(ends) * axis + 0.025 * size * away
-        wall = wall_strokes(away, (ends[1] - ends[0]) / size)
-        thick, thin = (
-            [middle + size * line for line in lines] for lines in (wall.thick, wall.thin)
-        )
-        return start + np.outer(ends, axis), Strokes(thick, thin)
+        wall = wall_strokes(away, (ends[1] - ends[0]) / size).at(middle, size)
+        return start + np.outer(ends, axis), wall
 
 
 def draw_lines(ax, lines: list[np.ndarray], **look) -> list:

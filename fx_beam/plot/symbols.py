@@ -195,8 +195,8 @@ class _Pair:
             along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
             self.shoes = [(a + b) / 2 + _SPRING_WIDTH * size * _along(_SHOES, along)]
         if not isinstance(force.b, Node):
-            wall = wall_strokes(-force.apart / np.hypot(*force.apart), _WALL)
-            self.wall = [b + size * line for line in wall.thick + wall.thin]
+            wall = wall_strokes(-force.apart / np.hypot(*force.apart), _WALL).at(b, size)
+            self.wall = wall.thick + wall.thin
 
 
 def _along(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -258,22 +258,22 @@ def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np
 
 def _zigzag(a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
     """Points (11, 2) of a spring from a to b."""
-    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
-    across = _SPRING_WIDTH * size * left_of(along)
-    fractions = np.array([0, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 1])
-    sides = np.array([0, 0, 1, -1, 1, -1, 1, -1, 1, 0, 0])
-    return a + fractions[:, None] * (b - a) + sides[:, None] * across
+    fractions = [0, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 1]
+    return _stretched(np.column_stack([fractions, [0, 0, *[1, -1] * 3, 1, 0, 0]]), a, b, size)
 
 
 def _dashpot(a: np.ndarray, b: np.ndarray, size: float, beside: bool) -> np.ndarray:
     """Points of a damper from a to b, beside a spring if there is one; NaN marks gaps."""
-    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
-    across = _SPRING_WIDTH * size * left_of(along)
     gap = (np.nan, np.nan)
     rod = [(0, 0), (0.5, 0), gap, (0.5, -0.7), (0.5, 0.7), gap]
     cup = [(0.35, -1), (0.65, -1), (0.65, 1), (0.35, 1), gap, (0.65, 0), (1, 0)]
-    parts = np.array(rod + cup) + (0, 3.0 if beside else 0)
-    return a + parts[:, :1] * (b - a) + parts[:, 1:] * across
+    return _stretched(np.array(rod + cup) + (0, 3.0 if beside else 0), a, b, size)
+
+
+def _stretched(points: np.ndarray, a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
+    """Points of a symbol: fractions of the way from a to b, and widths of a spring beside it."""
+    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
+    return a + points[:, :1] * (b - a) + points[:, 1:] * _SPRING_WIDTH * size * left_of(along)
 
 
 # -- Names -----------------------------------------------------------------------------------------
