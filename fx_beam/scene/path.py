@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .beam import Beam, reference_positions
@@ -152,27 +154,20 @@ class Path:
 
     def nearest(self, point: np.ndarray) -> tuple[float, float]:
         """Arc length of the nearest point of the reference path, and the distance to it [m]."""
-        best = (np.inf, 0.0)
-        every = np.arange(len(self.h))
-        nodes = np.clip(self._nodes(every), 0, len(self) - 1)  # others have the weight 0
+        nodes = np.clip(self._nodes(np.arange(len(self.h))), 0, len(self) - 1)
         from_point = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])
         from_point[:, 0] -= point
+        places = [self.s]
         for e in self._may_be_nearest(from_point):
-            c = from_point[e]
             # The square of the distance, a polynomial of degree 6, is stationary.
-            square = np.zeros(7)
-            for i in range(4):
-                square[i : i + 4] += c @ c[i]
-            roots = np.polynomial.polynomial.polyroots(
-                np.trim_zeros(np.arange(1, 7) * square[1:], "b")
-            )
-            inside = np.clip(roots.real[abs(roots.imag) < 1e-3], 0, 1)
-            for x in (0.0, 1.0, *inside):
-                x = self._polish(c, x)
-                gap = float(np.hypot(*(c.T @ x ** np.arange(4))))
-                if gap < best[0] * (1 - 1e-9) - 1e-15 * self.length:
-                    best = gap, float(self.s[e] + self.h[e] * x)
-        return best[1], best[0]
+            square: Any = sum(np.convolve(component, component) for component in from_point[e].T)
+            x = np.roots(np.arange(6, 0, -1) * square[:0:-1])
+            places.append(self.s[e] + self.h[e] * np.clip(x.real[abs(x.imag) < 1e-3], 0, 1))
+        s = np.concatenate(places)
+        gaps = np.hypot(*(self.over(self.X[None], s) - point).T)
+        least = np.flatnonzero(gaps <= gaps.min() + 1e-15 * self.length)
+        best = least[np.argmin(s[least])]
+        return float(s[best]), float(gaps[best])
 
     def _may_be_nearest(self, c: np.ndarray) -> np.ndarray:
         """Elements that may be nearest to a point, from which coefficients (n, 4, 2) measure."""
@@ -183,17 +178,6 @@ class Path:
         return np.flatnonzero(
             distances - reach <= distances.min() * (1 + 1e-6) + 1e-12 * self.length
         )
-
-    @staticmethod
-    def _polish(c: np.ndarray, x: float) -> float:
-        """One step of Gauss and Newton towards the point of least distance, within [0, 1]."""
-        for _ in range(2):
-            position, along = (
-                c.T @ x ** np.arange(4),
-                c[1:].T @ (np.arange(1, 4) * x ** np.arange(3)),
-            )
-            x = float(np.clip(x - position @ along / (along @ along), 0, 1))
-        return x
 
 
 def _complex(vectors: np.ndarray) -> np.ndarray:
