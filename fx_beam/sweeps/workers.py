@@ -13,14 +13,14 @@ import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from multiprocessing import connection
 from multiprocessing.connection import Connection
 from statistics import median
 from time import monotonic, perf_counter
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,16 +75,6 @@ def _sent(outcome: Outcome) -> bytes:
         return pickle.dumps(outcome)
     except Exception as error:
         return pickle.dumps(Outcome(None, np.nan, _sentence(error)))
-
-
-class Workers(Protocol):
-    """What calls the function for items, as often as it is asked, until it is closed."""
-
-    def run(self, items: Sequence) -> Outcomes:
-        """Places of the items and outcomes, as they finish. To be closed, which ends what runs."""
-
-    def close(self) -> None:
-        """End all that was started."""
 
 
 def open_workers(
@@ -259,14 +249,18 @@ class _OnProcesses:
     def _start(self, number: int) -> None:
         """Have so many processes. Ctrl-C is not theirs; it waits for the end."""
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        before = os.environ.copy()
+        os.environ.update(_ONE_THREAD)
         try:
-            with _environment(_ONE_THREAD):
-                while len(self._workers) < number:
-                    worker = _Worker(self._function, self._cpus.pop())
-                    self._workers.append(worker)
-                    for source in (worker.pipe, worker.process.sentinel):
-                        self._news.register(source, selectors.EVENT_READ, worker)
+            while len(self._workers) < number:
+                worker = _Worker(self._function, self._cpus.pop())
+                self._workers.append(worker)
+                for source in (worker.pipe, worker.process.sentinel):
+                    self._news.register(source, selectors.EVENT_READ, worker)
         finally:
+            for name in _ONE_THREAD:
+                del os.environ[name]
+            os.environ.update(before)
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def _hand_out(self, item: Callable[[int], Any], queue: deque[int]) -> list[tuple[int, Outcome]]:
@@ -358,6 +352,10 @@ class _OnProcesses:
             worker.process.join(max(until - monotonic(), 0))
             worker.end()
         self._workers.clear()
+
+
+#: What calls the function for items, as often as it is asked, until it is closed.
+Workers = _Here | _OnExecutor | _OnProcesses
 
 
 class _Worker:
@@ -461,18 +459,3 @@ def _call_pickled(function: Callable, pickled: bytes) -> Outcome:
 def _end(*_) -> None:
     """End this worker at once."""
     os._exit(1)
-
-
-@contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    """Environment variables for processes that start meanwhile."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
