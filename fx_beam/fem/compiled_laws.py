@@ -20,6 +20,7 @@ import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem.sparsity import positions_in
 from fx_beam.laws.point_laws import Motion, PointLaw, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
 from fx_beam.scene.parameters import names_of, parameters_in, replaced
@@ -274,11 +275,8 @@ class NodalRules:
         self.heavy = np.flatnonzero(mass.data)
         #: Those of their columns.
         self.columns = places[mass.indices[self.heavy]]
-        number = mass.copy()
-        number.data = np.arange(1, len(mass.data) + 1)
-        of_nodes = dofs[self.columns // 3]
-        entries = number[np.repeat(rows[self.heavy], 3), of_nodes.ravel()]
-        self.value_at = np.asarray(entries).reshape(-1, 3) - 1
+        at = np.repeat(rows[self.heavy], 3), dofs[self.columns // 3].ravel()
+        self.value_at = positions_in(mass.indptr, mass.indices, *at).reshape(-1, 3)
 
 
 def _compiled(rates: NodalRates, rule) -> PointFunction:

@@ -20,47 +20,7 @@ from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForce, PointForces
 from .scene_forces import may_have_forces, point_forces
-
-
-def with_blocks(
-    data: np.ndarray, indices: np.ndarray, indptr: np.ndarray, size: int
-) -> scipy.sparse.csr_matrix:
-    """A matrix of compressed rows, with a block of 3 x 3 for each node that has no row in it.
-
-    Without such nodes it is a view on the data.
-    """
-    rows = len(indptr) - 1
-    if rows == size:
-        return scipy.sparse.csr_matrix((data, indices, indptr), (size, size), copy=False)
-    alone = np.arange(rows, size, dtype=indices.dtype).reshape(-1, 1, 3)
-    indices = np.concatenate([indices, np.repeat(alone, 3, axis=1).ravel()])
-    indptr = np.concatenate([indptr, indptr[-1] + 3 * np.arange(1, size - rows + 1)])
-    values = np.zeros(len(indices))
-    values[: len(data)] = data
-    return scipy.sparse.csr_matrix((values, indices, indptr), (size, size), copy=False)
-
-
-def with_pairs(
-    matrix: scipy.sparse.csr_matrix, pairs: np.ndarray
-) -> tuple[scipy.sparse.csr_matrix, np.ndarray | None]:
-    """A matrix with entries at some rows and columns (n, 2), and where its own values are.
-
-    If it has all of them, the matrix itself and None.
-    """
-    if not len(pairs):
-        return matrix, None
-    marks = scipy.sparse.coo_matrix((np.full(len(pairs), 1e-9), pairs.T), matrix.shape)
-    numbers = np.arange(1.0, matrix.nnz + 1)
-    whole = scipy.sparse.csr_matrix((numbers, matrix.indices, matrix.indptr), matrix.shape)
-    whole = whole + marks.tocsr()
-    if whole.nnz == matrix.nnz:
-        return matrix, None
-    known = np.flatnonzero(whole.data >= 1)
-    positions = np.empty(matrix.nnz, dtype=int)
-    positions[whole.data[known].astype(int) - 1] = known
-    whole.data[:] = 0.0
-    whole.data[positions] = matrix.data
-    return whole, positions
+from .sparsity import with_blocks, with_pairs
 
 
 class Forms:

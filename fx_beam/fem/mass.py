@@ -19,6 +19,7 @@ from .fields import distinct, fields_of, section_data
 from .forms import Forms
 from .loads import gauss_rule
 from .mesh import Mesh
+from .sparsity import positions_in
 
 _WORDS = {"rhoA": "distributed mass", "rhoI": "distributed rotary inertia"}
 
@@ -143,19 +144,15 @@ class Mass:
     def _places(self) -> np.ndarray:
         """Positions (cells * n,) of the entries of cells in the values of the stiffness."""
         K, (rows, columns, _) = self._forms.stiffness, _unit_masses(self._degree)
-        n = len(K.indptr) - 1
-        keys = np.repeat(np.arange(n), np.diff(K.indptr)) * n + K.indices
-        wanted = (self._dofs[:, rows] * n + self._dofs[:, columns]).ravel()
-        order = None if (np.diff(keys) > 0).all() else np.argsort(keys)
-        at = np.searchsorted(keys, wanted, sorter=order)
-        return (at if order is None else order[at]).astype(np.int32)
+        at = self._dofs[:, rows].ravel(), self._dofs[:, columns].ravel()
+        return positions_in(K.indptr, K.indices, *at)
 
     @functools.cached_property
     def _diagonal(self) -> np.ndarray:
         """Positions of the diagonal in the values of the stiffness."""
         K = self._forms.stiffness
-        row = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
-        return np.flatnonzero(row == K.indices)
+        every = np.arange(len(K.indptr) - 1)
+        return positions_in(K.indptr, K.indices, every, every)
 
     @property
     def lumped(self) -> Any:

@@ -21,6 +21,7 @@ from .compiled_laws import CompiledLaw, compiled_law
 from .loads import Followers
 from .member_contacts import MemberContacts
 from .parameter_values import ParameterValues
+from .sparsity import positions_in
 
 _NONE = np.empty(0)
 _HEADER = "point_force.h"
@@ -319,9 +320,8 @@ class PointForces:
         """Find the entries in the values of a matrix."""
         rows, columns = self.pairs_of_nodes.T
         if len(rows):
-            numbered = K.copy()
-            numbered.data = np.arange(1, K.nnz + 1)
-            self.value_at[self.pairs[:, 0] >= 0] = np.asarray(numbered[rows, columns]).ravel() - 1
+            positions = positions_in(K.indptr, K.indices, rows, columns)
+            self.value_at[self.pairs[:, 0] >= 0] = positions
 
     # -- A step ---------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import pickle
@@ -18,6 +19,7 @@ from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import world
+from fx_beam.scene.parameters import Parameter
 
 # Longest time between two looks for a message [s]; the first ones follow each other at once.
 _PAUSE, _AT_ONCE = 1e-3, 200
@@ -272,10 +274,19 @@ def _sendable(answered: tuple[Exception | None, Any]) -> tuple[Exception | None,
 
 
 def _packed(message: Any) -> bytes:
+    """A message as bytes, with the code of functions that the other processes cannot import."""
     # Imported here: one process alone sends nothing.
-    from .own_functions import packed
+    import cloudpickle
 
+    class Pickler(cloudpickle.Pickler):
+        def reducer_override(self, thing: Any) -> Any:
+            if isinstance(thing, Parameter):  # its values come with each step
+                return Parameter, (thing.name, 0.0)
+            return super().reducer_override(thing)
+
+    out = io.BytesIO()
     try:
-        return packed(message)
+        Pickler(out).dump(message)
     except (pickle.PicklingError, AttributeError, TypeError, ValueError) as error:
         raise SceneError(_REFUSED.format(error)) from None
+    return out.getvalue()

@@ -11,6 +11,7 @@ import scipy.sparse
 from fx_beam.content_cache import cached_by_content
 from fx_beam.fem import dolfinx_api
 from fx_beam.fem.mesh import Mesh
+from fx_beam.fem.sparsity import positions_in
 
 
 def element_data(
@@ -27,12 +28,9 @@ def element_data(
 @cached_by_content
 def _entries(dofs: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
     """Indices (cells, n * n) of the entries of each cell in compressed rows."""
-    # Plus 1: explicit zeros would be lost.
-    numbers, shape = np.arange(1, len(indices) + 1), (len(indptr) - 1,) * 2
-    numbered = scipy.sparse.csr_matrix((numbers, indices, indptr), shape)
     n = dofs.shape[1]
-    entries = numbered[np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()]
-    return np.asarray(entries).reshape(len(dofs), n * n) - 1
+    at = np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()
+    return positions_in(indptr, indices, *at).reshape(len(dofs), n * n)
 
 
 def aligned(array: np.ndarray) -> np.ndarray:

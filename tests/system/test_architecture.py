@@ -122,7 +122,7 @@ HOMES = {
     "pyvista vtk vtkmodules": "plot.deformed_shapes",
     "PIL imageio_ffmpeg": "plot.animations",
     "tqdm": "motions.progress",
-    "cloudpickle": "parallel.own_functions",
+    "cloudpickle": "parallel.team",
     "pandas xarray": "results.export",
     "scooby tabulate": "studies.reporting",
 }
