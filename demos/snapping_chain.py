@@ -172,7 +172,7 @@ def draw(results, path, made, by_displacement, driven):
     ax = axes[0, 0]
     cells = 1e3 * heights(path, made[1])
     curves = {f"cell {k + 1}": cells[:, k] for k in range(len(EA))}
-    plot.quantities(ax, np.arange(len(cells)), curves)
+    plot.quantities(ax, curves, np.arange(len(cells)))
     ax.set(xlabel="equilibrium along the path", ylabel="height of the cell [mm]")
     plot.save(figure, results / "heights.png")
     plot.animate(path, results / "motion.gif", rows=range(0, len(path.t), 8), fps=12)

@@ -14,7 +14,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
 from fx_beam.scene.beam import Node
 
-from .time_curves import Figure, curve, figure, quantities, save
+from .time_curves import QUANTITY_STYLES, Figure, curve, figure, save
 
 _STABLE: dict[str, Any] = {"color": "#0072B2", "linewidth": 2.0, "label": "stable"}
 _UNSTABLE: dict[str, Any] = {
@@ -28,7 +28,7 @@ _MARKS = {"limit point": "D", "bifurcation": "o", "flutter": "^"}
 
 
 def frequency_response(
-    response: FrequencyResponse,
+    responses: FrequencyResponse | Mapping[str, FrequencyResponse],
     path: Path | str | None = None,
     components: Sequence[str] | None = None,
 ) -> Figure:
@@ -38,8 +38,8 @@ def frequency_response(
 
     Parameters
     ----------
-    response : FrequencyResponse
-        Result of `fx_beam.frequency_response`.
+    responses : FrequencyResponse or dict
+        What `fx_beam.frequency_response` returned, or several by their labels.
     path : str or path, optional
         Picture to write; its ending gives the format.
     components : sequence of str, optional
@@ -50,36 +50,42 @@ def frequency_response(
     matplotlib.figure.Figure
         The picture.
     """
-    wanted = "what fx_beam.frequency_response returned"
-    require(isinstance(response, FrequencyResponse), "response", response, wanted)
-    if components is None:
-        components = [name for name in response.names if response.component(name).any()]
-    wanted = f"names to draw, of {list(response.names)}"
-    fits = isinstance(components, Sequence) and not isinstance(components, str)
-    require(fits and len(components) > 0, "components", components, wanted)
-    values = {name: response.component(name) for name in components}
-    units = {name: response.units[response.names.index(name)] for name in values}
-    kinds = sorted(set(units.values()))
+    named = responses if isinstance(responses, Mapping) else {"": responses}
+    shown: dict[str, tuple[str, np.ndarray, np.ndarray]] = {}
+    for label, of in named.items():
+        wanted = "what fx_beam.frequency_response returned"
+        require(isinstance(of, FrequencyResponse), "responses", of, wanted)
+        names = components
+        if names is None:
+            names = [name for name in of.names if of.component(name).any()]
+        wanted = f"names to draw, of {list(of.names)}"
+        fits = isinstance(names, Sequence) and not isinstance(names, str)
+        require(fits and len(names) > 0, "components", names, wanted)
+        for name in names:
+            curve_label = name if not label else label if len(names) == 1 else f"{label}, {name}"
+            unit = of.units[of.names.index(name)] if name in of.names else ""
+            shown[curve_label] = unit, of.frequencies, of.component(name)
+    kinds = sorted({unit for unit, _, _ in shown.values()})
     fig, axes = figure(len(kinds) + 1, 1)
-    for unit, ax in zip(kinds, axes[:, 0], strict=False):
-        # Each curve has the same style in all panels; those of other units are empty here.
-        shown = {
-            name: abs(v) if units[name] == unit else np.full(len(v), np.nan)
-            for name, v in values.items()
-        }
-        quantities(ax, response.frequencies, shown)
+    *amplitudes, last = axes[:, 0]
+    looks = itertools.cycle(QUANTITY_STYLES)
+    for (label, (unit, f, values)), look in zip(shown.items(), looks, strict=False):
+        draw = {"label": label, "linewidth": 1.5, **look}
+        amplitudes[kinds.index(unit)].plot(f, abs(values), **draw)
+        last.plot(f, np.degrees(np.unwrap(np.angle(values))), **draw)
+    for unit, ax in zip(kinds, amplitudes, strict=True):
         ax.set(yscale="log", ylabel=f"amplitude [{unit}]")
-    phases = {name: np.degrees(np.unwrap(np.angle(v))) for name, v in values.items()}
-    last = axes[-1, 0]
-    quantities(last, response.frequencies, phases)
-    angles = np.concatenate(list(phases.values())) / 90
-    first, end = np.floor(angles.min()), np.ceil(angles.max())
+    first, end = (np.array(last.dataLim.intervaly) / 90).round(9)
+    first, end = np.floor(first), np.ceil(end)
     last.set_yticks(90 * np.arange(first, end + 1, max(1, (end - first) // 4)))
     last.set(ylabel="phase [deg]", xlabel="frequency of the load [Hz]")
-    low, high = response.frequencies.min(), response.frequencies.max()
-    for ax in axes[:, 0] if 0 < 100 * low < high else ():
-        ax.set_xscale("log")
-    return _saved(fig, path)
+    low, high = last.dataLim.intervalx
+    if 0 < 100 * low < high:
+        for ax in axes[:, 0]:
+            ax.set_xscale("log")
+    if path is not None:
+        save(fig, path)
+    return fig
 
 
 def response(

@@ -28,7 +28,7 @@ _STYLES: dict[str, dict] = {
 }
 # Markers that distinguish curves of one scheme in one panel; the first is the plain line.
 _MARKERS = None, "o", "s", "^", "D", "v"
-_QUANTITY_STYLES = [
+QUANTITY_STYLES = [
     {"color": color, "linestyle": line}
     for color, line in zip(
         ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "black"),
@@ -106,6 +106,15 @@ def curves(
     times : callable
         ``times(solution)`` gives the times (n,) of the values [s], such as `Solution.t_level` for
         stress resultants.
+
+    Examples
+    --------
+    >>> import fx_beam as fb
+    >>> scene = fb.Scene(gravity=(0, -9.81))
+    >>> ball = scene.add_body((0, 0), mass=1.0, inertia=1.0).centre
+    >>> runs = {"free fall": fb.simulate(scene, dt=0.1, t_end=0.5)}
+    >>> figure, axes = fb.plot.figure(1, 1)
+    >>> fb.plot.curves(axes[0, 0], runs, lambda solution: solution.position(ball)[:, 1])
     """
     _check(axes, solutions, "solutions")
     for label, solution in solutions.items():
@@ -137,23 +146,30 @@ def _marked(number: int) -> dict:
     return {"marker": marker, "markevery": markers, "fillstyle": "none", "markersize": 5}
 
 
-def quantities(axes, t: np.ndarray, values: dict[str, np.ndarray]) -> None:
+def quantities(axes, values: dict[str, np.ndarray], t: np.ndarray) -> None:
     """Draw several quantities over time, each with a style of its own.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
         Where to draw.
-    t : (n,) float
-        Times, or other values for the horizontal axis.
     values : dict
         Quantities (n,) by their labels in the legend.
+    t : (n,) float
+        Times, or other values for the horizontal axis.
+
+    Examples
+    --------
+    >>> import numpy as np, fx_beam as fb
+    >>> figure, axes = fb.plot.figure(1, 1)
+    >>> t = np.linspace(0, 1, 50)
+    >>> fb.plot.quantities(axes[0, 0], {"kinetic": t**2, "potential": 1 - t**2}, t)
+    >>> [line.get_label() for line in axes[0, 0].lines]
+    ['kinetic', 'potential']
     """
     _check(axes, values, "values")
     t = array_of(t, "t")
-    for (label, given), look in zip(
-        values.items(), itertools.cycle(_QUANTITY_STYLES), strict=False
-    ):
+    for (label, given), look in zip(values.items(), itertools.cycle(QUANTITY_STYLES), strict=False):
         y = curve(given, t, f"values[{label!r}]")
         axes.plot(t, y, label=label, linewidth=1.5, **look)
 
