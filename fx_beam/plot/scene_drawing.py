@@ -40,9 +40,9 @@ def scene(
     are arms from a cross at the centre of mass to their points, with the area between them. Hatched
     lines are the ground. A pin is a triangle, a roller a triangle with a gap, a clamp a wall. Rings
     are hinges, squares on dotted lines are slides, discs are lumped masses. A zigzag or a spiral is
-    the spring of a joint, a cup its damper, two thick strokes its friction. Grey hatched lines and
-    circles are obstacles; stops of joints are not drawn. Beams and nodes with drag have the word
-    "drag".
+    the spring of a joint, a cup its damper, two thick strokes its friction, bars across a slide or
+    an arc with two ends its stops. Grey hatched lines and circles are obstacles. Beams and nodes
+    with drag have the word "drag".
     Arrows of forces end at their nodes, those of initial velocities start there.
     Prescribed motions and motors have arrows with two heads. Loads that are functions of time are
     drawn with their largest value. Added virtual works are not drawn.

@@ -14,7 +14,7 @@ from .plane import room_for_ticks
 _INCH = 6.4, 6.4  # the largest width and height of the picture [inch]
 _BORDER = (0.78, 0.5), (0.15, 0.15)  # room for the axes' labels; left and below, right and above
 # Distances of a label from its object, in pixels, and the directions in which it may lie.
-_DISTANCES = 4.0, 9.0, 15.0, 23.0, 33.0, 46.0
+_DISTANCES = 4.0, 9.0, 15.0, 23.0, 33.0, 46.0, 64.0, 90.0, 125.0
 _DIRECTIONS = np.linspace(0, 2 * np.pi, 16, endpoint=False) + np.pi / 2
 _LEADER = 16.0  # from this distance on a line connects a label to its object [pixels]
 _DOT = 6.0  # half the side of a marker [pixels]

@@ -48,7 +48,11 @@ _BENT_SHOES = np.concatenate([_ROUND_SHOE, _GAP, -_ROUND_SHOE])
 _BENT_CUP = np.concatenate([1.25 * _ROUND, 2.05 * _ROUND[::-1], _GAP, _PLATE])
 _TURN = np.linspace(0, 5 * np.pi, 60)
 _SPIRAL = (_TURN * np.array([np.cos(_TURN), np.sin(_TURN)]) / _TURN[-1]).T
-_AROUND = {"spring": _SPIRAL, "damper": _BENT_CUP, "friction": _BENT_SHOES}
+# Two bars that end an arc around a hinge, and the bar that ends a slide.
+_ENDS = np.array([2.4, 3.6, 3.0])[:, None]
+_BENT_STOP = np.concatenate([_ENDS * _ROUND[0], 3.0 * _ROUND, _ENDS[::-1] * _ROUND[-1]])
+_BAR = np.array([(0.0, -1.6), (0.0, 1.6)])
+_AROUND = {"spring": _SPIRAL, "damper": _BENT_CUP, "friction": _BENT_SHOES, "stop": _BENT_STOP}
 
 
 # -- In every row ----------------------------------------------------------------------------------
@@ -135,10 +139,10 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
 
 
 def draw_joints(ax, drawing: Drawing, k: int) -> list:
-    """Draw joints, springs, dampers, friction, forces between points of row k; the artists."""
+    """Draw joints, springs, dampers, stops, forces between points of row k; the artists."""
     joints: list[Joint] = list(_of_scene(drawing, "joints"))
     drawn = draw_lines(ax, _guides(drawing, joints, k), **_FINE | {"linestyle": ":"})
-    parts: dict[str, list[np.ndarray]] = {"spring": [], "damper": [], "friction": []}
+    parts: dict[str, list[np.ndarray]] = {"spring": [], "damper": [], "friction": [], "stop": []}
     for joint in joints:
         for name, on in joint.coordinates.items():
             drawn_part = _along_slide if name == "slide" else _around
@@ -147,6 +151,7 @@ def draw_joints(ax, drawing: Drawing, k: int) -> list:
                     lines.append(drawn_part(drawing, joint, part, k))
     drawn += draw_lines(ax, parts["spring"] + parts["damper"], **_FINE)
     drawn += draw_lines(ax, parts["friction"], **_THICK)
+    drawn += draw_lines(ax, parts["stop"], **_FINE | {"linewidth": 1.5})
     return drawn + draw_between(ax, drawing, k) + draw_hinges(ax, drawing, k)
 
 
@@ -223,8 +228,10 @@ def _position_on_a(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
 
 
 def _along_slide(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarray:
-    """A part of a slide: a zigzag, a dashpot, or the shoes of a brake beside it."""
+    """A part of a slide: a zigzag, a dashpot, shoes of a brake beside it, or bars at its stops."""
     assert joint.slide is not None
+    if part == "stop":
+        return _bars(drawing, joint, k)
     if part == "friction":
         shoes = _along(_SHOES, slide_direction(drawing, joint, k))
         return _position_of(drawing, joint, k) + _SPRING_WIDTH * drawing.size * shoes
@@ -235,8 +242,26 @@ def _along_slide(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarra
 
 
 def _around(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarray:
-    """A part of a hinge: a spiral, a curved dashpot, or the shoes of a brake."""
+    """A part of a hinge: a spiral, a curved dashpot, the shoes of a brake, or an arc that ends."""
     return _position_of(drawing, joint, k) + _SPRING_WIDTH * drawing.size * _AROUND[part]
+
+
+def _bars(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
+    """Bars across a straight slide at its limits; none on a beam."""
+    assert joint.slide is not None and joint.slide.stop is not None
+    bars, stop = [np.empty((0, 2))], joint.slide.stop
+    if joint.axis is None:
+        return bars[0]
+    along = slide_direction(drawing, joint, k)
+    if is_grounded(joint):
+        origin = drawing.solution.X[node_of(joint).number] - joint.start()[0] * along
+    else:
+        origin = _position_on_a(drawing, joint, k)
+    for limit in (stop.lower, stop.upper):
+        if limit is not None:
+            at = origin + limit * along
+            bars += [at + _SPRING_WIDTH * drawing.size * _along(_BAR, along), _GAP]
+    return np.concatenate(bars)
 
 
 def _position_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
