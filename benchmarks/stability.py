@@ -755,6 +755,17 @@ def studied(path, schemes, cases, title, how, remarks=lambda cells: ""):
     return cells
 
 
+def listed(cells):
+    """Verdicts by scheme as a list, in the place of a picture that is too wide for a phone."""
+    kinds = "kept", "damped", "lost", "gained", "blew up", "failed"
+    lines = []
+    for scheme, row in fb.stability.counts(cells).items():
+        total = sum(row[kind] for kind in kinds)
+        parts = [f"{kind} {row[kind]}" for kind in kinds if row[kind]]
+        lines.append(f"- {scheme}, {total} cases: {', '.join(parts)}\n")
+    return "".join(lines)
+
+
 def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
     """Cells of the cases and of Newton's tolerance, units, cells of damping and of parameters.
 
@@ -787,6 +798,7 @@ def main(quick=False, results=ROOT / "results" / "stability", jobs=1):
     draw_summary(results / "cases_by_question.png", words)
     for name in [*questions][: 1 if quick else None]:
         draw_map(results / f"cases_{name}.png", by_question[name], slots=16)
+        (results / f"cases_{name}.txt").write_text(listed(by_question[name]))
     print(f"{perf_counter() - clock:.0f} s")
     return cells, by_tolerance, units, by_damping, by_parameter
 
