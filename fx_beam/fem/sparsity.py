@@ -10,13 +10,10 @@ def positions_in(
     indptr: np.ndarray, indices: np.ndarray, rows: np.ndarray, columns: np.ndarray
 ) -> np.ndarray:
     """Indices (n,) of the entries at some rows and columns (n,), in a square matrix."""
-    return np.asarray(_numbered(indptr, indices)[rows, columns]).ravel().astype(np.int32) - 1
-
-
-def _numbered(indptr: np.ndarray, indices: np.ndarray) -> scipy.sparse.csr_matrix:
-    """A matrix whose entries are their indices, plus 1 as explicit zeros would be lost."""
-    numbers, size = np.arange(1.0, len(indices) + 1), len(indptr) - 1
-    return scipy.sparse.csr_matrix((numbers, indices, indptr), (size, size))
+    # Plus 1: explicit zeros would be lost.
+    numbers, size = np.arange(1, len(indices) + 1, dtype=np.int32), len(indptr) - 1
+    numbered = scipy.sparse.csr_matrix((numbers, indices, indptr), (size, size))
+    return np.asarray(numbered[rows, columns]).ravel() - 1
 
 
 def with_blocks(
@@ -46,13 +43,17 @@ def with_pairs(
     """
     if not len(pairs):
         return matrix, None
-    marks = scipy.sparse.coo_matrix((np.full(len(pairs), 1e-9), pairs.T), matrix.shape)
-    whole = _numbered(matrix.indptr, matrix.indices) + marks.tocsr()
-    if whole.nnz == matrix.nnz:
+    size = matrix.shape[0]
+    row = np.repeat(np.arange(size), np.diff(matrix.indptr))
+    present = row * size + matrix.indices
+    missing = np.setdiff1d(pairs[:, 0] * size + pairs[:, 1], present)
+    if not len(missing):
         return matrix, None
-    known = np.flatnonzero(whole.data >= 1)
-    positions = np.empty(matrix.nnz, dtype=int)
-    positions[whole.data[known].astype(int) - 1] = known
-    whole.data[:] = 0.0
-    whole.data[positions] = matrix.data
-    return whole, positions
+    keys = np.sort(np.concatenate([present, missing]))
+    rows, columns = np.divmod(keys, size)
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=size))])
+    positions = np.searchsorted(keys, present)
+    values = np.zeros(len(keys))
+    values[positions] = matrix.data
+    indices = columns.astype(matrix.indices.dtype), indptr.astype(matrix.indptr.dtype)
+    return scipy.sparse.csr_matrix((values, *indices), matrix.shape, copy=False), positions
