@@ -296,17 +296,19 @@ def element_dofs(space) -> np.ndarray:
 
 def element_coordinates(mesh) -> np.ndarray:
     """Coordinates (cells, 3 nodes) of the geometry of all cells, for compiled forms."""
-    geometry = mesh.geometry
-    nodes = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
-    rows = _rows(mesh, nodes)
-    return geometry.x[rows].reshape(len(rows), -1)
+    rows = _nodes(mesh)
+    return mesh.geometry.x[rows].reshape(len(rows), -1)
 
 
 def element_points(mesh) -> np.ndarray:
     """Numbers (cells, nodes) of the points between which a mesh was made, for all cells."""
-    geometry = mesh.geometry
-    nodes = geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
-    return np.asarray(geometry.input_global_indices)[_rows(mesh, nodes)]
+    return np.asarray(mesh.geometry.input_global_indices)[_nodes(mesh)]
+
+
+def _nodes(mesh) -> np.ndarray:
+    """Nodes (cells, n) of the geometry of all cells."""
+    of = mesh.geometry
+    return _rows(mesh, of.dofmaps[0] if hasattr(of, "dofmaps") else of.dofmap)
 
 
 def _rows(mesh, numbers) -> np.ndarray:

@@ -260,23 +260,18 @@ def check_outputs(scene, outputs, what: str) -> None:
 
 def check_output(scene, output: Output, what: str) -> None:
     """Refuse an output of another scene or of its nodes and joints, or one that its joint lacks."""
-    joint = output.of
-    if isinstance(joint, Scene):
-        require(joint is scene, what, str(output), "of the scene of the motion")
-        return
-    if isinstance(joint, Beam):
-        theirs = any(joint is one for one in scene.beams)
-        require(theirs, what, str(output), "of a beam of this scene")
-        return
-    if not isinstance(joint, Joint):
-        check_node(scene, joint, what)
-        return
-    of_scene = own_joint(scene, joint)
-    wanted = "of a joint that add_joint of this scene returned"
-    require(of_scene is not None, what, str(output), wanted)
-    assert of_scene is not None
-    lacking = of_scene.lacks(output.quantity)
-    require(not lacking, what, str(output), lacking)
+    of, wanted = output.of, ""
+    if isinstance(of, Scene):
+        wanted = "" if of is scene else "of the scene of the motion"
+    elif isinstance(of, Beam):
+        wanted = "" if any(of is one for one in scene.beams) else "of a beam of this scene"
+    elif isinstance(of, Node):
+        check_node(scene, of, what)
+    elif (joint := own_joint(scene, of)) is None:
+        wanted = "of a joint that add_joint of this scene returned"
+    else:
+        wanted = joint.lacks(output.quantity)
+    require(not wanted, what, str(output), wanted)
 
 
 def _quantities() -> str:

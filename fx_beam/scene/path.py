@@ -157,16 +157,20 @@ class Path:
         nodes = np.clip(self._nodes(np.arange(len(self.h))), 0, len(self) - 1)
         from_point = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])
         from_point[:, 0] -= point
+        slopes = np.arange(1, 4)[:, None] * from_point[:, 1:]
         places = [self.s]
         for e in self._may_be_nearest(from_point):
             # The square of the distance, a polynomial of degree 6, is stationary.
             square: Any = sum(np.convolve(component, component) for component in from_point[e].T)
             x = np.roots(np.arange(6, 0, -1) * square[:0:-1])
-            places.append(self.s[e] + self.h[e] * np.clip(x.real[abs(x.imag) < 1e-3], 0, 1))
+            powers = np.clip(x.real[abs(x.imag) < 1e-3], 0, 1)[:, None] ** np.arange(4)
+            # A step of Gauss and Newton takes away what round-off has left.
+            arm, along = powers @ from_point[e], powers[:, :3] @ slopes[e]
+            x = powers[:, 1] - np.sum(arm * along, axis=1) / np.sum(along**2, axis=1)
+            places.append(self.s[e] + self.h[e] * np.clip(x, 0, 1))
         s = np.concatenate(places)
         gaps = np.hypot(*(self.over(self.X[None], s) - point).T)
-        least = np.flatnonzero(gaps <= gaps.min() + 1e-15 * self.length)
-        best = least[np.argmin(s[least])]
+        best = np.argmax(gaps <= gaps.min() + 1e-15 * self.length)  # ends of elements come first
         return float(s[best]), float(gaps[best])
 
     def _may_be_nearest(self, c: np.ndarray) -> np.ndarray:
