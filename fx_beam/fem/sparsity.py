@@ -10,10 +10,11 @@ def positions_in(
     indptr: np.ndarray, indices: np.ndarray, rows: np.ndarray, columns: np.ndarray
 ) -> np.ndarray:
     """Indices (n,) of the entries at some rows and columns (n,), in a square matrix."""
-    # Plus 1: explicit zeros would be lost.
-    numbers, size = np.arange(1, len(indices) + 1, dtype=np.int32), len(indptr) - 1
-    numbered = scipy.sparse.csr_matrix((numbers, indices, indptr), (size, size))
-    return np.asarray(numbered[rows, columns]).ravel() - 1
+    size = len(indptr) - 1
+    keys = np.repeat(np.arange(size), np.diff(indptr)) * size + indices
+    order = None if (np.diff(keys) > 0).all() else np.argsort(keys)
+    at = np.searchsorted(keys, rows.astype(int) * size + columns, sorter=order)
+    return (at if order is None else order[at]).astype(np.int32)
 
 
 def with_blocks(
