@@ -194,12 +194,10 @@ def reference_positions(target: Node | Beam) -> np.ndarray:
     """Positions (nodes, 2) of a node or of all nodes of a beam in order [m]."""
     if not isinstance(target, Beam):
         return np.array([(target.x, target.y)])
-    positions = np.empty((target.elements * target.degree + 1, 2))
-    positions[:: target.degree] = [(node.x, node.y) for node in target.nodes]
+    ends = np.array([(node.x, node.y) for node in target.nodes])
     inner = inner_positions(target).reshape(target.elements, -1, 2)
-    for i in range(target.degree - 1):
-        positions[i + 1 :: target.degree] = inner[:, i]
-    return positions
+    of_elements = np.concatenate([ends[:-1, None], inner], axis=1)
+    return np.concatenate([of_elements.reshape(-1, 2), ends[-1:]])
 
 
 def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -452,13 +452,11 @@ class Coordinate:
         return ", ".join("motor" if of is self.motor else str(of) for of in parts) or "free"
 
     def __post_init__(self):
-        frictions = SmoothFriction, Coulomb
-        parts = ("spring", (Spring,)), ("damper", (Damper,)), ("friction", frictions)
-        for name, wanted in parts:
+        kinds = {"spring": (Spring,), "damper": (Damper,), "friction": (SmoothFriction, Coulomb)}
+        for name, wanted in kinds.items():
             value = getattr(self, name)
-            fits = value is None or isinstance(value, wanted)
             words = " or ".join(f"an fx_beam.{kind.__name__}" for kind in wanted)
-            require(fits, name, value, words)
+            require(value is None or isinstance(value, wanted), name, value, words)
         object.__setattr__(self, "stop", as_stop(self.stop))
         fits = self.motor is None or isinstance(self.motor, Input) or callable(self.motor)
         fits = fits or is_number(self.motor)

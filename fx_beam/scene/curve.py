@@ -154,7 +154,7 @@ def arc(start, through, end) -> Curve:
     # The central angle is twice the inscribed angle.
     sweep = math.copysign(2 * math.atan2(abs(area), to_b @ across), area)
 
-    return Curve(functools.partial(_on_arc, a, to_centre, sweep), *_nodes(start, end))
+    return Curve(functools.partial(_on_arc, a, to_centre, sweep), _node(start), _node(end))
 
 
 def _on_arc(a: np.ndarray, to_centre: np.ndarray, sweep: float, fraction: float) -> np.ndarray:
@@ -218,14 +218,11 @@ def spline(points: Sequence) -> Curve:
     from scipy.interpolate import CubicSpline
 
     function = CubicSpline(breaks, xy, bc_type="periodic" if closed else "not-a-knot")
-    return Curve(function, *_nodes(points[0], points[-1]), tuple(breaks))
+    return Curve(function, _node(points[0]), _node(points[-1]), tuple(breaks))
 
 
-def _nodes(start, end) -> tuple[Node | None, Node | None]:
-    return (
-        start if isinstance(start, Node) else None,
-        end if isinstance(end, Node) else None,
-    )
+def _node(point: Any) -> Node | None:
+    return point if isinstance(point, Node) else None
 
 
 def layout(points, elements, degree: int, name: str) -> Layout:

@@ -342,26 +342,19 @@ def changed_strain(strain: NaturalStrain, given: Mapping[str, Any]) -> NaturalSt
 
 def _part(beam: Beam, name: str, value) -> StrainPart:
     what = f"{NAMES[name]} of beam {beam.name!r}"
-    if isinstance(value, Input) or not callable(value):
-        return StrainPart(time_function(value, 1, what))
-    arguments = _arguments(value, what)
+    # The names of the arguments of a function say what it is of.
+    is_function = callable(value) and not isinstance(value, Input)
+    arguments = argument_names(value) if is_function else ["t"]
     if arguments == ["t"]:
         return StrainPart(time_function(value, 1, what))
     if arguments == ["f"]:
-        along = checked_function(value, 1, what, 0.0)
-        return StrainPart(Constant(np.ones(1)), along)
-    return StrainPart(PlaceTimeFunction(value, 1, what, 1.0, "f"))
-
-
-def _arguments(function: Callable, what: str) -> list[str]:
-    """Names of the arguments of a function, which say what it is of."""
-    names = argument_names(function)
-    if names not in (["f"], ["t"], ["f", "t"]):
-        raise SceneError(
-            f"{what}: the arguments of the function are ({', '.join(names)}). Name them f for the "
-            "fraction of the arc length, t for the time, or (f, t) for both: lambda f, t: ..."
-        )
-    return names
+        return StrainPart(Constant(np.ones(1)), checked_function(value, 1, what, 0.0))
+    if arguments == ["f", "t"]:
+        return StrainPart(PlaceTimeFunction(value, 1, what, 1.0, "f"))
+    raise SceneError(
+        f"{what}: the arguments of the function are ({', '.join(arguments)}). Name them f for the "
+        "fraction of the arc length, t for the time, or (f, t) for both: lambda f, t: ..."
+    )
 
 
 def thermal(alpha: float, temperature):
