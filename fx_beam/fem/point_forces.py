@@ -347,10 +347,9 @@ class PointForces:
         dt = self._load_increment if self._rule.at_rest else interval.length
         missing = np.zeros(int(self.slides.max(initial=-1)) + 1)
         slides, rates = (x if len(x) else missing for x in (start.slides, start.slide_rates))
-        internal = start.spring_internal
-        variables = np.zeros(self.width) if internal is None else internal
         vectors = (self._of(x) for x in (start.q, start.v, slides, rates))
-        self._c.fx_begin_points(self._all, *vectors, t, dt, self._of(variables))
+        variables = self._of(self._variables(start.spring_internal))
+        self._c.fx_begin_points(self._all, *vectors, t, dt, variables)
         if len(self.followers):
             first = self.external.start
             for i, force in enumerate(self.followers.at(interval), start=first):
@@ -401,12 +400,15 @@ class PointForces:
         """Forces (0) on the slides, or their slopes (1)."""
         return np.array([result[entry] for result in self._results[self._nodal :]])
 
+    def _variables(self, internal: np.ndarray | None) -> np.ndarray:
+        """Internal variables (width,); zero by default."""
+        return np.zeros(self.width) if internal is None else internal
+
     def energy(self, q: np.ndarray, slides: np.ndarray, internal: np.ndarray | None) -> float:
         """Energy [J] that is stored in a configuration."""
         if not self.any:
             return 0.0
-        variables = np.zeros(self.width) if internal is None else internal
-        vectors = (self._of(x) for x in (q, slides, variables))
+        vectors = (self._of(x) for x in (q, slides, self._variables(internal)))
         return self._c.fx_stored_at_points(self._all, *vectors)
 
     def energy_by(
@@ -420,8 +422,7 @@ class PointForces:
         sums = self._sums("energy", len(q), len(slides))
         if self.members is not None:
             sums["members"] = np.zeros(len(self.members.numbers))
-            variables = np.zeros(self.width) if internal is None else internal
-            sums["X"] = self.members.add_energy_by(q, variables, sums)
+            sums["X"] = self.members.add_energy_by(q, self._variables(internal), sums)
         return sums
 
     def losses_by(self, D: np.ndarray, slides: np.ndarray) -> dict[str, np.ndarray]:

@@ -240,25 +240,17 @@ class WeakForm:
         self.energy = dolfinx_api.compile_form(self._stored, "strain energy")
         #: Energies that the material and the scheme take in a step, and that the scheme holds for
         #: the next one; None where there is none.
-        self.losses = [
-            dolfinx_api.compile_form(energy, name) if energy else None
-            for name, energy in self._losses.items()
-        ]
+        self.losses = [_compiled(energy, name) for name, energy in self._losses.items()]
         #: The energy that the scheme held at the start, with the parameters of the step; None if it
         #: holds none, or if no stored energy has parameters.
-        self.held_before = None
-        if self.names_in_energies and self._held_before:
-            name = "scheme's energy at the start"
-            self.held_before = dolfinx_api.compile_form(self._held_before, name)
+        held = self._held_before if self.names_in_energies else None
+        self.held_before = _compiled(held, "scheme's energy at the start")
         #: Work of natural strains that change in a step; None without any.
-        self.actuation = None
-        if self.has_natural:
-            self.actuation = dolfinx_api.compile_form(self._actuation, "work of natural strains")
+        self.actuation = _compiled(self._actuation, "work of natural strains")
         #: Increments of the internal variables at the Gauss points, each times its weight; None
         #: without any.
-        self.evolution = None
-        if self.width:
-            self.evolution = dolfinx_api.compile_form(self._increments(), "internal variables")
+        grown = self._increments() if self.width else None
+        self.evolution = _compiled(grown, "internal variables")
         #: Whether the forces depend on the start of the last step.
         self.needs_previous = fields.q_previous in residual.coefficients()
         if self.needs_previous and len(self.scheme.fractions) > 1:
@@ -312,6 +304,10 @@ class WeakForm:
         points = dolfinx_api.gauss_points(self.fields.degree)
         numbered = {f"{name} {k}": (of, points) for k, of in enumerate(expressions, start=1)}
         return dolfinx_api.compile_together(numbered)
+
+
+def _compiled(form: Any, name: str) -> CompiledForm | None:
+    return dolfinx_api.compile_form(form, name) if form else None
 
 
 def weak_form(
