@@ -47,7 +47,8 @@ class Team:
         self.size: int = self._comm.size
         self._objects: dict[int, Any] = {}
         self._made = 0
-        self._left: list[int] = []
+        #: Numbers of objects that are destroyed before the next call.
+        self.left: list[int] = []
         self._busy, self._waiting = False, False
         #: Whether mpirun ends all, whether this is a copy, and whether others do not answer.
         self._ending, self._copied, self.lost = False, False, False
@@ -61,21 +62,14 @@ class Team:
         """Make an object on each process, by a function of a module."""
         self._made += 1
         number = self._made
-        self._all([(("make", number, make), of) for of in arguments])
+        self.ask([(("make", number, make), of) for of in arguments])
         return Crew(self, number)
 
-    def call(self, number: int, method: str, arguments: Sequence[tuple]) -> list:
-        """What a method of each object gives."""
-        return self._all([(("call", number, method), of) for of in arguments])
-
-    def leave(self, number: int) -> None:
-        """Destroy the objects before the next call."""
-        self._left.append(number)
-
-    def _all(self, messages: Sequence[tuple]) -> list:
+    def ask(self, messages: Sequence[tuple]) -> list:
+        """What each process gives for a message."""
         if self.lost:
             raise SceneError("the other processes of mpirun have failed: start the script again")
-        left, self._left = self._left, []
+        left, self.left = self.left, []
         packed = [_packed((left, *what)) for what in messages[1:]]
         with self._in_step():
             self._asked.put((packed, lambda: (left, *messages[0])))
@@ -188,10 +182,11 @@ class Crew:
 
     def __call__(self, method: str, arguments: Sequence[tuple] | None = None) -> list:
         """What a method of each gives."""
-        return self._team.call(self._number, method, arguments or [()] * self.size)
+        given = arguments or [()] * self.size
+        return self._team.ask([(("call", self._number, method), of) for of in given])
 
     def __del__(self) -> None:
-        self._team.leave(self._number)
+        self._team.left.append(self._number)
 
 
 _TEAM: list[Team] = []
