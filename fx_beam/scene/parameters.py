@@ -82,11 +82,8 @@ class Parameter(ufl.Constant):
         #: The value as a function of time.
         self.function = checked_value(name, value)
         self.name = name
-        if name not in _NUMBERS:
-            super().__init__(NOWHERE)
-            _NUMBERS[name] = self.count()
-        else:
-            super().__init__(NOWHERE, count=_NUMBERS[name])
+        super().__init__(NOWHERE, count=_NUMBERS.get(name))
+        _NUMBERS[name] = self.count()
         self._repr = f"Parameter({name!r}, {shown(value)})"
 
     def __str__(self):
