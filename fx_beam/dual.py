@@ -283,7 +283,7 @@ _RULES: dict[Any, tuple[Callable[..., Any], ...]] = {
     ),
     np.remainder: (lambda o, a, b: 1.0, lambda o, a, b: -np.floor(a / b)),
     np.arctan2: (lambda o, a, b: b / (a * a + b * b), lambda o, a, b: -a / (a * a + b * b)),
-    np.hypot: (lambda o, a, b: a / o, lambda o, a, b: b / o),
+    np.hypot: (lambda o, a, b: a / np.where(o, o, 1.0), lambda o, a, b: b / np.where(o, o, 1.0)),
     np.maximum: (lambda o, a, b: a >= b, lambda o, a, b: a < b),
     np.minimum: (lambda o, a, b: a <= b, lambda o, a, b: a > b),
     np.negative: (lambda o, a: -1.0,),
