@@ -93,15 +93,17 @@ class UpdateRule(Protocol):
 class MidPointRates(UpdateRule):
     """Mid-point rule for displacements and for the rotation matrix (eqs 27 to 30).
 
+    v1 = 2 Du/dt - v0 and omega1 = 4 tan(Dpsi/2)/dt - omega0 (eqs 27 and 28); the accelerations are
+    (v1 - v0)/dt and (omega1 - omega0)/dt (eq. 30).
+
     Examples
     --------
-    From rest, one degree of freedom moves by 0.2 m in 0.1 s.
+    A moment does work on 2 tan(Dpsi/2), here of 0.2 rad.
 
     >>> import numpy as np, fx_beam as fb
-    >>> zero, rotations = np.zeros(1), np.empty(0, dtype=int)
-    >>> v, a = fb.MidPointRates().end(np.array([0.2]), zero, zero, 0.1, rotations)
-    >>> v.round(6), a.round(6)
-    (array([4.]), array([40.]))
+    >>> work, slope = fb.MidPointRates().work_increment(np.array([0.2]), np.array([0]))
+    >>> work.round(6), slope.round(6)
+    (array([0.200669]), array([1.010067]))
     """
 
     by_mean: ClassVar[bool] = True
