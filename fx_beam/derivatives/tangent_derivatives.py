@@ -101,6 +101,11 @@ class TangentDerivatives:
         self._factor, self._inputs = 0.0, None
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
+        if self._damped and self._follows and (about.model.natural or about.model.couplings.driven):
+            raise SceneError(
+                f"{self._what}: no derivatives with damping about a state of natural strains, "
+                "prescribed motions or motors. Leave damping out, or replace them by loads"
+            )
         last = self._model
         self._model = model = self._refilled(last, about.scene) if self._damped else about.model
         slides = slides_at_start(model.scene).tolist()

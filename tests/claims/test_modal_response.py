@@ -153,6 +153,8 @@ def overdamped(x):
         (overdamped, {"damped": True}, "mode 0 does not vibrate: it is overdamped"),
         (lambda x: four_bar()[0], {}, "closed loops"),
         (cantilever, {"state": lambda s: fb.static(s, spin=3.0, pivot=(0, 0))}, r"\(spin\)"),
+        # A step has half of what makes these at each end, and derivatives that of the end alone.
+        *((build, {"state": loaded, "damped": True}, "prescribed") for build in (bending, driven)),
     ],
 )
 def test_what_has_no_derivatives_is_refused(build, options, message):
