@@ -1,6 +1,8 @@
 """Scenes that `test_processes.py` computes on several processes and on one."""
 
+import functools
 import itertools
+import subprocess
 
 import ufl
 
@@ -10,6 +12,13 @@ import fx_beam as fb
 
 SECTION = fb.Section(EA=1e5, GA=1e5, EI=50.0, rhoA=1.0, rhoI=1e-3)
 DAMPED = fb.Section(EA=1e5, GA=1e5, EI=50.0, rhoA=1.0, rhoI=1e-3, retardation=1e-3)
+
+
+@functools.cache
+def mpirun(number):
+    """The command that starts so many processes, which Open MPI wants to be told are too many."""
+    version = subprocess.run(["mpirun", "--version"], capture_output=True, text=True).stdout
+    return ["mpirun", "-n", str(number), *["--oversubscribe"] * ("Open MPI" in version)]
 
 
 def frame(cells=4, high=3, section=SECTION, **kind):

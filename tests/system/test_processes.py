@@ -38,7 +38,7 @@ def started(folder, number, text):
     known["PYTHONPATH"] = os.pathsep.join([str(HERE.parent), str(HERE)])
     own = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     own |= {"OMPI_MCA_mpi_yield_when_idle": "1", "OMP_NUM_THREADS": "1"}
-    command = ["mpirun", "-n", str(number), "--oversubscribe", sys.executable]
+    command = [*process_cases.mpirun(number), sys.executable]
     return subprocess.Popen(
         [*command, "-m", "fx_beam", "script.py"],
         cwd=folder,

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sweep_cases
+from process_cases import mpirun
 
 import fx_beam as fb
 from fx_beam.results import export
@@ -148,8 +149,8 @@ def test_what_processes_cannot_import_is_refused(monkeypatch):
 
 def said_by_two_ranks(tmp_path, text, *options):
     """What a script writes that mpirun starts twice."""
-    mpirun = "mpirun", "-n", "2", "--oversubscribe", sys.executable, *options
-    started = script(tmp_path, text, *mpirun, stderr=subprocess.STDOUT)
+    command = [*mpirun(2), sys.executable, *options]
+    started = script(tmp_path, text, *command, stderr=subprocess.STDOUT)
     try:
         said, _ = started.communicate(timeout=60)
     finally:
