@@ -132,8 +132,8 @@ class CriticalLoad:
         """
         if self._point.kind != "bifurcation":
             raise SceneError(
-                f"StaticResponse.imperfection_sensitivity: a {self._point.kind} has none. It is "
-                "told of a bifurcation; use jacobian"
+                f"StaticResponse.imperfection_sensitivity: a {self._point.kind} has none, "
+                "only bifurcations have. For the slopes of this load use jacobian"
             )
         totals, by_state, weights = self._along_path()
         B, C = totals[-1], self._disturbing()

@@ -197,8 +197,8 @@ class StaticResponse(Response):
         exponent : float
             p.
         coefficients : (m,) float
-            c for each number alone; 0 for those that are no imperfections, of which `jacobian`
-            tells if nothing else is one.
+            c for each number alone; 0 for those that are no imperfections. If no number is one,
+            `jacobian` gives the slopes.
 
         Raises
         ------

@@ -40,8 +40,8 @@ _SOLVED = 1e-6
 class Product(NamedTuple):
     """stiffness * l.K r + damping * l.C r + mass * l.M r, with directions l and r (free,).
 
-    Damping and mass only of a square, l = r; the steps that tell damping have a `time` [s] like
-    that of the vibration.
+    With a mass only for l = r. The steps that tell damping have a `time` [s] like that of the
+    vibration.
     """
 
     left: np.ndarray
