@@ -74,8 +74,7 @@ class ModalResponse:
         If `build` or `state` is no function of its argument; in a call if x are not finite numbers,
         if `build` does not give a scene, or `state` no static solution of it, and as of `modes`. In
         derivatives for scenes with closed loops, nodes that slide on beams, contact with members,
-        internal variables or a spin; with damping about a state of natural strains, prescribed
-        motions or motors; or if the tangent of the state is singular.
+        internal variables or a spin; or if the tangent of the state is singular.
 
     Examples
     --------

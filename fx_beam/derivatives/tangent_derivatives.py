@@ -101,11 +101,6 @@ class TangentDerivatives:
         self._factor, self._inputs = 0.0, None
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
-        if self._damped and self._follows and (about.model.natural or about.model.couplings.driven):
-            raise SceneError(
-                f"{self._what}: no derivatives with damping about a state of natural strains, "
-                "prescribed motions or motors. Leave damping out, or replace them by loads"
-            )
         last = self._model
         self._model = model = self._refilled(last, about.scene) if self._damped else about.model
         slides = slides_at_start(model.scene).tolist()
@@ -136,8 +131,11 @@ class TangentDerivatives:
         """The numbers of this equilibrium for another scene; OtherStructureError if it differs."""
         self._structure.check(scene)
         self._other = self._refilled(self._other, scene)
-        forcing = LoadForcing(self._other, self._forcing.time)
-        return static_numbers_of(self._other, forcing, np.array([self._factor]))
+        model, forcing = self._other, LoadForcing(self._other, self._forcing.time)
+        numbers = static_numbers_of(model, forcing, np.array([self._factor]))
+        if self._damped and model.natural:  # a step that tells damping also begins in the state
+            numbers["natural"] = forcing.natural(self._factor)
+        return numbers
 
     def by_factor(self) -> dict[str, np.ndarray]:
         """Derivatives of the numbers by the load factor, of the names that depend on it."""

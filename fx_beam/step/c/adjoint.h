@@ -147,7 +147,9 @@ static int vjp_step(Problem *p, Work *w, const Adjoint *a, Linear *l, const Tape
   if (k == 0) add_given(&a->states, 0, x);
   memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(double));
   vjp(l->of + BEGUN, x);
-  for (int i = 0; a->by_unknowns && i < p->free; ++i) a->by_unknowns[k * p->free + i] = x[at->Y + i] + x[at->Y1 + i];
+  if (!a->by_unknowns) return 1;
+  for (int i = 0; i < p->free; ++i) a->by_unknowns[k * p->free + i] = x[at->Y + i] + x[at->Y1 + i];
+  for (int i = 0; i < p->driven; ++i) a->of_steps[k * steps + at->driven - at->loads + i] += x[at->Y + p->free + i];
   return 1;
 }
 
