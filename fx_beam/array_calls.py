@@ -15,8 +15,9 @@ _NOW: ContextVar[ArrayCalls | None] = ContextVar("array calls", default=None)
 _LEAST = 24
 # Number of values of a known function that are compared.
 _SAMPLES = 4
-# Error of values in terms of the largest one: powers and sines of arrays may be rounded otherwise.
-_ROUNDING = 16 * float(np.finfo(float).eps)
+# Error of values in terms of the largest one: powers and sines of arrays may be rounded otherwise,
+# and their differences are smaller than they.
+_ROUNDING = 1e-13
 
 
 class ArrayCalls:

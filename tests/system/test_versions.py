@@ -138,6 +138,7 @@ def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path, no_libraries)
 
 WITHOUT_PETSC = """
 import contextlib, importlib.machinery, io, sys
+from mpi4py import MPI  # by pip, dolfinx finds its library so
 import dolfinx, dolfinx.fem  # those of Debian import PETSc themselves
 for name in [name for name in sys.modules if name.split(".")[0] in ("petsc4py", "slepc4py")]:
     del sys.modules[name]
