@@ -4,6 +4,7 @@
 from fx_beam import materials as materials, plot as plot
 from fx_beam.studies import stability as stability, work_precision as work_precision
 
+from .derivatives.harmonic_response import HarmonicResponse as HarmonicResponse
 from .derivatives.modal_response import ModalResponse as ModalResponse
 from .derivatives.response import Response as Response
 from .derivatives.static_response import StaticResponse as StaticResponse

@@ -159,12 +159,8 @@ class CriticalLoad:
 
         And those by the state, with the weights of forces that belong to these.
         """
-        products = [Product(self.psi, self.phi, 1.0)]
-        if self._square:
-            for sign in (1, -1):  # a product of both is made of two squares
-                both = (self.psi + sign * self.phi) / 2
-                products.append(Product(both, both, 0.0, mass=-sign * self._square))
-        weighted, (by_state,) = self._tangent.products(self._about, [products])
+        product = Product(self.psi, self.phi, 1.0, mass=-self._square)
+        weighted, (by_state,) = self._tangent.products(self._about, [[product]])
         weights = self._solved(by_state)
         weighted += self._tangent.forces(-weights[None])
         return self._tangent.along(weighted, self._changes)[0], by_state, weights

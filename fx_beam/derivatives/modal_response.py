@@ -21,7 +21,7 @@ from fx_beam.step.interrupts import one_thread
 from fx_beam.step.undamped_modes import count_below
 
 from .built_scenes import BuiltScenes, checked_numbers
-from .tangent_derivatives import Product, TangentDerivatives
+from .tangent_derivatives import Product, TangentDerivatives, checked_state
 
 _log = logging.getLogger("fx_beam")
 # Squares of angular frequencies that differ by less, relative to them, are repeated.
@@ -155,7 +155,7 @@ class ModalResponse:
         self._changes = None
         with calling_with_arrays(self._calls):
             scene, _ = self._scenes.at(given)
-            state = None if self._state is None else self._equilibrium(scene)
+            state = self._state and checked_state(self._state, scene, "ModalResponse")
             about = linearised(scene, state, "modes")
         check_equilibrium(about, state, "modes")
         self._scene, self._about, self._end = scene, about, state
@@ -177,14 +177,6 @@ class ModalResponse:
         self._omega, self._ratios, self._roots = omega[order], ratios[order], roots[order]
         self._vectors = vectors[:, order]
         return alike
-
-    def _equilibrium(self, scene: Scene) -> Solution:
-        assert self._state is not None
-        state = self._state(scene)
-        path = getattr(state, "_load_path", None)
-        fits = path is not None and path.scene is scene
-        require(fits, "ModalResponse: state(scene)", state, "a solution of fx_beam.static(scene)")
-        return state
 
     def _places(self, about: Linearisation, vectors: np.ndarray) -> tuple[np.ndarray, float]:
         """Modes in the order of the last shapes, then the others; and how much the least is alike.
@@ -273,7 +265,7 @@ class ModalResponse:
                     "Give equal weights, or all modes of the group by a larger n, or use jacobian"
                 )
             for mode in group[every[group].any(axis=1)]:
-                squares += self._squares(mode, every[mode])
+                squares.append(self._square(mode, every[mode]))
         return self._of_sums([squares])[0] if squares else np.zeros(len(self._x))
 
     def _begin_derivatives(self, what: str) -> None:
@@ -313,8 +305,8 @@ class ModalResponse:
             if len(group) and group.min() < self._n:
                 yield np.sort(group)
 
-    def _squares(self, mode: int, weights: np.ndarray) -> list[Product]:
-        """Their derivatives are those of weights times frequency and damping ratio of a mode.
+    def _square(self, mode: int, weights: np.ndarray) -> Product:
+        """Its derivatives are those of weights times frequency and damping ratio of a mode.
 
         With root s and shape x, ds = -x.(s^2 dM + s dC + dK) x / x.(2 s M + C) x.
         """
@@ -330,21 +322,16 @@ class ModalResponse:
         if self._damped:
             of_root += weights[1] * (s.real * np.conj(s) / w**2 - 1) / w
         factor = -of_root / (s * m - k / s)  # as s^2 m + s c + k = 0
-        parts: list[tuple[np.ndarray, complex]] = [(x.real, 1.0)]
-        if np.iscomplexobj(x):
-            parts = [(x.real, 1 - 1j), (x.imag, -1 - 1j), (x.real + x.imag, 1j)]
-        powers = np.array([1, s, s**2])
-        rows = [(d, (factor * share * powers).real) for d, share in parts if d.any()]
-        return [Product(d, d, of[0], of[1], of[2], 1 / w) for d, of in rows]
+        return Product(x, x, factor, factor * s, factor * s**2, 1 / w)
 
     def _sums_of(self, group: np.ndarray) -> Iterator[list[Product]]:
         """Of a mode those for its frequency and damping ratio; of more those of their matrix.
 
-        This has a lower triangle, row by row, in which products are halves of squares.
+        This has a lower triangle, row by row.
         """
         if len(group) == 1:
             for weights in np.eye(1 + self._damped):
-                yield self._squares(group[0], weights)
+                yield [self._square(group[0], weights)]
             return
         if self._damped:
             raise SceneError(
@@ -352,12 +339,9 @@ class ModalResponse:
                 "derivatives. Leave damping out, or let them differ"
             )
         _log.warning(_REPEATED, len(group), self._omega[group[0]])
-        (unit,) = self._squares(group[0], np.ones(1))
+        unit = self._square(group[0], np.ones(1))
         for i, j in zip(*np.tril_indices(len(group)), strict=True):
-            a, b = self._vectors[:, group[i]], self._vectors[:, group[j]]
-            # a.K b = ((a + b).K (a + b) - (a - b).K (a - b)) / 4
-            halves = [unit.square((a + b) / 2), unit.square((a - b) / 2, -1)]
-            yield halves if i != j else [unit.square(a)]
+            yield [unit._replace(left=self._vectors[:, group[i]], right=self._vectors[:, group[j]])]
 
 
 def _nothing(solution: Solution) -> float:

@@ -46,8 +46,7 @@ from .gradient import Gradient, along
 from .linear_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, summed
-from .output_values import Recording, values_of
-from .row_outputs import RowOutputs
+from .output_values import Recording, RowOutputs, values_of
 from .static_derivatives import StateChange, StaticDerivatives, why_no_sums, why_not
 
 _log = logging.getLogger("fx_beam")

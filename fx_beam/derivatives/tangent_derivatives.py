@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, require
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
 from fx_beam.linear.linearisation import Linearisation
 from fx_beam.motions.numbers import static_numbers_of
@@ -38,23 +38,20 @@ _SOLVED = 1e-6
 
 
 class Product(NamedTuple):
-    """stiffness * l.K r + damping * l.C r + mass * l.M r, with directions l and r (free,).
+    """Real part of k l.K r + c l.C r + m l.M r, with directions l and r (free,), real or complex.
 
-    With a mass only for l = r. The steps that tell damping have a `time` [s] like that of the
-    vibration.
+    And of forces (size,) times the motions T l and T r of the nodes. The steps that tell damping
+    have a `time` [s] like that of the vibration.
     """
 
     left: np.ndarray
     right: np.ndarray
-    stiffness: float
-    damping: float = 0.0
-    mass: float = 0.0
+    stiffness: complex
+    damping: complex = 0.0
+    mass: complex = 0.0
     time: float = 1.0
-
-    def square(self, direction: np.ndarray, sign: int = 1) -> Product:
-        """The same along another direction on both sides, or its negative."""
-        of = (sign * self.stiffness, sign * self.damping, sign * self.mass)
-        return Product(direction, direction, *of, self.time)
+    on_left: Any = 0.0
+    on_right: Any = 0.0
 
 
 class Weighted(NamedTuple):
@@ -85,7 +82,7 @@ class TangentDerivatives:
     """
 
     def __init__(self, what: str, damped: bool = False):
-        self._what, self._damped = what, damped
+        self._what, self.damped = what, damped
         # The model of the steps with its problem and adjoint, and that of other scenes' numbers.
         self._model: Model | None = None
         self._problem: Problem
@@ -102,7 +99,7 @@ class TangentDerivatives:
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
         last = self._model
-        self._model = model = self._refilled(last, about.scene) if self._damped else about.model
+        self._model = model = self._refilled(last, about.scene) if self.damped else about.model
         slides = slides_at_start(model.scene).tolist()
         if model is last:
             self._problem.refill()
@@ -123,7 +120,7 @@ class TangentDerivatives:
                 return model
         except OtherStructureError:
             pass
-        if self._damped:
+        if self.damped:
             return Model(scene, EnergyMomentum(), instant=True)
         return Model(scene, Equilibrium(), mobile=True)
 
@@ -133,7 +130,7 @@ class TangentDerivatives:
         self._other = self._refilled(self._other, scene)
         model, forcing = self._other, LoadForcing(self._other, self._forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
-        if self._damped and model.natural:  # a step that tells damping also begins in the state
+        if self.damped and model.natural:  # a step that tells damping also begins in the state
             numbers["natural"] = forcing.natural(self._factor)
         return numbers
 
@@ -173,10 +170,17 @@ class TangentDerivatives:
         rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
         by_mass, steps, ends = np.zeros((len(sums), mass.nnz)), list[_Steps](), list[int]()
         for of_sum, products in zip(by_mass, sums, strict=True):
-            for product in products:
-                full = about.T @ product.right
-                of_sum += product.mass * full[rows] * full[mass.indices]
-                steps += self._steps(about, product, mass @ full, curved)
+            for of in products:
+                left, right = about.T @ of.left, about.T @ of.right
+                of_sum += (of.mass * left[rows] * right[mass.indices]).real
+                on_right = of.mass * (mass @ left) + of.on_right
+                on_left = of.mass * (mass @ right) + of.on_left
+                k, c = of.stiffness * of.left, of.damping * of.left
+                if of.left is of.right:
+                    on_right = on_left + on_right
+                elif np.any(on_left):
+                    steps += self._steps(about, of.left, 0 * k, 0 * c, on_left, of.time, curved)
+                steps += self._steps(about, of.right, k, c, on_right, of.time, curved)
             ends.append(sum(len(part.lengths) for part in steps))
         joined = _Steps(*map(np.concatenate, zip(*steps, strict=True)))
         by_vector, of_step, by_state = self._followed(joined, ends)
@@ -199,24 +203,34 @@ class TangentDerivatives:
         return by_x + (by_mass @ masses.T if by_mass.any() else 0.0)
 
     def _steps(
-        self, about: Linearisation, product: Product, momentum: np.ndarray, curved: bool
+        self,
+        about: Linearisation,
+        direction: np.ndarray,
+        stiffness: np.ndarray,
+        damping: np.ndarray,
+        ends: np.ndarray,
+        time: float,
+        curved: bool,
     ) -> list[_Steps]:
-        """Steps along the direction r, with M r of the nodes (size,)."""
-        left, right, stiffness, damping, of_mass, time = product
-        size = _DISTANCE / abs(right / about.model.unit_of_unknowns[about.unknowns]).max()
+        """Steps along a direction, with weights of its forces, and of its motions of the nodes."""
+        steps = list[_Steps]()
         points, weights = _SECOND if curved else _FIRST
-        moves = size * points[:, None] * right
-        weights = weights[:, None] / size ** (1 + curved)
-        of_ends, lengths = 2 * of_mass * weights * momentum, np.ones(len(moves))
-        if not self._damped:
-            return [_Steps(moves, stiffness * weights * left, of_ends, 0 * lengths)]
-        # The force of a step with an increment D is K D / 2 + C D / length, that of a length
-        # less that of its double C D / (2 length).
-        short, long = 2 * time * damping - 2 * stiffness, 4 * stiffness - 2 * time * damping
-        return [
-            _Steps(moves, short * weights * left, of_ends, time * lengths),
-            _Steps(moves, long * weights * left, 0 * of_ends, 2 * time * lengths),
-        ]
+        for along, unit in ((direction.real, 1), (direction.imag, 1j)):
+            k, c, e = ((unit * of).real for of in (stiffness, damping, ends))
+            if not along.any():
+                continue
+            size = _DISTANCE / abs(along / about.model.unit_of_unknowns[about.unknowns]).max()
+            moves, of = size * points[:, None] * along, weights[:, None] / size ** (1 + curved)
+            lengths = np.ones(len(moves))
+            if not self.damped:
+                steps.append(_Steps(moves, of * k, of * e, 0 * lengths))
+                continue
+            # The force of a step with an increment D is K D / 2 + C D / length, that of a length
+            # less that of its double C D / (2 length).
+            short, long = 2 * time * c - 2 * k, 4 * k - 2 * time * c
+            steps.append(_Steps(moves, of * short, of * e, time * lengths))
+            steps.append(_Steps(moves, of * long, 0 * of * e, 2 * time * lengths))
+        return steps
 
     def _followed(self, steps: _Steps, ends: list[int]) -> tuple[np.ndarray, ...]:
         """Derivatives of sums by the vector of `Layout`, numbers of the step, and the state.
@@ -247,6 +261,15 @@ class TangentDerivatives:
                 "critical point"
             )
         return weights.T
+
+
+def checked_state(state: Callable[[Scene], Any], scene: Scene, what: str) -> Solution:
+    """The equilibrium of a scene by a function of it; SceneError for what is none."""
+    solution = state(scene)
+    path = getattr(solution, "_load_path", None)
+    fits = path is not None and path.scene is scene
+    require(fits, f"{what}: state(scene)", solution, "a solution of fx_beam.static(scene)")
+    return solution
 
 
 def _why_not(about: Linearisation) -> str:

@@ -83,40 +83,60 @@ def frequency_response(
     what = "frequency_response"
     about = linearised(scene, state, what)
     check_equilibrium(about, state, what)
-    force = _force(about, load, f"{what}: load")
-    names, rows = _rows(about, at, f"{what}: at")
-    f = _checked_frequencies(frequencies, f"{what}: frequencies")
-    K, M = about.K, about.M
-    C = about.damping(what) if about.may_be_damped else 0 * K
-    if about.coriolis is not None:
-        C = C + about.coriolis
-    values = np.empty((len(f), len(names)), dtype=complex)
-    scale = np.sqrt(abs(K.diagonal()) + (2 * np.pi * f.max()) ** 2 * M.diagonal())
-    scale[scale == 0] = 1.0
-    for k, w in enumerate(2 * np.pi * f):
+    force = about.T.T @ nodal_load(about, load, f"{what}: load")
+    measured = Measured(about, at, f"{what}: at")
+    f = checked_frequencies(frequencies, f"{what}: frequencies")
+    vibration = Vibration(about, what)
+    values = np.array([measured.rows @ vibration.at(of).solved(force) for of in f])
+    return FrequencyResponse(at, f, measured.names, values)
+
+
+class Vibration:
+    """K + i w C - w^2 M of small motions about a configuration."""
+
+    def __init__(self, about: Linearisation, what: str):
+        self._what, self._K, self._M = what, about.K, about.M
+        #: Whether anything is damped.
+        self.damped = about.may_be_damped
+        self._C = about.damping(what) if self.damped else 0 * about.K
+        if about.coriolis is not None:
+            self._C = self._C + about.coriolis
+
+    def at(self, frequency: float) -> Vibration:
+        """The same with the factors at a frequency [Hz]."""
+        self._f, w = frequency, 2 * np.pi * frequency
+        self._scale = np.sqrt(abs(self._K.diagonal()) + w**2 * self._M.diagonal())
+        self._scale[self._scale == 0] = 1.0
         try:
-            x = pivoted_lu(K + 1j * w * C - w**2 * M).solve(force)
+            self._lu = pivoted_lu(self._K + 1j * w * self._C - w**2 * self._M)
         except RuntimeError:  # a pivot is zero
-            x = np.full(len(scale), np.inf)
-        if not np.linalg.norm(scale * x) < _UNBOUNDED * np.linalg.norm(force / scale):
-            raise SceneError(
-                f"{what}: at {f[k]:g} Hz the motion has no bound: this is a natural frequency "
-                "without damping, or the scene moves freely at 0 Hz. Add damping or a support, or "
-                "leave this frequency out"
-            )
-        values[k] = rows @ x
-    return FrequencyResponse(at, f, names, values)
+            raise self._unbounded() from None
+        return self
+
+    def solved(self, force: np.ndarray, transposed: bool = False) -> np.ndarray:
+        """The motion (free,) under a force (free,), or with the transposed matrix."""
+        x = self._lu.solve(force, "T" if transposed else "N")
+        if not np.linalg.norm(self._scale * x) <= _UNBOUNDED * np.linalg.norm(force / self._scale):
+            raise self._unbounded()
+        return x
+
+    def _unbounded(self) -> SceneError:
+        return SceneError(
+            f"{self._what}: at {self._f:g} Hz the motion has no bound: this is a natural frequency "
+            "without damping, or the scene moves freely at 0 Hz. Add damping or a support, or "
+            "leave this frequency out"
+        )
 
 
-def _checked_frequencies(frequencies, what: str) -> np.ndarray:
+def checked_frequencies(frequencies, what: str) -> np.ndarray:
     f = numbers(frequencies)
     fits = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
     require(bool(fits), what, frequencies, "a list of numbers [Hz], zero or positive")
     return f
 
 
-def _force(about: Linearisation, load, what: str) -> np.ndarray:
-    """Generalised forces (free,) of the load."""
+def nodal_load(about: Linearisation, load, what: str) -> np.ndarray:
+    """Complex amplitudes (size,) of the load at the nodes."""
     fits = isinstance(load, tuple | list) and len(load) == 2
     wanted = "a node and its amplitudes, such as (beam.end, (0.0, 1.0))"
     require(fits, what, load, wanted)
@@ -126,36 +146,46 @@ def _force(about: Linearisation, load, what: str) -> np.ndarray:
     parts = numbers([(x.real, x.imag) if np.iscomplexobj(x) else (x, 0.0) for x in given])
     fits = parts.shape in ((2, 2), (3, 2)) and bool((abs(parts) <= LARGEST).all())
     require(fits, f"{what} on {node}", components, "(fx, fy) or (fx, fy, moment)")
-    amplitudes = parts @ (1, 1j)
     full = np.zeros(about.model.size, dtype=complex)
-    full[about.model.mesh.dofs[node.number][: len(amplitudes)]] = amplitudes
-    force = about.T.T @ full
-    if not force.any():
+    full[about.model.mesh.dofs[node.number][: len(parts)]] = parts @ (1, 1j)
+    if not (about.T.T @ full).any():
         raise SceneError(
             f"{what} on {node} moves nothing: it is zero, or supports take all of it. Give "
             "components in free directions"
         )
-    return force
+    return full
 
 
-def _rows(about: Linearisation, at, what: str):
-    """Names of the components, and the matrix (m, free) that gives them from the unknowns."""
-    model, T = about.model, about.T
-    dofs, scene = model.mesh.dofs, about.scene
-    if not isinstance(at, Joint):
-        check_node(scene, at, what)
-        return COMPONENTS, T[dofs[at.number]]
-    if at not in scene.joints:
-        raise SceneError(f"{what}: {at} is not a joint of the scene; take what add_joint returned")
-    rows = {}
-    free = at.coordinates.keys() - at.driven
-    if "slide" in free:
-        rows["slide"] = about.columns[model.couplings.slides[at.number]]
-    if "rotation" in free:
-        a, b = (
-            T[dofs[node.number, 2]] if node is not GROUND else 0 * T[0] for node in (at.a, at.b)
-        )
-        rows["angle"] = b - a
-    if not rows:
-        raise SceneError(f"{what}: {at} has no free coordinate. Take one of its nodes")
-    return tuple(rows), scipy.sparse.vstack(list(rows.values()))
+class Measured:
+    """The components of a motion at a node or joint."""
+
+    def __init__(self, about: Linearisation, at, what: str):
+        model, scene, moves = about.model, about.scene, dict[str, list[tuple[int, float]]]()
+        dofs = model.mesh.dofs
+        if not isinstance(at, Joint):
+            check_node(scene, at, what)
+            moves = {name: [(dofs[at.number, i], 1.0)] for i, name in enumerate(COMPONENTS)}
+        elif at not in scene.joints:
+            raise SceneError(
+                f"{what}: {at} is not a joint of the scene; take what add_joint returned"
+            )
+        else:
+            free, ends = at.coordinates.keys() - at.driven, ((at.b, 1.0), (at.a, -1.0))
+            if "slide" in free:
+                moves["slide"] = []  # which is an unknown
+            if "rotation" in free:
+                of = [(node.number, sign) for node, sign in ends if node is not GROUND]
+                moves["angle"] = [(dofs[node, 2], sign) for node, sign in of]
+            if not moves:
+                raise SceneError(f"{what}: {at} has no free coordinate. Take one of its nodes")
+        #: Names of the components, and how they follow from the motions of all nodes (m, size).
+        self.names = tuple(moves)
+        self.of_nodes = scipy.sparse.lil_matrix((len(moves), model.size))
+        for row, parts in enumerate(moves.values()):
+            for dof, sign in parts:
+                self.of_nodes[row, dof] = sign
+        #: How they follow from the unknowns (m, free).
+        self.rows = (self.of_nodes @ about.T).tocsr()
+        if "slide" in moves:
+            slide = about.columns[model.couplings.slides[at.number]]
+            self.rows = scipy.sparse.vstack([slide, self.rows[1:]]).tocsr()

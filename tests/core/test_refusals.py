@@ -95,6 +95,14 @@ def of_response(p, build=None, **options):
     )
 
 
+def shaken(p, x=None):
+    """Vibrations of the tip under a load there, computed for some numbers."""
+    run = fb.HarmonicResponse(lambda x: (p.scene, (p.end, (1.0, 0.0)), p.end), [1.0])
+    if x is not None:
+        run(x)
+    return run
+
+
 def until(p, condition, **options):
     return p.run(until=condition, **options)
 
@@ -352,6 +360,11 @@ REFUSED = {
         (lambda p: fb.ModalResponse(lambda x: p.scene)([]), "finite numbers"),
         (lambda p: fb.ModalResponse(lambda x: p.scene).jacobian(), r"called after run\(x\)"),
         (lambda p: fb.ModalResponse(lambda x: p.scene, state=lambda s: 3)([1.0]), "state"),
+        (lambda p: fb.HarmonicResponse(lambda x: p.scene, [1.0])([1.0]), r"\(scene, load, at\)"),
+        (lambda p: fb.HarmonicResponse(len, [-1.0]), "HarmonicResponse: frequencies"),
+        (lambda p: shaken(p).jacobian(), r"called after run\(x\)"),
+        (lambda p: shaken(p, [1.0]).vjp([1.0]), r"vjp: weights .* \(1, 3\) finite"),
+        (lambda p: shaken(p, [1.0]).peaks("z"), "peaks: component"),
     ],
     "solutions": [
         (lambda p: p.run().position(ELSEWHERE.end), "node 1 at .* is not a node of this solution"),

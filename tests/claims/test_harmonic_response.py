@@ -1,0 +1,76 @@
+"""Derivatives of steady vibrations: closed forms, remainders and peaks."""
+
+import pickle
+
+import numpy as np
+import pytest
+from test_modal_response import damped, loaded
+from test_static_response import DATA, X, bending, chain, driven, motors, slide
+
+import fx_beam as fb
+
+F = [0.0, 0.7, 3.0, 11.0]
+
+
+def shaken(build):
+    """A scene under a load with phases at the end of a beam, which depends on the numbers."""
+
+    def built(x):
+        scene = build(x)
+        node = scene.beams[-1].end
+        return scene, (node, (x[0], 0.3 * x[1] + 0.2, 0.1j * x[2])), node
+
+    return built
+
+
+def oscillator(x):
+    """Mass, stiffness and damping, and the load."""
+    scene, (m, k, c, load) = fb.Scene(), x
+    body = scene.add_body((0, 0), mass=m, inertia=1.0)
+    of = {"spring": fb.Spring(k), "damper": fb.Damper(c)}
+    joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), **of))
+    return scene, (body.centre, (load, 0.0)), joint
+
+
+def test_an_oscillator_has_the_derivatives_of_its_closed_form():
+    x, f = np.array([1.2, 30.0, 0.5, 2.0]), np.array([0.0, 0.5, 0.8, 2.0])
+    run = fb.HarmonicResponse(oscillator, f)
+    w, (m, k, c, load) = 2 * np.pi * f, x
+    D = k + 1j * w * c - w**2 * m
+    assert run(x)[:, 0] == pytest.approx(load / D, rel=1e-12)
+    exact = load / D**2 * np.array([w**2, -np.ones(4), -1j * w, D / load])
+    assert run.jacobian()[:, 0] == pytest.approx(exact.T, rel=1e-7, abs=1e-12)
+    run = pickle.loads(pickle.dumps(run))
+    assert run(x) == pytest.approx(load / D[:, None], rel=1e-12)
+    run = fb.HarmonicResponse(oscillator, np.linspace(0.5, 1.2, 8))
+    run(x)
+    (peak,) = run.peaks("slide")  # of the height load / (c sqrt(k/m - c^2/(4 m^2)))
+    assert 2 * np.pi * peak.frequency == pytest.approx(np.sqrt(k / m - c**2 / (2 * m**2)), rel=1e-5)
+    root = np.sqrt(k / m - (c / m) ** 2 / 4)
+    assert peak.amplitude == pytest.approx(load / (c * root), rel=1e-9)
+    of_root = np.array([-k / m**2 + c**2 / (2 * m**3), 1 / m, -c / (2 * m**2), 0.0]) / (2 * root)
+    relative = -of_root / root + np.array([0, 0, -1 / c, 1 / load])
+    assert peak.gradient == pytest.approx(peak.amplitude * relative, rel=1e-5, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("build", "options"),
+    [
+        *((build, {"state": loaded}) for build in (bending, chain, driven, motors, slide, damped)),
+        *((build, {}) for build in (slide, damped)),
+    ],
+)
+def test_what_is_left_of_the_linear_change_is_of_second_order(build, options, monkeypatch):
+    monkeypatch.setitem(DATA, "retardation", 2e-3)
+    x, direction = np.append(X, 1.0), np.array([0.3, -0.5, 0.4, 0.6])
+    run = fb.HarmonicResponse(shaken(build), F, **options)
+    values = run(x)
+    J = run.jacobian()
+    weights = np.random.default_rng(0).standard_normal((*values.shape, 2)) @ (1, 1j)
+    by_x = np.tensordot(weights, J, 2).real
+    assert run.vjp(weights) == pytest.approx(by_x, rel=1e-6, abs=1e-9 * abs(by_x).max())
+    left = [run(x + h * direction) - values - h * J @ direction for h in (2e-3, -2e-3, 1e-3, -1e-3)]
+    odd = abs(np.subtract(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
+    assert odd[0] < 1e-5 * abs(values).max()  # of third order: the difference of both sides
+    even = abs(np.add(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
+    assert even[0] / even[1] == pytest.approx(4.0, rel=0.05)
