@@ -131,7 +131,10 @@ class TangentDerivatives:
         model, forcing = self._other, LoadForcing(self._other, self._forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
         if self.damped and model.natural:  # a step that tells damping also begins in the state
-            numbers["natural"] = forcing.natural(self._factor)
+            columns, factors = model.natural.unit_loads, numbers["naturals"][0]
+            of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
+            values = numbers["natural columns"] * factors[of]
+            numbers["natural"] = np.bincount(columns.indices, values, model.natural.size)
         return numbers
 
     def by_factor(self) -> dict[str, np.ndarray]:

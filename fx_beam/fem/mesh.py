@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.content_cache import cached_by_content
-from fx_beam.dual import Dual, DualFloat, have_slopes, stacked
+from fx_beam.dual import Dual, DualFloat, have_slopes, plain, stacked
 from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
@@ -160,7 +160,7 @@ def _positions(scene: Scene) -> np.ndarray:
     points[:, 1] = [node.y for node in scene.nodes]
     if not scene.beams or scene.beams[0].degree == 1:
         return points
-    return np.vstack([points, *(inner_positions(beam) for beam in scene.beams)])
+    return np.vstack([points, *(plain(inner_positions(beam)) for beam in scene.beams)])
 
 
 @cached_by_content

@@ -100,8 +100,7 @@ def static_numbers_of(
     loads = np.repeat(model.loads.series(t)[None], 2, axis=1)
     of_steps = {
         "loads": factors[:, None, None] * loads,
-        "driven": np.array([forcing.positions(factor) for factor in factors])
-        + _before_motors(model),
+        "driven": np.stack([forcing.positions(of) for of in factors]) + _before_motors(model),
     }
     if len(parameters := model.forms.parameters):
         of_steps["parameters"] = np.broadcast_to(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from fx_beam.errors import Constant, SceneError, TimeFunction, evaluate, series
@@ -156,11 +158,15 @@ class LoadForcing(Forcing):
         self.time, self.turning = time, turning
         model.forms.parameters.hold(time)
         #: All dead loads (size,) [N, N m], and how far driven motions go (driven,) [m, rad].
-        self.full, self.goal = self._dead(time), super().positions(time)
-        self._origin = np.zeros_like(self.goal)
-        #: Natural strains to which they go, and from where; None without any.
-        self._natural = super().natural(time)
+        self.full, self.goal = self._dead(time), self.series(np.array([time]))[0]
+        self._origin = np.zeros(len(self.goal))
+        # Natural strains from which they go.
         self._without: np.ndarray | float = 0.0
+
+    @cached_property
+    def _natural(self) -> np.ndarray | None:
+        """Natural strains to which they go; None without any."""
+        return super().natural(self.time)
 
     def start_from(self, state: State) -> None:
         """Let driven motions and natural strains start from what they are in a state."""
