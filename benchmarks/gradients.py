@@ -5,7 +5,8 @@
 An arm whose numbers are values of a load over time, or stiffnesses along it with masses. Lowest
 processor times of a few calls, relative to a motion of the same response. Then the same for ten
 frequencies of the second arm, about the reference and about its static state, relative to `modes`,
-and for the load under which it buckles, relative to its path with the critical point.
+for damped vibrations at 20 frequencies, relative to `frequency_response`, and for the load under
+which it buckles, relative to its path with the critical point.
 """
 
 import sys
@@ -76,34 +77,52 @@ def measured(build, count, steps, tries=9):
     return 1e3 * motion, gradient / motion, jacobian / motion
 
 
-def of_modes(count, elements, state):
-    """Time of ten modes [ms], and of frequencies with a gradient and the Jacobian in these."""
-    build, x = tapered(count, elements), 1 + 0.1 * np.sin(np.arange(1, count + 1))
-    run = fb.ModalResponse(lambda x: build(x)[0], n=10, state=state)
-    rng = np.random.default_rng(0)
+def beside(run, count, plain=None):
+    """Time of an analysis [ms], by `plain` if it is another, and with gradient and Jacobian."""
+    rng, x = np.random.default_rng(0), 1 + 0.1 * np.sin(np.arange(1, count + 1))
 
     def at():
         return x * (1 + 1e-3 * rng.random(count))
 
-    def by_modes():
-        scene = build(at())[0]
+    values = run(at())
+    weights = {"load": 1.0} if isinstance(values, tuple) else np.ones(values.shape)
+    run.jacobian(), (plain or run)(at())
+    alone = lowest(lambda: (plain or run)(at()), 5)
+    gradient = lowest(lambda: (run(at()), run.vjp(weights)), 5)
+    return 1e3 * alone, gradient / alone, lowest(lambda: (run(at()), run.jacobian()), 5) / alone
+
+
+def of_modes(count, elements, state):
+    """Of ten modes."""
+    build = tapered(count, elements)
+
+    def modes(x):
+        scene = build(x)[0]
         return fb.modes(scene, None if state is None else state(scene), n=10)
 
-    def computed():
-        return run(at())
+    return beside(fb.ModalResponse(lambda x: build(x)[0], n=10, state=state), count, modes)
 
-    by_modes()
-    weights = np.ones(len(computed()))
-    run.jacobian()
-    modes = lowest(by_modes, 5)
-    gradient = lowest(lambda: (computed(), run.vjp(weights)), 5)
-    return 1e3 * modes, gradient / modes, lowest(lambda: (computed(), run.jacobian()), 5) / modes
+
+def of_vibrations(count, elements):
+    """Of vibrations at 20 frequencies."""
+    tapered_arm, frequencies = tapered(count, elements), np.linspace(0.1, 10, 20)
+
+    def build(x):
+        scene, _ = tapered_arm(x)
+        end = scene.beams[0].end
+        scene.add_drag(end, linear=0.1)
+        return scene, (end, (0.0, 1.0)), end
+
+    def response(x):
+        scene, load, at = build(x)
+        return fb.frequency_response(scene, load, at, frequencies)
+
+    return beside(fb.HarmonicResponse(build, frequencies), count, response)
 
 
 def of_buckling(count, elements):
-    """Time of a path with its critical point [ms], and with a gradient in these."""
-    tapered_arm, x = tapered(count, elements), 1 + 0.1 * np.sin(np.arange(1, count + 1))
-    rng = np.random.default_rng(0)
+    """Of a path with its critical point."""
+    tapered_arm = tapered(count, elements)
 
     def build(x):
         scene, _ = tapered_arm(x)
@@ -111,15 +130,7 @@ def of_buckling(count, elements):
         scene.gravity = None
         return scene, {"load": fb.Output("critical_load", scene)}
 
-    run = fb.StaticResponse(build, load_steps=4)
-
-    def computed():
-        return run(x * (1 + 1e-3 * rng.random(count)))
-
-    computed(), run.jacobian()
-    path = lowest(computed, 5)
-    gradient = lowest(lambda: (computed(), run.vjp({"load": 1.0})), 5)
-    return 1e3 * path, gradient / path, lowest(lambda: (computed(), run.jacobian()), 5) / path
+    return beside(fb.StaticResponse(build, load_steps=4), count)
 
 
 def fitted(build, count, steps):
@@ -128,7 +139,7 @@ def fitted(build, count, steps):
     misfit = run.misfit({"tip": run(1.02 * x)[1]["tip"]})
     misfit.jacobian(x)
     return [
-        lowest(lambda of=of: least_squares(misfit, x, jac=of), 3)
+        lowest(lambda of=of: least_squares(misfit, x, jac=of, bounds=(0.1, 10)), 3)
         for of in (misfit.jacobian, "2-point")
     ]
 
@@ -146,9 +157,10 @@ def main(elements=8, steps=200):
         for count in NUMBERS[1:3]:
             texts = [f"{value:.3g}" for value in of_modes(count, elements, state)]
             print(row(name, count, *texts, "", ""), flush=True)
-    for count in NUMBERS[1:]:
-        texts = [f"{value:.3g}" for value in of_buckling(count, elements)]
-        print(row("buckling", count, *texts, "", ""), flush=True)
+    for name, of in ("vibration", of_vibrations), ("buckling", of_buckling):
+        for count in NUMBERS[1:]:
+            texts = [f"{value:.3g}" for value in of(count, elements)]
+            print(row(name, count, *texts, "", ""), flush=True)
 
 
 if __name__ == "__main__":

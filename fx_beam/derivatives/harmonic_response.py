@@ -153,15 +153,18 @@ class HarmonicResponse:
         self._force = nodal_load(about, load, f"{_WHAT}: load")
         self._measured = Measured(about, at, f"{_WHAT}: at")
         self._vibration = Vibration(about, _WHAT)
-        self._motions = np.array([self._vibration.at(f).solved(self._reduced()) for f in self._f])
+        solved = [self._solved(f) for f in self._f]
+        self._motions, self._adjoints = map(np.array, zip(*solved, strict=True))
         values = self._motions @ self._measured.rows.T
         self.response = FrequencyResponse(at, self._f, self._measured.names, values)
         self._x = given
         return values.copy()
 
-    def _reduced(self) -> np.ndarray:
-        """The load (free,) on the unknowns."""
-        return self._about.T.T @ self._force
+    def _solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
+        """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
+        vibration, rows = self._vibration.at(frequency), self._measured.rows.toarray()
+        motion = vibration.solved(self._about.T.T @ self._force)
+        return motion, np.array([vibration.solved(row + 0j, transposed=True) for row in rows])
 
     # -- Derivatives ------------------------------------------------------------------------------
 
@@ -242,21 +245,21 @@ class HarmonicResponse:
         i = names.index(component)
         row, size, f = self._measured.rows[[i]], abs(self.response.values[:, i]), self._f
 
-        def motion(frequency: float) -> np.ndarray:
-            return self._vibration.at(frequency).solved(self._reduced())
+        def amplitude(frequency: float) -> float:
+            return abs(row @ self._solved(frequency)[0])[0]
 
         peaks = []
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
             found = minimize_scalar(
-                lambda frequency: -abs(row @ motion(frequency))[0],
+                lambda frequency: -amplitude(frequency),
                 bounds=sorted((f[k - 1], f[k + 1])),
                 method="bounded",
                 options={"xatol": _PLACE * f[k]},
             )
-            x = motion(found.x)
-            (value,) = row @ x
+            motion, adjoints = self._solved(found.x)
+            (value,) = row @ motion
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
-            gradient = self._of_sums([[self._product(found.x, x, weights)]])[0]
+            gradient = self._of_sums([[self._product(found.x, motion, weights, adjoints)]])[0]
             peaks.append(Peak(float(found.x), float(abs(value)), gradient))
         return peaks
 
@@ -285,17 +288,18 @@ class HarmonicResponse:
 
     def _derivatives(self, sums: list[list[tuple[int, np.ndarray]]]) -> np.ndarray:
         """Derivatives (n, m) of real parts of sums of weights (c,) times amplitudes."""
-        motions, f = self._motions, self._f
-        products = [[self._product(f[k], motions[k], of) for k, of in parts] for parts in sums]
+        x, adjoints, f = self._motions, self._adjoints, self._f
+        products = [[self._product(f[k], x[k], of, adjoints[k]) for k, of in row] for row in sums]
         return self._of_sums(products)
 
-    def _product(self, frequency: float, motion: np.ndarray, weights: np.ndarray) -> Product:
+    def _product(
+        self, frequency: float, motion: np.ndarray, weights: np.ndarray, adjoints: np.ndarray
+    ) -> Product:
         """Its derivatives are those of weights times amplitudes, but by the load's numbers."""
         w, of_nodes = 2 * np.pi * frequency, self._measured.of_nodes.T @ weights
-        force = self._measured.rows.T @ weights
-        left = self._vibration.at(frequency).solved(force, transposed=True)
         factors = (-1.0, -1j * w, w**2, 1 / w if w else 1.0)
-        return Product(left, motion, *factors, on_left=self._force, on_right=of_nodes)
+        given = {"on_left": self._force, "on_right": of_nodes}
+        return Product(weights @ adjoints, motion, *factors, **given)
 
     def _of_sums(self, sums: list[list[Product]]) -> np.ndarray:
         tangent, changes, about = self._tangent, self._changes, self._about

@@ -107,6 +107,8 @@ class TangentDerivatives:
             self._problem = Problem(model, NewtonOptions())
         if model is not last or slides != self._slides:
             self._adjoint, self._slides = Adjoint(self._problem), slides
+        # Whether the motions of the nodes depend on more than the unknowns.
+        self._turns = self._problem.c.entries > self._problem.c.equal
         self._problem.c.at_rest = 1  # forces that depend on rates, without inertia
         self._forcing = LoadForcing(model, about.start.t)
         self._structure = Structure(about.scene)
@@ -181,7 +183,7 @@ class TangentDerivatives:
                 k, c = of.stiffness * of.left, of.damping * of.left
                 if of.left is of.right:
                     on_right = on_left + on_right
-                elif np.any(on_left):
+                elif self._turns and np.any(on_left):
                     steps += self._steps(about, of.left, 0 * k, 0 * c, on_left, of.time, curved)
                 steps += self._steps(about, of.right, k, c, on_right, of.time, curved)
             ends.append(sum(len(part.lengths) for part in steps))

@@ -175,3 +175,35 @@ def test_no_element_of_the_optimised_whip_gains_at_its_mass(whip_taper):
     assert 4 < free.sum() < free.size
     assert abs(gain[free]).max() < 0.06 * scale
     assert gain[~free].max() < 0
+
+
+# -- tuned_damper, strongest_column, band_gap
+
+
+def test_the_damper_of_a_mass_on_a_spring_is_that_of_the_closed_form(tuned_damper):
+    height = tuned_damper["peaks, exact"]
+    assert tuned_damper["peaks over static"] == approx([height, height], rel=1e-6)
+    assert tuned_damper["stiffness over exact"] == approx(1, rel=1e-4)
+    assert tuned_damper["viscosity over exact"] == approx(1, rel=1e-3)
+    assert max(tuned_damper["peaks by Den Hartog"]) > height
+
+
+def test_both_peaks_of_the_mast_are_equal_and_lower_than_by_the_rules(tuned_damper):
+    mast = tuned_damper["mast"]
+    assert mast["peaks"][0] == approx(mast["peaks"][1], rel=1e-5)
+    assert max(mast["peaks"]) < 0.97 * max(mast["peaks by Den Hartog"])
+
+
+def test_the_strongest_column_goes_to_that_of_keller_with_its_numbers(strongest_column):
+    few, some, many = strongest_column.values()
+    loads = [4 / 3 - of["load over uniform"] for of in (few, some, many)]
+    assert 0 < loads[2] < 0.4 * loads[1] < 0.1 * loads[0]
+    assert many["largest error of areas"] < 0.05 < few["largest error of areas"]
+
+
+def test_the_band_is_where_it_was_wanted_as_for_a_chain_of_masses(band_gap):
+    lower, upper = band_gap["edges"]
+    assert np.sqrt(lower * upper) == approx(1000.0, rel=1e-6)
+    assert band_gap["edges"] == approx(band_gap["edges by theory"], rel=0.05)
+    assert band_gap["mass of arm and lump over budget"] == approx(1, rel=1e-9)
+    assert band_gap["largest transmission near"] < 0.05 * band_gap["least transmission near at first"]
