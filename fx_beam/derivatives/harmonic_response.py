@@ -14,7 +14,7 @@ from fx_beam.array_calls import ArrayCalls, calling_with_arrays
 from fx_beam.dual import stacked
 from fx_beam.errors import array_of, check_takes, is_one_of, require
 from fx_beam.linear.harmonic import Measured, Vibration, checked_frequencies, nodal_load
-from fx_beam.linear.linearisation import Linearisation, check_equilibrium, linearised
+from fx_beam.linear.linearisation import check_equilibrium, linearised
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.scene import Scene
@@ -151,6 +151,7 @@ class HarmonicResponse:
         self._scene, self._end = scene, state
         load, at = self._given[scene]
         self._force = nodal_load(about, load, f"{_WHAT}: load")
+        self._reduced = about.T.T @ self._force
         self._measured = Measured(about, at, f"{_WHAT}: at")
         self._vibration = Vibration(about, _WHAT)
         solved = [self._solved(f) for f in self._f]
@@ -162,8 +163,8 @@ class HarmonicResponse:
 
     def _solved(self, frequency: float) -> tuple[np.ndarray, np.ndarray]:
         """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
-        vibration, rows = self._vibration.at(frequency), self._measured.rows.toarray()
-        motion = vibration.solved(self._about.T.T @ self._force)
+        vibration, rows = self._vibration.at(frequency), self._measured.rows
+        motion = vibration.solved(self._reduced)
         return motion, np.array([vibration.solved(row + 0j, transposed=True) for row in rows])
 
     # -- Derivatives ------------------------------------------------------------------------------
@@ -243,10 +244,10 @@ class HarmonicResponse:
         what = f"{_WHAT}.peaks: component"
         require(is_one_of(component, names), what, component, f"one of {', '.join(names)}")
         i = names.index(component)
-        row, size, f = self._measured.rows[[i]], abs(self.response.values[:, i]), self._f
+        row, size, f = self._measured.rows[i], abs(self.response.values[:, i]), self._f
 
         def amplitude(frequency: float) -> float:
-            return abs(row @ self._solved(frequency)[0])[0]
+            return float(abs(row @ self._solved(frequency)[0]))
 
         peaks = []
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
@@ -257,7 +258,7 @@ class HarmonicResponse:
                 options={"xatol": _PLACE * f[k]},
             )
             motion, adjoints = self._solved(found.x)
-            (value,) = row @ motion
+            value = row @ motion
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
             gradient = self._of_sums([[self._product(found.x, motion, weights, adjoints)]])[0]
             peaks.append(Peak(float(found.x), float(abs(value)), gradient))
@@ -282,8 +283,8 @@ class HarmonicResponse:
         assert self._tangent is not None  # after `_begin_derivatives`
         _, components = self._given[scene][0]
         parts = [(c.real, c.imag) if np.iscomplexobj(c) else (c, 0.0) for c in components]
-        parts = np.reshape(stacked(parts), -1)
-        filled = np.concatenate([parts, np.zeros(6 - len(parts))])
+        flat = np.reshape(stacked(parts), -1)
+        filled = np.concatenate([flat, np.zeros(6 - len(flat))])
         return self._tangent.numbers_of(scene) | {_LOAD: filled}
 
     def _derivatives(self, sums: list[list[tuple[int, np.ndarray]]]) -> np.ndarray:
@@ -296,7 +297,7 @@ class HarmonicResponse:
         self, frequency: float, motion: np.ndarray, weights: np.ndarray, adjoints: np.ndarray
     ) -> Product:
         """Its derivatives are those of weights times amplitudes, but by the load's numbers."""
-        w, of_nodes = 2 * np.pi * frequency, self._measured.of_nodes.T @ weights
+        w, of_nodes = 2 * np.pi * frequency, weights @ self._measured.of_nodes
         factors = (-1.0, -1j * w, w**2, 1 / w if w else 1.0)
         given = {"on_left": self._force, "on_right": of_nodes}
         return Product(weights @ adjoints, motion, *factors, **given)

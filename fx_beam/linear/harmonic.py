@@ -95,20 +95,32 @@ class Vibration:
     """K + i w C - w^2 M of small motions about a configuration."""
 
     def __init__(self, about: Linearisation, what: str):
-        self._what, self._K, self._M = what, about.K, about.M
         #: Whether anything is damped.
-        self.damped = about.may_be_damped
-        self._C = about.damping(what) if self.damped else 0 * about.K
+        self._what, self.damped = what, about.may_be_damped
+        C = about.damping(what) if self.damped else 0 * about.K
         if about.coriolis is not None:
-            self._C = self._C + about.coriolis
+            C = C + about.coriolis
+        self._diagonals = about.K.diagonal(), about.M.diagonal()
+        # The values of all three in the columns of a common pattern.
+        parts, n = [of.tocoo() for of in (about.K, C, about.M)], about.K.shape[0]
+        places = [of.col.astype(np.int64) * n + of.row for of in parts]
+        pattern = np.unique(np.concatenate(places))
+        self._values = np.zeros((3, len(pattern)))
+        for values, of, at in zip(self._values, parts, places, strict=True):
+            np.add.at(values, np.searchsorted(pattern, at), of.data)
+        columns = np.searchsorted(pattern // n, np.arange(n + 1))
+        self._pattern, self._shape = (pattern % n, columns), about.K.shape
 
     def at(self, frequency: float) -> Vibration:
         """The same with the factors at a frequency [Hz]."""
         self._f, w = frequency, 2 * np.pi * frequency
-        self._scale = np.sqrt(abs(self._K.diagonal()) + w**2 * self._M.diagonal())
+        stiffness, mass = self._diagonals
+        self._scale = np.sqrt(abs(stiffness) + w**2 * mass)
         self._scale[self._scale == 0] = 1.0
+        values = np.array([1, 1j * w, -(w**2)]) @ self._values
         try:
-            self._lu = pivoted_lu(self._K + 1j * w * self._C - w**2 * self._M)
+            matrix = scipy.sparse.csc_matrix((values, *self._pattern), self._shape)
+            self._lu = pivoted_lu(matrix)
         except RuntimeError:  # a pivot is zero
             raise self._unbounded() from None
         return self
@@ -129,6 +141,7 @@ class Vibration:
 
 
 def checked_frequencies(frequencies, what: str) -> np.ndarray:
+    """Frequencies (n,) [Hz]; SceneError for others."""
     f = numbers(frequencies)
     fits = f.ndim == 1 and f.size and (f >= 0).all() and (f <= LARGEST).all()
     require(bool(fits), what, frequencies, "a list of numbers [Hz], zero or positive")
@@ -179,13 +192,11 @@ class Measured:
             if not moves:
                 raise SceneError(f"{what}: {at} has no free coordinate. Take one of its nodes")
         #: Names of the components, and how they follow from the motions of all nodes (m, size).
-        self.names = tuple(moves)
-        self.of_nodes = scipy.sparse.lil_matrix((len(moves), model.size))
-        for row, parts in enumerate(moves.values()):
+        self.names, self.of_nodes = tuple(moves), np.zeros((len(moves), model.size))
+        for row, parts in zip(self.of_nodes, moves.values(), strict=True):
             for dof, sign in parts:
-                self.of_nodes[row, dof] = sign
+                row[dof] = sign
         #: How they follow from the unknowns (m, free).
-        self.rows = (self.of_nodes @ about.T).tocsr()
+        self.rows = (about.T.T @ self.of_nodes.T).T
         if "slide" in moves:
-            slide = about.columns[model.couplings.slides[at.number]]
-            self.rows = scipy.sparse.vstack([slide, self.rows[1:]]).tocsr()
+            self.rows[0] = about.columns[model.couplings.slides[at.number]].toarray()[0]
