@@ -299,8 +299,8 @@ class HarmonicResponse:
         """Its derivatives are those of weights times amplitudes, but by the load's numbers."""
         w, of_nodes = 2 * np.pi * frequency, weights @ self._measured.of_nodes
         factors = (-1.0, -1j * w, w**2, 1 / w if w else 1.0)
-        given = {"on_left": self._force, "on_right": of_nodes}
-        return Product(weights @ adjoints, motion, *factors, **given)
+        left = weights @ adjoints
+        return Product(left, motion, *factors, on_left=self._force, on_right=of_nodes)
 
     def _of_sums(self, sums: list[list[Product]]) -> np.ndarray:
         tangent, changes, about = self._tangent, self._changes, self._about
