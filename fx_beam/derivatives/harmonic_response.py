@@ -244,7 +244,8 @@ class HarmonicResponse:
         what = f"{_WHAT}.peaks: component"
         require(is_one_of(component, names), what, component, f"one of {', '.join(names)}")
         i = names.index(component)
-        row, size, f = self._measured.rows[i], abs(self.response.values[:, i]), self._f
+        row, order = self._measured.rows[i], np.argsort(self._f)
+        size, f = abs(self.response.values[order, i]), self._f[order]
 
         def amplitude(frequency: float) -> float:
             return float(abs(row @ self._solved(frequency)[0]))
@@ -253,7 +254,7 @@ class HarmonicResponse:
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
             found = minimize_scalar(
                 lambda frequency: -amplitude(frequency),
-                bounds=sorted((f[k - 1], f[k + 1])),
+                bounds=(f[k - 1], f[k + 1]),
                 method="bounded",
                 options={"xatol": _PLACE * f[k]},
             )
