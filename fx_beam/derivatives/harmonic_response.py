@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from threading import RLock
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -107,7 +106,7 @@ class HarmonicResponse:
         self._alone, self._calls = RLock(), ArrayCalls()
         self._scenes = BuiltScenes(self._built)
         # What `build` gives besides a scene.
-        self._given = WeakKeyDictionary[Scene, tuple]()
+        self._given = dict[Scene, tuple]()
         self._x: Any = None
         self._tangent: TangentDerivatives | None = None
         self._changes: dict[str, np.ndarray] | None = None
@@ -143,6 +142,7 @@ class HarmonicResponse:
             the amplitude of the motion, their angle its phase.
         """
         given, self._x, self._changes = checked_numbers(x), None, None
+        self._given.clear()
         with calling_with_arrays(self._calls):
             scene, _ = self._scenes.at(given)
             state = self._state and checked_state(self._state, scene, _WHAT)
@@ -276,6 +276,7 @@ class HarmonicResponse:
         self._tangent.begin(self._about, self._end)
         with calling_with_arrays(self._calls):
             changes = self._scenes.derivatives(self._x, self._scene, self._numbers_of)
+        self._given = {self._scene: self._given[self._scene]}
         self._load_changes = changes.pop(_LOAD) @ np.kron(np.eye(3), [[1], [1j]])
         self._changes = changes
 

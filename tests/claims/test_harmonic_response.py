@@ -1,6 +1,8 @@
 """Derivatives of steady vibrations: closed forms, remainders and peaks."""
 
+import gc
 import pickle
+import weakref
 
 import numpy as np
 import pytest
@@ -74,3 +76,18 @@ def test_what_is_left_of_the_linear_change_is_of_second_order(build, options, mo
     assert odd[0] < 1e-5 * abs(values).max()  # of third order: the difference of both sides
     even = abs(np.add(left[::2], left[1::2])).reshape(2, -1).max(axis=1)
     assert even[0] / even[1] == pytest.approx(4.0, rel=0.05)
+
+
+def test_scenes_of_earlier_calls_are_forgotten():
+    scenes = weakref.WeakSet()
+
+    def built(x):
+        scene, *rest = oscillator(x)
+        scenes.add(scene)
+        return scene, *rest
+
+    run, x = fb.HarmonicResponse(built, [0.5]), np.array([1.2, 30.0, 0.5, 2.0])
+    for k in range(20):
+        run(x * (1 + 1e-3 * k)), run.jacobian()
+    gc.collect()
+    assert len(scenes) < 10
