@@ -176,14 +176,16 @@ class TangentDerivatives:
         by_mass, steps, ends = np.zeros((len(sums), mass.nnz)), list[_Steps](), list[int]()
         for of_sum, products in zip(by_mass, sums, strict=True):
             for of in products:
-                left, right = about.T @ of.left, about.T @ of.right
+                left = about.T @ of.left
+                right = left if (same := of.left is of.right) else about.T @ of.right
                 of_sum += (of.mass * left[rows] * right[mass.indices]).real
-                on_right = of.mass * (mass @ left) + of.on_right
-                on_left = of.mass * (mass @ right) + of.on_left
+                momentum = of.mass * (mass @ left)
+                on_right = momentum + of.on_right
                 k, c = of.stiffness * of.left, of.damping * of.left
-                if of.left is of.right:
-                    on_right = on_left + on_right
-                elif self._turns and np.any(on_left):
+                if same:
+                    on_right = on_right + momentum + of.on_left
+                elif self._turns:
+                    on_left = of.mass * (mass @ right) + of.on_left
                     steps += self._steps(about, of.left, 0 * k, 0 * c, on_left, of.time, curved)
                 steps += self._steps(about, of.right, k, c, on_right, of.time, curved)
             ends.append(sum(len(part.lengths) for part in steps))
