@@ -43,7 +43,7 @@ class Section:
     r"""Stiffness and inertia of a cross-section, per reference length.
 
     The stored energy per length is quadratic in axial strain, shear strain and curvature,
-    :math:`W = \frac12 (EA\,\varepsilon^2 + GA\,\gamma^2 + EI\,\kappa^2)` (eq. 11), unless
+    :math:`W = \frac{1}{2} (EA\,\varepsilon^2 + GA\,\gamma^2 + EI\,\kappa^2)` (eq. 11), unless
     `strain_energy` gives another one.
 
     Each stiffness and inertia may be a function of the fraction of the arc length, from 0 at the

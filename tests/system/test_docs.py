@@ -131,6 +131,13 @@ def test_every_equation_of_the_paper_is_in_the_table():
     assert found == set(range(1, 55))
 
 
+def test_formulas_have_braces_around_parts_of_fractions():
+    """What draws them reads two digits as one number."""
+    for page in PAGES:
+        for formula in itertools.chain(*pages.formulas(page)):
+            assert not re.search(r"frac\s*\d", formula)
+
+
 def test_formulas_are_ones_that_can_be_drawn():
     latex = pytest.importorskip("docutils.utils.math.latex2mathml")
     for page in PAGES:
