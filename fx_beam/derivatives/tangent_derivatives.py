@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 
 from fx_beam.errors import SceneError, require
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
@@ -33,6 +34,8 @@ from .built_scenes import refuse_others
 _FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 _DISTANCE = 4e-3
+# What is left of a direction of length 1 that is a sum of others.
+_ALIKE = 1e-11
 # Forces that remain of a system that is solved, relative to its right side.
 _SOLVED = 1e-6
 
@@ -72,6 +75,15 @@ class _Steps(NamedTuple):
     of_equations: np.ndarray
     of_ends: np.ndarray
     lengths: np.ndarray
+
+
+class _Along(NamedTuple):
+    """A direction (free,), and the weights of its forces and of its motions of the nodes."""
+
+    direction: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+    ends: np.ndarray
 
 
 class TangentDerivatives:
@@ -175,6 +187,7 @@ class TangentDerivatives:
         rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
         by_mass, steps, ends = np.zeros((len(sums), mass.nnz)), list[_Steps](), list[int]()
         for of_sum, products in zip(by_mass, sums, strict=True):
+            rights, lefts = list[_Along](), list[_Along]()
             for of in products:
                 left = about.T @ of.left
                 right = left if (same := of.left is of.right) else about.T @ of.right
@@ -186,8 +199,11 @@ class TangentDerivatives:
                     on_right = on_right + momentum + of.on_left
                 elif self._turns:
                     on_left = of.mass * (mass @ right) + of.on_left
-                    steps += self._steps(about, of.left, 0 * k, 0 * c, on_left, of.time, curved)
-                steps += self._steps(about, of.right, k, c, on_right, of.time, curved)
+                    lefts.append(_Along(of.left, 0 * k, 0 * c, on_left))
+                rights.append(_Along(of.right, k, c, on_right))
+            time = float(np.exp(np.mean([np.log(of.time) for of in products])))
+            for group in filter(None, (rights, lefts)):
+                steps += self._steps(about, group, time, curved)
             ends.append(sum(len(part.lengths) for part in steps))
         joined = _Steps(*map(np.concatenate, zip(*steps, strict=True)))
         by_vector, of_step, by_state = self._followed(joined, ends)
@@ -210,23 +226,18 @@ class TangentDerivatives:
         return by_x + (by_mass @ masses.T if by_mass.any() else 0.0)
 
     def _steps(
-        self,
-        about: Linearisation,
-        direction: np.ndarray,
-        stiffness: np.ndarray,
-        damping: np.ndarray,
-        ends: np.ndarray,
-        time: float,
-        curved: bool,
+        self, about: Linearisation, group: list[_Along], time: float, curved: bool
     ) -> list[_Steps]:
-        """Steps along a direction, with weights of its forces, and of its motions of the nodes."""
-        steps = list[_Steps]()
+        """Steps along all directions of a group, and the sums of their weights."""
+        steps, unit = list[_Steps](), about.model.unit_of_unknowns[about.unknowns]
         points, weights = _SECOND if curved else _FIRST
-        for along, unit in ((direction.real, 1), (direction.imag, 1j)):
-            k, c, e = ((unit * of).real for of in (stiffness, damping, ends))
-            if not along.any():
-                continue
-            size = _DISTANCE / abs(along / about.model.unit_of_unknowns[about.unknowns]).max()
+        directions, *factors = map(np.array, zip(*group, strict=True))
+        basis, parts = _basis(directions / unit)
+        if curved:  # which is not linear in the directions
+            basis, parts = directions.real / unit, np.eye(len(group))
+        sums = [(parts.T @ of).real for of in factors]
+        for along, k, c, e in zip(basis * unit, *sums, strict=True):
+            size = _DISTANCE / abs(along / unit).max()
             moves, of = size * points[:, None] * along, weights[:, None] / size ** (1 + curved)
             lengths = np.ones(len(moves))
             if not self.damped:
@@ -268,6 +279,22 @@ class TangentDerivatives:
                 "critical point"
             )
         return weights.T
+
+
+def _basis(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Real directions (r, n), and complex factors (k, r), whose products are those given (k, n).
+
+    Motions at near frequencies are much alike: r is less than k.
+    """
+    sizes = np.linalg.norm(directions, axis=1)[:, None]
+    rows = directions / np.where(sizes > 0, sizes, 1.0)
+    rows = np.vstack([rows.real, rows.imag])
+    q, factors, order = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)
+    count = int((abs(np.diagonal(factors)) > _ALIKE).sum())
+    parts = np.empty((len(rows), count))
+    parts[order] = factors[:count].T
+    real, imaginary = np.split(parts, 2)
+    return q[:, :count].T, sizes * (real + 1j * imaginary)
 
 
 def checked_state(state: Callable[[Scene], Any], scene: Scene, what: str) -> Solution:
