@@ -11,8 +11,6 @@ import scipy.sparse
 
 from fx_beam.fem.mpi import petsc, world
 
-from .accuracy import Accuracy
-
 # Prefix of PETSc's options: PETSC_OPTIONS="-fx_beam_pc_asm_overlap 4".
 _PREFIX = "fx_beam_"
 # Iterations beyond which a new preconditioner of a kind is given up for factors of all.
@@ -23,6 +21,9 @@ _WORN, _MORE = 2, 6
 # Change of an entry of a part's diagonal, as by steps of another length, after which residuals in
 # the norm of a kept preconditioner say little about the solution.
 _CHANGED = 1e4
+# Of Newton's corrections, as in kept_factors.h and newton.h: errors relative to what the method
+# leaves, and bounds of them relative to the correction.
+_SHARE, _LARGEST, _LEAST = 0.1, 1e-3, 1e-12
 #: Unknowns in a block, those of a node: blocks are factorised and substituted twice as fast.
 BLOCK = 3
 #: Options of the two kinds: overlapping parts with factors of each, or factors of the whole. With
@@ -298,3 +299,36 @@ class LinearSystem:
         for thing in (self._ksp, assembled, self._matrix, self._b, self._x):
             if thing is not None:
                 thing.destroy()
+
+
+class Accuracy:
+    """Bounds of the errors of corrections, by the quadratic convergence of this step and the last.
+
+    `least` is an error that is negligible anyway, in the norm of the corrections.
+    """
+
+    def __init__(self, least: float):
+        self._least = least
+        self._slowest = 0.0
+        self.begin()
+
+    def begin(self) -> None:
+        """Before the first correction of a step."""
+        self._kept, self._slowest = self._slowest, 0.0
+        #: Size of the last correction, and its error.
+        self._last, self._left = np.inf, 0.0
+
+    def allowed(self, size: float, least: float) -> float:
+        """Error that the next correction may have, for its size.
+
+        `least` is one whose energy is negligible.
+        """
+        quadratic = _SHARE * max(self._slowest, self._kept) * size
+        floor = min(_SHARE * self._least, least)
+        return max(floor, min(_LARGEST, max(quadratic, _LEAST)) * size)
+
+    def note(self, size: float, error: float) -> None:
+        """After a correction of some size with an error, which the next one corrects as well."""
+        if 100 * self._left < size < self._last < np.inf:
+            self._slowest = max(self._slowest, size / self._last**2)
+        self._last, self._left = size, error
