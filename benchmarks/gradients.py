@@ -6,7 +6,8 @@ An arm whose numbers are values of a load over time, or stiffnesses along it wit
 processor times of a few calls, relative to a motion of the same response. Then the same for ten
 frequencies of the second arm, about the reference and about its static state, relative to `modes`,
 for damped vibrations at 20 frequencies, relative to `frequency_response`, and for the load under
-which it buckles, relative to its path with the critical point.
+which it buckles, relative to its path with the critical point. Last, of its motion that repeats
+itself under a harmonic load, of 50 steps, relative to `periodic`.
 """
 
 import sys
@@ -77,7 +78,7 @@ def measured(build, count, steps, tries=9):
     return 1e3 * motion, gradient / motion, jacobian / motion
 
 
-def beside(run, count, plain=None):
+def beside(run, count, plain=None, weights_of=None):
     """Time of an analysis [ms], by `plain` if it is another, and with gradient and Jacobian."""
     rng, x = np.random.default_rng(0), 1 + 0.1 * np.sin(np.arange(1, count + 1))
 
@@ -85,7 +86,8 @@ def beside(run, count, plain=None):
         return x * (1 + 1e-3 * rng.random(count))
 
     values = run(at())
-    weights = {"load": 1.0} if isinstance(values, tuple) else np.ones(values.shape)
+    weights = {"load": 1.0} if isinstance(values, tuple) else np.ones(np.shape(values))
+    weights = weights_of(values) if weights_of else weights
     run.jacobian(), (plain or run)(at())
     alone = lowest(lambda: (plain or run)(at()), 5)
     gradient = lowest(lambda: (run(at()), run.vjp(weights)), 5)
@@ -133,6 +135,24 @@ def of_buckling(count, elements):
     return beside(fb.StaticResponse(build, load_steps=4), count)
 
 
+def of_cycles(count, elements):
+    """Of a motion that repeats itself."""
+    tapered_arm = tapered(count, elements)
+
+    def build(x):
+        scene, outputs = tapered_arm(x)
+        end = scene.beams[0].end
+        scene.add_drag(end, linear=0.5)
+        scene.add_force(end, lambda t: (0.0, 2.0 * np.cos(4 * np.pi * t)))
+        return scene, outputs
+
+    def found(scene):
+        return fb.periodic(scene, period=0.5, steps=51)
+
+    run = fb.PeriodicResponse(build, found)
+    return beside(run, count, lambda x: found(build(x)[0]), lambda y: {"tip": 0 * y[1]["tip"] + 1})
+
+
 def fitted(build, count, steps):
     """Times of a fit with the Jacobian and with SciPy's differences [s]."""
     run, x = fb.Response(build, dt=1 / steps, t_end=1.0), np.ones(count)
@@ -157,7 +177,10 @@ def main(elements=8, steps=200):
         for count in NUMBERS[1:3]:
             texts = [f"{value:.3g}" for value in of_modes(count, elements, state)]
             print(row(name, count, *texts, "", ""), flush=True)
-    for name, of in ("vibration", of_vibrations), ("buckling", of_buckling):
+    analyses = {"vibration": of_vibrations, "buckling": of_buckling}
+    if elements <= 128:  # derivatives by all variables of a state
+        analyses["cycle"] = of_cycles
+    for name, of in analyses.items():
         for count in NUMBERS[1:]:
             texts = [f"{value:.3g}" for value in of(count, elements)]
             print(row(name, count, *texts, "", ""), flush=True)

@@ -6,6 +6,7 @@ from fx_beam.studies import stability as stability, work_precision as work_preci
 
 from .derivatives.harmonic_response import HarmonicResponse as HarmonicResponse
 from .derivatives.modal_response import ModalResponse as ModalResponse
+from .derivatives.periodic_response import PeriodicResponse as PeriodicResponse
 from .derivatives.response import Response as Response
 from .derivatives.static_response import StaticResponse as StaticResponse
 from .equilibria.branches import Branch as Branch, imperfect as imperfect

@@ -13,7 +13,7 @@ from fx_beam.errors import require
 from fx_beam.results.solution import Solution, history
 from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.outputs import CRITICAL_LOAD, Output, definition
+from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Output, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.measured import Measured, measured
 from fx_beam.step.model import Model
@@ -60,6 +60,8 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
         wanted = "a number or an array of numbers"
         require(values.dtype.kind in "iufb", f"Response: the output {name!r}", values, wanted)
         return values
+    wanted = "that of a PeriodicResponse: other motions and equilibria have no period"
+    require(output.quantity != PERIOD, f"Response: the output {name!r}", str(output), wanted)
     if output.quantity == CRITICAL_LOAD:
         return np.array(first_critical_point(solution).load_factor)
     if isinstance(output.of, Scene):

@@ -46,7 +46,7 @@ from .gradient import Gradient, along
 from .linear_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, summed
-from .output_values import Recording, RowOutputs, values_of
+from .output_values import Recording, RowOutputs, Wanted, values_of
 from .static_derivatives import StateChange, StaticDerivatives, why_no_sums, why_not
 
 _log = logging.getLogger("fx_beam")
@@ -58,7 +58,7 @@ _CHAOTIC = (
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
 # What pickles and copies keep: what was given.
-_GIVEN = {"_build", "_memory", "_start", "_options", "_static"}
+_GIVEN = {"_build", "_memory", "_start", "_options", "_static", "_motion_of", "_finds_frequency"}
 _P = ParamSpec("_P")
 _Result = TypeVar("_Result")
 
@@ -278,9 +278,13 @@ class Response:
         return self._t.copy(), y
 
     def _read_all(self, solution: Solution) -> dict[str, np.ndarray]:
-        y = {name: values_of(solution, of, name) for name, of in self._outputs.items()}
+        y = {name: self._values_of(solution, of, name) for name, of in self._outputs.items()}
         self._shapes = {name: rows.shape for name, rows in y.items()}
         return y
+
+    def _values_of(self, solution: Solution, of: Wanted, name: str) -> np.ndarray:
+        """Values of an output in a solution."""
+        return values_of(solution, of, name)
 
     def _start_of(self, scene: Scene) -> Solution | None:
         self._path = None

@@ -148,6 +148,8 @@ class StateChange:
 
     def __init__(self, of: StaticDerivatives, changes: dict[str, np.ndarray]):
         self._path, self._state, self._changes = of.path, of.states[-1], changes
+        #: Those of the configuration (m, size), in the numbering of the path.
+        self.of_nodes = changes["q"]
 
     def at(self, model: Model, by: Any) -> State:
         """The equilibrium with a change of the numbers (m,), in the numbering of a model.

@@ -18,8 +18,8 @@ _log = logging.getLogger("fx_beam")
 
 # The damping at the begin, and its factors after a success and a failure.
 _DAMPED, _LESS, _MORE = 0.1, 0.1, 10.0
-# Singular values of the equations that are round-off, relative to the largest.
-_ROUNDING = 1e-13
+#: Singular values of the equations that are round-off, relative to the largest.
+ROUNDING = 1e-13
 # Growth of changes in a period above which they say nothing about the next state.
 _USEFUL = 1e9
 # Gaps that are round-off, in units of the scene.
@@ -92,7 +92,7 @@ def _equations(
     shooting: Shooting, period: Period, phase: Condition | None, varies: bool
 ) -> _Equations:
     by = shooting.directions(period.start, period.length)
-    slopes = shooting.slopes(by, period)
+    slopes = shooting.slopes(by.changes, period)
     growth = abs(slopes[0]).max()
     if growth > _USEFUL:
         raise SceneError(
@@ -198,6 +198,6 @@ def _damped(matrix: np.ndarray, damping: float) -> Callable[[np.ndarray], np.nda
 
     def solve(gap: np.ndarray) -> np.ndarray:
         right = np.append(-gap, np.zeros(n))
-        return scipy.linalg.lstsq(damped, right, _ROUNDING, lapack_driver="gelsy")[0]
+        return scipy.linalg.lstsq(damped, right, ROUNDING, lapack_driver="gelsy")[0]
 
     return solve

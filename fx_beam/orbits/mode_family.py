@@ -168,7 +168,8 @@ class ModeFamily:
         try:
             return self._at(self._amplitude, self._wanted)
         except (NotClosed, StepError):
-            *_, last = itertools.islice(self.followed(STEP), _FAR)
+            path = Path(self._shooting, self._tolerance, True, STEP)
+            *_, last = itertools.islice(self.followed(path), _FAR)
             if abs(self._error(last)) > max(self._tolerance, ROUND_OFF):
                 raise NotClosed(
                     f"{self._shooting.what}: no motion with this amplitude or energy was found, "
@@ -189,14 +190,14 @@ class ModeFamily:
             "more steps"
         )
 
-    def followed(self, step: float) -> Iterator[Closed]:
-        """Motions from a small amplitude on, up to the last one, by steps along the curve."""
+    def followed(self, path: Path) -> Iterator[Closed]:
+        """Motions from a small amplitude on, up to the last one, along a path."""
         begin, shooting, first = self._begin, self._shooting, self._first()
         yield first
         rows = shooting.rows_of(first.period.start) - shooting.rows_of(begin.rest)
         towards = np.append(rows / first.by.scale / first.period.size, 0.0)
         before = first
-        for closed in Path(shooting, self._tolerance, True, step).follow(first, towards):
+        for closed in path.follow(first, towards):
             if self._error(closed) >= 0:
                 yield self._between(before, closed)
                 return

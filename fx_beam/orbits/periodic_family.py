@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
+import scipy.optimize
 
 from fx_beam.errors import StepError
+from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.results.vibrations import PeriodicMotion
+from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
 
 from .closing import Closed, Condition, NotClosed, close, turning_point
 from .shooting import Directions, Period, Shooting
@@ -20,6 +25,8 @@ _NEUTRAL = 1e-5
 # Iterations up to which steps become longer, and allowed ones; the factors, and the shortest step.
 _FEW, _MOST, _DAMPED = 5, 12, 1e-6
 _LONGER, _SHORTER, _SHORTEST = 1.5, 0.4, 1e-4
+# Error of the place of a change of stability, relative to the step in which it is.
+_PLACE = 1e-6
 # How far a motion may lie beside the end of a step, relative to it, and how little the directions
 # at both ends may agree (cosine).
 _BENT, _STRAIGHT = 0.5, 0.7
@@ -44,7 +51,7 @@ def instability_of(multipliers: np.ndarray, trivial: int) -> str:
 
     Some multipliers are `trivial`: 1 for shifts in time, and for the energy of a family.
     """
-    others = np.delete(multipliers, np.argsort(abs(multipliers - 1))[:trivial])
+    others = without_trivial(multipliers, trivial)
     growing = others[abs(others) > 1 + _NEUTRAL]
     if not len(growing):
         return ""
@@ -54,24 +61,56 @@ def instability_of(multipliers: np.ndarray, trivial: int) -> str:
     return "fold" if largest.real > 0 else "period doubling"
 
 
+def without_trivial(multipliers: np.ndarray, trivial: int) -> np.ndarray:
+    """The others, without those that are 1 of any motion of its kind."""
+    return np.delete(multipliers, np.argsort(abs(multipliers - 1))[:trivial])
+
+
 # Losses in a period that are round-off, relative to the energy of the motion.
 _NO_LOSS = 1e-12
 
 
-def motion_of(shooting: Shooting, closed: Closed, free: bool) -> PeriodicMotion:
+class Cycle(NamedTuple):
+    """How a periodic motion was found: what its derivatives need."""
+
+    period: Period
+    #: Scheme, steps, Newton's options and name of the analysis, as `Shooting` takes them.
+    options: tuple
+    free: bool
+    #: What chooses it among its neighbours: "period", "frequency", "energy", "amplitude", "" for
+    #: nothing, "arc" for its place in a family, or the kind of a change of stability there.
+    chosen_by: str
+    #: How many multipliers are 1 of any such motion.
+    trivial: int
+    #: The degree of freedom whose amplitude chooses it, and the state from which it is measured.
+    held: int
+    state: Solution | None
+
+
+def motion_of(
+    shooting: Shooting,
+    closed: Closed,
+    free: bool,
+    chosen_by: str = "period",
+    held: int = 0,
+    state: Solution | None = None,
+) -> PeriodicMotion:
     """What users get of a periodic motion."""
     period = closed.period
     energy, multipliers = shooting.energy(period.start), multipliers_of(closed)
     conserves = period.lost <= _NO_LOSS * max(1.0, abs(energy))
-    return PeriodicMotion(
+    trivial = free * (1 + conserves)
+    motion = PeriodicMotion(
         float(period.length),
         energy,
         multipliers,
-        instability_of(multipliers, free * (1 + conserves)),
+        instability_of(multipliers, trivial),
         float(period.error),
         closed.iterations,
         lambda: shooting.solution(period),
     )
+    motion._cycle = Cycle(period, shooting.options, free, chosen_by, trivial, held, state)
+    return motion
 
 
 class Path:
@@ -83,6 +122,8 @@ class Path:
     def __init__(self, shooting: Shooting, tolerance: float, free: bool, longest: float):
         self._shooting, self._tolerance, self._free = shooting, tolerance, free
         self._longest = longest
+        #: The last step: the motion before it, the direction there, and its length.
+        self.last_step: tuple[Closed, np.ndarray, float]
 
     def follow(self, first: Closed, towards: np.ndarray) -> Iterator[Closed]:
         """Motions after the first one, towards a change (rows + 1,) of rows and the parameter."""
@@ -98,6 +139,7 @@ class Path:
                         f"period of {now.period.length:.6g} s: {reason}"
                     ) from reason
                 continue
+            self.last_step = now, tangent, step
             now, tangent = new, onwards
             step = min(self._longest, step * (_LONGER if new.iterations <= _FEW else 1.0))
             yield now
@@ -121,6 +163,43 @@ class Path:
         if bend > _BENT or turn < _STRAIGHT:
             raise NotClosed("the curve bends more than steps can follow")
         return new, onwards
+
+    def family(self, motions: Iterator[Closed], most: int) -> PeriodicFamily:
+        """What users get of motions along this path."""
+        found, places = list[PeriodicMotion](), dict[int, functools.partial[PeriodicMotion]]()
+        for closed in itertools.islice(motions, most):
+            motion = motion_of(
+                self._shooting, closed, self._free, "arc" if self._free else "frequency"
+            )
+            if found and motion.instability != found[-1].instability:
+                places[len(found)] = functools.partial(self._critical, *self.last_step, motion)
+            found.append(motion)
+        return PeriodicFamily(found, self._free, places)
+
+    def _critical(
+        self, before: Closed, tangent: np.ndarray, step: float, after: PeriodicMotion
+    ) -> PeriodicMotion:
+        """The motion of a step at which the largest multiplier comes to the unit circle.
+
+        The first one beyond it where this does not show: of free motions, whose multipliers are on
+        the circle, and where two kinds of instability follow each other.
+        """
+        motions = {0.0: before}
+
+        def beyond(part: float) -> float:
+            if part not in motions:
+                motions[part], _ = self._next(before, tangent, part * step)
+            return float(abs(multipliers_of(motions[part])).max()) - 1
+
+        if self._free:
+            return after
+        try:
+            place = float(scipy.optimize.brentq(beyond, 0.0, 1.0, xtol=_PLACE))
+            beyond(place)
+        except (NotClosed, StepError, ValueError):  # ValueError: the same sign at both ends
+            return after
+        kind = after.instability or instability_of(multipliers_of(before), 0)
+        return motion_of(self._shooting, motions[place], self._free, kind)
 
     def _arc(self, now: Closed, along: np.ndarray, state: State, parameter: float) -> Condition:
         """The plane across a tangent (rows + 1,) through a state and a parameter."""

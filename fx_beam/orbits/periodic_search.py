@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -139,8 +138,10 @@ def periodic(
                 f"{what}: a motion is found from a mode, with amplitude or energy, or from {name}, "
                 "but not from both"
             )
-    family = ModeFamily(mode_start(shooting, scene, state, mode), amplitude, energy, tolerance)
-    return motion_of(shooting, family.last(), True)
+    begin = mode_start(shooting, scene, state, mode)
+    family = ModeFamily(begin, amplitude, energy, tolerance)
+    chosen_by = "energy" if amplitude is None else "amplitude"
+    return motion_of(shooting, family.last(), True, chosen_by, begin.most, state)
 
 
 def target(
@@ -199,7 +200,7 @@ def _from_state(
         size = abs(energy - shooting.energy(shooting.first_state(None, dt or 1e-3)))
         conditions = (holds_energy(shooting, energy, size or 1.0),)
     closed = close(shooting, first, length, tolerance, NO_SHIFT, conditions)
-    return motion_of(shooting, closed, True)
+    return motion_of(shooting, closed, True, "energy" if conditions else "")
 
 
 def of_period(
@@ -317,15 +318,15 @@ def backbone(
     step = longest_step(what, step, most)
     shooting = Shooting(scene, scheme, steps, newton, what)
     family = ModeFamily(mode_start(shooting, scene, state, mode), amplitude, energy, tolerance)
-    motions = itertools.islice(family.followed(step), most)
-    return PeriodicFamily([motion_of(shooting, closed, True) for closed in motions], free=True)
+    path = Path(shooting, tolerance, True, step)
+    return path.family(family.followed(path), most)
 
 
 class _OverFrequency(Shooting):
     """Motions over some periods of loads; the parameter is the frequency of these [Hz]."""
 
     def __init__(self, build: Build, frequency: float, periods: int, options: tuple):
-        self._build, self._periods, self._options = build, periods, options
+        self._build, self._periods = build, periods
         self._now = frequency
         super().__init__(_scene(build, frequency), *options)
 
@@ -347,7 +348,7 @@ class _OverFrequency(Shooting):
     def solution(self, period: Period) -> Solution:
         # Later frequencies have changed the numbers of this scene.
         scene = _scene(self._build, period.parameter)
-        return Shooting(scene, *self._options).solution(period)
+        return Shooting(scene, *self.options).solution(period)
 
 
 def _scene(build: Build, frequency: float) -> Scene:
@@ -446,19 +447,15 @@ def forced_response(
     shooting = _OverFrequency(build, first, periods, (scheme, steps, newton, what))
     state = shooting.first_state(start, shooting.length_of(first) / steps)
     shooting.check_repeats(state, shooting.length_of(first))
-    motions = []
-    for closed in _between(shooting, state, (first, last), step, tolerance):
-        motions.append(motion_of(shooting, closed, False))
-        if len(motions) == most:
-            break
-    return PeriodicFamily(motions, free=False)
+    path = Path(shooting, tolerance, False, step)
+    return path.family(_between(shooting, state, (first, last), path, tolerance), most)
 
 
 def _between(
     shooting: Shooting,
     state: State,
     ends: tuple[float, float],
-    step: float,
+    path: Path,
     tolerance: float,
 ) -> Iterator[Closed]:
     """Motions from the first frequency on, until the curve leaves the range."""
@@ -469,7 +466,7 @@ def _between(
     begin = begin._replace(equations=np.column_stack([begin.equations[:, :-1], column]))
     yield begin
     towards = np.append(np.zeros(len(begin.by.scale)), np.sign(last - first))
-    for closed in Path(shooting, tolerance, False, step).follow(begin, towards):
+    for closed in path.follow(begin, towards):
         at = closed.period.parameter
         if not min(ends) <= at <= max(ends):
             end = min(max(at, min(ends)), max(ends))

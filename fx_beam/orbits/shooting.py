@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import NamedTuple
 
@@ -108,13 +109,16 @@ class Shooting:
         wanted = "an odd whole number from 9 on: what alternates from step to step then fades"
         require(fits, f"{what}: steps", steps, wanted)
         self.steps, self.what = int(steps), what
+        #: What a shooting of another scene is made with.
+        self.options = scheme, self.steps, newton, what
         self.prepared = Prepared(scene, options)
         self.model = model = self.prepared.model
         check_unknowns(model, what)
         loop = self.prepared.loop
         assert loop is not None
-        self._forward = Forward(Adjoint(loop.problem))
-        loop.tape = self._tape = Tape(loop.problem)
+        #: The steps of the last run, and what follows their derivatives.
+        self.tape, self.adjoint = Tape(loop.problem), Adjoint(loop.problem)
+        self._forward, loop.tape = Forward(self.adjoint), self.tape
         fixed = np.zeros(model.size, dtype=bool)
         fixed[[model.mesh.dofs[key] for key in model.scene.fixed]] = True
         #: Rates that steps keep: of what has mass and moves.
@@ -169,7 +173,7 @@ class Shooting:
         rates = 2 * np.pi / period * model.unit[self._rates]
         units = {name: np.ones(size) for name, size in self._inside.items()}
         if model.keeps_previous:
-            units["q_previous"] = model.unit
+            units["q previous"] = model.unit
         if model.points.follow_joints:  # forces are large
             units["spring internal"] = np.maximum(1.0, abs(_remembered(state, "spring internal")))
         return np.concatenate([model.unit_of_unknowns, rates, *units.values()])
@@ -211,7 +215,7 @@ class Shooting:
         """
         members, springs = int(np.prod(self.model.forms.internal_shape)), self.model.points.width
         before = self.model.size * self.model.keeps_previous
-        sizes = {"internal": members, "spring internal": springs, "q_previous": before}
+        sizes = {"internal": members, "spring internal": springs, "q previous": before}
         return {name: size for name, size in sizes.items() if size}
 
     def moved(self, state: State, by: Directions, amounts: np.ndarray) -> State:
@@ -268,13 +272,13 @@ class Shooting:
 
     def _taped_rows(self) -> np.ndarray:
         """Positions and rates at the starts of all sub-steps of the last run."""
-        states = self._tape.states(np.arange(len(self._tape)))
+        states = self.tape.states(np.arange(len(self.tape)))
         y = self.model.couplings.unknowns(states["q"], states["slides"])
         return np.hstack([y, states["v"][:, self._rates]])
 
     def _advance(self, state: State, times: np.ndarray) -> State:
         """The state after steps, which are on the tape."""
-        self._tape.clear()
+        self.tape.clear()
         self.prepared.stepper.load(state)
         recorder = Recorder(self.model, times, _NOTHING)
         return self.prepared.stepper.advance(state, times[1:], 1, recorder)
@@ -295,19 +299,26 @@ class Shooting:
         turns[of] = 2 * np.pi * np.round((end.q - start.q)[of] / (2 * np.pi))
         return turns
 
-    def slopes(self, by: Directions, period: Period) -> tuple[np.ndarray, np.ndarray]:
+    @property
+    def names(self) -> set[str]:
+        """Names of the numbers whose changes it follows."""
+        return self._forward.names
+
+    def slopes(
+        self, changes: Mapping[str, np.ndarray], period: Period
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives (rows, n) of the states after the last run, and after its first step.
 
-        Over the scales.
+        Along changes (n, ...) of the start, or of numbers of the scene; over the scales.
         """
-        at = np.array([len(self.model.scheme.fractions), len(self._tape)])
+        at = np.array([len(self.model.scheme.fractions), len(self.tape)])
         if self.model.keeps_previous:
             at = np.concatenate([at - 1, at])
         blocks = list[np.ndarray]()
-        for first in range(0, by.matrix.shape[1], _AT_ONCE):
-            some = {name: rows[first : first + _AT_ONCE] for name, rows in by.changes.items()}
-            ends = self._forward.jvp(self._tape, some, at)
-            ends = {name: rows[-2:] for name, rows in ends.items()} | {"q_previous": ends["q"][:2]}
+        for k in range(0, len(changes["q"]), _AT_ONCE):
+            some = {name: rows[k : k + _AT_ONCE] for name, rows in changes.items()}
+            ends = self._forward.jvp(self.tape, some, at)
+            ends = {name: rows[-2:] for name, rows in ends.items()} | {"q previous": ends["q"][:2]}
             parts = [self.model.couplings.unknowns(ends["q"], ends["slides"])]
             parts += [ends["v"][..., self._rates], *(ends[name] for name in self._inside)]
             blocks.append(np.concatenate(parts, axis=-1))
@@ -348,7 +359,7 @@ class Shooting:
         start = period.start.changed(algorithmic=period.end.algorithmic)
         setup, times = self.prepared, self._times(start, period.length, self.steps)
         recorder = Recorder(self.model, times, Record())
-        self._tape.clear()
+        self.tape.clear()
         setup.stepper.load(start)
         recorder.record(0, start)
         setup.stepper.advance(start, times[1:], 1, recorder)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -381,6 +380,8 @@ class PeriodicMotion:
         self.period, self.energy, self.multipliers = period, energy, multipliers
         self.instability, self.error, self.iterations = instability, error, iterations
         self._run = run
+        #: How it was found, for derivatives.
+        self._cycle: Any = None
 
     @property
     def frequency(self) -> float:
@@ -431,6 +432,17 @@ class PeriodicMotion:
         return f"<PeriodicMotion: {self.frequency:.6g} Hz, {verdict}, {self.energy:.4g} J>"
 
 
+class StabilityChange(NamedTuple):
+    """Where the stability of a family changes."""
+
+    #: It changes between the motions number - 1 and number.
+    number: int
+    #: `PeriodicMotion.instability` of the unstable motions.
+    kind: str
+    #: The motion there.
+    motion: PeriodicMotion
+
+
 class PeriodicFamily:
     """Periodic motions of a family; `backbone` and `forced_response` return it.
 
@@ -442,6 +454,9 @@ class PeriodicFamily:
         The motions, along the curve.
     free : bool
         Whether they are free motions, a backbone curve.
+    changes : dict, optional
+        Functions that give the motion at a change of stability, by the number of the motion after
+        it.
 
     Examples
     --------
@@ -457,8 +472,14 @@ class PeriodicFamily:
     (True, array([1.  , 0.78]))
     """
 
-    def __init__(self, motions: list[PeriodicMotion], free: bool):
+    def __init__(
+        self,
+        motions: list[PeriodicMotion],
+        free: bool,
+        changes: Mapping[int, Callable[[], PeriodicMotion]] | None = None,
+    ):
         self.motions, self.free = motions, free
+        self._changes = changes or {}
 
     def __len__(self):
         return len(self.motions)
@@ -489,19 +510,21 @@ class PeriodicFamily:
         """Whether the motions are stable, (n,)."""
         return np.array([motion.stable for motion in self.motions])
 
-    @property
-    def critical(self) -> list[tuple[int, str]]:
-        """Where stability changes: (k, kind) if multipliers cross the circle before motion k.
+    @cached_property
+    def critical(self) -> list[StabilityChange]:
+        """Where stability changes, as (number, kind, motion), found when it is first asked for.
 
-        They do so between the motions k - 1 and k. The kind is `PeriodicMotion.instability` of the
-        motions that are unstable: at a fold the curve turns back in frequency, or another branch
-        leaves it; at a period doubling one of motions with twice the period.
+        It does so between the motions number - 1 and number. The kind is
+        `PeriodicMotion.instability` of the unstable ones: at a fold the curve turns back in
+        frequency, or another branch leaves it; at a period doubling one of motions with twice the
+        period. ``motion`` is that at which the largest multiplier crosses the unit circle: its
+        frequency is that of the fold. Of free motions, and where one instability follows another,
+        it is the motion with the number.
         """
         kinds = [motion.instability for motion in self.motions]
         return [
-            (k, after or before)
-            for k, (before, after) in enumerate(itertools.pairwise(kinds), 1)
-            if before != after
+            StabilityChange(number, kinds[number] or kinds[number - 1], motion())
+            for number, motion in sorted(self._changes.items())
         ]
 
     def amplitudes(self, node: Node, component: str = "y") -> np.ndarray:

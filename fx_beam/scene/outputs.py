@@ -65,7 +65,7 @@ class Quantity(NamedTuple):
 
 
 _PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
-CRITICAL_LOAD = "critical_load"
+CRITICAL_LOAD, PERIOD = "critical_load", "period"
 #: Quantities of nodes, joints, scenes and beams by name.
 OF_NODES: dict[str, Quantity] = {
     "position": Quantity("m", _PLANE, "q", is_place=True),
@@ -90,7 +90,7 @@ OF_SCENES: dict[str, Quantity] = {
         *("kinetic_energy", "strain_energy", "potential_energy", "spring_energy", "total_energy"),
         *("dissipated_energy", "work"),
     )
-} | {CRITICAL_LOAD: Quantity("1")}
+} | {CRITICAL_LOAD: Quantity("1"), PERIOD: Quantity("s")}
 OF_BEAMS: dict[str, Quantity] = {
     "N": Quantity("N", of="resultants"),
     "Q": Quantity("N", of="resultants"),
@@ -161,7 +161,7 @@ class Output:
     """A quantity of a node or a joint that `Motion` measures and `linearise` observes.
 
     `Response` also takes energies of the scene and stress resultants of beams, `StaticResponse` its
-    critical load.
+    critical load, `PeriodicResponse` its period.
 
     QUANTITIES
 
@@ -169,7 +169,8 @@ class Output:
     stops and obstacles; "total_energy" is the sum of the four before it, "work" and
     "dissipated_energy" are those since the start; the resultants of a beam are at all its Gauss
     points. "critical_load" is the load factor of the first critical point of a `StaticResponse`, a
-    single number: a limit point, a bifurcation or flutter.
+    single number: a limit point, a bifurcation or flutter; "period" that of the motion of a
+    `PeriodicResponse`.
 
     Parameters
     ----------

@@ -221,6 +221,18 @@ def test_periodic_motions_and_their_backbone_have_the_frequencies_of_the_hardeni
     assert 2 * np.pi * family.frequencies == pytest.approx(exact, rel=4e-3)
 
 
+def test_the_period_of_an_oscillator_follows_its_data_as_in_the_closed_form():
+    def build(x):
+        scene = guided(100.0 * x[0], x[1], c=0.0)[0]
+        return scene, {"T": fb.Output("period", scene)}
+
+    run = fb.PeriodicResponse(
+        build, lambda scene: fb.periodic(scene, mode=0, amplitude=0.1, steps=41)
+    )
+    _, y = run([1.2, 0.8])
+    assert run.jacobian()["T"] * [1.2, 0.8] / y["T"] == pytest.approx([-0.5, 0.5], rel=1e-7)
+
+
 def test_a_forced_response_is_that_of_the_linear_oscillator():
     def build(f):
         load = {"load": lambda t: (math.cos(2 * math.pi * f * t), 0.0)}

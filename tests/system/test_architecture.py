@@ -17,7 +17,7 @@ PACKAGE = Path(fx_beam.__file__).parent
 # From the ground up: a room imports from the rooms before it only, and no import goes in a circle.
 ROOMS = (
     *("scene", "laws", "results", "plot", "fem", "coupling", "step", "parallel", "motions"),
-    *("equilibria", "linear", "derivatives", "orbits", "sweeps", "studies", "__main__"),
+    *("equilibria", "linear", "orbits", "derivatives", "sweeps", "studies", "__main__"),
 )
 #: Files beside the rooms, on which all rooms may build, and the package's own face.
 BESIDE = ""

@@ -1,0 +1,498 @@
+"""Periodic motions as a function of numbers, with derivatives."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from fx_beam.array_calls import calling_with_arrays
+from fx_beam.dual import stacked
+from fx_beam.errors import SceneError, check_takes, is_whole, require
+from fx_beam.motions.numbers import numbers_of, observed_numbers_of
+from fx_beam.motions.prepared import Prepared
+from fx_beam.orbits.closing import NO_SHIFT, ROUNDING, turning_point
+from fx_beam.orbits.periodic_family import without_trivial
+from fx_beam.orbits.shooting import Directions, Shooting
+from fx_beam.results.solution import Solution
+from fx_beam.results.vibrations import PeriodicMotion
+from fx_beam.scene.beam import Beam
+from fx_beam.scene.outputs import PERIOD, Output
+from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import ElsewhereError
+from fx_beam.step.adjoint import Adjoint
+from fx_beam.step.interrupts import one_thread
+from fx_beam.step.model import Model
+from fx_beam.step.tape import Tape
+
+from .built_scenes import BuiltScenes, refuse_others
+from .energy_gradients import EnergyOutput
+from .gradient import jvp
+from .observation import observes_rates, rates_at
+from .output_values import Wanted
+from .response import Response
+from .static_derivatives import StaticDerivatives
+from .sub_steps import SubSteps
+from .work_outputs import SINCE_START
+
+_WHAT = "PeriodicResponse"
+# Relative changes of the period, and of a state along a deviation, for central differences.
+_CHANGE, _DEVIATION = 1e-5, 1e-4
+# Singular values of the equations that are zero, relative to the largest.
+_SINGULAR = 1e-9
+# Multipliers that differ by less, relative to them, are equal.
+_TWICE = 1e-6
+_AT_START = "driven at the start"
+
+
+class _Slopes(NamedTuple):
+    """Derivatives by the numbers x of what is unknown of a periodic motion."""
+
+    #: Those (m, n) of its start, in its directions, and (m,) of the logarithm of its period.
+    start: np.ndarray
+    period: np.ndarray
+
+
+class PeriodicResponse(Response):
+    r"""A periodic motion as a function of numbers.
+
+    ``t, y = run(x)`` builds the scene of the numbers x and finds a motion that repeats itself. The
+    rows of the outputs are those at the ends of its steps, over one period. The output "period" of
+    the scene is a single number. Derivatives, by ``run.vjp(weights)``, ``run.jacobian()`` and
+    ``run.multipliers()``, are those of the motion as it is found: with the state y at its start,
+    its period T and the state S(y, T, x) after it, :math:`(S_y - 1) \mathrm{d}y + S_T \mathrm{d}T =
+    -S_x \mathrm{d}x`, besides the phase, energy or amplitude that is given. No other motion is
+    searched for.
+
+    Parameters
+    ----------
+    build : callable
+        ``build(x)`` gives the scene and its outputs, as in `Response`; ``build(x, f)``, if the
+        frequency f [Hz] of its loads is looked for as well.
+    motion : callable
+        ``motion(scene)`` finds the motion, such as ``lambda scene: fb.periodic(scene, mode=0,
+        amplitude=0.1)``. Functions of time of forced motions must keep their period for all x. If
+        `build` takes a frequency, ``motion(build)`` gets it as a function of this: ``lambda build:
+        fb.forced_response(build, (1, 2)).critical[0].motion`` is the motion at a fold, of which
+        the output "period" alone has derivatives.
+
+    Attributes
+    ----------
+    motion : PeriodicMotion
+        The motion of the last call.
+    stats : Stats
+        Statistics of its steps.
+
+    Raises
+    ------
+    SceneError
+        As of `Response` and `periodic`; if `motion` gives something else. In derivatives for
+        motions that are not isolated, such as free ones whose energy or amplitude is not given,
+        and for those of a `backbone`.
+
+    Examples
+    --------
+    A mass on a spring that hardens: by the stiffness of its linear part the period changes as that
+    of Duffing's equation.
+
+    >>> import fx_beam as fb
+    >>> def build(x):
+    ...     scene = fb.Scene()
+    ...     body = scene.add_body((0, 0), mass=1.0, inertia=1.0)
+    ...     spring = fb.Spring(stiffness=x[0], strain_energy=lambda s: s**4 / 4)
+    ...     scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+    ...     return scene, {"period": fb.Output("period", scene)}
+    >>> run = fb.PeriodicResponse(build, lambda scene: fb.periodic(scene, mode=0, amplitude=1.0))
+    >>> t, y = run([1.0])
+    >>> round(float(y["period"]), 3), run.jacobian()["period"].round(3)
+    (4.769, array([-1.384]))
+    """
+
+    def __init__(self, build: Callable[..., tuple], motion: Callable[[Any], PeriodicMotion]):
+        require(callable(build), f"{_WHAT}: build", build, "a function of (x) or of (x, f)")
+        self._build, self._motion_of = build, motion
+        needed = inspect.signature(build).parameters.values()
+        self._finds_frequency = sum(of.default is inspect.Parameter.empty for of in needed) > 1
+        check_takes(build, "x, f" if self._finds_frequency else "x", f"{_WHAT}: build")
+        check_takes(motion, "scene", f"{_WHAT}: motion")
+        self._begin()
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._scenes = BuiltScenes(self._built)
+        self._frequency = 0.0
+        self.motion: PeriodicMotion
+        self._shooting: Shooting
+        self._other: Prepared | None = None
+        self._slopes: _Slopes | None = None
+
+    def _built(self, x: Any) -> tuple[Scene, Mapping[str, Wanted]]:
+        build: Callable[..., tuple] = self._build
+        return build(x, self._frequency) if self._finds_frequency else build(x)
+
+    def _scene_of(self, frequency: float) -> Scene:
+        """The scene of the last numbers for a frequency of its loads."""
+        self._frequency = frequency
+        return self._scenes.at(self._given)[0]
+
+    def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        self._given, self._known_changes, self._slopes, self._other = x, None, None, None
+        if self._finds_frequency:
+            self.motion = self._motion_of(self._scene_of)
+        else:
+            self._scene, self._outputs = self._scenes.at(x)
+            self.motion = self._motion_of(self._scene)
+        is_motion = isinstance(self.motion, PeriodicMotion)
+        require(is_motion, f"{_WHAT}: motion", self.motion, "a PeriodicMotion")
+        self._cycle = cycle = self.motion._cycle
+        if self._finds_frequency:
+            self._frequency = cycle.period.parameter
+            self._scene, self._outputs = self._scenes.at(x)
+        self._shooting = Shooting(self._scene, *cycle.options)
+        fits = len(cycle.period.start.q) == self._shooting.model.size
+        require(fits, f"{_WHAT}: motion", self.motion, "that of the scene, or of the build, given")
+        #: The motion; its parameter is its length here.
+        self._period = cycle.period._replace(parameter=cycle.period.length)
+        solution = self._shooting.solution(self._period)
+        self.stats, self._t, self._end = solution.stats, solution.t[1:], solution.end
+        return self._t.copy(), self._read_all(solution)
+
+    def _values_of(self, solution: Solution, of: Wanted, name: str) -> np.ndarray:
+        if _is_period(of):
+            return np.array(np.ptp(solution.t))
+        rows = super()._values_of(solution, of, name)
+        return rows[1:] if isinstance(of, Output) else rows
+
+    def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Find the periodic motion of the scene of some numbers.
+
+        Parameters
+        ----------
+        x : (m,) float
+            The numbers that `build` takes.
+
+        Returns
+        -------
+        t : (n,) float
+            Times [s] of the ends of its steps.
+        y : dict of (n, ...) float
+            The outputs by name, a period as a single number.
+        """
+        return super().__call__(x)
+
+    # -- Derivatives ------------------------------------------------------------------------------
+
+    @one_thread
+    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
+        """As of `Response`, by its Jacobian: the monodromy matrix takes most of the time."""
+        self._check_has_run("vjp")
+        given = self._checked_weights(weights)
+        jacobian = self.jacobian(*given)
+        parts = [np.tensordot(of, jacobian[name], of.ndim) for name, of in given.items()]
+        return sum(parts, np.zeros(len(self._x)))
+
+    @one_thread
+    def jacobian(self, *names: str) -> dict[str, np.ndarray]:
+        """As of `Response`; of a period (m,)."""
+        self._check_has_run("jacobian")
+        wanted = self._differentiable(names or self._scenes.names, f"{_WHAT}.jacobian: names")
+        others = [name for name in wanted if name not in self._periods(wanted)]
+        of_period = self._solved().period
+        jacobian = {name: self._period.length * of_period for name in self._periods(wanted)}
+        if others:
+            self._check_rows(others)
+            rows = self._by_period(others)
+            of_rows = super().jacobian(*others)
+            jacobian |= {name: of_rows[name] + rows[name][..., None] * of_period for name in others}
+        return {name: jacobian[name] for name in wanted}
+
+    @one_thread
+    def multipliers(self, n: int = 1) -> tuple[np.ndarray, np.ndarray]:
+        r"""The largest Floquet multipliers, with their derivatives by all numbers.
+
+        They are :math:`\psi.(\mathrm{d}S_y) \phi / \psi.\phi` with the left and right eigenvectors
+        of :math:`S_y`: central differences of derivatives along the right one.
+
+        Parameters
+        ----------
+        n : int
+            How many, without those that are 1 for shifts in time and the energy of a family.
+
+        Returns
+        -------
+        multipliers : (n,) complex
+            As `PeriodicMotion.multipliers`; of a complex pair the one with the positive imaginary
+            part, once.
+        derivatives : (n, m) complex
+            d multipliers/dx.
+
+        Raises
+        ------
+        SceneError
+            Before the first call, for scenes without derivatives, for multipliers that are equal,
+            and at a fold.
+        """
+        self._check_has_run("multipliers")
+        self._check_rows()
+        known = without_trivial(self.motion.multipliers, self._cycle.trivial)
+        known = known[known.imag >= 0]
+        fits = is_whole(n, 1, len(known))
+        require(fits, f"{_WHAT}.multipliers: n", n, f"a whole number from 1 to {len(known)}")
+        self._solved()
+        values, left, right = scipy.linalg.eig(self._monodromy, left=True, right=True)
+        derivatives = np.zeros((n, len(self._x)), dtype=complex)
+        for i, value in enumerate(known[:n]):
+            k = int(np.argmin(abs(values - value)))
+            apart = np.delete(abs(values - values[k]), k).min(initial=np.inf)
+            if apart < _TWICE * abs(value):
+                raise SceneError(
+                    f"{_WHAT}: the multiplier {value:.4g} is there twice, and has no derivatives"
+                )
+            to = left[:, k].conj() / (left[:, k].conj() @ right[:, k])
+            for factor, along in ((1.0, right[:, k].real), (1j, right[:, k].imag)):
+                if along.any():
+                    derivatives[i] += factor * (to @ self._of_deviation(along))
+        self._lay()
+        return known[:n].astype(complex), derivatives
+
+    def _of_deviation(self, deviation: np.ndarray) -> np.ndarray:
+        """Derivatives (n, m) by x of what becomes of a deviation (n,) of the start in a period."""
+        shooting, by, period, slopes = self._shooting, self._by, self._period, self._solved()
+        unit, ends = by.matrix[by.independent], list[np.ndarray]()
+        h = _DEVIATION * (period.size if period.moves else 1.0) / abs(deviation).max()
+        for change in (-h, h):
+            start = shooting.moved(period.start, by, change * deviation)
+            shooting.run(start, period.parameter)
+            # The same change of independent variables, whose others follow from another state.
+            there = shooting.directions(start, period.length)
+            amounts = np.linalg.solve(there.matrix[by.independent], unit @ slopes.start.T).T
+            changes = _added(self._numbers_by_x(), there, amounts)
+            ends.append(shooting.slopes(changes, period)[0][by.independent])
+        rows = (ends[1] - ends[0]) / (2 * h)
+        if slopes.period.any():
+            along = {name: np.tensordot(deviation[None], of, 1) for name, of in by.changes.items()}
+            ends = []
+            for change in (-_CHANGE, _CHANGE):
+                shooting.run(period.start, period.parameter * (1 + change))
+                ends.append(shooting.slopes(along, period)[0][by.independent])
+            rows += (ends[1] - ends[0]) / (2 * _CHANGE) * slopes.period
+        return np.linalg.solve(unit, rows)
+
+    def _periods(self, names: Any) -> list[str]:
+        return [name for name in names if _is_period(self._outputs[name])]
+
+    def _check_rows(self, names: Iterable[str] = ()) -> None:
+        """SceneError for outputs of which there are no derivatives."""
+        if self._cycle.chosen_by == "fold":
+            raise SceneError(
+                f"{_WHAT}: at a fold only the output 'period' has derivatives: the motion changes "
+                "along the curve of folds, which needs second derivatives"
+            )
+        if self._shooting.model.forms.needs_previous:
+            for name in names:
+                of = self._outputs[name]
+                assert isinstance(of, Output)  # others have no weights
+                if isinstance(of.of, Beam) or of.quantity in SINCE_START:
+                    raise SceneError(
+                        f"{_WHAT}: the output {name!r}, {of}, has no derivatives with a scheme "
+                        "whose forces depend on the step before. Use EnergyMomentum"
+                    )
+
+    def _solved(self) -> _Slopes:
+        """Derivatives of the start and of the period, from the equations of the motion."""
+        if self._slopes is None:
+            self._slopes = self._solve()
+        return self._slopes
+
+    def _solve(self) -> _Slopes:
+        shooting, period, cycle = self._shooting, self._period, self._cycle
+        self._lay()
+        changes = self._numbers_by_x()
+        refuse_others(changes, shooting.names, _WHAT)
+        self._by = by = shooting.directions(period.start, period.length)
+        independent, n = by.independent, by.matrix.shape[1]
+        unit = by.matrix[independent]
+        after, _ = shooting.slopes(by.changes, period)
+        self._monodromy = np.linalg.solve(unit, after[independent])
+        rows = [after[independent] - unit]
+        right = [shooting.slopes(changes, period)[0][independent]]
+        if cycle.chosen_by == "fold":
+            return self._of_fold(rows[0], right[0])
+        of_parameter = np.zeros((len(unit), 0))
+        if cycle.free and cycle.chosen_by != "period":
+            of_parameter = shooting.by_parameter(period)[independent, None]
+        rows[0] = np.hstack([rows[0], of_parameter])
+        more = of_parameter.shape[1]
+        for slopes, by_x in self._conditions(by, changes):
+            rows.append(slopes[None, : n + more])
+            right.append(by_x[None])
+        matrix, sides = np.vstack(rows), np.vstack(right)
+        sizes = np.linalg.svd(matrix, compute_uv=False)
+        if cycle.free and sizes[n + more - 1] < _SINGULAR * sizes[0]:
+            raise SceneError(
+                f"{_WHAT}: the motion is one of a family of the same scene, and nothing chooses "
+                "it. Give periodic the energy or the amplitude"
+            )
+        solved = -scipy.linalg.lstsq(matrix, sides, ROUNDING, lapack_driver="gelsy")[0].T
+        self._lay()
+        of_period = solved[:, n] if more else np.zeros(len(self._x))
+        return _Slopes(solved[:, :n], of_period)
+
+    def _conditions(
+        self, by: Directions, changes: dict[str, np.ndarray]
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """What chooses the motion: derivatives by its start and period, and by x."""
+        cycle, shooting, period = self._cycle, self._shooting, self._period
+        if cycle.chosen_by not in ("", "period", "frequency", "energy", "amplitude"):
+            raise SceneError(
+                f"{_WHAT}: this motion of a family has no derivatives. Find it by periodic, with "
+                "an energy, an amplitude or a period"
+            )
+        nothing = np.zeros(len(self._x))
+        held = list[tuple[np.ndarray, np.ndarray]]()
+        if cycle.free:
+            phase = NO_SHIFT
+            if cycle.chosen_by in ("energy", "amplitude"):
+                phase = turning_point(shooting, period)
+            held.append((phase.slopes(period, by), nothing))
+        if cycle.chosen_by == "energy":
+            slopes = np.append(shooting.slope_of_energy(period.start, by), 0.0)
+            size = np.linalg.norm(slopes)
+            held.append((slopes / size, self._energy_by_x(changes) / size))
+        elif cycle.chosen_by == "amplitude":
+            unit = shooting.model.unit[cycle.held]
+            slopes = np.append(by.changes["q"][:, cycle.held], 0.0)
+            held.append((slopes / unit, -self._rest_by_x() / unit))
+        return held
+
+    def _rest_by_x(self) -> np.ndarray:
+        """Derivatives (m,) of what the amplitude is measured from."""
+        cycle, model = self._cycle, self._shooting.model
+        if cycle.state is None:
+            return np.zeros(len(self._x))
+        path = getattr(cycle.state, "_load_path", None)
+        if path is None or path.scene is not self._scene:
+            raise SceneError(
+                f"{_WHAT}: an amplitude about a state has derivatives if motion(scene) computes "
+                "this by static(scene). Or give the energy"
+            )
+        of = StaticDerivatives(path)
+        changes = self._scenes.derivatives(
+            self._x, self._scene, lambda scene, change: of.numbers_of(scene)
+        )
+        refuse_others(changes, of.names, _WHAT)
+        at_rest = of.change_of_end(changes).of_nodes
+        return np.array([model.from_nodes(path.model.to_nodes(row))[cycle.held] for row in at_rest])
+
+    def _energy_by_x(self, changes: dict[str, np.ndarray]) -> np.ndarray:
+        """Derivatives (m,) of the energy of the state at the start, which is held."""
+        model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
+        states = self._states(model, tape, none)
+        output = EnergyOutput(SubSteps(model, tape, none, states), "energy of steps", none)
+        held = {name: np.zeros((1, len(self._x), of.shape[1])) for name, of in states.items()}
+        by_x = jvp(output.blocks(none), (1,), held, changes)[0]
+        if model.loads.constant and model.loads.functions:
+            loads, q = model.loads.unit_loads, self._period.start.q
+            factors = model.loads.series(np.zeros(1))[0]
+            columns = np.repeat(np.arange(loads.shape[1]), np.diff(loads.indptr))
+            by_x = by_x - changes["columns"] @ (q[loads.indices] * factors[columns])
+            of_factors = changes["loads"].reshape(len(self._x), -1, loads.shape[1])[:, 0]
+            by_x = by_x - of_factors @ (loads.T @ q)
+        return by_x
+
+    def _of_fold(self, matrix: np.ndarray, right: np.ndarray) -> _Slopes:
+        """At a fold the left vector of S_y - 1 leaves the frequency alone."""
+        period, frequency = self._period, self._frequency
+        vector = np.linalg.svd(matrix)[0][:, -1]
+        gaps = []
+        for change in (-_CHANGE, _CHANGE):
+            scene = self._scene_of(frequency * (1 + change))
+            other = Shooting(scene, *self._cycle.options)
+            gaps.append(other.run(period.start, period.length / (1 + change)).gap)
+        self._frequency = frequency
+        of_frequency = (gaps[1] - gaps[0])[self._by.independent] / (2 * _CHANGE)
+        self._lay()
+        by_x = (vector @ right) / (vector @ of_frequency)  # of the period, the inverse
+        return _Slopes(np.zeros((len(self._x), matrix.shape[1])), by_x)
+
+    def _by_period(self, names: list[str]) -> dict[str, np.ndarray]:
+        """Derivatives of outputs by the logarithm of the period, at the same start."""
+        if not self._solved().period.any():
+            return {name: np.zeros(self._shapes[name]) for name in names}
+        period, outputs, ends = self._period, self._outputs, []
+        for change in (-_CHANGE, _CHANGE):
+            length = period.length * (1 + change)
+            longer = period._replace(length=length, parameter=length)
+            solution = self._shooting.solution(longer)
+            ends.append([self._values_of(solution, outputs[name], name) for name in names])
+        self._lay()
+        differences = ((high - low) / (2 * _CHANGE) for low, high in zip(*ends, strict=True))
+        return dict(zip(names, differences, strict=True))
+
+    def _lay(self) -> None:
+        """Have the steps of the motion on the tape."""
+        self._shooting.run(self._period.start, self._period.parameter)
+
+    def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
+        self._check_has_run(what)
+        shooting = self._shooting
+        return shooting.model, shooting.tape, shooting.adjoint
+
+    def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
+        return self._total_changes()
+
+    def _total_changes(self) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) of all numbers by x, those of the start of the motion among them."""
+        of_start = self._solved().start
+        return _added(self._numbers_by_x(), self._by, of_start)
+
+    def _numbers_by_x(self) -> dict[str, np.ndarray]:
+        """The same with the independent variables of the start held."""
+        if self._known_changes is None:
+            model = self._shooting.model
+            with calling_with_arrays(self._series.calls):
+                changes = self._scenes.derivatives(self._x, self._scene, self._numbers_of_scene)
+            at_start = changes.pop(_AT_START)
+            prescribed = len(model.prescribed)
+            changes["q"][:, model.prescribed] = at_start[:, :prescribed]
+            changes["motors"] = at_start[:, prescribed:]
+            self._known_changes = changes
+            self.stats.difference_reason = self._scenes.reason
+        return self._known_changes
+
+    def _numbers_of_scene(self, scene: Scene, change: Any) -> dict[str, Any]:
+        """Numbers of the steps of this motion for another scene, from the same state."""
+        tape, start = self._shooting.tape, self._period.start
+        other = self._other or Prepared(self._scene, self._shooting.prepared.options)
+        try:
+            other.refill_model(scene)
+        except ElsewhereError:
+            other = Prepared(scene, other.options)
+        self._other = other
+        t0, t1 = tape.starts, tape.starts + tape.lengths
+        numbers: dict[str, Any] = numbers_of(other, start, t0, t1)
+        numbers[_AT_START] = stacked(other.forcing.series(t0[:1])[0])
+        of = [output for output in self._outputs.values() if isinstance(output, Output)]
+        if any(observes_rates(other.model, output) for output in of if not _is_period(output)):
+            rates = rates_at(tape, np.arange(len(tape) + 1))
+            numbers |= observed_numbers_of(other, start, *rates, False)
+        return numbers
+
+
+def _is_period(output: Wanted) -> bool:
+    return isinstance(output, Output) and output.quantity == PERIOD
+
+
+def _added(
+    changes: dict[str, np.ndarray], by: Directions, amounts: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Changes of numbers with those of the start, amounts (m, n) of its directions."""
+    total = dict(changes)
+    for name, of in by.changes.items():
+        more = amounts @ of.reshape(len(of), -1)
+        known = total.get(name)
+        total[name] = more if known is None else known + more.reshape(known.shape)
+    return total

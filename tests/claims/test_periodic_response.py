@@ -1,0 +1,331 @@
+"""Derivatives of periodic motions: closed forms, another integrator, and differences."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
+from scipy.special import ellipk
+
+import fx_beam as fb
+
+W = 1.3  # [rad/s]
+
+
+def duffing(x, f=None):
+    """An oscillator with the spring force k s + s^3; its mass, k, damping and load."""
+    scene, (m, k, c, force) = fb.Scene(), x
+    body = scene.add_body((0, 0), mass=m, inertia=1.0)
+    spring = fb.Spring(stiffness=k, strain_energy=lambda s: s**4 / 4)
+    damper = fb.Damper(c) if f else None
+    scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, (1, 0), spring=spring, damper=damper))
+    if f:
+        scene.add_force(body.centre, lambda t: (force * np.cos(2 * np.pi * f * t), 0.0))
+    outputs = {
+        "period": fb.Output("period", scene),
+        "x": fb.Output("position", body.centre, "x"),
+        "a": fb.Output("acceleration", body.centre),
+        "energy": fb.Output("total_energy", scene),
+    }
+    return scene, outputs
+
+
+def forced(scene):
+    return fb.periodic(scene, period=2 * np.pi / W, steps=101, tolerance=1e-12)
+
+
+def free(**options):
+    return lambda scene: fb.periodic(scene, mode=0, steps=41, tolerance=1e-12, **options)
+
+
+def differences(function, x, part=1e-4):
+    """Central differences (..., m) of fourth order."""
+    columns = []
+    for h in np.diag(part * np.maximum(abs(x), 0.1)):
+        low, below, above, high = (function(x + by * h) for by in (-2, -1, 1, 2))
+        columns.append((8 * (above - below) - (high - low)) / (12 * h.sum()))
+    return np.moveaxis(np.array(columns), 0, -1)
+
+
+def check(run, x, tolerance, multipliers=True):
+    """Jacobian and derivatives of multipliers against differences of other searches."""
+    x = np.array(x, float)
+    _, y = run(x)
+    jacobian = run.jacobian()
+    of_multipliers = run.multipliers()[1] if multipliers else None
+    for name in y:
+        by_x = differences(lambda x, name=name: run(x)[1][name], x)
+        assert jacobian[name] == pytest.approx(by_x, abs=tolerance * abs(by_x).max() + 1e-8), name
+    if multipliers:
+        by_x = differences(lambda x: (run(x), run.multipliers()[0])[1], x)
+        assert of_multipliers == pytest.approx(by_x, abs=1e-6 * abs(by_x).max())
+
+
+# -- Against closed forms and another integrator --------------------------------------------------
+
+
+def test_the_period_of_duffings_equation_has_the_derivatives_of_its_closed_form():
+    def exact(x):
+        m, k, a = x
+        return 4 * np.sqrt(m / (k + a**2)) * ellipk(a**2 / (2 * (k + a**2)))
+
+    errors, known = [], differences(exact, np.array([1.2, 0.8, 1.0]))[:2]
+    for steps in (31, 61):
+        scheme = fb.EnergyMomentum(order=4)
+        own = {"mode": 0, "amplitude": 1.0, "steps": steps, "scheme": scheme, "tolerance": 1e-12}
+        run = fb.PeriodicResponse(
+            lambda x: duffing([*x, 0, 0]), lambda scene, own=own: fb.periodic(scene, **own)
+        )
+        run([1.2, 0.8])
+        errors.append(abs(run.jacobian("period")["period"] / known - 1).max())
+    assert errors[1] < 1e-6
+    assert np.log(errors[0] / errors[1]) / np.log(61 / 31) == pytest.approx(4, abs=0.4)
+
+
+def test_the_product_of_multipliers_changes_with_damping_as_liouville_says():
+    # A pair of them has the product exp(-c T / m).
+    x = np.array([1.1, 1.0, 0.2, 0.3])
+    run = fb.PeriodicResponse(lambda x: duffing(x, W / (2 * np.pi)), forced)
+    run(x)
+    (value,), (by_x,) = run.multipliers()
+    assert value.imag > 0
+    rate = 2 * (by_x / value).real  # of the logarithm of the product
+    period = 2 * np.pi / W
+    assert rate == pytest.approx([0.2 * period / 1.1**2, 0, -period / 1.1, 0], abs=5e-3)
+
+
+def exact_fold(x, start):
+    """Start and frequency at which the monodromy matrix has the eigenvalue 1, by solve_ivp."""
+    m, k, c, force = x
+
+    def rates(t, y, w):
+        u, v, a, b = y[0], y[1], y[2:4], y[4:6]
+        stiffness = k + 3 * u**2
+        acceleration = (force * np.cos(w * t) - c * v - k * u - u**3) / m
+        return [v, acceleration, *b, *(-(stiffness * a + c * b) / m)]
+
+    def equations(unknown):
+        u, v, w = unknown
+        y0 = [u, v, 1, 0, 0, 1]
+        end = solve_ivp(rates, (0, 2 * np.pi / w), y0, "DOP853", rtol=1e-11, atol=1e-12, args=(w,))
+        u1, v1, a, b, c1, d = end.y[:, -1]
+        return [u1 - u, v1 - v, (a - 1) * (d - 1) - b * c1]
+
+    return fsolve(equations, start, xtol=1e-12)[2]
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_folds_have_the_frequency_and_the_derivatives_of_another_integrator(number):
+    x = np.array([1.0, 1.0, 0.1, 0.3])
+    values, slopes = [], []
+    for steps in (51, 101):
+
+        def fold(build, steps=steps):
+            curve = fb.forced_response(build, (0.15, 0.4), steps=steps)
+            (k, kind, motion), f = curve.critical[number], curve.frequencies
+            assert kind == "fold" and abs(motion.multipliers - 1).min() < 1e-4
+            # The curve turns back there: no motion beside it goes further.
+            beside = np.sort([*f[k - 2 : k + 2], motion.frequency])
+            assert beside[0 if number else -1] == motion.frequency
+            return motion
+
+        run = fb.PeriodicResponse(lambda x, f: duffing(x, f), fold)
+        values.append(float(run(x)[1]["period"]))
+        slopes.append(run.jacobian("period")["period"])
+    of = run.motion.solution
+    start = of.q[0, 0, 0], of.v[0, 0, 0], 2 * np.pi / values[1]
+    errors = np.array(values) * exact_fold(x, start) / (2 * np.pi) - 1
+    assert np.log(errors[0] / errors[1]) / np.log(101 / 51) == pytest.approx(2, abs=0.2)
+    by_x = differences(lambda x: 2 * np.pi / exact_fold(x, start), x, 1e-3)
+    far, near = (abs(slope - by_x).max() / abs(by_x).max() for slope in slopes)
+    assert near < 5e-3 and near < far / 3
+
+
+# -- Against differences of other searches --------------------------------------------------------
+
+
+def test_a_forced_motion_has_exact_derivatives_at_all_times():
+    run = fb.PeriodicResponse(lambda x: duffing(x, W / (2 * np.pi)), forced)
+    check(run, [1.0, 1.0, 0.2, 0.3], 2e-8)
+
+
+@pytest.mark.parametrize("chosen", [{"amplitude": 1.0}, {"energy": 0.75}])
+def test_a_free_motion_of_an_amplitude_or_energy_has_exact_derivatives(chosen):
+    run = fb.PeriodicResponse(lambda x: duffing([*x, 0, 0]), free(**chosen))
+    check(run, [1.0, 1.2], 1e-6, multipliers=False)
+
+
+@pytest.mark.parametrize("chosen", [{"amplitude": 0.5}, {"energy": -1.0}])
+def test_a_free_motion_about_an_equilibrium_has_exact_derivatives(chosen):
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        one = scene.add_body((0.5, 0), mass=x[0], inertia=0.1, points={"a": (0, 0), "b": (1, 0)})
+        two = scene.add_body((1.5, 0), mass=1.0, inertia=0.1, points={"b": (1, 0)})
+        spring, other = fb.Spring(stiffness=100.0 * x[1]), fb.Spring(stiffness=30.0)
+        scene.add_joint(fb.Revolute(fb.GROUND, one["a"], spring=spring))
+        scene.add_joint(fb.Revolute(one["b"], two["b"], spring=other))
+        scene.add_force(two.centre, (x[2], 0.0))
+        place = fb.Output("position", two.centre)
+        return scene, {"place": place, "period": fb.Output("period", scene)}
+
+    def motion(scene):
+        return free(state=fb.static(scene), **chosen)(scene)
+
+    check(fb.PeriodicResponse(build, motion), [1.0, 1.0, 0.5], 1e-6)
+
+
+def cantilever(x):
+    section = fb.Section(EA=1e4, GA=1e4, EI=x[0], rhoA=x[1], retardation=5e-3)
+    scene = fb.Scene()
+    beam = scene.add_beam([(0, 0), (x[2], 0)], section, elements=3)
+    scene.clamp(beam.start)
+    scene.add_force(beam.end, lambda t: (0.0, x[3] * np.cos(0.8 * np.pi * t)))
+    place, reaction = fb.Output("position", beam.end), fb.Output("reaction", beam.start)
+    return scene, {"place": place, "M": fb.Output("M", beam), "reaction": reaction}
+
+
+@pytest.mark.parametrize("scheme", [fb.EnergyMomentum(order=4), fb.MidPoint()])
+def test_a_beam_that_is_shaken_has_exact_derivatives(scheme):
+    def motion(scene):
+        return fb.periodic(scene, period=2.5, steps=41, scheme=scheme, tolerance=1e-12)
+
+    check(fb.PeriodicResponse(cantilever, motion), [1.0, 1.0, 1.0, 0.3], 1e-7)
+
+
+def test_what_a_scheme_remembers_of_the_step_before_is_followed():
+    def build(x):
+        scene, outputs = cantilever(x)
+        return scene, {"place": outputs["place"]}
+
+    def motion(scene):
+        of = {"period": 2.5, "steps": 21, "scheme": fb.EnergyDecaying(), "tolerance": 1e-12}
+        return fb.periodic(scene, **of)
+
+    check(fb.PeriodicResponse(build, motion), [1.0, 1.0, 1.0, 0.3], 1e-7)
+    run = fb.PeriodicResponse(cantilever, motion)
+    run([1.0, 1.0, 1.0, 0.3])
+    with pytest.raises(fb.SceneError, match="'M'.* step before"):
+        run.jacobian()
+
+
+def test_a_driven_linkage_whose_loop_changes_its_form_has_exact_derivatives():
+    speed = 20.0
+
+    def build(x):
+        section = fb.Section(EA=2e5, GA=8e4, EI=20.0, rhoA=0.3, rhoI=1e-5, retardation=1e-3)
+        own = {"mass": 0.2, "inertia": 1e-3, "points": {"O": (0, 0), "A": (0.2, 0)}}
+        scene = fb.Scene()
+        crank = scene.add_body((0.1, 0), **own)
+        coupler = scene.add_beam([(0.2, 0), (0.9 * x[0], 0.35)], section, elements=2)
+        rocker = scene.add_beam([(0.9 * x[0], 0.35), (0.8, 0)], section, elements=2)
+
+        def turn(t):
+            return speed * t + x[1] * np.sin(speed * t)
+
+        motor = scene.add_joint(fb.Revolute(fb.GROUND, crank["O"], motor=turn))
+        scene.add_joint(fb.Revolute(crank["A"], coupler.start))
+        scene.add_joint(fb.Revolute(coupler.end, rocker.start, damper=fb.Damper(0.05)))
+        scene.pin(rocker.end)
+        scene.make_velocities_compatible()
+        torque = fb.Output("motor_force", motor)
+        losses = fb.Output("dissipated_energy", scene)
+        return scene, {"place": fb.Output("position", rocker.start), "T": torque, "lost": losses}
+
+    def motion(scene):
+        return fb.periodic(scene, period=2 * np.pi / speed, steps=101, tolerance=1e-12)
+
+    check(fb.PeriodicResponse(build, motion), [1.0, 0.1], 1e-6)
+
+
+def test_dry_friction_of_a_joint_is_followed():
+    def build(x):
+        scene = fb.Scene(gravity=(0, -10.0))
+        block = scene.add_body((0, 0), mass=x[0], inertia=1.0)
+        own = {"spring": fb.Spring(x[1]), "friction": fb.Coulomb(0.03 * x[2], 1e5)}
+        scene.add_joint(fb.Prismatic(fb.GROUND, block.centre, axis=(1, 0), **own))
+        scene.add_force(block.centre, lambda t: (np.cos(1.4 * t), 0.0))
+        return scene, {"place": fb.Output("position", block.centre)}
+
+    def motion(scene):
+        return fb.periodic(scene, period=2 * np.pi / 1.4, steps=201, tolerance=1e-12)
+
+    run = fb.PeriodicResponse(build, motion)
+    x = np.ones(3)
+    run(x)
+    jacobian = run.jacobian()["place"]
+    by_x = differences(lambda x: run(x)[1]["place"], x, 1e-5)
+    assert jacobian == pytest.approx(by_x, abs=1e-5 * abs(by_x).max())
+
+
+def test_multipliers_of_a_scene_at_rest_turn_with_its_frequency():
+    # They are exp(+-i w T), w = sqrt(k / m), as far as steps resolve it.
+    def build(x):
+        scene, _ = duffing([x[0], x[1], 0, 0])
+        return scene, {"period": fb.Output("period", scene)}
+
+    run = fb.PeriodicResponse(build, lambda scene: fb.periodic(scene, period=1.5, steps=401))
+    run([1.2, 0.8])
+    (value,), (by_x,) = run.multipliers()
+    turn = np.sqrt(0.8 / 1.2) * 1.5
+    assert value == pytest.approx(np.exp(1j * turn), abs=1e-5)
+    exact = 1j * value * turn / 2 * np.array([-1 / 1.2, 1 / 0.8])
+    assert by_x == pytest.approx(exact, abs=1e-5)
+
+
+def test_a_frequency_is_placed_by_its_gradient():
+    run = fb.PeriodicResponse(lambda x: duffing([1.0, *x, 0, 0]), free(amplitude=1.0))
+
+    def gap(t, y):
+        away = float(y["period"]) - 4.0
+        return away**2 / 2, {"period": np.array(away)}
+
+    x = [1.0]
+    for _ in range(6):
+        value, gradient = run.objective(gap)(x)
+        x = x - 2 * value / gradient
+    assert float(run(x)[1]["period"]) == pytest.approx(4.0, abs=1e-8)
+
+
+# -- What is refused ------------------------------------------------------------------------------
+
+
+def test_what_has_no_derivatives_is_told():
+    def motion_at_a_fold(build):
+        return fb.forced_response(build, (0.15, 0.4), steps=41).critical[0].motion
+
+    run = fb.PeriodicResponse(lambda x, f: duffing(x, f), motion_at_a_fold)
+    run([1.0, 1.0, 0.1, 0.3])
+    with pytest.raises(fb.SceneError, match="at a fold only"):
+        run.jacobian("x")
+    with pytest.raises(fb.SceneError, match="at a fold only"):
+        run.multipliers()
+
+    def of_backbone(scene):
+        return fb.backbone(scene, amplitude=0.5, steps=21, step=0.5)[0]
+
+    run = fb.PeriodicResponse(lambda x: duffing([*x, 0, 0]), of_backbone)
+    run([1.0, 1.0])
+    with pytest.raises(fb.SceneError, match="of a family has no derivatives"):
+        run.jacobian()
+
+
+def test_bad_input_is_told():
+    with pytest.raises(fb.SceneError, match="build"):
+        fb.PeriodicResponse(3, forced)
+    with pytest.raises(fb.SceneError, match="must take"):
+        fb.PeriodicResponse(lambda: 0, forced)
+    with pytest.raises(fb.SceneError, match="motion"):
+        fb.PeriodicResponse(duffing, lambda: 0)
+    run = fb.PeriodicResponse(lambda x: duffing(x, 0.2), lambda scene: 3)
+    with pytest.raises(fb.SceneError, match="a PeriodicMotion"):
+        run([1.0, 1.0, 0.2, 0.3])
+    with pytest.raises(fb.SceneError, match="no motion yet"):
+        run.jacobian()
+    run = fb.PeriodicResponse(lambda x: duffing(x, W / (2 * np.pi)), forced)
+    run([1.0, 1.0, 0.2, 0.3])
+    with pytest.raises(fb.SceneError, match="multipliers: n"):
+        run.multipliers(5)
+    with pytest.raises(fb.SceneError, match="names of outputs"):
+        run.jacobian("force")
+    plain = fb.Response(lambda x: duffing(x, 0.2), dt=0.1, t_end=1.0)
+    with pytest.raises(fb.SceneError, match="PeriodicResponse"):
+        plain([1.0, 1.0, 0.2, 0.3])
