@@ -12,11 +12,11 @@ import scipy.linalg
 from fx_beam.array_calls import calling_with_arrays
 from fx_beam.dual import stacked
 from fx_beam.errors import SceneError, check_takes, is_whole, require
-from fx_beam.motions.numbers import numbers_of, observed_numbers_of
+from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
 from fx_beam.motions.prepared import Prepared
-from fx_beam.orbits.closing import NO_SHIFT, ROUNDING, turning_point
+from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, ROUNDING, turning_point
 from fx_beam.orbits.periodic_family import without_trivial
-from fx_beam.orbits.shooting import Directions, Shooting
+from fx_beam.orbits.shooting import Directions, Period, Shooting
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import PeriodicMotion
 from fx_beam.scene.beam import Beam
@@ -45,6 +45,9 @@ _CHANGE, _DEVIATION = 1e-5, 1e-4
 _SINGULAR = 1e-9
 # Multipliers that differ by less, relative to them, are equal.
 _TWICE = 1e-6
+# Changes of functions of time that differ by less after a period, relative to the largest, repeat.
+_REPEATS = 1e-6
+_LATER = " a period later"
 _AT_START = "driven at the start"
 
 
@@ -309,7 +312,13 @@ class PeriodicResponse(Response):
 
     def _solve(self) -> _Slopes:
         shooting, period, cycle = self._shooting, self._period, self._cycle
-        self._lay()
+        error = self._lay().error
+        if error > max(10 * self.motion.error, ROUND_OFF):
+            raise SceneError(
+                f"{_WHAT}: the motion does not repeat itself in the scene that build gives: the "
+                f"states before and after the period are {error:.1e} of it apart. motion(scene) "
+                "must find the motion of this scene"
+            )
         changes = self._numbers_by_x()
         refuse_others(changes, shooting.names, _WHAT)
         self._by = by = shooting.directions(period.start, period.length)
@@ -432,9 +441,9 @@ class PeriodicResponse(Response):
         differences = ((high - low) / (2 * _CHANGE) for low, high in zip(*ends, strict=True))
         return dict(zip(names, differences, strict=True))
 
-    def _lay(self) -> None:
+    def _lay(self) -> Period:
         """Have the steps of the motion on the tape."""
-        self._shooting.run(self._period.start, self._period.parameter)
+        return self._shooting.run(self._period.start, self._period.parameter)
 
     def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
         self._check_has_run(what)
@@ -459,13 +468,16 @@ class PeriodicResponse(Response):
             prescribed = len(model.prescribed)
             changes["q"][:, model.prescribed] = at_start[:, :prescribed]
             changes["motors"] = at_start[:, prescribed:]
+            for name in OF_STEPS & changes.keys():
+                if (later := changes.pop(name + _LATER, None)) is not None:
+                    _check_repeats(changes[name], later)
             self._known_changes = changes
             self.stats.difference_reason = self._scenes.reason
         return self._known_changes
 
     def _numbers_of_scene(self, scene: Scene, change: Any) -> dict[str, Any]:
         """Numbers of the steps of this motion for another scene, from the same state."""
-        tape, start = self._shooting.tape, self._period.start
+        tape, start, period = self._shooting.tape, self._period.start, self._period.length
         other = self._other or Prepared(self._scene, self._shooting.prepared.options)
         try:
             other.refill_model(scene)
@@ -474,12 +486,25 @@ class PeriodicResponse(Response):
         self._other = other
         t0, t1 = tape.starts, tape.starts + tape.lengths
         numbers: dict[str, Any] = numbers_of(other, start, t0, t1)
+        later = numbers_of(other, start, t0 + period, t1 + period)
+        numbers |= {name + _LATER: later[name] for name in OF_STEPS & later.keys()}
         numbers[_AT_START] = stacked(other.forcing.series(t0[:1])[0])
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
         if any(observes_rates(other.model, output) for output in of if not _is_period(output)):
             rates = rates_at(tape, np.arange(len(tape) + 1))
             numbers |= observed_numbers_of(other, start, *rates, False)
         return numbers
+
+
+def _check_repeats(changes: np.ndarray, later: np.ndarray) -> None:
+    """Refuse numbers that change functions of time (m, ...) in another way after a period."""
+    wrong = abs(later - changes) > _REPEATS * abs(changes).max(initial=0.0)
+    if wrong.any():
+        number = np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))[0]
+        raise SceneError(
+            f"{_WHAT}: x[{number}] changes the period of loads, or of driven motions, which must "
+            "be the same for all x. A frequency is found by build(x, f)"
+        )
 
 
 def _is_period(output: Wanted) -> bool:

@@ -306,6 +306,17 @@ def test_what_has_no_derivatives_is_told():
     run([1.0, 1.0])
     with pytest.raises(fb.SceneError, match="of a family has no derivatives"):
         run.jacobian()
+    # Numbers that change the period of loads, and a motion of another scene.
+    x = [1.0, 1.0, 0.2, 0.3]
+    run = fb.PeriodicResponse(lambda w: duffing(x, w[0] / (2 * np.pi)), forced)
+    run([W])
+    with pytest.raises(fb.SceneError, match=r"x\[0\] changes the period of loads"):
+        run.jacobian()
+    other = duffing([1.0, 1.1, 0.2, 0.3], W / (2 * np.pi))[0]
+    run = fb.PeriodicResponse(lambda x: duffing(x, W / (2 * np.pi)), lambda scene: forced(other))
+    run(x)
+    with pytest.raises(fb.SceneError, match="does not repeat itself in the scene"):
+        run.jacobian()
 
 
 def test_bad_input_is_told():
