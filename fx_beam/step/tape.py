@@ -311,7 +311,7 @@ class Tape:
         starts = np.minimum(begins[last], boundaries)
         counts = boundaries - starts
         rows = np.repeat(np.arange(len(boundaries)), counts)
-        sub_steps = np.concatenate([np.arange(0), *map(np.arange, starts, boundaries)])
+        sub_steps = np.arange(counts.sum()) + np.repeat(boundaries - counts.cumsum(), counts)
         of_parts = self.lengths[sub_steps]
         lengths, shares = np.bincount(rows, of_parts, len(boundaries)), np.ones(len(rows))
         np.divide(of_parts, lengths[rows], out=shares, where=counts[rows] > 1)
@@ -357,5 +357,5 @@ def _times_of(checkpoint: _Checkpoint, fractions: np.ndarray) -> _Times:
     lengths = np.tile(steps.dt * fractions, steps.number)
     begins = np.zeros((steps.number, len(fractions)), dtype=bool)
     begins[:, 0] = (steps.part + np.arange(steps.number)) % steps.parts == 0
-    starts = np.cumsum([checkpoint.numbers["t"], *lengths[:-1]])
+    starts = np.cumsum(np.append(checkpoint.numbers["t"], lengths[:-1]))
     return _Times(starts, lengths, begins.ravel())
