@@ -94,7 +94,7 @@ class PeriodicResponse(Response):
     SceneError
         As of `Response` and `periodic`; if `motion` gives something else. In derivatives for
         motions that are not isolated, such as free ones whose energy or amplitude is not given,
-        and for those of a `backbone`; for numbers that change a period of loads; and for resultants,
+        and for those of a `backbone`; for numbers that change a period of loads; for resultants,
         work and losses with a scheme whose forces depend on the step before (`EnergyDecaying`).
 
     Examples
