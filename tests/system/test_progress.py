@@ -2,6 +2,7 @@
 
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from jointed import whirling
 from scenes import FLYING
 
 import fx_beam as fb
-from fx_beam.motions import recent
+from fx_beam.motions import progress, recent
 
 # Without rounding, so that two runs may be equal to the last digit.
 DT = 1 / 16
@@ -48,6 +49,24 @@ def raised():
 def signalled():
     # What Ctrl-C does in a terminal.
     os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_ctrl_c_in_a_bar_does_not_stop_the_bars_of_other_threads(monkeypatch):
+    bar = progress.progress_bar(1.0, True)
+    lock = bar.get_lock()
+
+    def is_free():
+        taken = lock.acquire(timeout=5)
+        if taken:
+            lock.release()
+        return taken
+
+    with monkeypatch.context() as change, pytest.raises(KeyboardInterrupt):
+        change.setattr(type(bar), "display", lambda *_, **__: raised())
+        bar.refresh()
+    with ThreadPoolExecutor(1) as other:
+        assert other.submit(is_free).result()
+    bar.close()
 
 
 @pytest.mark.exact_times
