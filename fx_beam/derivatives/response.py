@@ -513,7 +513,11 @@ class Response:
     def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
         """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
         prepared, tape = self._taped(what)
-        return prepared.model, tape, self._adjoint_of(prepared)
+        return (
+            prepared.model,
+            tape,
+            self._adjoint_of(prepared, "JVP" if what == "jacobian" else "VJP"),
+        )
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
         """Numbers of sub-steps before the rows of the last call."""
@@ -550,13 +554,13 @@ class Response:
         wanted = "called after run(x) without an error"
         require(self._x is not None, f"{type(self).__name__}.{what}", "no motion yet", wanted)
 
-    def _adjoint_of(self, prepared: Prepared) -> Adjoint:
+    def _adjoint_of(self, prepared: Prepared, way: str) -> Adjoint:
         """The adjoint of steps, which serves all scenes whose joints have the same slides."""
         loop = prepared.loop
         assert loop is not None  # only it has a tape
         slides = [joint.start() for joint in prepared.model.scene.joints]
         if self._adjoint is None or self._adjoint[:2] != (loop, slides):
-            self._adjoint = loop, slides, Adjoint(loop.problem)
+            self._adjoint = loop, slides, Adjoint(loop.problem, way)
         return self._adjoint[2]
 
     def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

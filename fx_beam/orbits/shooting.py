@@ -117,7 +117,7 @@ class Shooting:
         loop = self.prepared.loop
         assert loop is not None
         #: The steps of the last run, and what follows their derivatives.
-        self.tape, self.adjoint = Tape(loop.problem), Adjoint(loop.problem)
+        self.tape, self.adjoint = Tape(loop.problem), Adjoint(loop.problem, "JVP")
         self._forward, loop.tape = Forward(self.adjoint), self.tape
         fixed = np.zeros(model.size, dtype=bool)
         fixed[[model.mesh.dofs[key] for key in model.scene.fixed]] = True

@@ -23,12 +23,15 @@ Weights = tuple[Mapping[str, np.ndarray], np.ndarray, np.ndarray]
 
 
 class Adjoint:
-    """Derivatives of a function of the states of a run by all numbers of its scene."""
+    """Derivatives of a function of the states of a run by all numbers of its scene.
 
-    def __init__(self, problem: Problem):
+    What `Forward` needs as well is in both libraries; `way` is that of the first derivatives.
+    """
+
+    def __init__(self, problem: Problem, way: str = "VJP"):
         check(problem.model)
         self.problem, self._model = problem, problem.model
-        problem.begin_derivatives()  # beside slopes of forms
+        problem.begin_derivatives(way)  # beside slopes of forms
         self._ffi, self._p = problem.ffi, problem.c
         self._structs = Structs(self._ffi, declarations("problem.h"))
         #: The C struct Adjoint.
@@ -38,7 +41,7 @@ class Adjoint:
         self._has_places: bool | None = None
         self._hand_over_elements()
         self._hand_over_points()
-        self._library = problem.derivatives
+        self._library = problem.derivatives(way)
         members = self._model.points.members
         if members is not None:
             counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}
@@ -50,7 +53,7 @@ class Adjoint:
         rest = [own[joint.number].start()[0] for joint in self._model.couplings.moving]
         self._structs.set(self.c, slide_at_rest=[*rest, 0.0])
         #: Where the arrays of the derivatives are in this vector.
-        self.layout = Layout(problem, self.c)
+        self.layout = Layout(problem, self._library.fx_layout(self._p, self.c))
         self._x = aligned(np.zeros(self.layout.size))
         followed = self.layout.of["spring internal"].start + self._model.points.followed
         self._structs.set(self.c, x=self._x, followed=followed)
@@ -114,7 +117,7 @@ class Adjoint:
         for row, first, end in zip(x, [0, *ends], ends, strict=False):
             tape.show(first, end)
             structs.set(self.c, x=row)
-            left = self._library.fx_vjp(self._p, tape.c, self.c)
+            left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
             check_followed(left, tape, first + left - 1)
         self._structs.set(self.c, x=self._x, by_unknowns=0)
         return x, of_steps[:-1], by_unknowns
@@ -159,7 +162,7 @@ class Adjoint:
                 states=states.members(rows, every + 1, of_states),
                 forces=forces.members(sub_steps, every, forces.filled(weights, len(sub_steps))),
             )
-            left = self._library.fx_vjp(p, tape.c, self.c)
+            left = self.problem.derivatives("VJP").fx_vjp(p, tape.c, self.c)
             check_followed(left, tape, part.first + left - 1)
         named = self._named(of_steps[:-1])
         if not by_places:

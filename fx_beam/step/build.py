@@ -17,36 +17,40 @@ from fx_beam.results.state import MACROS
 
 #: What nothing needs of a library's code is dropped: of FFCx, and of features that scenes lack.
 _FLAGS = ["-fwhole-program"]
-# Steps are as fast as with -O3, which takes half as long again to compile; derivatives are not.
-_FLAGS_OF_LOOP = [*_FLAGS, "-O2", "-ftree-vectorize", "-fvect-cost-model=dynamic"]
+# All but functions marked as HOT is compiled in half the time so, and as fast: derivatives forwards,
+# whose time is in many places, are not.
+_QUICKLY = ["-O1", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fstrict-aliasing"]
+_WHAT = {
+    "": "the loop over time steps",
+    "VJP": "derivatives of time steps, backwards",
+    "JVP": "derivatives of time steps, forwards",
+}
 # Addresses in the libraries that this process has loaded, which Python does not unload.
 _loaded: dict[tuple[str, ...], list[int]] = {}
 
 
 @functools.cache
-def load_library(features: str = "CHAIN", *definitions: str) -> tuple[Any, Any]:
+def load_library(features: str = "CHAIN", derivatives: str = "") -> tuple[Any, Any]:
     """The cffi.FFI with the declarations of problem.h, and a compiled library of the loop.
 
-    It serves scenes with some features (c/scene_features.h). `definitions` are macros: DERIVATIVES
-    for those of steps in their place.
+    It serves scenes with some features (c/scene_features.h); or has `derivatives` of steps in their
+    place, "VJP" or "JVP".
     """
-    what, more, flags = _asked(features, definitions)
-    return c_library.open_library(what, "loop.c", "problem.h", MACROS, more, flags)
+    what, macros, flags = _asked(features, derivatives)
+    return c_library.open_library(what, "loop.c", "problem.h", MACROS, macros, flags)
 
 
-def _asked(features: str, definitions: tuple[str, ...]) -> tuple[str, tuple[str, ...], list[str]]:
+def _asked(features: str, derivatives: str) -> tuple[str, list[str], list[str]]:
     """What a library is, its macros, and its flags."""
-    more = f"FEATURES {features}", *definitions
-    if "DERIVATIVES" in definitions:
-        return "derivatives of time steps", more, _FLAGS
-    return "the loop over time steps", more, _FLAGS_OF_LOOP
+    macros = [f"FEATURES {features}", *filter(None, [derivatives])]
+    return _WHAT[derivatives], macros, [*_FLAGS, *([] if derivatives == "JVP" else _QUICKLY)]
 
 
 @functools.cache
-def begin_to_build(features: str, *definitions: str) -> None:
+def begin_to_build(features: str, derivatives: str = "") -> None:
     """Compile the same library beside all else, if the cache lacks it."""
-    what, more, flags = _asked(features, definitions)
-    source = c_library.with_macros("loop.c", *MACROS, *more)
+    what, macros, flags = _asked(features, derivatives)
+    source = c_library.with_macros("loop.c", *MACROS, *macros)
 
     def build() -> None:
         with suppress(c_library.CannotBuild, SceneError):  # who loads it is told why

@@ -23,7 +23,7 @@ class Forward:
     def __init__(self, adjoint: Adjoint):
         self._adjoint, problem, self._layout = adjoint, adjoint.problem, adjoint.layout
         self._model, self._heavy = problem.model, problem.heavy
-        self._ffi, self._library, self._p = problem.ffi, problem.derivatives, problem.c
+        self._ffi, self._p = problem.ffi, problem.c
         of_start, of_elements = ("q", "slides", "motors", "mass", "X"), adjoint.of_element_names
         #: Names of the numbers whose changes it follows.
         self.names = {*self._layout.numbers, *self._layout.steps, *of_start, *of_elements}
@@ -73,7 +73,8 @@ class Forward:
         model, p = self._model, self._p
         structs = Structs(self._ffi, declarations("problem.h"))
         count = len(next(iter(changes.values())))
-        group_size = self._library.GROUP_SIZE
+        library = self._adjoint.problem.derivatives("JVP")
+        group_size = library.GROUP_SIZE
         of_steps = self._of_steps(changes, count, len(tape))
         x = _side_by_side(self._vector(changes, count), group_size)
         masses = x[:, self._layout.of["mass"].start : self._layout.of["weight"].stop]
@@ -97,7 +98,7 @@ class Forward:
                 states=states.members(at, len(tape) + 1, of_states),
                 forces=forces.members(of, len(tape), of_forces),
             )
-            left = self._library.fx_jvp(p, tape.c, self._adjoint.c, directions)
+            left = library.fx_jvp(p, tape.c, self._adjoint.c, directions)
             check_followed(left, tape, part.end - left)
             yield states.parts(of_states) | forces.parts(of_forces)
         at_end = _one_by_one(x, count)

@@ -16,8 +16,7 @@ _FIRST_OF_STEPS, _FIRST_OF_RESULTS = "loads", "Y1"
 class Layout:
     """Where the arrays begin and end, by their names in C with spaces."""
 
-    def __init__(self, problem: Problem, adjoint: Any):
-        c = problem.derivatives.fx_layout(problem.c, adjoint)
+    def __init__(self, problem: Problem, c: Any):
         starts = {name.replace("_", " "): getattr(c, name) for name, _ in _fields(problem, c)}
         slices = itertools.starmap(slice, itertools.pairwise(starts.values()))
         #: The slices of all arrays; length of the vector.

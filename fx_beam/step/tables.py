@@ -121,14 +121,13 @@ class Problem:
         """The library of steps."""
         return load_library(self._features)[1]
 
-    def begin_derivatives(self) -> None:
+    def begin_derivatives(self, way: str) -> None:
         """Compile `derivatives` beside all else."""
-        begin_to_build(self._features, "DERIVATIVES")
+        begin_to_build(self._features, way)
 
-    @functools.cached_property
-    def derivatives(self) -> Any:
-        """The library of the derivatives of steps."""
-        return load_library(self._features, "DERIVATIVES")[1]
+    def derivatives(self, way: str) -> Any:
+        """The library of the derivatives of steps, backwards ("VJP") or forwards ("JVP")."""
+        return load_library(self._features, way)[1]
 
     def _set(self, **values: Any) -> None:
         self._structs.set(self.c, **values)

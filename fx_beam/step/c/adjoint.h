@@ -170,7 +170,7 @@ OF_DERIVATIVES long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint 
 }
 
 /* Follows a tape backwards; returns the number of sub-steps that are left where a tangent is singular. */
-OF_DERIVATIVES long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a) {
+OF_VJP long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a) {
   Work work, *w = &work;
   Linear l;
   long left = tape->rows;

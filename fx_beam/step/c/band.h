@@ -140,7 +140,7 @@ INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int kn
     }
 }
 
-static void solve_band_block(const Problem *p, const Work *w, Ends of) {
+HOT void solve_band_block(const Problem *p, const Work *w, Ends of) {
   solve_band_columns(p, w, of, 1, p->block / 4);
 }
 
@@ -162,7 +162,7 @@ COMPILED_ONCE void substitute_tangent(const Problem *p, const Work *w, int n, En
   OF_BAND(p, substitute_band, n, of, w->tangent, w->y, reached);
 }
 
-static int solve_band(const Problem *p, const Work *w) {
+HOT int solve_band(const Problem *p, const Work *w) {
   int n = p->free, half = n > 4 * p->band ? n / 2 - p->band : 0;
   Ends of = {half, half};
   if (!eliminate_tangent(p, w, n, of)) return 0;

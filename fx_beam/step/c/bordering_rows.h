@@ -155,7 +155,7 @@ INLINED void solve_sparse_columns(const Problem *p, const Work *w, const SparseR
 
 /* Factors of D - C A^-1 B, from D. Equations are divided by their largest entries, and forces counted in a stiffness:
    otherwise the units would choose the pivots. */
-static void factorise_corner(const Problem *p, const Work *w) {
+HOT void factorise_corner(const Problem *p, const Work *w) {
   int m = p->bordering_rows;
   double soft = 0, *D = w->corner, *unit = w->corner_units, *per_most = unit + m;
   for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)
@@ -185,7 +185,7 @@ INLINED void solve_corner(const Problem *p, const Work *w, int sides, double *g)
 
 /* Unknowns y of the bordering rows from the first column of the block, A^-1 b, and the others, A^-1 B. The first
    column becomes x, as far as the bordering rows reach. */
-static void solve_bordering_rows(const Problem *p, const Work *w) {
+HOT void solve_bordering_rows(const Problem *p, const Work *w) {
   int m = p->bordering_rows, n = p->block;
   double *g = w->bordering_right;
   for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)

@@ -92,7 +92,7 @@ INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int kee
 }
 
 /* Solution for the right side `reduced`; returns 0 if a pivot is zero. */
-static int solve_chain(const Problem *p, const Work *w) {
+HOT int solve_chain(const Problem *p, const Work *w) {
   int middle = p->chain / 2, last = p->chain - 1;
   double *A = w->tangent, x[3], y[3];
   if (!eliminate_chain(p, w, middle, 0)) return 0;
@@ -167,7 +167,7 @@ INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, in
     }
 }
 
-static void solve_chain_block(const Problem *p, const Work *w, int middle) {
+HOT void solve_chain_block(const Problem *p, const Work *w, int middle) {
   solve_chain_columns(p, w, middle, 1, p->block / 4);
 }
 

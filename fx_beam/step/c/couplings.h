@@ -214,7 +214,7 @@ static void transmitted(const Problem *p, const Work *w, const double *r) {
 
 
 /* Completes the reduced tangent, in the storage of its factors, after `project` of r. */
-static void reduce_tangent(const Problem *p, const Work *w, const double *r) {
+HOT void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent, slopes[2][4];
   if (HAS(SLIDERS)) turn_beams(p, w);
   for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];

@@ -67,7 +67,7 @@ INLINED void jvp_cells(const Vjp *of, const double *slopes, int weights, int int
     }
 }
 
-static void jvp_elements(const Problem *p, const Adjoint *a, const Linear *l, int held, Changes *x) {
+HOT void jvp_elements(const Problem *p, const Adjoint *a, const Linear *l, int held, Changes *x) {
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
     if (p->cell_dofs == 6) jvp_cells(of, l->slopes[i], 6, 0, held, x); /* sums stay in registers */
@@ -107,7 +107,7 @@ INLINED void vjp_cells(const Problem *p, const Work *w, const Vjp *of, const dou
     }
 }
 
-static void vjp_elements(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, int last, double *x) {
+HOT void vjp_elements(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, int last, double *x) {
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
     const double *stored = l->stores ? l->slopes[i] : 0;
@@ -117,7 +117,7 @@ static void vjp_elements(const Problem *p, const Work *w, const Adjoint *a, cons
 }
 
 /* The derivatives of the forces of elements and of inertia, and of internal variables; with `last` also by numbers. */
-static void vjp_bodies(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, double *x, int last) {
+HOT void vjp_bodies(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, double *x, int last) {
   const Layout *at = &l->at;
   double per_dt = rates_per_path(p, w->dt);
   for (int i = 0; i < p->cells * p->cell_internal; ++i) x[at->internal + i] += x[at->internal1 + i];
@@ -135,7 +135,7 @@ static void vjp_bodies(const Problem *p, const Work *w, const Adjoint *a, const 
 }
 
 /* Adds the changes of the forces of inertia and weight. */
-static void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
+HOT void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
   double per_dt = rates_per_path(p, w->dt);
   const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v;
   Changes *moving = x + at->R; /* which begins afterwards */

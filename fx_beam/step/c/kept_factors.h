@@ -198,7 +198,7 @@ static int middle_of_elimination(const Problem *p) {
 }
 
 /* Factors of a chain or a band with those of its corner; returns 0 if it is singular. */
-static int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of) {
+HOT int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of) {
   if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, 1) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
   if (!p->bordering_rows) return 1;
   if (HAS(CHAIN)) solve_chain_block(p, w, middle / 3);

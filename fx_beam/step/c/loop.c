@@ -343,6 +343,8 @@ OF_STEPS void fx_results(const Problem *p, double **to) {
 
 #include "equations.h"
 
-#ifdef DERIVATIVES
+#ifdef VJP
+#include "adjoint.h"
+#elif defined JVP
 #include "forward.h"
 #endif

@@ -10,12 +10,17 @@ enum { CHAIN = 1, BAND = 2, LOOPS = 4, SLIDERS = 8, MEMBERS = 16 };
 #endif
 #define HAS(feature) ((FEATURES) & (feature))
 
-/* Functions that Python calls: those of steps, or of their derivatives, which are a library of their own. */
+/* Functions that Python calls, in three libraries: of steps, and of their derivatives backwards (VJP) and forwards (JVP). */
 #define KEPT __attribute__((externally_visible))
-#ifdef DERIVATIVES
+#if defined VJP || defined JVP
 #define OF_STEPS
 #define OF_DERIVATIVES KEPT
 #else
 #define OF_STEPS KEPT
 #define OF_DERIVATIVES
+#endif
+#ifdef VJP
+#define OF_VJP KEPT
+#else
+#define OF_VJP
 #endif

@@ -137,7 +137,7 @@ INLINED int factorise_group(const SparseRows *p, double *A, int g, int size, dou
 
 /* LU factorisation of sparse rows in place, in groups of up to three with equal columns, usually those
    of a node; returns 0 if a pivot is zero. `rows` is the work space (3, unknowns) for the current group. */
-static int factorise_sparse(const SparseRows *p, double *A, double *rows) {
+HOT int factorise_sparse(const SparseRows *p, double *A, double *rows) {
   double *row[3] = {rows, rows + p->unknowns, rows + 2 * p->unknowns};
   for (int g = 0; g < p->groups; ++g) {
     int size = p->first[g + 1] - p->first[g];
@@ -191,7 +191,7 @@ INLINED void backward(const SparseRows *p, const double *A, int g, int size, dou
   }
 }
 
-static void substitute_forward(const SparseRows *p, const double *A, double *b) {
+HOT void substitute_forward(const SparseRows *p, const double *A, double *b) {
   const int *first = p->first;
   for (int g = 0; g < p->groups; ++g) {
     int size = first[g + 1] - first[g];
@@ -200,7 +200,7 @@ static void substitute_forward(const SparseRows *p, const double *A, double *b) 
 }
 
 /* Only those that are `reached` or not, if it is given. */
-static void substitute_backward(const SparseRows *p, const double *A, double *b, const int *reached, int now) {
+HOT void substitute_backward(const SparseRows *p, const double *A, double *b, const int *reached, int now) {
   const int *first = p->first;
   for (int g = p->groups - 1; g >= 0; --g) {
     int size = first[g + 1] - first[g];
