@@ -113,7 +113,7 @@ static void bordering_closures(const Problem *p, const Work *w) {
 }
 
 /* The bordering rows for the tangent of a step. */
-static void fill_bordering_rows(const Problem *p, const Work *w) {
+HOT void fill_bordering_rows(const Problem *p, const Work *w) {
   begin_bordering_rows(p, w);
   for (int i = 0; i < p->sliders; ++i)
     bordering_slider(p, w, p->slider + i), anchor_beam(p, w, p->slider + i);

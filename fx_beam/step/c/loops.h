@@ -55,7 +55,7 @@ static void derive_closures(const Problem *p, const Work *w, const double *value
 
 /* LU factors of n rows, with exchange of rows, in place: `row` has their order. Entries are in a band: `lower` columns
    before the diagonal and `upper` behind it, and so many more as rows are exchanged. */
-static void factorise_band(int n, int lower, int upper, double *A, int *row) {
+HOT void factorise_band(int n, int lower, int upper, double *A, int *row) {
   for (int i = 0; i < n; ++i) row[i] = i;
   for (int k = 0; k < n; ++k) {
     int best = k, last = k + lower < n ? k + lower : n - 1, enters = k + lower + upper;
@@ -181,7 +181,7 @@ static void factorise_closures(const Problem *p, const Work *w, const double *G,
 }
 
 /* Solves for the unknowns that follow, in the place of x. */
-static void solve_closures(const Problem *p, const Work *w, int transposed, const double *factors, const int *order, double *x) {
+HOT void solve_closures(const Problem *p, const Work *w, int transposed, const double *factors, const int *order, double *x) {
   for (int b = 0; b < p->blocks; ++b) {
     int begin = p->block_closure[b], m = p->block_closure[b + 1] - begin, *band = w->band + 2 * b;
     solve_band_rows(1, m, band[transposed], band[!transposed], factors + p->block_part[b], order + begin, x + begin);
