@@ -17,8 +17,8 @@ from fx_beam.results.state import MACROS
 
 #: What nothing needs of a library's code is dropped: of FFCx, and of features that scenes lack.
 _FLAGS = ["-fwhole-program"]
-# All but functions marked as HOT is compiled in half the time so, and as fast: derivatives forwards,
-# whose time is in many places, are not.
+# Half the time of compilation, and the same speed, as functions marked as HOT are optimised in full.
+# Not for derivatives forwards, whose time is spent in many places.
 _QUICKLY = ["-O1", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fstrict-aliasing"]
 _WHAT = {
     "": "the loop over time steps",
