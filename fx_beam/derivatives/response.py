@@ -171,20 +171,7 @@ class Response:
             check_takes(start, "scene", "Response: start")
         self._memory = positive(memory, "Response: memory", "a positive number of bytes")
         self._build, self._start = build, start
-        self._options = Options(
-            what="Response",
-            scheme=scheme,
-            t_end=t_end,
-            dt=dt,
-            tolerance=tolerance,
-            dt_max=dt_max,
-            breaks=breaks,
-            newton=newton,
-            max_halvings=max_halvings,
-            record=record,
-            progress=False,
-            inputs=inputs,
-        )
+        self._options = Options.among(locals(), what="Response", progress=False)
         if self._options.record.file is not None:
             raise SceneError("Response: a record to a file is not possible; use simulate")
         self._begin()

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.equilibria.critical_points import first_critical_point
-from fx_beam.equilibria.load_path import LoadPath
-from fx_beam.equilibria.static_options import StaticOptions
+from fx_beam.equilibria.load_path import LoadPath, StaticOptions
 from fx_beam.errors import check_takes
 from fx_beam.results.solution import Solution
 from fx_beam.scene.outputs import CRITICAL_LOAD
@@ -118,16 +117,7 @@ class StaticResponse(Response):
     ):
         check_takes(build, "x", "StaticResponse: build")
         self._build = build
-        self._static = StaticOptions(
-            load_steps=load_steps,
-            t=t,
-            continuation=continuation,
-            newton=newton,
-            max_cuts=max_cuts,
-            max_steps=max_steps,
-            progress=False,
-            inputs=inputs,
-        )
+        self._static = StaticOptions.among(locals(), progress=False)
         self._begin()
 
     def _begin(self) -> None:

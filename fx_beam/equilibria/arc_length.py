@@ -29,9 +29,8 @@ from fx_beam.step.load_loop import StepSolution
 from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES
 from fx_beam.step.step_failures import StepFailed
 
-from .interpolation import combined, root_near, weights
 from .load_steps import LoadStepper
-from .path_equations import Tangent
+from .path_equations import Tangent, combined, root_near, weights
 
 # Target deviation of a step from its tangent, relative to its length, for few load steps; on a
 # circle it is half the angle of the step. A step is rejected at the given multiple of the target.

@@ -143,7 +143,7 @@ class PathStability:
         # There an eigenvalue is zero: it counts as the state beside it.
         self._first = int(branches_off and len(states) > 1)
         self._last = int(stepper.stats.closed and len(states) > 1)
-        self._motions, self._arc = SmallMotions(stepper), ArcLength(stepper)
+        self._motions, self._arc = SmallMotions(stepper.loop), ArcLength(stepper)
 
     def unstable_modes(self) -> np.ndarray:
         """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""

@@ -1,19 +1,30 @@
-"""A path of equilibria of a scene: what takes its steps, its states, and their solution."""
+"""A path of equilibria of a scene: its options, what takes its steps, states and solution."""
 
 from __future__ import annotations
 
 import logging
 import time
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import Failure, SceneError, StepError
+from fx_beam.errors import (
+    Failure,
+    SceneError,
+    StepError,
+    as_float,
+    is_number,
+    is_one_of,
+    is_whole,
+    vector,
+)
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import reference_state
-from fx_beam.motions.options import check_scene
+from fx_beam.motions.options import CommonOptions, check_scene
 from fx_beam.motions.prepared import state_of
 from fx_beam.motions.progress import attach, failure_of, progress_bar
 from fx_beam.motions.recent import recent_model
@@ -27,15 +38,14 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
-from fx_beam.step.turning_frame import TurningFrame
+from fx_beam.step.substeps import MOST_HALVINGS
+from fx_beam.step.turning_frame import TurningFrame, check_turns
 
 from .arc_length import ArcLength
-from .branch_step import first_step, is_equilibrium
-from .branches import Branch
+from .branches import Branch, first_step, is_equilibrium
 from .critical_points import PathStability
 from .load_steps import LoadStepper
 from .settling import Settling
-from .static_options import StaticOptions
 
 _log = logging.getLogger("fx_beam")
 _UNSTABLE = (
@@ -43,6 +53,54 @@ _UNSTABLE = (
     "placed so. Place them a little beside it to find a stable one"
 )
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
+# Largest number of load steps.
+_MOST_STEPS = 10_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticOptions(CommonOptions):
+    """Those of `static`; SceneError for all that can be refused without a scene."""
+
+    what: str = "static"
+    load_steps: int = 10
+    t: float = 0.0
+    continuation: str | None = None
+    max_cuts: int = 8
+    max_steps: int = 1000
+    spin: float = 0.0
+    pivot: Sequence[float] = (0.0, 0.0)
+    branches: int = 0
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name, least, most in (
+            ("load_steps", 1, _MOST_STEPS),
+            ("max_steps", 1, _MOST_STEPS),
+            ("max_cuts", 0, MOST_HALVINGS),
+            ("branches", 0, 10),
+        ):
+            fits = is_whole(getattr(self, name), least, most)
+            self._require(name, fits, f"a whole number from {least} to {most:,}")
+        self._require("t", is_number(self.t), "a finite number")
+        fits = self.continuation is None or is_one_of(self.continuation, ("arc-length",))
+        self._require("continuation", fits, '"arc-length" or None')
+        self._require("spin", is_number(self.spin), "a finite number [rad/s]")
+        vector(self.pivot, 2, "static: pivot")
+        self.__dict__.update({name: as_float(getattr(self, name)) for name in ("t", "spin")})
+
+    def check(self, scene: Scene, start: Any) -> None:
+        """Refuse a start that does not fit the other options, and what cannot turn."""
+        if self.spin:
+            check_turns(scene, "static: spin")
+            if start is not None:
+                raise SceneError(
+                    "static: start with a spin: the loads of a turn rise from zero. Give all loads "
+                    "at once, without start"
+                )
+        if isinstance(start, Branch) and self.continuation is None:
+            raise SceneError('static: start is a branch. Follow it by continuation="arc-length"')
+        if self.branches and (start is not None or self.spin):
+            raise SceneError("static: branches are followed of paths without start and spin")
 
 
 class LoadPath:

@@ -20,8 +20,8 @@ from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.step_failures import StepFailed
 
-from .inertia import Inertia
 from .path_equations import PathEquations
+from .small_motions import Inertia
 
 # Largest deviation of a step from its predictor, relative to the predictor. Near a limit point the
 # load factor is a parabola of the displacements; a step that ends at the limit point has the

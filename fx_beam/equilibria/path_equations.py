@@ -21,13 +21,13 @@ gives the solution x, l of the bordered system, and its determinant with the opp
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from fx_beam.laws.interval import Interval
-from fx_beam.results.state import State
+from fx_beam.results.state import ARRAYS, NUMBERS, State
 from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.sparse_lu import Pattern, sparse_lu
@@ -279,3 +279,35 @@ class PathEquations:
             np.linalg.norm(beside[:n]) <= _BESIDE * np.linalg.norm(step[:n]) for n in (-1, None)
         ]
         return legs if all(fits) else None
+
+
+# States between others, by polynomials in the distance along the path.
+
+
+@np.errstate(divide="ignore", invalid="ignore")
+def root_near(places: np.ndarray, values: np.ndarray) -> float:
+    """Root near zero of the polynomial through values at places; not finite if it has none."""
+    polynomial = np.polynomial.Polynomial(
+        np.linalg.solve(np.vander(places, increasing=True), values)
+    )
+    slope, root = polynomial.deriv(), 0.0
+    for _ in range(20):
+        root -= float(polynomial(root) / slope(root))
+    return root
+
+
+def weights(places: np.ndarray, place: float) -> np.ndarray:
+    """Weights of values at places in that of their polynomial at another place."""
+    powers = place ** np.arange(len(places), dtype=float)
+    return np.linalg.solve(np.vander(places, increasing=True).T, powers)
+
+
+def combined(states: list[State], weights: np.ndarray) -> State:
+    """The state whose arrays are sums of those of others."""
+    values: dict[str, object] = {}
+    for name in (*ARRAYS, *NUMBERS, "motors"):
+        parts = [getattr(state, name) for state in states]
+        if parts[0] is not None:
+            values[name] = sum(w * part for w, part in zip(weights, parts, strict=True))
+    values["t"] = float(values["t"])  # type: ignore[arg-type]
+    return replace(states[0], **values, negative_eigenvalues=None)  # type: ignore[arg-type]

@@ -14,9 +14,8 @@ from fx_beam.results.state import State
 from fx_beam.step.step_failures import StepFailed
 
 from .arc_length import ArcLength
-from .branch_step import unknowns_of
-from .interpolation import combined, root_near, weights
-from .path_equations import Tangent
+from .branches import unknowns_of
+from .path_equations import Tangent, combined, root_near, weights
 from .small_motions import SmallMotions
 
 # Points so near to each other, relative to the step, are one with several modes.

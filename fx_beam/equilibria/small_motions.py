@@ -1,4 +1,9 @@
-"""Stiffness of small motions about the equilibria of a path, and how many of them grow."""
+"""Stiffness of small motions about the equilibria of a path, and how many of them grow.
+
+Where all forces have a potential, Sylvester's inertia of the tangent counts them, from the factors
+of the step. They belong to the last iteration of Newton's method, whose error is below its
+tolerance.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +16,13 @@ import scipy.sparse.linalg
 
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
+from fx_beam.step.load_loop import LoadLoop
+from fx_beam.step.model import Model
 from fx_beam.step.sparse_lu import pivoted_lu, sparse_lu
 from fx_beam.step.symmetry import Symmetry
 from fx_beam.step.undamped_modes import lowest
 
-from .load_steps import LoadStepper
+from .path_equations import BorderedLU
 
 # Number of the lowest modes that may grow where forces follow the motion; with so few unknowns the
 # matrices are full.
@@ -34,10 +41,10 @@ class Growing(NamedTuple):
 
 
 class SmallMotions:
-    """Small motions about equilibria of a stepper's model, reduced to the unknowns."""
+    """Small motions about equilibria of a model, reduced to the unknowns."""
 
-    def __init__(self, stepper: LoadStepper):
-        self.stepper, self.model = stepper, stepper.model
+    def __init__(self, loop: LoadLoop):
+        self._loop, self.model = loop, loop.model
         self.unknowns = self.model.reduction.independent
 
     @functools.cached_property
@@ -52,10 +59,9 @@ class SmallMotions:
 
     def stiffness(self, state: State) -> scipy.sparse.csr_matrix:
         """The tangent (n, n) of an equilibrium without flow."""
-        stepper = self.stepper
-        equations = stepper.equations
+        equations = self._loop.equations
         equations.begin(Interval(state.t, state.t), state)
-        equations.at_start(state.t * stepper.forcing.full)
+        equations.at_start(state.t * self._loop.forcing.full)
         return equations.tangent()
 
     def coupling(self) -> scipy.sparse.csr_matrix:
@@ -140,3 +146,33 @@ def pairs_and_others(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     pairs = np.flatnonzero(beside > _BESIDE)
     order = pairs[np.argsort(beside[pairs], kind="stable")]
     return squares[order], squares.real[abs(beside) <= _BESIDE]
+
+
+class Inertia:
+    """Counts negative eigenvalues of symmetric tangents of a model."""
+
+    def __init__(self, model: Model):
+        self._model, reduction = model, model.reduction
+        # Auxiliary unknowns, loops, sliders and contact of members make it another matrix than the
+        # tangent.
+        rows = len(reduction.factored[0]) - 1
+        plain = rows == reduction.free == len(reduction.independent)
+        self._known = plain and not model.couplings.sliding and model.points.members is None
+
+    @functools.cached_property
+    def _symmetry(self) -> Symmetry | None:
+        """None where all forces have a potential."""
+        model = self._model
+        own = any(force.force for force in model.scene.forces_between)
+        if not (model.forms.has_added or model.flows or own):
+            return None
+        return Symmetry(model.reduction.factored, model.unit_of_unknowns)
+
+    def of(self, factors: LoadLoop | BorderedLU) -> int | None:
+        """The number of negative eigenvalues; None if the factors do not tell."""
+        if not self._known:
+            return None
+        if (symmetry := self._symmetry) is not None:
+            if factors.values is None or not symmetry.holds(factors.values):
+                return None
+        return factors.negative_eigenvalues()

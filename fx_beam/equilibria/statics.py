@@ -12,8 +12,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 
 from .branches import Branch, grown
-from .load_path import LoadPath
-from .static_options import StaticOptions
+from .load_path import LoadPath, StaticOptions
 
 
 @keeping_steps
@@ -124,19 +123,7 @@ def static(
     >>> bool(abs(solution.rotation(beam.end)[-1] - math.pi / 2) < 1e-8)
     True
     """
-    options = StaticOptions(
-        load_steps=load_steps,
-        t=t,
-        continuation=continuation,
-        newton=newton,
-        max_cuts=max_cuts,
-        max_steps=max_steps,
-        progress=progress,
-        inputs=inputs,
-        spin=spin,
-        pivot=pivot,
-        branches=branches,
-    )
+    options = StaticOptions.among(locals())
     solution = LoadPath(scene, options, start).followed()
     if branches:
         along = replace(options, continuation="arc-length", branches=0)

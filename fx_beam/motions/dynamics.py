@@ -253,21 +253,7 @@ def simulate(
     -1.000000000 until
     """
     check_scene(scene, "simulate")
-    options = Options(
-        scheme=scheme,
-        t_end=t_end,
-        dt=dt,
-        tolerance=tolerance,
-        dt_max=dt_max,
-        breaks=breaks,
-        newton=newton,
-        max_halvings=max_halvings,
-        record=record,
-        progress=progress,
-        inputs=inputs,
-        until=until,
-        outputs=outputs,
-    )
+    options = Options.among(locals())
     series = thread_series()
     if series is None:
         recent, key = take_recent(scene, "motion")

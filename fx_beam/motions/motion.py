@@ -117,14 +117,7 @@ class Motion:
         clock, self._alone = perf_counter(), RLock()
         check_scene(scene, "Motion")
         self._dt = positive(dt, "Motion: dt")
-        options = Options(
-            what="Motion",
-            scheme=scheme,
-            dt=self._dt,
-            record=record,
-            newton=newton,
-            max_halvings=max_halvings,
-        )
+        options = Options.among(locals(), what="Motion", dt=self._dt, outputs=None)
         if options.record.times is not None:
             raise SceneError("Motion: a record at times is not possible; use Record(every=...)")
         if options.record.file is not None:

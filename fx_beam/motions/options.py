@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, Self
 
 import numpy as np
 
@@ -41,7 +41,7 @@ Condition = Callable[[float, dict[str, Any]], Any]
 #: Largest number of steps; their times alone take 8 GB.
 MOST_STEPS = 1e9
 # In the place of None.
-_DEFAULTS = {"scheme": EnergyMomentum(), "newton": NewtonOptions(), "record": Record()}
+_DEFAULTS = {"scheme": EnergyMomentum(), "record": Record()}
 _HALVINGS = f"a whole number from 0 to {MOST_HALVINGS}"
 _CONDITIONS = "a function of time and outputs, or a dictionary of such functions by names"
 
@@ -87,11 +87,38 @@ class Tolerance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
-    """Those of `simulate`, of which `Motion`, `Response` and others have a part.
+class CommonOptions:
+    """Those of motions and of paths of equilibria.
 
     SceneError, with the name of `what` asks, for all that can be refused without a scene.
     """
+
+    what: str
+    newton: Any = None
+    progress: bool | None = None
+    inputs: Mapping[str, Any] | None = None
+
+    @classmethod
+    def among(cls, arguments: Mapping[str, Any], **others: Any) -> Self:
+        """Those among the arguments of a function, its `locals()`, but for others."""
+        names = {field.name for field in fields(cls)}
+        return cls(**{name: arguments[name] for name in names & arguments.keys()} | others)
+
+    def __post_init__(self):
+        if self.newton is None:
+            self.__dict__["newton"] = NewtonOptions()
+        self._require("newton", isinstance(self.newton, NewtonOptions), "an fx_beam.NewtonOptions")
+        fits = self.progress is None or is_flag(self.progress)
+        self._require("progress", fits, "True, False or None")
+
+    def _require(self, name: str, fits: bool, wanted: str) -> None:
+        if not fits:
+            require(fits, f"{self.what}: {name}", getattr(self, name), wanted)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options(CommonOptions):
+    """Those of `simulate`, of which `Motion`, `Response` and others have a part."""
 
     what: str = "simulate"
     scheme: Any = None
@@ -100,11 +127,8 @@ class Options:
     tolerance: Any = None
     dt_max: Any = None
     breaks: Sequence[float] = ()
-    newton: Any = None
     max_halvings: int = 12
     record: Any = None
-    progress: bool | None = None
-    inputs: Mapping[str, Any] | None = None
     #: Conditions by name, also where a single one is given.
     until: Any = None
     outputs: Mapping[str, Output] | None = None
@@ -112,12 +136,10 @@ class Options:
     def __post_init__(self):
         values, wanted = self.__dict__, "given with a tolerance only"
         values.update({name: of for name, of in _DEFAULTS.items() if values[name] is None})
+        super().__post_init__()
         _check_scheme(self.scheme)
-        self._require("newton", isinstance(self.newton, NewtonOptions), "an fx_beam.NewtonOptions")
         self._require("max_halvings", is_whole(self.max_halvings, 0, MOST_HALVINGS), _HALVINGS)
         self._require("record", isinstance(self.record, Record), "an fx_beam.Record")
-        fits = self.progress is None or is_flag(self.progress)
-        self._require("progress", fits, "True, False or None")
         if self.tolerance is None:
             self._require("dt_max", self.dt_max is None, wanted)
             without = isinstance(self.breaks, tuple | list) and not self.breaks
@@ -136,10 +158,6 @@ class Options:
         if self.record.file is not None:
             text = f"{self.what}: a Record with a file is not possible with until or changes"
             raise SceneError(text)
-
-    def _require(self, name: str, fits: bool, wanted: str) -> None:
-        if not fits:
-            require(fits, f"{self.what}: {name}", getattr(self, name), wanted)
 
     @property
     def is_plain(self) -> bool:
