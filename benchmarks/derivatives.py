@@ -19,10 +19,9 @@ import numpy as np
 import fx_beam as fb
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
-from fx_beam.step.adjoint import Adjoint
-from fx_beam.step.forward import Forward
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.tape import Tape
+from fx_beam.step.tape_derivatives import TapeDerivatives
 
 NUMBERS = 1, 5, 20
 
@@ -111,7 +110,7 @@ def measured(build, dt, steps, tries):
     case = Case(build(), dt, steps)
     tape, problem, model = case.tape, case.loop.problem, case.prepared.model
     case.run(tape)
-    adjoint, ends = Adjoint(problem), tape.boundaries(case.times)
+    derivatives, ends = TapeDerivatives(problem), tape.boundaries(case.times)
     none = np.empty(0, dtype=int)
 
     def weights_of(part):
@@ -120,15 +119,15 @@ def measured(build, dt, steps, tries):
 
     stiffness = model.forms.beams.of_sections["stiffness"].data
     values = stiffness.by_cells(len(model.mesh.beam_of_cell)).values
-    rng, forward = np.random.default_rng(0), Forward(adjoint)
+    rng = np.random.default_rng(0)
     changes = [{"stiffness": values * rng.random((count, *values.shape))} for count in NUMBERS]
     size = 8 * len(tape) * tape.c.size
     few = Tape(problem, size / 5)
     rows = []
     for _ in range(tries + 1):
         alone, taped, in_parts = case.run(), case.run(tape), case.run(few)
-        back, back_few = (seconds(adjoint.vjp, own, weights_of, False) for own in (tape, few))
-        push = [seconds(forward.jvp, tape, change, ends[-1:]) for change in changes]
+        back, back_few = (seconds(derivatives.vjp, own, weights_of, False) for own in (tape, few))
+        push = [seconds(derivatives.jvp, tape, change, ends[-1:]) for change in changes]
         rows.append(np.array([taped, taped + back, in_parts + back_few, *push]) / alone)
     assert not few.is_whole
     return [*np.median(rows[1:], axis=0), 1e-6 * size]  # the first one compiles

@@ -23,10 +23,10 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.outputs import PERIOD, Output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import ElsewhereError
-from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.interrupts import one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
+from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import BuiltScenes, refuse_others
 from .energy_gradients import EnergyOutput
@@ -446,10 +446,10 @@ class PeriodicResponse(Response):
         """Have the steps of the motion on the tape."""
         return self._shooting.run(self._period.start, self._period.parameter)
 
-    def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
+    def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
         self._check_has_run(what)
         shooting = self._shooting
-        return shooting.model, shooting.tape, shooting.adjoint
+        return shooting.model, shooting.tape, shooting.derivatives
 
     def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
         return self._total_changes()

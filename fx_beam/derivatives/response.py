@@ -33,13 +33,12 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import ElsewhereError
-from fx_beam.step.adjoint import Adjoint, Weights
-from fx_beam.step.forward import Forward
 from fx_beam.step.interrupts import one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 from fx_beam.step.tape import LIMIT, Part, Tape
+from fx_beam.step.tape_derivatives import TapeDerivatives, Weights
 
 from .built_scenes import Build, BuiltScenes, checked_numbers, refuse_others
 from .gradient import Gradient, along
@@ -193,7 +192,7 @@ class Response:
         self._moves_nodes: bool | None = None
         # Several processes have no derivatives.
         self._series = MotionSeries(self._memory, reads_at_once=True, alone=True)
-        self._adjoint: tuple[Any, list, Adjoint] | None = None
+        self._of_tape: tuple[Any, list, TapeDerivatives] | None = None
         # Whether the set-up has the numbers of the last call.
         self._is_set = False
         # The equilibrium from which the last motion started, if it was computed for it.
@@ -312,11 +311,11 @@ class Response:
         self._check_has_run("vjp")
         given = self._checked_weights(weights)
         outputs = self._differentiable(given, "Response.vjp: weights")
-        model, tape, adjoint = self._followed("vjp")
+        model, tape, derivatives = self._followed("vjp")
         check_outputs(model, tape, outputs, why_no_sums(self._path))
         if self._moves_nodes is None:
             self._moves_nodes = _moves_nodes(self._changes(tape))
-            model, tape, adjoint = self._followed("vjp")  # at x again, after differences
+            model, tape, derivatives = self._followed("vjp")  # at x again, after differences
         boundaries, direct = self._boundaries(tape), list[Gradient]()
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
@@ -329,18 +328,18 @@ class Response:
             wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in later}
             if not (len(inside) or any(later.values())):
                 return {}, boundaries[:0], boundaries[:0]
-            observed = self._observed(model, tape, adjoint, wanted, boundaries[inside])
+            observed = self._observed(model, tape, derivatives, wanted, boundaries[inside])
             gradient = observed.vjp({name: given[name][inside] for name in wanted}, later)
             of_state, gradient.of_state = gradient.of_state, {}  # not for longer than the part
             direct.append(gradient)
             return of_state, observed.boundaries, observed.sub_steps
 
-        by_numbers = adjoint.vjp(tape, weights_of, by_places=self._moves_nodes)
+        by_numbers = derivatives.vjp(tape, weights_of, by_places=self._moves_nodes)
         changes = self._changes(tape)
         if not self._moves_nodes and _moves_nodes(changes):  # those of an earlier x did not
             self._moves_nodes = True
             return self.vjp(weights)
-        self.stats.gradient_growth = growth = adjoint.growth
+        self.stats.gradient_growth = growth = derivatives.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
         refuse_others(changes, by_numbers.keys(), "Response")
@@ -377,9 +376,8 @@ class Response:
         model, tape, _ = self._followed("jacobian")
         check_outputs(model, tape, outputs, why_no_sums(self._path))
         changes = self._changes(tape)
-        model, tape, adjoint = self._followed("jacobian")  # at x again, after differences
-        forward = Forward(adjoint)
-        refuse_others(changes, forward.names, "Response")
+        model, tape, derivatives = self._followed("jacobian")  # at x again, after differences
+        refuse_others(changes, derivatives.names, "Response")
         boundaries, parts = self._boundaries(tape), list[dict[str, np.ndarray]]()
         before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
         observed: Observation | None
@@ -391,10 +389,10 @@ class Response:
             if not wanted:
                 observed = None
                 return inside, inside
-            observed = self._observed(model, tape, adjoint, wanted, inside)
+            observed = self._observed(model, tape, derivatives, wanted, inside)
             return observed.boundaries, observed.sub_steps
 
-        for of_state in forward.jvp_parts(tape, changes, rows_of):
+        for of_state in derivatives.jvp_parts(tape, changes, rows_of):
             if observed is not None:
                 rows = observed.jvp(of_state, changes, before)
                 if rows.keys() == outputs.keys():
@@ -488,22 +486,22 @@ class Response:
         self,
         model: Model,
         tape: Tape,
-        adjoint: Adjoint,
+        derivatives: TapeDerivatives,
         outputs: Mapping[str, Output],
         boundaries: np.ndarray,
     ) -> Observation:
         """Outputs at some boundaries of the part that is on the tape."""
         states_at = functools.partial(self._states, model, tape)
-        forces = functools.partial(adjoint.constraint_forces, tape)
+        forces = functools.partial(derivatives.constraint_forces, tape)
         return Observation(model, tape, boundaries, outputs, states_at, forces)
 
-    def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
-        """The model of the last call with its numbers, the tape of its steps, and their adjoint."""
+    def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
+        """The model of the last call with its numbers, its tape, and the derivatives of this."""
         prepared, tape = self._taped(what)
         return (
             prepared.model,
             tape,
-            self._adjoint_of(prepared, "JVP" if what == "jacobian" else "VJP"),
+            self._derivatives_of(prepared, "JVP" if what == "jacobian" else "VJP"),
         )
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
@@ -541,14 +539,14 @@ class Response:
         wanted = "called after run(x) without an error"
         require(self._x is not None, f"{type(self).__name__}.{what}", "no motion yet", wanted)
 
-    def _adjoint_of(self, prepared: Prepared, way: str) -> Adjoint:
-        """The adjoint of steps, which serves all scenes whose joints have the same slides."""
+    def _derivatives_of(self, prepared: Prepared, way: str) -> TapeDerivatives:
+        """What follows the tape, which serves all scenes whose joints have the same slides."""
         loop = prepared.loop
         assert loop is not None  # only it has a tape
         slides = [joint.start() for joint in prepared.model.scene.joints]
-        if self._adjoint is None or self._adjoint[:2] != (loop, slides):
-            self._adjoint = loop, slides, Adjoint(loop.problem, way)
-        return self._adjoint[2]
+        if self._of_tape is None or self._of_tape[:2] != (loop, slides):
+            self._of_tape = loop, slides, TapeDerivatives(loop.problem, way)
+        return self._of_tape[2]
 
     def _checked_weights(self, weights: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         what = "Response.vjp: weights"

@@ -17,13 +17,12 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import ElsewhereError
-from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.forward import Forward
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.static_tape import static_tape
 from fx_beam.step.tables import Problem
+from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .gradient import jvp
 from .step_losses import StepLosses, why_no_losses
@@ -71,7 +70,7 @@ def why_no_sums(path: LoadPath | None) -> dict[str, str]:
 
 
 class StaticDerivatives:
-    """The load steps of a path on a tape, with the adjoint."""
+    """The load steps of a path on a tape, and their derivatives."""
 
     def __init__(self, path: LoadPath):
         if reason := why_not(path):
@@ -84,14 +83,14 @@ class StaticDerivatives:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
         problem = Problem(path.model, NewtonOptions())
-        self.adjoint = Adjoint(problem)
+        self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
         self._other: Model | None = None
 
     @property
     def names(self) -> set[str]:
         """Names of the numbers of which there are derivatives."""
-        return Forward(self.adjoint).names
+        return self.derivatives.names
 
     def numbers_of(self, scene: Scene) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
@@ -108,8 +107,8 @@ class StaticDerivatives:
 
     def change_of_end(self, changes: Mapping[str, np.ndarray]) -> StateChange:
         """Changes of the last state with those (m, ...) of the numbers."""
-        forward, every = Forward(self.adjoint), np.arange(len(self.tape) + 1)
-        changed_rows = forward.jvp(self.tape, changes, every, every[:-1])
+        every = np.arange(len(self.tape) + 1)
+        changed_rows = self.derivatives.jvp(self.tape, changes, every, every[:-1])
         of_state = {"q": "q", "slides": "slides"}
         at_end = {name: changed_rows[rows][-1] for name, rows in of_state.items()}
         of_state = {"constraint_forces": "constraints", "joint_forces": "joints"}
@@ -117,7 +116,7 @@ class StaticDerivatives:
         for quantity, sums in self._sums().items():
             of_steps = jvp(sums.blocks(every), every.shape, changed_rows, changes)
             at_end[quantity] = of_steps.sum(axis=0)
-        return StateChange(self, at_end | forward.at_end)
+        return StateChange(self, at_end | self.derivatives.at_end)
 
     def _sums(self) -> dict[str, StepWork | StepLosses]:
         """Work and losses of all load steps, those that have derivatives, by names of `State`."""
@@ -128,7 +127,7 @@ class StaticDerivatives:
             return {}
         of = SubSteps(model, self.tape, every, states)
         if not why_no_work(model):
-            works["work"] = StepWork(of, self.adjoint.constraint_forces(self.tape))
+            works["work"] = StepWork(of, self.derivatives.constraint_forces(self.tape))
         if model.forms.dissipate and not why_no_losses(model):
             works["dissipated"] = StepLosses(of)
         return works

@@ -12,11 +12,11 @@ from fx_beam.equilibria.load_path import LoadPath, StaticOptions
 from fx_beam.errors import check_takes
 from fx_beam.results.solution import Solution
 from fx_beam.scene.outputs import CRITICAL_LOAD
-from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.interrupts import one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.tape import Tape
+from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import Build
 from .critical_load import CriticalLoad, Sensitivity
@@ -211,12 +211,12 @@ class StaticResponse(Response):
             self._point_is_taken = True
         return self._critical_point
 
-    def _followed(self, what: str) -> tuple[Model, Tape, Adjoint]:
+    def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
         self._check_has_run(what)
         if self._derivatives is None:
             self._derivatives = StaticDerivatives(self._static_path)
         of = self._derivatives
-        return of.model, of.tape, of.adjoint
+        return of.model, of.tape, of.derivatives
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
         return np.arange(1, len(tape) + 1)

@@ -18,14 +18,13 @@ from fx_beam.scene.inputs import with_values
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError, Structure
-from fx_beam.step.adjoint import Adjoint
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.forward import Forward
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.static_tape import static_tape
 from fx_beam.step.tables import Problem
+from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
 
@@ -95,10 +94,10 @@ class TangentDerivatives:
 
     def __init__(self, what: str, damped: bool = False):
         self._what, self.damped = what, damped
-        # The model of the steps with its problem and adjoint, and that of other scenes' numbers.
+        # The model of the steps, with problem and derivatives; that of other scenes' numbers.
         self._model: Model | None = None
         self._problem: Problem
-        self._adjoint: Adjoint
+        self._derivatives: TapeDerivatives
         self._slides = list[float]()
         self._other: Model | None = None
 
@@ -118,7 +117,7 @@ class TangentDerivatives:
         else:
             self._problem = Problem(model, NewtonOptions())
         if model is not last or slides != self._slides:
-            self._adjoint, self._slides = Adjoint(self._problem), slides
+            self._derivatives, self._slides = TapeDerivatives(self._problem), slides
         # Whether the motions of the nodes depend on more than the unknowns.
         self._turns = self._problem.c.entries > self._problem.c.equal
         self._problem.c.at_rest = 1  # forces that depend on rates, without inertia
@@ -172,8 +171,8 @@ class TangentDerivatives:
         if self._follows:
             weighted += self.forces(-self._solved(about, by_state))
         else:
-            free = self._adjoint.layout.of["Y"].start
-            weighted.by_vector[:, free : free + by_state.shape[1]] = by_state
+            unknowns = self._derivatives.layout.at["Y"][: by_state.shape[1]]
+            weighted.by_vector[:, unknowns] = by_state
         return self.along(weighted, changes)
 
     def products(
@@ -218,11 +217,10 @@ class TangentDerivatives:
 
     def along(self, weighted: Weighted, changes: Mapping[str, np.ndarray]) -> np.ndarray:
         """Derivatives (n, m) by x, with which numbers change (m, ...), of what is weighted."""
-        forward = Forward(self._adjoint)
-        refuse_others(changes, forward.names, self._what)
+        refuse_others(changes, self._derivatives.names, self._what)
         by_vector, of_step, by_mass = weighted
         masses = changes["mass"].reshape(len(changes["mass"]), -1)
-        by_x = forward.along(changes, by_vector, of_step)
+        by_x = self._derivatives.along(changes, by_vector, of_step)
         return by_x + (by_mass @ masses.T if by_mass.any() else 0.0)
 
     def _steps(
@@ -259,9 +257,9 @@ class TangentDerivatives:
         tape = static_tape(self._problem, state, [state], self._forcing)
         tape.repeat(steps.moves, steps.lengths)
         weights = steps.of_equations, steps.of_ends
-        x, of_steps, by_unknowns = self._adjoint.vjp_of_equations(tape, ends, *weights)
-        free, first = self._adjoint.layout.of["Y"].start, [0, *ends[:-1]]
-        x[:, free : free + by_unknowns.shape[1]] = 0.0
+        x, of_steps, by_unknowns = self._derivatives.vjp_of_equations(tape, ends, *weights)
+        first = [0, *ends[:-1]]
+        x[:, self._derivatives.layout.at["Y"][: by_unknowns.shape[1]]] = 0.0
         return x, np.add.reduceat(of_steps, first), np.add.reduceat(by_unknowns, first)
 
     def _solved(self, about: Linearisation, by_state: np.ndarray) -> np.ndarray:

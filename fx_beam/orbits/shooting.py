@@ -19,11 +19,10 @@ from fx_beam.motions.prepared import Prepared
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
-from fx_beam.step.adjoint import Adjoint
-from fx_beam.step.forward import Forward
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.tape import Tape
+from fx_beam.step.tape_derivatives import TapeDerivatives
 
 # Relative change of a period for differences of states by it.
 _CHANGE = 1e-6
@@ -117,8 +116,8 @@ class Shooting:
         loop = self.prepared.loop
         assert loop is not None
         #: The steps of the last run, and what follows their derivatives.
-        self.tape, self.adjoint = Tape(loop.problem), Adjoint(loop.problem, "JVP")
-        self._forward, loop.tape = Forward(self.adjoint), self.tape
+        self.derivatives = TapeDerivatives(loop.problem, "JVP")
+        self.tape = loop.tape = Tape(loop.problem)
         fixed = np.zeros(model.size, dtype=bool)
         fixed[[model.mesh.dofs[key] for key in model.scene.fixed]] = True
         #: Rates that steps keep: of what has mass and moves.
@@ -209,7 +208,7 @@ class Shooting:
 
     @property
     def _inside(self) -> dict[str, int]:
-        """Numbers of what steps remember, by their names in `Forward`.
+        """Numbers of what steps remember, by their names in the layout.
 
         Internal variables of members and of springs, and the configuration a step before.
         """
@@ -302,7 +301,7 @@ class Shooting:
     @property
     def names(self) -> set[str]:
         """Names of the numbers whose changes it follows."""
-        return self._forward.names
+        return self.derivatives.names
 
     def slopes(
         self, changes: Mapping[str, np.ndarray], period: Period
@@ -317,7 +316,7 @@ class Shooting:
         blocks = list[np.ndarray]()
         for k in range(0, len(changes["q"]), _AT_ONCE):
             some = {name: rows[k : k + _AT_ONCE] for name, rows in changes.items()}
-            ends = self._forward.jvp(self.tape, some, at)
+            ends = self.derivatives.jvp(self.tape, some, at)
             ends = {name: rows[-2:] for name, rows in ends.items()} | {"q previous": ends["q"][:2]}
             parts = [self.model.couplings.unknowns(ends["q"], ends["slides"])]
             parts += [ends["v"][..., self._rates], *(ends[name] for name in self._inside)]
@@ -411,7 +410,7 @@ class Shooting:
 
 
 def _remembered(state: State, name: str) -> np.ndarray:
-    """What steps remember, by its name in `Forward`: no step before is one without a motion."""
+    """What steps remember, by its name in the layout: no step before is one without a motion."""
     values = getattr(state, name.replace(" ", "_"))
     return state.q if values is None else values
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,57 +13,52 @@ from .tables import Problem
 _FIRST_OF_STEPS, _FIRST_OF_RESULTS = "loads", "Y1"
 
 
+class Numbers(NamedTuple):
+    """Numbers of a scene with one name: where the vector has them, some more than once."""
+
+    at: np.ndarray
+    #: Which of how many numbers these are.
+    of: np.ndarray
+    size: int
+
+    def sums(self, x: np.ndarray) -> np.ndarray:
+        """Sums (size,) of what a vector has of them."""
+        return np.bincount(self.of, x[self.at], self.size)
+
+
+def all_of(at: np.ndarray) -> Numbers:
+    """Numbers in their order."""
+    return Numbers(at.ravel(), np.arange(at.size), at.size)
+
+
 class Layout:
-    """Where the arrays begin and end, by their names in C with spaces."""
+    """Where the arrays are, by their names in C with spaces."""
 
     def __init__(self, problem: Problem, c: Any):
-        starts = {name.replace("_", " "): getattr(c, name) for name, _ in _fields(problem, c)}
-        slices = itertools.starmap(slice, itertools.pairwise(starts.values()))
-        #: The slices of all arrays; length of the vector.
-        self.of, self.size = dict(zip(starts, slices, strict=False)), starts["size"]
-        names = list(self.of)
-        first, end = names.index(_FIRST_OF_STEPS), names.index(_FIRST_OF_RESULTS)
-        #: Names of the numbers of the scene and of its state, and of those of each sub-step.
-        self.numbers, self.steps = names[:first], names[first:end]
-        #: Where the latter begin, and how many there are.
-        self._first = starts[_FIRST_OF_STEPS]
-        self.step_size = starts[_FIRST_OF_RESULTS] - self._first
-        model, p = problem.model, problem.c
-        self._shapes: dict[str, tuple[int, ...]] = {
-            "offset": (p.joints, 2),
-            "axis": (p.joints, 2),
-            "places": (p.sliders, 3),
-            "internal": model.forms.internal_shape,
-            "loads": (2, p.loads),
-            "follower force": (p.follower_forces, 2),
-            "parameters": (2, p.parameter_count),
+        fields = [name for name, _ in problem.ffi.typeof(c).fields]
+        starts = {name.replace("_", " "): getattr(c, name) for name in fields}
+        #: The indices of all arrays; length of the vector.
+        self.at = {
+            name: np.arange(start, end)
+            for name, (start, end) in zip(starts, itertools.pairwise(starts.values()), strict=False)
         }
-        slides = np.full(model.scene.joint_count, self.of["nowhere"].start)
+        self.size, names = starts["size"], [*self.at]
+        first, end = names.index(_FIRST_OF_STEPS), names.index(_FIRST_OF_RESULTS)
+        #: Names of the numbers of the scene and of its state.
+        self.numbers = names[:first]
+        #: Indices of the numbers of each sub-step among these, and how many there are.
+        self.steps = {name: self.at[name] - starts[_FIRST_OF_STEPS] for name in names[first:end]}
+        self.step_size = starts[_FIRST_OF_RESULTS] - starts[_FIRST_OF_STEPS]
+        model, p = problem.model, problem.c
+        slides = np.full(model.scene.joint_count, starts["nowhere"])
         for joint, column in model.couplings.slides.items():
             slides[joint] = starts["Y"] + column
-        arrays = {name: np.arange(part.start, part.stop) for name, part in self.of.items()}
-        constrained = arrays["R"][p.free : p.columns]
-        #: Rows of states and of forces.
-        of_state = {name: arrays[name] for name in ("q", "v", "internal", "spring internal")}
+        #: Rows of states, of forces, and of the forces on unknowns.
+        of_state = {name: self.at[name] for name in ("q", "v", "internal", "spring internal")}
+        constrained = self.at["R"][p.free : p.columns]
         self.states = Rows(of_state | {"slides": slides})
-        self.forces = Rows({"constraints": constrained, "joints": arrays["forces"]})
-        #: Rows of the forces on unknowns.
-        self.equations = Rows({"equations": arrays["R"][: p.free]})
-
-    def named(self, x: np.ndarray, of_steps: np.ndarray) -> dict[str, np.ndarray]:
-        """Numbers of the scene in x (size,), and those of all sub-steps (n, step_size), by name."""
-        named = {name: self._shaped(name, x[self.of[name]].copy()) for name in self.numbers}
-        for name in self.steps:
-            named[name] = self._shaped(name, of_steps[:, self.in_step(name)], len(of_steps))
-        return named
-
-    def in_step(self, name: str) -> slice:
-        """The slice of an array of a sub-step among all numbers of the sub-step."""
-        part = self.of[name]
-        return slice(part.start - self._first, part.stop - self._first)
-
-    def _shaped(self, name: str, values: np.ndarray, *rows: int) -> np.ndarray:
-        return values.reshape(*rows, *self._shapes.get(name, values.shape[len(rows) :]))
+        self.forces = Rows({"constraints": constrained, "joints": self.at["forces"]})
+        self.equations = Rows({"equations": self.at["R"][: p.free]})
 
 
 class Rows:
@@ -100,7 +95,3 @@ class Rows:
 def never_empty(array: np.ndarray) -> np.ndarray:
     """An array with an address."""
     return array if array.size else np.zeros(1)
-
-
-def _fields(problem: Problem, struct: Any) -> Any:
-    return problem.ffi.typeof(struct).fields

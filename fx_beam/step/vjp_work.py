@@ -47,8 +47,6 @@ class VjpWork:
         self._sizes = nodal | vjp.sizes
         self._own = {name: size for name, size in vjp.sizes.items() if name not in _IN_COMMON}
         self._members: dict[bool, dict[str, Any]] = {}
-        #: Names of the derivatives.
-        self.names = [_name_of(name) for name in self._own]
 
     def handed_over(self) -> dict[str, Any]:
         """What the layout of the vector needs of it, as members of ``Vjp`` of c/problem.h."""
@@ -79,7 +77,7 @@ class VjpWork:
         size = [self._sizes[name] for name, _ in pieces]
         width = [of_weights[weight] for _, weight in pieces]
         piece_start = _starts([1, *(m * n for m, n in zip(size, width, strict=True))])
-        behind = layout.of["nowhere"].start
+        behind = layout.at["nowhere"][0]
         cells = [self._beams.cells_of(tag) for tag in ffcx_api.integrals(kernel.forms[0][1])]
         from_, to = (
             np.concatenate([in_lanes(np.hstack(rows)[own], lanes, behind) for own in cells])
@@ -105,61 +103,31 @@ class VjpWork:
             "to": to,
         }
 
+    def own(self, layout: Layout) -> dict[str, np.ndarray]:
+        """Places (cells, n) of the numbers of each element itself, by name."""
+        cells = layout.at[self.array].reshape(-1, sum(self._own.values()))
+        parts = np.split(cells, _starts(self._own.values())[1:-1], axis=1)
+        names = [_NAMES.get(name, f"drag {name}") for name in self._own]
+        return dict(zip(names, parts, strict=True))
+
     def _numbers(self, layout: Layout, rows: Mapping[str, np.ndarray]) -> Iterator[np.ndarray]:
         """Places (cells, n) of all numbers of the elements, in the order of the sizes."""
-        own = np.reshape(
-            np.arange(*layout.of[self.array].indices(layout.size)), (len(rows["dofs"]), -1)
-        )
+        own = iter(self.own(layout).values())
         for name, size in self._sizes.items():
             if name not in _IN_COMMON:
-                part, own = own[:, :size], own[:, size:]
-                yield part
+                yield next(own)
                 continue
             array, kind = _IN_COMMON[name]
-            at = (
-                np.reshape(self._beams.parameters[1], (1, -1))
-                if name == "parameters"
-                else rows[kind]
-            )
-            yield layout.of[array].start + np.broadcast_to(at, (len(rows["dofs"]), size))
+            of = self._beams.parameters[1] if name == "parameters" else rows[kind]
+            at = layout.at[array][np.reshape(of, (-1, size))]
+            yield np.broadcast_to(at, (len(rows["dofs"]), size))
 
     def _weights(self, layout: Layout, rows: Mapping[str, np.ndarray]) -> list[np.ndarray]:
         """Places (cells, n) of forces, and of internal variables at the end."""
         pairs = (("r", "dofs"), ("internal1", "internal"))[: len(self._vjp.of_weights)]
-        return [layout.of[array].start + rows[kind] for array, kind in pairs]
-
-    def of_cells(self, layout: Layout, x: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives (cells, points, ...) by name."""
-        rows = x[layout.of[self.array]].reshape(-1, sum(self._own.values()))
-        parts = np.split(rows, _starts(self._own.values())[1:-1], axis=1)
-        return {
-            _name_of(name): self._by_points(name, part)
-            for name, part in zip(self._own, parts, strict=True)
-        }
-
-    def set_changes(self, layout: Layout, changes: Mapping[str, np.ndarray], x: np.ndarray) -> None:
-        """Set changes (count, ...) of numbers of elements in vectors (count, size)."""
-        to = x[:, layout.of[self.array]].reshape(len(x), -1, sum(self._own.values()))
-        first = 0
-        for name, size in self._own.items():
-            if (change := changes.get(_name_of(name))) is not None:
-                to[..., first : first + size] = np.reshape(change, (*to.shape[:2], size))
-            first += size
-        x[:, layout.of[self.array]] = to.reshape(len(x), -1)
-
-    @staticmethod
-    def _by_points(name: str, part: np.ndarray) -> np.ndarray:
-        if name == "coordinates":
-            return part
-        width = 3 if name in _NAMES else 2 if "across" in name else 1
-        by_points = part.reshape(len(part), -1, width)
-        return by_points if width > 1 else by_points[..., 0]
+        return [layout.at[array][rows[kind]] for array, kind in pairs]
 
 
 def _starts(sizes: Any) -> list[int]:
     """Where parts of some sizes begin that stand behind each other, and where the last one ends."""
     return [0, *itertools.accumulate(sizes)]
-
-
-def _name_of(name: str) -> str:
-    return _NAMES.get(name, f"drag {name}")

@@ -1,8 +1,8 @@
-"""The derivatives of a run: the sub-steps of a tape, followed backwards in C (c/adjoint.h)."""
+"""The derivatives of a run: the sub-steps of a tape, followed backwards and forwards in C."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.scene.joints import joints_by_number
 
 from .element_data import aligned
-from .layout import Layout, never_empty
+from .layout import Layout, Numbers, all_of, never_empty
 from .model import Model
 from .tables import Problem
 from .tape import Part, Tape
@@ -20,16 +20,17 @@ from .vjp_work import VjpWork
 
 #: Weights by name, the numbers of their rows, and those of sub-steps of forces.
 Weights = tuple[Mapping[str, np.ndarray], np.ndarray, np.ndarray]
+_NONE = np.empty(0, dtype=int)
 
 
-class Adjoint:
-    """Derivatives of a function of the states of a run by all numbers of its scene.
+class TapeDerivatives:
+    """Derivatives of the states of a run by all numbers of its scene, in both directions.
 
-    What `Forward` needs as well is in both libraries; `way` is that of the first derivatives.
+    What both need is in the libraries of both; `way` is that of the first derivatives.
     """
 
     def __init__(self, problem: Problem, way: str = "VJP"):
-        check(problem.model)
+        _check(problem.model)
         self.problem, self._model = problem, problem.model
         problem.begin_derivatives(way)  # beside slopes of forms
         self._ffi, self._p = problem.ffi, problem.c
@@ -52,11 +53,11 @@ class Adjoint:
         own = joints_by_number(self._model.scene)
         rest = [own[joint.number].start()[0] for joint in self._model.couplings.moving]
         self._structs.set(self.c, slide_at_rest=[*rest, 0.0])
-        #: Where the arrays of the derivatives are in this vector.
+        #: Where the arrays of the derivatives are in this vector, and the numbers of the scene.
         self.layout = Layout(problem, self._library.fx_layout(self._p, self.c))
-        self._x = aligned(np.zeros(self.layout.size))
-        followed = self.layout.of["spring internal"].start + self._model.points.followed
-        self._structs.set(self.c, x=self._x, followed=followed)
+        self.numbers = self._named_numbers()
+        followed = self.layout.at["spring internal"][self._model.points.followed]
+        self._structs.set(self.c, followed=followed)
         self._make_room()
 
     def _make_room(self) -> None:
@@ -85,7 +86,7 @@ class Adjoint:
         found = np.zeros((end - first, self._p.columns - self._p.free))
         to = self._ffi.from_buffer("double[]", np.append(found, 0.0) if not found.size else found)
         left = self._library.fx_taped_forces(self._p, tape.c, self.c, to)
-        check_followed(left, tape, end - left)
+        _check_followed(left, tape, end - left)
         return found
 
     def vjp_of_equations(
@@ -96,7 +97,7 @@ class Adjoint:
         Weights (n, free) and (n, size) of all steps; a sum ends with each of `ends`. By the vector
         of `Layout` (sums, size), and of each step by its numbers and by the unknowns at its end.
         """
-        self.hand_over_slopes(True)
+        self._hand_over_slopes(True)
         count, every = len(tape), np.arange(len(tape) + 1)
         stride = -(-self.layout.size // 8) * 8  # each row is aligned
         x = aligned(np.zeros((len(ends), stride)))[:, : self.layout.size]
@@ -118,8 +119,7 @@ class Adjoint:
             tape.show(first, end)
             structs.set(self.c, x=row)
             left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
-            check_followed(left, tape, first + left - 1)
-        self._structs.set(self.c, x=self._x, by_unknowns=0)
+            _check_followed(left, tape, first + left - 1)
         return x, of_steps[:-1], by_unknowns
 
     def vjp(
@@ -133,14 +133,15 @@ class Adjoint:
         (m,); and by the forces in some `sub_steps` (k,):
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
-        self.hand_over_slopes(by_places)
+        self._hand_over_slopes(by_places)
         p, every, states, forces = self._p, len(tape), self.layout.states, self.layout.forces
-        self._x[...] = 0.0
+        x = aligned(np.zeros(self.layout.size))
         of_steps = np.zeros((every + 1, self.layout.step_size))
         structs = Structs(self._ffi, declarations("problem.h"))
         #: Sizes of the derivatives by the rates at the starts of all sub-steps.
         self.sizes = np.zeros(every)
-        structs.set(self.c, sizes=self.sizes, of_steps=never_empty(of_steps))
+        arrays = {"x": x, "sizes": self.sizes, "of_steps": never_empty(of_steps)}
+        structs.set(self.c, **arrays, by_unknowns=0)
         left_over: np.ndarray | None = None
         for part in tape.parts(self.problem, backwards=True):
             weights, rows, sub_steps = weights_of(part)
@@ -163,35 +164,136 @@ class Adjoint:
                 forces=forces.members(sub_steps, every, forces.filled(weights, len(sub_steps))),
             )
             left = self.problem.derivatives("VJP").fx_vjp(p, tape.c, self.c)
-            check_followed(left, tape, part.first + left - 1)
-        named = self._named(of_steps[:-1])
+            _check_followed(left, tape, part.first + left - 1)
+        of_numbers = {name: numbers.sums(x) for name, numbers in self.numbers.items()}
         if not by_places:
-            named.pop("X", None)
-        return named
+            of_numbers.pop("X")
+        return of_numbers | {name: of_steps[:-1, at] for name, at in self.layout.steps.items()}
 
-    def _named(self, of_steps: np.ndarray) -> dict[str, Any]:
-        model, p = self._model, self._p
-        named = self.layout.named(self._x, of_steps)
-        by_columns = named.pop("Y")
+    def _named_numbers(self) -> dict[str, Numbers]:
+        """The numbers of the scene by name."""
+        model, p, at = self._model, self._p, self.layout.at
+        others = {"Y", "member places", *(work.array for work in self._works)}
+        numbers = {name: all_of(at[name]) for name in self.layout.numbers if name not in others}
         columns, dofs, of_slides, joints = model.couplings.free_columns
-        q, slides = np.zeros(p.dofs), np.zeros(model.scene.joint_count)
         # Of equal degrees of freedom the last has the column, as in `Couplings.unknowns`.
-        last = {column: dof for column, dof in zip(columns.tolist(), dofs.tolist(), strict=True)}
-        q[list(last.values())] = by_columns[list(last)]
-        slides[joints] = by_columns[of_slides]
-        driven = by_columns[p.free : p.free + p.driven]
-        first = len(model.prescribed)
-        np.add.at(q, model.prescribed, driven[:first])
-        mass = np.zeros(model.mass.nnz)
-        mass[self.problem.heavy] = named["mass"]
-        named |= {"q": q, "slides": slides, "motors": driven[first:], "mass": mass}
-        by_places = named.pop("member places")
+        last = dict(zip(columns.tolist(), dofs.tolist(), strict=True))
+        driven, first = at["Y"][p.free : p.free + p.driven], len(model.prescribed)
+        at_q = np.append(at["Y"][np.array([*last], int)], driven[:first])
+        of_q = np.append(np.array([*last.values()], int), model.prescribed)
+        X = np.arange(model.mesh.X.size).reshape(model.mesh.X.shape)
+        places = [(at["member places"][model.mesh.dofs[:, :2]], X)]
         for work in self._works:
-            named.pop(work.array)
-        named |= self._of_elements()
-        if model.points.members is not None:
-            named["X"] = named["X"] + by_places[model.mesh.dofs[:, :2]]
-        return named
+            own = work.own(self.layout)
+            places.append((own.pop("coordinates"), model.mesh.at_points(X[None])))
+            numbers |= {name: all_of(of) for name, of in own.items()}
+        at_X, of_X = (np.concatenate([*map(np.ravel, part)]) for part in zip(*places, strict=True))
+        return numbers | {
+            "q": Numbers(at_q, of_q, p.dofs),
+            "slides": Numbers(at["Y"][of_slides], joints, model.scene.joint_count),
+            "motors": all_of(driven[first:]),
+            "mass": Numbers(at["mass"], np.flatnonzero(self.problem.heavy), model.mass.nnz),
+            "X": Numbers(at_X, of_X, X.size),
+        }
+
+    def jvp(
+        self,
+        tape: Tape,
+        changes: Mapping[str, np.ndarray],
+        rows: np.ndarray,
+        sub_steps: np.ndarray = _NONE,
+    ) -> dict[str, np.ndarray]:
+        """Changes of "q" and "v" (n, m, size) and "slides" (n, m, joints) at some boundaries.
+
+        Also of "internal" and "spring internal" (n, m, variables); and of the forces in some
+        `sub_steps` (k,), "constraints" (k, m, columns) and "joints" (k, m, 3 joints). `changes`
+        are those of the numbers by `names`, m of each; `rows` (n,) the numbers of sub-steps before
+        the boundaries.
+        """
+
+        def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
+            return rows[part.own(rows)], sub_steps[part.of_sub_steps(sub_steps)]
+
+        parts = [*self.jvp_parts(tape, changes, rows_of)]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def along(
+        self, changes: Mapping[str, np.ndarray], by_vector: np.ndarray, of_step: np.ndarray
+    ) -> np.ndarray:
+        """Sums (n, m) of derivatives times changes (m, ...) of the numbers of a single sub-step.
+
+        Derivatives by the vector of `Layout` (n, size), and by the numbers of the step.
+        """
+        count = len(changes["X"])
+        of_numbers = self._of_steps(changes, count, 1)
+        return by_vector @ self._vector(changes, count).T + of_step @ of_numbers.T
+
+    def jvp_parts(
+        self,
+        tape: Tape,
+        changes: Mapping[str, np.ndarray],
+        rows_of: Callable[[Part], tuple[np.ndarray, np.ndarray]],
+    ) -> Iterator[dict[str, np.ndarray]]:
+        """The same of each part of the tape, the first one first, with rows and sub-steps of each.
+
+        These are asked for when the part is on the tape.
+        """
+        structs = Structs(self._ffi, declarations("problem.h"))
+        count = len(next(iter(changes.values())))
+        library, layout = self.problem.derivatives("JVP"), self.layout
+        group_size = library.GROUP_SIZE
+        of_steps = self._of_steps(changes, count, len(tape))
+        x = _side_by_side(self._vector(changes, count), group_size)
+        masses = x[:, np.append(layout.at["mass"], layout.at["weight"])]
+        self._hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
+        directions = self._ffi.new("Directions *")
+        structs.set(
+            directions,
+            count=count,
+            changes_mass=masses.any(axis=(1, 2)),
+            of_steps=never_empty(_side_by_side(of_steps, group_size)),
+            x=x,
+        )
+        for part in tape.parts(self.problem):
+            at, of = rows_of(part)
+            of_states, of_forces = (
+                layout.states.empty(len(at), count),
+                layout.forces.empty(len(of), count),
+            )
+            # C keeps the addresses of the results until the next part.
+            own = Structs(self._ffi, declarations("problem.h"))
+            own.set(
+                directions,
+                states=layout.states.members(at, len(tape) + 1, of_states),
+                forces=layout.forces.members(of, len(tape), of_forces),
+            )
+            left = library.fx_jvp(self._p, tape.c, self.c, directions)
+            _check_followed(left, tape, part.end - left)
+            yield layout.states.parts(of_states) | layout.forces.parts(of_forces)
+        at_end = _one_by_one(x, count)
+        names = {"motors": "motors", "internal": "internal", "spring_internal": "spring internal"}
+        #: Changes of the rest of the state at the end of the tape.
+        self.at_end = {name: at_end[:, self.numbers[of].at] for name, of in names.items()}
+
+    def _vector(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+        """Changes (count, size) of the numbers of the scene and of its state."""
+        x = np.zeros((count, self.layout.size))
+        for name in changes.keys() & self.numbers.keys():
+            at, of, _ = self.numbers[name]
+            x[:, at] = np.reshape(changes[name], (count, -1))[:, of]
+        return x
+
+    def _of_steps(self, changes: Mapping[str, np.ndarray], count: int, rows: int) -> np.ndarray:
+        """Changes (count, rows * step_size) of the numbers of sub-steps."""
+        steps = np.zeros((count, rows, self.layout.step_size))
+        for name in changes.keys() & self.layout.steps.keys():
+            steps[:, :, self.layout.steps[name]] = np.reshape(changes[name], (count, rows, -1))
+        return steps.reshape(count, -1)
+
+    @property
+    def names(self) -> set[str]:
+        """Names of the numbers of which there are derivatives."""
+        return {*self.numbers, *self.layout.steps}
 
     @property
     def growth(self) -> float:
@@ -204,12 +306,7 @@ class Adjoint:
         late = self.sizes[half:].max(initial=0.0)
         return float(self.sizes[:half].max(initial=0.0) / late) if late else 0.0
 
-    @property
-    def of_element_names(self) -> set[str]:
-        """Names of the data of beams of which there are derivatives."""
-        return {name for work in self._works for name in work.names}
-
-    def hand_over_slopes(self, by_places: bool) -> None:
+    def _hand_over_slopes(self, by_places: bool) -> None:
         """Derivatives of forces of elements, by places of nodes if these are wanted."""
         if self._has_places == by_places:
             return
@@ -218,26 +315,22 @@ class Adjoint:
             self._structs.set(self.c, **{work.name: work.members(self.layout, by_places)})
         self._make_room()
 
-    def set_elements(self, changes: Mapping[str, np.ndarray], x: np.ndarray) -> None:
-        """Set the changes of the numbers of each element in vectors (count, size)."""
-        own = dict(changes)
-        if "X" in changes and self._works:
-            own["coordinates"] = self._model.mesh.at_points(np.asarray(changes["X"]))
-        for work in self._works:
-            work.set_changes(self.layout, own, x)
 
-    def _of_elements(self) -> dict[str, np.ndarray]:
-        """Derivatives by the positions of nodes, and by the data of beams at their points."""
-        named: dict[str, np.ndarray] = {}
-        for work in self._works:
-            parts = work.of_cells(self.layout, self._x)
-            by_places = self._model.mesh.sum_at_points(parts.pop("coordinates"))
-            named["X"] = named.get("X", 0.0) + by_places
-            named |= parts
-        return named
+def _side_by_side(rows: np.ndarray, group_size: int) -> np.ndarray:
+    """Rows (n, size) in groups (groups, size, group_size), the last one filled with zeros."""
+    count, size = rows.shape
+    groups = aligned(np.zeros((-(-count // group_size), size, group_size)))
+    for i in range(count):
+        groups[i // group_size, :, i % group_size] = rows[i]
+    return groups
 
 
-def check_followed(left: int, tape: Tape, sub_step: int) -> None:
+def _one_by_one(groups: np.ndarray, count: int) -> np.ndarray:
+    """The rows of which these are groups."""
+    return np.concatenate(groups.swapaxes(1, 2))[:count]
+
+
+def _check_followed(left: int, tape: Tape, sub_step: int) -> None:
     """Refuse a tape of which sub-steps are left, from one whose tangent is singular."""
     if left < 0:
         raise MemoryError("derivatives of a motion")
@@ -248,7 +341,7 @@ def check_followed(left: int, tape: Tape, sub_step: int) -> None:
         )
 
 
-def check(model: Model) -> None:
+def _check(model: Model) -> None:
     """Refuse what has no derivatives, by its name."""
     scheme = model.scheme
     if not scheme.rates.has_derivatives:
