@@ -27,8 +27,7 @@ from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import CommonOptions, check_scene
 from fx_beam.motions.prepared import state_of
 from fx_beam.motions.progress import attach, failure_of, progress_bar
-from fx_beam.motions.recent import recent_model
-from fx_beam.motions.surroundings import waiting_team, warn_of_equal_work
+from fx_beam.motions.surroundings import recent_model, waiting_team, warn_of_equal_work
 from fx_beam.parallel.whole import shared
 from fx_beam.results.audit import Stability, Stats
 from fx_beam.results.solution import Solution

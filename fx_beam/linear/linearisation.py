@@ -13,7 +13,7 @@ from fx_beam.errors import SceneError, require
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
 from fx_beam.motions.initial_state import reference_state
-from fx_beam.motions.recent import recent_model
+from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS

@@ -12,7 +12,7 @@ from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.prepared import end_of, state_of
-from fx_beam.motions.recent import recent_model
+from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Node

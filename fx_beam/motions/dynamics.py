@@ -26,8 +26,7 @@ from fx_beam.step.recorder import Record
 from .motion_series import MotionSeries
 from .options import Condition, Options, check_scene
 from .progress import keeping_steps
-from .recent import keep, take_recent
-from .surroundings import thread_series
+from .surroundings import keep, take_recent, thread_series
 
 # Changes that are so near to their limits when another one happens happen with it, as those of a
 # symmetric scene: relative to the force, to the size of the scene, or 1 rad.

@@ -1,4 +1,4 @@
-"""Builds a solution from a record."""
+"""Builds a solution from a record, also one at chosen times between the ends of the steps."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 
 from fx_beam.fem.dolfinx_api import gauss_points
-from fx_beam.results.audit import BeamResultants, Stability, Stats
+from fx_beam.results.audit import BeamResultants, Energy, Stability, Stats
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import State
-from fx_beam.scene.beam import Beam, arc_lengths
+from fx_beam.results.state import HISTORIES, State
+from fx_beam.scene.beam import Beam, arc_lengths, lagrange_and_slopes
 from fx_beam.scene.joints import constraints_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
-
-from .interpolation import at_times
 
 
 def solution_of(
@@ -158,3 +156,123 @@ def _variables_of_contact(model: Model, rows: np.ndarray | None) -> dict[int, np
     if rows is not None:
         by_contact |= model.points.friction_of_members(rows)
     return by_contact
+
+
+# Displacements and rotations at chosen times are those of polynomials through the nearest ends of
+# steps, of one degree more than the scheme's order, on the side of a contact where the motion is
+# smooth. The rates are their derivatives: those at the ends of steps contain vibrations that the
+# steps do not resolve. Only next to breaks, where few steps may turn the motion, are these better.
+
+# Ratio of divided differences from which on the row of the larger one is avoided.
+_MUCH = 4.0
+
+
+def at_times(
+    model: Model, steps: Mapping[str, Any], times: np.ndarray, breaks: Sequence[float]
+) -> tuple[dict, np.ndarray]:
+    """Histories at times (n,) from those of all steps, and the steps' rows (n,) that contain them.
+
+    Polynomials do not reach over a break. Energies and momenta are linear, so that balances stay
+    exact, and so are internal variables and natural strains. Forces and accelerations are those of
+    the step.
+    """
+    t = steps["t"]
+    times = times[(times >= t[0]) & (times <= t[-1])]
+    row = np.minimum(np.searchsorted(t, times), len(t) - 1)
+    row[times > t[0]] = np.maximum(row[times > t[0]], 1)
+    before = np.maximum(row - 1, 0)
+    x = (times - t[before]) / np.where(row > before, t[row] - t[before], 1.0)
+    histories = dict(steps)
+    points = 4 if len(model.scheme.fractions) == 1 else 6
+    unit = model.to_nodes(model.unit)
+    q, v = _polynomials(t, steps["q"], steps["v"], unit, times, row, breaks, points)
+    histories |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
+
+    def linear(values):
+        weight = x.reshape(-1, *[1] * (values.ndim - 1))
+        return (1 - weight) * values[before] + weight * values[row]
+
+    for name, history in HISTORIES.items():
+        if history.between and len(steps[name]):
+            histories[name] = (
+                linear(steps[name]) if history.between == "linear" else steps[name][row]
+            )
+    for name in ("internal", "spring_internal", "natural"):
+        if steps[name] is not None:
+            histories[name] = linear(steps[name])
+    histories["energy"] = Energy(*(linear(part) for part in vars(steps["energy"]).values()))
+    histories["slides"] = _slides(model, q, histories["slides"])
+    return histories, row
+
+
+def _polynomials(t, q, v, unit, times, row, breaks, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values and derivatives at some times, which lie in the steps that end in some rows."""
+    near = 1e-9 * (t[-1] - t[0])
+    inner = [b for b in breaks if t[0] + near < b < t[-1] - near]
+    edges = np.unique([0, *np.searchsorted(t, np.array(inner) - near), len(t) - 1])
+    values, rates = (np.empty((len(times), *q.shape[1:])) for _ in range(2))
+    for first, last in zip(edges[:-1], edges[1:], strict=True):
+        inside = np.flatnonzero((row > first) & (row <= last) | (row == first) & (first == 0))
+        known = min(points, last - first + 1)
+        smooth = slice(first, last + 1)
+        ends = np.maximum(row[inside], first + 1) - first
+        start = first + _smoothest(t[smooth], q[smooth] / unit, ends, known)
+        rows = start[:, None] + np.arange(known)
+        at, slope = lagrange_and_slopes(t[rows], times[inside])
+        values[inside], rates[inside] = (
+            np.einsum("nk,nk...->n...", w, q[rows]) for w in (at, slope)
+        )
+        if len(v) and last - first < len(t) - 1 and points > 4:  # between events, long steps
+            both_ends = first + ends + np.array([[-1], [0]])
+            slopes = (lagrange_and_slopes(t[rows], end)[1] for end in t[both_ends])
+            missing = v[both_ends] - [
+                np.einsum("nk,nk...->n...", slope, q[rows]) for slope in slopes
+            ]
+            value, rate = _bend(t[both_ends], times[inside], missing)
+            values[inside] += value
+            rates[inside] += rate
+    if len(edges) == 1:
+        values[:], rates[:] = q[0], 0.0
+    return values, rates
+
+
+def _bend(ends, times, rates) -> tuple[np.ndarray, np.ndarray]:
+    """Cubics at times (n,) with rates (2, n, ...) and no values at ends (2, n), and their rates."""
+    length = ends[1] - ends[0]
+    x, length = (
+        a.reshape(-1, *[1] * (rates.ndim - 2)) for a in ((times - ends[0]) / length, length)
+    )
+    value = length * x * (1 - x) * ((1 - x) * rates[0] - x * rates[1])
+    return value, (1 - x) * (1 - 3 * x) * rates[0] + x * (3 * x - 2) * rates[1]
+
+
+def _smoothest(t, q, ends: np.ndarray, known: int) -> np.ndarray:
+    """First ones (n,) of so many rows about the steps that end in some rows.
+
+    Beginning with those of the step, a row is added on one side or the other: in turns, unless the
+    divided difference with it is much larger. So polynomials do not reach over a contact, or
+    whatever else changes the accelerations at once (Harten and others 1987, doi
+    10.1016/0021-9991(87)90031-3).
+    """
+    start, last = ends - 1, len(t) - 1
+    differences = q
+    for number in range(1, known):
+        ages = (t[number:] - t[:-number]).reshape(-1, *[1] * (q.ndim - 1))
+        differences = (differences[1:] - differences[:-1]) / ages
+        if number == 1:
+            continue
+        sizes = abs(differences).max(axis=tuple(range(1, q.ndim)), initial=0.0)
+        sizes = np.concatenate([[np.inf], sizes, [np.inf]])
+        before, after = sizes[start], sizes[start + 1]
+        left = 2 * (ends - start) <= number
+        start = start - np.where(left, before <= _MUCH * after, _MUCH * before < after)
+    return np.clip(start, 0, last + 1 - known)
+
+
+def _slides(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    """Slides (n, joints) of the joints [m] in the configurations q (n, n_node, 3)."""
+    slides, at = slides.copy(), model.motion(q=q)
+    for joint in model.scene.joints:
+        slide = slides[:, joint.number]
+        slide[:] = joint.kinematics.slide(at, slide)
+    return slides

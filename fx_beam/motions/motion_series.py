@@ -24,9 +24,8 @@ from .contact_check import warn_of_places
 from .evaluation import solution_of
 from .options import Options
 from .prepared import Prepared
-from .recent import SMALL
 from .run import Run, warn_of_damping
-from .surroundings import waiting_team, warn_of_equal_work
+from .surroundings import SMALL, waiting_team, warn_of_equal_work
 from .transferred_state import end_of
 
 

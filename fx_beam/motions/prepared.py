@@ -65,7 +65,7 @@ class Prepared:
         if self._team is None:
             self.stepper = Stepper(CompiledLoop(*given), options.halving)
             return
-        from fx_beam.parallel.team_loop import TeamLoop
+        from fx_beam.parallel.whole import TeamLoop
 
         self.stepper = Stepper(TeamLoop(self._team, *given), options.halving)
 

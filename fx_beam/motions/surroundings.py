@@ -1,4 +1,4 @@
-"""What runs around a motion: the sweep whose worker calls, or other processes of mpirun."""
+"""What is around a motion: the sweep whose worker calls, other processes, and recent set-ups."""
 
 from __future__ import annotations
 
@@ -12,12 +12,17 @@ from typing import Any
 
 from fx_beam.array_calls import calling_with_arrays
 from fx_beam.fem.mpi import rank_and_size
+from fx_beam.laws.schemes import Scheme
 from fx_beam.parallel.team import Team, present
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
+from fx_beam.step.model import Model
 
 _log = logging.getLogger("fx_beam")
 #: Elements from which on a scene is divided among processes: smaller ones take longer on several.
 SMALLEST = 10_000
+#: Degrees of freedom of a scene whose set-up is held for another, and how many a thread holds.
+SMALL, _MOST = 3000, 8
 
 
 class _OfThread(threading.local):
@@ -25,6 +30,10 @@ class _OfThread(threading.local):
 
     #: The `MotionSeries` of the worker that calls a function of the user here; None outside sweeps.
     series: Any = None
+
+    def __init__(self):
+        #: What was set up last, with what it was for.
+        self.recent: list[tuple[Any, Any]] = []
 
 
 _THREAD = _OfThread()
@@ -82,3 +91,34 @@ def _warn() -> None:
             number,
             number,
         )
+
+
+def take_recent(scene: Scene, kind: Any) -> tuple[Any, Any]:
+    """What was set up for a scene of a kind and nothing needs, or None; and a key for `keep`.
+
+    It is taken out until it is kept again.
+    """
+    key = kind, len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
+    free = (entry for entry in _THREAD.recent if entry[0] == key and entry[1].is_free)
+    entry = next(free, (key, None))
+    _THREAD.recent = [other for other in _THREAD.recent if other is not entry]
+    return entry[1], key
+
+
+def keep(what: Any, key: Any) -> None:
+    """Keep it for the next scenes, and forget what was kept long before."""
+    _THREAD.recent = [*_THREAD.recent, (key, what)][-_MOST:]
+
+
+def recent_model(scene: Scene, scheme: Scheme, **kind: bool) -> Model:
+    """The model of a scene, which others take as soon as nothing needs it."""
+    model, key = take_recent(scene, (type(scheme), *kind))
+    try:
+        if model is not None:
+            model.refill(scene)
+    except OtherStructureError:
+        model = None
+    model = model or Model(scene, scheme, **kind)
+    if model.size <= SMALL:
+        keep(model, key)
+    return model

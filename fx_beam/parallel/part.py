@@ -16,7 +16,7 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.tables import Problem
 
 from .linear_system import LinearSystem, Solved
-from .share import Share
+from .partition import Share
 
 
 class Frame(NamedTuple):

@@ -20,14 +20,15 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.sliders import sliding_joints
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.loop import CompiledLoop
+from fx_beam.step.loop import CompiledLoop, StepInputs, no_inputs
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NEGLIGIBLE, NewtonOptions
+from fx_beam.step.recorder import Rows
+from fx_beam.step.steps_result import Steps, StepsResult
 
 from .linear_system import Solved
 from .part import Frame, Part
-from .partition import divided
-from .share import Share
+from .partition import Share, divided
 from .team import Crew, Team
 
 # Error of a step's energy, relative to it, that solutions may leave.
@@ -140,6 +141,34 @@ class Together:
 
 def _of(together: Callable[[], Together | None], method: str) -> Callable[..., None]:
     return lambda *arguments: getattr(together(), method)(*arguments)
+
+
+class TeamLoop(CompiledLoop):
+    """Takes one time step after the other: each process evaluates its part, and PETSc solves."""
+
+    def __init__(
+        self, team: Team, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats
+    ):
+        super().__init__(model, forcing, options, stats, alone=False)
+        self.together = Together(team, self)
+        stats.solver = f"PETSc on {team.size} processes"
+
+    def inputs_ahead(self, t: float, ends: np.ndarray) -> StepInputs:
+        """None: functions of time are evaluated in each step."""
+        return no_inputs(len(self.model.scheme.fractions))
+
+    def take(
+        self,
+        state: State,
+        ends: np.ndarray,
+        inputs: StepInputs,
+        steps: Steps,
+        recorder: Rows,
+        count: Callable[[StepsResult], None],
+    ) -> StepsResult:
+        """Take the first of some steps or parts, if it succeeds."""
+        own = self.inputs(state.t, ends[:1])
+        return super().take(state, ends[:1], own, steps, recorder, count)
 
 
 class DistributedEquations:
