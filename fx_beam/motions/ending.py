@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import Past, State
 from fx_beam.step.recorder import NullRecorder, Recorder
 
-from .measurement import FittedState, reading
+from .measurement import FittedState, Grid, reading
 from .prepared import Prepared
 
 # Accuracy of the time of the end, relative to the step, and to the time.
@@ -43,7 +44,8 @@ class Ending:
         outputs = prepared.options.outputs or {}
         self._stepper, self._recorder = prepared.stepper, recorder
         self._conditions = prepared.options.until
-        self._step = _Step()
+        self._last = start = recorder.end
+        self._step = _Step(start, Grid(start.t, 0, 0.0))
         self._now = FittedState(prepared.model, prepared.forcing, self._step)
         turns = prepared.turn_counter.removed
         self._readings = {
@@ -54,7 +56,6 @@ class Ending:
         if forces and prepared.loop is not None:
             prepared.loop.problem.c.keeps_joint_forces = True
         self._before: _Mark | None = None
-        self._last = start = recorder.end
         self._values = self._values_after(start, start)
         for name, value in self._values.items():
             if value is True:
@@ -149,11 +150,12 @@ class Ending:
         self, start: State, end: State, names: Sequence[str] | None = None
     ) -> dict[str, Any]:
         """Values of conditions at the end of a step: numbers, or whether they are met."""
-        self._step.set(start, end)
+        step = self._step
+        step.present, step.grid, step.number = start, Grid(start.t, 0, end.t - start.t), 0
         self._now.begin(start)
         if end is not start:
             self._now.leave()
-            self._step.arrive()
+            step.present, step.number = end, 1
         outputs = {key: read() for key, read in self._readings.items()}
         values: dict[str, Any] = {}
         for name in self._conditions if names is None else names:
@@ -194,32 +196,13 @@ class Ending:
             self._recorder.truncate(mark.rows)
 
 
+@dataclass
 class _Step:
-    """A step from one state to another, as `FittedState` reads the present state of a stepper."""
+    """The present state in a step, as `FittedState` reads that of a stepper."""
 
-    number: int
     present: State
-
-    def set(self, start: State, end: State) -> None:
-        """Begin at the start of a step."""
-        self.number, self.present, self._ends = 0, start, (start, end)
-
-    def arrive(self) -> None:
-        """Go to its end."""
-        self.number, self.present = 1, self._ends[1]
-
-    @property
-    def grid(self) -> _Step:
-        """The times of both ends."""
-        return self
-
-    @property
-    def dt(self) -> float:
-        """Length of the step [s]."""
-        return self._ends[1].t - self._ends[0].t
-
-    def __call__(self, number: int) -> float:
-        return self._ends[number].t
+    grid: Grid
+    number: int = 0
 
 
 def _signed(value: Any) -> float:

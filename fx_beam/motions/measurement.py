@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +19,19 @@ from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 
 Reading = Callable[[], Any]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Ends of steps of the length dt [s], counted from a state; number `first` is its own."""
+
+    origin: float
+    first: int
+    dt: float
+
+    def __call__(self, number):
+        """Time at the end of a step [s]; step 0 is the start."""
+        return self.origin + (self.first + number) * self.dt
 
 
 class _Instant(NamedTuple):

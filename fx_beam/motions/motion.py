@@ -22,8 +22,8 @@ from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 
 from .evaluation import solution_of
-from .measurement import reading
-from .open_motion import Grid, OpenMotion, Snapshot
+from .measurement import Grid, reading
+from .open_motion import OpenMotion, Snapshot
 from .options import MOST_STEPS, Options, check_scene
 from .prepared import Prepared, state_of
 from .surroundings import waiting_team
@@ -224,11 +224,16 @@ class Motion:
     # -- What is known ----------------------------------------------------------------------------
 
     @property
+    def _settled(self) -> OpenMotion:
+        """The motion after what an interrupt has broken off is completed or undone."""
+        self._open.settle()
+        return self._open
+
+    @property
     @one_thread
     def t(self) -> float:
         """Present time [s]."""
-        self._open.settle()
-        return self._open.t
+        return self._settled.t
 
     @property
     def dt(self) -> float:
@@ -239,24 +244,20 @@ class Motion:
     @one_thread
     def q(self) -> np.ndarray:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
-        self._open.settle()
-        return self._prepared.model.to_nodes(
-            self._open.present.q + self._prepared.turn_counter.removed
-        )
+        turns = self._prepared.turn_counter.removed
+        return self._prepared.model.to_nodes(self._settled.present.q + turns)
 
     @property
     @one_thread
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
-        self._open.settle()
-        return self._prepared.model.to_nodes(self._open.shown.v)
+        return self._prepared.model.to_nodes(self._settled.shown.v)
 
     @property
     @one_thread
     def slides(self) -> np.ndarray:
         """Present slides of the joints, (joints,) [m]; NaN of those that were removed."""
-        self._open.settle()
-        slides = self._open.present.slides.copy()
+        slides = self._settled.present.slides.copy()
         slides[self._prepared.model.removed_joints] = np.nan
         return slides
 
@@ -264,10 +265,9 @@ class Motion:
     @one_thread
     def inputs(self) -> dict[str, Any]:
         """Present values of the inputs: a number, or an array (2,) of an input without factor."""
-        self._open.settle()
         return {
             name: value.copy() if len(value) > 1 else float(value[0])
-            for name, value in self._open.held.values.items()
+            for name, value in self._settled.held.values.items()
         }
 
     @property
@@ -281,8 +281,7 @@ class Motion:
     @one_thread
     def stats(self) -> Stats:
         """Statistics of all steps so far."""
-        self._open.settle()
-        self._open.count()
+        self._settled.count()
         return copy(self._prepared.stats)
 
     @property
@@ -308,8 +307,7 @@ class Motion:
         SceneError
             If nothing is recorded.
         """
-        self._open.settle()
-        recorder = self._open.recorder
+        recorder = self._settled.recorder
         if not isinstance(recorder, Recorder):
             raise SceneError(
                 "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"

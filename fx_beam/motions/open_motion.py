@@ -16,26 +16,13 @@ from fx_beam.step.model import Model
 from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
 from fx_beam.step.single_steps import CompiledSingleSteps
 
-from .measurement import FittedState
+from .measurement import FittedState, Grid
 from .prepared import Prepared
 
 # Steps between two counts of full turns, as in `simulate`.
 _TURNS = 1000
 # Steps for whose rows room is made at once.
 _ROWS = 1024
-
-
-@dataclass(frozen=True)
-class Grid:
-    """Ends of steps of the length dt [s], counted from a state; number `first` is its own."""
-
-    origin: float
-    first: int
-    dt: float
-
-    def __call__(self, number):
-        """Time at the end of a step [s]; step 0 is the start."""
-        return self.origin + (self.first + number) * self.dt
 
 
 @dataclass(frozen=True, eq=False, repr=False)

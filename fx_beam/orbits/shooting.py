@@ -335,23 +335,21 @@ class Shooting:
     def first_return(self, state: State, longest: float) -> float | None:
         """Time after which a motion comes back near to its start; None if it does not."""
         steps = max(self.steps, _FINE)
-        self._advance(state, self._times(state, longest, steps))
+        row = nearest_return(self._positions(state, longest, steps))
+        return None if row is None else longest / steps * row
+
+    def _positions(self, state: State, length: float, steps: int) -> np.ndarray:
+        """Unknowns (steps + 1, free) at the ends of the steps of a motion, over their units."""
+        self._advance(state, self._times(state, length, steps))
         free = self.model.reduction.free  # rates have vibrations of stiff directions
         rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
-        row = nearest_return(rows / self.model.unit_of_unknowns)
-        return None if row is None else longest / steps * row
+        return rows / self.model.unit_of_unknowns
 
     def repeats_within(self, state: State, length: float) -> bool:
         """Whether a motion comes back to its start well before the end of a period."""
         steps = _FINER * self.steps
-        self._advance(state, self._times(state, length, steps))
-        free = self.model.reduction.free
-        rows = self._taped_rows()[:: len(self.model.scheme.fractions), :free]
-        rows = rows / self.model.unit_of_unknowns
-        apart = np.linalg.norm(rows - rows[0], axis=1)
-        k = np.arange(int(np.argmax(2 * apart > apart.max())) + 1, int(0.9 * steps))
-        lower = (apart[k] <= apart[k - 1]) & (apart[k] < apart[k + 1])
-        return bool((lower & (apart[k] < _SAME * apart.max())).any())
+        apart, k = _minima(self._positions(state, length, steps))
+        return bool((apart[k[k < int(0.9 * steps)]] < _SAME * apart.max()).any())
 
     def solution(self, period: Period) -> Solution:
         """The motion over a period with all that is recorded."""
@@ -415,15 +413,19 @@ def _remembered(state: State, name: str) -> np.ndarray:
     return state.q if values is None else values
 
 
+def _minima(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (n,) of rows from the first one, and where they are smallest after its half way."""
+    apart = np.linalg.norm(rows - rows[0], axis=1)
+    k = np.arange(int(np.argmax(2 * apart > apart.max())) + 1, len(apart) - 1)
+    return apart, k[(apart[k] <= apart[k - 1]) & (apart[k] < apart[k + 1])]
+
+
 def nearest_return(rows: np.ndarray) -> float | None:
     """Number of rows, with a fraction, after which they come back near to the first one."""
-    apart = np.linalg.norm(rows - rows[0], axis=1)
-    left = int(np.argmax(2 * apart > apart.max()))
-    k = np.arange(max(left, 1), len(apart) - 1)
-    lower = (apart[k] <= apart[k - 1]) & (apart[k] < apart[k + 1]) & (2 * apart[k] < apart.max())
-    if not lower.any():
+    apart, least = _minima(rows)
+    least = least[2 * apart[least] < apart.max()]
+    if not len(least):
         return None
-    least = k[lower]
     close = apart[least] <= max(_CLOSE * apart.max(), apart[least].min())
     k = least[close][0]
     below, at, above = apart[k - 1 : k + 2] ** 2

@@ -33,8 +33,6 @@ class Journal:
         self._hashes = np.empty(0, dtype=np.int64)
         self._places = np.empty(0, dtype=np.int64)
         self._given = np.empty(0, dtype=bool)
-        #: Where to look next, by the hashes that stand there several times.
-        self._next: dict[int, int] = {}
         if path is None:
             return
         try:
@@ -92,8 +90,6 @@ class Journal:
         order = np.argsort(known, kind="stable")
         self._hashes, self._places = known[order], np.frombuffer(places, dtype=np.int64)[order]
         self._given = np.zeros(len(known), dtype=bool)
-        (repeated,) = np.nonzero(self._hashes[1:] == self._hashes[:-1])
-        self._next = {int(self._hashes[k]): int(k) for k in repeated[::-1]}
 
     def finished(self, case: Mapping[str, Any]) -> dict | None:
         """The row of a case, which is given once; None if the case has not been run."""
@@ -101,12 +97,9 @@ class Journal:
             return None
         text = key(case)
         wanted = hash(text)
-        k = self._next.get(wanted)
-        if k is None:
-            k = int(self._hashes.searchsorted(wanted))
-        else:
-            self._next[wanted] += 1
-        if k == len(self._hashes) or self._hashes[k] != wanted or self._given[k]:
+        first, stop = (int(self._hashes.searchsorted(wanted, side)) for side in ("left", "right"))
+        k = first + int(np.count_nonzero(self._given[first:stop]))  # those of one hash in order
+        if k == stop:
             return None
         self._given[k] = True
         self._file.seek(self._places[k])

@@ -99,11 +99,15 @@ def sweep(
     check_takes(function, "case", "sweep: function")
     if timeout is not None:
         timeout = positive(timeout, "sweep: timeout", "a positive number of seconds")
+    entries = map(_checked, _entries(cases))
     if chunksize is None:
-        (table,) = _tables(function, [_listed(cases)], executor, results, timeout)
+        if not (chunk := list(entries)):
+            raise SceneError("a sweep needs cases; none are given")
+        (table,) = _tables(function, [chunk], executor, results, timeout)
         return table
     require(is_whole(chunksize, 1), "sweep: chunksize", chunksize, "a whole number from 1 on")
-    return _tables(function, _chunks(cases, int(chunksize)), executor, results, timeout)
+    chunks = iter(lambda: list(islice(entries, int(chunksize))), [])
+    return _tables(function, chunks, executor, results, timeout)
 
 
 def _tables(function, chunks: Iterable[list[dict]], executor, results, timeout) -> Iterator:
@@ -137,21 +141,6 @@ def _table_of(cases: list[dict], crew: workers.Workers, journal: Journal):
     except BaseException as stop:
         stop.rows = _table(rows)  # type: ignore[attr-defined]
         raise
-
-
-def _listed(cases: Any) -> list[dict]:
-    """Cases as dicts; SceneError for anything else."""
-    given = [_checked(case) for case in _entries(cases)]
-    if not given:
-        raise SceneError("a sweep needs cases; none are given")
-    return given
-
-
-def _chunks(cases: Any, size: int) -> Iterator[list[dict]]:
-    """Cases as dicts, so many at a time."""
-    entries = map(_checked, _entries(cases))
-    while chunk := list(islice(entries, size)):
-        yield chunk
 
 
 def _entries(cases: Any) -> Iterator:

@@ -70,11 +70,12 @@ def call(function: Callable, item: Any) -> Outcome:
     return Outcome(value, perf_counter() - clock, error)
 
 
-def _sent(outcome: Outcome) -> bytes:
+def _tried(function: Callable[..., Any], *arguments: Any) -> Any:
+    """What a function gives; the outcome of an item if it fails, as with what cannot be pickled."""
     try:
-        return pickle.dumps(outcome)
-    except Exception as error:
-        return pickle.dumps(Outcome(None, np.nan, _sentence(error)))
+        return function(*arguments)
+    except (Exception, SystemExit) as error:
+        return Outcome(None, np.nan, _sentence(error))
 
 
 def open_workers(
@@ -265,7 +266,7 @@ class _OnProcesses:
 
     def _hand_out(self, item: Callable[[int], Any], queue: deque[int]) -> list[tuple[int, Outcome]]:
         """Give items to workers that have none, or soon. Returns those that cannot be sent."""
-        done = []
+        done: list[tuple[int, Outcome]] = []
         usual = median(self._seconds) if self._seconds else math.inf
         for worker in sorted(self._workers, key=lambda worker: len(worker.awaited)):
             if not queue:
@@ -281,10 +282,8 @@ class _OnProcesses:
             part: list[tuple[int, bytes]] = []
             while queue and len(part) < size:
                 number = queue.popleft()
-                try:
-                    part.append((number, pickle.dumps(item(number))))
-                except Exception as error:
-                    done.append((number, Outcome(None, np.nan, _sentence(error))))
+                pickled = _tried(pickle.dumps, item(number))
+                (part if isinstance(pickled, bytes) else done).append((number, pickled))
             if part:
                 worker.give(part)
         return done
@@ -404,7 +403,7 @@ class _Worker:
                 self.ready, self._since = True, monotonic()
                 if number in self.awaited:
                     self.awaited.remove(number)
-                    done.append((number, _received(sent)))
+                    done.append((number, _tried(pickle.loads, sent)))
         return done
 
     def end(self) -> None:
@@ -412,13 +411,6 @@ class _Worker:
         self.pipe.close()
         self.process.kill()
         self.process.join()
-
-
-def _received(sent: bytes) -> Outcome:
-    try:
-        return pickle.loads(sent)
-    except Exception as error:
-        return Outcome(None, np.nan, _sentence(error))
 
 
 def _work(pipe: Connection, function: Callable, cpu: int | None, log_level: int) -> None:
@@ -446,14 +438,9 @@ def _work(pipe: Connection, function: Callable, cpu: int | None, log_level: int)
                 else:
                     items.extend(got)
             number, pickled = items.popleft()
-            pipe.send((number, _sent(_call_pickled(function, pickled))))
-
-
-def _call_pickled(function: Callable, pickled: bytes) -> Outcome:
-    try:
-        return call(function, pickle.loads(pickled))
-    except (Exception, SystemExit) as error:
-        return Outcome(None, np.nan, _sentence(error))
+            outcome = _tried(lambda pickled: call(function, pickle.loads(pickled)), pickled)
+            sent = _tried(pickle.dumps, outcome)
+            pipe.send((number, sent if isinstance(sent, bytes) else pickle.dumps(sent)))
 
 
 def _end(*_) -> None:
