@@ -25,11 +25,11 @@ from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import CommonOptions, check_scene
-from fx_beam.motions.prepared import state_of
+from fx_beam.motions.prepared import state_of, stats_of
 from fx_beam.motions.progress import attach, failure_of, progress_bar
 from fx_beam.motions.surroundings import recent_model, waiting_team, warn_of_equal_work
 from fx_beam.parallel.whole import shared
-from fx_beam.results.audit import Stability, Stats
+from fx_beam.results.audit import Stability
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
@@ -115,18 +115,10 @@ class LoadPath:
         connected = with_functions(scene, options.inputs, "static: inputs")
         self.scene, self.options, self.start = scene, options, start
         self._inputs = values_at(scene, options.inputs, options.t)
-        self.began, scheme = time.perf_counter(), Equilibrium()
-        self.model = model = recent_model(connected, scheme, settles=True)
+        self.began = time.perf_counter()
+        self.model = model = recent_model(connected, Equilibrium(), settles=True)
         model.needed_by(self)
-        self.stats = Stats(
-            scheme=scheme.name,
-            level=scheme.rates.level,
-            solver="sparse lu",
-            unknowns=len(model.reduction.independent),
-            compiled=model.compiled,
-            assembled=model.assembled,
-            static=True,
-        )
+        self.stats = stats_of(model, solver="sparse lu", static=True)
         if options.continuation is not None and model.points.follow_joints:
             raise SceneError(
                 "static: arc-length steps do not find the force of a joint that its friction "

@@ -187,11 +187,7 @@ class MotionSeries:
         self.prepared, loop = prepared, prepared.loop
         if prepared.model is not recorder.model or loop is None:
             return None  # differences of a derivative left another one
-        stats, rates = prepared.stats, plan.options.record.rates
-        late = prepared.model.finds_accelerations_later
-        state = prepared.first_state(dt, None, accelerations=rates and not late)
-        if rates and late:
-            recorder.late_accelerations = prepared.late_accelerations(state, dt)
+        stats, state = prepared.stats, prepared.recorded_state(recorder, dt, None)
         self._begin_tape(prepared)
         began = time.perf_counter()
         stats.setup_seconds = began - clock

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
 from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
+from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper
 
 from .initial_state import (
@@ -46,16 +47,8 @@ class Prepared:
 
     def _begin(self, loop: CompiledLoop | None) -> None:
         """Begin a run: a loop that there is already serves it as well."""
-        model, scheme, options = self.model, self.model.scheme, self.options
-        self.stats = Stats(
-            scheme=scheme.name,
-            level=scheme.rates.level,
-            solver="",
-            unknowns=len(model.reduction.independent),
-            compiled=model.compiled,
-            assembled=model.assembled,
-            friction_damping=model.forms.friction_damping,
-        )
+        model, options = self.model, self.options
+        self.stats = stats_of(model, solver="", friction_damping=model.forms.friction_damping)
         self.forcing = Forcing(model)
         if loop is not None:
             loop.refill(self.forcing, self.stats)
@@ -112,18 +105,49 @@ class Prepared:
         self.stepper.load(state)
         return state
 
-    def late_accelerations(self, state: State, dt: float) -> Callable[[], np.ndarray]:
-        """A function that gives the accelerations of a first state, in which they are zero."""
-        return late_accelerations(self.model, self.forcing, state, dt)
+    def recorded_state(
+        self, recorder: Recorder, dt: float, start: Solution | None, accelerations: bool = False
+    ) -> State:
+        """The same for a recorder, which may find its accelerations when they are read."""
+        model, rates = self.model, self.options.record.rates
+        later = start is None and model.finds_accelerations_later
+        state = self.first_state(dt, start, accelerations or (rates and not later))
+        if rates and later and not accelerations:
+            recorder.late_accelerations = late_accelerations(model, self.forcing, state, dt)
+        return state
 
     def state_from(self, start: State | None, dt: float, accelerations: bool = True) -> State:
         """The same from an equilibrium, or from the reference configuration."""
         model, forcing = self.model, self.forcing
         state = initial_state(model, forcing, dt, start, accelerations)
         if self.options.tolerance is None:
-            state = smooth_start(model, forcing, self.stepper, self.stats, state, dt)
+            state = self._with_smooth_start(state, dt)
         self.stepper.load(state)
         return state
+
+    def _with_smooth_start(self, state: State, dt: float) -> State:
+        """The state of initial rates with the slow part, found by a step of the length dt [s].
+
+        The same state for schemes without sub-steps, whose forces are of order two.
+        """
+        model = self.model
+        if len(model.scheme.fractions) == 1 or (fits := model.fitted_rates) is None:
+            return state
+        if have_slopes():
+            raise TypeError("a start that is found by a step has no slopes")
+        with uncounted(self.stats):
+            end = self.stepper.trial(state, state.t + dt).state
+        if end is None:
+            return state
+        driven = plain(self.forcing.end_rates(np.array([end.t]), np.array([dt])))
+        swing = fits.fit(end.q[None], end.v[None], end.slides[None], driven).corrections
+        # The slow part is the mean of both ends, as the start fits; at the start it is normal to
+        # what joints allow there.
+        at_rest = np.zeros((1, model.couplings.driven))
+        slow = fits.fit(state.q[None], swing / 2, state.slides[None], at_rest).corrections[0]
+        # Driven motions give it; as the record has their work, that at the start is zero.
+        given = state.v @ (model.mass @ slow) if model.couplings.driven else 0.0
+        return replace(state, v=state.v + slow, work=state.work + given)
 
 
 def _come_and_gone(model: Model, start: Solution, state: State) -> float:
@@ -194,27 +218,13 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
     return state
 
 
-def smooth_start(
-    model: Model, forcing: Forcing, stepper: Stepper, stats: Stats, state: State, dt: float
-) -> State:
-    """The state of initial rates with the slow part, found by a step of the length dt [s].
-
-    The same state for schemes without sub-steps, whose forces are of order two.
-    """
-    if len(model.scheme.fractions) == 1 or (fits := model.fitted_rates) is None:
-        return state
-    if have_slopes():
-        raise TypeError("a start that is found by a step has no slopes")
-    with uncounted(stats):
-        end = stepper.trial(state, state.t + dt).state
-    if end is None:
-        return state
-    driven = plain(forcing.end_rates(np.array([end.t]), np.array([dt])))
-    swing = fits.fit(end.q[None], end.v[None], end.slides[None], driven).corrections
-    # The slow part is the mean of both ends, as the start fits; at the start it is normal to what
-    # joints allow there.
-    at_rest = np.zeros((1, model.couplings.driven))
-    slow = fits.fit(state.q[None], swing / 2, state.slides[None], at_rest).corrections[0]
-    # Driven motions give it; as the record has their work, that at the start is zero.
-    given = state.v @ (model.mass @ slow) if model.couplings.driven else 0.0
-    return replace(state, v=state.v + slow, work=state.work + given)
+def stats_of(model: Model, **others: Any) -> Stats:
+    """Statistics of a run that has not begun."""
+    return Stats(
+        scheme=model.scheme.name,
+        level=model.scheme.rates.level,
+        unknowns=len(model.reduction.independent),
+        compiled=model.compiled,
+        assembled=model.assembled,
+        **others,
+    )

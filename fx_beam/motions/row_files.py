@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from fx_beam.errors import SceneError
 from fx_beam.results.fields import RESULTANTS
@@ -54,10 +55,8 @@ class RowFiles:
         """Let each process have its elements."""
         mesh, beams = self._model.mesh, self._model.scene.beams
         degree = beams[0].degree
-        chains = zip(mesh.nodes, beams, strict=True)
-        first = [nodes[:-1].reshape(beam.elements, degree) for nodes, beam in chains]
-        last = [nodes[degree::degree] for nodes in mesh.nodes]
-        nodes = np.column_stack([np.concatenate(first), np.concatenate(last)])
+        of_beams = [sliding_window_view(nodes, degree + 1)[::degree] for nodes in mesh.nodes]
+        nodes = np.concatenate(of_beams)
         beam = np.repeat(np.arange(len(beams)), [beam.elements for beam in beams])
         make, self._elements = None, [np.arange(len(nodes))]
         if (together := prepared.stepper.integrator.together) is not None:

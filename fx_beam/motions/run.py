@@ -106,11 +106,8 @@ class Run:
         #: Times at which a contact or a law has switched [s].
         self._events: list[float] = []
         first = control.first if control is not None else float(self.times[1] - self.times[0])
-        self._first, late = first, start is None and model.finds_accelerations_later
-        asked = control is not None or (record.rates and not late)
-        state = prepared.first_state(first, start, asked)
-        if record.rates and not asked:
-            recorder.late_accelerations = prepared.late_accelerations(state, first)
+        self._first = first
+        state = prepared.recorded_state(recorder, first, start, control is not None)
         prepared.stepper.integrator.record_start(state, recorder)
         self._clock = time.perf_counter()
 

@@ -83,9 +83,7 @@ def frequency_response(
     if 0 < 100 * low < high:
         for ax in axes[:, 0]:
             ax.set_xscale("log")
-    if path is not None:
-        save(fig, path)
-    return fig
+    return _saved(fig, path)
 
 
 def response(

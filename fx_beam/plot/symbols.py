@@ -10,7 +10,7 @@ from matplotlib.collections import PolyCollection
 
 from fx_beam.errors import require
 from fx_beam.scene.beam import Node
-from fx_beam.scene.forces_between import ForceBetween
+from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import Joint
 
 from .drawing import Drawing, Outline
@@ -30,7 +30,14 @@ def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
 
 # Lines of symbols, and shoes of friction.
 _FINE: dict[str, Any] = {"linewidth": 0.9, "zorder": 2}
-_THICK = _FINE | {"linewidth": 2.5, "solid_capstyle": "butt"}
+_LOOKS = {
+    "guide": _FINE | {"linestyle": ":"},
+    "fine": _FINE,
+    "pull": _FINE | {"linestyle": (0, (6, 3))},
+    "friction": _FINE | {"linewidth": 2.5, "solid_capstyle": "butt"},
+    "stop": _FINE | {"linewidth": 1.5},
+}
+_LOOK_OF = {"spring": "fine", "damper": "fine"}
 _ARROW: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "units": "inches"}
 # Fractions of the drawing's size: width of a spring, its far end on the ground, what
 # a guide has beyond its ends, length of a wall.
@@ -53,6 +60,12 @@ _ENDS = np.array([2.4, 3.6, 3.0])[:, None]
 _BENT_STOP = np.concatenate([_ENDS * _ROUND[0], 3.0 * _ROUND, _ENDS[::-1] * _ROUND[-1]])
 _BAR = np.array([(0.0, -1.6), (0.0, 1.6)])
 _AROUND = {"spring": _SPIRAL, "damper": _BENT_CUP, "friction": _BENT_SHOES, "stop": _BENT_STOP}
+# A spring and a damper along a line: fractions of its length, and widths of a spring beside it.
+_FRACTIONS = [0, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 1]
+_ZIGZAG = np.column_stack([_FRACTIONS, [0, 0, *[1, -1] * 3, 1, 0, 0]])
+_ROD = np.concatenate([[(0, 0), (0.5, 0)], _GAP, [(0.5, -0.7), (0.5, 0.7)], _GAP])
+_CUP = np.concatenate([[(0.35, -1), (0.65, -1), (0.65, 1), (0.35, 1)], _GAP, [(0.65, 0), (1, 0)]])
+_STRAIGHT = {"spring": _ZIGZAG, "damper": np.concatenate([_ROD, _CUP])}
 
 
 # -- In every row ----------------------------------------------------------------------------------
@@ -141,28 +154,37 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
 def draw_joints(ax, drawing: Drawing, k: int) -> list:
     """Draw joints, springs, dampers, stops, forces between points of row k; the artists."""
     joints: list[Joint] = list(_of_scene(drawing, "joints"))
-    drawn = draw_lines(ax, _guides(drawing, joints, k), **_FINE | {"linestyle": ":"})
-    parts: dict[str, list[np.ndarray]] = {"spring": [], "damper": [], "friction": [], "stop": []}
+    lines = {"guide": _guides(drawing, joints, k), "fine": [], "friction": [], "stop": []}
     for joint in joints:
         for name, on in joint.coordinates.items():
             drawn_part = _along_slide if name == "slide" else _around
-            for part, lines in parts.items():
-                if getattr(on, part) is not None:
-                    lines.append(drawn_part(drawing, joint, part, k))
-    drawn += draw_lines(ax, parts["spring"] + parts["damper"], **_FINE)
-    drawn += draw_lines(ax, parts["friction"], **_THICK)
-    drawn += draw_lines(ax, parts["stop"], **_FINE | {"linewidth": 1.5})
-    return drawn + draw_between(ax, drawing, k) + draw_hinges(ax, drawing, k)
+            for part in (part for part in _AROUND if getattr(on, part) is not None):
+                lines[_LOOK_OF.get(part, part)].append(drawn_part(drawing, joint, part, k))
+    return _drawn(ax, lines) + draw_between(ax, drawing, k) + draw_hinges(ax, drawing, k)
 
 
 def draw_between(ax, drawing: Drawing, k: int) -> list:
-    """Draw forces between points of row k; returns the artists."""
-    between: list[ForceBetween] = list(_of_scene(drawing, "forces_between"))
-    pairs = [_Pair(drawing, force, k) for force in between]
-    drawn = draw_lines(ax, [line for pair in pairs for line in pair.parts + pair.wall], **_FINE)
-    pulls = [pair.ends for pair in pairs if not pair.parts]
-    drawn += draw_lines(ax, pulls, **_FINE | {"linestyle": (0, (6, 3))})
-    return drawn + draw_lines(ax, [line for pair in pairs for line in pair.shoes], **_THICK)
+    """Draw forces between points of row k, with walls at points; returns the artists."""
+    lines: dict[str, list[np.ndarray]] = {"fine": [], "pull": [], "friction": []}
+    size = drawing.size
+    for force in _of_scene(drawing, "forces_between"):
+        (a, b), on = drawing.ends(force, k), force.on
+        along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
+        for part in ("spring", "damper", "friction"):
+            if getattr(on, part) is not None:
+                symbol = _straight(part, on, (a, b), (a + b) / 2, along, size)
+                lines[_LOOK_OF.get(part, part)].append(symbol)
+        if on.spring is None and on.damper is None:
+            lines["pull"].append(np.array([a, b]))
+        if not isinstance(force.b, Node):
+            wall = wall_strokes(-force.apart / np.hypot(*force.apart), _WALL).at(b, size)
+            lines["fine"] += wall.thick + wall.thin
+    return _drawn(ax, lines)
+
+
+def _drawn(ax, lines: dict[str, list[np.ndarray]]) -> list:
+    """Draw lines by their looks; returns the artists."""
+    return [artist for look, of in lines.items() for artist in draw_lines(ax, of, **_LOOKS[look])]
 
 
 def draw_hinges(ax, drawing: Drawing, k: int) -> list:
@@ -183,25 +205,6 @@ def nodes_of_joints(drawing: Drawing) -> dict[str, list[int]]:
             marker = "o" if joint.slide is None else "s"
             nodes.setdefault(marker, []).append(node_of(joint).number)
     return nodes
-
-
-class _Pair:
-    """Lines of a force between two points: spring, damper, shoes of friction, wall at a point."""
-
-    def __init__(self, drawing: Drawing, force: ForceBetween, k: int):
-        self.ends, size, on = drawing.ends(force, k), drawing.size, force.on
-        a, b = self.ends
-        self.parts, self.shoes, self.wall = list[np.ndarray](), list[np.ndarray](), []
-        if on.spring is not None:
-            self.parts.append(_zigzag(a, b, size))
-        if on.damper is not None:
-            self.parts.append(_dashpot(a, b, size, on.spring is not None))
-        if on.friction is not None:
-            along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
-            self.shoes = [(a + b) / 2 + _SPRING_WIDTH * size * _along(_SHOES, along)]
-        if not isinstance(force.b, Node):
-            wall = wall_strokes(-force.apart / np.hypot(*force.apart), _WALL).at(b, size)
-            self.wall = wall.thick + wall.thin
 
 
 def _along(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -232,13 +235,18 @@ def _along_slide(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarra
     assert joint.slide is not None
     if part == "stop":
         return _bars(drawing, joint, k)
+    ends, along = _spring_ends(drawing, joint, k), slide_direction(drawing, joint, k)
+    middle = _position_of(drawing, joint, k)
+    return _straight(part, joint.slide, ends, middle, along, drawing.size)
+
+
+def _straight(part: str, on: Coordinate, ends, middle, along, size: float) -> np.ndarray:
+    """A zigzag, a dashpot, beside a spring if there is one, or shoes of a brake in the middle."""
     if part == "friction":
-        shoes = _along(_SHOES, slide_direction(drawing, joint, k))
-        return _position_of(drawing, joint, k) + _SPRING_WIDTH * drawing.size * shoes
-    ends = _spring_ends(drawing, joint, k)
-    if part == "spring":
-        return _zigzag(*ends, drawing.size)
-    return _dashpot(*ends, drawing.size, joint.slide.spring is not None)
+        return middle + _SPRING_WIDTH * size * _along(_SHOES, along)
+    aside = (0.0, 3.0 if part == "damper" and on.spring is not None else 0.0)
+    a, b = ends
+    return _stretched(_STRAIGHT[part] + aside, a, b, size)
 
 
 def _around(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarray:
@@ -279,20 +287,6 @@ def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np
     far = -_SPRING_END * drawing.size * joint.kinematics.tangent(joint.start()[0])
     number = node_of(joint).number
     return drawing.solution.X[number] + far, drawing.positions(number, k)
-
-
-def _zigzag(a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
-    """Points (11, 2) of a spring from a to b."""
-    fractions = [0, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 1]
-    return _stretched(np.column_stack([fractions, [0, 0, *[1, -1] * 3, 1, 0, 0]]), a, b, size)
-
-
-def _dashpot(a: np.ndarray, b: np.ndarray, size: float, beside: bool) -> np.ndarray:
-    """Points of a damper from a to b, beside a spring if there is one; NaN marks gaps."""
-    gap = (np.nan, np.nan)
-    rod = [(0, 0), (0.5, 0), gap, (0.5, -0.7), (0.5, 0.7), gap]
-    cup = [(0.35, -1), (0.65, -1), (0.65, 1), (0.35, 1), gap, (0.65, 0), (1, 0)]
-    return _stretched(np.array(rod + cup) + (0, 3.0 if beside else 0), a, b, size)
 
 
 def _stretched(points: np.ndarray, a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
