@@ -22,7 +22,7 @@ from scipy.integrate import trapezoid
 import fx_beam as fb
 from fx_beam.studies import reporting
 from fx_beam.studies.reporting import section, table
-from fx_beam.studies.stability.case import grouped
+from fx_beam.studies.stability.cases import grouped
 from fx_beam.studies.stability.report import draw_map, draw_summary
 
 Case = fb.stability.Case

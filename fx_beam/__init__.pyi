@@ -36,8 +36,7 @@ from .linear.harmonic import frequency_response as frequency_response
 from .linear.linear_system import LinearSystem as LinearSystem, linearise as linearise
 from .linear.modal import modes as modes, rayleigh as rayleigh
 from .motions.dynamics import simulate as simulate
-from .motions.motion import Motion as Motion
-from .motions.open_motion import Snapshot as Snapshot
+from .motions.motion import Motion as Motion, Snapshot as Snapshot
 from .orbits.periodic_search import (
     backbone as backbone,
     forced_response as forced_response,

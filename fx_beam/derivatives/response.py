@@ -14,7 +14,7 @@ import numpy as np
 
 from fx_beam.array_calls import calling_with_arrays
 from fx_beam.dual import Dual, have_slopes, plain
-from fx_beam.equilibria.load_path import LoadPath
+from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.initial_state import rates_with_slopes

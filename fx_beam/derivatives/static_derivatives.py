@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.equilibria.load_path import LoadPath
+from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.initial_state import reference_state

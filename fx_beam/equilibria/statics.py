@@ -1,18 +1,291 @@
-"""Equilibria of a scene under rising loads."""
+"""Equilibria of a scene under rising loads: options, the path with its states, and its solution."""
 
 from __future__ import annotations
 
+import logging
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from fx_beam.motions.progress import keeping_steps
-from fx_beam.results.solution import Solution
-from fx_beam.scene.scene import Scene
-from fx_beam.step.newton import NewtonOptions
+import numpy as np
 
-from .branches import Branch, grown
-from .load_path import LoadPath, StaticOptions
+from fx_beam.errors import (
+    Failure,
+    SceneError,
+    StepError,
+    as_float,
+    is_number,
+    is_one_of,
+    is_whole,
+    vector,
+)
+from fx_beam.laws.schemes import Equilibrium
+from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
+from fx_beam.motions.evaluation import solution_of
+from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.options import CommonOptions, check_scene
+from fx_beam.motions.prepared import state_of, stats_of
+from fx_beam.motions.progress import attach, failure_of, keeping_steps, progress_bar
+from fx_beam.motions.surroundings import recent_model, waiting_team, warn_of_equal_work
+from fx_beam.parallel.whole import shared
+from fx_beam.results.audit import Stability
+from fx_beam.results.solution import Solution
+from fx_beam.results.state import State
+from fx_beam.scene.inputs import values_at, with_functions
+from fx_beam.scene.scene import Scene
+from fx_beam.step.forcing import LoadForcing
+from fx_beam.step.newton import NewtonOptions
+from fx_beam.step.recorder import Record, Recorder
+from fx_beam.step.step_failures import StepFailed
+from fx_beam.step.substeps import MOST_HALVINGS
+from fx_beam.step.turning_frame import TurningFrame, check_turns
+
+from .arc_length import ArcLength
+from .branches import Branch, first_step, grown, is_equilibrium
+from .critical_points import PathStability
+from .load_steps import LoadStepper
+from .settling import Settling
+
+_log = logging.getLogger("fx_beam")
+_UNSTABLE = (
+    "static: the equilibrium of this mechanism is unstable; it stands there because its parts are "
+    "placed so. Place them a little beside it to find a stable one"
+)
+_BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
+# Largest number of load steps.
+_MOST_STEPS = 10_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticOptions(CommonOptions):
+    """Those of `static`; SceneError for all that can be refused without a scene."""
+
+    what: str = "static"
+    load_steps: int = 10
+    t: float = 0.0
+    continuation: str | None = None
+    max_cuts: int = 8
+    max_steps: int = 1000
+    spin: float = 0.0
+    pivot: Sequence[float] = (0.0, 0.0)
+    branches: int = 0
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name, least, most in (
+            ("load_steps", 1, _MOST_STEPS),
+            ("max_steps", 1, _MOST_STEPS),
+            ("max_cuts", 0, MOST_HALVINGS),
+            ("branches", 0, 10),
+        ):
+            fits = is_whole(getattr(self, name), least, most)
+            self._require(name, fits, f"a whole number from {least} to {most:,}")
+        self._require("t", is_number(self.t), "a finite number")
+        fits = self.continuation is None or is_one_of(self.continuation, ("arc-length",))
+        self._require("continuation", fits, '"arc-length" or None')
+        self._require("spin", is_number(self.spin), "a finite number [rad/s]")
+        vector(self.pivot, 2, "static: pivot")
+        self.__dict__.update({name: as_float(getattr(self, name)) for name in ("t", "spin")})
+
+    def check(self, scene: Scene, start: Any) -> None:
+        """Refuse a start that does not fit the other options, and what cannot turn."""
+        if self.spin:
+            check_turns(scene, "static: spin")
+            if start is not None:
+                raise SceneError(
+                    "static: start with a spin: the loads of a turn rise from zero. Give all loads "
+                    "at once, without start"
+                )
+        if isinstance(start, Branch) and self.continuation is None:
+            raise SceneError('static: start is a branch. Follow it by continuation="arc-length"')
+        if self.branches and (start is not None or self.spin):
+            raise SceneError("static: branches are followed of paths without start and spin")
+
+
+class LoadPath:
+    """The equilibria of a scene, from rest or from a start on, where the loads of this have held.
+
+    `began` is when it was begun, by `time.perf_counter` [s].
+    """
+
+    def __init__(self, scene: Scene, options: StaticOptions, start: Solution | Branch | None):
+        check_scene(scene, "static")
+        options.check(scene, start)
+        warn_of_equal_work()
+        connected = with_functions(scene, options.inputs, "static: inputs")
+        self.scene, self.options, self.start = scene, options, start
+        self._inputs = values_at(scene, options.inputs, options.t)
+        self.began = time.perf_counter()
+        self.model = model = recent_model(connected, Equilibrium(), settles=True)
+        model.needed_by(self)
+        self.stats = stats_of(model, solver="sparse lu", static=True)
+        if options.continuation is not None and model.points.follow_joints:
+            raise SceneError(
+                "static: arc-length steps do not find the force of a joint that its friction "
+                "follows, fx_beam.Coulomb. Use load steps (without continuation), or "
+                "fx_beam.SmoothFriction"
+            )
+        turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
+        self.forcing = LoadForcing(model, options.t, turning)
+        self._team = waiting_team(connected) if options.continuation is None else None
+        given = model, self.forcing, options.newton, self.stats
+        self._stepper = LoadStepper(*given, alone=self._team is None)
+        if self._team is not None:
+            self.stats.solver = f"PETSc on {self._team.size} processes"
+        #: The states so far.
+        self.states: list[State] = []
+        self.stats.setup_seconds = time.perf_counter() - self.began
+
+    @property
+    def continues(self) -> bool:
+        """Whether it began at another solution."""
+        return self.start is not None
+
+    def followed(self) -> Solution:
+        """The whole path. An exception has the solution of the steps before it."""
+        options, stats = self.options, self.stats
+        self._clock, bar = time.perf_counter(), progress_bar(1.0, options.progress, bar_format=_BAR)
+        self.states = states = _States(bar)
+        try:
+            with bar, shared(self._team, self._stepper.loop):
+                self._follow()
+            if states[-1].t < 1 and not stats.closed and stats.steps >= options.max_steps:
+                factor, most = states[-1].t, options.max_steps
+                reason = f"static: load factor {factor:g}, below 1, after max_steps = {most} steps"
+                stats.failure = Failure("too many steps", reason, factor)
+                _log.warning(reason)
+            solution = self._solution(states)
+            warn_of_places(solution)
+            solution._load_path = self
+        except BaseException as error:
+            stats.failure = failure_of(error, states[-1].t if states else 0.0)
+            if states:
+                attach(error, lambda: self._solution(states))
+            if isinstance(error, StepError) and stats.steps:
+                self._name_critical_point(error)
+                warn_of_sharp_bends(error.solution)
+            raise
+        return solution
+
+    # -- States -----------------------------------------------------------------------------------
+
+    def _follow(self) -> None:
+        """Append all states."""
+        stepper, states, options, start = self._stepper, self.states, self.options, self.start
+        limits = options.load_steps, options.max_cuts
+        if isinstance(start, Branch):
+            self._branch_off(start)
+            return
+        if self.model.mechanism:
+            states.append(self._settled())
+        elif start is None:
+            states.append(stepper.first_state(*limits))
+        else:
+            states.append(stepper.start_from(self._at_rest(start)))
+        if options.continuation is None:
+            stepper.raise_load(states, *limits)
+        else:
+            ArcLength(stepper).follow(states, *limits, options.max_steps)
+
+    def _branch_off(self, start: Branch) -> None:
+        """Append the states of a branch."""
+        stepper, states, options = self._stepper, self.states, self.options
+        arc, point = ArcLength(stepper), start.point
+        state = replace(self._at_rest(point.solution), t=point.load_factor)
+        if not is_equilibrium(arc, state):
+            raise SceneError(
+                "static: start is a branch of another path: the bifurcation is no equilibrium of "
+                f"this scene at load factor {point.load_factor:g}. Give the scene, t and inputs of "
+                "its path, which must not have a start of its own"
+            )
+        states.append(state)
+        limits, shape = (options.load_steps, options.max_cuts), self.model.from_nodes(start.shape)
+        try:
+            new, ahead, distance = first_step(arc, state, shape, *limits)
+        except StepFailed as failure:
+            raise arc.error(state, failure, options.max_cuts) from failure
+        self.stats.steps += 1
+        states.append(new)
+        arc.follow(states, *limits, options.max_steps, (ahead, distance))
+
+    def _settled(self) -> State:
+        """The first state of a mechanism, which its loads hold."""
+        stepper, start, state = self._stepper, self.start, reference_state(self.model)
+        if isinstance(start, Solution):
+            try:
+                return stepper.start_from(state := self._at_rest(start))
+            except StepError:
+                pass  # the forces that held it do not hold it alone
+        state = Settling(stepper).settled(state, 1 / self.options.load_steps)
+        if state.negative_eigenvalues:
+            _log.warning(_UNSTABLE)
+        return state
+
+    def _at_rest(self, start: Solution) -> State:
+        """The last state of a solution, at rest, at load factor 0."""
+        state, rest = state_of(self.model, start), np.zeros(self.model.size)
+        return replace(state, t=0.0, v=rest, a=rest.copy(), parts=None, past=None, inputs=None)
+
+    def _turning(self, state: State) -> State:
+        """A state in its turn, if it turns, with the work that made it turn."""
+        if (frame := self.forcing.turning) is None:
+            return state
+        v = frame.rates(state.q, state.t)
+        a = -state.t * frame.spin**2 * frame.arms(state.q)
+        return replace(state, v=v, a=a, work=state.work + float(v @ (self.model.mass @ v)) / 2)
+
+    # -- The solution -----------------------------------------------------------------------------
+
+    def _solution(self, states: list[State]) -> Solution:
+        """The solution of some states."""
+        stats, model = self.stats, self.model
+        stats.seconds, stats.substeps = time.perf_counter() - self._clock, stats.steps
+        turning = [self._turning(state) for state in states]
+        recorder = Recorder(model, np.array([state.t for state in states]), Record())
+        for step, state in enumerate(turning):
+            recorder.record(step, state)
+            self._stepper.loop.inversion.check(state.t, state.q)
+        end = replace(turning[-1], t=self.forcing.time, inputs=self._inputs)
+        path = self._stability(states, lambda state: self._solution([state]))
+        stability = Stability(path.unstable_modes, path.critical_points)
+        solution = solution_of(model, recorder, stats, lambda: end, stability=stability)
+        model.needed_by(solution.resultants_of_beam)
+        return solution
+
+    def _stability(self, states: list[State], solved) -> PathStability:
+        return PathStability(self._stepper, list(states), solved, isinstance(self.start, Branch))
+
+    def _name_critical_point(self, error: StepError) -> None:
+        """Let an error say that its path fails at a critical point."""
+        try:
+            points = self._stability(self.states, lambda state: error.solution).at_end()
+        except (ValueError, RuntimeError, StepFailed):
+            return
+        for point in points:
+            # Beyond the last state it is extrapolated.
+            advice = f"There is a {point.kind} near load factor {point.load_factor:.4g}. "
+            if point.kind == "bifurcation":
+                advice += (
+                    "Follow a branch: point = error.solution.critical_points[-1], and then static("
+                    'scene, start=point.branch(+1), continuation="arc-length"); or give the load a '
+                    "little more or less"
+                )
+            else:
+                advice += error.failure.advice
+            error.failure = self.stats.failure = replace(error.failure, advice=advice)
+            error.args = (str(error.failure),)
+
+
+class _States(list[State]):
+    """States of a path; a progress bar shows the load factor of the last one."""
+
+    def __init__(self, bar):
+        self.bar = bar
+
+    def append(self, state: State) -> None:
+        super().append(state)
+        self.bar.update(state.t - self.bar.n)
 
 
 @keeping_steps

@@ -10,13 +10,21 @@ if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
 
 from .animations import animate
 from .browser_page import Page, interactive
+from .charts import (
+    curves,
+    equilibrium_paths,
+    figure,
+    frequency_response,
+    quantities,
+    response,
+    save,
+    style,
+)
 from .deformed_shapes import shapes
 from .drawing import axis
 from .force_diagrams import diagrams
 from .mode_shapes import modes
-from .response_curves import equilibrium_paths, frequency_response, response
 from .scene_drawing import scene
-from .time_curves import curves, figure, quantities, save, style
 
 __all__ = [
     "Page",

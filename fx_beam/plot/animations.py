@@ -20,9 +20,8 @@ from fx_beam.scene.beam import Node
 
 from .drawing import Drawing, checked_drawing, clock, say_if_too_small, three_digits
 from .members import Colouring, Members
-from .plane import LARGEST, Plane
-from .supports import Supports
-from .symbols import draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
+from .sheet import LARGEST, Plane
+from .symbols import Supports, draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
 
 _SAMPLES = 40_000  # pixels of a frame from which the palette is chosen
 

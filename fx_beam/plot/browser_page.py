@@ -19,8 +19,7 @@ from fx_beam.scene.beam import Node, arc_lengths
 
 from .drawing import Drawing, axis, checked_drawing, time_unit
 from .members import SEQUENTIAL, SIGNED, WORDS, hexadecimal, is_signed, unit_of
-from .supports import Supports
-from .symbols import nodes_of_joints, nodes_with_mass
+from .symbols import Supports, nodes_of_joints, nodes_with_mass
 
 _TEMPLATE = Path(__file__).with_suffix(".html")
 _ROWS = 200  # that are shown if none are named

@@ -17,9 +17,8 @@ from fx_beam.scene.beam import Node
 
 from .drawing import Drawing, checked_drawing, say_if_too_small, three_digits, time_unit
 from .members import SEQUENTIAL, Colouring, Members
-from .plane import Plane, picture, written
-from .supports import Supports
-from .symbols import draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
+from .sheet import Plane, picture, written
+from .symbols import Supports, draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
 
 _MANY = 1000  # members above which their tubes have six sides
 

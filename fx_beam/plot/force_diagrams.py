@@ -17,9 +17,8 @@ from fx_beam.results.solution import Solution
 
 from .drawing import Drawing, checked_drawing, three_digits, time_unit
 from .members import SIGNED, words_for
-from .plane import panels, picture, written
-from .supports import Supports, draw_lines
-from .symbols import draw_joints, draw_outlines
+from .sheet import panels, picture, written
+from .symbols import Supports, draw_joints, draw_lines, draw_outlines
 
 _TALLEST = 0.15  # of a diagram, as a fraction of the picture's size
 _OVER = 1.5  # of a diagram, as a multiple of the distance between members

@@ -13,9 +13,8 @@ from fx_beam.results.vibrations import Modes
 from fx_beam.scene.body import Body
 
 from .drawing import Drawing, three_digits
-from .plane import panels, picture, written
-from .supports import Supports, draw_lines
-from .symbols import draw_between, draw_bodies, draw_hinges
+from .sheet import panels, picture, written
+from .symbols import Supports, draw_between, draw_bodies, draw_hinges, draw_lines
 
 _MODE = "#0072B2"
 _SIZE = 0.15  # largest displacement, as a fraction of the scene's size

@@ -116,9 +116,8 @@ HOMES = {
     "slepc4py": "",
     "dolfinx basix": "fem.dolfinx_api fem.interval_mesh",
     "ffcx": "fem.ffcx_api",
-    "matplotlib": "plot.time_curves plot.symbols plot.plane plot.members "
-    "plot.deformed_shapes plot.animations plot.mode_shapes plot.force_diagrams plot.sheet "
-    "plot.scene_drawing",
+    "matplotlib": "plot.charts plot.symbols plot.members plot.deformed_shapes plot.animations "
+    "plot.mode_shapes plot.force_diagrams plot.sheet plot.scene_drawing",
     "pyvista vtk vtkmodules": "plot.deformed_shapes",
     "PIL imageio_ffmpeg": "plot.animations",
     "tqdm": "motions.progress",

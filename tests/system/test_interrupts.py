@@ -9,7 +9,7 @@ import pytest
 from interrupting import call_stopped_at
 
 import fx_beam as fb
-from fx_beam.motions import motion_series, open_motion, recent
+from fx_beam.motions import motion as motion_module, motion_series, surroundings
 from fx_beam.step import single_steps
 
 DT = 1 / 64
@@ -55,7 +55,7 @@ def agree(motion, twin):
 def test_a_step_is_taken_or_not_wherever_it_is_interrupted(
     opcodes, every, bumps, scheme, monkeypatch
 ):
-    monkeypatch.setattr(open_motion, "_TURNS", 3)
+    monkeypatch.setattr(motion_module, "_TURNS", 3)
     monkeypatch.setattr(single_steps, "_BLOCK", 2)
     motion, twin = (
         fb.Motion(scene, scheme, dt=DT, outputs=outputs, record=fb.Record(every=2))
@@ -203,7 +203,7 @@ def alarm():
 def test_interrupts_leave_the_steps_before_or_say_there_are_none(name, kind, ctrl_c, monkeypatch):
     run = RUNS[name]()
     # Each run sets up a model of its own, so that it has as many lines as the others.
-    for module in (recent, motion_series):
+    for module in (surroundings, motion_series):
         monkeypatch.setattr(module, "SMALL", -1)
     whole = run()
     steps, end = lines_of(run)

@@ -15,8 +15,8 @@ from fx_beam.errors import SceneError
 from fx_beam.results.files import replacing
 from fx_beam.studies.reporting import beside, section, short, table, write_report
 
-from . import case as rules
-from .case import KINDS, Cell, Verdict, grouped
+from . import cases as rules
+from .cases import KINDS, Cell, Verdict, grouped
 
 #: Colours of the verdicts, from pale for kept to dark for failed.
 COLOURS = {
