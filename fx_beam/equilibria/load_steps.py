@@ -97,7 +97,13 @@ class LoadStepper:
             try:
                 *_, state = self._in_steps(start, release, steps, max_cuts)
             except StepFailed as failure:
-                raise self._error_of_first(start, failure, max_cuts) from failure
+                what = "no equilibrium without loads was found"
+                advice = (
+                    "Check for a part without support, or a spring far from its rest position. The "
+                    f"last step was to {self._goal:.3g} times the springs' tension"
+                )
+                failures = self.loop.failures
+                raise failures.error(what, max_cuts, start, failure, advice) from failure
         self._hold_by(0 * tension, 0 * tension)
         state.work = 0.0
         return state
@@ -275,16 +281,6 @@ class LoadStepper:
             easy = self.deviation <= _EASY_DEVIATION and self.iterations <= _EASY_ITERATIONS
             if easy and 2 * stride <= longest and at % (2 * stride) == 0:
                 stride *= 2
-
-    def _error_of_first(self, start: State, failure: StepFailed, cuts: int) -> StepError:
-        return self.loop.failures.error(
-            "no equilibrium without loads was found",
-            cuts,
-            start,
-            failure,
-            "Check for a part without support, or a spring far from its rest position. The last "
-            f"step was to {self._goal:.3g} times the springs' tension",
-        )
 
     def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
         what = f"the step from load factor {state.t:.6g} to {self._goal:.6g} failed"

@@ -171,9 +171,9 @@ class PathEquations:
 
     def _bordered(self, indptr: np.ndarray, indices: np.ndarray) -> BorderedLU:
         reduction, dependent = self._reduction, self._reduction.dependent
-        own = self.model.unit_of_unknowns[reduction.independent]
+        unit = self.model.unit_of_unknowns[reduction.independent]
         given = dependent if dependent.size and not self._fills else None
-        return BorderedLU((indptr, indices), own, given)
+        return BorderedLU((indptr, indices), unit, given)
 
     @property
     def _equations(self) -> Equations:
@@ -226,8 +226,8 @@ class PathEquations:
         self, column: np.ndarray, normal: Tangent, residual: np.ndarray, last: float
     ) -> tuple[np.ndarray, float]:
         """Small changes of unknowns and load for right sides, by the last balance and a plane."""
-        reduction, free, own = self._reduction, self._reduction.free, self._reduction.independent
-        moved = slice(free, free + reduction.driven)
+        reduction, free = self._reduction, self._reduction.free
+        independent, moved = reduction.independent, slice(free, free + reduction.driven)
         if self._fills or self.model.points.members is not None:  # its sparsity may have changed
             A = self._equations.tangent() if self._fills else self._equations.system()
             self.bordered, values = self._bordered(A.indptr, A.indices), A.data
@@ -235,10 +235,10 @@ class PathEquations:
             values = self._equations.values
         across = reduction.coupling().T @ (self.weight * normal.D)
         corner = normal.load + across[moved] @ self._forcing.goal
-        self.bordered.factorise(values, column[own], across[own], corner)
-        dy, dload = self.bordered.solve(np.append(residual[own], last))
+        self.bordered.factorise(values, column[independent], across[independent], corner)
+        dy, dload = self.bordered.solve(np.append(residual[independent], last))
         w = np.zeros(reduction.columns)
-        w[own], w[moved] = dy, dload * self._forcing.goal
+        w[independent], w[moved] = dy, dload * self._forcing.goal
         return reduction.completed(w)[:free], dload
 
     def tangent(self, y: np.ndarray, load: float, previous: Tangent) -> Tangent:

@@ -32,7 +32,7 @@ _SHORT = 1e-3
 # Length of a step in equilibrium.
 _STILL = 1e-12
 # Least part of mu D.W D that the fluid takes.
-_TAKEN = 0.4
+_LEAST_WORK = 0.4
 # Largest number of steps, and way in units of the scene that no equilibrium is beyond.
 _MOST, _FAR = 400, 100.0
 # Stiffness that is none, relative to the loads and to the largest stiffness.
@@ -76,8 +76,8 @@ class Settling:
             short = moved <= _SHORT
             drag *= min(1.0, max(0.1, moved / _WANTED))
         else:
-            found = "under its loads it finds no equilibrium" if drag else "it has no load"
-            raise self._error(found)
+            reason = "under its loads it finds no equilibrium" if drag else "it has no load"
+            raise self._error(reason)
         state.negative_eigenvalues = self.stepper.inertia.of(loop)
         self._check(largest, state, goal)
         return state
@@ -92,8 +92,8 @@ class Settling:
         """Largest load or force without balance in a state, times its unit [J]."""
         balance, forces = self._begin(state, goal)
         free = self.model.reduction.free
-        own = abs(balance.residual[:free] * self.model.unit_of_unknowns).max(initial=0.0)
-        return float(max(own, abs(forces * self.model.unit).max()))
+        largest = abs(balance.residual[:free] * self.model.unit_of_unknowns).max(initial=0.0)
+        return float(max(largest, abs(forces * self.model.unit).max()))
 
     def _step(self, state: State, goal: float) -> tuple[State, float]:
         """State after a step, and its length; StepFailed if it is too long or goes up."""
@@ -102,11 +102,11 @@ class Settling:
         moved = self._size(step.D)
         if moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D, [])
-        if self._lost(state, new, step) < _TAKEN * self._taken(step.D):
+        if self._energy_lost(state, new, step) < _LEAST_WORK * self._work_of_drag(step.D):
             raise StepFailed("off the path", "the step goes up", step.D, [])
         return new, moved
 
-    def _lost(self, old: State, new: State, step: StepSolution) -> float:
+    def _energy_lost(self, old: State, new: State, step: StepSolution) -> float:
         """Energy that a step takes from the loads, the parts and the springs [J], or its bound."""
         weight = 0.0 if self.model.weight is None else float(self.model.weight @ step.D)
         energy = self.stepper.energy(new), self.stepper.energy(old)
@@ -116,7 +116,7 @@ class Settling:
         rounding += 1e-14 * self._loop.change_of_sizes(step.D, moved)
         return lost + rounding
 
-    def _taken(self, D: np.ndarray) -> float:
+    def _work_of_drag(self, D: np.ndarray) -> float:
         """mu D.W D of an increment (size,) [J]."""
         return float(self._loop.drag * D @ (self._loop.drag_weight * D))
 
@@ -125,11 +125,11 @@ class Settling:
 
     def _check(self, largest: float, state: State, goal: float) -> None:
         """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
-        model, own = self.model, self.model.reduction.independent
+        model, independent = self.model, self.model.reduction.independent
         self._begin(state, goal)
-        K, unit = self.stepper.equations.tangent(), model.unit_of_unknowns[own]
+        K, unit = self.stepper.equations.tangent(), model.unit_of_unknowns[independent]
         # With so little drag the tangent is never singular.
-        T = model.reduction.coupling()[:, own]
+        T = model.reduction.coupling()[:, independent]
         drag = T.T @ scipy.sparse.diags(0.1 * _OF_LOADS * largest * self._loop.drag_weight) @ T
         factors = pivoted_lu(K + drag)
         stiffest = abs(K.diagonal() * unit**2).max()
@@ -141,7 +141,7 @@ class Settling:
         if least > max(_OF_LOADS * largest, _ROUNDING * stiffest):
             return
         moves = np.zeros(model.reduction.columns)
-        moves[own] = x
+        moves[independent] = x
         moved = abs(model.to_nodes(model.reduction.spread(moves) / model.unit))
         node, component = np.unravel_index(moved.argmax(), moved.shape)
         x, y = model.mesh.X[node]

@@ -163,8 +163,8 @@ class Inertia:
     def _symmetry(self) -> Symmetry | None:
         """None where all forces have a potential."""
         model = self._model
-        own = any(force.force for force in model.scene.forces_between)
-        if not (model.forms.has_added or model.flows or own):
+        added = any(force.force for force in model.scene.forces_between)
+        if not (model.forms.has_added or model.flows or added):
             return None
         return Symmetry(model.reduction.factored, model.unit_of_unknowns)
 

@@ -54,33 +54,27 @@ class InputColumns:
         first = dict(zip(held.widths, np.cumsum([0, *held.widths.values()]), strict=False))
         inside = [*model.forms.parameters.functions, *(of for _, of in model.natural.functions)]
         for name in names:
-            parts, width = held.parts_of(name), held.widths[name]
+            parts, width, number = held.parts_of(name), held.widths[name], len(forces)
+            labels = [name] if width == 1 else [f"{name}.{part}" for part in "xy"]
             if any(part is of for of in inside for part in parts):
                 force, of_rate = forces_inside(about, name)
                 if of_rate.any():
-                    of_rates[len(forces)] = of_rate
-                    self.straining.append((len(forces), first[name], float(held.values[name][0])))
+                    of_rates[number] = of_rate
+                    self.straining.append((number, first[name], float(held.values[name][0])))
                 forces.append(force)
-                self.labels.append(name)
-                continue
-            if isinstance(parts[0], Ramp):
-                ramps = [
-                    (i, function.factor)
-                    for i, function in enumerate(about.forcing.functions)
-                    if isinstance(function, Ramp) and function.name == name
-                ]
+            elif isinstance(parts[0], Ramp):
+                functions = enumerate(about.forcing.functions)
+                ramps = [(i, of) for i, of in functions if isinstance(of, Ramp) and of.name == name]
                 column = np.zeros(count)
-                for i, factor in ramps:
-                    column[free + i] = factor
-                self.driven.append(ramps[0])
-                driven.append(len(forces))
+                for i, ramp in ramps:
+                    column[free + i] = ramp.factor
+                self.driven.append((ramps[0][0], ramps[0][1].factor))
+                driven.append(number)
                 forces.append(np.zeros(count))
                 of_driven.append(column)
-                self.labels.append(name)
-                continue
-            for k, unit in enumerate(np.eye(width)):
-                forces.append(about.T.T @ _force(about, parts, unit))
-                self.labels.append(name if width == 1 else f"{name}.{'xy'[k]}")
+            else:
+                forces += [about.T.T @ _force(about, parts, unit) for unit in np.eye(width)]
+            self.labels += labels
         self.forces = np.array(forces).reshape(-1, count).T
         self.forces_of_rates = np.zeros_like(self.forces)
         for number, of_rate in of_rates.items():

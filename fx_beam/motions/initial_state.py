@@ -82,13 +82,13 @@ class _Settling:
         for _ in range(_MOST_CORRECTIONS):
             balance = self.balance(state)
             residual = balance.residual[: reduction.free] - hold
-            w, own = np.zeros(reduction.columns), reduction.independent
+            w, independent = np.zeros(reduction.columns), reduction.independent
             try:
                 # The tangent is that of the scheme's level in the step.
                 factors = scipy.sparse.linalg.splu(self._equations.tangent().tocsc())
             except RuntimeError:  # it is singular
                 return None
-            w[own] = -model.scheme.rates.level * factors.solve(residual[own])
+            w[independent] = -model.scheme.rates.level * factors.solve(residual[independent])
             y = reduction.completed(w)[: reduction.free]
             D = reduction.expand(y, np.zeros(reduction.driven))
             turn = abs(D[model.turns]).max()

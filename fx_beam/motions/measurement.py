@@ -19,6 +19,8 @@ from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 
 Reading = Callable[[], Any]
+#: Means over a step, by the parts of a fit that change in it.
+_MEANS = {"a": "corrections", "joint_forces": "joints", "constraint_forces": "constraints"}
 
 
 @dataclass(frozen=True)
@@ -79,43 +81,16 @@ class FittedState:
         state = self._stepper.state()
         if self._fits is None:
             return state
-        return replace(
-            state,
-            a=self._with_change(state.a, "corrections"),
-            joint_forces=self._with_change(state.joint_forces, "joints"),
-            constraint_forces=self._with_change(state.constraint_forces, "constraints"),
-            driven_rates=self._driven(self._present()),
-        )
+        means = {name: self._with_change(getattr(state, name), of) for name, of in _MEANS.items()}
+        return replace(state, **means, driven_rates=self._driven(self._present()))
 
-    @property
-    def q(self) -> np.ndarray:
-        """Displacements and rotations (size,)."""
-        return self._stepper.present.q
-
-    @property
-    def slides(self) -> np.ndarray:
-        """Slides of the joints (joints,) [m]."""
-        return self._stepper.present.slides
-
-    @property
-    def v(self) -> np.ndarray:
-        """Rates (size,)."""
-        return self._stepper.present.v if self._fits is None else self._fit().rates[0]
-
-    @property
-    def a(self) -> np.ndarray:
-        """Accelerations (size,), means over the step."""
-        return self._with_change(self._stepper.present.a, "corrections")
-
-    @property
-    def joint_forces(self) -> np.ndarray | None:
-        """Forces of the joints (joints, 3) [N, N m]."""
-        return self._with_change(self._stepper.present.joint_forces, "joints")
-
-    @property
-    def constraint_forces(self) -> np.ndarray | None:
-        """Forces of driven and fixed columns [N, N m]."""
-        return self._with_change(self._stepper.present.constraint_forces, "constraints")
+    def value(self, name: str) -> Any:
+        """An array of `State`: accelerations and forces are means over the step."""
+        if name in _MEANS:
+            return self._with_change(getattr(self._stepper.present, name), _MEANS[name])
+        if name == "v" and self._fits is not None:
+            return self._fit().rates[0]
+        return getattr(self._stepper.present, name)
 
     def _with_change(self, mean, name: str):
         """A mean of the step, with the change of a part of the fit over it."""
@@ -171,7 +146,7 @@ def reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -
     turning = array == "q" and defined.quantity.column == 2
 
     def force() -> Any:
-        forces = getattr(now, array)
+        forces = now.value(array)
         if forces is None:
             return 0.0 if single else np.zeros(len(plus))
         value = of.of(forces.reshape(-1))
@@ -182,13 +157,13 @@ def reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -
         return value if minus is None else value - values[minus]
 
     def number() -> float:
-        value = between(getattr(now, array))
+        value = between(now.value(array))
         if turning:
             value = value + between(turns)
         return float(value if added is None else added + value)
 
     def components() -> np.ndarray:
-        value = getattr(now, array)[plus]
+        value = now.value(array)[plus]
         return value if added is None else added + value
 
     if array.endswith("forces"):
@@ -199,13 +174,13 @@ def reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -
 def _by_law(model: Model, now: FittedState, of: Defined) -> Reading:
     dofs, number = model.mesh.dofs, of.number
     at = NodalMotion(
-        lambda name, node: getattr(now, name)[dofs[node.number]].tolist(),
-        lambda name, beam: getattr(now, name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
+        lambda name, node: now.value(name)[dofs[node.number]].tolist(),
+        lambda name, beam: now.value(name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
     )
     single = not of.shape
 
     def read() -> Any:
-        value = np.asarray(of.by_law(at, now.slides[number : number + 1]))
+        value = np.asarray(of.by_law(at, now.value("slides")[number : number + 1]))
         return value.item() if single else value
 
     return read

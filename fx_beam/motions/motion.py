@@ -493,7 +493,7 @@ class Motion:
     @one_thread
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
-        return self._prepared.model.to_nodes(self._settled.shown.v)
+        return self._prepared.model.to_nodes(self._settled.shown.value("v"))
 
     @property
     @one_thread

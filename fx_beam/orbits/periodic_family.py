@@ -166,15 +166,15 @@ class Path:
 
     def family(self, motions: Iterator[Closed], most: int) -> PeriodicFamily:
         """What users get of motions along this path."""
-        found, places = list[PeriodicMotion](), dict[int, functools.partial[PeriodicMotion]]()
+        members, critical = list[PeriodicMotion](), dict[int, functools.partial[PeriodicMotion]]()
         for closed in itertools.islice(motions, most):
             motion = motion_of(
                 self._shooting, closed, self._free, "arc" if self._free else "frequency"
             )
-            if found and motion.instability != found[-1].instability:
-                places[len(found)] = functools.partial(self._critical, *self.last_step, motion)
-            found.append(motion)
-        return PeriodicFamily(found, self._free, places)
+            if members and motion.instability != members[-1].instability:
+                critical[len(members)] = functools.partial(self._critical, *self.last_step, motion)
+            members.append(motion)
+        return PeriodicFamily(members, self._free, critical)
 
     def _critical(
         self, before: Closed, tangent: np.ndarray, step: float, after: PeriodicMotion

@@ -80,10 +80,10 @@ class Together:
         self._size, self._free = model.size, model.reduction.free
         ffi, self._team = loop.problem.ffi, loop.problem.c.team
         self._null, self._buffer = ffi.NULL, ffi.buffer
-        own, fail = weakref.ref(self), _of(weakref.ref(self), "_fail")
+        this, fail = weakref.ref(self), _of(weakref.ref(self), "_fail")
         #: Functions that C calls.
         self._calls = {
-            name: ffi.callback(ffi.typeof(getattr(self._team, name)), _of(own, name), onerror=fail)
+            name: ffi.callback(ffi.typeof(getattr(self._team, name)), _of(this, name), onerror=fail)
             for name in ("begin", "forces", "change", "solve")
         }
         for name, call in self._calls.items():
@@ -167,8 +167,8 @@ class TeamLoop(CompiledLoop):
         count: Callable[[StepsResult], None],
     ) -> StepsResult:
         """Take the first of some steps or parts, if it succeeds."""
-        own = self.inputs(state.t, ends[:1])
-        return super().take(state, ends[:1], own, steps, recorder, count)
+        of_step = self.inputs(state.t, ends[:1])
+        return super().take(state, ends[:1], of_step, steps, recorder, count)
 
 
 class DistributedEquations:
@@ -190,8 +190,8 @@ class DistributedEquations:
         self._ends = np.cumsum(division.counts)
         #: Number of processes.
         self.size = team.size
-        own = model.scheme, forcing.time
-        self._crew = team.make(Part, [(share, *own) for share in self._shares])
+        how = model.scheme, forcing.time
+        self._crew = team.make(Part, [(share, *how) for share in self._shares])
         for share in self._shares:
             share.runs.clear()  # the parts have them
         self._place(self._crew("frame"))
@@ -262,8 +262,10 @@ class DistributedEquations:
                 self._columns, self._shares, self._owned, self._dofs, strict=True
             )
         ]
-        for dofs, (own, residual) in zip(self._dofs, self._crew("at", given), strict=True):
-            f[dofs] += own
+        for dofs, (force_of_part, residual) in zip(
+            self._dofs, self._crew("at", given), strict=True
+        ):
+            f[dofs] += force_of_part
             r[dofs] += residual
         return f, r
 
@@ -327,10 +329,10 @@ class DistributedEquations:
             least = _ENERGY_ERROR * math.sqrt(energy) / self._stiffness
         right = np.zeros(self._ends[-1])
         right[self._numbers] = b
-        own, none = np.split(right, self._ends[:-1]), np.empty(0)
-        given = [(more if not i else none, of, least) for i, of in enumerate(own)]
+        parts, none = np.split(right, self._ends[:-1]), np.empty(0)
+        given = [(more if not i else none, of, least) for i, of in enumerate(parts)]
         solved: list[Solved] = self._crew("solve", given)
-        x, first = np.concatenate([own.x for own in solved])[self._numbers], solved[0]
+        x, first = np.concatenate([part.x for part in solved])[self._numbers], solved[0]
         if first.size:
             self._stiffness = math.sqrt(abs(b @ x)) / first.size
         self._stats.krylov_iterations += first.iterations
