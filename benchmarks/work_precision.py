@@ -45,7 +45,7 @@ from scipy.integrate import cumulative_trapezoid
 import fx_beam as fb
 from fx_beam.studies.reporting import short, table, write_csv
 from fx_beam.studies.work_precision.accuracy import alike, floor
-from fx_beam.studies.work_precision.picture import draw_dots, draw_fronts
+from fx_beam.studies.work_precision.report import draw_dots, draw_fronts
 
 # One line adds a candidate.
 SCHEMES = {

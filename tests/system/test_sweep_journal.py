@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.sweeps.journal import Journal
+from fx_beam.sweeps.sweep import Journal
 
 CASES = [{"x": 0.5 * k} for k in range(3)]
 

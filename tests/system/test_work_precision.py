@@ -13,8 +13,13 @@ import fx_beam as fb
 from fx_beam import work_precision
 from fx_beam.studies.work_precision import Mesh, Precision, Run, accuracy, sentence, study
 from fx_beam.studies.work_precision.accuracy import History, counted
-from fx_beam.studies.work_precision.picture import draw_dots, draw_fronts, front
-from fx_beam.studies.work_precision.report import mesh_order, step_order
+from fx_beam.studies.work_precision.report import (
+    draw_dots,
+    draw_fronts,
+    front,
+    mesh_order,
+    step_order,
+)
 
 T = np.linspace(0, 2, 41)
 PENDULUM = scenes.demo("pendulum")

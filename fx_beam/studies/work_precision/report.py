@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
@@ -14,7 +15,258 @@ from fx_beam.studies.reporting import beside, machine, section, short, write_jso
 from fx_beam.studies.work_precision import accuracy
 
 from .accuracy import ROUND_OFF, Mesh, Precision, Run, alike, counted, floor, observed_order
-from .picture import draw_dots, draw_fronts
+
+#: Title, study and quantity of a panel.
+Panel = tuple[str, Precision, str]
+#: Relative errors for which times are drawn, and their colours.
+COLOURS = {1e-2: "#7FB8DA", 1e-3: "#2171B5", 1e-4: "#08306B"}
+#: Part of its runs from which on a scheme that loses them is marked.
+FRAGILE = 1 / 20
+_LOST = "#C8460B"
+_PANELS_IN_A_ROW = 4
+# Differences of looks that remain in grey: markers, and dashes.
+_LOOKS = [
+    ("#0072B2", "o", "-"),
+    ("#004b87", "s", (0, (1, 1))),
+    ("#000000", "^", "-"),
+    ("#56B4E9", "D", (0, (5, 2))),
+    ("#CC79A7", "v", (0, (1, 1))),
+    ("#D55E00", "P", (0, (6, 1.5, 1, 1.5))),
+    ("#009E73", "X", (0, (3, 1.2))),
+    ("#E69F00", "*", (0, (6, 1, 1, 1, 1, 1))),
+]
+_SAME = 1.5  # lines coincide if their times differ by less than this factor
+_APART = 0.065  # least distance of names, as a fraction of the panel's height
+_ROW = 0.075  # height of a row of lost runs
+
+
+# -- Run time for an error -------------------------------------------------------------------------
+
+
+def draw_dots(path: Path, panels: Sequence[Panel]) -> None:
+    """Draw the time of each scheme's fastest run for each of the `COLOURS`, a row for each scheme.
+
+    A dot is the whole call of `simulate`, a ring its steps alone; beside them stands the time step.
+    A cross has the number of runs that the scheme loses, of those with a mesh and a step with which
+    any scheme has the error. Names of schemes that lose more than one run in twenty are red.
+    """
+    # Imported here: a study without pictures needs neither matplotlib nor pyvista.
+    from fx_beam import plot
+
+    schemes = list(dict.fromkeys(s for _, study, _ in panels for s in study.schemes))
+    columns = min(len(panels), _PANELS_IN_A_ROW)
+    figure, axes = plot.figure(-(-len(panels) // columns), columns, 0.7 + 0.42 * len(schemes))
+    figure.set_figwidth(2.2 + 2.4 * columns)
+    for ax in axes.flat[len(panels) :]:
+        ax.set_visible(False)
+    names, fragile = [], []
+    for scheme in schemes:
+        lost = [r.lost for _, study, _ in panels for r in study.runs if r.scheme == scheme]
+        fragile.append(sum(lost) > FRAGILE * len(lost))
+        names.append(f"{scheme}\n{sum(lost)} of {len(lost)} runs lost" if any(lost) else scheme)
+    for place, (ax, (title, study, quantity)) in enumerate(zip(axes.flat, panels, strict=False)):
+        _dots(ax, study, quantity, schemes)
+        ax.set_title(title, fontsize=9, loc="left")
+        ax.set_yticks(range(len(schemes)), [] if place % columns else names, fontsize=8.5)
+        for text, is_fragile in zip(ax.get_yticklabels(), fragile, strict=False):
+            text.set_color(_LOST if is_fragile else "black")
+        ax.set_xlabel("processor time [ms]", fontsize=8)
+        ax.tick_params(axis="x", labelsize=8)
+        ax.tick_params(axis="y", length=0)
+    for error, colour in COLOURS.items():
+        axes[0, 0].plot([], [], "o", color=colour, label=f"error {short(error)}, whole call")
+    axes[0, 0].plot([], [], "o", color="0.4", fillstyle="none", label="steps alone")
+    axes[0, 0].plot([], [], "x", color=_LOST, label="runs that are lost at this error")
+    plot.save(figure, path)
+
+
+def _dots(ax, study: Precision, quantity: str, schemes: list[str]) -> None:
+    known = floor(study, quantity)
+    times: list[float] = []
+    rows = np.linspace(-0.28, 0.28, len(COLOURS))
+    for (level, colour), shift in zip(COLOURS.items(), rows, strict=True):
+        fastest = study.cheapest(quantity, level)
+        able = {(r.mesh, r.dt) for r in study.runs if counted(study, quantity, r) <= level}
+        for row, scheme in enumerate(schemes):
+            height = row + shift
+            if run := fastest.get(scheme):
+                ends = 1e3 * run.step_seconds, 1e3 * run.seconds
+                ax.plot(ends, [height] * 2, color=colour, linewidth=0.8)
+                ax.plot(ends[0], height, "o", color=colour, fillstyle="none", markersize=3.2)
+                ax.plot(ends[1], height, "o", color=colour, markersize=4)
+                place = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
+                ax.annotate(f"{1e3 * run.dt:.3g} ms", (ends[1], height), fontsize=6.5, **place)
+                times += ends
+            tried = [r for r in study.runs if r.scheme == scheme and (r.mesh, r.dt) in able]
+            if lost := sum(run.lost for run in tried):
+                words, right = f"\u00d7 {lost} of {len(tried)}", {"ha": "right", "va": "center"}
+                where = ax.get_yaxis_transform()
+                ax.text(0.995, height, words, fontsize=6.5, color=_LOST, transform=where, **right)
+    if unknown := [level for level in COLOURS if level < known]:
+        words = f"errors of {short(max(unknown))} and less are not known"
+        look = {"ha": "center", "va": "center", "fontsize": 7, "color": "0.4"}
+        ax.text(0.5, len(schemes) - 0.33, words, transform=ax.get_yaxis_transform(), **look)
+    ax.set_xscale("log")
+    low, high = min(times, default=1.0), max(times, default=10.0)
+    # Space at the right for time steps and lost runs.
+    ax.set_xlim(low / 1.3, high * 2 * max((high / low) ** 0.7, 3))
+    ax.set_xticks(ticks := _ticks(*ax.get_xlim()), [f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
+    ax.grid(visible=False, axis="y")
+    for row in range(0, len(schemes), 2):
+        ax.axhspan(row - 0.5, row + 0.5, color="0.96", zorder=0)
+    ax.set_ylim(len(schemes) - 0.1, -0.5)
+
+
+# -- Errors over the run time ----------------------------------------------------------------------
+
+
+def front(study: Precision, quantity: str, runs: list[Run]) -> np.ndarray:
+    """Times of the steps [ms] and errors (n, 2) of runs that err less than all faster ones."""
+    points = sorted((1e3 * run.step_seconds, counted(study, quantity, run)) for run in runs)
+    best: list[tuple[float, float]] = []
+    for time, error in points:
+        if np.isfinite(time) and error <= 1 and (not best or error < best[-1][1]):
+            best.append((time, error))
+    return np.array(best).reshape(-1, 2)
+
+
+def draw_fronts(path: Path, panels: Sequence[Panel], kind: Callable[[Run], str]) -> None:
+    """Draw one line for each kind of run, such as its scheme: the best errors over the run time.
+
+    Kinds whose lines coincide are one band. Kinds of which runs are lost stand above, at the times
+    of these runs.
+    """
+    from fx_beam import plot
+
+    figure, axes = plot.figure(len(panels), 1, height=3.9)
+    for ax, (title, study, quantity) in zip(axes.flat, panels, strict=True):
+        _fronts(ax, study, quantity, kind)
+        ax.set_title(title, fontsize=10, loc="left")
+        ax.set(xlabel="processor time of the steps [ms]", ylabel="largest relative error [-]")
+    plot.save(figure, path)
+
+
+def _fronts(ax, study: Precision, quantity: str, kind: Callable[[Run], str]) -> None:
+    kinds: dict[str, list[Run]] = {}
+    for run in study.runs:
+        kinds.setdefault(kind(run), []).append(run)
+    lines = {name: front(study, quantity, runs) for name, runs in kinds.items()}
+    lines = {name: points for name, points in lines.items() if len(points)}
+    lost = {name: [run for run in runs if run.lost] for name, runs in kinds.items()}
+    lost = {name: runs for name, runs in lost.items() if runs}
+    known = floor(study, quantity) if study.references[quantity] is not None else None
+    looks = dict(zip(kinds, _LOOKS * (1 + len(kinds) // len(_LOOKS)), strict=False))
+
+    ax.set(xscale="log", yscale="log")
+    low = min((points[-1, 1] for points in lines.values()), default=1e-3)
+    bottom = 10 ** np.floor(np.log10(min(low, known or low) / 1.5))
+    decades = -np.log10(bottom) / (1 - _ROW * (len(lost) + 0.5))
+    ends = []
+    for names in _coinciding(lines):
+        for name in names:
+            colour, marker, dashes = looks[name]
+            style = {"color": colour, "marker": marker, "linestyle": dashes, "linewidth": 1.6}
+            if len(names) > 1:
+                style |= {"linestyle": "none", "markersize": 3.5, "alpha": 0.8}
+            ax.plot(*lines[name].T, **{"markersize": 4.5} | style)
+        last = min((tuple(lines[name][-1]) for name in names), key=lambda point: point[1])
+        if len(names) > 1:
+            _band(ax, [lines[name] for name in names])
+            ends.append((*last, f"these {len(names)} coincide:\n" + "\n".join(names), "0.3"))
+        else:
+            ends.append((*last, names[0], looks[names[0]][0]))
+    for row, (name, runs) in enumerate(lost.items(), 1):
+        times = [1e3 * run.step_seconds for run in runs if np.isfinite(run.step_seconds)]
+        height, colour = 10 ** (row * _ROW * decades), looks[name][0]
+        ax.plot(times, [height] * len(times), "x", color=colour, markersize=4)
+        words = f"  {name}: {len(runs)} of {len(kinds[name])} lost"
+        ax.annotate(words, (max(times, default=1.0), height), va="center", fontsize=8, color=colour)
+    if lost:
+        ax.axhline(1, color="0.6", linewidth=0.8)
+    if known is not None:
+        ax.axhspan(bottom, known, color="0.92")
+        at = {"xycoords": ("axes fraction", "data"), "va": "top", "fontsize": 8, "color": "0.4"}
+        ax.annotate("errors are not known here", (0.01, known), **at)
+    ax.set_ylim(bottom, bottom * 10**decades)
+    times = [time for points in lines.values() for time, _ in points]
+    times += [1e3 * run.step_seconds for runs in lost.values() for run in runs]
+    times = [time for time in times if np.isfinite(time)]
+    if times:
+        # Space at the right for names.
+        ax.set_xlim(min(times) / 1.3, max(times) * (max(times) / min(times)) ** 0.35 * 1.6)
+    ax.set_xticks(ticks := _ticks(*ax.get_xlim()), [f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
+    ax.set_yticks(
+        shown := 10.0 ** np.arange(np.log10(bottom), 0.5, max(1, -np.log10(bottom) // 6)),
+        [f"$10^{{{int(round(np.log10(tick)))}}}$" for tick in shown],
+    )
+    _name_ends(ax, ends, bottom, decades)
+
+
+def _coinciding(lines: dict[str, np.ndarray]) -> list[list[str]]:
+    """Names of lines (n, 2) of times and errors, in groups that cannot be told apart."""
+    groups: list[list[str]] = []
+    for name, points in lines.items():
+        fits = (g for g in groups if all(_coincide(points, lines[other]) for other in g))
+        group = next(fits, None)
+        if group is None:
+            groups.append([name])
+        else:
+            group.append(name)
+    return groups
+
+
+def _coincide(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two lines need about the same time for the errors that both have, and end alike."""
+    ranges = [np.log(line[::-1]) for line in (one, other)]
+    low, high = (f(line[k, 1] for line in ranges) for f, k in ((max, 0), (min, -1)))
+    if low > high or abs(np.diff([line[0, 1] for line in ranges])) > 1:
+        return False
+    errors = np.linspace(low, high, 30)
+    times = [np.interp(errors, line[:, 1], line[:, 0]) for line in ranges]
+    return bool(np.quantile(abs(times[0] - times[1]), 0.8) < np.log(_SAME))
+
+
+def _band(ax, lines: list[np.ndarray]) -> None:
+    """Fill between the least and the largest times of lines, for each error."""
+    ranges = [np.log(line[::-1]) for line in lines]
+    ends = min(line[0, 1] for line in ranges), max(line[-1, 1] for line in ranges)
+    errors = np.linspace(*ends, 100)
+    times = [np.interp(errors, line[:, 1], line[:, 0], np.nan, np.nan) for line in ranges]
+    low, high = np.exp(np.nanmin(times, axis=0)), np.exp(np.nanmax(times, axis=0))
+    ax.fill_betweenx(np.exp(errors), low / 1.04, high * 1.04, color="0.8", linewidth=0)
+
+
+def _ticks(low: float, high: float) -> np.ndarray:
+    """Ticks at 1, 2 and 5, or at powers of ten where these are many."""
+    ticks = np.outer(10.0 ** np.arange(-6, 7), (1, 2, 5)).ravel()
+    inside = ticks[(ticks >= low) & (ticks <= high)]
+    return inside if len(inside) < 6 else np.array([x for x in inside if f"{x:e}"[0] == "1"])
+
+
+def _name_ends(ax, ends, bottom: float, decades: float) -> None:
+    """Write names right of the ends of lines, moved apart where they would overlap."""
+    right = max((time for time, *_ in ends), default=1.0)
+    ends = sorted(ends, key=lambda end: end[1])
+    heights = [np.log10(error / bottom) / decades for _, error, *_ in ends]
+    sizes = [1 + name.count("\n") for *_, name, _ in ends]
+    for (time, error, name, colour), height in zip(ends, _apart(heights, sizes), strict=True):
+        at = (right * 1.25, bottom * 10 ** (height * decades))
+        line = {"arrowstyle": "-", "color": "0.7", "linewidth": 0.6, "relpos": (0, 0.5)}
+        text = {"va": "center", "fontsize": 8.5, "color": colour}
+        ax.annotate(name, (time, error), at, arrowprops=line | {"shrinkB": 3}, **text)
+
+
+def _apart(heights: list[float], sizes: list[int]) -> list[float]:
+    """Sorted heights of texts of some lines, moved up where they would overlap."""
+    free, moved = 0.02, []
+    for height, size in zip(heights, sizes, strict=True):
+        half = _APART * size / 2
+        moved.append(max(height, free + half))
+        free = moved[-1] + half
+    return moved
+
 
 CLOCKS = {"seconds": "whole call of simulate", "step_seconds": "steps alone"}
 #: Relative errors for which the cheapest runs are listed.
