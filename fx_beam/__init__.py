@@ -9,12 +9,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-if importlib.util.find_spec("dolfinx") is None:
+if importlib.util.find_spec("ffcx") is None:
     raise ImportError(
-        "fx_beam needs dolfinx 0.5, 0.9 or 0.11: pip install dolfinx-solver-real (Python 3.12 or "
-        "later, Linux on x86-64), or Debian's python3-dolfinx with its /usr/bin/python3, or see "
+        "fx_beam needs FEniCSx, of which FFCx 0.5, 0.9 or 0.11 is enough: pip install fenics-ffcx, "
+        "or Debian's python3-dolfinx with its /usr/bin/python3, or see "
         "https://fenicsproject.org/download",
-        name="dolfinx",
+        name="ffcx",
     )
 
 __version__ = "1.0.0"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from fx_beam import c_library, library_cache
 from fx_beam.errors import SceneError
-from fx_beam.fem.mpi import rank_and_size
+from fx_beam.fem import mpi
 from fx_beam.parallel import team
 from fx_beam.step import build
 
@@ -92,9 +92,9 @@ def run(script: str, arguments: list[str]) -> None:
     """Run a script on the first process of mpirun; the others compute parts of its scenes."""
     sys.argv[:] = [script, *arguments]
     sys.path[0] = str(Path(script).resolve().parent)
-    rank, size = rank_and_size()
-    if size > 1:  # PETSc begins on all processes together, or waits for those that do not
-        import_module("fx_beam.fem.dolfinx_api")
+    rank, size = mpi.rank_and_size()
+    if size > 1 and find_spec("petsc4py"):  # it begins on all processes together, or waits for them
+        mpi.petsc()
     if rank:
         team.follow()
         return

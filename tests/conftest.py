@@ -25,7 +25,7 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
     os.environ["XDG_CACHE_HOME"] = str(_cache / "fx_beam_tests")
 
 from fx_beam import c_library, library_cache  # noqa: E402
-from fx_beam.fem import ffcx_api, interval_mesh  # noqa: E402
+from fx_beam.fem import ffcx_api  # noqa: E402
 from fx_beam.motions import motion, options, run  # noqa: E402
 from fx_beam.step import build  # noqa: E402
 
@@ -54,7 +54,7 @@ def _compile_headers():
         names = "Python.h", "ufcx.h", "math.h", "stdalign.h", "stdlib.h", "string.h"
         header.write_text("".join(f"#include <{name}>\n" for name in names))
         flags = [*sysconfig.get_config_var("CFLAGS").split(), "-fPIC"]
-        flags += interval_mesh.JIT["cffi_extra_compile_args"]
+        flags += ffcx_api.FLAGS
         flags += [f"-I{sysconfig.get_path('include')}", f"-I{ffcx_api.ufcx_folder()}"]
         with tempfile.TemporaryDirectory(dir=header.parent) as scratch:
             out = Path(scratch, "headers")

@@ -511,7 +511,7 @@ class Response:
     def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
         """States (n, ...) of the last call before some sub-steps, or at its end, by name."""
         assert self._end is not None
-        end = self._end.renumbered(model.from_nodes, model.mesh.from_elements)
+        end = self._end.renumbered(model.from_nodes)
         states = tape.states(steps)
         for name, rows in states.items():
             if (values := getattr(end, name)) is not None and rows.size:

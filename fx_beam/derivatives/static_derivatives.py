@@ -155,15 +155,10 @@ class StateChange:
 
         It has slopes if the change has.
         """
-        path_model = self._path.model
         moved = {
             name: values + (by @ self._changes[name].reshape(len(by), -1)).reshape(np.shape(values))
             for name in self._changes
             if (values := getattr(self._state, name)) is not None
         }
         state = replace(self._state, t=self._path.forcing.time, parameters=None, **moved)
-        state = state.renumbered(
-            lambda vector: model.from_nodes(path_model.to_nodes(vector)),
-            lambda cells: model.mesh.from_elements(path_model.mesh.to_elements(cells)),
-        )
         return replace(state, natural=model.natural.at(state.t) if model.natural else None)

@@ -1,4 +1,4 @@
 """Finite elements: from a scene to a mesh, fields and compiled weak forms.
 
-Every call into dolfinx goes through `dolfinx_api`.
+Only `ffcx_api` calls FFCx, and only `elements` knows whose the finite elements are.
 """

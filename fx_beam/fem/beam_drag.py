@@ -16,8 +16,9 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene
 
-from . import dolfinx_api
-from .dolfinx_api import CompiledForm
+from . import elements, ffcx_api
+from .assembly import BoundForm, Field
+from .ffcx_api import CompiledForm
 from .fields import Data, DataShape, Fields, FilledField, cell_data
 from .mesh import Mesh
 from .vjp_form import WorkOnWeights, compiled_derivatives, derivatives_of
@@ -55,7 +56,7 @@ class VjpDrag:
         self.fields = fields
         #: Symbols of the coefficients, and of the weights in the place of the test function.
         self.symbols = {name: fields.data(shape) for name, shape in shapes.items()}
-        self.weight = dolfinx_api.Coefficient(fields.test.ufl_function_space())
+        self.weight = elements.Coefficient(fields.test.ufl_function_space())
         work = drag_work(fields.step(rates, "rates of the drag"), self.symbols)
         work = ufl.replace(work * fields.measure(fields.full_rule), {fields.test: self.weight})
         derivatives = derivatives_of(work, fields, self.symbols)
@@ -77,23 +78,19 @@ class LossToDrag:
 class BeamDrag:
     """The drag of a scene's beams in a step, by its forms on the mesh."""
 
-    def __init__(self, mesh, increment, force, tangent):
-        #: The increment in these forms, another function than that of the internal forces.
+    def __init__(self, increment: Field, force: BoundForm, tangent: BoundForm):
+        #: The increment in these forms, another one than that of the internal forces.
         self.increment = increment
         self._force, self._tangent = force, tangent
-        self._matrix = dolfinx_api.create_matrix(tangent, mesh)
-        self._vector = np.zeros(len(increment.x.array))
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Add the resisting forces (size,) for the increment D."""
-        self.increment.x.array[:] = D[: len(self._vector)]
-        dolfinx_api.assemble_vector(self._vector, self._force)
-        out[: len(self._vector)] += self._vector
+        self.increment.array[:] = D
+        self._force.add_to(out)
 
-    def add_tangent(self, values: np.ndarray, at: slice | np.ndarray) -> None:
-        """Add their derivative by the last D to the values of the stiffness at some positions."""
-        dolfinx_api.assemble_matrix(self._matrix, self._tangent)
-        values[at] += self._matrix.data
+    def add_tangent(self, values: np.ndarray, at: np.ndarray) -> None:
+        """Add their derivative by the last D to values of a matrix at places of cells."""
+        self._tangent.add_to(values, at)
 
 
 def coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, Data]:
@@ -122,4 +119,4 @@ def _compiled(
     force, loss = drag_work(step, at) * dx, drag_loss(step, at) * dx
     tangent = ufl.derivative(force, fields.increment, fields.trial)
     forms = {"drag": force, "tangent of drag": tangent, "loss to drag": loss}
-    return dolfinx_api.compile_together(forms), at
+    return ffcx_api.compile_together(forms), at

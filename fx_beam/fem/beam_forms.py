@@ -13,9 +13,10 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.scene import Scene
 
-from . import dolfinx_api, interval_mesh, vjp_form
+from . import elements, vjp_form
+from .assembly import BoundForm, Field, Space
 from .beam_drag import BeamDrag, DragForms, LossToDrag, VjpDrag, coefficients
-from .dolfinx_api import CompiledForm
+from .ffcx_api import CompiledForm
 from .fields import (
     Data,
     DataShape,
@@ -39,14 +40,8 @@ Given = np.ndarray | None
 class BeamForms:
     """Forces and energies of the beams of a scene, their drag, and virtual works added by a user.
 
-    Vectors contain all degrees of freedom; those of beams are the first.
+    Vectors contain all degrees of freedom.
     """
-
-    time: Any
-    dt: Any
-    memory: Any
-    load_factor: Any
-    load_increment: Any
 
     # -- Construction ---------------------------------------------------------------------------
 
@@ -59,14 +54,14 @@ class BeamForms:
         self._by_cells: dict[str, FilledField] = {}
         #: How often data of beams were changed.
         self.changes = 0
-        #: Derivatives of the stored energy by name, with their spaces; None until they are needed.
-        self._stored: tuple[dict, dict] | None = None
+        #: Derivatives of the stored energy by name; None until they are needed.
+        self._stored: dict[str, BoundForm] | None = None
         #: Those of what beams lose in a step.
-        self._lost: list[tuple[dict, dict]] | None = None
+        self._lost: list[dict[str, BoundForm]] | None = None
         #: Those of resultants.
         self._derived: ResultantDerivatives | None = None
-        #: Forms by name: on the mesh, and as compiled.
-        self.bound: dict[str, tuple[Any, CompiledForm]] = {}
+        #: Forms on the mesh by name.
+        self.bound: dict[str, BoundForm] = {}
         #: Their names, in order.
         self.names: list[str] = []
         self._weak = weak = self._weak_form(scene)
@@ -75,10 +70,8 @@ class BeamForms:
         self._data |= self._fields(bool(scene.drags))
         #: Functions that change: the first in every iteration, the others in every step. They are
         #: numbered as the kinds of coefficients in problem.h; None is missing.
-        self.moving = [self._data.get(field) for field in weak.moving]
+        self.moving: list[Any] = [self._data.get(field) for field in weak.moving]
         self.increment, self._start, *self._start_rates = self.moving[:4]
-        #: Their values, those of missing ones apart.
-        self._moved = [field.x.array for field in self.moving if field is not None]
         if weak.added is not None:
             self._added = self._bind(weak.added)
         self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
@@ -98,45 +91,34 @@ class BeamForms:
         self.resultants_move = weak.resultants_move
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = len(self._tags), self.fields.degree, weak.width
-        self.matrix = dolfinx_api.create_matrix(self._tangent, mesh.mesh)
-        #: Positions of its values among those of the tangent of all forces.
-        self.value_at: slice | np.ndarray = slice(0, len(self.matrix.data))
         self.drag = self._drag_on_beams(scene)
 
     def _fields(self, damps: bool) -> dict[Any, Any]:
         """Constants and functions in the place of UFL's fields, for drag if it `damps`."""
-        mesh, space, fields = self._mesh.mesh, self._mesh.space, self.fields
+        mesh, fields = self._mesh, self.fields
         names = "time", "dt", "load_factor", "memory", "load_increment"
-        for name in names:
-            setattr(self, name, dolfinx_api.constant(mesh, 0.0))
-        #: Their values as arrays, which are set more quickly.
-        self._values = {name: getattr(self, name).value for name in names}
+        self._values = {name: np.zeros(()) for name in names}
         self._reset_constants()
-        data = {getattr(fields, name): getattr(self, name) for name in names}
+        data: dict[Any, Any] = {getattr(fields, name): of for name, of in self._values.items()}
         if self._weak.internal is not None:
-            gauss_space = interval_mesh.gauss_space(mesh, fields.degree, self._weak.width)
-            data[self._weak.internal] = dolfinx_api.function(gauss_space)
-            self._cell_points = dolfinx_api.element_dofs(gauss_space)
+            data[self._weak.internal] = Field(mesh.space(fields.degree, self._weak.width))
         #: Natural strains at both ends of the step.
         self.natural = NaturalFields(mesh, fields, self._weak.has_natural)
         data |= self.natural.data
-        data |= {field: dolfinx_api.function(space) for field in self._weak.given(damps)}
-        #: Space of the increment and of the virtual displacements and rotations.
-        self._space, unknowns = self._unknowns(fields)
-        return data | unknowns
+        data |= {field: Field(mesh.unknowns) for field in self._weak.given(damps)}
+        return data | self._unknowns(fields)
 
     def _reset_constants(self) -> None:
         for name, value in self._values.items():
             value[...] = 1.0 if name in ("dt", "load_factor") else 0.0
 
-    def _unknowns(self, fields: Fields) -> tuple[Any, dict[Any, Any]]:
-        """Space of the increment, and the increment in the place of UFL's."""
-        mesh, space = self._mesh.mesh, self._mesh.space
-        data: dict[Any, Any] = {}
+    def _unknowns(self, fields: Fields) -> dict[Any, Field]:
+        """The increment, and a coordinate on each cell if it is needed, in the place of UFL's."""
+        data = {fields.increment: Field(self._mesh.unknowns)}
         if fields.coordinate is not None:
-            space = interval_mesh.nodal_rotations(space, fields.degree)
-            data[fields.coordinate] = dolfinx_api.coordinate_on_cells(mesh, fields.degree)
-        return space, data | {fields.increment: dolfinx_api.function(space)}
+            coordinate = data[fields.coordinate] = Field(self._mesh.space(2))
+            coordinate.array.reshape(-1, 2)[:] = 0.0, fields.degree
+        return data
 
     def _drag_on_beams(self, scene: Scene) -> BeamDrag | None:
         drags = [] if self._scheme.rates.at_rest else scene.drags
@@ -144,12 +126,11 @@ class BeamForms:
         if not of_beams:
             return None
         plan = DragForms(scene, of_beams, self._mesh, self._scheme, self.fields.plain)
-        space, unknowns = self._unknowns(plan.fields)
-        data = self._data | unknowns | plan.data
-        forms = [self._bound(form, space, data) for form in plan.compiled]
+        data = self._data | self._unknowns(plan.fields) | plan.data
+        forms = [self._bind(form, data=data) for form in plan.compiled]
         #: Coefficients of the drag on beams by name.
         self.of_drag, self._drag_fields = plan.coefficients, plan.fields
-        return BeamDrag(self._mesh.mesh, unknowns[plan.fields.increment], *forms[:2])
+        return BeamDrag(data[plan.fields.increment], *forms[:2])
 
     def _weak_form(self, scene: Scene) -> WeakForm:
         """The weak form of the scene; the data of the sections are those of the forms."""
@@ -186,14 +167,14 @@ class BeamForms:
 
     def _read_parameters(self, weak: WeakForm) -> None:
         """Let the forms read the values of their parameters."""
-        values = dolfinx_api.constant(self._mesh.mesh, np.zeros(len(weak.names)))
+        values = np.zeros(len(weak.names))
         self._data[weak.parameters] = values
         for parameter in self._scheme.parameters:
             self._parameters.check_constant(parameter.name, f"{self._scheme.name}: damping")
         indices = self._parameters.indices(weak.names)
 
         def read(of_all: np.ndarray) -> None:
-            values.value[:] = of_all[indices]
+            values[:] = of_all[indices]
 
         self._parameters.add_reader(read, weak.names_in_energies)
         self.parameters = weak.parameters, indices
@@ -210,8 +191,9 @@ class BeamForms:
 
     def refill(self, scene: Scene) -> None:
         """Set all numbers to those of a scene of the same structure, whose mesh is set."""
-        for values in self._moved:
-            values[:] = 0.0
+        for field in self.moving:
+            if field is not None:
+                field.array[:] = 0.0
         self._reset_constants()
         data = self._section_data(scene)
         changed = refill(self.of_sections, data)
@@ -228,9 +210,9 @@ class BeamForms:
     def vjp(self) -> vjp_form.BoundVjp:
         """The work of the internal forces on weights, and its derivatives."""
         weak, data, spaces = self._varied(vjp_form.VjpForm)
-        data[weak.weight] = dolfinx_api.function(self._space)
+        data[weak.weight] = Field(self._mesh.unknowns)
         if weak.width:
-            data[weak.internal_weight] = dolfinx_api.function(spaces["internal"])
+            data[weak.internal_weight] = Field(spaces["internal"])
         return self._bound_vjp(weak.work, spaces, data, self.fields.increment)
 
     def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Any]]:
@@ -246,20 +228,20 @@ class BeamForms:
         data = self._data | {getattr(weak, name): field.on_mesh for name, field in varied.items()}
         pairs = zip(weak.indicators, self._weak.indicators, strict=True)
         data |= {symbol: self._data[known] for symbol, known in pairs}
-        spaces = {name: field.on_mesh.function_space for name, field in varied.items()}
+        spaces = {name: field.on_mesh.space for name, field in varied.items()}
         if weak.width:
             data[weak.internal] = self._data[self._weak.internal]
-            spaces["internal"] = data[weak.internal].function_space
+            spaces["internal"] = data[weak.internal].space
         if weak.more is not None:
             values = np.zeros((len(self._tags), 1, len(weak.names)))
             data[weak.more] = Data(1, values).on(self._mesh)
-            spaces["parameters"] = data[weak.more].function_space
+            spaces["parameters"] = data[weak.more].space
         return weak, data, spaces
 
     def vjp_drag(self) -> vjp_form.BoundVjp:
         """The work of the drag on weights, and its derivatives."""
         plan, spaces, data = self._varied_drag(VjpDrag)
-        data[plan.weight] = dolfinx_api.function(data[plan.fields.increment].function_space)
+        data[plan.weight] = Field(self._mesh.unknowns)
         return self._bound_vjp(plan.work, spaces, data, plan.fields.increment)
 
     def _varied_drag(self, kind: Any) -> tuple[Any, dict[str, Any], dict]:
@@ -270,34 +252,31 @@ class BeamForms:
         varied = self._vary(self.of_drag)
         shapes = {name: field.data.shape for name, field in varied.items()}
         plan = kind(self._drag_fields, self._scheme.rates, shapes)
-        data = self._data | self._unknowns(plan.fields)[1]
+        data = self._data | self._unknowns(plan.fields)
         data |= {plan.symbols[name]: field.on_mesh for name, field in varied.items()}
-        return plan, {name: f.on_mesh.function_space for name, f in varied.items()}, data
+        return plan, {name: field.on_mesh.space for name, field in varied.items()}, data
 
-    def _bind_drag_loss(self) -> tuple[dict, dict]:
+    def _bind_drag_loss(self) -> dict[str, BoundForm]:
         plan, spaces, data = self._varied_drag(LossToDrag)
         self._drag_increment = data[plan.fields.increment]
         spaces = {f"drag {name}": space for name, space in spaces.items()}
-        return self._bound_forms(plan.forms, self._drag_increment.function_space, spaces, data)
+        return self._bound_forms(plan.forms, spaces, data)
 
     def _bound_vjp(
         self, work: Any, spaces: dict[str, Any], data: Mapping, increment: Any
     ) -> vjp_form.BoundVjp:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
-        space, mesh, tags = data[increment].function_space, self._mesh.mesh, self._subdomains
-        spaces = self._spaces_of_vjp(space, spaces)
         moving = [data[increment], *self.moving[1:]]
 
-        def bind(form: CompiledForm, of_form: list[Any]) -> Any:
-            return dolfinx_api.bind(form, mesh, of_form or None, data, tags)
+        def bind(form: CompiledForm, of_form: list[Space]) -> BoundForm:
+            return BoundForm(form, self._mesh, data, of_form, self._tags)
 
-        of_weights = [data[weight].function_space for weight in work.weights]
-        return vjp_form.BoundVjp(work, spaces, moving, bind, of_weights)
+        of_weights = [data[weight].space for weight in work.weights]
+        return vjp_form.BoundVjp(work, self._spaces_of_vjp(spaces), moving, bind, of_weights)
 
-    def _spaces_of_vjp(self, space: Any, spaces: dict[str, Any]) -> dict[str, Any]:
-        nodal = {"increment": space, "start": self._mesh.space, "q_previous": self._mesh.space}
-        positions = interval_mesh.positions_space(self._mesh.mesh)
-        return {**spaces, **nodal, **self.natural.spaces, "coordinates": positions}
+    def _spaces_of_vjp(self, spaces: dict[str, Space]) -> dict[str, Space]:
+        nodal = dict.fromkeys(vjp_form.NODAL, self._mesh.unknowns)
+        return {**spaces, **nodal, **self.natural.spaces, "coordinates": self._mesh.positions}
 
     def stored_energy_by(
         self, q: np.ndarray, internal: Given = None, natural: Given = None
@@ -309,37 +288,36 @@ class BeamForms:
         """
         if self._stored is None:
             self._stored = self._bind_energy(vjp_form.StoredForm, without=["times"])
-        self._set(self._start, q)
+        self._start.array[:] = q
         self._set_internal(internal)
         self.natural.set(natural)
-        derivatives = self._assembled(*self._stored)
-        derivatives["q"] = np.zeros(len(q))
-        derivatives["q"][: self._mesh.in_beams] = derivatives.pop("start")
+        derivatives = self._assembled(self._stored)
+        derivatives["q"] = derivatives.pop("start")
         return derivatives
 
-    def _assembled(self, forms: Mapping, spaces: Mapping) -> dict[str, np.ndarray]:
+    def _assembled(self, forms: Mapping[str, BoundForm]) -> dict[str, np.ndarray]:
         """Derivatives by name, those by all parameters of the scene."""
-        derivatives = vjp_form.assembled(forms, spaces, self._mesh)
+        derivatives = vjp_form.assembled(forms)
         if "parameters" in derivatives:
             of_all = np.zeros(len(self._parameters))
             of_all[self.parameters[1]] = derivatives["parameters"]
             derivatives["parameters"] = of_all
         return derivatives
 
-    def _bind_energy(self, kind: Any, without: Iterable[str] = ()) -> tuple[dict, dict]:
-        """Derivatives of an energy on the mesh by name, and the space of each."""
+    def _bind_energy(self, kind: Any, without: Iterable[str] = ()) -> dict[str, BoundForm]:
+        """Derivatives of an energy on the mesh by name."""
         weak, data, spaces = self._varied(kind, without)
-        return self._bound_forms(weak.forms, self._space, spaces, data)
+        return self._bound_forms(weak.forms, spaces, data)
 
     def _bound_forms(
-        self, compiled: Any, space: Any, spaces: dict[str, Any], data: Mapping
-    ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Derivatives on the mesh by name, those by coefficients in given spaces; all spaces."""
-        spaces, given = self._spaces_of_vjp(space, spaces), (data, self._subdomains)
+        self, compiled: Mapping[str, CompiledForm], spaces: dict[str, Space], data: Mapping
+    ) -> dict[str, BoundForm]:
+        """Derivatives on the mesh by name, those by coefficients in given spaces."""
+        spaces = self._spaces_of_vjp(spaces)
         return {
-            name: dolfinx_api.bind(form, self._mesh.mesh, spaces[name], *given)
+            name: BoundForm(form, self._mesh, data, [spaces[name]], self._tags)
             for name, form in compiled.items()
-        }, spaces
+        }
 
     def losses_by(self, part: Part) -> list[dict[str, np.ndarray]]:
         """Derivatives of what beams lose in a completed step: of material and scheme, and of drag.
@@ -354,23 +332,21 @@ class BeamForms:
             self._lost += [self._bind_drag_loss()] if self.drag is not None else []
         self.begin_part(part)
         if self.drag is not None:
-            self._set(self._drag_increment, part.D)
-        return [self._assembled(*lost) for lost in self._lost]
+            self._drag_increment.array[:] = part.D
+        return [self._assembled(lost) for lost in self._lost]
 
     def derive_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
         if self._derived is None:
             weak, data, spaces = self._varied(vjp_form.ResultantForm)
-            mesh, degree = self._mesh.mesh, self.fields.degree
-            weight = dolfinx_api.function(interval_mesh.gauss_space(mesh, degree, 3))
-            data[weak.weight] = weight
-            forms, spaces = self._bound_forms(weak.forms, self._space, spaces, data)
-            changes = {name: dolfinx_api.function(spaces[name]) for name in weak.changes}
+            weight = data[weak.weight] = Field(self._mesh.space(self.fields.degree, 3))
+            forms = self._bound_forms(weak.forms, spaces, data)
+            spaces = self._spaces_of_vjp(spaces)
+            changes = {name: Field(spaces[name]) for name in weak.changes}
             data |= {symbol: changes[name] for name, symbol in weak.changes.items()}
-            space, tags = weight.function_space, self._subdomains
-            change = dolfinx_api.bind(weak.change, mesh, space, data, tags)
-            bound = forms, spaces, change, changes, weight
-            self._derived = ResultantDerivatives(*bound, self._mesh, self.begin_part)
+            change = BoundForm(weak.change, self._mesh, data, [weight.space], self._tags)
+            bound = forms, change, changes, weight
+            self._derived = ResultantDerivatives(*bound, self.begin_part)
         return self._derived
 
     def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
@@ -382,10 +358,6 @@ class BeamForms:
         return {name: self._by_cells[name] for name in fields}
 
     @property
-    def _subdomains(self) -> np.ndarray | None:
-        return self._tags if self._tags.any() else None
-
-    @property
     def numbers(self) -> dict[str, np.ndarray]:
         """Data of sections and of drag by name, cell by cell."""
         names, cells = {"times": "retardation"}, len(self._tags)
@@ -394,37 +366,22 @@ class BeamForms:
             fields |= {f"drag {name}": field for name, field in self.of_drag.items()}
         return {name: field.data.by_cells(cells).values for name, field in fields.items()}
 
-    def _bind(self, compiled: CompiledForm):
-        """Bind a form of a step's fields."""
-        return self._bound(compiled, self._space, self._data)
-
-    def _bind_evolution(self, compiled: CompiledForm) -> None:
-        space = self._data[self._weak.internal].function_space
-        self._bound(compiled, space, self._data)
-        self._internal = self._data[self._weak.internal].x.array.reshape(-1, self._weak.width)
-        #: Weights (degree,) of the Gauss points, relative to the element's length.
-        self.point_weights = dolfinx_api.gauss_weights(self.fields.degree)
-
-    def bind(self, compiled: CompiledForm, data: Mapping):
-        """Bind a form of other data, such as the mass, and keep it by its name."""
-        return self._bound(compiled, self._mesh.space, data)
-
-    def _bound(self, compiled: CompiledForm, space, data: Mapping):
-        form = dolfinx_api.bind(compiled, self._mesh.mesh, space, data, self._subdomains)
+    def _bind(
+        self, compiled: CompiledForm, space: Space | None = None, data: Mapping | None = None
+    ) -> BoundForm:
+        """Bind a form of a step, of the unknowns or in another space, and keep it by its name."""
+        spaces = [space or self._mesh.unknowns] * len(compiled.form.arguments())
+        form = BoundForm(compiled, self._mesh, data or self._data, spaces, self._tags)
         if compiled.name not in self.bound:
             self.names.append(compiled.name)
-        self.bound[compiled.name] = form, compiled
+        self.bound[compiled.name] = form
         return form
 
-    @property
-    def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The tangent in compressed rows: values (which `add_tangent` sets), columns, starts."""
-        return self.matrix.data, self.matrix.indices, self.matrix.indptr
-
-    def cells_of(self, tag: int) -> np.ndarray:
-        """Cells of a subdomain of the forms; -1 for all."""
-        every = np.arange(len(self._tags))
-        return every if tag < 0 else np.flatnonzero(self._tags == tag)
+    def _bind_evolution(self, compiled: CompiledForm) -> None:
+        self._internal = self._data[self._weak.internal]
+        self._bind(compiled, self._internal.space)
+        #: Weights (degree,) of the Gauss points, relative to the element's length.
+        self.point_weights = elements.gauss_weights(self.fields.degree)
 
     # -- Evaluation -----------------------------------------------------------------------------
 
@@ -452,54 +409,49 @@ class BeamForms:
         """Begin a step."""
         self._values["time"][...] = interval.start + self._scheme.rates.level * interval.length
         self._values["dt"][...] = interval.length
-        self._set(self._start, start.q)
+        self._start.array[:] = start.q
         if (self.needs_rates or self.drag is not None) and len(start.v):
-            for function, rate in zip(self._start_rates, (start.v, start.a), strict=True):
-                self._set(function, rate)
+            for field, rate in zip(self._start_rates, (start.v, start.a), strict=True):
+                field.array[:] = rate
         if self.needs_previous:
             self._values["memory"][...] = start.memory
-            self._set(self.moving[4], start.q if start.q_previous is None else start.q_previous)
+            before = start.q if start.q_previous is None else start.q_previous
+            self.moving[4].array[:] = before
         self._set_internal(start.internal)
         self.natural.set(*(start.natural or (None, None)))
-
-    def _set(self, function, values: np.ndarray) -> None:
-        """Set a function to the values (size,) at the nodes of beams."""
-        function.x.array[:] = values[: self._mesh.in_beams]
 
     def _set_internal(self, internal: np.ndarray | None) -> None:
         """Set the internal variables (cells, degree, width) at the start of the step."""
         if internal is not None:
-            self._internal[self._cell_points] = internal
+            self._internal.array[:] = internal.ravel()
 
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Add the internal forces (eq. 53), by the reduced rule, and drag to `out` (size,)."""
-        self._set(self.increment, D)
-        dolfinx_api.add_vector(out[: self._mesh.in_beams], self._residual)
+        self.increment.array[:] = D
+        self._residual.add_to(out)
         if self.drag is not None:
             self.drag.add_force(D, out)
 
-    def add_tangent(self, values: np.ndarray) -> None:
-        """Add their tangent (eq. 54), derived by UFL, to the values of that of all forces."""
-        dolfinx_api.assemble_matrix(self.matrix, self._tangent)
-        if len(values) > len(self.matrix.data):  # else they are the same
-            values[self.value_at] += self.matrix.data
+    def add_tangent(self, values: np.ndarray, at: np.ndarray) -> None:
+        """Add their tangent (eq. 54), derived by UFL, to values of a matrix at places of cells."""
+        self._tangent.add_to(values, at)
         if self.drag is not None:
-            self.drag.add_tangent(values, self.value_at)
+            self.drag.add_tangent(values, at)
 
     def add_external(self, out: np.ndarray) -> None:
         """Add the forces of virtual works of a user, with the motion, to `out` (size,)."""
         if self.has_external:
-            dolfinx_api.add_vector(out[: self._mesh.in_beams], self._added)
+            self._added.add_to(out)
 
     def strain_energy(self, q: np.ndarray, internal: Given = None, natural: Given = None) -> float:
         """Stored energy [J], integrated by the reduced rule.
 
         Of q (size,), internal variables, and natural strains (cells, degree, 3).
         """
-        self._set(self._start, q)
+        self._start.array[:] = q
         self._set_internal(internal)
         self.natural.set(natural)
-        return dolfinx_api.assemble_scalar(self._energy)
+        return self._energy.total()
 
     def bind_inversion(self) -> None:
         """Bind the form that `is_inverted` takes."""
@@ -508,34 +460,32 @@ class BeamForms:
 
     def is_inverted(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
-        self._set(self._start, q)
-        return dolfinx_api.assemble_scalar(self._inversion) > 0
+        self._start.array[:] = q
+        return self._inversion.total() > 0
 
     def normal_stretch(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
         instant = Parts(np.zeros(1), np.ones(1), q=q[None], memory=np.zeros(1))
-        values = self._point_values(self._weak.normal_stretch, [self.cells_of(-1)])
+        values = self._point_values(self._weak.normal_stretch)
         return values(instant, np.empty((1, 0)), (self.fields.degree,))[0]
 
-    def _point_values(
-        self, expressions: list[CompiledForm], cells: list[np.ndarray]
-    ) -> PointValues:
-        fields = self.fields
+    def _point_values(self, expressions: list[CompiledForm]) -> PointValues:
+        """Values of expressions, one for all cells, or for each subdomain its own."""
+        fields, tags = self.fields, self._tags if len(expressions) > 1 else 0 * self._tags
         changing = fields.time, fields.dt, fields.memory, self.parameters[0]
-        pairs, moving = zip(expressions, cells, strict=True), self._weak.moving
-        return PointValues(pairs, self._mesh.mesh, self._data, moving, changing)
+        bound = [BoundForm(of, self._mesh, self._data) for of in expressions]
+        return PointValues(bound, tags, self._mesh, self.moving, changing)
 
     def begin_part(self, part: Part) -> None:
         """Begin a completed step."""
         level = part.interval.start + self._scheme.rates.level * part.interval.length
         self._parameters.begin(level, part.start.parameters)
         self.begin(part.interval, part.start)
-        self._set(self.increment, part.D)
+        self.increment.array[:] = part.D
 
     @functools.cached_property
     def _resultants(self) -> PointValues:
-        compiled = self._weak.compiled_resultants
-        return self._point_values(compiled, [self.cells_of(tag) for tag in range(len(compiled))])
+        return self._point_values(self._weak.compiled_resultants)
 
     def resultants(self, parts: Parts) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
@@ -553,20 +503,19 @@ def _shapes(data: Mapping[str, Data]) -> tuple[DataShape | None, DataShape | Non
 
 
 class NaturalFields:
-    """Functions in the place of UFL's fields of natural strains; none if they are not `present`."""
+    """Fields in the place of UFL's natural strains; none if they are not `present`."""
 
-    def __init__(self, mesh: Any, fields: Fields, present: bool):
-        #: The functions by their fields, and spaces by the names of derivatives.
-        self.data: dict[Any, Any] = {}
-        self.spaces: dict[str, Any] = {}
+    def __init__(self, mesh: Mesh, fields: Fields, present: bool):
+        #: The fields by their symbols, and spaces by the names of derivatives.
+        self.data: dict[Any, Field] = {}
+        self.spaces: dict[str, Space] = {}
         if present:
-            space = interval_mesh.gauss_space(mesh, fields.degree, 3)
-            self._points = dolfinx_api.element_dofs(space)
-            self.data = {field: dolfinx_api.function(space) for field in fields.natural}
+            space = mesh.space(fields.degree, 3)
+            self.data = {symbol: Field(space) for symbol in fields.natural}
             self.spaces = {"natural": space, "natural_end": space}
 
     def set(self, start: np.ndarray | None, end: np.ndarray | None = None) -> None:
         """Set the strains (cells, degree, 3) at the start or at the end of the step."""
-        for function, values in zip(self.data.values(), (start, end), strict=False):
+        for field, values in zip(self.data.values(), (start, end), strict=False):
             if values is not None:
-                function.x.array.reshape(-1, 3)[self._points] = values
+                field.array[:] = values.ravel()

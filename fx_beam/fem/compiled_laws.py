@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem import elements, ffcx_api
 from fx_beam.fem.sparsity import positions_in
 from fx_beam.laws.point_laws import Motion, PointLaw, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
@@ -72,7 +72,7 @@ def _shared(expression: Any) -> Any:
 class PointFunction:
     """A UFL vector of some numbers as a C function."""
 
-    def __init__(self, compiled: dolfinx_api.CompiledForm):
+    def __init__(self, compiled: ffcx_api.CompiledForm):
         self._compiled = compiled
         #: Number of its values.
         self.size = compiled.form[0].ufl_shape[0]
@@ -89,14 +89,14 @@ class PointFunction:
 
 def point_functions(values: Mapping[str, Values], arguments: int) -> list[PointFunction]:
     """UFL vectors of `arguments` numbers by name, which are used together, as C functions."""
-    numbers = ufl.Constant(dolfinx_api.domain(1), shape=(arguments,))
+    numbers = ufl.Constant(elements.domain(1), shape=(arguments,))
     # Without the variables of derivatives: later versions of UFL tell them apart by numbers of
     # the process, and would compile the same function again.
     expressions = {
         name: map_expr_dag(_Stripped(), expand_derivatives(_shared(of(numbers))))
         for name, of in values.items()
     }
-    compiled = dolfinx_api.compile_together(
+    compiled = ffcx_api.compile_together(
         {name: (expression, np.array([[0.5]])) for name, expression in expressions.items()}
     )
     return [PointFunction(function) for function in compiled]
@@ -112,7 +112,7 @@ class CompiledLaw:
         self.law, self._rule = law, rule
         #: Rows and columns (n, 2) of the entries of the tangent that may be other than zero.
         self.entries = np.empty((0, 2), dtype=np.int32)
-        symbols = ufl.Constant(dolfinx_api.domain(1), shape=(arguments(law),))
+        symbols = ufl.Constant(elements.domain(1), shape=(arguments(law),))
         motion = self._motion(symbols)
         functions = {name: getattr(law, name) for name in ("energy", "loss", "switches")}
         others = {name: _listed(of) for name, of in functions.items() if of is not None}

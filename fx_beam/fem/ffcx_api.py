@@ -1,20 +1,18 @@
-"""All use of FFCx and of the C that it generates, which differs between versions.
-
-A `form` here is a `dolfinx_api.CompiledForm`.
-"""
+"""All use of FFCx and of the C that it generates, which differs between versions."""
 
 from __future__ import annotations
 
 import ctypes
 import functools
 import inspect
+import logging
 import os
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import ffcx
 import ffcx.codegeneration
@@ -22,6 +20,8 @@ import ffcx.codegeneration.jit
 import ffcx.compiler
 import ufl
 from ffcx.ir.analysis.valuenumbering import ValueNumberer
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
+from ufl.algorithms.check_arities import ArityMismatch
 
 import cffi
 import numpy as np
@@ -30,6 +30,7 @@ from fx_beam import c_library, library_cache
 
 T = TypeVar("T")
 
+_log = logging.getLogger("fx_beam")
 _FFI = cffi.FFI()
 # What later versions call options.
 _OPTIONS = "parameters" if find_spec("ffcx.parameters") else "options"
@@ -38,6 +39,15 @@ _options = getattr(ffcx, f"get_{_OPTIONS}")
 _PREFIX = (
     {"prefix", "namespace"} & set(inspect.signature(ffcx.compiler.compile_ufl_objects).parameters)
 ).pop()
+
+#: Flags of all compilations. Vector instructions of a single law or element would read pairs of
+#: numbers that were just written one by one, for which processors wait long. The loop computes
+#: several elements at once instead.
+FLAGS = "-O2", "-g0", "-fno-math-errno", "-fno-tree-slp-vectorize"
+#: More for forms of which only functions of several elements are called, which are compiled again.
+ONLY_IN_BATCHES = ("-O0",)
+#: Errors of UFL and FFCx for an invalid form; ArityMismatch is not always an Exception.
+REFUSALS: tuple[type[BaseException], ...] = (Exception, ArityMismatch)
 
 # Modules of this process, which Python does not unload.
 _loaded: dict[str, Any] = {}
@@ -49,7 +59,76 @@ class _Missing(Exception):
     """The cache has no module of this name."""
 
 
-def from_cache(jit: Callable[[Path], T]) -> T:
+class CompiledForm(NamedTuple):
+    """A form, or an expression with its points, that was compiled for all meshes of its kind."""
+
+    name: str
+    form: Any
+    ufcx: Any
+    #: FFCx's module, which must stay in memory, and its source if it has just been compiled.
+    module: Any
+    code: Any
+    #: All forms of the module.
+    together: tuple[Any, ...]
+
+
+def compile_together(forms: Mapping[str, Any], flags: Sequence[str] = ()) -> list[CompiledForm]:
+    """Compile UFL forms, or expressions with their points, by name, as one module.
+
+    For those always used together, with further flags of the C compiler. Those that were not in
+    the cache are logged.
+    """
+    together = tuple(forms.values())
+    are_forms = all(isinstance(each, ufl.Form) for each in together)
+    compiler = ffcx.codegeneration.jit
+    make: Any = compiler.compile_forms if are_forms else compiler.compile_expressions
+    flags = [*FLAGS, *flags]
+
+    def jit(folder: Path) -> Any:
+        given = {"cffi_extra_compile_args": flags, "cffi_debug": False}
+        return make(list(together), cache_dir=folder, **given)
+
+    with _quiet():
+        objects, module, code = _from_cache(jit)
+    for name in forms if any(code) else ():
+        _log.info("compiled the form %r, once", name)
+    return [
+        CompiledForm(name, form, ufcx, module, code, together)
+        for (name, form), ufcx in zip(forms.items(), objects, strict=True)
+    ]
+
+
+def compile_form(form: Any, name: str) -> CompiledForm:
+    """The same for a single form."""
+    return compile_together({name: form})[0]
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the compiler's lines out of the user's log.
+
+    The JIT logs command lines at INFO on the root logger, and changes its level and handlers. What
+    other threads say meanwhile on loggers of their own is not lost.
+    """
+    root = logging.getLogger()
+    level, handlers = root.level, root.handlers[:]
+    loggers = root, logging.getLogger("ffcx"), logging.getLogger("UFL")
+    for logger in loggers:
+        logger.addFilter(_is_warning)
+    try:
+        yield
+    finally:
+        root.setLevel(level)
+        root.handlers[:] = handlers
+        for logger in loggers:
+            logger.removeFilter(_is_warning)
+
+
+def _is_warning(record: logging.LogRecord) -> bool:
+    return record.levelno > logging.INFO
+
+
+def _from_cache(jit: Callable[[Path], T]) -> T:
     """What FFCx makes in a folder, or has made before."""
     try:
         return jit(_SEARCH)
@@ -124,16 +203,16 @@ def _symbols_of(numbering: ValueNumberer, expression: Any) -> Any:
 ValueNumberer.get_node_symbols = _symbols_of
 
 
-def compile_together(objects: Sequence, scalar: dict[str, Any], settings: dict[str, Any]) -> Any:
-    """Compiled forms, or expressions with their points, as one module.
-
-    And the module, and its code if it was not in the cache.
-    """
-    named: dict[str, Any] = {_OPTIONS: _options(scalar)}
-    are_forms = all(isinstance(each, ufl.Form) for each in objects)
-    compiler = ffcx.codegeneration.jit
-    make = compiler.compile_forms if are_forms else compiler.compile_expressions
-    return make(list(objects), **named, **settings)
+def symbols(compiled: CompiledForm) -> tuple[list[Any], list[Any]]:
+    """UFL's coefficients and constants of a form or expression, in the order of its code."""
+    form, ufcx = compiled.form, compiled.ufcx
+    if isinstance(form, ufl.Form):
+        coefficients, constants = form.coefficients(), form.constants()
+    else:
+        coefficients, constants = extract_coefficients(form[0]), extract_constants(form[0])
+    plural = "original_coefficient_position" + "s" * hasattr(ufcx, "original_coefficient_positions")
+    at = getattr(ufcx, plural)
+    return [coefficients[at[i]] for i in range(ufcx.num_coefficients)], list(constants)
 
 
 def _integrals(form) -> list[tuple[int, Any]]:
@@ -149,6 +228,11 @@ def _integrals(form) -> list[tuple[int, Any]]:
 def integrals(form) -> list[int]:
     """Subdomain of each integral of a compiled form (-1: all cells)."""
     return [subdomain for subdomain, _ in _integrals(form)]
+
+
+def integral_functions(form) -> list[int]:
+    """Address of the C function of each integral."""
+    return [_address(integral.tabulate_tensor_float64) for _, integral in _integrals(form)]
 
 
 def signature(form) -> str:

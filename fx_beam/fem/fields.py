@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -13,7 +14,6 @@ import numpy as np
 
 from fx_beam.dual import plain, stacked
 from fx_beam.errors import SceneError, all_of, fields_in, refuse_fields
-from fx_beam.fem import dolfinx_api
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.laws.resultants import Nodes, lagrange
@@ -22,6 +22,8 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
 
+from . import elements
+from .assembly import Field
 from .mesh import Mesh
 
 #: What a form must know of its data: number of Gauss points (0: constant) and shape of a value.
@@ -45,20 +47,23 @@ class Data(NamedTuple):
             return self
         return Data(1, np.broadcast_to(self.values, (cells, 1, *self.values.shape)))
 
-    def on(self, mesh: Mesh):
-        """dolfinx's constant or function with the data."""
+    def on(self, mesh: Mesh) -> Any:
+        """A field or, of a single value, an array with the data."""
+        values = np.array(plain(self.values), float)
         if not self.points:
-            return dolfinx_api.constant(mesh.mesh, plain(self.values))
-        return dolfinx_api.at_gauss_points(mesh.mesh, plain(self.values))
+            return values
+        field = Field(mesh.space(self.points, math.prod(values.shape[2:])))
+        field.array[:] = values.ravel()
+        return field
 
 
 class FilledField:
-    """dolfinx's constant or function with data; others of the same shape may replace them."""
+    """A field or an array with data; others of the same shape may replace them."""
 
     def __init__(self, data: Data, mesh: Mesh):
         self.data, self.on_mesh = data, data.on(mesh)
-        # Reading it from dolfinx takes longer than all else in `refill`.
-        self._constant = None if data.points else self.on_mesh.value
+        array = self.on_mesh.array if isinstance(self.on_mesh, Field) else self.on_mesh
+        self._values = array.reshape(np.shape(plain(data.values)))
 
     def refill(self, data: Data) -> bool:
         """Set the data, and whether they differ; OtherStructureError if they have another shape."""
@@ -68,10 +73,7 @@ class FilledField:
         self.data = data  # its slopes may be others
         if all_of(plain(data.values) == plain(known.values)):
             return False
-        if self._constant is None:
-            dolfinx_api.set_at_gauss_points(self.on_mesh, plain(data.values))
-        else:
-            self._constant[...] = plain(data.values)
+        self._values[...] = plain(data.values)
         return True
 
 
@@ -97,7 +99,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
         if len(constants) == 1:
             return Data(0, stacked(*constants.values()))
         return cell_data(mesh, stacked([constants[id(section)] for section in sections]))
-    gauss = dolfinx_api.gauss_points(points)
+    gauss = elements.gauss_points(points)
     values: list[np.ndarray] = []
     for beam in scene.beams:
         fractions = arc_lengths(beam, gauss) / beam.length
@@ -106,7 +108,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
         except SceneError as error:
             raise SceneError(f"beam {beam.name!r}: {error}") from None
         values.append(np.stack(of_beam, axis=-1) if len(names) > 1 else of_beam[0])
-    return Data(points, np.concatenate(values)[np.argsort(np.concatenate(mesh.cells))])
+    return Data(points, np.concatenate(values))
 
 
 def distinct(sections: Iterable[Section]) -> list[Section]:
@@ -132,19 +134,19 @@ class Fields:
 
     def __init__(self, degree: int, curved: bool):
         self.degree = degree
-        self._domain = domain = dolfinx_api.domain(degree if curved else 1)
-        space = dolfinx_api.ufl_space(domain, degree)
+        self._domain = domain = elements.domain(degree if curved else 1)
+        space = elements.beam_space(domain, degree)
         #: Displacements and rotations at the start of the step.
-        self.start = dolfinx_api.Coefficient(space)
+        self.start = elements.Coefficient(space)
         #: Velocity and acceleration at the start of the step.
-        self.start_rates = tuple(dolfinx_api.Coefficient(space) for _ in range(2))
+        self.start_rates = tuple(elements.Coefficient(space) for _ in range(2))
         self.time, self.dt, self.load_factor = (ufl.Constant(domain) for _ in range(3))
         #: Increment of the load factor in statics.
         self.load_increment = ufl.Constant(domain)
         #: Displacements and rotations at the start of the last step, and `Step.memory`.
-        self.q_previous, self.memory = dolfinx_api.Coefficient(space), ufl.Constant(domain)
+        self.q_previous, self.memory = elements.Coefficient(space), ufl.Constant(domain)
         #: Natural strains at the Gauss points, at the start and at the end of the step.
-        self.natural = tuple(dolfinx_api.Coefficient(self.internal(3)) for _ in range(2))
+        self.natural = tuple(elements.Coefficient(self.internal(3)) for _ in range(2))
         #: The fields without nodal rotations, for mass and loads.
         self.plain = self
         #: Coordinate on each cell, from 0 to the degree, of `with_nodal_rotations`.
@@ -157,13 +159,13 @@ class Fields:
 
     def _set_unknowns(self, space) -> None:
         #: Increments of displacements and rotations.
-        self.increment = dolfinx_api.Coefficient(space)
+        self.increment = elements.Coefficient(space)
         self.test, self.trial = ufl.TestFunction(space), ufl.TrialFunction(space)
 
     def _nodal(self) -> Fields:
         other = copy.copy(self)
-        other.coordinate = dolfinx_api.ufl_coordinate(self._domain)
-        other._set_unknowns(dolfinx_api.ufl_space(self._domain, self.degree, nodal=True))
+        other.coordinate = elements.Coefficient(elements.coordinate_space(self._domain))
+        other._set_unknowns(elements.beam_space(self._domain, self.degree, nodal=True))
         return other
 
     @property
@@ -196,15 +198,15 @@ class Fields:
 
     def data(self, shape: DataShape):
         """UFL's symbol for data of the sections."""
-        return dolfinx_api.data(self._domain, *shape)
+        return elements.data(self._domain, *shape)
 
     def internal(self, width: int):
         """UFL's space of so many internal variables at the Gauss points."""
-        return dolfinx_api.ufl_gauss_space(self._domain, self.degree, width)
+        return elements.gauss_space(self._domain, self.degree, width)
 
     def measure(self, points: int):
         """Measure of the members, by a Gauss rule of so many points."""
-        return dolfinx_api.measure(self._domain, points)
+        return elements.measure(self._domain, points)
 
     @property
     def full_rule(self) -> int:

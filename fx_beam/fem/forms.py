@@ -20,13 +20,13 @@ from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForce, PointForces
 from .scene_forces import may_have_forces, point_forces
-from .sparsity import with_blocks, with_pairs
+from .sparsity import matrix_between, places_of_cells, with_pairs
 
 
 class Forms:
     """The forces of a scene for a scheme, and their tangent.
 
-    Vectors contain all degrees of freedom, dolfinx's first; `Mesh.dofs` gives those of a node.
+    Vectors contain all degrees of freedom; `Mesh.dofs` gives those of a node.
     """
 
     def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh, instant: bool = False):
@@ -44,20 +44,14 @@ class Forms:
         self.points = PointForces(forces, followers, self._rule, parameters, members)
         #: Those of beams, None without any.
         self.beams = BeamForms(scene, scheme, mesh, parameters) if scene.beams else None
-        self._parts: list[BeamForms | PointForces] = [self.points]
-        if self.beams is not None:
-            self._parts.insert(0, self.beams)
-        rows = np.empty(0), np.empty(0, dtype=np.int32), np.zeros(1, np.int32)
-        if self.beams is not None:
-            rows = self.beams.rows
+        of_beams = [] if self.beams is None else [self.beams]
+        self._parts: list[BeamForms | PointForces] = [*of_beams, self.points]
         #: Matrix with the entries of beams and of each node.
-        self.of_members = with_blocks(*rows, self.size)
-        #: Tangent of all forces, and the positions in it of the values of beams.
-        self.stiffness, positions = with_pairs(self.of_members, self.points.pairs_of_nodes)
-        of_beams = slice(0, len(rows[0]))
-        self.assembled: slice | np.ndarray = of_beams if positions is None else positions[of_beams]
-        if self.beams is not None:
-            self.beams.value_at = self.assembled
+        self.of_members = matrix_between(mesh.elements, len(mesh.X))
+        #: Tangent of all forces, and the places (cells, n * n) in it of the entries of cells.
+        self.stiffness = with_pairs(self.of_members, self.points.pairs_of_nodes)
+        K = self.stiffness
+        self.of_cells = places_of_cells(mesh.unknowns.dofs, K.indptr, K.indices)
         self.points.locate_in(self.stiffness)
         self._force = np.zeros(self.size)
         #: Least and largest damping [s] of each friction that sticks, by what it belongs to.
@@ -157,8 +151,9 @@ class Forms:
     def assemble_stiffness(self) -> None:
         """Assemble `stiffness` at the increment of the last `internal_force`."""
         self.stiffness.data[:] = 0.0
-        for part in self._parts:
-            part.add_tangent(self.stiffness.data)
+        if self.beams is not None:
+            self.beams.add_tangent(self.stiffness.data, self.of_cells)
+        self.points.add_tangent(self.stiffness.data)
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""

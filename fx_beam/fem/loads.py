@@ -15,7 +15,7 @@ from fx_beam.scene.loads import NAMES, Load, PlaceTimeFunction, StrainPart, labe
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from . import dolfinx_api
+from . import elements
 from .mesh import Mesh
 
 
@@ -40,8 +40,8 @@ def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
 @functools.cache
 def gauss_rule(degree: int, rule: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights (rule,), and polynomials of equidistant nodes (rule, degree + 1), and slopes."""
-    nodes, points = np.linspace(0.0, 1.0, degree + 1), dolfinx_api.gauss_points(rule)
-    return dolfinx_api.gauss_weights(rule), *lagrange_and_slopes(nodes, points[:, 0])
+    nodes, points = np.linspace(0.0, 1.0, degree + 1), elements.gauss_points(rule)
+    return elements.gauss_weights(rule), *lagrange_and_slopes(nodes, points[:, 0])
 
 
 class UnitLoad(NamedTuple):
@@ -136,7 +136,7 @@ class Loads(SumOfLoads):
         """Loads at the Gauss points of the rule that integrates the interpolation exactly."""
         function, rule = load.value, beam.degree + 1
         unit = line_forces(self._mesh, scene.beams.index(beam), rule)
-        places = arc_lengths(beam, dolfinx_api.gauss_points(rule)).ravel()
+        places = arc_lengths(beam, elements.gauss_points(rule)).ravel()
         if isinstance(function, PlaceTimeFunction):
             function = function.over(places)
         else:
@@ -179,7 +179,7 @@ class NaturalStrains(SumOfLoads):
         cells = self._mesh.cells[scene.beams.index(beam)]
         points = degree * cells[:, None] + np.arange(degree)
         rows = 3 * points.ravel() + [*NAMES].index(name)
-        places = (arc_lengths(beam, dolfinx_api.gauss_points(degree)) / beam.length).ravel()
+        places = (arc_lengths(beam, elements.gauss_points(degree)) / beam.length).ravel()
         values, counts = np.ones(len(rows)), np.array([len(rows)])
         what = f"{NAMES[name]} of beam {beam.name!r}"
         if isinstance(function, PlaceTimeFunction):

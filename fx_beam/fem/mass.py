@@ -14,7 +14,7 @@ from fx_beam.dual import DualFloat, have_slopes, plain, stacked
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from . import dolfinx_api, ffcx_api
+from . import ffcx_api
 from .fields import distinct, fields_of, section_data
 from .forms import Forms
 from .loads import gauss_rule
@@ -174,7 +174,7 @@ def _unit_masses(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     density = fields.data((points, (2,)))
     (u, psi), (virtual_u, virtual_psi) = ufl.split(fields.trial), ufl.split(fields.test)
     work = density[0] * ufl.dot(virtual_u, u) + density[1] * virtual_psi * psi
-    form = dolfinx_api.compile_form(work * fields.measure(points), "mass")
+    form = ffcx_api.compile_form(work * fields.measure(points), "mass")
     units = np.eye(2 * points)
     masses = ffcx_api.element_tensors(form, units, [[0, 0, 0], [1, 0, 0]], 3 * (degree + 1))
     order = np.dstack([2 * nodes, 2 * nodes + 1, 2 * (degree + 1) + nodes]).ravel()

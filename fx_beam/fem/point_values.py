@@ -2,111 +2,76 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from fx_beam import c_library
 from fx_beam.laws.interval import Parts
 
-from . import dolfinx_api, ffcx_api
-from .dolfinx_api import CompiledForm
+from . import ffcx_api
+from .assembly import BoundForm, Field, tabulated
+from .mesh import Mesh
 
-_LIBRARY = "values at Gauss points", "expression_rows.c", "expression_rows.h"
 # Values that are found at once, each by a few coefficients.
 _MOST = 2**17
 
 
-class _OnCells(NamedTuple):
-    """An expression on some cells: its function in C, and its fields in their order there."""
-
-    tabulate: Any
-    cells: np.ndarray
-    coefficients: list[Any]
-    constants: list[Any]
-
-
 class PointValues:
-    """Values of UFL expressions at the Gauss points of elements.
+    """Values of expressions at the Gauss points of elements, each of cells with its tag.
 
-    They are compiled, each with its cells; `data` has what is in the place of their symbols. Those
-    that change are `Parts.moving`, and the time, the step, its memory and parameters.
+    Fields that change are `Parts.moving`; constants that do, by their symbols, are the time, the
+    step, its memory and parameters.
     """
 
     def __init__(
         self,
-        expressions: Iterable[tuple[CompiledForm, np.ndarray]],
-        mesh: Any,
-        data: Mapping[Any, Any],
-        moving: Sequence[Any],
+        expressions: Sequence[BoundForm],
+        tags: np.ndarray,
+        mesh: Mesh,
+        moving: Sequence[Field | None],
         changing: Sequence[Any],
     ):
-        self._mesh, self._data, self._moving, self._changing = mesh, data, moving, changing
-        self._ffi, self._c = c_library.kept_library(*_LIBRARY)
-        self._expressions = [
-            _OnCells(
-                self._ffi.cast("Tabulate", ffcx_api.expression_function(compiled)),
-                cells,
-                *dolfinx_api.fields_of_expression(compiled),
-            )
-            for compiled, cells in expressions
-        ]
+        self._mesh, self._moving, self._changing = mesh, moving, changing
+        self._expressions = [(of, np.flatnonzero(tags == i)) for i, of in enumerate(expressions)]
 
     def __call__(self, parts: Parts, parameters: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
         """Values (n, cells, ...) of a shape in n steps, whose parameters (n, k) are given."""
-        coordinates = dolfinx_api.element_coordinates(self._mesh)  # scenes move nodes
+        coordinates = self._mesh.coordinates  # scenes move nodes
         values = np.zeros((len(parts.t), len(coordinates), *shape))
         most = max(1, _MOST // values[0].size)
         for first in range(0, len(values), most):
             rows = slice(first, first + most)
             given = Parts(*(of[rows] if len(of) else of for of in parts))
-            for own in self._expressions:
-                w, c = self._coefficients(own, given), self._constants(own, given, parameters[rows])
-                out = self._tabulated(own.tabulate, w, c, coordinates[own.cells], shape)
-                values[rows, own.cells] = out
+            for of, cells in self._expressions:
+                fields = self._coefficients(of, cells, given)
+                numbers = fields, self._constants(of, given, parameters[rows]), coordinates[cells]
+                function = ffcx_api.expression_function(of.compiled)
+                out = tabulated(function, *numbers, math.prod(shape))
+                values[rows, cells] = out.reshape(*out.shape[:2], *shape)
         return values
 
-    def _coefficients(self, of: _OnCells, parts: Parts) -> np.ndarray:
+    def _coefficients(self, of: BoundForm, cells: np.ndarray, parts: Parts) -> np.ndarray:
         """Coefficients (n, cells, width) of an expression."""
-        shape = len(parts.t), len(of.cells)
-        fields = [self._on_cells(field, parts)[:, of.cells] for field in of.coefficients]
+        shape = len(parts.t), len(cells)
+        fields = [self._on_cells(field, parts)[:, cells] for field in of.fields]
         each = [np.broadcast_to(field, (*shape, field.shape[2])) for field in fields]
         return np.concatenate([np.empty((*shape, 0)), *each], axis=2)
 
-    def _on_cells(self, field: Any, parts: Parts) -> np.ndarray:
+    def _on_cells(self, field: Field, parts: Parts) -> np.ndarray:
         """Values (n, cells, width) of a field, with n = 1 if it does not change."""
-        function = self._data[field]
-        for symbol, values in zip(self._moving, parts.moving, strict=True):
-            if symbol is field:
-                dofs = dolfinx_api.element_dofs(function.function_space)
-                return values if values.ndim == 3 else values[:, dofs]
-        return dolfinx_api.values_on_cells(function)[None]
+        for moving, values in zip(self._moving, parts.moving, strict=True):
+            if moving is field:
+                return values if values.ndim == 3 else values[:, field.space.dofs]
+        return field.on_cells[None]
 
-    def _constants(self, of: _OnCells, parts: Parts, parameters: np.ndarray) -> np.ndarray:
+    def _constants(self, of: BoundForm, parts: Parts, parameters: np.ndarray) -> np.ndarray:
         """Constants (n, m) of an expression."""
         columns = parts.t[:, None], parts.dt[:, None], parts.memory[:, None], parameters
+        changing = dict(zip(self._changing, columns, strict=True))
         constants = [np.empty((len(parts.t), 0))]
-        for constant in of.constants:
-            pairs = zip(self._changing, columns, strict=True)
-            value = next((values for symbol, values in pairs if symbol is constant), None)
-            if value is None:
-                value = np.tile(np.ravel(self._data[constant].value), (len(parts.t), 1))
-            constants.append(value)
+        for symbol, array in of.constants.items():
+            value = changing.get(symbol)
+            constants.append(np.tile(array.ravel(), (len(parts.t), 1)) if value is None else value)
         return np.hstack(constants)
-
-    def _tabulated(
-        self,
-        tabulate: Any,
-        w: np.ndarray,
-        c: np.ndarray,
-        x: np.ndarray,
-        shape: tuple[int, ...],
-    ) -> np.ndarray:
-        """Values (n, cells, ...) of coefficients, constants of rows, and coordinates of cells."""
-        values = np.zeros((*w.shape[:2], *shape))
-        sizes = w.shape[2], c.shape[1], x.shape[1], int(np.prod(shape))
-        arrays = (np.ascontiguousarray(array) for array in (w, c, x, values))
-        given = (self._ffi.from_buffer("double[]", array) for array in arrays)
-        self._c.fx_tabulate(tabulate, self._ffi.new("Sizes *", sizes)[0], *w.shape[:2], *given)
-        return values

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_by_content
+
 
 def positions_in(
     indptr: np.ndarray, indices: np.ndarray, rows: np.ndarray, columns: np.ndarray
@@ -17,44 +19,39 @@ def positions_in(
     return (at if order is None else order[at]).astype(np.int32)
 
 
-def with_blocks(
-    data: np.ndarray, indices: np.ndarray, indptr: np.ndarray, size: int
-) -> scipy.sparse.csr_matrix:
-    """A matrix of compressed rows, with a block of 3 x 3 for each node that has no row in it.
-
-    Without such nodes it is a view on the data.
-    """
-    rows = len(indptr) - 1
-    if rows == size:
-        return scipy.sparse.csr_matrix((data, indices, indptr), (size, size), copy=False)
-    alone = np.arange(rows, size, dtype=indices.dtype).reshape(-1, 1, 3)
-    indices = np.concatenate([indices, np.repeat(alone, 3, axis=1).ravel()])
-    indptr = np.concatenate([indptr, indptr[-1] + 3 * np.arange(1, size - rows + 1)])
-    values = np.zeros(len(indices))
-    values[: len(data)] = data
-    return scipy.sparse.csr_matrix((values, indices, indptr), (size, size), copy=False)
+@cached_by_content
+def places_of_cells(dofs: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
+    """Indices (cells, n * n) of the entries of cells with degrees of freedom (cells, n)."""
+    n = dofs.shape[1]
+    at = np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()
+    return positions_in(indptr, indices, *at).reshape(len(dofs), n * n)
 
 
-def with_pairs(
-    matrix: scipy.sparse.csr_matrix, pairs: np.ndarray
-) -> tuple[scipy.sparse.csr_matrix, np.ndarray | None]:
-    """A matrix with entries at some rows and columns (n, 2), and where its own values are.
+def matrix_between(elements: np.ndarray, nodes: int) -> scipy.sparse.csr_matrix:
+    """A zero matrix with a block of 3 x 3 for each node, and for each two nodes of an element."""
+    indptr, indices = _rows_between(elements, nodes)
+    return scipy.sparse.csr_matrix((np.zeros(len(indices)), indices, indptr), copy=False)
 
-    If it has all of them, the matrix itself and None.
-    """
-    if not len(pairs):
-        return matrix, None
+
+@cached_by_content
+def _rows_between(elements: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    every, n = np.arange(nodes), elements.shape[1]
+    row = np.append(every, np.repeat(elements, n, axis=1))
+    column = np.append(every, np.tile(elements, (1, n)))
+    row, column = np.divmod(np.unique(row * nodes + column), nodes)
+    starts = np.searchsorted(row, np.arange(nodes + 1))
+    blocks = scipy.sparse.bsr_matrix((np.ones((len(row), 3, 3)), column, starts)).tocsr()
+    return blocks.indptr, blocks.indices
+
+
+def with_pairs(matrix: scipy.sparse.csr_matrix, pairs: np.ndarray) -> scipy.sparse.csr_matrix:
+    """A zero matrix with more entries, at some rows and columns (n, 2); itself if it has them."""
     size = matrix.shape[0]
-    row = np.repeat(np.arange(size), np.diff(matrix.indptr))
-    present = row * size + matrix.indices
+    present = np.repeat(np.arange(size), np.diff(matrix.indptr)) * size + matrix.indices
     missing = np.setdiff1d(pairs[:, 0] * size + pairs[:, 1], present)
     if not len(missing):
-        return matrix, None
-    keys = np.sort(np.concatenate([present, missing]))
-    rows, columns = np.divmod(keys, size)
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=size))])
-    positions = np.searchsorted(keys, present)
-    values = np.zeros(len(keys))
-    values[positions] = matrix.data
+        return matrix
+    rows, columns = np.divmod(np.sort(np.concatenate([present, missing])), size)
+    indptr = np.searchsorted(rows, np.arange(size + 1))
     indices = columns.astype(matrix.indices.dtype), indptr.astype(matrix.indptr.dtype)
-    return scipy.sparse.csr_matrix((values, *indices), matrix.shape, copy=False), positions
+    return scipy.sparse.csr_matrix((np.zeros(len(rows)), *indices), matrix.shape, copy=False)

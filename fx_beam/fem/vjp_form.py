@@ -10,10 +10,10 @@ from ufl.algorithms import expand_derivatives
 
 import numpy as np
 
-from . import dolfinx_api
-from .dolfinx_api import CompiledForm
+from . import elements, ffcx_api
+from .assembly import BoundForm, Field, Space
+from .ffcx_api import CompiledForm
 from .fields import Fields
-from .mesh import Mesh
 from .weak_form import WeakForm
 
 #: Names of the derivatives by nodal vectors.
@@ -43,7 +43,7 @@ class WorkOnWeights:
                 if not expand_derivatives(slope).empty():
                     slopes[name, number] = slope
         titles = {f"{self._name}, slope {name} {k}": slopes[name, k] for name, k in slopes}
-        compiled = dolfinx_api.compile_together(titles, dolfinx_api.ONLY_IN_BATCHES)
+        compiled = ffcx_api.compile_together(titles, ffcx_api.ONLY_IN_BATCHES)
         return dict(zip(slopes, compiled, strict=True))
 
 
@@ -52,26 +52,26 @@ class BoundVjp(NamedTuple):
 
     work: WorkOnWeights
     #: Spaces of the derivatives by their names.
-    spaces: Mapping[str, Any]
+    spaces: Mapping[str, Space]
     #: Its fields that change, numbered as in problem.h.
-    moving: list[Any]
+    moving: list[Field]
     #: Binds a form with arguments in these spaces.
-    bind: Callable[[CompiledForm, list[Any]], Any]
+    bind: Callable[[CompiledForm, list[Space]], BoundForm]
     #: Spaces of the weights.
-    of_weights: list[Any]
+    of_weights: list[Space]
 
-    def slopes(self, names: Iterable[str]) -> dict[tuple[str, int], tuple[Any, CompiledForm]]:
-        """The work and its slopes, as bound and compiled."""
+    def slopes(self, names: Iterable[str]) -> dict[tuple[str, int], BoundForm]:
+        """The work and its slopes."""
         slopes = {}
         for (name, number), form in self.work.slopes(names).items():
             spaces = [] if name == "work" else [self.spaces[name], self.of_weights[number]]
-            slopes[name, number] = self.bind(form, spaces), form
+            slopes[name, number] = self.bind(form, spaces)
         return slopes
 
     @property
     def sizes(self) -> dict[str, int]:
         """How many numbers of an element there are, by the names of derivatives."""
-        return {name: dolfinx_api.space_size(self.spaces[name]) for name in self.work.derivatives}
+        return {name: self.spaces[name].width for name in self.work.derivatives}
 
 
 def derivatives_of(quantity: Any, fields: Fields, by: Mapping[str, Any]) -> dict[str, Any]:
@@ -92,7 +92,7 @@ def compiled_derivatives(
     """The same, compiled."""
     forms = derivatives_of(quantity, fields, by)
     named = {f"{title} by {what}": form for what, form in forms.items()}
-    return dict(zip(forms, dolfinx_api.compile_together(named), strict=True))
+    return dict(zip(forms, ffcx_api.compile_together(named), strict=True))
 
 
 class DerivedForm(WeakForm):
@@ -147,12 +147,12 @@ class VjpForm(DerivedForm):
     def _quantity(self) -> Any:
         test = self.fields.test
         #: Weights in the place of the test function, and of the increments of internal variables.
-        self.weight = dolfinx_api.Coefficient(test.ufl_function_space())
+        self.weight = elements.Coefficient(test.ufl_function_space())
         self.internal_weight = None
         work = ufl.replace(self._residual, {test: self.weight})
         if self.width:
             space = self.fields.internal(self.width)
-            self.internal_weight = dolfinx_api.Coefficient(space)
+            self.internal_weight = elements.Coefficient(space)
             grown = {ufl.TestFunction(space): self.internal_weight}
             work += ufl.replace(self._increments(), grown)
         return work
@@ -189,7 +189,7 @@ class ResultantForm(DerivedForm):
 
     def _quantity(self) -> Any:
         #: Weights, each over the weight of its point.
-        self.weight = dolfinx_api.Coefficient(self.fields.internal(3))
+        self.weight = elements.Coefficient(self.fields.internal(3))
         return self._at_points(self.resultants, self.weight)
 
     def _compile(self) -> None:
@@ -200,7 +200,7 @@ class ResultantForm(DerivedForm):
         changing = {name: field for name, field in by.items() if name in self.forms}
         #: Symbols of the changes by name.
         self.changes = {
-            name: dolfinx_api.Coefficient(field.ufl_function_space())
+            name: elements.Coefficient(field.ufl_function_space())
             for name, field in changing.items()
         }
         test = ufl.TestFunction(fields.internal(3))
@@ -209,82 +209,64 @@ class ResultantForm(DerivedForm):
         for name, field in changing.items():
             change += ufl.derivative(at_points, field, self.changes[name])
         if "coordinates" in self.forms:
-            self.changes["coordinates"] = dolfinx_api.Coefficient(of_X)
+            self.changes["coordinates"] = elements.Coefficient(of_X)
             change += ufl.derivative(at_points, X, self.changes["coordinates"])
         #: Changes of the resultants at the Gauss points, times the weights of these.
-        self.change = dolfinx_api.compile_form(change, "changes of resultants")
+        self.change = ffcx_api.compile_form(change, "changes of resultants")
 
 
-def assembled(
-    forms: Mapping[str, Any], spaces: Mapping[str, Any], mesh: Mesh
-) -> dict[str, np.ndarray]:
-    """Derivatives by name: those in `NODAL` (size of beams,), by places "X", and "parameters" (n,).
+def assembled(forms: Mapping[str, BoundForm]) -> dict[str, np.ndarray]:
+    """Derivatives by name: those in `NODAL` (size,), by places "X" (n, 2), and "parameters" (n,).
 
-    Others, at Gauss points or on cells, (cells, points, ...).
+    Others, at Gauss points or on cells, (cells, points, numbers).
     """
     derivatives = {}
     for name, form in forms.items():
-        space = spaces[name]
-        values, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
-        dolfinx_api.assemble_vector(values, form)
-        if name in NODAL:
-            derivatives[name] = values[: mesh.in_beams]
-        elif name == "coordinates":
-            derivatives["X"] = np.zeros_like(mesh.X)
-            derivatives["X"][dolfinx_api.element_points(mesh.mesh)] = values.reshape(-1, 2)[dofs]
+        values = form.vector()
+        if name == "coordinates":
+            derivatives["X"] = values.reshape(-1, 2)
+        elif name in NODAL:
+            derivatives[name] = values
         else:
-            at_points = values.reshape(dofs.max() + 1, -1)
-            derivatives[name] = at_points.sum(axis=0) if name == "parameters" else at_points[dofs]
+            of_cells = values.reshape(-1, (points := form.spaces[0].points), form.size // points)
+            derivatives[name] = of_cells.sum(axis=(0, 1)) if name == "parameters" else of_cells
     return derivatives
 
 
 class ResultantDerivatives:
     """Derivatives in a step, which `begin` begins, of resultants by a form that is bound to a mesh.
 
-    Functions in the place of its symbols of changes and of weights are given by name and alone.
+    Fields in the place of its symbols of changes and of weights are given by name and alone.
     """
 
     def __init__(
         self,
-        forms: Mapping[str, Any],
-        spaces: Mapping[str, Any],
-        change: Any,
-        changes: Mapping[str, Any],
-        weight: Any,
-        mesh: Mesh,
+        forms: Mapping[str, BoundForm],
+        change: BoundForm,
+        changes: Mapping[str, Field],
+        weight: Field,
         begin: Callable[[Any], None],
     ):
-        self._forms, self._spaces, self._mesh, self._begin = forms, spaces, mesh, begin
-        self._change, self._changes, self._weight = change, changes, weight
+        self._forms, self._change, self._changes, self._weight = forms, change, changes, weight
+        self._begin, self._cells = begin, len(weight.space.dofs)
         #: Weights (points, 1) of the Gauss points, relative to the element's length.
-        points = dolfinx_api.element_dofs(weight.function_space).shape[1]
-        self._point_weights = dolfinx_api.gauss_weights(points)[:, None]
+        self._point_weights = elements.gauss_weights(weight.space.points)[:, None]
 
     def vjp(self, part: Any, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of the sum of weights (cells, points, 3) times N, Q and M, by name.
 
-        By "increment", "start" and "q_previous" (size of beams,), "internal" variables, the data of
+        By "increment", "start" and "q_previous" (size,), "internal" variables, the data of
         sections, strains "natural" at the start and "natural_end", "parameters", and "X".
         """
         self._begin(part)
-        dolfinx_api.set_at_gauss_points(self._weight, weights / self._point_weights)
-        return assembled(self._forms, self._spaces, self._mesh)
+        self._weight.array[:] = (weights / self._point_weights).ravel()
+        return assembled(self._forms)
 
     def jvp(self, part: Any, changes: Mapping[str, np.ndarray]) -> np.ndarray:
         """Changes (cells, points, 3) of N, Q and M from those by these names."""
         self._begin(part)
         for name, field in self._changes.items():
-            array, dofs = field.x.array, dolfinx_api.element_dofs(field.function_space)
-            if name in NODAL:
-                array[: self._mesh.in_beams] = changes[name][: self._mesh.in_beams]
-            elif name == "coordinates":
-                points = dolfinx_api.element_points(self._mesh.mesh)
-                array.reshape(-1, 2)[dofs] = changes["X"][points]
-            else:
-                values = changes[name]
-                values = values if name == "parameters" else values.reshape(*dofs.shape, -1)
-                array.reshape(dofs.max() + 1, -1)[dofs] = values
-        space = self._weight.function_space
-        sums, dofs = dolfinx_api.function(space).x.array, dolfinx_api.element_dofs(space)
-        dolfinx_api.assemble_vector(sums, self._change)
-        return sums.reshape(-1, 3)[dofs] / self._point_weights
+            values = np.ravel(changes["X" if name == "coordinates" else name])
+            field.array[:] = values if name != "parameters" else np.tile(values, self._cells)
+        sums = self._change.vector()
+        return sums.reshape(-1, len(self._point_weights), 3) / self._point_weights

@@ -27,8 +27,8 @@ from fx_beam.scene.law import Energy, Law, own_law, parameters_of_energy, quadra
 from fx_beam.scene.loads import VirtualWork
 from fx_beam.scene.parameters import names_of, replaced
 
-from . import dolfinx_api
-from .dolfinx_api import REFUSALS, CompiledForm
+from . import elements, ffcx_api
+from .ffcx_api import REFUSALS, CompiledForm
 from .fields import DataShape, Fields
 
 
@@ -117,7 +117,7 @@ class WeakForm:
                     f"{scheme.name}: the sub-step that goes back in time would give back what "
                     "internal variables of a section have dissipated. Use order=2"
                 )
-            self.internal = dolfinx_api.Coefficient(fields.internal(self.width))
+            self.internal = elements.Coefficient(fields.internal(self.width))
         self._build_resultants()
         self._build_residual()
         self.added: CompiledForm | None = None
@@ -225,8 +225,8 @@ class WeakForm:
         per_length = added_virtual_work(works, *parts)
         added = per_length * self.fields.measure(self.fields.degree)
         try:
-            self.added = dolfinx_api.compile_form(added, "added virtual work")
-        except dolfinx_api.REFUSALS as error:
+            self.added = ffcx_api.compile_form(added, "added virtual work")
+        except REFUSALS as error:
             raise SceneError(
                 f"the added virtual work does not compile: {error}. Simplify its expressions"
             ) from error
@@ -236,8 +236,8 @@ class WeakForm:
         fields, residual = self.fields, self._residual
         tangent = ufl.derivative(residual, fields.increment, fields.trial)
         forms = {"internal forces": residual, "tangent": tangent}
-        self.force, self.tangent = dolfinx_api.compile_together(forms)
-        self.energy = dolfinx_api.compile_form(self._stored, "strain energy")
+        self.force, self.tangent = ffcx_api.compile_together(forms)
+        self.energy = ffcx_api.compile_form(self._stored, "strain energy")
         #: Energies that the material and the scheme take in a step, and that the scheme holds for
         #: the next one; None where there is none.
         self.losses = [_compiled(energy, name) for name, energy in self._losses.items()]
@@ -301,13 +301,13 @@ class WeakForm:
         return self._compiled_at_points("normal stretch", [1 + self.step.total_strains0[0]])
 
     def _compiled_at_points(self, name: str, expressions: Sequence[Any]) -> list[CompiledForm]:
-        points = dolfinx_api.gauss_points(self.fields.degree)
+        points = elements.gauss_points(self.fields.degree)
         numbered = {f"{name} {k}": (of, points) for k, of in enumerate(expressions, start=1)}
-        return dolfinx_api.compile_together(numbered)
+        return ffcx_api.compile_together(numbered)
 
 
 def _compiled(form: Any, name: str) -> CompiledForm | None:
-    return dolfinx_api.compile_form(form, name) if form else None
+    return ffcx_api.compile_form(form, name) if form else None
 
 
 def weak_form(
@@ -348,4 +348,4 @@ def inverted_sections(fields: Fields) -> CompiledForm:
     u0, psi0 = ufl.split(fields.start)
     along = ufl.dot(director(psi0, X), X + arc_derivative(u0, X))
     inverted = (abs(along) - along) * fields.measure(fields.degree)
-    return dolfinx_api.compile_form(inverted, "inverted sections")
+    return ffcx_api.compile_form(inverted, "inverted sections")

@@ -171,8 +171,6 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
                     "scene. Use a state of this scene"
                 )
             inside[name] = values
-    if "internal" in inside:
-        inside["internal"] = model.mesh.from_elements(inside["internal"])
     if model.natural:
         inside["natural"] = factor * model.natural.at(t)
     q, slides = model.from_nodes(state.q[-1]), np.nan_to_num(state.slides[-1])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.fem.dolfinx_api import gauss_points
+from fx_beam.fem.elements import gauss_points
 from fx_beam.results.audit import BeamResultants, Energy, Stability, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import HISTORIES, State
@@ -78,7 +78,7 @@ def solution_of(
             constraints=constraints_of(scene) if constraints is None else constraints,
             owners=model.points.owners,
         )
-        return state.renumbered(model.to_nodes, mesh.to_elements)
+        return state.renumbered(model.to_nodes)
 
     return Solution(
         histories,

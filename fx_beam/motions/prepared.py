@@ -181,7 +181,7 @@ def _same(model: Model, start: Solution) -> State:
         raise SceneError(
             "start: the solution has other internal variables than the springs of the scene"
         )
-    state = end.renumbered(model.from_nodes, model.mesh.from_elements)
+    state = end.renumbered(model.from_nodes)
     of_scene = model.forms.parameters
     known = of_scene.at(before(state.t)) if len(of_scene) else None
     state = replace(state, parameters=known, fitted=None)

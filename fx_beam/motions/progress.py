@@ -46,6 +46,9 @@ class _NoBar:
 class _Bar(tqdm):
     """A bar whose lock Ctrl-C gives back: tqdm would leave it, and other threads wait for good."""
 
+    #: No thread watches bars: one would live to the end of the process.
+    monitor_interval = 0
+
     def refresh(self, *_, **__):
         with self.get_lock():
             return super().refresh(nolock=True)

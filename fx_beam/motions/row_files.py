@@ -145,8 +145,7 @@ class RowFiles:
         for _, cells, name, history, column in variables_along(model):
             of_cells = along.setdefault(name, np.zeros_like(along["N"]))
             of_cells[:, cells] = histories[history][new:, cells][..., column]
-        order = np.concatenate(model.mesh.cells)
-        return {name: of_cells[:, order] for name, of_cells in along.items()}
+        return along
 
     # -- What stays ---------------------------------------------------------------------------
 

@@ -60,17 +60,10 @@ class Part:
         natural_end: np.ndarray | None,
         parameters: np.ndarray,
     ) -> None:
-        """Begin a step from a part of the state, natural strains at its end, and parameters in it.
-
-        `internal` and `natural` are in the order of elements.
-        """
-        state, mesh = State(interval.start, np.empty(0), **start), self._model.mesh
-        if state.internal is not None:
-            state.internal = mesh.from_elements(state.internal)
-        if state.natural is not None:
-            state.natural = mesh.from_elements(state.natural)
+        """Begin a step from a part of the state; natural strains are those at its end."""
+        state = State(interval.start, np.empty(0), **start)
         self._model.forms.parameters.keep(parameters[self._parameters])
-        self._natural = None if natural_end is None else mesh.from_elements(natural_end)
+        self._natural = natural_end
         self._equations.begin(interval, state)
         if self._system is not None:
             self._system.begin()

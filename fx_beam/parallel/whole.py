@@ -230,7 +230,7 @@ class DistributedEquations:
 
     def _in_part(self, share: Share, values: np.ndarray | None) -> np.ndarray | None:
         """Values (cells, ...) in the order of the elements of a part, if there are any."""
-        return None if values is None else self.model.mesh.to_elements(values)[share.elements]
+        return None if values is None else values[share.elements]
 
     def _start_of(self, part: int, start: State) -> dict[str, Any]:
         """What a part needs of the state."""

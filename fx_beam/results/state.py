@@ -136,16 +136,16 @@ class State:
         new.__dict__.update(self.__dict__, **values)
         return new
 
-    def renumbered(self, change: _Renumbering, change_cells: _Renumbering) -> State:
-        """The state in another numbering of degrees of freedom and of cells."""
+    def renumbered(self, change: _Renumbering) -> State:
+        """The state with other arrays in the place of those of degrees of freedom."""
         new: dict[str, Any] = {}
         past = self.past
         if past is not None and len(past.differences):
             past = replace(past, differences=np.array([change(D) for D in past.differences]))
         for name, quantity in ARRAYS.items():
-            value, of = getattr(self, name), str(quantity.shape[0])
-            if value is not None and (of.endswith("dofs") or of == "cells"):
-                new[name] = change(value) if of.endswith("dofs") else change_cells(value)
+            value = getattr(self, name)
+            if value is not None and str(quantity.shape[0]).endswith("dofs"):
+                new[name] = change(value)
         if self.fitted is not None:
             new["fitted"] = change(self.fitted)
         return self.changed(**new, past=past)

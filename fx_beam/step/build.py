@@ -17,7 +17,7 @@ from fx_beam.results.state import MACROS
 
 #: What nothing needs of a library's code is dropped: of FFCx, and of features that scenes lack.
 _FLAGS = ["-fwhole-program"]
-# Half the time of compilation, and the same speed, as functions marked as HOT are optimised in full.
+# Half the time of compilation, and the same speed: functions marked as HOT are optimised in full.
 # Not for derivatives forwards, whose time is spent in many places.
 _QUICKLY = ["-O1", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fstrict-aliasing"]
 _WHAT = {

@@ -1,4 +1,4 @@
-"""Degrees of freedom, coordinates and tangent entries of all elements, for the compiled loop."""
+"""Rows of all elements as the compiled loop takes them: several side by side."""
 
 from __future__ import annotations
 
@@ -6,31 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.content_cache import cached_by_content
-from fx_beam.fem import dolfinx_api
-from fx_beam.fem.mesh import Mesh
-from fx_beam.fem.sparsity import positions_in
-
-
-def element_data(
-    mesh: Mesh, K: scipy.sparse.csr_matrix
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Degrees of freedom (cells, n), coordinates (cells, m), and entries of K (cells, n * n)."""
-    if mesh.space is None:  # no beams
-        return np.empty((0, 6), int), np.empty((0, 6)), np.empty((0, 36), int)
-    dofs = dolfinx_api.element_dofs(mesh.space)
-    entries = _entries(dofs, K.indptr, K.indices)
-    return dofs, dolfinx_api.element_coordinates(mesh.mesh), entries
-
-
-@cached_by_content
-def _entries(dofs: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    """Indices (cells, n * n) of the entries of each cell in compressed rows."""
-    n = dofs.shape[1]
-    at = np.repeat(dofs, n, axis=1).ravel(), np.tile(dofs, (1, n)).ravel()
-    return positions_in(indptr, indices, *at).reshape(len(dofs), n * n)
 
 
 def aligned(array: np.ndarray) -> np.ndarray:

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.fem import dolfinx_api, ffcx_api
+from fx_beam.fem.assembly import BoundForm
 from fx_beam.fem.beam_forms import BeamForms
-from fx_beam.fem.dolfinx_api import CompiledForm
 
 from .build import load_batches
 from .element_data import in_lanes, rows_of_nodes
@@ -65,7 +64,7 @@ class FormTables:
         #: Numbers of the scene, which C reads here: coordinates with their cells, and of each form
         #: coefficients of its integrals and constants.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
-        self._packed: list[tuple[Any, CompiledForm, dict[int, np.ndarray], np.ndarray]] = []
+        self._packed: list[tuple[BoundForm, dict[int, np.ndarray], np.ndarray]] = []
 
     @property
     def rows(self) -> dict[str, np.ndarray]:
@@ -81,11 +80,11 @@ class FormTables:
     def refill(self) -> None:
         """Set the numbers to those that the forms have now."""
         changed, self._changes = self._forms.changes != self._changes, self._forms.changes
-        for form, compiled, by_tag, constants in self._packed:
+        for form, by_tag, constants in self._packed:
             if by_tag and changed:
-                for tag, rows in dolfinx_api.packed_coefficients(form, compiled).items():
+                for tag, rows in form.coefficients().items():
                     by_tag[tag][...] = self._blocks(rows)
-            constants[...] = dolfinx_api.values_of_constants(form)
+            constants[...] = form.values_of_constants()
 
     def all(self, wanted: Container[str] = _FORMS) -> dict[str, dict]:
         """The forms of the model by their names in C, or some of them."""
@@ -102,11 +101,9 @@ class FormTables:
 
     def _table(self, to: str, names: tuple[str, ...], fields: list) -> dict[str, Any]:
         """Forms of fields that change, in the order of `BeamForms.moving`."""
-        p, forms = self._problem, self._forms
+        forms = self._forms
         bound = [forms.bound[name] for name in names if name in forms.bound]
-        n = p.cell_internal if to == "evolution" else p.cell_dofs
-        sizes = [n ** len(compiled.form.arguments()) for _, compiled in bound]
-        return self.of(names[min(1, len(bound) - 1)], Kernel(bound, sizes), fields)
+        return self.of(names[min(1, len(bound) - 1)], Kernel(bound), fields)
 
     def of(self, name: str, kernel: Kernel, fields: list) -> dict[str, Any]:
         """Forms of a kernel, of fields that change: the first in every evaluation.
@@ -114,29 +111,28 @@ class FormTables:
         `name` is that of the form that takes longest to compile.
         """
         p, forms = self._problem, self._forms
-        form, compiled = kernel.forms[0]
-        packed, tags = dolfinx_api.packed_coefficients(form, compiled), ffcx_api.integrals(compiled)
-        width = packed[tags[0]].shape[1]
+        form = kernel.forms[0]
+        packed, cells = form.coefficients(), form.cells
+        width = form.width
         numbers = kernel.size, width, p.cell_coordinates
-        batches = load_batches(name, kernel.key, kernel.source, len(tags), numbers)
-        cells = [forms.cells_of(tag) for tag in tags]
-        moving = sorted(dolfinx_api.coefficient_offsets(form, fields))
+        batches = load_batches(name, kernel.key, kernel.source, len(cells), numbers)
+        starts = form.field_starts
+        moving = [(i, starts[field]) for i, field in enumerate(fields) if field in starts]
         sought = forms.fields.time, *forms.fields.of_step(forms.at_rest)
         of_scene, parameters = forms.parameters
-        constants, (*offsets, first) = dolfinx_api.packed_constants(
-            form, compiled, (*sought, of_scene)
-        )
+        constants, known = form.values_of_constants(), form.constant_starts
+        *offsets, first = (known.get(symbol, -1) for symbol in (*sought, of_scene))
         blocks = {tag: self._blocks(rows) for tag, rows in packed.items()}
         # C sets all coefficients that move.
-        varies = width > dolfinx_api.width_of(form, fields)
-        self._packed.append((form, compiled, blocks if varies else {}, constants))
+        varies = not set(form.fields) <= set(fields)
+        self._packed.append((form, blocks if varies else {}, constants))
         return {
-            "integrals": len(tags),
+            "integrals": len(cells),
             "width": width,
             "of": [
                 {"batch": batch, "cells": len(of_tag), "packed": blocks[tag]}
                 | self._data_of(of_tag)
-                for tag, batch, of_tag in zip(tags, batches, cells, strict=True)
+                for (tag, of_tag), batch in zip(cells.items(), batches, strict=True)
             ],
             "moving": len(moving),
             "changing": sum(kind == 0 for kind, _ in moving),

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from fx_beam.fem import dolfinx_api, ffcx_api
-from fx_beam.fem.dolfinx_api import CompiledForm
+from fx_beam.fem import ffcx_api
+from fx_beam.fem.assembly import BoundForm
 
 
 class Kernel(NamedTuple):
@@ -14,32 +14,31 @@ class Kernel(NamedTuple):
     The compiler evaluates only once what they have in common, such as sines and cosines.
     """
 
-    #: Forms on a mesh, each as compiled. The first has all coefficients and constants.
-    forms: list[tuple[Any, CompiledForm]]
-    #: Number of tensor entries of each, which are in this order.
-    sizes: list[int]
+    #: Forms on a mesh; their tensor entries are in this order. The first has all coefficients and
+    #: constants.
+    forms: list[BoundForm]
 
     @property
     def size(self) -> int:
         """Number of all tensor entries."""
-        return sum(self.sizes)
+        return sum(form.size for form in self.forms)
 
     @property
     def key(self) -> str:
         """Identifier of the generated code."""
-        return "".join(ffcx_api.signature(form) for _, form in self.forms)
+        return "".join(ffcx_api.signature(form.compiled) for form in self.forms)
 
     def source(self) -> str:
         """C functions element_0, element_1, ... for each integral."""
-        tags = ffcx_api.integrals(self.forms[0][1])
+        tags = ffcx_api.integrals(self.forms[0].compiled)
         bodies: dict[int, list[str]] = {tag: [] for tag in tags}
         declared, texts = [], []
-        for number, (_, form) in enumerate(self.forms):
-            text, names, parameters = ffcx_api.element_functions(form)
+        for number, compiled in enumerate(form.compiled for form in self.forms):
+            text, names, parameters = ffcx_api.element_functions(compiled)
             texts.append(text)
             declared += [f"INLINED ufcx_tabulate_tensor_float64 {name};" for name in names]
             unused = ", 0" * (parameters - 4)
-            for tag, name in zip(ffcx_api.integrals(form), names, strict=True):
+            for tag, name in zip(ffcx_api.integrals(compiled), names, strict=True):
                 bodies[tag].append(self._call(number, name, unused))
         arguments = "double *A, const double *w, const double *c, const double *x"
         elements = [
@@ -54,8 +53,8 @@ class Kernel(NamedTuple):
         """Call of the function of a form with its own coefficients and constants."""
         if number == 0:
             return f"{name}(A, w, c, x{unused});\n"
-        first = sum(self.sizes[:number])
-        indices = dolfinx_api.indices_in(self.forms[number], self.forms[0])
+        first = sum(form.size for form in self.forms[:number])
+        indices = self.forms[number].indices_in(self.forms[0])
         lists = (
             ", ".join(f"{array}[{i}]" for i in of_own) or "0"
             for array, of_own in zip("wc", indices, strict=True)

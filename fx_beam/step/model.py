@@ -472,7 +472,7 @@ class Model:
         """
         forms, K = self.forms, self.forms.stiffness
         used = np.zeros(K.nnz, dtype=bool)
-        used[forms.assembled] = True
+        used[forms.of_cells] = True
         if self.scheme.rates.of_user:  # they may couple the components at a node
             return np.ones_like(used)
         row = np.repeat(np.arange(self.size), np.diff(K.indptr))

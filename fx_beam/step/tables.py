@@ -16,7 +16,6 @@ import scipy.sparse
 
 from fx_beam.c_library import Structs, declarations, declared
 from fx_beam.coupling.tables import AuxiliaryTables, Tables
-from fx_beam.fem import dolfinx_api
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
 from fx_beam.scene.beam import Node
@@ -24,7 +23,7 @@ from fx_beam.scene.joints import GROUND, joints_by_number
 
 from .bordering_tables import BorderingTables, on_bordering_rows, ones_of, storage_of
 from .build import begin_to_build, load_library
-from .element_data import aligned, element_data
+from .element_data import aligned
 from .form_tables import FormTables
 from .joint_forces import JointForces, Passing
 from .lu_layout import COSTS, Factors, factors_of, groups_of, in_sparse_rows
@@ -135,7 +134,7 @@ class Problem:
     def _hand_over_mesh(self, stored_at: np.ndarray) -> None:
         model, p = self.model, self.c
         mesh, K, mass = model.mesh, model.forms.stiffness, self._mass
-        dofs, coordinates, entries = element_data(mesh, K)
+        dofs, coordinates = mesh.unknowns.dofs, mesh.coordinates
         massless = np.flatnonzero(model.massless) if self._moves else np.empty(0, int)
         self._set(
             dofs=model.size,
@@ -186,7 +185,7 @@ class Problem:
         #: Tables of the forms of beams, None without any.
         self.tables: FormTables | None = None
         if (beams := model.forms.beams) is not None:
-            stored = stored_at[entries]
+            stored = stored_at[model.forms.of_cells]
             self.tables = FormTables(beams, dofs, coordinates, stored, p, self.constants.LANES)
             self._set(**self.tables.all(*([_OF_EQUATIONS] if self._bare else [])))
             if p.cell_internal:
@@ -236,7 +235,7 @@ class Problem:
         self.refills = model.refills
         if self.tables is not None:
             if moved:
-                self.tables.move(dolfinx_api.element_coordinates(model.mesh.mesh))
+                self.tables.move(model.mesh.coordinates)
             self.tables.refill()
         self._structs.restore(self.c)
         self._clear()

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.fem import dolfinx_api, ffcx_api
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.vjp_form import BoundVjp
 
@@ -63,9 +62,7 @@ class VjpWork:
         assert tables is not None
         wanted = [name for name in self._vjp.sizes if by_places or name != "coordinates"]
         slopes = self._vjp.slopes(wanted)
-        kernel = Kernel(
-            [*slopes.values()], [dolfinx_api.tensor_size(f) for f, _ in slopes.values()]
-        )
+        kernel = Kernel([*slopes.values()])
         table = tables.of("slopes of forces", kernel, self._vjp.moving)
         table["changing"] = table["moving"]
         made = [*slopes][1:]  # behind the work
@@ -78,7 +75,7 @@ class VjpWork:
         width = [of_weights[weight] for _, weight in pieces]
         piece_start = _starts([1, *(m * n for m, n in zip(size, width, strict=True))])
         behind = layout.at["nowhere"][0]
-        cells = [self._beams.cells_of(tag) for tag in ffcx_api.integrals(kernel.forms[0][1])]
+        cells = kernel.forms[0].cells.values()
         from_, to = (
             np.concatenate([in_lanes(np.hstack(rows)[own], lanes, behind) for own in cells])
             for rows in ([*numbers], weights)

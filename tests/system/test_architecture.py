@@ -113,8 +113,7 @@ def test_the_model_knows_nothing_of_solutions():
 HOMES = {
     "mpi4py": "fem.mpi",
     "petsc4py": "fem.mpi",
-    "slepc4py": "",
-    "dolfinx basix": "fem.dolfinx_api fem.interval_mesh",
+    "slepc4py dolfinx": "",
     "ffcx": "fem.ffcx_api",
     "matplotlib": "plot.charts plot.symbols plot.members plot.deformed_shapes plot.animations "
     "plot.mode_shapes plot.force_diagrams plot.sheet plot.scene_drawing",
@@ -153,7 +152,8 @@ fx_beam.work_precision, fx_beam.stability; print(*sys.modules)"""
     assert rooms == {"scene", "laws", "results", "fem", "coupling", "step", "parallel", "motions"}
     assert not studies & (libraries | {"scooby", "tabulate"})
     assert {name for name in package if name.startswith("fx_beam")} == {"fx_beam"}
-    assert not package & {"numpy", "ufl", "dolfinx"}
+    assert not package & {"numpy", "ufl"}
+    assert not motions & {"dolfinx", "mpi4py", "petsc4py"}
 
 
 def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():
@@ -165,7 +165,7 @@ def test_pictures_and_studies_are_had_from_the_package_and_nothing_else_is():
 
 def test_versions_are_asked_for_in_one_place_only():
     # The last one prints them.
-    asking = {"fem.dolfinx_api", "fem.interval_mesh", "fem.ffcx_api", "__main__"}
+    asking = {"fem.ffcx_api", "__main__"}
     for module in set(SOURCES) - asking:
         asked = {node.attr for node in ast.walk(TREES[module]) if isinstance(node, ast.Attribute)}
         assert not asked & {"__version__", "version_info", "hexversion"}, module

@@ -80,19 +80,19 @@ runpy.run_module("fx_beam", run_name="__main__")
     assert "fx_beam, " in lines["cache"]
 
 
-def test_without_dolfinx_an_import_says_in_one_sentence_how_to_get_it(script):
+def test_without_ffcx_an_import_says_in_one_sentence_how_to_get_it(script):
     code = """
 import importlib.util
 
 known = importlib.util.find_spec
-importlib.util.find_spec = lambda name, *more: None if name == "dolfinx" else known(name, *more)
+importlib.util.find_spec = lambda name, *more: None if name == "ffcx" else known(name, *more)
 try:
     import fx_beam
 except ImportError as error:
     print(error)
 """
     said = script(code)
-    assert said.startswith("fx_beam needs dolfinx") and "python3-dolfinx" in said
+    assert said.startswith("fx_beam needs FEniCSx") and "python3-dolfinx" in said
     assert said.count("\n") == 1
 
 

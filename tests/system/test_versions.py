@@ -13,27 +13,33 @@ from scenes import pinned_beam
 
 import fx_beam as fb
 from fx_beam import c_library
-from fx_beam.fem import dolfinx_api, ffcx_api, interval_mesh
+from fx_beam.fem import elements, ffcx_api
+from fx_beam.fem.assembly import BoundForm, Field
+from fx_beam.fem.mesh import Mesh
 from fx_beam.step import build
 
 # -- Quadrature ----------------------------------------------------------------------------------
 
 
-def interval(length=1.0):
-    mesh, _ = interval_mesh.mesh_between(np.array([[0.0, 0.0], [length, 0.0]]), np.array([[0, 1]]))
-    return mesh
+ON = elements.domain(1)
+X = ufl.SpatialCoordinate(ON)[0]
 
 
-def integral(form, mesh, tags=None):
-    bound = dolfinx_api.bind(dolfinx_api.compile_form(form, "a functional"), mesh, tags=tags)
-    return dolfinx_api.assemble_scalar(bound)
+def row(cells, length=1.0):
+    """Cells of a length one behind the other."""
+    ends = np.arange(cells)[:, None] + np.arange(2)
+    places = np.column_stack([length * np.arange(cells + 1.0), np.zeros(cells + 1)])
+    return Mesh(places, ends, [np.arange(cells)], curved=False)
+
+
+def integral(form, mesh, data=None):
+    return BoundForm(ffcx_api.compile_form(form, "a functional"), mesh, data or {}).total()
 
 
 @pytest.mark.parametrize("points", range(1, 6))
 def test_the_rule_of_a_form_is_that_of_gauss(points):
-    mesh = interval()
-    dx, x = dolfinx_api.measure(mesh, points), ufl.SpatialCoordinate(mesh)[0]
-    found = [integral(x**power * dx, mesh) for power in range(2 * points + 1)]
+    dx = elements.measure(ON, points)
+    found = [integral(X**power * dx, row(1)) for power in range(2 * points + 1)]
     exact = 1 / (1 + np.arange(2 * points + 1))
     assert found[:-1] == pytest.approx(exact[:-1], rel=1e-14)
     # n points leave of x^2n, on the unit interval, the square of the monic Legendre polynomial.
@@ -45,19 +51,15 @@ def test_the_rule_of_a_form_is_that_of_gauss(points):
 
 @pytest.mark.parametrize("points", range(1, 6))
 def test_values_at_gauss_points_are_those_that_the_rule_of_a_form_takes(points):
-    mesh = interval(3.0)
-    given = np.exp(np.arange(points))[None]
-    function = dolfinx_api.at_gauss_points(mesh, given)
-    squares = integral(function**2 * dolfinx_api.measure(mesh, points), mesh)
+    mesh, symbol, dx = row(1, 3.0), elements.data(ON, points), elements.measure(ON, points)
+    field = Field(mesh.space(points))
+    given = field.array[:] = np.exp(np.arange(points))
+    squares = integral(symbol**2 * dx, mesh, {symbol: field})
     weights = np.polynomial.legendre.leggauss(points)[1] * 3.0 / 2
-    assert squares == pytest.approx(weights @ given[0] ** 2, rel=1e-13)
-    x = ufl.SpatialCoordinate(mesh)[0]
-    moment = integral(function * x * dolfinx_api.measure(mesh, points), mesh)
-    places = 3.0 * dolfinx_api.gauss_points(points)[:, 0]
-    assert moment == pytest.approx(weights @ (given[0] * places), rel=1e-12)
-
-
-# -- Compiled modules ------------------------------------------------------------------------------
+    assert squares == pytest.approx(weights @ given**2, rel=1e-13)
+    moment = integral(symbol * X * dx, mesh, {symbol: field})
+    places = 3.0 * elements.gauss_points(points)[:, 0]
+    assert moment == pytest.approx(weights @ (given * places), rel=1e-12)
 
 
 # -- What the compiled loop takes ------------------------------------------------------------------
@@ -134,19 +136,16 @@ def test_all_c_compiles_for_aarch64_as_well(monkeypatch, tmp_path, no_libraries)
         run(["aarch64-linux-gnu-gcc", "-Werror", *general], check=True, input=source, text=True)
 
 
-# -- Without PETSc ---------------------------------------------------------------------------------
+# -- Without MPI -----------------------------------------------------------------------------------
 
-WITHOUT_PETSC = """
+ALONE = """
 import contextlib, importlib.machinery, io, sys
-from mpi4py import MPI  # by pip, dolfinx finds its library so
-import dolfinx, dolfinx.fem  # those of Debian import PETSc themselves
-for name in [name for name in sys.modules if name.split(".")[0] in ("petsc4py", "slepc4py")]:
-    del sys.modules[name]
+apart = "dolfinx", "mpi4py", "petsc4py", "slepc4py"
 real = importlib.machinery.PathFinder.find_spec
 class Finder(importlib.machinery.PathFinder):
     @classmethod
     def find_spec(cls, name, path=None, target=None):
-        if name.split(".")[0] in ("petsc4py", "slepc4py"):
+        if name.split(".")[0] in apart:
             return None
         return real(name, path, target)
 sys.meta_path[sys.meta_path.index(importlib.machinery.PathFinder)] = Finder
@@ -170,31 +169,29 @@ try:
     fb.simulate(pinned_beam()[0], dt=0.01, t_end=0.1, newton=one, max_halvings=1)
 except RuntimeError as error:
     print(error)
-assert not [name for name in sys.modules if name.split(".")[0] in ("petsc4py", "slepc4py")]
+assert not [name for name in sys.modules if name.split(".")[0] in apart]
 """
 
 
 def test_coefficients_of_a_subdomain_are_those_of_its_cells():
-    points = np.column_stack([np.arange(4.0), np.zeros(4)])
-    mesh, _ = interval_mesh.mesh_between(points, np.array([[0, 1], [1, 2], [2, 3]]))
-    tags = np.array([2, 0, 1])
-    of_cell = dolfinx_api.at_gauss_points(mesh, 10.0 + np.arange(3)[:, None])
-    dx = dolfinx_api.measure(mesh, 1)
-    compiled = dolfinx_api.compile_form(
+    mesh, tags, of_cell = row(3), np.array([2, 0, 1]), elements.data(ON, 1)
+    field, dx = Field(mesh.space(1)), elements.measure(ON, 1)
+    field.array[:] = 10.0 + np.arange(3)
+    compiled = ffcx_api.compile_form(
         sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx, "all tags"
     )
-    form = dolfinx_api.bind(compiled, mesh, tags=tags)
-    packed = dolfinx_api.packed_coefficients(form, compiled)
+    form = BoundForm(compiled, mesh, {of_cell: field}, tags=tags)
+    packed = form.coefficients()
     assert sorted(packed) == sorted(ffcx_api.integrals(compiled)) == [-1, 0, 1, 2]
     assert packed[-1][:, 0] == pytest.approx([10.0, 11.0, 12.0])
     assert [packed[tag][:, 0] for tag in range(3)] == [[11.0], [12.0], [10.0]]
     expected = sum((tags[k] + 1) * (10 + k) + (10 + k) ** 2 for k in range(3))
-    assert dolfinx_api.assemble_scalar(form) == pytest.approx(expected)
+    assert form.total() == pytest.approx(expected)
 
 
-def test_one_process_needs_no_petsc():
+def test_one_process_needs_no_dolfinx_mpi_or_petsc():
     done = subprocess.run(
-        [sys.executable, "-c", f"import sys; sys.path[:0] = {sys.path!r}\n{WITHOUT_PETSC}"],
+        [sys.executable, "-c", f"import sys; sys.path[:0] = {sys.path!r}\n{ALONE}"],
         capture_output=True,
         text=True,
         check=False,

@@ -1,0 +1,159 @@
+"""Compiled forms on the elements of a mesh: their fields, and sums of what elements contribute."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from fx_beam import c_library
+
+from . import ffcx_api
+from .ffcx_api import CompiledForm
+
+_LIBRARY = "forms on elements", "expression_rows.c", "expression_rows.h"
+
+
+class Space:
+    """Degrees of freedom of a kind of field: those of each cell, in the order of its tensors."""
+
+    def __init__(self, dofs: np.ndarray, size: int, points: int = 1):
+        #: Degrees of freedom (cells, width), and the number of all.
+        self.dofs, self.size = dofs, size
+        #: Number of points of a cell with values of their own.
+        self.points = points
+
+    @property
+    def width(self) -> int:
+        """Number of those of a cell."""
+        return self.dofs.shape[1]
+
+
+class Field:
+    """A function of a space, by its values (size,)."""
+
+    def __init__(self, space: Space):
+        self.space, self.array = space, np.zeros(space.size)
+
+    @property
+    def on_cells(self) -> np.ndarray:
+        """Values (cells, width) of all cells."""
+        return self.array[self.space.dofs]
+
+
+class BoundForm:
+    """A compiled form or expression on a mesh.
+
+    `data` has fields and arrays in the place of UFL's coefficients and constants. Arguments have a
+    `space` each. `tags` (cells,) number the subdomains.
+    """
+
+    def __init__(
+        self,
+        compiled: CompiledForm,
+        mesh: Any,
+        data: Mapping[Any, Any],
+        spaces: Sequence[Space] = (),
+        tags: np.ndarray | None = None,
+    ):
+        self.compiled, self.spaces = compiled, spaces
+        self._mesh, self._tags = mesh, tags
+        coefficients, constants = ffcx_api.symbols(compiled)
+        self.fields: list[Field] = [data[symbol] for symbol in coefficients]
+        #: Arrays by UFL's constants.
+        self.constants: dict[Any, np.ndarray] = {symbol: data[symbol] for symbol in constants}
+
+    @property
+    def size(self) -> int:
+        """Number of entries of an element's tensor."""
+        return math.prod(space.width for space in self.spaces)
+
+    @property
+    def width(self) -> int:
+        """Number of its coefficients of an element."""
+        return sum(field.space.width for field in self.fields)
+
+    @property
+    def cells(self) -> dict[int, np.ndarray]:
+        """Cells of each integral by its subdomain; -1 is that of all cells."""
+        every = np.arange(len(self._mesh.elements))
+        tags = ffcx_api.integrals(self.compiled)
+        return {tag: every if tag < 0 else every[self._tags == tag] for tag in tags}
+
+    def coefficients(self) -> dict[int, np.ndarray]:
+        """Values (cells, width) of its fields for each subdomain, in the order of its code."""
+        none = np.empty((len(self._mesh.elements), 0))
+        values = np.hstack([none, *(field.on_cells for field in self.fields)])
+        return {tag: values[cells] for tag, cells in self.cells.items()}
+
+    def values_of_constants(self) -> np.ndarray:
+        """Those of all constants, one after the other."""
+        return np.concatenate([np.empty(0), *map(np.ravel, self.constants.values())])
+
+    @property
+    def field_starts(self) -> dict[Field, int]:
+        """Where the values of each field begin among its coefficients."""
+        return _starts(self.fields, [field.space.width for field in self.fields])
+
+    @property
+    def constant_starts(self) -> dict[Any, int]:
+        """Where those of each constant, by UFL's symbol, begin."""
+        return _starts(self.constants, [array.size for array in self.constants.values()])
+
+    def indices_in(self, other: BoundForm) -> tuple[list[int], list[int]]:
+        """Indices of its coefficients and constants among those of another form."""
+        fields, constants = other.field_starts, other.constant_starts
+        return (
+            [fields[f] + k for f in self.fields for k in range(f.space.width)],
+            [constants[c] + k for c, array in self.constants.items() for k in range(array.size)],
+        )
+
+    # -- Sums -----------------------------------------------------------------------------------
+
+    def _tensors(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Cells of each integral, and their tensors (cells, size)."""
+        constants, coordinates = self.values_of_constants()[None], self._mesh.coordinates
+        packed, functions = self.coefficients(), ffcx_api.integral_functions(self.compiled)
+        for (tag, cells), function in zip(self.cells.items(), functions, strict=True):
+            given = packed[tag][None], constants, coordinates[cells]
+            yield cells, tabulated(function, *given, self.size)[0]
+
+    def total(self) -> float:
+        """Value of a functional."""
+        return float(sum(tensors.sum() for _, tensors in self._tensors()))
+
+    def add_to(self, out: np.ndarray, places: np.ndarray | None = None) -> None:
+        """Add the vector of a linear form to `out` (size,).
+
+        Or that of a bilinear form, whose tensors belong to `places` (cells, width ** 2).
+        """
+        places = self.spaces[0].dofs if places is None else places
+        for cells, tensors in self._tensors():
+            out += np.bincount(places[cells].ravel(), tensors.ravel(), len(out))
+
+    def vector(self) -> np.ndarray:
+        """Vector (size,) of a linear form."""
+        out = np.zeros(self.spaces[0].size)
+        self.add_to(out)
+        return out
+
+
+def tabulated(function: int, w: np.ndarray, c: np.ndarray, x: np.ndarray, size: int) -> np.ndarray:
+    """Values (n, cells, size) of a function that FFCx generates, by its address.
+
+    Given are coefficients (n, cells, ...), constants (n, ...) and coordinates (cells, ...).
+    """
+    ffi, library = c_library.kept_library(*_LIBRARY)
+    values = np.zeros((*w.shape[:2], size))
+    sizes = ffi.new("Sizes *", (w.shape[2], c.shape[1], x.shape[1], size))[0]
+    arrays = (np.ascontiguousarray(array) for array in (w, c, x, values))
+    given = (ffi.from_buffer("double[]", array) for array in arrays)
+    library.fx_tabulate(ffi.cast("Tabulate", function), sizes, *w.shape[:2], *given)
+    return values
+
+
+def _starts(keys: Iterable[Any], sizes: Iterable[int]) -> dict[Any, int]:
+    return dict(zip(keys, itertools.accumulate(sizes, initial=0), strict=False))

@@ -1,0 +1,112 @@
+"""UFL's finite elements and symbols on intervals, and Gauss rules: UFL's own or those of basix."""
+
+from __future__ import annotations
+
+import functools
+from importlib import import_module
+from typing import Any
+
+import ufl
+
+import numpy as np
+
+#: Whether elements belong to UFL, in 2022.2, or to basix.
+OF_UFL = hasattr(ufl, "FiniteElement")
+_BASIX: Any = None if OF_UFL else import_module("basix.ufl")
+
+
+@functools.cache
+def lagrange(degree: int, size: int | None = None, *, broken: bool = False):
+    """Scalar or vector element with equispaced nodes; a broken one is discontinuous between cells.
+
+    The explicit variant makes signatures of forms, and so the cache, equal in all processes.
+    """
+    family = "DG" if broken else "Lagrange"
+    if OF_UFL:
+        cell = ufl.Cell("interval", geometric_dimension=2)
+        element = ufl.FiniteElement(family, cell, degree, variant="equispaced")
+        return element if size is None else ufl.VectorElement(element, dim=size)
+    variant = import_module("basix").LagrangeVariant.equispaced
+    shape = None if size is None else (size,)
+    return _BASIX.element(family, "interval", degree, lagrange_variant=variant, shape=shape)
+
+
+@functools.cache
+def _beam(degree: int, nodal: bool):
+    rotation = lagrange(0, degree + 1, broken=True) if nodal else lagrange(degree)
+    fields = [lagrange(degree, 2), rotation]
+    return ufl.MixedElement(fields) if OF_UFL else _BASIX.mixed_element(fields)
+
+
+@functools.cache
+def _values_at_points(points: int, *shape: int):
+    if points == 1:
+        return lagrange(0, *shape, broken=True)
+    degree = 2 * points - 1
+    if not OF_UFL:
+        return _BASIX.quadrature_element("interval", shape, degree=degree)
+    kind, cell = "Quadrature", ufl.Cell("interval", geometric_dimension=2)
+    if shape:
+        return ufl.VectorElement(kind, cell, degree, *shape, quad_scheme="default")
+    return ufl.FiniteElement(kind, cell, degree, quad_scheme="default")
+
+
+@functools.cache
+def domain(degree: int):
+    """UFL's mesh of intervals in the plane, for forms that are compiled without a mesh."""
+    return ufl.Mesh(lagrange(degree, 2))
+
+
+def beam_space(on, degree: int, nodal: bool = False):
+    """Displacement (2) and rotation (1) with equispaced nodes.
+
+    With `nodal` rotations, those at the nodes of a cell are components, constant on it: the
+    degrees of freedom are the same, but UFL has the nodal values at every point of the cell.
+    """
+    return ufl.FunctionSpace(on, _beam(degree, nodal))
+
+
+def coordinate_space(on):
+    """Functions that are linear on each cell, and discontinuous."""
+    return ufl.FunctionSpace(on, lagrange(1, broken=True))
+
+
+def gauss_space(on, points: int, *shape: int):
+    """Values at the points of a Gauss rule; a single one is constant on each cell."""
+    return ufl.FunctionSpace(on, _values_at_points(points, *shape))
+
+
+class Coefficient(ufl.Coefficient):
+    """UFL's symbol for a function. Its name may stand in C; FFCx 0.5 takes UFL's own, w_{10}."""
+
+    def __str__(self):
+        return f"w{self.count()}"
+
+
+def data(on, points: int, shape: tuple[int, ...] = ()):
+    """UFL's symbol for data: a constant for 0 points, else a function on a `gauss_space`."""
+    if not points:
+        return ufl.Constant(on, shape=shape)
+    return Coefficient(gauss_space(on, points, *shape))
+
+
+def measure(on, points: int):
+    """Measure `dx` with a Gauss rule of so many points."""
+    rule = {"quadrature_degree": 2 * points - 1, "quadrature_rule": "Gauss-Jacobi"}
+    return ufl.Measure("dx", domain=on, metadata=rule)
+
+
+@functools.cache
+def gauss_points(points: int) -> np.ndarray:
+    """Reference coordinates (points, 1) in [0, 1] of the Gauss rule that `measure` uses."""
+    x = (np.polynomial.legendre.leggauss(points)[0][:, None] + 1) / 2
+    x.flags.writeable = False
+    return x
+
+
+@functools.cache
+def gauss_weights(points: int) -> np.ndarray:
+    """Weights (points,) of the same rule, relative to the element's length."""
+    weights = np.polynomial.legendre.leggauss(points)[1] / 2
+    weights.flags.writeable = False
+    return weights
