@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-import cffi
 import numpy as np
 
 from fx_beam import library_cache
@@ -75,13 +74,38 @@ class CannotBuild(RuntimeError):
 
 
 @functools.cache
-def declared(header: str, definitions: tuple[str, ...]) -> cffi.FFI:
-    """The cffi.FFI with the declarations of a header, in which `definitions` are macros."""
-    ffi, text = cffi.FFI(), declarations(header)
-    for name, _, value in (definition.partition(" ") for definition in definitions):
-        text = re.sub(rf"\b{name}\b", value, text)
-    ffi.cdef(f"{text}\n{_MISSING};")
-    return ffi
+def declared(header: str, definitions: tuple[str, ...]) -> Any:
+    """The cffi.FFI with the declarations of a header, in which `definitions` are macros.
+
+    It is kept in the cache: cffi's parser takes longer than all else of a first call.
+    """
+    text = declarations(header)
+    for macro, _, value in (definition.partition(" ") for definition in definitions):
+        text = re.sub(rf"\b{macro}\b", value, text)
+    text = f"{text}\n{_MISSING};"
+    name = f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.types"
+
+    def search() -> Any:
+        return library_cache.load(name, lambda path: _ffi_of(library_cache.content(path)))
+
+    def builder(folder: Path) -> Any:
+        from cffi import FFI
+        from cffi.recompiler import make_py_source
+
+        parser = FFI()
+        parser.cdef(text)
+        parser.set_source("types", None)
+        make_py_source(parser, "types", str(folder / name))
+        return _ffi_of((folder / name).read_bytes())
+
+    return search() or library_cache.build(name, search, builder)
+
+
+def _ffi_of(code: bytes) -> Any:
+    """The cffi.FFI that a module of declarations makes."""
+    made: dict[str, Any] = {}
+    exec(code, made)
+    return made["ffi"]
 
 
 def open_library(
@@ -112,10 +136,7 @@ def with_macros(file: str, *macros: str) -> str:
 @functools.cache
 def kept_library(*of: Any) -> tuple[Any, Any]:
     """As `open_library`, once."""
-    ffi, library = open_library(*of)
-    for kind in ("double[]", "int[]"):
-        ffi.typeof(kind)  # an interrupt while cffi reads a name would break its parser for good
-    return ffi, library
+    return open_library(*of)
 
 
 def load(

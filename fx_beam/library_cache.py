@@ -85,9 +85,13 @@ def _is_ours(path: Path) -> bool:
     return status.st_uid in (0, os.geteuid()) and not status.st_mode & _OTHERS_WRITE
 
 
+def content(path: Path) -> bytes:
+    """What the builder of a file wrote."""
+    return path.read_bytes()[:-_DIGEST]
+
+
 def _is_complete(path: Path) -> bool:
-    content = path.read_bytes()
-    return content[-_DIGEST:] == _checksum(content[:-_DIGEST])
+    return path.read_bytes()[-_DIGEST:] == _checksum(content(path))
 
 
 def _checksum(content: bytes) -> bytes:
@@ -166,7 +170,8 @@ def _built(place: Path, name: str, builder: Callable[[Path], T]) -> T:
 
 def _remove_unused(place: Path) -> None:
     """Take away what was not used for longest, if there is too much."""
-    files = [(file, file.stat()) for file in place.glob("*.so")]
+    kept = [file for file in place.iterdir() if file.suffix in (".so", ".types")]
+    files = [(file, file.stat()) for file in kept]
     left = sum(status.st_size for _, status in files)
     for file, status in sorted(files, key=lambda one: one[1].st_mtime):
         if left <= LARGEST:

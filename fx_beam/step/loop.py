@@ -47,9 +47,6 @@ class CompiledLoop:
         #: Owns the arrays to which C points.
         self.problem = problem = Problem.of(model, options, forcing.turning is not None, alone)
         self._ffi, self._library = problem.ffi, problem.library
-        # Read here: an interrupt while cffi reads the name of a type breaks its parser for good.
-        names = "double[]", "int[]", "Inputs *", "Record *", "Rows[]"
-        self._types = {name: problem.ffi.typeof(name) for name in names}
         self._problem, self._state_arrays, self._past = (
             problem.c,
             problem.state_arrays,
@@ -227,7 +224,7 @@ class CompiledLoop:
     @functools.cached_property
     def one_row(self) -> Any:
         """A record of forces alone, for one step."""
-        to, self._row = self._ffi.new(self._types["Record *"]), np.zeros(1, np.int32)
+        to, self._row = self._ffi.new("Record *"), np.zeros(1, np.int32)
         to.every = to.parts = to.forces = 1
         to.up_to_row = self._address("int[]", self._row)
         return to
@@ -271,7 +268,7 @@ class CompiledLoop:
 
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""
-        c_inputs = self._ffi.new(self._types["Inputs *"])
+        c_inputs = self._ffi.new("Inputs *")
         for name in ("loads", "driven", "follower_force", "parameters", "natural"):
             if (values := getattr(inputs, name)).size:
                 first = values[:1]  # contiguous, also where one row stands for all
@@ -299,7 +296,7 @@ class CompiledLoop:
 
     def _record_of(self, recorder: Rows):
         """The same with the arrays that a recorder has now."""
-        to = self._ffi.new(self._types["Record *"])
+        to = self._ffi.new("Record *")
         rows, starts = dict(recorder.arrays), dict(recorder.arrays_of_starts)
         to.every, to.forces = recorder.every, "constraint_forces" in rows
         if "up_to_row" in rows:
@@ -316,14 +313,14 @@ class CompiledLoop:
     def _rows(self, arrays: dict[str, np.ndarray]):
         """Rows of arrays, which C writes from those of the same names."""
         arrays = {name: array for name, array in arrays.items() if array.shape[1]}
-        rows = self._ffi.new(self._types["Rows[]"], len(arrays))
+        rows = self._ffi.new("Rows[]", len(arrays))
         for row, (name, array) in zip(rows, arrays.items(), strict=True):
             row.source, row.size = self._sources[name], array.shape[1]
             row.target = self._address("double[]", array)
         return rows
 
     def _address(self, kind: str, array: np.ndarray):
-        return self._ffi.from_buffer(self._types[kind], array)
+        return self._ffi.from_buffer(kind, array)
 
     def count(self, taken: int) -> None:
         """Add what C has counted in some steps or parts to the statistics."""
