@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -76,18 +77,22 @@ class BoundForm:
         """Number of its coefficients of an element."""
         return sum(field.space.width for field in self.fields)
 
-    @property
+    @functools.cached_property
     def cells(self) -> dict[int, np.ndarray]:
         """Cells of each integral by its subdomain; -1 is that of all cells."""
         every = np.arange(len(self._mesh.elements))
         tags = ffcx_api.integrals(self.compiled)
         return {tag: every if tag < 0 else every[self._tags == tag] for tag in tags}
 
+    @functools.cached_property
+    def _functions(self) -> list[int]:
+        return ffcx_api.integral_functions(self.compiled)
+
     def coefficients(self) -> dict[int, np.ndarray]:
         """Values (cells, width) of its fields for each subdomain, in the order of its code."""
         none = np.empty((len(self._mesh.elements), 0))
-        values = np.hstack([none, *(field.on_cells for field in self.fields)])
-        return {tag: values[cells] for tag, cells in self.cells.items()}
+        values = np.concatenate([none, *(field.on_cells for field in self.fields)], axis=1)
+        return {tag: values if tag < 0 else values[of] for tag, of in self.cells.items()}
 
     def values_of_constants(self) -> np.ndarray:
         """Those of all constants, one after the other."""
@@ -116,8 +121,8 @@ class BoundForm:
     def _tensors(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Cells of each integral, and their tensors (cells, size)."""
         constants, coordinates = self.values_of_constants()[None], self._mesh.coordinates
-        packed, functions = self.coefficients(), ffcx_api.integral_functions(self.compiled)
-        for (tag, cells), function in zip(self.cells.items(), functions, strict=True):
+        packed = self.coefficients()
+        for (tag, cells), function in zip(self.cells.items(), self._functions, strict=True):
             given = packed[tag][None], constants, coordinates[cells]
             yield cells, tabulated(function, *given, self.size)[0]
 
