@@ -68,7 +68,6 @@ from .scene.coordinate import (
 from .scene.curve import Curve as Curve, arc as arc, spline as spline
 from .scene.forces_between import ForceBetween as ForceBetween
 from .scene.inputs import Input as Input
-from .scene.internal_variables import InternalVariables as InternalVariables
 from .scene.joints import (
     GROUND as GROUND,
     Joint as Joint,
@@ -77,7 +76,7 @@ from .scene.joints import (
     Revolute as Revolute,
     Rigid as Rigid,
 )
-from .scene.law import Law as Law
+from .scene.law import InternalVariables as InternalVariables, Law as Law
 from .scene.loads import thermal as thermal
 from .scene.outputs import Output as Output
 from .scene.parameters import Parameter as Parameter

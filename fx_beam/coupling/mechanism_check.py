@@ -13,7 +13,7 @@ from fx_beam.content_cache import cached_by_content
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.coordinate import Coordinate
-from fx_beam.scene.resting import resting
+from fx_beam.scene.removal import resting
 from fx_beam.scene.scene import Scene
 
 # A motion is possible if it violates supports and joints by less than this fraction of itself.

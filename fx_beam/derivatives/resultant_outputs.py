@@ -20,7 +20,7 @@ class ResultantOutput:
     def __init__(self, of: SubSteps, beam: Beam, quantity: str, places: Places):
         self._of, model = of, of.model
         assert model.forms.beams is not None  # there is this one
-        self._derivatives = model.forms.beams.derive_resultants()
+        self._derivatives = model.forms.beams.derived_resultants
         names = [own.name for own in model.scene.beams]
         self._cells = model.mesh.cells[names.index(beam.name)]
         self._component = "NQM".index(quantity)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import ufl
@@ -19,60 +19,57 @@ from fx_beam.scene.scene import Scene
 from . import elements, ffcx_api
 from .assembly import BoundForm, Field
 from .ffcx_api import CompiledForm
-from .fields import Data, DataShape, Fields, FilledField, cell_data
+from .fields import Data, DataShape, Fields, cell_data
 from .mesh import Mesh
 from .vjp_form import WorkOnWeights, compiled_derivatives, derivatives_of
 
 
-class DragForms:
-    """The compiled forms of the drag on beams, on no particular mesh, and their data on one.
+class DragForm:
+    """The drag on beams in a step, on no particular mesh, with coefficients of some shapes.
 
     With mid-point rates a drag of the spin needs the rotations at the nodes of elements.
     """
 
-    def __init__(
-        self, scene: Scene, drags: Sequence[Drag], mesh: Mesh, scheme: Scheme, fields: Fields
-    ):
-        data = coefficients(scene, drags, mesh)
-        if "rotation" in data and scheme.rates.by_mean:
+    def __init__(self, fields: Fields, rates: Any, shapes: tuple[tuple[str, DataShape], ...]):
+        if rates.by_mean and "rotation" in dict(shapes):
             fields = fields.with_nodal_rotations
         self.fields = fields
-        compiling: Any = _compiled if scheme.built_in else _compiled.__wrapped__
-        shapes = tuple((name, part.shape) for name, part in data.items())
-        #: Forms of force, tangent and loss.
-        self.compiled, at = compiling(fields, scheme.rates, shapes)
-        #: Coefficients by name, and by their symbols in UFL.
-        self.coefficients = {name: FilledField(part, mesh) for name, part in data.items()}
-        self.data = {at[name]: part.on_mesh for name, part in self.coefficients.items()}
+        #: Symbols of the coefficients by name.
+        self.symbols = {name: fields.data(shape) for name, shape in shapes}
+        step, dx = fields.step(rates, "rates of the drag"), fields.measure(fields.full_rule)
+        self._force, self._loss = (of(step, self.symbols) * dx for of in (drag_work, drag_loss))
 
+    @functools.cached_property
+    def compiled(self) -> list[CompiledForm]:
+        """Forms of force, tangent and loss."""
+        tangent = ufl.derivative(self._force, self.fields.increment, self.fields.trial)
+        forms = {"drag": self._force, "tangent of drag": tangent, "loss to drag": self._loss}
+        return ffcx_api.compile_together(forms)
 
-class VjpDrag:
-    """The work of the drag on weights, and its derivatives, on no particular mesh.
+    @functools.cached_property
+    def work(self) -> WorkOnWeights:
+        """Its work on weights in the place of the test function, and derivatives."""
+        test = self.fields.test
+        weight = elements.Coefficient(test.ufl_function_space())
+        work = ufl.replace(self._force, {test: weight})
+        derivatives = derivatives_of(work, self.fields, self.symbols)
+        return WorkOnWeights("work of drag", work, derivatives, [weight])
 
-    The fields are those of the drag; its coefficients, by name, vary cell by cell.
-    """
-
-    def __init__(self, fields: Fields, rates: Any, shapes: Mapping[str, DataShape]):
-        self.fields = fields
-        #: Symbols of the coefficients, and of the weights in the place of the test function.
-        self.symbols = {name: fields.data(shape) for name, shape in shapes.items()}
-        self.weight = elements.Coefficient(fields.test.ufl_function_space())
-        work = drag_work(fields.step(rates, "rates of the drag"), self.symbols)
-        work = ufl.replace(work * fields.measure(fields.full_rule), {fields.test: self.weight})
-        derivatives = derivatives_of(work, fields, self.symbols)
-        self.work = WorkOnWeights("work of drag", work, derivatives, [self.weight])
-
-
-class LossToDrag:
-    """What the drag takes in a step, and its derivatives; as `VjpDrag`."""
-
-    def __init__(self, fields: Fields, rates: Any, shapes: Mapping[str, DataShape]):
-        self.fields = fields
-        self.symbols = {name: fields.data(shape) for name, shape in shapes.items()}
-        lost = drag_loss(fields.step(rates, "rates of the drag"), self.symbols)
-        lost *= fields.measure(fields.full_rule)
+    @functools.cached_property
+    def loss_by(self) -> dict[str, CompiledForm]:
+        """Derivatives of the loss by name."""
         by = {f"drag {name}": symbol for name, symbol in self.symbols.items()}
-        self.forms = compiled_derivatives("loss to drag", lost, fields, by)
+        return compiled_derivatives("loss to drag", self._loss, self.fields, by)
+
+
+_cached = functools.cache(DragForm)
+
+
+def drag_form(
+    scheme: Scheme, fields: Fields, shapes: tuple[tuple[str, DataShape], ...]
+) -> DragForm:
+    """The drag in the steps of a scheme, kept if its rates are those of this package."""
+    return (_cached if scheme.built_in else DragForm)(fields, scheme.rates, shapes)
 
 
 class BeamDrag:
@@ -107,16 +104,3 @@ def coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, D
     return {
         name: cell_data(mesh, row if "across" in name else row[:, 0]) for name, row in rows.items()
     }
-
-
-@functools.cache
-def _compiled(
-    fields: Fields, rates: Any, shapes: tuple[tuple[str, DataShape], ...]
-) -> tuple[list[CompiledForm], dict[str, Any]]:
-    """Forms of force, tangent and loss, and their symbols of the coefficients."""
-    at = {name: fields.data(shape) for name, shape in shapes}
-    step, dx = fields.step(rates, "rates of the drag"), fields.measure(fields.full_rule)
-    force, loss = drag_work(step, at) * dx, drag_loss(step, at) * dx
-    tangent = ufl.derivative(force, fields.increment, fields.trial)
-    forms = {"drag": force, "tangent of drag": tangent, "loss to drag": loss}
-    return ffcx_api.compile_together(forms), at

@@ -15,7 +15,7 @@ from fx_beam.scene.scene import Scene
 
 from . import elements, vjp_form
 from .assembly import BoundForm, Field, Space
-from .beam_drag import BeamDrag, DragForms, LossToDrag, VjpDrag, coefficients
+from .beam_drag import BeamDrag, DragForm, coefficients, drag_form
 from .ffcx_api import CompiledForm
 from .fields import (
     Data,
@@ -54,12 +54,6 @@ class BeamForms:
         self._by_cells: dict[str, FilledField] = {}
         #: How often data of beams were changed.
         self.changes = 0
-        #: Derivatives of the stored energy by name; None until they are needed.
-        self._stored: dict[str, BoundForm] | None = None
-        #: Those of what beams lose in a step.
-        self._lost: list[dict[str, BoundForm]] | None = None
-        #: Those of resultants.
-        self._derived: ResultantDerivatives | None = None
         #: Forms on the mesh by name.
         self.bound: dict[str, BoundForm] = {}
         #: Their names, in order.
@@ -125,12 +119,19 @@ class BeamForms:
         of_beams = [drag for drag in drags if isinstance(drag.target, Beam)]
         if not of_beams:
             return None
-        plan = DragForms(scene, of_beams, self._mesh, self._scheme, self.fields.plain)
-        data = self._data | self._unknowns(plan.fields) | plan.data
-        forms = [self._bind(form, data=data) for form in plan.compiled]
+        given = coefficients(scene, of_beams, self._mesh)
         #: Coefficients of the drag on beams by name.
-        self.of_drag, self._drag_fields = plan.coefficients, plan.fields
-        return BeamDrag(data[plan.fields.increment], *forms[:2])
+        self.of_drag = {name: FilledField(part, self._mesh) for name, part in given.items()}
+        form, data = self._drag_form(self.of_drag)
+        force, tangent, _ = (self._bind(compiled, data=data) for compiled in form.compiled)
+        return BeamDrag(data[form.fields.increment], force, tangent)
+
+    def _drag_form(self, of_drag: Mapping[str, FilledField]) -> tuple[DragForm, dict[Any, Any]]:
+        """The form of the drag with these coefficients, and what is in the place of its symbols."""
+        shapes = tuple((name, field.data.shape) for name, field in of_drag.items())
+        form = drag_form(self._scheme, self.fields.plain, shapes)
+        data = self._data | self._unknowns(form.fields)
+        return form, data | {form.symbols[name]: of.on_mesh for name, of in of_drag.items()}
 
     def _weak_form(self, scene: Scene) -> WeakForm:
         """The weak form of the scene; the data of the sections are those of the forms."""
@@ -213,12 +214,12 @@ class BeamForms:
         data[weak.weight] = Field(self._mesh.unknowns)
         if weak.width:
             data[weak.internal_weight] = Field(spaces["internal"])
-        return self._bound_vjp(weak.work, spaces, data, self.fields.increment)
+        return self._bound_vjp(weak.work, data, spaces, data[self.fields.increment])
 
-    def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Any]]:
+    def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Space]]:
         """A form of a kind, whose data vary cell by cell; what is in the place of its symbols.
 
-        And the spaces of its data, by name.
+        And the spaces of its derivatives, by name.
         """
         names = [name for name in self.of_sections if name not in without]
         varied = self._vary({name: self.of_sections[name] for name in names})
@@ -228,7 +229,7 @@ class BeamForms:
         data = self._data | {getattr(weak, name): field.on_mesh for name, field in varied.items()}
         pairs = zip(weak.indicators, self._weak.indicators, strict=True)
         data |= {symbol: self._data[known] for symbol, known in pairs}
-        spaces = {name: field.on_mesh.space for name, field in varied.items()}
+        spaces = self._spaces(varied)
         if weak.width:
             data[weak.internal] = self._data[self._weak.internal]
             spaces["internal"] = data[weak.internal].space
@@ -240,43 +241,32 @@ class BeamForms:
 
     def vjp_drag(self) -> vjp_form.BoundVjp:
         """The work of the drag on weights, and its derivatives."""
-        plan, spaces, data = self._varied_drag(VjpDrag)
-        data[plan.weight] = Field(self._mesh.unknowns)
-        return self._bound_vjp(plan.work, spaces, data, plan.fields.increment)
+        form, data, spaces = self._varied_drag("")
+        data[form.work.weights[0]] = Field(self._mesh.unknowns)
+        return self._bound_vjp(form.work, data, spaces, data[form.fields.increment])
 
-    def _varied_drag(self, kind: Any) -> tuple[Any, dict[str, Any], dict]:
-        """Forms of the drag of a kind, whose coefficients vary cell by cell.
-
-        And the spaces of these by name, and what is in the place of symbols.
-        """
+    def _varied_drag(self, prefix: str) -> tuple[DragForm, dict[Any, Any], dict[str, Space]]:
+        """The same for drag; names of the coefficients get a prefix."""
         varied = self._vary(self.of_drag)
-        shapes = {name: field.data.shape for name, field in varied.items()}
-        plan = kind(self._drag_fields, self._scheme.rates, shapes)
-        data = self._data | self._unknowns(plan.fields)
-        data |= {plan.symbols[name]: field.on_mesh for name, field in varied.items()}
-        return plan, {name: field.on_mesh.space for name, field in varied.items()}, data
+        form, data = self._drag_form(varied)
+        return form, data, self._spaces({f"{prefix}{name}": of for name, of in varied.items()})
 
-    def _bind_drag_loss(self) -> dict[str, BoundForm]:
-        plan, spaces, data = self._varied_drag(LossToDrag)
-        self._drag_increment = data[plan.fields.increment]
-        spaces = {f"drag {name}": space for name, space in spaces.items()}
-        return self._bound_forms(plan.forms, spaces, data)
+    def _spaces(self, varied: Mapping[str, FilledField]) -> dict[str, Space]:
+        """Spaces of derivatives by name: by data that vary, and by all that forms may depend on."""
+        spaces = {name: field.on_mesh.space for name, field in varied.items()}
+        spaces |= dict.fromkeys(vjp_form.NODAL, self._mesh.unknowns)
+        return {**spaces, **self.natural.spaces, "coordinates": self._mesh.positions}
 
     def _bound_vjp(
-        self, work: Any, spaces: dict[str, Any], data: Mapping, increment: Any
+        self, work: Any, data: Mapping, spaces: dict[str, Space], increment: Field
     ) -> vjp_form.BoundVjp:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
-        moving = [data[increment], *self.moving[1:]]
 
         def bind(form: CompiledForm, of_form: list[Space]) -> BoundForm:
             return BoundForm(form, self._mesh, data, of_form, self._tags)
 
         of_weights = [data[weight].space for weight in work.weights]
-        return vjp_form.BoundVjp(work, self._spaces_of_vjp(spaces), moving, bind, of_weights)
-
-    def _spaces_of_vjp(self, spaces: dict[str, Space]) -> dict[str, Space]:
-        nodal = dict.fromkeys(vjp_form.NODAL, self._mesh.unknowns)
-        return {**spaces, **nodal, **self.natural.spaces, "coordinates": self._mesh.positions}
+        return vjp_form.BoundVjp(work, spaces, [increment, *self.moving[1:]], bind, of_weights)
 
     def stored_energy_by(
         self, q: np.ndarray, internal: Given = None, natural: Given = None
@@ -286,14 +276,18 @@ class BeamForms:
         And by "internal" variables (cells, degree, width), "natural" strains (cells, degree, 3) and
         "parameters" (n,) of the scene.
         """
-        if self._stored is None:
-            self._stored = self._bind_energy(vjp_form.StoredForm, without=["times"])
         self._start.array[:] = q
         self._set_internal(internal)
         self.natural.set(natural)
         derivatives = self._assembled(self._stored)
         derivatives["q"] = derivatives.pop("start")
         return derivatives
+
+    @functools.cached_property
+    def _stored(self) -> dict[str, BoundForm]:
+        """Derivatives of the stored energy on the mesh by name."""
+        weak, *on_mesh = self._varied(vjp_form.StoredForm, without=["times"])
+        return self._bound_forms(weak.forms, *on_mesh)
 
     def _assembled(self, forms: Mapping[str, BoundForm]) -> dict[str, np.ndarray]:
         """Derivatives by name, those by all parameters of the scene."""
@@ -304,16 +298,10 @@ class BeamForms:
             derivatives["parameters"] = of_all
         return derivatives
 
-    def _bind_energy(self, kind: Any, without: Iterable[str] = ()) -> dict[str, BoundForm]:
-        """Derivatives of an energy on the mesh by name."""
-        weak, data, spaces = self._varied(kind, without)
-        return self._bound_forms(weak.forms, spaces, data)
-
     def _bound_forms(
-        self, compiled: Mapping[str, CompiledForm], spaces: dict[str, Space], data: Mapping
+        self, compiled: Mapping[str, CompiledForm], data: Mapping, spaces: Mapping[str, Space]
     ) -> dict[str, BoundForm]:
-        """Derivatives on the mesh by name, those by coefficients in given spaces."""
-        spaces = self._spaces_of_vjp(spaces)
+        """Derivatives on the mesh by name."""
         return {
             name: BoundForm(form, self._mesh, data, [spaces[name]], self._tags)
             for name, form in compiled.items()
@@ -327,27 +315,35 @@ class BeamForms:
         "natural" at the start and "natural_end", "parameters" (n,) of the scene, "stiffness",
         "times", and coefficients of "drag ...".
         """
-        if self._lost is None:
-            self._lost = [self._bind_energy(vjp_form.LossForm)] if any(self.of_loss[:2]) else []
-            self._lost += [self._bind_drag_loss()] if self.drag is not None else []
+        lost = self._lost
         self.begin_part(part)
         if self.drag is not None:
             self._drag_increment.array[:] = part.D
-        return [self._assembled(lost) for lost in self._lost]
+        return [self._assembled(forms) for forms in lost]
 
-    def derive_resultants(self) -> ResultantDerivatives:
+    @functools.cached_property
+    def _lost(self) -> list[dict[str, BoundForm]]:
+        """Derivatives of what beams lose in a step, as those of the stored energy."""
+        lost = []
+        if any(self.of_loss[:2]):
+            weak, *on_mesh = self._varied(vjp_form.LossForm)
+            lost.append(self._bound_forms(weak.forms, *on_mesh))
+        if self.drag is not None:
+            drag, data, spaces = self._varied_drag("drag ")
+            self._drag_increment = data[drag.fields.increment]
+            lost.append(self._bound_forms(drag.loss_by, data, spaces))
+        return lost
+
+    @functools.cached_property
+    def derived_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
-        if self._derived is None:
-            weak, data, spaces = self._varied(vjp_form.ResultantForm)
-            weight = data[weak.weight] = Field(self._mesh.space(self.fields.degree, 3))
-            forms = self._bound_forms(weak.forms, spaces, data)
-            spaces = self._spaces_of_vjp(spaces)
-            changes = {name: Field(spaces[name]) for name in weak.changes}
-            data |= {symbol: changes[name] for name, symbol in weak.changes.items()}
-            change = BoundForm(weak.change, self._mesh, data, [weight.space], self._tags)
-            bound = forms, change, changes, weight
-            self._derived = ResultantDerivatives(*bound, self.begin_part)
-        return self._derived
+        weak, data, spaces = self._varied(vjp_form.ResultantForm)
+        weight = data[weak.weight] = Field(self._mesh.space(self.fields.degree, 3))
+        forms = self._bound_forms(weak.forms, data, spaces)
+        changes = {name: Field(spaces[name]) for name in weak.changes}
+        data |= {symbol: changes[name] for name, symbol in weak.changes.items()}
+        change = BoundForm(weak.change, self._mesh, data, [weight.space], self._tags)
+        return ResultantDerivatives(forms, change, changes, weight, self.begin_part)
 
     def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
         """The same data cell by cell; `refill` sets them as well."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import ufl
@@ -23,8 +23,7 @@ from fx_beam.fem import elements, ffcx_api
 from fx_beam.fem.sparsity import positions_in
 from fx_beam.laws.point_laws import Motion, PointLaw, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
-from fx_beam.scene.parameters import names_of, parameters_in, replaced
-from fx_beam.scene.symbols import not_numbers
+from fx_beam.scene.parameters import names_of, parameters_in, replaced, symbols_only
 
 # Tensor, coefficients, constants, coordinates; the others have no meaning here. Later versions of
 # FFCx have one more, which C ignores where there is none.
@@ -136,6 +135,16 @@ class CompiledLaw:
         """Address of a function: of the "law", its "energy", "loss" or "switches"; 0 for none."""
         return self._functions[name].address if name in self._functions else 0
 
+    @property
+    def members(self) -> dict[str, Any]:
+        """Members of it that structs in C have."""
+        (row, column), law = self.entries.T, self.law
+        return {
+            **{name: self.address(name) for name in ("law", "energy", "loss")},
+            **{"internal": law.internal, "remembered": law.remembered},
+            **{"entries": len(self.entries), "entry_row": row, "entry_column": column},
+        }
+
     def __call__(self, given: np.ndarray) -> np.ndarray:
         """Forces, entries of their tangent, and the rest, of what is given (arguments,)."""
         return self._functions["law"](given)
@@ -164,7 +173,7 @@ class CompiledLaw:
         return self._derivatives[of]
 
     def _names(self, motion: Motion, others: dict[str, OfMotion]) -> list[str]:
-        with not_numbers():
+        with symbols_only():
             law = self.law.forces(motion)
             parts = [part for of in others.values() for part in of(motion)]
         return names_of(parameters_in(*law.forces, *law.internal, *parts))
@@ -178,7 +187,7 @@ class CompiledLaw:
 
         def of(given: Any) -> Any:
             by_name = {parameter: given[first + i] for i, parameter in enumerate(self.parameters)}
-            with not_numbers():
+            with symbols_only():
                 return replaced(ufl.as_vector(values(self._motion(given))), by_name)
 
         return of
@@ -222,15 +231,18 @@ def _derivative(force: Any, D: Any) -> Any:
     return apply_derivatives(apply_algebra_lowering(ufl.diff(force, D)))
 
 
+def _kept(make: Callable) -> Callable:
+    """Keep what is made of a law and of more, unless the law has functions of a user."""
+    cached = functools.cache(make)
+    return lambda law, *more: (make if law.of_user else cached)(law, *more)
+
+
+@_kept
 def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -> PointFunction:
     """Derivatives of the forces and internal variables of a law, one after the other.
 
     They are by the values at the start, the increments, internal variables, numbers and parameters.
     """
-    return (_slopes if law.of_user else _cached_slopes)(law, rule, parameters)
-
-
-def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> PointFunction:
     n, first = law.size, arguments(law)
     count, inside = first + len(parameters), 3 * n + 2
     columns = [
@@ -242,7 +254,7 @@ def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> Point
     def values(symbols: Any) -> Any:
         given = ufl.variable(ufl.as_vector([symbols[i] for i in range(count)]))
         by_name = {parameter: given[first + i] for i, parameter in enumerate(parameters)}
-        with not_numbers():
+        with symbols_only():
             of_step = law.forces(Motion(given, law, rule))
             quantities = [replaced(of, by_name) for of in (*of_step.forces, *of_step.internal)]
             rows = [ufl.diff(of, given) for of in quantities]
@@ -251,15 +263,14 @@ def _slopes(law: PointLaw, rule: StepRule, parameters: tuple[str, ...]) -> Point
     return point_functions({f"slopes of {law.name}": values}, count)[0]
 
 
-_cached_slopes = functools.cache(_slopes)
+_compiled_law = _kept(CompiledLaw)
 
 
-_cached = functools.cache(CompiledLaw)
-
-
-def compiled_law(law: PointLaw, rule: StepRule) -> CompiledLaw:
-    """A compiled law; without functions of a user it is kept."""
-    return (CompiledLaw if law.of_user else _cached)(law, rule)
+def compiled_laws(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw]:
+    """Laws as they are compiled, each once; without functions of a user they are kept."""
+    distinct = {id(law): law for law in laws}
+    compiled = {key: _compiled_law(law, rule) for key, law in distinct.items()}
+    return [compiled[id(law)] for law in laws]
 
 
 class NodalRules:

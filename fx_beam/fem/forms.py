@@ -10,12 +10,12 @@ from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import StepRule
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
-from fx_beam.scene.resting import resting
+from fx_beam.scene.removal import resting
 from fx_beam.scene.scene import Scene
 
 from .beam_forms import BeamForms
 from .loads import Followers
-from .member_contacts import MemberContacts, members_touching
+from .member_contacts import MemberContacts, member_pairs
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForce, PointForces
@@ -85,10 +85,10 @@ class Forms:
             mobility = np.zeros(self.size + scene.joint_count)
         scene = resting(scene) if self._rates.at_rest else scene
         forces = point_forces(scene, self._mesh, mobility)
-        members, touching = None, members_touching(scene, self._mesh, mobility)
-        if touching:
+        members, pairs = None, member_pairs(scene, self._mesh, mobility)
+        if pairs:
             slots = sum(len(o.points.lengths) for o in scene.contacts if isinstance(o.shape, Beam))
-            members = MemberContacts(touching, self._rule, self._mesh, slots)
+            members = MemberContacts(pairs, self._rule, self._mesh, slots)
         return forces, Followers(scene, self._rates.level), members
 
     @property

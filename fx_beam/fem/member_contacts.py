@@ -18,14 +18,14 @@ from fx_beam.laws.member_gap import (
     MEMBER,
     MEMBER_WITH_FRICTION,
 )
-from fx_beam.laws.point_laws import Kind, PointLaw, StepRule
+from fx_beam.laws.point_laws import PointLaw, StepRule
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, points_of
 from fx_beam.scene.coordinate import bristle
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from .compiled_laws import CompiledLaw, compiled_law, slopes_of
+from .compiled_laws import compiled_laws, slopes_of
 from .mesh import Mesh
 
 # Entries of a contact point, slots of memory of a point's friction, and numbers in each
@@ -35,7 +35,7 @@ _ENTRIES, _SLOTS, _IN_SLOT = 10, 2, 3
 FINE, MOVED, PASSED, SLID = range(4)
 
 
-class Touching(NamedTuple):
+class MemberPair(NamedTuple):
     """Points, which are nodes, against a member; compare ``MemberContact`` of member_contact.h."""
 
     law: PointLaw
@@ -57,23 +57,23 @@ class Touching(NamedTuple):
     owner: str = ""
 
 
-def members_touching(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[Touching]:
-    """All contacts with members of a scene, both ways between two members.
+def member_pairs(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[MemberPair]:
+    """All contacts with members of a scene, both directions between two members.
 
     By the `mobility` of degrees of freedom, 1 / mass, the friction on nodes has critical damping.
     """
-    pairs: list[Touching] = []
+    pairs: list[MemberPair] = []
     first = 0
     for contact in scene.contacts:
         if isinstance(contact.shape, Beam):
-            pairs += _both_ways(contact, scene, mesh, mobility, first)
+            pairs += _both_directions(contact, scene, mesh, mobility, first)
             first += len(contact.points.lengths)
     return pairs
 
 
-def _both_ways(
+def _both_directions(
     contact: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray, first: int
-) -> list[Touching]:
+) -> list[MemberPair]:
     a, b = contact.target, contact.shape
     assert isinstance(b, Beam)
     nodes_a, nodes_b = mesh.nodes_of(scene, a), mesh.nodes_of(scene, b)
@@ -83,11 +83,11 @@ def _both_ways(
     kinds = (
         (MEMBER, FOLLOWED) if friction is None else (MEMBER_WITH_FRICTION, FOLLOWED_WITH_FRICTION)
     )
-    law, followed = (_law(contact, kind, loses) for kind in kinds)
+    law, followed = (laws.contact(kind, loses, contact.energy) for kind in kinds)
     of_loss = (contact.loss, contact.speed) if loses else ()
     sides = (nodes_a, slots_a, contact.points), (nodes_b, slots_b, points_of(b))
     both, share = isinstance(a, Beam) and a is not b, 0.5 if isinstance(a, Beam) else 1.0
-    pairs: list[Touching] = []
+    pairs: list[MemberPair] = []
     for (points, point_slots, of), (nodes, slots, _) in (sides, sides[::-1])[: 1 + both]:
         lengths = share * of.lengths
         columns = [contact.radii, contact.stiffness * lengths, *of_loss]
@@ -97,32 +97,24 @@ def _both_ways(
         given = points, point_slots, nodes, slots, numbers, arc_of(mesh.X[nodes])
         apart = contact.apart if a is b else 0.0
         named = (-1, "") if pairs else (contact.number, str(contact))
-        pairs.append(Touching(law, followed, *given, apart, *named))
+        pairs.append(MemberPair(law, followed, *given, apart, *named))
     return pairs
-
-
-def _law(contact: Contact, kind: Kind, loses: bool) -> PointLaw:
-    if contact.energy is not None:
-        return laws.contact_law(kind, contact.energy, loses)
-    return laws.contact(kind, loses)
 
 
 class MemberContacts:
     """All contact with members of a scene. Its data lie in C, for both kinds of steps."""
 
-    def __init__(self, touching: Sequence[Touching], rule: StepRule, mesh: Mesh, slots: int):
-        self._touching, self._mesh, self._rule = touching, mesh, rule
-        of_laws = {id(one.law): one.law for one in touching}
-        compiled = {key: compiled_law(law, rule) for key, law in of_laws.items()}
-        self.laws: list[CompiledLaw] = [compiled[id(one.law)] for one in touching]
+    def __init__(self, pairs: Sequence[MemberPair], rule: StepRule, mesh: Mesh, slots: int):
+        self._pairs, self._mesh, self._rule = pairs, mesh, rule
+        self.laws = compiled_laws([one.law for one in pairs], rule)
         if named := [law for law in self.laws if law.parameters]:
             raise SceneError(
                 f"contact with a member: its energy has the parameter {named[0].parameters[0]!r}. "
                 "Write the number in its place"
             )
         #: Number of points whose forces are recorded, and of all that may touch.
-        self.slots, self.conditions = slots, sum(len(one.points) for one in touching)
-        counts = [_SLOTS * len(one.points) * bool(one.law.internal) for one in touching]
+        self.slots, self.conditions = slots, sum(len(one.points) for one in pairs)
+        counts = [_SLOTS * len(one.points) * bool(one.law.internal) for one in pairs]
         #: First slot of memory of each; all their internal variables.
         self._first_slots, self.width = np.cumsum([0, *counts]), _IN_SLOT * sum(counts)
 
@@ -133,16 +125,16 @@ class MemberContacts:
         """
         self._ffi, self._c = ffi, library
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
-        self._numbers = [np.array(one.numbers) for one in self._touching]
-        mesh, touching = self._mesh, self._touching
-        every = np.unique(np.concatenate([[*one.points, *one.nodes] for one in touching]))
+        self._numbers = [np.array(one.numbers) for one in self._pairs]
+        mesh, pairs = self._mesh, self._pairs
+        every = np.unique(np.concatenate([[*one.points, *one.nodes] for one in pairs]))
         self._all = ffi.new("MemberContacts *")
         self._structs = structs
         structs.set(
             self._all,
-            contacts=len(touching),
+            contacts=len(pairs),
             conditions=self.conditions,
-            of=[self._row(i) for i in range(len(touching))],
+            of=[self._row(i) for i in range(len(pairs))],
             dofs=mesh.dofs.size,
             moving=len(every),
             moves=mesh.dofs[every, :2],
@@ -155,20 +147,12 @@ class MemberContacts:
         return int(ffi.cast("uintptr_t", self._all))
 
     def _row(self, i: int) -> dict[str, Any]:
-        one, law, numbers, mesh = self._touching[i], self.laws[i], self._numbers[i], self._mesh
-        row, column = law.entries.T
+        one, law, numbers, mesh = self._pairs[i], self.laws[i], self._numbers[i], self._mesh
         return {
-            "law": law.address("law"),
-            "energy": law.address("energy"),
-            "loss": law.address("loss"),
+            **law.members,
             "sums": law.law.size,
             "loaded": law.law.size - (4 if law.law.internal else 2),
-            "internal": law.law.internal,
             "first_slot": self._first_slots[i],
-            "remembered": law.law.remembered,
-            "entries": len(law.entries),
-            "entry_row": row,
-            "entry_column": column,
             "points": len(one.points),
             "point_dof": mesh.dofs[one.points, :2],
             "point_position": mesh.X[one.points],
@@ -181,14 +165,14 @@ class MemberContacts:
             "number": numbers,
             "apart": one.apart,
             "arc": one.arc,
-            "first_number": sum(before.numbers.size for before in self._touching[:i]),
-            "first_arc": sum(before.arc.size for before in self._touching[:i]),
+            "first_number": sum(before.numbers.size for before in self._pairs[:i]),
+            "first_arc": sum(before.arc.size for before in self._pairs[:i]),
         }
 
     def refill(self, other: MemberContacts) -> None:
         """Set the numbers of a scene of the same structure, and forget the last run."""
-        pairs = list(zip(self._touching, other._touching, strict=False))
-        alike = len(self._touching) == len(other._touching) and all(
+        pairs = list(zip(self._pairs, other._pairs, strict=False))
+        alike = len(self._pairs) == len(other._pairs) and all(
             one.law is two.law and one.numbers.shape == two.numbers.shape for one, two in pairs
         )
         if not alike:
@@ -201,7 +185,7 @@ class MemberContacts:
                 self._ffi.memmove(getattr(row, name), np.ascontiguousarray(values), values.nbytes)
             self._ffi.memmove(row.arc, np.ascontiguousarray(two.arc), two.arc.nbytes)
             row.apart = two.apart
-        self._touching = other._touching
+        self._pairs = other._pairs
         self.forget()
 
     def forget(self) -> None:
@@ -215,7 +199,7 @@ class MemberContacts:
         stretched further.
         """
         of_contacts = {}
-        for one, first in zip(self._touching, self._first_slots[:-1], strict=True):
+        for one, first in zip(self._pairs, self._first_slots[:-1], strict=True):
             if one.number < 0 or not one.law.internal:
                 continue
             slots = slice(_IN_SLOT * first, _IN_SLOT * (first + _SLOTS * len(one.points)))
@@ -228,7 +212,7 @@ class MemberContacts:
     @property
     def friction_damping(self) -> dict[str, list[float]]:
         """Damping of the friction on the points of first members [s], by the contact as text."""
-        sticking = [one for one in self._touching if one.law.sticks and one.owner]
+        sticking = [one for one in self._pairs if one.law.sticks and one.owner]
         return {one.owner: one.numbers[:, -3].tolist() for one in sticking}
 
     # -- Derivatives ------------------------------------------------------------------------------
@@ -236,12 +220,12 @@ class MemberContacts:
     @property
     def numbers(self) -> np.ndarray:
         """Numbers of all points, one contact after the other."""
-        return np.concatenate([np.ravel(one.numbers) for one in self._touching])
+        return np.concatenate([np.ravel(one.numbers) for one in self._pairs])
 
     @property
     def arcs(self) -> np.ndarray:
         """Places of the nodes along all members."""
-        return np.concatenate([one.arc for one in self._touching])
+        return np.concatenate([one.arc for one in self._pairs])
 
     def add_energy_by(
         self, q: np.ndarray, internal: np.ndarray, to: dict[str, np.ndarray]
@@ -262,10 +246,10 @@ class MemberContacts:
 
     def follow(self) -> None:
         """Hand over what derivatives need besides; compiled once."""
-        followed = {id(one.followed): one.followed for one in self._touching}
+        followed = {id(one.followed): one.followed for one in self._pairs}
         #: Keeps the compiled functions.
         self._slopes = {key: slopes_of(law, self._rule) for key, law in followed.items()}
-        for i, one in enumerate(self._touching):
+        for i, one in enumerate(self._pairs):
             address = self._slopes[id(one.followed)].address
             self._all.of[i].slopes = self._ffi.cast("Law *", address)
 

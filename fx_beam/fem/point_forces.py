@@ -17,7 +17,7 @@ from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 
-from .compiled_laws import CompiledLaw, compiled_law
+from .compiled_laws import CompiledLaw, compiled_laws
 from .loads import Followers
 from .member_contacts import MemberContacts
 from .parameter_values import ParameterValues
@@ -94,8 +94,6 @@ class PointForces:
         #: Contact of nodes with members; None without any.
         self.members = members
         self._names = parameters.names
-        laws = {id(force.law): force.law for force in forces}
-        compiled = {key: compiled_law(law, rule) for key, law in laws.items()}
         self._rule = rule
         #: Values of the external ones over time.
         self.followers = followers
@@ -105,7 +103,7 @@ class PointForces:
         #: Place of the internal variables of each force among all.
         self._first_internal = [firsts[i] for i in order]
         self._forces = forces = [forces[i] for i in order]
-        self._laws = [compiled[id(force.law)] for force in forces]
+        self._laws = compiled_laws([force.law for force in forces], rule)
         roles = np.array([force.role for force in forces], dtype=int)
         #: Numbers of forces up to the end of each role.
         self.ends = [int(np.searchsorted(roles, role, "right")) for role in Role]
@@ -128,7 +126,7 @@ class PointForces:
         self.any = bool(forces) or members is not None
         if self.any:
             self._build()
-        laws_with_energy = (law for law in compiled.values() if law.law.energy)
+        laws_with_energy = (law for law in self._laws if law.law.energy)
         in_energies = [name for law in laws_with_energy for name in law.parameters]
         parameters.add_reader(self.set_parameters, in_energies)
 
@@ -271,17 +269,12 @@ class PointForces:
     def _row(self, i: int, first_entry: int) -> dict[str, Any]:
         """A force as ``PointForce`` of c/point_force.h."""
         force, law, given = self._forces[i], self._laws[i], self._given[i]
-        of, row, column = law.law, *law.entries.T
+        of = law.law
         self._numbers[i][:] = force.numbers
         return {
-            "law": law.address("law"),
-            "energy": law.address("energy"),
-            "loss": law.address("loss"),
+            **law.members,
             "switches": law.address("switches"),
             "size": of.size,
-            "entries": len(law.entries),
-            "internal": of.internal,
-            "remembered": of.remembered,
             "conditions": law.conditions,
             "overshoots": of.overshoots,
             "dof": np.array(force.dofs or [-1]),
@@ -294,8 +287,6 @@ class PointForces:
             "load_axis": force.load.axis,
             "first_internal": self._first_internal[i],
             "first_entry": first_entry,
-            "entry_row": row,
-            "entry_column": column,
             "given": given,
             "numbers": self._numbers[i],
             "parameters": len(law.parameters),

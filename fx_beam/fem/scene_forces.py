@@ -66,9 +66,7 @@ def _contacts(
     kind = gap_of(shape.name, count, carried, friction is not None, thick)
     carrier = mesh.dofs[shape.carrier.number].tolist() if shape.carrier is not None else []
     carrier = carrier[: kind.size - count * (3 if thick else 2)]
-    law = laws.contact(kind, loses)
-    if obstacle.energy is not None:
-        law = laws.contact_law(kind, obstacle.energy, loses)
+    law = laws.contact(kind, loses, obstacle.energy)
     relative = points.of(mesh.X[nodes]) - shape.origin
     for i, of_point in enumerate(nodes[points.nodes]):
         length, weights = points.lengths[i], points.weights[i] if count > 1 else ()

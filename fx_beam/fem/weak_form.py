@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.check_arities import check_integrand_arity
 
 from fx_beam.errors import SceneError, fields_in, refuse_fields
-from fx_beam.laws.kinematics import Step, arc_derivative, director
+from fx_beam.laws.kinematics import arc_derivative, director
 from fx_beam.laws.resultants import (
     DecayingResultants,
     ExactResultants,
@@ -22,48 +22,20 @@ from fx_beam.laws.resultants import (
 )
 from fx_beam.laws.scalar_laws import evolution_loss, evolved, law_of_step
 from fx_beam.laws.schemes import Scheme
-from fx_beam.scene.internal_variables import InternalVariables
-from fx_beam.scene.law import Energy, Law, own_law, parameters_of_energy, quadratic_law
+from fx_beam.scene.law import (
+    Energy,
+    InternalVariables,
+    Law,
+    functions_of_energy,
+    own_law,
+    quadratic_law,
+)
 from fx_beam.scene.loads import VirtualWork
-from fx_beam.scene.parameters import names_of, replaced
+from fx_beam.scene.parameters import STEP, names_of, parameters_in, parameters_of, replaced
 
 from . import elements, ffcx_api
 from .ffcx_api import REFUSALS, CompiledForm
 from .fields import DataShape, Fields
-
-
-def added_virtual_work(
-    works: Sequence[VirtualWork],
-    indicators: Sequence,
-    step: Step,
-    fields: Fields,
-    parameters: Mapping[str, Any],
-):
-    """Virtual work per length of all added forces, in UFL.
-
-    An indicator is 1 where a force acts. Functions and constants of the user are refused, but for
-    `parameters`, which come with what is in their place.
-    """
-    total = 0
-    for number, (work, inside) in enumerate(zip(works, indicators, strict=True), start=1):
-        what = f"virtual work {number}"
-        term = replaced(work.of(step, what), parameters)
-        known = [field for value in parameters.values() for field in fields_in(value)]
-        refuse_fields(fields_in(term), what, [*fields.known, *known])
-        if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [fields.test]:
-            raise SceneError(
-                f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
-                f"step.virtual_psi, not {term}"
-            )
-        try:
-            check_integrand_arity(apply_algebra_lowering(term), (fields.test,))
-        except REFUSALS as error:
-            raise SceneError(
-                f"{what}: the result must be linear in step.virtual_u and step.virtual_psi; {error}"
-            ) from error
-        total += term if work.beam is None else term * inside
-    return total
-
 
 #: Stored energy of a section, None for the quadratic one, and its internal variables.
 Material = tuple[Energy | None, InternalVariables | None]
@@ -96,10 +68,12 @@ class WeakForm:
         #: Where each virtual work acts: 1 there, 0 elsewhere.
         self.indicators = [fields.data(shape) for _, shape in works]
         self._materials = materials
-        of_energies = [p for material in materials for p in parameters_of_energy(*material, 3)]
+        of_energies = parameters_of(
+            function for material in materials for function in functions_of_energy(*material, 3)
+        )
         #: Names of the parameters in stored energies, and of all.
         self.names_in_energies = names_of(of_energies)
-        of_works = [p for work, _ in works for p in work.parameters_of("virtual work")]
+        of_works = parameters_in(*(work.of(STEP, "virtual work") for work, _ in works))
         self.names = names_of([*of_energies, *scheme.parameters, *of_works])
         #: Their values (n,), None without any, and those by name.
         self.parameters: Any = None
@@ -221,8 +195,10 @@ class WeakForm:
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
         """Add the virtual works of further forces."""
-        parts = self.indicators, self.step, self.fields, self._by_name
-        per_length = added_virtual_work(works, *parts)
+        per_length: Any = 0
+        for number, (work, inside) in enumerate(zip(works, self.indicators, strict=True), start=1):
+            term = self._checked_work(work, f"virtual work {number}")
+            per_length += term if work.beam is None else term * inside
         added = per_length * self.fields.measure(self.fields.degree)
         try:
             self.added = ffcx_api.compile_form(added, "added virtual work")
@@ -231,6 +207,21 @@ class WeakForm:
                 f"the added virtual work does not compile: {error}. Simplify its expressions"
             ) from error
         self._residual -= added
+
+    def _checked_work(self, work: VirtualWork, what: str) -> Any:
+        """A virtual work per length in UFL; SceneError if it is none."""
+        test, term = self.fields.test, replaced(work.of(self.step, what), self._by_name)
+        known = [] if self.parameters is None else [self.parameters]
+        refuse_fields(fields_in(term), what, [*self.fields.known, *known])
+        wanted = f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
+        wanted += "step.virtual_psi"
+        if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:
+            raise SceneError(f"{wanted}, not {term}")
+        try:
+            check_integrand_arity(apply_algebra_lowering(term), (test,))
+        except REFUSALS as error:
+            raise SceneError(f"{wanted}; {error}") from error
+        return term
 
     def _compile(self) -> None:
         fields, residual = self.fields, self._residual

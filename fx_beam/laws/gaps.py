@@ -26,36 +26,6 @@ class _Pair(NamedTuple):
     def size(self) -> int:
         return 2 * self.nodes + self.of_carrier + self.nodes * self.turns
 
-    @property
-    def weights(self) -> int:
-        """Number of weights."""
-        return self.nodes if self.nodes > 1 else 0
-
-    def relative(self, values: Sequence[Any], weights: Sequence[Any]) -> list[Any]:
-        """From the carrier to the point."""
-        n = self.nodes
-        points, carrier = [values[2 * a : 2 * a + 2] for a in range(n)], values[2 * n :]
-        points = [[N * x for x in x_a] for N, x_a in zip(weights or [1], points, strict=True)]
-        origin = carrier[:2] if self.of_carrier else (0, 0)
-        return [sum(xs) - c for *xs, c in zip(*points, origin, strict=True)]
-
-    def turn(self, values: Sequence[Any]) -> Any:
-        """The rotation of the carrier."""
-        return values[2 * self.nodes + 2]
-
-    def rotations(self, values: Sequence[Any]) -> Sequence[Any]:
-        """Those of the nodes of the point."""
-        return values[self.size - self.nodes :] if self.turns else []
-
-    def spread(
-        self, force: Sequence[Any], on_carrier: Any, weights: Sequence[Any], on_point: Any = 0.0
-    ) -> list[Any]:
-        """A force on the point and two moments, as forces on all entries."""
-        of_carrier = [*(-f for f in force), on_carrier][: self.of_carrier]
-        weights = weights or [1]
-        moments = [N * on_point for N in weights] if self.turns else []
-        return [*(N * f for N in weights for f in force), *of_carrier, *moments]
-
     def __str__(self):
         of_nodes = f", of {self.nodes} nodes" * (self.nodes > 1)
         return of_nodes + ", carried" * bool(self.of_carrier) + ", thick" * self.turns
@@ -69,21 +39,31 @@ class _Meeting:
     ):
         (x, y), rest = numbers[:2], numbers[2 + of_shape :]
         self.motion, self.pair, self._D = motion, pair, D
-        #: Numbers of the shape, half thickness of the member, and weights of several nodes.
-        self.numbers, self.half, self.weights = numbers[2 : 2 + of_shape], rest[0], rest[1:]
+        #: Numbers of the shape, half thickness of the member, and weights of the nodes.
+        self.numbers, self.half = numbers[2 : 2 + of_shape], rest[0]
+        self._weights = rest[1:] or [1]
         #: From the shape to the point at the start and at the level, its increment, and its rate.
-        self.r0 = _sum((x, y), pair.relative(motion.start, self.weights))
-        self.Dr = pair.relative(D, self.weights)
+        self.r0 = _sum((x, y), self._relative(motion.start))
+        self.Dr, self.rates = self._relative(D), self._relative(motion.rates)
         self.r = [motion.at_level(x, d) for x, d in zip(self.r0, self.Dr, strict=True)]
-        self.rates = pair.relative(motion.rates, self.weights)
+
+    def _relative(self, values: Sequence[Any]) -> list[Any]:
+        """From the carrier to the point."""
+        n = self.pair.nodes
+        points, carrier = [values[2 * a : 2 * a + 2] for a in range(n)], values[2 * n :]
+        points = [[N * x for x in x_a] for N, x_a in zip(self._weights, points, strict=True)]
+        origin = carrier[:2] if self.pair.of_carrier else (0, 0)
+        return [sum(xs) - c for *xs, c in zip(*points, origin, strict=True)]
 
     def turn(self, values: Sequence[Any] | None = None) -> Any:
         """The increment of the carrier's rotation, or another of its values."""
-        return self.pair.turn(self._D if values is None else values)
+        return (self._D if values is None else values)[2 * self.pair.nodes + 2]
 
     def spread(self, force: Sequence[Any], on_carrier: Any, on_point: Any = 0.0) -> list[Any]:
         """A force on the point and two moments, as forces on all entries."""
-        return self.pair.spread(force, on_carrier, self.weights, on_point)
+        of_carrier = [*(-f for f in force), on_carrier][: self.pair.of_carrier]
+        moments = [N * on_point for N in self._weights] if self.pair.turns else []
+        return [*(N * f for N in self._weights for f in force), *of_carrier, *moments]
 
     def slip(self, n: Sequence[Any], apart: Any, half: Any) -> Slip:
         """Slip of a member's material against that of the shape, along W n.
@@ -94,8 +74,10 @@ class _Meeting:
         """
         along, on_shape, motion = _normal_to(n), apart - half, self.motion
         path = dot(along, self.Dr)
-        for N, Dpsi in zip(self.weights or [1], self.pair.rotations(self._D), strict=False):
-            path -= half * N * motion.path(Dpsi)
+        if self.pair.turns:
+            rotations = self._D[self.pair.size - self.pair.nodes :]
+            for N, Dpsi in zip(self._weights, rotations, strict=True):
+                path -= half * N * motion.path(Dpsi)
         if self.pair.of_carrier:
             path -= on_shape * motion.path(self.turn())
         return Slip(path, self.spread(along, -on_shape, -half))
@@ -129,7 +111,7 @@ def gap_of(
     return Kind(
         f"the gap of a {shape.lower()}{pair}",
         pair.size,
-        3 + law.numbers + pair.weights,
+        3 + law.numbers + (nodes if nodes > 1 else 0),
         lambda *given: law.gap(meeting(*given)),
         slip=(lambda *given: law.slip(meeting(*given))) if slips else None,
     )

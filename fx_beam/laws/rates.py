@@ -13,7 +13,7 @@ from ufl.corealg.traversal import unique_pre_traversal
 import numpy as np
 
 from fx_beam.errors import SceneError, as_float, is_number, require
-from fx_beam.scene.symbols import Symbol, not_numbers
+from fx_beam.scene.parameters import Symbol, symbols_only
 
 # With less, the acceleration overflows.
 _LEAST_BETA = 1e-9
@@ -314,15 +314,12 @@ class NodalRates(UpdateRule):
             Acceleration in the equation of motion, rates and accelerations at the end.
         """
         what = "NodalRates: rule(D, v0, a0, before, dt)"
-        try:
-            with not_numbers():
-                parts = tuple(rule(D, v0, a0, before, dt))
+        with symbols_only(
+            f"{what} must give three UFL vectors. Use ufl.as_vector, and functions of ufl in place "
+            "of math or NumPy"
+        ):
+            parts = tuple(rule(D, v0, a0, before, dt))
             shapes = [value.ufl_shape for value in parts]
-        except Exception as error:
-            raise SceneError(
-                f"{what} must give three UFL vectors. Use ufl.as_vector, and functions of ufl in "
-                f"place of math or NumPy. It raised {error!r}"
-            ) from error
         if shapes != [(3,)] * 3:
             raise SceneError(
                 f"{what} must give three vectors of x, y and rotation: the acceleration, and rates "

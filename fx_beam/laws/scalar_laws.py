@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import ufl
 
-from fx_beam.scene.internal_variables import InternalVariables
-from fx_beam.scene.law import Energy, Law, is_quadratic, own_law, switches
+from fx_beam.scene.law import Energy, InternalVariables, Law, is_quadratic, own_law, switches
 
 from .point_laws import (
     REMEMBERED,
@@ -348,19 +347,21 @@ def pull(kind: Kind, force: Callable[[Any, Any, Any], Any]) -> PointLaw:
 # -- Contact ------------------------------------------------------------------------------------
 
 
-@functools.cache
-def contact(kind: Kind, loses: bool = False) -> PointLaw:
-    """A one-sided spring on a gap, k g^2 / 2 where g < 0; number: k.
+def contact(kind: Kind, loses: bool = False, energy: Energy | None = None) -> PointLaw:
+    """A one-sided spring on a gap, k g^2 / 2 where g < 0, or k times an energy of the depth.
 
-    If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r, speed. If
-    the kind has a slip, there is friction that sticks; more numbers: tau, mu and the stiffness kt.
+    Number: k. If it `loses` energy, the force is k <-g> (1 + r tanh(-rate / speed)); numbers: k, r,
+    speed. If the kind has a slip, there is friction that sticks; more numbers: tau, mu and the
+    stiffness kt.
     """
-    return _one_sided(kind, "contact", lambda step: step, loses, 0)
-
-
-def contact_law(kind: Kind, energy: Energy, loses: bool) -> PointLaw:
-    """Contact with a stored energy of the depth; numbers: its factor, and those of the loss."""
+    if energy is None:
+        return _linear_contact(kind, loses)
     return _one_sided(kind, "law of contact", lambda step: step, loses, 0, energy=energy)
+
+
+@functools.cache
+def _linear_contact(kind: Kind, loses: bool) -> PointLaw:
+    return _one_sided(kind, "contact", lambda step: step, loses, 0)
 
 
 @functools.cache

@@ -13,8 +13,7 @@ import numpy as np
 
 from fx_beam.errors import SceneError, is_whole, numbers, positive, require
 from fx_beam.results.fields import nodes_of_elements
-from fx_beam.results.lookup import scene_of
-from fx_beam.results.solution import Solution
+from fx_beam.results.solution import Solution, scene_of
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
 from fx_beam.scene.contacts import Contact, Shape, arc_of
 from fx_beam.scene.forces_between import ForceBetween

@@ -115,8 +115,8 @@ class ContactMotion:
 
     # Nearest points take time: they are found once for each `ContactMotion`.
     @functools.cached_property
-    def _now(self) -> tuple[np.ndarray, np.ndarray]:
-        """Gaps (n, m) and directions (n, m, 2) to the free side at the times t."""
+    def _now(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Gaps (n, m), directions (n, m, 2) to the free side, and nearest nodes at the times t."""
         return self._gaps_and_normals(self.solution.recorded("q"))
 
     @functools.cached_property
@@ -128,8 +128,11 @@ class ContactMotion:
         between = q[:-1] + part[:, None, None] * np.diff(q, axis=0)
         return self._gaps_and_normals(np.concatenate([q[:1], between]))[1]
 
-    def _gaps_and_normals(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gaps (n, m) and directions (n, m, 2) to the free side, at displacements (n, nodes, 3)."""
+    def _gaps_and_normals(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Gaps (n, m) and directions (n, m, 2) to the free side, at displacements (n, nodes, 3).
+
+        Of a member also the nodes (n, m) near which its nearest points are.
+        """
         shape, radius = self.contact.shape, self.contact.radius
         nodes = self.nodes
         if isinstance(shape, Beam):
@@ -141,36 +144,28 @@ class ContactMotion:
             arms = arms - q[:, None, shape.carrier.number, :2]
             psi = q[:, shape.carrier.number, 2]
         distances, directions = shape.seen(arms, psi[:, None])
-        return distances - radius, directions
+        return distances - radius, directions, None
 
-    def _from_member(self, q: np.ndarray, member: Beam) -> tuple[np.ndarray, np.ndarray]:
-        """The same for a member, from the nearest points on it."""
-        touching, places = self.nodes, self.solution.X + q[:, :, :2]
+    def _from_member(
+        self, q: np.ndarray, member: Beam
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        places = self.solution.X + q[:, :, :2]
         nodes = self.solution.nodes_of_beam[member.name]
         arc, apart = None, 0.0
         if member is self.contact.target:
             arc, apart = arc_of(self.solution.X[nodes]), self.contact.apart
-        gaps, directions = np.empty(places[:, touching, 0].shape), places[:, touching].copy()
-        for i, row in enumerate(places):
-            near = nearest(row[touching], row[nodes], apart, arc)
-            gaps[i] = near.distance - self.contact.radii
-            arms = row[touching] - near.point
-            directions[i] = arms / np.maximum(near.distance, 1e-300)[:, None]
-        return gaps, directions
+        rows = [nearest(row[self.nodes], row[nodes], apart, arc) for row in places]
+        distance, node, point = (np.stack(of) for of in zip(*rows, strict=True))
+        arms = places[:, self.nodes] - point
+        return distance - self.contact.radii, arms / np.maximum(distance, 1e-300)[..., None], node
 
     def _sides(self, member: Beam) -> np.ndarray:
         """1 for the nodes (n, m) to the right of a member, for who looks along it, else -1."""
-        q, (_, directions) = self.solution.recorded("q"), self._now
-        places = self.solution.X + q[:, :, :2]
-        nodes, sides = self.solution.nodes_of_beam[member.name], np.empty(directions.shape[:2])
-        last = len(nodes) - 1
-        for i, row in enumerate(places):
-            square = ((row[self.nodes][:, None] - row[nodes]) ** 2).sum(axis=-1)
-            if member is self.contact.target:
-                arc = arc_of(self.solution.X[nodes])
-                square[abs(arc[:, None] - arc) < self.contact.apart] = np.inf
-            near = np.argmin(square, axis=1)
-            before, after = np.maximum(near - 1, 0), np.minimum(near + 1, last)
-            x, y = (row[nodes[after]] - row[nodes[before]]).T
-            sides[i] = np.where(x * directions[i, :, 1] > y * directions[i, :, 0], -1.0, 1.0)
-        return sides
+        _, directions, near = self._now
+        assert near is not None
+        nodes = self.solution.nodes_of_beam[member.name]
+        places = self.solution.X[nodes] + self.solution.recorded("q")[:, nodes, :2]
+        before, after = np.maximum(near - 1, 0), np.minimum(near + 1, len(nodes) - 1)
+        ends = (np.take_along_axis(places, at[..., None], axis=1) for at in (after, before))
+        x, y = np.moveaxis(np.subtract(*ends), -1, 0)
+        return np.where(x * directions[..., 1] > y * directions[..., 0], -1.0, 1.0)

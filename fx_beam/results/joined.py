@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,9 @@ _SUMS = (
     *("steps", "newton_iterations", "halvings", "substeps", "too_large", "inverted"),
     *("amplified", "rejected", "seconds", "setup_seconds", "krylov_iterations"),
 )
+# Arrays of the last state at all nodes, and histories that are NaN where there is nothing.
+_AT_NODES = "q", "v", "a", "q_previous", "added_forces", "fitted"
+_NAN = "slides", "parameters"
 
 
 def then(solution, second):
@@ -90,77 +93,84 @@ class _Joined:
         new = self._nodes >= len(second.X)
         self.X = np.vstack([second.X, first.X[new]])
         self._gone = self._nodes[new]
+        #: Contacts of the first motion by their numbers there, as the joined one has them.
         self._contacts = self._contacts_of_first()
+        every = [*second.contacts, *self._contacts.values()]
+        self._every_contact = [*{contact.number: contact for contact in every}.values()]
+        names = second.names_of_parameters
+        self._parameters = [*names, *(n for n in first.names_of_parameters if n not in names)]
+        #: Columns of rows in the joined motion, by what they are of: those of the first motion,
+        #: those of the second one, and the number of all.
+        self._columns: dict[Any, tuple[np.ndarray, np.ndarray, int]] = {
+            "nodes": (self._nodes, np.arange(len(second.X)), len(self.X)),
+            "joints": _in_order(first.slides.shape[1], second.slides.shape[1]),
+            "contacts": self._columns_of_contacts(),
+            "parameters": self._columns_of_parameters(),
+        }
 
     def solution(self):
         """Both motions."""
         first, second = self._first, self._second
         end = second.end
-        if end is not None and len(self._gone):
-            size = len(self.X)
-            named = ("q", "v", "a", "q_previous", "added_forces", "fitted")
-            values = {name: getattr(end, name) for name in named}
-            padded = {
-                name: _padded(value[None], (size,))[0]
-                for name, value in values.items()
-                if value is not None
-            }
-            end = replace(end, **padded)
-        energies = {
-            part.name: _rows(getattr(first.energy, part.name), getattr(second.energy, part.name))
-            for part in fields(Energy)
-        }
+        if end is not None:
+            _, at, count = self._columns["nodes"]
+            values = {name: getattr(end, name) for name in _AT_NODES}
+            values = {name: value for name, value in values.items() if value is not None}
+            spread = {name: _spread(value[None], at, count)[0] for name, value in values.items()}
+            end = replace(end, **spread)
         beams = {name: self._beam(beam) for name, beam in first.beams.items()} | second.beams
         beams = {name: beams[name] for name in [*second.beams, *beams]}
         nodes = {name: self._nodes[of_beam] for name, of_beam in first.nodes_of_beam.items()}
+        friction = first.variables_of_contact.items()
+        friction = {self._contacts[number].number: rows for number, rows in friction}
         return type(first)(
             self._histories(),
             X=self.X,
-            energy=Energy(**energies),
+            energy=Energy(**self._rows(vars(first.energy), vars(second.energy))),
             stats=_stats(first.stats, second.stats),
             beams=beams,
             nodes_of_beam=nodes | second.nodes_of_beam,
             resultants_of_beam=self._resultants,
             variables_of_beam=self._variables("variables_of_beam"),
             variables_of_joint=self._variables("variables_of_joint"),
-            contacts=self._every_contact(),
+            contacts=self._every_contact,
             bodies=first.bodies | second.bodies,
             end=end,
-            names_of_parameters=self._parameters(),
-            variables_of_contact=self._variables_of_contact(),
+            names_of_parameters=self._parameters,
+            variables_of_contact=self._rows(friction, second.variables_of_contact),
         )
 
     def _histories(self) -> dict[str, np.ndarray]:
         first, second, histories = self._first, self._second, dict[str, np.ndarray]()
-        contacts, parameters = self._every_contact(), self._parameters()
         for name, history in HISTORIES.items():
             one, two = getattr(first, name), getattr(second, name)
             if len(one) != len(first.t) or len(two) != len(second.t):
                 histories[name] = np.empty((0, *two.shape[1:]))  # one of them has none
                 continue
-            if history.shape[:1] == ("nodes",):
-                one, two = self._at_nodes(one), _padded(two, (len(self.X),))
-                if name == "q":
-                    two[:, self._gone] = one[-1, self._gone]
-            elif history.shape[:1] == ("joints",):
-                most = (max(one.shape[1], two.shape[1]),)
-                nothing = np.nan if name == "slides" else 0.0
-                one, two = _padded(one, most, nothing), _padded(two, most, nothing)
-            elif name == "contact_forces":
-                one = _of_contacts([*self._contacts.values()], one, contacts)
-                two = _of_contacts(second.contacts, two, contacts)
-            elif name == "parameters":
-                one, two = (
-                    _of_names(of, rows, parameters) for of, rows in ((first, one), (second, two))
-                )
-            histories[name] = _rows(one, two)
+            if history.shape and history.shape[0] in self._columns:
+                of_first, of_second, count = self._columns[history.shape[0]]
+                nothing = np.nan if name in _NAN else 0.0
+                one = _spread(one, of_first, count, nothing)
+                two = _spread(two, of_second, count, nothing)
+            if name == "q":
+                two[:, self._gone] = one[-1, self._gone]
+            histories[name] = np.concatenate([one, two[1:]])
         return histories
 
-    def _at_nodes(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of the first motion at all nodes; zero at new ones."""
-        every = np.zeros((len(rows), len(self.X), *rows.shape[2:]))
-        every[:, self._nodes] = rows
-        return every
+    def _columns_of_contacts(self) -> tuple[np.ndarray, np.ndarray, int]:
+        places = {number: np.r_[of] for number, of in columns_of(self._every_contact).items()}
+        first, second = (
+            np.concatenate([np.empty(0, int), *(places[number] for number in columns_of(contacts))])
+            for contacts in (self._contacts.values(), self._second.contacts)
+        )
+        return first, second, sum(map(len, places.values()))
+
+    def _columns_of_parameters(self) -> tuple[np.ndarray, np.ndarray, int]:
+        first, second = (
+            np.array([self._parameters.index(name) for name in motion.names_of_parameters], int)
+            for motion in (self._first, self._second)
+        )
+        return first, second, len(self._parameters)
 
     def _beam(self, beam: Beam) -> Beam:
         """A beam of the first motion with the numbers of the joined one."""
@@ -171,7 +181,6 @@ class _Joined:
         return node if number == node.number else Node(number, node.x, node.y, node.scene)
 
     def _contacts_of_first(self) -> dict[int, Contact]:
-        """Contacts of the first motion by their numbers there, as the joined one has them."""
         known = {_contact_key(one): one for one in self._second.contacts}
         numbers, contacts = {one.number for one in self._second.contacts}, dict[int, Contact]()
         for one in self._first.contacts:
@@ -187,47 +196,29 @@ class _Joined:
             numbers.add(contacts[one.number].number)
         return contacts
 
-    def _every_contact(self) -> list[Contact]:
-        every = [*self._second.contacts, *self._contacts.values()]
-        return [*{one.number: one for one in every}.values()]
-
-    def _parameters(self) -> list[str]:
-        names = self._second.names_of_parameters
-        return [*names, *(n for n in self._first.names_of_parameters if n not in names)]
-
     def _resultants(self, name: str) -> BeamResultants:
-        parts = [s.resultants_of_beam(name) if name in s.beams else None for s in self._both]
-        known = next(part for part in parts if part is not None)
-        rows = []
-        for part, of in zip(parts, self._both, strict=True):
-            none = np.zeros((len(of.t), len(known.s)))
-            rows.append([none] * 3 if part is None else [part.N, part.Q, part.M])
-        return BeamResultants(known.s, *(_rows(*both) for both in zip(*rows, strict=True)))
-
-    @property
-    def _both(self) -> tuple:
-        return self._first, self._second
-
-    def _variables_of_contact(self) -> dict[int, np.ndarray]:
-        """Rows by numbers; those that one of the motions does not have are zero."""
-        first, second = self._both
-        one = {self._contacts[n].number: rows for n, rows in first.variables_of_contact.items()}
-        return _of_both(one, second.variables_of_contact, len(first.t), len(second.t))
+        motions = self._first, self._second
+        parts = [
+            {**vars(of.resultants_of_beam(name))} if name in of.beams else {} for of in motions
+        ]
+        s = [part.pop("s") for part in parts if part][0]
+        return BeamResultants(s, **self._rows(*parts))
 
     def _variables(self, name: str) -> dict[Any, dict[str, np.ndarray]]:
-        """Rows by two keys; those that one of the motions does not have are zero."""
-        one, two = (getattr(of, name) for of in self._both)
-        lengths = len(self._first.t), len(self._second.t)
-        return {key: _of_both(one.get(key, {}), two.get(key, {}), *lengths) for key in one | two}
+        one, two = getattr(self._first, name), getattr(self._second, name)
+        return {key: self._rows(one.get(key, {}), two.get(key, {})) for key in one | two}
 
-
-def _of_both(one: Mapping, two: Mapping, n: int, m: int) -> dict[Any, np.ndarray]:
-    same = {}
-    for key in {**one, **two}:
-        shape = (one[key] if key in one else two[key]).shape[1:]
-        rows = (one.get(key, np.zeros((n, *shape))), two.get(key, np.zeros((m, *shape))))
-        same[key] = _rows(*rows)
-    return same
+    def _rows(self, one: Mapping, two: Mapping) -> dict[Any, np.ndarray]:
+        """Rows of both motions by keys; those that one of them does not have are zero."""
+        rows, counts = {}, (len(self._first.t), len(self._second.t))
+        for key in {**one, **two}:
+            shape = (one[key] if key in one else two[key]).shape[1:]
+            before, after = (
+                of.get(key, np.zeros((count, *shape)))
+                for of, count in zip((one, two), counts, strict=True)
+            )
+            rows[key] = np.concatenate([before, after[1:]])
+        return rows
 
 
 def _nodes_of_first(first, second) -> np.ndarray:
@@ -251,39 +242,21 @@ def _nodes_of_first(first, second) -> np.ndarray:
     return nodes
 
 
-def _rows(one: np.ndarray, two: np.ndarray) -> np.ndarray:
-    """Rows of both motions, without the start of the second one."""
-    return np.concatenate([one, two[1:]])
+def _in_order(first: int, second: int) -> tuple[np.ndarray, np.ndarray, int]:
+    return np.arange(first), np.arange(second), max(first, second)
 
 
-def _padded(rows: np.ndarray, lengths: tuple[int, ...], nothing: float = 0.0) -> np.ndarray:
-    """Rows with zeros, or something else, behind their values, up to some lengths."""
-    padded = np.full((len(rows), *lengths, *rows.shape[1 + len(lengths) :]), nothing)
-    padded[tuple(slice(n) for n in rows.shape[: 1 + len(lengths)])] = rows
-    return padded
+def _spread(rows: np.ndarray, at: np.ndarray, count: int, nothing: float = 0.0) -> np.ndarray:
+    """Rows whose columns are at some places among a count, with nothing in the others."""
+    spread = np.full((len(rows), count, *rows.shape[2:]), nothing)
+    spread[:, at] = rows
+    return spread
 
 
 def _contact_key(contact: Contact) -> tuple:
     """What touches what, and where."""
     shape = None if isinstance(contact.shape, Beam) else contact.shape
     return str(contact), contact.along, shape
-
-
-def _of_contacts(before: list[Contact], rows: np.ndarray, contacts: list[Contact]) -> np.ndarray:
-    """Forces at the contacts of both motions, from those of one."""
-    columns = columns_of(contacts)
-    forces = np.zeros((len(rows), max((of.stop for of in columns.values()), default=0), 2))
-    for number, of in columns_of(before).items():
-        forces[:, columns[number]] = rows[:, of]
-    return forces
-
-
-def _of_names(solution, rows: np.ndarray, names: list[str]) -> np.ndarray:
-    """Values of the parameters of both motions, from those of one; NaN for others."""
-    values = np.full((len(rows), len(names)), np.nan)
-    for i, name in enumerate(solution.names_of_parameters):
-        values[:, names.index(name)] = rows[:, i]
-    return values
 
 
 def _stats(first: Stats, second: Stats) -> Stats:

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 
-from .fields import RESULTANTS, along, at_ends, nodes_of_elements
+from .fields import RESULTANTS, along_all, at_ends, nodes_of_elements
 from .files import replacing, writable
 
 #: VTK's numbers of the line, and of the curves of degree 2 and 3.
@@ -187,9 +187,7 @@ def _along(solution, nodes: int) -> dict[str, np.ndarray]:
     rows, places = range(len(solution.t)), np.linspace(0, 1, nodes)
     internal = (name for variables in solution.variables_of_beam.values() for name in variables)
     return {
-        kind: np.concatenate(
-            [along(solution, name, kind, rows, places) for name in solution.beams], axis=1
-        ).reshape(len(solution.t), -1)
+        kind: along_all(solution, kind, rows, places).reshape(len(solution.t), -1)
         for kind in dict.fromkeys([*RESULTANTS, *internal])
     }
 

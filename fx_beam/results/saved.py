@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -24,53 +23,44 @@ from .state import ARRAYS, HISTORIES, NUMBERS, Past, State
 
 # Lengths by name; those of rows that may be missing begin with "n?".
 _SHAPES: dict[str, tuple] = {
-    name: ("n" if history.record == "always" else "n?", *history.shape)
-    for name, history in HISTORIES.items()
-}
-_SHAPES["X"] = "nodes", 2
-# Those of the last state: what it must have, and what it may have.
-_NEEDED: dict[str, tuple] = {f"end_{name}": () for name in NUMBERS} | {"end_motors": ("motors",)}
-_OF_END: dict[str, tuple] = {
-    **{"end_impact": (), "end_fitted": ("nodes", 3), "end_parts": (5,), "end_inputs": ("inputs",)},
-    **{"end_driven_rates": ("driven",), "end_owners": ("spring variables",)},
-    **{"end_constraints": ("texts",), "end_negative_eigenvalues": ()},
-    **{"past_ages": ("past",), "past_differences": ("past", "past nodes", 3)},
-    **{"past_slides": ("past", "joints"), "past_orders": ("orders",)},
+    "X": ("nodes", 2),
+    **{
+        name: ("n" if history.record == "always" else "n?", *history.shape)
+        for name, history in HISTORIES.items()
+    },
+    **{f"energy_{part.name}": ("n",) for part in fields(Energy)},
+    **{"beams_nodes": ("beam nodes",), "beams_s": ("all points",)},
+    **{f"beams_{part}": ("n", "all points") for part in "NQM"},
+    **{f"end_{name}": () for name in NUMBERS},
+    **{f"end_{p.name}": p.metadata["shape"] for p in fields(State) if "shape" in p.metadata},
+    **{f"past_{part.name}": part.metadata["shape"] for part in fields(Past)},
 }
 for _name, _array in ARRAYS.items():
     _shape = ("nodes", 3) if str(_array.shape[0]).endswith("dofs") else _array.shape
     # Two motions in one solution may have more contacts than the last state.
     _shape = tuple("end " + s if s in ("contacts", "parameters") else s for s in _shape)
-    (_NEEDED if _array.required else _OF_END)[f"end_{_name}"] = _shape
+    _SHAPES[f"end_{_name}"] = _shape
 # What numbers are not floats.
 _KINDS = dict.fromkeys(("end_owners", "end_constraints"), "U")
-_KINDS |= dict.fromkeys(("end_negative_eigenvalues", "past_orders"), "i")
+_KINDS |= dict.fromkeys(("beams_nodes", "end_negative_eigenvalues", "past_orders"), "i")
 # A lost motion may have infinite rates, forces and energies, but not these.
 _FINITE = {"t", "X", "q", "past_ages", "past_differences", "past_slides"}
 _FINITE |= {f"end_{name}" for name in ("t", "motors", "q", "slides", "parts", "inputs", "length")}
 _FINITE |= {f"end_{name}" for name in ("q_previous", "internal", "spring_internal", "natural")}
 
-# Format of earlier files, with arrays of each beam.
-_BY_BEAM = "fx_beam solution 1"
 
-
-def check_arrays(data: Mapping[str, np.ndarray], beams: list[dict[str, Any]]) -> None:
-    """Refuse arrays that do not fit together, or to the beams of a file, by a ValueError."""
+def _check_arrays(data: Mapping[str, np.ndarray], points: list[int]) -> None:
+    """Refuse arrays that do not fit together, or to beams with these numbers of Gauss points."""
     sizes = {"n": len(data["t"]), "nodes": len(data["X"])}
-    shapes = {name: shape for name, shape in _SHAPES.items() if name in data or name in HISTORIES}
-    shapes |= {name: ("n",) for name in data if name.startswith("energy_")}
-    for i, beam in enumerate(beams):
-        _check_beam(beam, data[f"beam{i}_nodes"], sizes["nodes"])
-        if f"beam{i}_s" in data:
-            sizes[f"p{i}"] = beam["degree"] * (len(beam["s"]) - 1)
-            shapes[f"beam{i}_s"] = (f"p{i}",)
-            shapes |= {f"beam{i}_{part}": ("n", f"p{i}") for part in "NQM"}
-    if "end_t" in data:
-        shapes |= _NEEDED | {name: shape for name, shape in _OF_END.items() if name in data}
-        if "past_ages" in data and not data["past_ages"].size:
-            del shapes["past_differences"]  # of no steps, in another form
+    sizes |= {"all points": sum(points), "beam nodes": sum(points) + len(points)}
+    shapes = {name: shape for name, shape in _SHAPES.items() if name in data}
+    if not data.get("past_ages", np.ones(1)).size:
+        del shapes["past_differences"]  # of no steps, in another form
     for name, shape in shapes.items():
         _check(name, data[name], shape, sizes)
+    nodes = data.get("beams_nodes", np.zeros(0))
+    if ((nodes < 0) | (nodes >= len(data["X"]))).any():
+        raise ValueError("a node of a beam is missing")
     orders = data.get("past_orders", np.zeros(0))
     if ((orders < 0) | (orders > len(data.get("past_ages", [])))).any():
         raise ValueError("past_orders are above the number of configurations")
@@ -89,13 +79,12 @@ def _check(name: str, array: np.ndarray, shape: tuple, sizes: dict[str, int]) ->
         raise ValueError(f"{name} is not finite")
 
 
-def _check_beam(beam: dict[str, Any], nodes: np.ndarray, known: int) -> None:
+def _points(beam: dict[str, Any]) -> int:
+    """Number of Gauss points of a beam."""
     degree, elements = beam["degree"], len(beam["s"]) - 1
-    fits = nodes.dtype.kind == "i" and nodes.shape == (degree * elements + 1,)
-    if not fits or degree not in (1, 2, 3) or elements < 1:
-        raise ValueError(f"beam {beam['name']!r}: its nodes do not fit to its elements")
-    if nodes.min() < 0 or nodes.max() >= known:
-        raise ValueError(f"beam {beam['name']!r}: a node is missing")
+    if degree not in (1, 2, 3) or elements < 1:
+        raise ValueError(f"beam {beam['name']!r} has {elements} elements of degree {degree}")
+    return degree * elements
 
 
 def load(path) -> Solution:
@@ -142,33 +131,32 @@ def _read(raw: BinaryIO) -> Solution:
     with np.load(raw, allow_pickle=False) as file:
         data = dict(file)
     meta = json.loads(str(data["meta"]))
-    if meta["format"] == FORMAT:
-        _divide_by_beams(data, meta["beams"])
-    elif meta["format"] != _BY_BEAM:
+    if meta["format"] != FORMAT:
         raise KeyError("format")
-    data.setdefault("parameters", np.empty((len(data["t"]), 0)))  # files of earlier versions
-    check_arrays(data, meta["beams"])
+    counts = [_points(beam) for beam in meta["beams"]]
+    _check_arrays(data, counts)
 
     def node(number: int) -> Node:
         if not 0 <= number < len(data["X"]):
             raise IndexError(number)
         return Node(int(number), *map(float, data["X"][number]))
 
-    beams: dict[str, Beam] = {}
-    nodes_of_beam, resultants, internal = {}, {}, {}
+    names = [item["name"] for item in meta["beams"]]
+    beams, internal, resultants = dict[str, Beam](), dict[str, Any](), dict[str, BeamResultants]()
+    nodes_of_beam = _of_beams(data, "nodes", names, [count + 1 for count in counts])
     for i, item in enumerate(meta["beams"]):
-        name, numbers = item["name"], data[f"beam{i}_nodes"]
-        ends = tuple(node(n) for n in numbers[:: item["degree"]])
+        name, degree, variables = item["name"], item["degree"], item["internal"]
+        ends = tuple(node(n) for n in nodes_of_beam[name][::degree])
         fractions = np.array(item["fractions"]) if "fractions" in item else None
-        s = np.array(item["s"])
-        beams[name] = Beam(name, ends, item["degree"], s, fractions=fractions)
-        nodes_of_beam[name] = numbers
-        if names := item["internal"]:
-            internal[name] = {
-                variable: data[f"beam{i}_internal{k}"] for k, variable in enumerate(names)
-            }
-        if len(data["q"]) == len(data["t"]):  # else there was no motion recorded to compute them of
-            resultants[name] = BeamResultants(*(data[f"beam{i}_{part}"] for part in "sNQM"))
+        beams[name] = Beam(name, ends, degree, np.array(item["s"]), fractions=fractions)
+        if variables:
+            of_beam = (data[f"beam{i}_internal{k}"] for k in range(len(variables)))
+            internal[name] = dict(zip(variables, of_beam, strict=True))
+    if len(data["q"]) == len(data["t"]):  # else there was no motion recorded to compute them of
+        parts = {part: _of_beams(data, part, names, counts) for part in "sNQM"}
+        resultants = {
+            name: BeamResultants(*(of_beams[name] for of_beams in parts.values())) for name in names
+        }
     bodies = {}
     for item in meta["bodies"]:
         points = {name: node(number) for name, number in item["points"].items()}
@@ -179,16 +167,16 @@ def _read(raw: BinaryIO) -> Solution:
         int(number): {name: data[f"joint{number}_internal{i}"] for i, name in enumerate(names)}
         for number, names in meta["joints"].items()
     }
-    data.setdefault("energy_impact", np.zeros_like(data["t"]))  # files of earlier versions
     energies: dict[str, Any] = {f.name: data[f"energy_{f.name}"] for f in fields(Energy)}
     end = None
     if "end_t" in data:
-        parts: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
-        parts |= {name: float(data[f"end_{name}"]) for name in NUMBERS}
-        parts["impact"] = float(data.get("end_impact", 0.0))
+        needed = [*NUMBERS, "impact", *(f.name for f in fields(State) if f.default is MISSING)]
+        state: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
+        state |= {name: data[f"end_{name}"] for name in needed}
+        state |= {name: float(state[name]) for name in (*NUMBERS, "impact")}
         if "past_ages" in data:  # that of a motion
-            parts["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
-        end = State(**parts)
+            state["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
+        end = State(**state)
     contacts = _contacts(meta["contacts"], beams, node)
     friction = {o.number: data.get(f"contact{o.number}_friction") for o in contacts}
     return Solution(
@@ -210,18 +198,14 @@ def _read(raw: BinaryIO) -> Solution:
     )
 
 
-def _divide_by_beams(data: dict[str, np.ndarray], beams: list[dict]) -> None:
-    """Give each beam its arrays, of those of all beams one after the other."""
-    points = np.array([item["degree"] * (len(item["s"]) - 1) for item in beams], dtype=int)
-    for part in ("nodes", *"sNQM"):
-        whole = data.pop(f"beams_{part}", None)
-        if whole is None:
-            continue
-        ends = np.cumsum(points + (part == "nodes")).tolist()
-        if whole.shape[-1] != ends[-1]:
-            raise ValueError(f"{part} of beams do not fit to their elements")
-        for i, (first, end) in enumerate(itertools.pairwise([0, *ends])):
-            data[f"beam{i}_{part}"] = whole[..., first:end]
+def _of_beams(
+    data: Mapping[str, np.ndarray], part: str, names: list[str], counts: list[int]
+) -> dict[str, np.ndarray]:
+    """What each beam has, by its name, of those of all beams one after the other."""
+    if not names:
+        return {}
+    rows = np.split(data[f"beams_{part}"], np.cumsum(counts)[:-1], axis=-1)
+    return dict(zip(names, rows, strict=True))
 
 
 def _contacts(

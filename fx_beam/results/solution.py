@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -13,15 +14,15 @@ from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.contacts import Contact
-from fx_beam.scene.joints import Joint
+from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.loads import NAMES
 from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import Output, definition
 
-from . import export, joined, lookup, paraview
+from . import export, joined, paraview
 from .audit import BeamResultants, Energy, Stability, Stats, facts, read_only
 from .contact import ContactMotion
 from .joint_motion import JointMotion, motion_of
-from .lookup import contact_of, joint_number, node_number
 from .state import HISTORIES, State
 
 # Histories that a `Record` may omit, with its name for them.
@@ -221,7 +222,7 @@ class Solution:
 
     def _of_node(self, name: str, node: Node) -> np.ndarray:
         """A history (n, 3) of a node; of a record alone, if the history has not been read."""
-        number = node_number(self, node)
+        number = _node_number(self, node)
         if name not in self.__dict__ and hasattr(self._histories, "of_node"):
             rows = self._histories.of_node(name, number)
             if rows is not None:
@@ -243,7 +244,7 @@ class Solution:
         (n, 2) float
             Position [m].
         """
-        return self.X[node_number(self, node)] + self.displacement(node)
+        return self.X[_node_number(self, node)] + self.displacement(node)
 
     def displacement(self, node: Node) -> np.ndarray:
         """Displacement of a node over time.
@@ -334,7 +335,7 @@ class Solution:
         (n, 3) float
             Force [N] and moment [N m] at `t_level[k]`; zero for components without support.
         """
-        return self.recorded("reactions")[:, node_number(self, node)]
+        return self.recorded("reactions")[:, _node_number(self, node)]
 
     # -- Joints ---------------------------------------------------------------------------------
 
@@ -351,7 +352,7 @@ class Solution:
         JointMotion
             With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`.
         """
-        joint_number(self, joint)  # refuses one of another scene
+        _joint_number(self, joint)  # refuses one of another scene
         return JointMotion(self, joint)
 
     # -- Parameters -----------------------------------------------------------------------------
@@ -390,13 +391,80 @@ class Solution:
         ContactMotion
             With `gap`, `force` and its parts, `slip`, and `nodes`.
         """
-        return ContactMotion(self, contact_of(self, contact))
+        return ContactMotion(self, _contact_of(self, contact))
 
     # -- Beams ----------------------------------------------------------------------------------
 
-    shape = lookup.shape
-    resultants = lookup.resultants
-    internal = lookup.internal
+    def shape(self, beam: Beam | str) -> np.ndarray:
+        """Deformed axis of a beam over time.
+
+        Parameters
+        ----------
+        beam : Beam or str
+            A beam or its name.
+
+        Returns
+        -------
+        (n, elements * degree + 1, 2) float
+            Positions of its nodes, those inside elements included [m].
+        """
+        nodes = self.nodes_of_beam[_beam_name(self, beam)]
+        return self.X[nodes] + self.recorded("q")[:, nodes, :2]
+
+    def resultants(self, beam: Beam | str) -> BeamResultants:
+        """Stress resultants along a beam over time.
+
+        Parameters
+        ----------
+        beam : Beam or str
+            A beam or its name.
+
+        Returns
+        -------
+        BeamResultants
+            Axial force N, shear force Q and bending moment M at the arc lengths s and the times
+            `t_level`. Row 0 is the start configuration. Forces of `Scene.add_virtual_work` that act
+            inside a beam are not included.
+
+        Raises
+        ------
+        ValueError
+            If the motion was not recorded, or the rates that the scheme's resultants need.
+        """
+        self.recorded("q")  # they are computed from the motion
+        return self.resultants_of_beam(_beam_name(self, beam))
+
+    def internal(self, beam: Beam | str, variable: str | None = None) -> np.ndarray:
+        """An internal variable along a beam over time.
+
+        Parameters
+        ----------
+        beam : Beam or str
+            A beam or its name.
+        variable : str, optional
+            Name of one of the `InternalVariables` of its section; not needed if there is only one.
+
+        Returns
+        -------
+        (n, elements * degree) float
+            Its values at the times t, at the arc lengths s of `resultants`.
+
+        Raises
+        ------
+        ValueError
+            If the motion was not recorded, or the beam has no such variable.
+        """
+        name = _beam_name(self, beam)
+        self.recorded("q")  # internal variables are recorded with the motion
+        known: dict[Any, np.ndarray] = {**self.variables_of_beam.get(name, {})}
+        internal_names = [name for name in known if name not in NAMES.values()]
+        if variable is None and len(internal_names) == 1:
+            (variable,) = internal_names
+        if not is_one_of(variable, known):
+            raise ValueError(
+                f"beam {name!r} has no internal variable {shown(variable)}; it has {list(known)}"
+            )
+        return known[variable]
 
     # -- Files and tables -----------------------------------------------------------------------
 
@@ -452,6 +520,81 @@ def history(solution: Solution, output: Output) -> np.ndarray:
         total = sign * rows if total is None else total + sign * rows
     assert total is not None  # not both ends are the ground
     return total + solution.X[number, columns] if quantity.is_place else total
+
+
+def _node_number(solution: Any, node: Node) -> int:
+    """Number of a node of a solution."""
+    if not isinstance(node, Node):
+        raise ValueError(
+            f"{shown(node)} is not a node; take one from a beam: beam.start, beam.end or "
+            "beam.node(fraction)"
+        )
+    X, scene = solution.X, scene_of(solution)
+    known = node.number < len(X) and X[node.number].tolist() == [node.x, node.y]
+    if not known or (
+        scene and node.scene and node.scene is not scene and _differ(scene, node.scene)
+    ):
+        raise ValueError(f"{node} is not a node of this solution; take a node of its scene")
+    return node.number
+
+
+def _differ(scene: Any, other: Any) -> bool:
+    """Whether nodes lie elsewhere; those of scenes that are copied or built again do not."""
+    pairs = zip(scene.nodes, other.nodes, strict=False)
+    return any((a.x, a.y) != (b.x, b.y) for a, b in pairs)
+
+
+def scene_of(solution: Any) -> Any:
+    """The scene of a solution; None for one that was read from a file."""
+    members = itertools.chain(solution.beams.values(), solution.bodies.values())
+    first = next(members, None)
+    node = first.start if isinstance(first, Beam) else getattr(first, "centre", None)
+    return getattr(node, "scene", None)
+
+
+def _joint_number(solution: Any, joint: Joint) -> int:
+    """Number of a joint of a solution."""
+    if not isinstance(joint, Joint) or not 0 <= joint.number < solution.slides.shape[1]:
+        raise ValueError(
+            f"{shown(joint)} is not a joint of this solution; take the one that add_joint returned"
+        )
+    for node in (joint.a, joint.b):
+        if node is not GROUND:
+            _node_number(solution, node)  # a joint of another scene has other nodes
+    return joint.number
+
+
+def _contact_of(solution: Any, contact: Contact) -> Contact:
+    """The contact of a solution, also for that of its scene or of a copy."""
+    known = {ours.number: ours for ours in solution.contacts}
+    if not isinstance(contact, Contact) or contact.number not in known:
+        raise ValueError(
+            f"{shown(contact)} is not a contact of this solution; take the one that add_contact "
+            "returned"
+        )
+    ours = known[contact.number]
+    other = ours.shape != contact.shape and not isinstance(ours.shape, Beam)
+    if str(ours) != str(contact) or other:
+        raise ValueError(f"{contact} belongs to another scene; this solution has {ours}")
+    return ours
+
+
+def _beam_name(solution: Any, beam: Beam | str) -> str:
+    """Name of a beam of a solution."""
+    if isinstance(beam, Joint):
+        raise ValueError(
+            f"{beam} is no beam. What belongs to it is in solution.joint(joint): angle, slide, "
+            "force, and internal(variable) of its spring"
+        )
+    name, beams = beam.name if isinstance(beam, Beam) else beam, solution.beams
+    if isinstance(beam, Beam) and name in beams and beam.nodes != beams[name].nodes:
+        raise ValueError(
+            f"{shown(name)} is not a beam of this solution, whose beam of this name has other "
+            "nodes; take the beam of its scene, or give the name"
+        )
+    if not is_one_of(name, beams):
+        raise ValueError(f"{shown(name)} is not a beam of this solution; it has {list(beams)}")
+    return name
 
 
 def _attributes() -> str:

@@ -11,18 +11,23 @@ import numpy as np
 _Renumbering = Callable[[np.ndarray], np.ndarray]
 
 
+def _kept(*shape: str | int, **options: Any) -> Any:
+    """An array that only Python has, with its lengths, by their names in files."""
+    return field(metadata={"shape": shape}, **options)
+
+
 @dataclass
 class Past:
     """The last configurations; the next increment is predicted from them."""
 
     #: Times (m,) since the configurations before the last one [s], the latest first.
-    ages: np.ndarray
+    ages: np.ndarray = _kept("past")
     #: Orders of extrapolation, one for each sub-step of the scheme; 0 for no prediction.
-    orders: np.ndarray
+    orders: np.ndarray = _kept("orders")
     #: Divided differences (m, size) of the configurations, from order 1 on.
-    differences: np.ndarray
+    differences: np.ndarray = _kept("past", "past nodes", 3)
     #: The same (m, joints) for the slides of the joints [m].
-    slides: np.ndarray
+    slides: np.ndarray = _kept("past", "joints")
 
 
 class Quantity(NamedTuple):
@@ -64,7 +69,7 @@ class State:
 
     t: float
     #: Motion of the motors since the start (motors,) [m, rad].
-    motors: np.ndarray
+    motors: np.ndarray = _kept("motors")
     #: Displacements and rotations, rates, accelerations.
     q: np.ndarray = _array("dofs", record="motion", required=True)
     v: np.ndarray = _array("dofs", record="rates", required=True)
@@ -112,23 +117,23 @@ class State:
     #: Natural strains (axial, shear, curvature) at the Gauss points.
     natural: np.ndarray | None = _array("cells", "points", "natural strains", record="motion")
     #: Memory of `Halving` (5,): the number of parts of the next steps. Set at the end of a run.
-    parts: np.ndarray | None = None
+    parts: np.ndarray | None = _kept(5, default=None)
     #: Set at the end of a run: the past, and the values of the inputs in the scene's order.
     past: Past | None = None
     #: Rates of driven motions (driven,) at the end of a `Motion`, whose inputs are not known after.
-    driven_rates: np.ndarray | None = None
-    inputs: np.ndarray | None = None
+    driven_rates: np.ndarray | None = _kept("driven", default=None)
+    inputs: np.ndarray | None = _kept("inputs", default=None)
     #: Energy since the start that changes of the scene took from velocities [J].
-    impact: float = 0.0
+    impact: float = _kept(default=0.0)
     #: Set at the end of a run: rates (size,) that fit the joints, if those of steps do not, and the
     #: joints and supports of the scene, as `constraints_of` gives them.
-    fitted: np.ndarray | None = None
-    constraints: np.ndarray | None = None
+    fitted: np.ndarray | None = _kept("nodes", 3, default=None)
+    constraints: np.ndarray | None = _kept("texts", default=None)
     #: Set at the end of a run: what the variables of `spring_internal` belong to, as texts.
-    owners: np.ndarray | None = None
+    owners: np.ndarray | None = _kept("spring variables", default=None)
     #: Of an equilibrium: the number of negative eigenvalues of the tangent, if the factors of its
     #: step tell.
-    negative_eigenvalues: int | None = None
+    negative_eigenvalues: int | None = _kept(default=None)
 
     def changed(self, **values: Any) -> State:
         """The state with other values; far quicker than `dataclasses.replace`."""

@@ -318,6 +318,39 @@ class Contact:
     along: int | None = None
     friction: Coulomb | None = None
 
+    def __post_init__(self):
+        if not isinstance(self.shape, Shape | Beam):
+            raise SceneError(
+                f"a contact needs an fx_beam.Line, an fx_beam.Circle or a beam, not "
+                f"{shown(self.shape)}. A body has none of its own: give it one, such as "
+                "fx_beam.Circle(body.centre, radius)"
+            )
+        what, along, friction = f"contact of {label(self.target)}", self.along, self.friction
+        if self.energy is not None:
+            check_energy(self.energy, None, what, ("d",), "energy")
+        stiffness, restitution, speed = checked_impact(
+            what, self.stiffness, self.restitution, self.speed
+        )
+        if isinstance(self.shape, Beam):
+            radius: Any = _checked_radii(what, self.radius)
+        else:
+            radius = finite(self.radius, f"{what}: radius", "not negative")
+        if along is not None:
+            fits = isinstance(self.target, Beam)
+            require(fits, f"{what}: along", along, "None, as a node has no length")
+            wanted = f"a whole number from 1 to {_MOST_POINTS}, or None"
+            require(is_whole(along, 1, _MOST_POINTS), f"{what}: along", along, wanted)
+            along = int(along)
+        fits = friction is None or isinstance(friction, Coulomb)
+        require(fits, f"{what}: friction", friction, "an fx_beam.Coulomb(mu, stiffness), or None")
+        if friction is not None and friction.radius is not None:
+            raise SceneError(
+                f"{what}: friction has the radius of a pin, {friction.radius:g}; omit it"
+            )
+        checked = {"stiffness": stiffness, "restitution": restitution, "speed": speed}
+        for name, value in (checked | {"radius": radius, "along": along}).items():
+            object.__setattr__(self, name, value)
+
     def __repr__(self):
         law = f"stiffness {self.stiffness:g} N/m" if self.energy is None else "energy of its own"
         return f"<{self}, {law}>"
@@ -392,45 +425,7 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
     return Points(nodes, weights, (lengths[:, None] * shares / 2).ravel())
 
 
-def checked_contact(
-    target: Beam | Node,
-    shape: Shape | Beam,
-    impact: tuple,
-    number: int,
-    radius: Any,
-    along: int | None,
-    friction: Coulomb | None,
-) -> Contact:
-    """A contact with valid numbers. SceneError for others; where it starts is not checked."""
-    if not isinstance(shape, Shape | Beam):
-        raise SceneError(
-            f"a contact needs an fx_beam.Line, an fx_beam.Circle or a beam, not {shown(shape)}. A "
-            "body has none of its own: give it one, such as fx_beam.Circle(body.centre, radius)"
-        )
-    what, (stiffness, restitution, speed, energy) = f"contact of {label(target)}", impact
-    if (stiffness is None) == (energy is None):
-        raise SceneError(f"{what}: give either a stiffness or an energy")
-    if energy is not None:
-        check_energy(energy, None, what, ("d",), "energy")
-        stiffness = 1.0
-    impact = checked_impact(what, stiffness, restitution, speed)
-    if isinstance(shape, Beam):
-        radius = checked_radii(what, radius)
-    else:
-        radius = finite(radius, f"{what}: radius", "not negative")
-    if along is not None:
-        require(isinstance(target, Beam), f"{what}: along", along, "None, as a node has no length")
-        fits = is_whole(along, 1, _MOST_POINTS)
-        require(fits, f"{what}: along", along, f"a whole number from 1 to {_MOST_POINTS}, or None")
-        along = int(along)
-    fits = friction is None or isinstance(friction, Coulomb)
-    require(fits, f"{what}: friction", friction, "an fx_beam.Coulomb(mu, stiffness), or None")
-    if friction is not None and friction.radius is not None:
-        raise SceneError(f"{what}: friction has the radius of a pin, {friction.radius:g}; omit it")
-    return Contact(target, shape, *impact, number, energy, radius, along, friction)
-
-
-def checked_radii(what: str, radius: Any) -> tuple[float, float]:
+def _checked_radii(what: str, radius: Any) -> tuple[float, float]:
     """Half thicknesses of what touches and of the member; one number is that of both."""
     pair = (radius, radius) if is_number(radius) else radius
     fits = isinstance(pair, tuple | list) and len(pair) == 2 and all(map(is_number, pair))

@@ -11,13 +11,12 @@ import ufl
 
 import numpy as np
 
-from fx_beam.errors import SceneError, fields_in, refuse_fields, vector
+from fx_beam.errors import SceneError, vector
 
 from .beam import Node
 from .coordinate import Coordinate, Coulomb, functions_of
 from .notebook import html_table
-from .parameters import Parameter, parameters_in
-from .symbols import SCALARS, expression_of
+from .parameters import SCALARS, Parameter, scalar_of
 
 #: ``force(distance, rate, t)`` in UFL.
 Pull = Callable[[Any, Any, Any], Any]
@@ -99,11 +98,6 @@ class ForceBetween:
         force = [] if self.force is None else [("force", ufl.as_ufl(self.force(*SCALARS[:3])))]
         return [*functions_of(self.on), *force]
 
-    @property
-    def parameters(self) -> list[Parameter]:
-        """Parameters of its laws and of its force."""
-        return parameters_in(*(expression for _, expression in self.functions))
-
 
 def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size: float):
     """A force of a scene of this size [m]; SceneError if its laws are not finite at the start."""
@@ -133,11 +127,7 @@ def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size
 
 def _check(function: Callable, at: tuple[float, ...], what: ForceBetween, call: str) -> None:
     """Refuse a function that is no scalar UFL expression, or not finite at the start."""
-    arguments = [ufl.variable(ufl.as_ufl(x)) for x in at]
-    expression = expression_of(function, arguments, f"{what}: {call}")
-    refuse_fields(fields_in(expression), f"{what}: {call}", parameters_in(expression))
-    if expression.ufl_shape != ():
-        raise SceneError(f"{what}: {call} must be a scalar, not of shape {expression.ufl_shape}")
+    expression, _ = scalar_of(function, at, f"{what}: {call}")
     try:
         value = expression(())
     except (ArithmeticError, ValueError):

@@ -23,9 +23,8 @@ from .coordinate import (
     checked_coordinate,
 )
 from .inputs import time_function
-from .joint_kinematics import JointKinematics
+from .joint_kinematics import JointKinematics, Track
 from .notebook import html_table
-from .track import Track
 
 # Largest gap of a joint that is made at a solution, relative to the size of the scene.
 _FITS = 1e-6

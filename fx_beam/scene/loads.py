@@ -33,8 +33,7 @@ from fx_beam.errors import (
 
 from .beam import Beam, Node
 from .inputs import Input, time_function
-from .parameters import Parameter, parameters_in
-from .symbols import STEP, not_numbers
+from .parameters import symbols_only
 
 # Places at which a function is called to learn whether it takes arrays, in parts of the length.
 _SAMPLES = np.linspace(0.0, 1.0, 7)
@@ -252,20 +251,13 @@ class VirtualWork:
 
     def of(self, step: Any, what: str) -> Any:
         """The term of a step, in UFL; SceneError if there is none."""
-        try:
-            with not_numbers():
-                return ufl.as_ufl(self.term(step))
-        except Exception as error:
-            raise SceneError(
-                f"{what}: calling it with the step raised {error!r}. The step has UFL symbols, not "
-                "numbers: use ufl.sin, ufl.conditional, ... in place of functions of math and "
-                "NumPy, and fx_beam.Parameter for a number that changes: Parameter(name, 3.0), "
-                'Parameter(name, lambda t: ...), or Parameter(name, fx_beam.Input("valve"))'
-            ) from error
-
-    def parameters_of(self, what: str) -> list[Parameter]:
-        """Parameters in the term; errors say `what` it is."""
-        return parameters_in(self.of(STEP, what))
+        with symbols_only(
+            f"{what} must give a UFL expression of the step, which has UFL symbols, not numbers: "
+            "use ufl.sin, ufl.conditional, ... in place of functions of math and NumPy, and "
+            "fx_beam.Parameter for a number that changes: Parameter(name, 3.0), "
+            'Parameter(name, lambda t: ...), or Parameter(name, fx_beam.Input("valve"))'
+        ):
+            return ufl.as_ufl(self.term(step))
 
 
 def label(target: Node | Beam) -> str:

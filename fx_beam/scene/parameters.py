@@ -1,17 +1,134 @@
-"""Parameters: named numbers in a user's functions, which change without compilation."""
+"""Symbols in functions of a user, in UFL: those of a step, and parameters, which are numbers."""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import ufl
+from ufl.core.expr import Expr
+from ufl.domain import AbstractDomain
 
-from fx_beam.errors import SceneError, TimeFunction, as_float, is_name, is_number, require, shown
+from fx_beam.errors import (
+    SceneError,
+    TimeFunction,
+    as_float,
+    fields_in,
+    is_name,
+    is_number,
+    refuse_fields,
+    require,
+    shown,
+)
 
 from .inputs import Input, time_function
-from .symbols import NOWHERE
+
+
+class _Nowhere(AbstractDomain):
+    """A domain that is no mesh, as UFL wants one for each symbol, with what its versions ask."""
+
+    def __init__(self) -> None:
+        super().__init__(1, 2)
+
+    @property
+    def meshes(self) -> tuple[AbstractDomain]:
+        """It is its only part."""
+        return (self,)
+
+    def ufl_cell(self) -> Any:
+        """An interval."""
+        return ufl.interval
+
+    def ufl_id(self) -> int:
+        """No number of a mesh."""
+        return -1
+
+    def _ufl_sort_key_(self) -> tuple[int, str, int]:
+        return 1, "nowhere", -1
+
+
+#: Domain of symbols that belong to no mesh; in forms others are in their place.
+NOWHERE = _Nowhere()
+
+
+@contextmanager
+def symbols_only(refusal: str = "") -> Iterator[None]:
+    """A block that calls a function of a user; in it a symbol refuses to be a number.
+
+    UFL would try it over and over, with a warning each time, and never end. SceneError with the
+    refusal, if there is one, for a function that fails.
+    """
+
+    def refuse(self):
+        raise TypeError("a UFL symbol is not a number. Use ufl.exp, not math.exp")
+
+    usual = Expr.__float__
+    Expr.__float__ = refuse  # numbers of UFL have their own
+    try:
+        yield
+    except Exception as error:
+        if not refusal:
+            raise
+        raise SceneError(f"{refusal}. It raised {error!r}") from error
+    finally:
+        Expr.__float__ = usual
+
+
+def expression_of(function: Callable, arguments: Sequence, call: str) -> Any:
+    """The UFL expression that a user's function gives; SceneError, named by the call, for none."""
+    with symbols_only(
+        f"{call} must give a UFL expression. Use ufl.sqrt, ufl.exp, ... in place of functions of "
+        "math or NumPy"
+    ):
+        return ufl.as_ufl(function(*arguments))
+
+
+_VECTORS = (
+    *("u0", "Du", "u", "v", "virtual_u", "X", "t0", "u_before"),
+    *("director0", "director1", "director"),
+)
+_STRAINS = (
+    *("strains0", "strains1", "strain_increments", "strains_before"),
+    *("total_strains0", "total_strains1", "natural0", "natural1", "natural_increments"),
+)
+_SCALARS = (
+    *("psi0", "Dpsi", "psi", "omega", "virtual_psi", "h", "t", "dt", "load_factor"),
+    *("psi_before", "memory"),
+)
+
+
+class Symbol(ufl.Constant):
+    """A symbol that varies along a beam, so that UFL keeps its derivatives."""
+
+    def __init__(self, *shape: int):
+        super().__init__(NOWHERE, shape=shape)
+
+    def is_cellwise_constant(self) -> bool:
+        """It is not."""
+        return False
+
+
+class StepSymbols:
+    """An `fx_beam.Step` whose fields are symbols of the same shape, on no mesh."""
+
+    degree, nodes = 1, None
+
+    def __init__(self) -> None:
+        self.__dict__ |= {name: Symbol(2) for name in _VECTORS}
+        self.__dict__ |= {name: Symbol() for name in _SCALARS}
+        self.__dict__ |= {name: (Symbol(), Symbol(), Symbol()) for name in _STRAINS}
+
+    def prime(self, field: Any) -> Any:
+        """Derivative along the reference arc length."""
+        return ufl.dot(ufl.grad(field), self.__dict__["t0"])
+
+
+#: The symbols, made once: they are the same for all functions, so that these can be compared.
+STEP: Any = StepSymbols()
+SCALARS = tuple(Symbol() for _ in range(8))
+
 
 # UFL knows constants by their numbers: those of a name have one, whatever the value.
 _NUMBERS: dict[str, int] = {}
@@ -129,6 +246,24 @@ def parameters_in(*expressions: Any) -> list[Parameter]:
     return parameters
 
 
+def scalar_of(function: Callable, values: Sequence[float], call: str) -> tuple[Any, list[Any]]:
+    """The expression that a user's function gives, and the variables at these values in it.
+
+    SceneError if it is no scalar UFL expression, or has other symbols than parameters.
+    """
+    variables = [ufl.variable(ufl.as_ufl(value)) for value in values]
+    expression = expression_of(function, variables, call)
+    refuse_fields(fields_in(expression), call, parameters_in(expression))
+    if expression.ufl_shape != ():
+        raise SceneError(f"{call} must be a scalar, not of shape {expression.ufl_shape}")
+    return expression, variables
+
+
+def parameters_of(functions: Iterable[tuple[str, Any]]) -> list[Parameter]:
+    """Parameters in expressions of a user, each with its kind."""
+    return parameters_in(*(expression for _, expression in functions))
+
+
 def names_of(parameters: Iterable[Parameter]) -> list[str]:
     """Their names, each once, in alphabetical order."""
     return sorted({parameter.name for parameter in parameters})
@@ -179,10 +314,10 @@ class Parameters(Mapping):
         self.functions[name] = checked_value(name, value)
         self._given[name] = value
 
-    def add(self, parameters: Iterable[Parameter], what: str) -> None:
-        """Add the parameters of a part of the scene; SceneError for a name with two values."""
+    def add(self, functions: Iterable[tuple[str, Any]], what: str) -> None:
+        """Add the parameters of a part's functions; SceneError for a name with two values."""
         first = dict(self._first)
-        ordered = sorted(parameters, key=lambda parameter: parameter.count())
+        ordered = sorted(parameters_of(functions), key=lambda parameter: parameter.count())
         for parameter in ordered:
             other = first.setdefault(parameter.name, parameter.given)
             if not _same(parameter.given, other):

@@ -1,22 +1,29 @@
-"""What is taken away from a scene, and what goes with it; joints that are locked.
+"""What is taken away from a scene, and what goes with it; joints that are locked; scenes at rest.
 
 Numbers of nodes and joints stay: rows of solutions belong to them. Nodes of no member are held.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from fx_beam.errors import SceneError, require
+from fx_beam.errors import SceneError, require, shown
 
 from .beam import COMPONENTS, Beam, Node
 from .body import Body
-from .coordinate import Held
+from .coordinate import Coordinate, Coulomb, Held
+from .forces_between import ForceBetween, GivenPull
 from .joints import Joint, joints_by_number
 
 # Lists of parts, each with the node or beam on which it is, or with both ends.
-_WITH_ENDS = "loads natural_strains drags velocities virtual_works contacts joints".split()
+_WITH_ENDS = (
+    *("loads", "natural_strains", "drags", "velocities", "virtual_works", "contacts", "joints"),
+    "forces_between",
+)
+# Lists of parts that can be taken away.
+_REMOVABLE = {*_WITH_ENDS, "beams", "bodies", "masses"} - {"velocities"}
 
 
 def own_joint(scene: Any, joint: Joint) -> Joint | None:
@@ -27,9 +34,42 @@ def own_joint(scene: Any, joint: Joint) -> Joint | None:
     return known if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
 
 
-def remove_joint(scene: Any, joint: Joint) -> None:
-    """Take a joint away; its nodes are free of each other."""
-    scene.joints[:] = [one for one in scene.joints if one.number != joint.number]
+def position_in(known: Sequence, part: Any, what: str, kind: str) -> int:
+    """Index of a part in a list of a scene; SceneError if it is not there."""
+    for i, one in enumerate(known):
+        if one is part:
+            return i
+    raise SceneError(
+        f"{what}: the scene does not have {shown(part)}. Give {kind} that a method such as "
+        "add_force of this scene returned, and that was not changed or removed since"
+    )
+
+
+def remove_part(scene: Any, part: Any) -> None:
+    """Take a part away, with what goes with it; SceneError if the scene does not have it."""
+    if isinstance(part, Joint):
+        part = own_joint(scene, part) or part
+    lists = (getattr(scene, name) for name in _REMOVABLE)
+    known: list[Any] = next((parts for parts in lists if any(part is one for one in parts)), [])
+    del known[position_in(known, part, "remove", "a part")]
+    _forget(scene, part)
+    if isinstance(part, Beam):
+        _remove_what_is_on(scene, part)
+        _remove_nodes(scene, part.nodes)
+    elif isinstance(part, Body):  # nodes of beams that followed it are free
+        points = {node.number for node in part.points.values()}
+        scene.joints[:] = [
+            joint
+            for joint in scene.joints
+            if not (joint.is_rigid and joint.a is part.centre and joint.b.number in points)
+        ]
+        _remove_nodes(scene, part.nodes)
+
+
+def _forget(scene: Any, part: Any) -> None:
+    """Take the parameter of a force between points away."""
+    if isinstance(part, ForceBetween) and isinstance(part.force, GivenPull):
+        scene.parameters.forget(part.force.pull.name)
 
 
 def locked(joint: Joint, coordinate: str | None) -> Joint:
@@ -57,25 +97,6 @@ def unlocked(joint: Joint) -> Joint:
     raise SceneError(f"unlock {joint}: it is not locked")
 
 
-def remove_beam(scene: Any, beam: Beam) -> None:
-    """Take a beam away, with all that is on it or on nodes that belong to nothing else."""
-    scene.beams[:] = [other for other in scene.beams if other is not beam]
-    _remove_what_is_on(scene, beam)
-    _remove_nodes(scene, beam.nodes)
-
-
-def remove_body(scene: Any, body: Body) -> None:
-    """Take a body away; nodes of beams that followed it are free."""
-    scene.bodies[:] = [other for other in scene.bodies if other is not body]
-    points = {node.number for node in body.points.values()}
-    scene.joints[:] = [
-        joint
-        for joint in scene.joints
-        if not (joint.is_rigid and joint.a is body.centre and joint.b.number in points)
-    ]
-    _remove_nodes(scene, body.nodes)
-
-
 def _remove_nodes(scene: Any, nodes: Any) -> None:
     """Take all away that is on nodes which belong to no member, and hold them."""
     used = {node.number for member in (*scene.beams, *scene.bodies) for node in member.nodes}
@@ -98,8 +119,33 @@ def _remove_what_is_on(scene: Any, target: Beam | Node) -> None:
 
     for name in _WITH_ENDS:
         known = getattr(scene, name)
+        for part in filter(is_on_it, known):
+            _forget(scene, part)
         known[:] = [part for part in known if not is_on_it(part)]
-    for between in [force for force in scene.forces_between if is_on_it(force)]:
-        scene.remove(between)
     if isinstance(target, Node):
         scene.masses[:] = [mass for mass in scene.masses if mass.node != target.number]
+
+
+def resting(scene: Any) -> Any:
+    """The scene without dampers, friction of a constant size, drag, and losses of contact.
+
+    Nodes, beams and all that has none of these are the same.
+    """
+    rest = object.__new__(type(scene))
+    rest.__dict__.update(vars(scene))
+    rest.drags = []
+    rest.contacts = [replace(of, restitution=1.0) if of.loss else of for of in scene.contacts]
+    rest.joints = [_at_rest(joint, joint.coordinates) for joint in scene.joints]
+    rest.forces_between = [_at_rest(force, {"on": force.on}) for force in scene.forces_between]
+    return rest
+
+
+def _at_rest(part: Any, coordinates: dict[str, Coordinate]) -> Any:
+    """A part whose coordinates, by their names, have nothing that acts by rates."""
+    changed: dict[str, Any] = {}
+    for name, on in coordinates.items():
+        if on.damper or on.friction or on.stop:
+            friction = on.friction if isinstance(on.friction, Coulomb) else None
+            stop = on.stop and replace(on.stop, restitution=1.0)
+            changed[name] = replace(on, damper=None, friction=friction, stop=stop)
+    return replace(part, **changed) if changed else part

@@ -24,7 +24,7 @@ from fx_beam.errors import (
 from . import loads
 from .beam import COMPONENTS, Beam, Node
 from .body import Body, Members, check_body, name_of, velocities_of
-from .contacts import Contact, Shape, check_members, check_start, checked_contact
+from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import (
     Coulomb,
     Damper,
@@ -32,17 +32,17 @@ from .coordinate import (
     Spring,
     Stop,
     checked_coordinate,
-    parameters_of,
+    functions_of,
 )
 from .curve import Curve, layout
-from .forces_between import ForceBetween, GivenPull, Pull, checked_force
+from .forces_between import ForceBetween, Pull, checked_force
 from .inputs import Input, time_function
 from .joints import GROUND, Joint, Rigid, check_new, moved_by, placed
-from .law import parameters_of_energy
+from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .notebook import facts, html_table, sketch
-from .parameters import Parameter, Parameters
-from .removal import locked, own_joint, remove_beam, remove_body, remove_joint, unlocked
+from .parameters import STEP, Parameter, Parameters
+from .removal import locked, own_joint, position_in, remove_part, unlocked
 from .section import Section
 from .sliders import SlidingJoint
 
@@ -193,7 +193,7 @@ class Scene:
                 f"{self.beams[0].name!r}; use one degree for all beams of a scene"
             )
         law = section.strain_energy, section.internal
-        self.parameters.add(parameters_of_energy(*law, 3), "add_beam: section")
+        self.parameters.add(functions_of_energy(*law, 3), "add_beam: section")
         ends, s, inner = layout(points, elements, degree, name)
         self.beams.append(Beam(name, self._nodes_at(ends, name), degree, s, section, inner))
         self._names.add(name)
@@ -385,7 +385,7 @@ class Scene:
             joint = placed(joint, moved_by(at, joint.a), moved_by(at, joint.b), self._size)
         check_new(joint, self._couplings, self.joints)
         for on in joint.coordinates.values():
-            self.parameters.add(parameters_of(on), str(joint))
+            self.parameters.add(functions_of(on), str(joint))
         joint = replace(joint, number=self.joint_count)
         self.joint_count += 1
         self._couplings[joint.coupling] = joint
@@ -425,7 +425,7 @@ class Scene:
         """
         fits = isinstance(parameter, Parameter)
         require(fits, "add_parameter: parameter", parameter, "an fx_beam.Parameter")
-        self.parameters.add([parameter], "add_parameter")
+        self.parameters.add([("parameter", parameter)], "add_parameter")
 
     def make_velocities_compatible(self) -> None:
         """Project initial velocities that violate a joint or a support, instead of an error.
@@ -529,14 +529,16 @@ class Scene:
         carrier = getattr(b, "carrier", None)
         if carrier is not None:
             loads.check_node(self, carrier, f"{type(b).__name__} of a contact")
-        impact, options = (stiffness, restitution, speed, energy), (radius, along, friction)
-        made = checked_contact(a, b, impact, self.contact_count, *options)
+        if (stiffness is None) == (energy is None):
+            raise SceneError(f"contact of {loads.label(a)}: give either a stiffness or an energy")
+        law = 1.0 if stiffness is None else stiffness, restitution, speed
+        made = Contact(a, b, *law, self.contact_count, energy, radius, along, friction)
         if isinstance(made.shape, Beam):
             loads.check_target(self, made.shape, "contact")
             check_members(made, self._size)
         else:
             check_start(made, self._size)
-        self.parameters.add(parameters_of_energy(made.energy, None, 1), str(made))
+        self.parameters.add(functions_of_energy(made.energy, None, 1), str(made))
         self.contacts.append(made)
         self.contact_count += 1
         return made
@@ -603,7 +605,7 @@ class Scene:
             loads.check_node(self, node, "force between points")
         on = checked_coordinate("force between points", spring, damper, None, friction, stop)
         made = checked_force(a, b, on, force, self.force_count, self._size)
-        self.parameters.add(made.parameters, str(made))
+        self.parameters.add(made.functions, str(made))
         self.forces_between.append(made)
         self.force_count += 1
         return made
@@ -863,7 +865,7 @@ class Scene:
             loads.check_beam(self, beam, "virtual work")
         work = loads.VirtualWork(term, beam)
         what = f"virtual work {len(self.virtual_works) + 1}"
-        self.parameters.add(work.parameters_of(what), what)
+        self.parameters.add([(what, work.of(STEP, what))], what)
         self.virtual_works.append(work)
         return work
 
@@ -898,20 +900,20 @@ class Scene:
             For a load that this scene does not have, or a value that does not fit.
         """
         strains = {"axial": axial, "shear": shear, "curvature": curvature}
+        known: list[Any] = self.loads
         if isinstance(load, NaturalStrain):
-            at = _position(self.natural_strains, load, "change", "a natural strain")
+            known = self.natural_strains
             require(value is None, f"change: value of a {load}", value, "axial=, shear=, ...")
-            self.natural_strains[at] = changed_strain(load, strains)
-            self.changes += 1
-            return self.natural_strains[at]
-        given = {name: strain for name, strain in strains.items() if strain is not None}
-        require(
-            not given, f"change: {', '.join(given)} of a load", None, "those of natural strains"
-        )
-        at = _position(self.loads, load, "change", "a load")
-        self.loads[at] = loads.changed(load, value)
+        else:
+            given = ", ".join(name for name, strain in strains.items() if strain is not None)
+            require(not given, f"change: {given} of a load", None, "those of natural strains")
+        at = position_in(known, load, "change", "a load or a natural strain")
+        if isinstance(load, NaturalStrain):
+            known[at] = changed_strain(load, strains)
+        else:
+            known[at] = loads.changed(load, value)
         self.changes += 1
-        return self.loads[at]
+        return known[at]
 
     def remove(self, *parts) -> None:
         """Take away joints, members, contacts, loads, masses, drag, forces, natural strains.
@@ -952,22 +954,8 @@ class Scene:
         >>> bool(abs(unloaded.displacement(beam.end)[-1]).max() < 1e-9)
         True
         """
-        members = (self.beams, remove_beam), (self.bodies, remove_body)
-        lists = (
-            *(self.loads, self.natural_strains, self.masses, self.drags, self.virtual_works),
-            *(self.forces_between, self.contacts),
-        )
         for part in parts:
-            remove = next((of for known, of in members if any(part is one for one in known)), None)
-            if isinstance(part, Joint) and own_joint(self, part):
-                remove_joint(self, part)
-            elif remove is not None:
-                remove(self, part)
-            else:
-                its = next((known for known in lists if any(part is one for one in known)), [])
-                del its[_position(its, part, "remove", "a part")]
-            if isinstance(part, ForceBetween) and isinstance(part.force, GivenPull):
-                self.parameters.forget(part.force.pull.name)
+            remove_part(self, part)
             self.changes += 2  # also if something else is added
 
     def free(self, node: Node, *components: str) -> None:
@@ -1039,7 +1027,7 @@ class Scene:
         >>> float(latched.energy.impact[0].round(9)), latched.velocity(one)[-1].round(9)
         (0.18, array([0.3, 0. ]))
         """
-        return self._replaced(joint, "lock", lambda known_joint: locked(known_joint, coordinate))
+        return self._replaced(joint, "lock", lambda known: locked(known, coordinate))
 
     def unlock(self, joint: Joint) -> Joint:
         """Unlock a joint that `lock` has locked.
@@ -1063,13 +1051,13 @@ class Scene:
 
     def _replaced(self, joint: Joint, what: str, change: Callable[[Joint], Joint]) -> Joint:
         """A changed joint in the place of the one before."""
-        known_joint = own_joint(self, joint) if isinstance(joint, Joint) else None
+        known = own_joint(self, joint) if isinstance(joint, Joint) else None
         wanted = "a joint that add_joint of this scene returned, and that was not removed"
-        require(known_joint is not None, what, joint, wanted)
-        assert known_joint is not None
-        at = next(i for i, one in enumerate(self.joints) if one is known_joint)
-        self.joints[at] = change(known_joint)
-        self._couplings[known_joint.coupling] = self.joints[at]
+        require(known is not None, what, joint, wanted)
+        assert known is not None
+        at = position_in(self.joints, known, what, "a joint")
+        self.joints[at] = change(known)
+        self._couplings[known.coupling] = self.joints[at]
         self.changes += 1
         return self.joints[at]
 
@@ -1117,14 +1105,3 @@ class Scene:
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; remove one support")
         return key
-
-
-def _position(known: Sequence, part: Any, what: str, kind: str) -> int:
-    """Index of a part in a list of a scene; SceneError if it is not there."""
-    for i, one in enumerate(known):
-        if one is part:
-            return i
-    raise SceneError(
-        f"{what}: the scene does not have {shown(part)}. Give {kind} that a method such as "
-        "add_force of this scene returned, and that was not changed or removed since"
-    )

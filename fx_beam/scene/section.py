@@ -28,8 +28,7 @@ from fx_beam.errors import (
     shown,
 )
 
-from .internal_variables import InternalVariables
-from .law import Energy, check_energy, check_internal
+from .law import Energy, InternalVariables, check_energy, check_internal
 
 #: A number, or a function of the fraction of the arc length.
 Datum = float | Callable[[float], Any]

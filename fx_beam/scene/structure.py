@@ -9,8 +9,7 @@ from __future__ import annotations
 import copy
 import functools
 import itertools
-import operator
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -21,13 +20,12 @@ from .body import Body
 from .contacts import Contact
 from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
 from .forces_between import ForceBetween
-from .internal_variables import InternalVariables
 from .joints import Joint
-from .law import functions_of_energy
+from .law import InternalVariables, functions_of_energy
 from .loads import Drag, Load, StrainPart, Velocity, VirtualWork
+from .parameters import STEP
 from .scene import Scene
 from .section import Section
-from .symbols import STEP
 
 
 def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
@@ -53,43 +51,34 @@ def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
 
 #: Attributes of which only the kind must be the same, besides those that shapes name themselves: an
 #: array keeps its shape, a function of time or place stays one or becomes a number, and None stays
-#: None.
+#: None. Functions of a user in UFL are among them, as what they give is compared.
 NUMBERS: dict[type, tuple[str, ...]] = {
     Scene: ("gravity", "prescribed", "masses", "parameters"),
     Beam: ("s", "inner"),
-    Section: ("EA", "GA", "EI", "rhoA", "rhoI", "retardation"),
+    Section: ("EA", "GA", "EI", "rhoA", "rhoI", "retardation", "strain_energy"),
+    InternalVariables: ("update",),
     Body: ("mass", "inertia"),
     Joint: ("offset", "axis"),
     Coordinate: ("motor",),
-    Spring: ("stiffness", "rest"),
-    Damper: ("viscosity",),
+    Spring: ("stiffness", "rest", "strain_energy"),
+    Damper: ("viscosity", "law"),
     SmoothFriction: ("force", "speed"),
     Coulomb: ("mu", "stiffness", "radius", "damping"),
     Stop: ("lower", "upper", "stiffness", "restitution", "speed"),
-    Contact: ("stiffness", "restitution", "speed", "radius"),
-    ForceBetween: ("b",),
+    Contact: ("stiffness", "restitution", "speed", "radius", "energy"),
+    ForceBetween: ("b", "force"),
+    VirtualWork: ("term",),
     Load: ("value", "along"),
     StrainPart: ("value", "along"),
     Drag: ("linear", "quadratic", "rotation"),
     Velocity: ("value", "spin"),
 }
-#: Functions of the user, which are compared by the UFL expressions that they give.
-_OWN: dict[type, tuple[str, ...]] = {
-    Section: ("strain_energy",),
-    InternalVariables: ("update",),
-    Spring: ("strain_energy",),
-    Damper: ("law",),
-    SmoothFriction: ("force",),
-    Contact: ("energy",),
-    ForceBetween: ("force",),
-    VirtualWork: ("term",),
-}
-#: Kinds of values that are their own outlines.
+# Kinds of values that are compared as they are.
 _PLAIN = {float, int, bool, str, type(None)}
-#: What follows from the rest of a scene.
+# What follows from the rest of a scene.
 _DERIVED = {"nodes", "_corners", "_couplings", "changes"}
-#: Outlines of parts by their ids: many beams have one section.
-_Known = dict[int, Any]
+#: Pairs of parts, by their ids, that are known to be alike: many beams have one section.
+_Alike = set[tuple[int, int]]
 
 
 class OtherStructureError(Exception):
@@ -111,26 +100,15 @@ class Structure:
         }
         self._nodes, self._functions = len(scene.nodes), expressions_of(scene)
 
-    @functools.cached_property
-    def _outlines(self) -> dict[str, Any]:
-        """Outlines of the parts that are not empty lists, which most are; few scenes need them."""
-        known, parts = _Known(), self._parts.items()
-        full = ((name, part) for name, part in parts if not isinstance(part, list) or part)
-        return {name: _of_part(name, part, known) for name, part in full}
-
     def check(self, scene: Scene) -> None:
         """OtherStructureError if a scene differs in more than numbers."""
         if len(scene.nodes) != self._nodes:
             raise OtherStructureError("another number of nodes")
-        made, outlines = _Known(), self._outlines
-        for name in self._parts:
-            part = getattr(scene, name)
-            if name in outlines:
-                if (outline := _of_part(name, part, made)) != outlines[name]:
-                    difference = _difference(outlines[name], outline)
-                    raise OtherStructureError(f"scene.{name}{difference}")
-            elif part:
-                raise OtherStructureError(f"scene.{name} has another length")
+        alike = _Alike()
+        for name, part in self._parts.items():
+            compare = _difference_of_numbers if name in NUMBERS[Scene] else _difference
+            if difference := compare(part, getattr(scene, name), alike):
+                raise OtherStructureError(f"scene.{name}{difference}")
         functions = expressions_of(scene)
         for function, known in itertools.zip_longest(functions, self._functions):
             if function != known:
@@ -138,102 +116,78 @@ class Structure:
                 raise OtherStructureError(f"{what} of your own differs in more than parameters")
 
 
-class _Outline(tuple):
-    """What is structure of something with parts: its kind, keys or length, then their outlines."""
+def _difference(one: Any, two: Any, alike: _Alike) -> str:
+    """Where two values differ in more than numbers, and how; empty if they do not."""
+    kind = type(one)
+    if kind is not type(two) and not (isinstance(one, float) and isinstance(two, float)):
+        return " is of another kind"
+    if kind in _PLAIN:
+        return "" if one == two else " differs"
+    if issubclass(kind, Node):
+        return "" if one.number == two.number else " differs"
+    if is_dataclass(kind):
+        return _difference_of_fields(one, two, alike)
+    if isinstance(one, list | tuple | dict):
+        return _difference_of_items(one, two, alike)
+    if kind is np.ndarray:
+        return "" if np.array_equal(one, two) else " differs"
+    # A function that is not listed is always another one.
+    return " differs" if callable(one) or one != two else ""
 
-    __slots__ = ()
+
+def _difference_of_items(one: Any, two: Any, alike: _Alike) -> str:
+    """That of lists or dictionaries."""
+    if len(one) != len(two):
+        return " has another length"
+    keys: Any = range(len(one))
+    if isinstance(one, dict):
+        if list(one) != list(two):
+            return " has other keys"
+        keys, one, two = list(one), one.values(), two.values()
+    elif one and type(one[0]) is Node:  # quickly, as in beams of many elements
+        one, two = ([node.number for node in nodes] for nodes in (one, two))
+        return "" if one == two else " differs"
+    for key, known, other in zip(keys, one, two, strict=True):
+        if difference := _difference(known, other, alike):
+            return f"[{key!r}]{difference}"
+    return ""
 
 
-def _of_part(name: str, part: Any, known: _Known) -> Any:
-    return _number(part) if name in NUMBERS[Scene] else _of(part, known)
-
-
-def _of(value: Any, known: _Known) -> Any:
-    """The outline of a value; equal for two that differ in numbers only."""
-    kind: Any = type(value)
-    return value if kind in _PLAIN else _outliner(kind)(value, known)
+def _difference_of_fields(one: Any, two: Any, alike: _Alike) -> str:
+    """That of parts of a scene."""
+    if (pair := (id(one), id(two))) in alike:
+        return ""
+    kind: Any = type(one)
+    for name, compare in _comparisons(kind):
+        known, other = getattr(one, name), getattr(two, name)
+        if difference := compare(known, other, alike):
+            return f".{name}{difference}"
+    alike.add(pair)
+    return ""
 
 
 @functools.cache
-def _outliner(kind: type) -> Callable[[Any, _Known], Any]:
-    """How outlines of a kind are made."""
-    if issubclass(kind, Node):
-        return lambda node, known: node.number
-    if issubclass(kind, list | tuple):
-        return _of_sequence
-    if issubclass(kind, set):
-        return lambda values, known: frozenset(values)
-    if issubclass(kind, Mapping):
-        return lambda items, known: _Outline(
-            (tuple(items), *(_of(part, known) for part in items.values()))
-        )
-    if issubclass(kind, np.ndarray):
-        return lambda array, known: (array.shape, *array.ravel().tolist())
-    if not is_dataclass(kind):  # a function that is not listed is always another one
-        return lambda value, known: object() if callable(value) else value
-    numbers = {name for of, names in NUMBERS.items() if issubclass(kind, of) for name in names}
-    numbers |= {*getattr(kind, "NUMBERS", ())}
-    functions = {name for of, names in _OWN.items() if issubclass(kind, of) for name in names}
-    names = [field.name for field in fields(kind)]
-    are_numbers, of_user = [[name in of for name in names] for of in (numbers, functions)]
-    values = _getter(names)
-
-    def outline(of: Any, known: _Known) -> Any:
-        if id(of) not in known:
-            parts: list[Any] = [kind]
-            for value, is_number, may_be in zip(values(of), are_numbers, of_user, strict=True):
-                if may_be and callable(value):
-                    parts.append("a function")
-                elif is_number:
-                    parts.append(() if type(value) is float else _number(value))
-                else:
-                    parts.append(value if type(value) in _PLAIN else _of(value, known))
-            known[id(of)] = _Outline(parts)
-        return known[id(of)]
-
-    return outline
+def _comparisons(kind: type) -> list[tuple[str, Callable[[Any, Any, _Alike], str]]]:
+    """How the attributes of a kind of parts are compared, with their names."""
+    compare = dict.fromkeys((field.name for field in fields(kind)), _difference)
+    numbers = [names for of, names in NUMBERS.items() if issubclass(kind, of)]
+    for names in (*numbers, getattr(kind, "NUMBERS", ())):
+        compare |= dict.fromkeys(names, _difference_of_numbers)
+    return [*compare.items()]
 
 
-def _getter(names: list[str]) -> Any:
-    """A function that gives several attributes of an object, quickly."""
-    if len(names) > 1:
-        return operator.attrgetter(*names)
-    return lambda of: [getattr(of, name) for name in names]
+def _difference_of_numbers(one: Any, two: Any, alike: _Alike) -> str:
+    if type(one) is float is type(two):  # quickly, as most are
+        return ""
+    return "" if _form(one) == _form(two) else " is of another kind"
 
 
-def _of_sequence(values: Any, known: _Known) -> _Outline:
-    if values and type(values[0]) is Node:  # quickly, as in beams of many elements
-        return _Outline((len(values), *(node.number for node in values)))
-    return _Outline((len(values), *(_of(value, known) for value in values)))
-
-
-def _number(value: Any) -> Any:
+def _form(number: Any) -> Any:
     """What is structure of a number: its shape, or its names; a function has that of one number."""
-    if value is None or isinstance(value, Node):
-        return value and value.number
-    if isinstance(value, list):  # lumped masses: first the number of the node
-        return tuple(row[0] for row in value)
-    if isinstance(value, Mapping):  # of functions
-        return tuple(value)
-    return () if callable(value) else np.shape(value)
-
-
-def _difference(known: Any, other: Any) -> str:
-    """The place of the first difference of two outlines, and what it is."""
-    if type(known) is not type(other):
-        return " is of another kind"
-    if not isinstance(known, _Outline):
-        return " differs"
-    label = known[0]
-    if label != other[0]:
-        return " has another length" if isinstance(label, int) else " is of another kind"
-    places: Iterable[str] = (f"[{i}]" for i in range(len(known) - 1))
-    if isinstance(label, type):
-        places = (f".{field.name}" for field in fields(label))
-    elif isinstance(label, tuple):
-        places = (f"[{key!r}]" for key in label)
-    return next(
-        place + _difference(one, two)
-        for place, one, two in zip(places, known[1:], other[1:], strict=True)
-        if one != two
-    )
+    if number is None or isinstance(number, Node):
+        return number and number.number
+    if isinstance(number, list):  # lumped masses: first the number of the node
+        return [row[0] for row in number]
+    if isinstance(number, Mapping):  # of functions
+        return [*number]
+    return () if callable(number) else np.shape(number)

@@ -243,9 +243,9 @@ def write(path, content, framed):
         if content == "other arrays":
             arrays = {"t": np.arange(3.0)}
         elif content == "pickle":
-            arrays["meta"] = np.array([{"format": "fx_beam solution 1"}])
+            arrays["meta"] = np.array([{"format": "fx_beam solution 2"}])
         elif content == "another version":
-            meta = json.loads(str(arrays["meta"])) | {"format": "fx_beam solution 0"}
+            meta = json.loads(str(arrays["meta"])) | {"format": "fx_beam solution 1"}
             arrays["meta"] = np.array(json.dumps(meta))
         else:
             del arrays[content]
