@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -69,9 +70,10 @@ class SumOfLoads:
 
     def _read(self, loads: list[UnitLoad]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values, rows and starts of the columns."""
-        widths = np.cumsum([0, *(len(load.counts) for load in loads)]).tolist()
-        #: Functions of time with the numbers of their first columns, and what they are of.
-        self.functions = [(i, load.function) for i, load in zip(widths, loads, strict=False)]
+        ends = np.cumsum([0, *(len(load.counts) for load in loads)]).tolist()
+        columns = itertools.starmap(slice, itertools.pairwise(ends))
+        #: Columns of unit loads with their functions of time, and what they are of.
+        self.functions = list(zip(columns, (load.function for load in loads), strict=True))
         self._whats = [load.what for load in loads]
         values = np.concatenate([np.empty(0), *(load.values for load in loads)])
         rows = np.concatenate([np.empty(0, dtype=int), *(load.rows for load in loads)])
@@ -146,13 +148,6 @@ class Loads(SumOfLoads):
                 each = values_along(load.along, 2, what, "s", places)[:, None]
             unit = scipy.sparse.csc_matrix(unit @ each)
         return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
-
-
-def columns_of(load: Load) -> int:
-    """Number of columns of a load."""
-    if isinstance(load.target, Beam) and isinstance(load.value, PlaceTimeFunction):
-        return 2 * load.target.elements * (load.target.degree + 1)
-    return 1 if load.kind == "moment" or load.along is not None else 2
 
 
 class NaturalStrains(SumOfLoads):

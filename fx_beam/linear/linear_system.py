@@ -11,7 +11,6 @@ import numpy as np
 import scipy.linalg
 
 from fx_beam.errors import SceneError, is_whole, require
-from fx_beam.fem.loads import columns_of
 from fx_beam.motions.motion import Motion
 from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import end_of
@@ -86,21 +85,18 @@ class InputColumns:
 def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:
     """Nodal forces (size,) of a unit of an input."""
     model = about.model
-    force, column = np.zeros(model.size), 0
+    force, values = np.zeros(model.size), {id(part): part.of(unit) for part in parts}
+    for columns, function in model.loads.functions:
+        if id(function) in values:
+            force += model.loads.unit_loads[:, columns] @ values[id(function)]
     for load in model.scene.loads:
-        value = next((part.of(unit) for part in parts if id(part) == id(load.value)), None)
-        if load.follower:
-            if value is not None:
-                assert isinstance(load.target, Node)  # only forces on nodes turn
-                x, y, turn = model.mesh.dofs[load.target.number]
-                c, s = np.cos(about.state.q[turn]), np.sin(about.state.q[turn])
-                force[x] += c * value[0] - s * value[1]
-                force[y] += s * value[0] + c * value[1]
-            continue
-        width = columns_of(load)
-        if value is not None:
-            force += model.loads.unit_loads[:, column : column + width] @ value
-        column += width
+        if load.follower and id(load.value) in values:
+            assert isinstance(load.target, Node)  # only forces on nodes turn
+            dof_x, dof_y, turn = model.mesh.dofs[load.target.number]
+            c, s = np.cos(about.state.q[turn]), np.sin(about.state.q[turn])
+            x, y = values[id(load.value)]
+            force[dof_x] += c * x - s * y
+            force[dof_y] += s * x + c * y
     return force
 
 

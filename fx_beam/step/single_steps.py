@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 
 from fx_beam.errors import Constant, StepError
-from fx_beam.fem.loads import columns_of
 from fx_beam.results.state import ARRAYS, State
 
 from .held_inputs import Hold, Ramp
@@ -68,7 +66,10 @@ class CompiledSingleSteps:
         self._holds, self._ramps = [], []
         #: Whether other functions change in time.
         self._varies = False
-        for function, view in (*_views(model.scene, loads, follower_force),):
+        views = [(function, loads[:, :, columns]) for columns, function in model.loads.functions]
+        followers = [load.value for load in model.scene.loads if load.follower]
+        views += [(function, follower_force[:, i]) for i, function in enumerate(followers)]
+        for function, view in views:
             if isinstance(function, Hold):
                 self._holds.append((function, view))
             elif not isinstance(function, Constant):
@@ -83,9 +84,9 @@ class CompiledSingleSteps:
                 self._ramps.append((function, parameters[:, :, i], in_steps))
             elif not isinstance(function, Constant):
                 self._varies = True
-        for i, function in model.natural.functions:
+        for columns, function in model.natural.functions:
             if isinstance(function, Ramp):
-                self._ramps.append((function, natural[:, i], ends))
+                self._ramps.append((function, natural[:, columns.start], ends))
             elif not isinstance(function, Constant):
                 self._varies = True
         if not self._varies:
@@ -161,16 +162,3 @@ class CompiledSingleSteps:
     def count(self, taken: int) -> None:
         """Add what C has counted in some steps to the statistics."""
         self._loop.count(taken)
-
-
-def _views(scene, loads: np.ndarray, follower_force: np.ndarray) -> Iterator[tuple]:
-    """The functions of all loads, each with its view of the arrays of a step."""
-    column = turning = 0
-    for load in scene.loads:
-        if load.follower:
-            yield load.value, follower_force[:, turning]
-            turning += 1
-        else:
-            width = columns_of(load)
-            yield load.value, loads[:, :, column : column + width]
-            column += width
