@@ -99,10 +99,33 @@ class Couplings:
         """Number of columns that do not depend on others."""
         return self.columns - sum(map(len, self.carried.values()))
 
+    @cached_property
+    def system(self) -> tuple[np.ndarray, np.ndarray]:
+        """Row of the forces on each column in the linear system, and its unknown; -1 for none.
+
+        Of free columns, then of auxiliaries: its equation is in the row of its displacement, the
+        balance in that of its force. Those of nodes that slide on beams are behind.
+        """
+        columns, auxiliaries = self.columns, len(self.auxiliaries)
+        unknowns = np.full(columns + auxiliaries, -1)
+        unknowns[: self.free] = np.arange(self.free)
+        unknowns[columns:] = self.free + 2 * np.arange(auxiliaries)
+        sliding = slice(self.independent, columns)
+        unknowns[sliding] = self.unknown_count + np.arange(columns - self.independent)
+        rows = unknowns.copy()
+        rows[columns:] += 1
+        return rows, unknowns
+
+    @property
+    def unknown_count(self) -> int:
+        """Number of free columns, and two for each auxiliary unknown."""
+        return self.free + 2 * len(self.auxiliaries)
+
     def entries(self, dof: int) -> list[Entry]:
         """Entries of a degree of freedom."""
         return self.sums.get(dof) or [(int(self.column[dof]), 0, 1.0)]
 
+    @cached_property
     def all_entries(self) -> tuple[np.ndarray, ...]:
         """Degrees of freedom, columns, positions and signs of all entries, in order."""
         alone = np.flatnonzero(self.column >= 0)

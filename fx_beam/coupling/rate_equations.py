@@ -25,7 +25,7 @@ from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
-from .sliding import table_of
+from .sliders import members_of
 
 # Kinds of plain equations, and the component of each: the last slides.
 _ALONG_X, _ALONG_Y, _SLOT, _TURN, _SUPPORT = range(5)
@@ -199,7 +199,7 @@ class OnBeam:
             "free": self.free[0],
             "sleeve": self.sleeve,
             "nodes": len(self.path),
-            "path": [table_of(self.path) | {"dofs": self.beam}],
+            "path": [members_of(self.path) | {"dofs": self.beam}],
         }
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from fx_beam.errors import SceneError
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 
 from .graph import Couplings
-from .loop_reduction import LoopReduction
+from .loops import Loops
+from .reduction import Reduction
 
 # Below this ratio of singular values closures depend on each other; forces below this ratio are
 # zero.
@@ -19,19 +21,20 @@ _ROUNDING = 1e-7
 _AWAY, _CORRECTIONS = 0.03, 60
 
 
-def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) -> None:
+def check_loops(scene: Scene, reduction: Reduction, loops: Loops) -> None:
     """Refuse loops whose equations depend on each other, at the start of a step.
 
     If they do so also in a configuration near by, joints are redundant, otherwise the start is
     singular.
     """
-    rank, left, right = _rank(reduction)
-    redundant = len(couplings.closures) - rank
+    couplings = reduction.couplings
+    rank, left, right = _rank(reduction, loops)
+    redundant = len(loops) - rank
     if not redundant:
         return
-    if len(right) and _rank_near_by(reduction, right) > rank:
-        raise SceneError(f"start: {reduction.singularity}. Start from a position beside it")
-    forces = _forces(scene, couplings, left)
+    if len(right) and _rank_near_by(reduction, loops, right) > rank:
+        raise SceneError(f"start: {loops.singularity}. Start from a position beside it")
+    forces = _forces(scene, couplings, loops, left)
     sizes = np.linalg.norm(forces, axis=(1, 2))
     carrying = [joint for joint in scene.joints if sizes[joint.number] > _ROUNDING * sizes.max()]
     centres = {body.centre.number for body in scene.bodies}
@@ -45,41 +48,40 @@ def check_loops(scene: Scene, couplings: Couplings, reduction: LoopReduction) ->
     )
 
 
-def _rank(reduction: LoopReduction) -> tuple[int, np.ndarray, np.ndarray]:
-    """Rank of the closures, combinations (n, closures) that vanish, and motions (n, loop)."""
-    G = reduction.scaled_derivative()
-    parts = [np.linalg.svd(G[np.ix_(rows, columns)]) for rows, columns in reduction.blocks]
+def _derivative(reduction: Reduction, loops: Loops) -> np.ndarray:
+    """Derivative (closures, unknowns) of the closures by units of the loops' unknowns [m]."""
+    return reduction.closure_derivatives()[:, loops.unknowns] * loops.unit[loops.unknowns]
+
+
+def _rank(reduction: Reduction, loops: Loops) -> tuple[int, np.ndarray, np.ndarray]:
+    """Rank of the closures, combinations (n, closures) that vanish, and motions (n, unknowns)."""
+    G = _derivative(reduction, loops)
+    parts = [np.linalg.svd(G[block]) for block in loops.blocks]
     largest = max([1e-300, *(values.max(initial=0.0) for _, values, _ in parts)])
     ranks = [int(np.count_nonzero(values > _ROUNDING * largest)) for _, values, _ in parts]
-    combinations, motions = np.zeros((len(G), 0)), np.zeros((0, G.shape[1]))
-    for (rows, columns), (left, _, right), rank in zip(reduction.blocks, parts, ranks, strict=True):
-        combination, moving = (
-            np.zeros((len(G), len(rows) - rank)),
-            np.zeros((len(columns) - rank, len(G.T))),
-        )
-        combination[rows], moving[:, columns] = left[:, rank:], right[rank:]
-        combinations, motions = np.hstack([combinations, combination]), np.vstack([motions, moving])
-    return sum(ranks), combinations.T, motions
+    left = block_diag(*(part[0][:, rank:] for part, rank in zip(parts, ranks, strict=True)))
+    right = block_diag(*(part[2][rank:] for part, rank in zip(parts, ranks, strict=True)))
+    return sum(ranks), left.T, right
 
 
-def _rank_near_by(reduction: LoopReduction, motions: np.ndarray) -> int:
+def _rank_near_by(reduction: Reduction, loops: Loops, motions: np.ndarray) -> int:
     """Rank of the closures after a small motion that keeps the loops closed; 0 if there is none."""
     y = np.zeros(reduction.free)
     change = _AWAY * np.random.default_rng(0).choice([-1.0, 1.0], len(motions)) @ motions
     for _ in range(_CORRECTIONS):
-        y[reduction.loop] += change * reduction.unit[reduction.loop]
-        closure = reduction.closure(y, np.zeros(reduction.driven))
-        if abs(closure).max() < 1e-13 * reduction.unit.max():
-            return _rank(reduction)[0]
-        change = -np.linalg.lstsq(reduction.scaled_derivative(), closure, rcond=_ROUNDING)[0]
+        y[loops.unknowns] += change * loops.unit[loops.unknowns]
+        closure = reduction.expand_open(y, np.zeros(reduction.driven))
+        if abs(closure).max() < 1e-13 * loops.unit.max():
+            return _rank(reduction, loops)[0]
+        change = -np.linalg.lstsq(_derivative(reduction, loops), closure, rcond=_ROUNDING)[0]
     return 0
 
 
-def _forces(scene: Scene, couplings: Couplings, left: np.ndarray) -> np.ndarray:
+def _forces(scene: Scene, couplings: Couplings, loops: Loops, left: np.ndarray) -> np.ndarray:
     """Forces (joints, 3, n) of the joints that no load causes, for closing forces (n, closures)."""
     n = len(scene.nodes)
     forces, on_nodes = (np.zeros((count, 3, len(left))) for count in (scene.joint_count, n + 1))
-    for force, one in zip(left.T, couplings.closures, strict=True):
+    for force, one in zip(left.T, loops.closures, strict=True):
         forces[one.joint.number, one.component] += force
         on_nodes[one.joint.b.number, one.component] -= force
         on_nodes[one.joint.a.number, one.component] += force  # that of the ground is the last

@@ -170,9 +170,9 @@ class PathEquations:
         return self._bordered(*self._reduction.factored)
 
     def _bordered(self, indptr: np.ndarray, indices: np.ndarray) -> BorderedLU:
-        reduction, dependent = self._reduction, self._reduction.dependent
+        reduction = self._reduction
         unit = self.model.unit_of_unknowns[reduction.independent]
-        given = dependent if dependent.size and not self._fills else None
+        given = None if self._fills else reduction.dependent
         return BorderedLU((indptr, indices), unit, given)
 
     @property

@@ -247,7 +247,6 @@ def _begin(
     model.reduction.begin(state.q, state.slides)
     if singularity := model.reduction.singularity:
         raise SceneError(f"start: {singularity}. Start from a position beside it")
-    model.reduction.expand(np.zeros(model.reduction.free), np.zeros(len(rates)))
     return rates, bend
 
 

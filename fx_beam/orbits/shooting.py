@@ -183,7 +183,6 @@ class Shooting:
         reduction.begin(state.q, state.slides)
         if reduction.singularity:
             raise SceneError(f"{self.what}: {reduction.singularity}. Start from another state")
-        reduction.expand(np.zeros(reduction.free), np.zeros(reduction.driven))
         free, scale = reduction.free, self.scales(state, length)
         independent = np.concatenate([reduction.independent, np.arange(free, len(scale))])
         y, n = len(reduction.independent), len(independent)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from fx_beam.coupling.joint_reduction import JointReduction
+from fx_beam.coupling.reduction import Reduction
 
 from .model import Model
 
@@ -43,7 +43,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return a, force - gather(mass @ reduction.spread(w))[: reduction.free]
 
 
-def _of_equal(model: Model, reduction: JointReduction, force: np.ndarray) -> np.ndarray | None:
+def _of_equal(model: Model, reduction: Reduction, force: np.ndarray) -> np.ndarray | None:
     """By the reduced mass, whose factors have the pattern of the tangent; None if it is singular.
 
     Or without factors where they would need more memory than all else.
@@ -59,8 +59,8 @@ def _of_equal(model: Model, reduction: JointReduction, force: np.ndarray) -> np.
         diagonal = reduction.project(mass.diagonal())[:free]
         if (a := _iterated_acceleration(times, diagonal, force)) is not None:
             return a
-    (indptr, indices), of = reduction.factored, reduction.direct
-    values = np.bincount(of["to"], mass.data[of["source"]], len(indices))
+    (indptr, indices), of = reduction.factored, reduction.tangent.direct
+    values = np.bincount(of["to"], mass.data[of["from"]], len(indices))
     diagonal = values[np.repeat(np.arange(free), np.diff(indptr)) == indices]
     has_mass = free and (diagonal > 0).all()
     regular = has_mass and model.factors_of_mass.factorise(values)
@@ -68,16 +68,13 @@ def _of_equal(model: Model, reduction: JointReduction, force: np.ndarray) -> np.
 
 
 def _with_auxiliaries(
-    reduction: JointReduction, mass: scipy.sparse.csr_matrix, force: np.ndarray
+    reduction: Reduction, mass: scipy.sparse.csr_matrix, force: np.ndarray
 ) -> np.ndarray | None:
     """By the system with auxiliary unknowns, without unknowns that move no mass and no loop."""
     n, still = reduction.free, ~reduction.moves(mass.diagonal() > 0)
     matrix = reduction.normal(mass)
     kept = np.append(~still, np.ones(matrix.shape[0] - n, dtype=bool))
     matrix = scipy.sparse.diags(1.0 * kept) @ matrix + scipy.sparse.diags(1.0 * ~kept)
-    if (bordering_rows := reduction.bordering_rows()) is not None:
-        columns, rows = (scipy.sparse.csr_matrix(part) for part in bordering_rows)
-        matrix = scipy.sparse.bmat([[matrix, columns.T], [rows, None]])
     b = np.zeros(matrix.shape[0])
     b[:n] = np.where(still, 0.0, force)
     try:

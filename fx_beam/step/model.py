@@ -13,10 +13,10 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.coupling.graph import couple, motors
-from fx_beam.coupling.joint_reduction import JointReduction
-from fx_beam.coupling.loop_reduction import LoopReduction
+from fx_beam.coupling.loops import Loops
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
 from fx_beam.coupling.rate_equations import RateEquations, rigid_points
+from fx_beam.coupling.reduction import Reduction
 from fx_beam.coupling.redundancy import check_loops
 from fx_beam.coupling.sliders import Sliders
 from fx_beam.errors import SceneError
@@ -165,8 +165,7 @@ class Model:
         """
         reduction, free = self.reduction, self.couplings.free
         reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
-        reduction.expand(np.zeros(free), np.zeros(self.couplings.driven))
-        T = JointReduction.coupling(reduction)[:, :free]
+        T = reduction.coupling_of_trees()[:, :free]
         masses = np.asarray(T.multiply(self.mass @ T).sum(axis=0)).ravel()
         of_columns = np.zeros(self.couplings.columns)
         of_columns[np.flatnonzero(masses > 0)] = 1 / masses[masses > 0]
@@ -184,7 +183,7 @@ class Model:
         pairs = zip(arms, before, strict=True)
         if not moved and not any(_lie_elsewhere(new, old) for new, old in pairs):
             return False
-        if isinstance(self.reduction, LoopReduction) or self.couplings.sliding:
+        if self.couplings.closures or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
         joints = joints_by_number(self.scene)
         self.reduction.set_arms([joints[joint.number] for joint in self.couplings.moving])
@@ -453,15 +452,14 @@ class Model:
             sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
         used = self.used_entries()
         parts = self.couplings, self.points, self.scheme.rates, dofs, matrix, used
-        self.reduction: JointReduction
+        loops = None
         if self.couplings.closures:
-            unit = self.unit_of_unknowns
-            self.reduction = loops = LoopReduction(*parts, unit, sliders)
-            loops.begin(np.zeros(self.size), slides_at_start(scene))
-            if all(joint.place is None for joint in scene.joints):
-                check_loops(scene, self.couplings, loops)
-        else:
-            self.reduction = JointReduction(*parts, sliders)
+            slides = [] if sliders is None else sliders.all
+            loops = Loops(self.couplings, dofs, self.unit_of_unknowns, slides)
+        self.reduction = Reduction(*parts, sliders, loops)
+        if loops is not None and all(joint.place is None for joint in scene.joints):
+            self.reduction.begin(np.zeros(self.size), slides_at_start(scene))
+            check_loops(scene, self.reduction, loops)
         if not self.reduction.equates:
             self.assembled.append("joints")
 

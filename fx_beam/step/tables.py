@@ -15,13 +15,12 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import Structs, declarations, declared
-from fx_beam.coupling.tables import AuxiliaryTables, Tables
+from fx_beam.coupling.tables import starts_of
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
 from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, joints_by_number
 
-from .bordering_tables import BorderingTables, on_bordering_rows, ones_of, storage_of
 from .build import begin_to_build, load_library
 from .element_data import aligned
 from .form_tables import FormTables
@@ -39,7 +38,14 @@ from .newton import (
     NewtonOptions,
 )
 from .substeps import LARGE_TURN
-from .tangent_storage import alone_in_column, diagonal_of, storage_of_entries
+from .tangent_storage import (
+    alone_in_column,
+    bordering_tables,
+    diagonal_of,
+    on_bordering_rows,
+    storage_of,
+    storage_of_entries,
+)
 from .turning_frame import TurningFrame
 
 # Forms of the equations.
@@ -72,7 +78,7 @@ class Problem:
         self._pointers = self.ffi.typeof("double *[12]")
         #: Natural strains at the end of a step.
         self.strains = np.zeros(model.natural.shape if model.natural else 0)
-        self._stored_at = stored_at = self._hand_over_couplings(model.reduction.tables())
+        self._stored_at = stored_at = self._hand_over_couplings()
         self._hand_over_mesh(stored_at)
         self._set(has_added=model.forms.has_added, keeps_previous=model.keeps_previous)
         self._hand_over_rates(stored_at)
@@ -137,7 +143,6 @@ class Problem:
         dofs, coordinates = mesh.unknowns.dofs, mesh.coordinates
         massless = np.flatnonzero(model.massless) if self._moves else np.empty(0, int)
         self._set(
-            dofs=model.size,
             nodes=len(mesh.X),
             cells=len(dofs),
             cell_internal=int(np.prod(model.forms.internal_shape[1:])),
@@ -214,8 +219,7 @@ class Problem:
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
         model, mass, loads = self.model, self._mass.data, self.model.loads.unit_loads
-        of = model.reduction.joint_tables()
-        numbers = {"offset": of["offset"], "axis": of["axis"], "load_force": loads.data}
+        numbers = {**model.reduction.offsets_and_axes, "load_force": loads.data}
         if masses:
             numbers |= {"mass": mass[self.heavy], "turning_mass": mass[self._turning]}
         if model.weight is not None:
@@ -299,24 +303,10 @@ class Problem:
         assert self.constants.SUB_STEPS == MOST_SUB_STEPS
         self._set(sub_steps=len(fractions), fractions=fractions)
 
-    def _hand_over_couplings(self, t: Tables) -> np.ndarray:
+    def _hand_over_couplings(self) -> np.ndarray:
         """Hand over the couplings; returns the storage index of each entry of the full tangent."""
-        p, reduction = self.c, self.model.reduction
-        equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1)
-        first = np.argsort(~equal, kind="stable")
-        self._set(
-            columns=reduction.columns,
-            free=reduction.free,
-            driven=reduction.driven,
-            entries=len(equal),
-            equal=np.count_nonzero(equal),
-            alone=equal.all() and np.array_equal(t.entries["row"], np.arange(self.model.size)),
-            **{f"entry_{name}": values[first] for name, values in t.entries.items()},
-            **t.joints,
-            **t.followers,
-        )
-        loops = reduction.loop_tables()
-        factors = self.factors
+        p, reduction, factors = self.c, self.model.reduction, self.factors
+        self._set(**reduction.members)
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.factored
@@ -326,27 +316,24 @@ class Problem:
         #: Storage indices of the entries of `Reduction.factored`.
         self.tangent_at = at
         if self.model.points.members is not None:
-            self._hand_over_changing_rows(t)
-        alone = alone_in_column(t, self.model.size, reduction.free)
-        if t.auxiliaries:
-            alone[
-                np.isin(self.model.couplings.column, t.auxiliaries.values["auxiliary_column"])
-            ] = False
-        if loops is not None:
-            alone[np.isin(self.model.couplings.column, loops.values["loop_column"])] = False
-            self._set(**loops.values)
-            self._set(**{name: at[k] for name, k in loops.entries.items()})
-        padding = [*factors.padding, *ones_of(reduction, at)]
-        at, stored = storage_of(reduction, at, stored)
-        padding += [*self._hand_over_auxiliaries(t.auxiliaries, at)]
-        stored_at, p.stored_values = storage_of_entries(
-            t, self.model.forms.stiffness, alone, at, stored
-        )
+            self._hand_over_changing_rows()
+        padding = [factors.padding]
+        if (closed := reduction.closed_system) is not None:
+            self._set(**closed.members, **{name: at[k] for name, k in closed.places.items()})
+            padding.append(at[closed.ones])
+            at = at[closed.open_entries]
+        at, stored, ones = storage_of(reduction, at, stored)
+        tangent = reduction.tangent
+        places, of_auxiliaries = reduction.auxiliaries.places(at[tangent.auxiliary_to])
+        self._set(**places)
+        K, alone = self.model.forms.stiffness, alone_in_column(reduction)
+        stored_at, p.stored_values = storage_of_entries(tangent, K, alone, at, stored)
         if reduction.sliders is not None:
-            first = self.constants.ON_BORDER
-            diagonal_at = stored_at[diagonal_of(self.model.forms.stiffness)]
-            bordering_rows = BorderingTables(reduction, factors, at, diagonal_at, self.model, first)
-            self._set(**bordering_rows.all())
+            diagonal_at = stored_at[diagonal_of(K)]
+            self._set(
+                **bordering_tables(self.model, factors, at, diagonal_at, self.constants.ON_BORDER)
+            )
+        padding = np.concatenate([*padding, ones, of_auxiliaries])
         self._set(
             band=factors.band,
             chain=factors.chain,
@@ -359,33 +346,30 @@ class Problem:
             reacts=np.flatnonzero(~alone),
             rows=factors.rows(),
         )
-        added = stored_at[t.direct["source"]] >= stored
-        parts = t._replace(direct={key: values[added] for key, values in t.direct.items()})
-        for name in ("direct", "coupled", "geometric"):
-            table = dict(getattr(parts, name))
-            to = table.pop("to")
-            self._set(**{name: len(to), f"{name}_to": at[to]})
-            if "source" in table:
-                self._set(**{f"{name}_from": stored_at[table.pop("source")]})
-            self._set(**{f"{name}_{key}": values for key, values in table.items()})
+        added = stored_at[tangent.direct["from"]] >= stored
+        direct = {key: values[added] for key, values in tangent.direct.items()}
+        products = {"direct": direct, "coupled": tangent.coupled, "geometric": tangent.geometric}
+        for name, of in products.items():
+            table = {key: stored_at[x] if key == "from" else x for key, x in of.items()}
+            table["to"] = at[of["to"]]
+            self._set(**{name: len(of["to"])}, **{f"{name}_{key}": x for key, x in table.items()})
         #: Storage indices of the forces on slides, and which these are.
-        self._on_slides = at[t.restoring["to"]], t.restoring["of"]
+        self._on_slides = at[tangent.restoring["to"]], tangent.restoring["of"]
         return stored_at
 
-    def _hand_over_changing_rows(self, t: Tables) -> None:
+    def _hand_over_changing_rows(self) -> None:
         """Hand over what a pattern that changes with the touches of members is found from."""
-        size, reduction, couplings = self.model.size, self.model.reduction, self.model.couplings
-        groups = groups_of(*reduction.factored, self._auxiliaries, reduction.forces)
+        reduction, couplings = self.model.reduction, self.model.couplings
+        groups = groups_of(*reduction.factored, reduction.dependent, reduction.forces)
         row_of, unknown_of = on_bordering_rows(
-            reduction, *reduction.system(), self.constants.ON_BORDER
+            reduction, *couplings.system, self.constants.ON_BORDER
         )
-        order = np.argsort(t.entries["row"], kind="stable")
-        starts = np.concatenate([[0], np.cumsum(np.bincount(t.entries["row"], minlength=size))])
-        values = {f"dof_{name}": t.entries[name][order] for name in ("column", "value", "sign")}
+        rows, *entries = couplings.all_entries
+        names = "dof_column", "dof_value", "dof_sign"
         row = {
             "elimination": groups,
-            "dof_start": starts,
-            **values,
+            "dof_start": starts_of(np.bincount(rows, minlength=self.model.size)),
+            **dict(zip(names, entries, strict=True)),
             "row_of": row_of,
             "unknown_of": unknown_of,
             "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,
@@ -398,11 +382,6 @@ class Problem:
         free, owner = self.library.fx_free_rows, self._structs
         self._rows = self.ffi.gc(self.c.changing, lambda rows, owner=owner: free(rows))
 
-    @property
-    def _auxiliaries(self) -> np.ndarray | None:
-        dependent = self.model.reduction.dependent
-        return dependent if dependent.size else None
-
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction = self.model.reduction
         n, none = len(indptr) - 1, np.empty(0, int)
@@ -410,7 +389,7 @@ class Problem:
             return Factors(np.arange(n), np.zeros(len(indices), int), 1, 1, none, none)
         if self._bare:
             return Factors(np.arange(n), np.arange(len(indices)), 0, 0, none, none)
-        auxiliaries = self._auxiliaries
+        auxiliaries = reduction.dependent
         if self.model.points.members is not None and auxiliaries is None and not reduction.forces:
             return in_sparse_rows(indptr, indices, None, not self.model.couplings.sliding)
         # Rows of unknowns that close loops are no forces, by which errors are judged.
@@ -498,21 +477,6 @@ class Problem:
         at = np.empty(len(indices), dtype=int)
         at[turned.data] = self._factors_of(turned.indptr, turned.indices).at
         return at
-
-    def _hand_over_auxiliaries(
-        self, auxiliaries: AuxiliaryTables | None, at: np.ndarray
-    ) -> np.ndarray:
-        """Hand over the auxiliaries; returns the storage indices of their diagonals, which are 1.
-
-        `at` has those of the entries of the pattern.
-        """
-        self._set(unknowns=self.c.free)
-        if auxiliaries is None:
-            return np.empty(0, int)
-        at = np.append(at, -1)  # for what is no unknown
-        self._set(**auxiliaries.values)
-        self._set(**{name: at[k] for name, k in auxiliaries.entries.items()})
-        return at[auxiliaries.ones]
 
     def _hand_over_motors(self) -> None:
         model = self.model

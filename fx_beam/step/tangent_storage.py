@@ -1,33 +1,48 @@
-"""Where the loop stores entries of the full tangent: among those of the reduced one or behind."""
+"""Where the loop stores entries of the full tangent, and what borders the reduced one, as lists."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from fx_beam.coupling.tables import Tables
+from fx_beam.coupling.reduction import ReducedTangent, Reduction
+from fx_beam.coupling.sliders import Slide, Sliders
+
+from .lu_layout import Factors
+from .model import Model
+
+# Columns of the block of right sides are computed in such lanes.
+_LANES = 4
 
 
-def alone_in_column(t: Tables, size: int, free: int) -> np.ndarray:
-    """Whether a degree of freedom equals an unknown on which no other depends, (size,)."""
-    row, column = t.entries["row"], t.entries["column"]
-    equal = (t.entries["value"] == 0) & (t.entries["sign"] == 1) & (column < free)
+def alone_in_column(reduction: Reduction) -> np.ndarray:
+    """Whether a degree of freedom equals an unknown on which no other depends, (size,).
+
+    Nor closures of loops, nor auxiliary unknowns.
+    """
+    row, column, value, sign = reduction.couplings.all_entries
+    equal = (value == 0) & (sign == 1) & (column < reduction.free)
     single = np.bincount(row)[row] * np.bincount(column)[column] == 1
-    alone = np.zeros(size, dtype=bool)
+    alone = np.zeros(reduction.members["dofs"], dtype=bool)
     alone[row[equal & single]] = True
+    for name in ("auxiliary_column", "loop_column"):
+        if name in reduction.members:
+            alone[np.isin(reduction.couplings.column, reduction.members[name])] = False
     return alone
 
 
 def storage_of_entries(
-    t: Tables, tangent, alone: np.ndarray, at: np.ndarray, behind: int
+    tangent: ReducedTangent, full, alone: np.ndarray, at: np.ndarray, behind: int
 ) -> tuple[np.ndarray, int]:
     """Storage index of each entry of the full tangent, and number of stored values.
 
     Entries that are entries of the reduced tangent share its storage; the others are behind it.
     """
-    direct = np.repeat(alone, np.diff(tangent.indptr)) & alone[tangent.indices]
-    stored_at, used = np.empty(tangent.nnz, dtype=int), np.zeros(tangent.nnz, dtype=bool)
-    used[t.direct["source"]] = True
-    stored_at[t.direct["source"]] = at[t.direct["to"]]
+    direct = np.repeat(alone, np.diff(full.indptr)) & alone[full.indices]
+    stored_at, used = np.empty(full.nnz, dtype=int), np.zeros(full.nnz, dtype=bool)
+    used[tangent.direct["from"]] = True
+    stored_at[tangent.direct["from"]] = at[tangent.direct["to"]]
     others = np.flatnonzero(~(direct & used))
     stored_at[others] = behind + np.arange(len(others))
     return stored_at, behind + len(others)
@@ -40,3 +55,103 @@ def diagonal_of(tangent) -> np.ndarray:
     (on_diagonal,) = np.nonzero(rows == tangent.indices)
     positions[rows[on_diagonal]] = on_diagonal
     return positions
+
+
+def storage_of(
+    reduction: Reduction, at: np.ndarray, stored: int
+) -> tuple[np.ndarray, int, np.ndarray]:
+    """Storage indices of the entries of a bordered tangent, number of values, and those of ones.
+
+    Given are those of the tangent of open loops. Entries on bordering rows are behind them; ones
+    are on the diagonal of slides.
+    """
+    if (sliders := reduction.sliders) is None:
+        return at, stored, at[:0]
+    bordered = sliders.bordered
+    of_all = np.empty(sliders.entries_before, dtype=int)
+    of_all[bordered.inside] = at[bordered.positions]
+    of_all[bordered.beside] = stored + np.arange(len(bordered.beside))
+    return of_all, stored + len(bordered.beside), at[bordered.ones]
+
+
+def on_bordering_rows(
+    reduction: Reduction, rows: np.ndarray, columns: np.ndarray, first: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the system for all columns of the scene, with those on bordering rows.
+
+    Bordering rows are numbered downwards from `first`.
+    """
+    rows, columns = rows.copy(), columns.copy()
+    if (sliders := reduction.sliders) is not None:
+        outside = sliders.outside
+        rows[outside] = columns[outside] = first - np.arange(len(outside))
+    return rows, columns
+
+
+def bordering_tables(
+    model: Model, factors: Factors, at: np.ndarray, diagonal_at: np.ndarray, first: int
+) -> dict[str, Any]:
+    """Columns of what slides, and what belongs to them, as members of ``Problem``.
+
+    `at` are the storage indices of `storage_of`, `diagonal_at` (size,) those of the diagonal of the
+    full tangent. BorderingRows are numbered downwards from `first`.
+    """
+    reduction, sliders = model.reduction, model.reduction.sliders
+    assert sliders is not None
+    order = np.append(factors.order, np.full(1 + reduction.columns, -1))
+    rows, columns = (order[index] for index in reduction.couplings.system)
+    rows, columns = on_bordering_rows(reduction, rows, columns, first)
+    outside, bordered = sliders.outside, sliders.bordered
+    tables = _sliders(model, sliders, at, diagonal_at)
+    sizes = [table["components"] + table["products"] for table in tables]
+    carriers = len(outside) + sum(sizes) + sum(table.get("anchors", 0) for table in tables)
+    closed, loops = reduction.closed_system, reduction.loops
+    alone, entries = (len(closed.ones), loops.entries) if closed and loops else (0, 0)
+    entries += len(bordered.beside) + 3 * len(tables)
+    entries += sum(of.longest * (1 + k) for of, k in zip(sliders.all, sizes, strict=True))
+    return {
+        "row_at": rows,
+        "unknown_at": columns,
+        "sliders": len(tables),
+        "slider": tables,
+        "beside": len(bordered.beside),
+        "beside_row": bordered.rows,
+        "beside_column": bordered.columns,
+        "beside_at": at[bordered.beside],
+        "bordering_rows": carriers + alone,
+        "carrier_bordering": carriers,
+        "block": -(-(1 + carriers + alone) // _LANES) * _LANES,
+        "most_bordering_entries": entries,
+    }
+
+
+def _sliders(
+    model: Model, sliders: Sliders, at: np.ndarray, diagonal_at: np.ndarray
+) -> list[dict[str, Any]]:
+    """Sliding nodes as ``Slider``."""
+    tables, anchored, bordering_row = [], set(), len(sliders.outside)
+    rates = model.scheme.rates
+    for slide in sliders.all:
+        beam, components = slide.joint.beam, len(slide.columns)
+        table = slide.members() | {"turn_stored_at": diagonal_at[slide.dofs[:, 2]]}
+        # Products of the derivatives of the virtual displacement and rotation (sliders.py).
+        table["products"] = 0 if rates.level != 0.5 else 2 if components == 2 else 4
+        table["bordering_row"] = bordering_row
+        light = rates.at_rest or model.massless[slide.dofs[:, :2]].any()
+        if beam not in anchored and light:
+            anchored.add(beam)
+            table |= _anchor_of(slide, sliders, at)
+        bordering_row += components + table["products"] + table.get("anchors", 0)
+        tables.append(table)
+    return tables
+
+
+def _anchor_of(slide: Slide, sliders: Sliders, at: np.ndarray) -> dict[str, Any]:
+    """A node near the middle of a beam that no joint holds, if there is one."""
+    columns, positions = sliders.diagonals(slide)
+    alone = np.flatnonzero((columns >= 0).all(axis=1))
+    if not len(alone):
+        return {}
+    node = alone[np.argmin(abs(alone - len(columns) // 2))]
+    at_node = {"anchor_column": columns[node], "anchor_at": at[positions[node]]}
+    return {"anchors": len(at_node["anchor_at"]), **at_node}

@@ -1,4 +1,4 @@
-/* Supports and joints (joint_reduction.py). */
+/* Supports and joints (reduction.py). */
 
 #pragma once
 

@@ -433,6 +433,8 @@ typedef struct {
   RowsOfRun states, forces; /* results, each with a row for each direction */
 } Directions;
 
+int fx_begin_joints(Problem *p);
+int fx_expand(Problem *p, const double *z, int close, double **to);
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
 void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);

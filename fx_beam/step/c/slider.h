@@ -1,4 +1,4 @@
-/* A node that slides on a beam, for the loop and for Python (coupling/sliding.py). */
+/* A node that slides on a beam (coupling/sliders.py). */
 
 #pragma once
 
@@ -21,7 +21,7 @@ typedef struct {
   WeightPart part[MOST_PARTS];
 } Weight;
 
-/* What the relation of a step consists of (slide_relation.h), by the names in coupling/sliding.py; numbers at the start
+/* What the relation of a step consists of (slide_relation.h), by the names in coupling/sliders.py; numbers at the start
    and at the end are next to each other. */
 typedef struct {
   Weight at[2], along[2];     /* N, and what the virtual slide multiplies: N', or (DN/Ds) at mid-step */
@@ -60,9 +60,10 @@ typedef struct {
      [node][3]: columns, values and signs, from part_start on; storage indices of the diagonal of its rotations in the full
      tangent. */
   struct {
-    int *entry_start, *entry_row, *entry_value, *part_start, *part_column, *part_value, *turn_stored_at;
+    int *entry_start, *entry_row, *entry_value, *part_start, *part_column, *part_value;
     double *entry_sign, *part_sign;
   };
+  struct { int *turn_stored_at; };
   int bordering_row, products; /* first bordering row that is no column; number of products */
   /* Of a beam without mass that only sliding nodes may hold: columns of one of its nodes, and storage indices
      of their diagonals. */

@@ -1,0 +1,301 @@
+"""Closed loops of joints, without multipliers: some unknowns follow the others.
+
+The trees of joints leave the columns z; a joint that closes a loop gives equations closure(z) = 0.
+Of the unknowns some, d, follow the others, i, by Newton's method on these equations. The closing
+joints' forces on b are those that leave no residual R of d. With G the derivative of the closures,
+and Gv that of virtual displacements, so that Gv times the work increments of a step is its closure:
+
+    F = Gv_d^-T R_d,    0 = R_i - Gv_i^T F,    z_d = -G_d^-1 G_i z_i   (in small changes)
+
+The forces do no work and leave both momenta, since they are forces of joints like all others. In
+the linear system they are unknowns:
+
+    [A + k Gv^T G   Gv^T] [dy]   [R]
+    [G              0   ] [F ] = [0]
+
+The stiffness k does no work where G dy = 0. With it the first block is regular also if the tree has
+no inertia against a motion that the loops do not allow.
+"""
+
+from __future__ import annotations
+
+import heapq
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from .graph import Closure, Couplings, Entry
+from .sliders import Slide
+from .tables import Pattern, sparsity, starts_of
+
+# Closure that is left, relative to the size of the scene.
+_CLOSED = 1e-15
+
+
+class Row(NamedTuple):
+    """What one closure depends on."""
+
+    #: Columns other than auxiliary unknowns.
+    columns: list[int]
+    #: Entries of auxiliary unknowns, in the order in which they are collected.
+    auxiliaries: list[int]
+
+
+class ClosedSystem(NamedTuple):
+    """A linear system in which forces close the loops."""
+
+    pattern: Pattern
+    #: Positions of the entries of open loops in it, and of entries that are 1: of forces that
+    #: border the system.
+    open_entries: np.ndarray
+    ones: np.ndarray
+    #: Numbers, and positions of entries, by the names in problem.h.
+    members: dict[str, Any]
+    places: dict[str, np.ndarray]
+
+
+class Loops:
+    """The closed loops of a scene; `unit` (free,) is the size of unit unknowns.
+
+    Closures are in the order of blocks, those that share unknowns directly or through others.
+    """
+
+    def __init__(
+        self, couplings: Couplings, dofs: np.ndarray, unit: np.ndarray, slides: list[Slide]
+    ):
+        self.unit, self._couplings, self._dofs = unit, couplings, dofs
+        rows = closure_rows(couplings, slides)
+        blocks = blocks_of(rows, couplings.free)
+        order = np.concatenate([members for members, _ in blocks])
+        self.closures = [couplings.closures[k] for k in order]
+        self._rows = [rows[k] for k in order]
+        entries = [(k, *entry) for k, one in enumerate(self.closures) for entry in one.entries]
+        k, columns, value_at, signs = np.array(entries, dtype=float).reshape(-1, 4).T
+        #: Closure, column, and position of the value of each entry, and its sign.
+        self._closure, self._column, self._value_at = (
+            x.astype(int) for x in (k, columns, value_at)
+        )
+        self._sign = signs
+        on_beam = (columns >= couplings.independent) & (columns < couplings.columns)
+        #: Closures of loops with nodes on beams: their forces border the compiled loop's tangent.
+        self._carried = np.unique(self._closure[on_beam])
+        #: Largest closure of closed loops; some are angles.
+        self.tolerance = _CLOSED * max(unit.max(), max(k.component == 2 for k in self.closures))
+        sizes, widths = ([len(part[i]) for part in blocks] for i in (0, 1))
+        self._block_starts = starts_of(sizes), starts_of(widths)
+        used = np.unique([column for row in self._rows for column in row.columns])
+        unknowns = np.concatenate([columns for _, columns in blocks])
+        #: Unknowns of the loops, block by block; and with other columns on which closures depend.
+        self.unknowns = unknowns.astype(int)
+        self.columns = np.append(unknowns, used[used >= couplings.free]).astype(int)
+
+    def __len__(self):
+        return len(self.closures)
+
+    @property
+    def blocks(self) -> list[tuple[slice, slice]]:
+        """Closures of each block, and their unknowns among `unknowns`."""
+        ends = ([slice(*part) for part in zip(s, s[1:], strict=False)] for s in self._block_starts)
+        return list(zip(*ends, strict=True))
+
+    @property
+    def singularity(self) -> str:
+        """What is wrong in a singular position."""
+        names = "; ".join(dict.fromkeys(str(one.joint) for one in self._couplings.closures))
+        return (
+            f"the loops that {names} close are in a singular position, such as bars in one "
+            "line, from which the motion may go on in several ways"
+        )
+
+    def derivatives(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+        """Those of the closures (closures, columns) by all columns, for the values of T or Tv."""
+        entries = values[self._value_at] * self._sign, (self._closure, self._column)
+        shape = len(self), self._couplings.columns + len(self._couplings.auxiliaries)
+        return scipy.sparse.csr_matrix(entries, shape)
+
+    def members(self) -> dict[str, Any]:
+        """The loops by the names in problem.h, without positions in the tangent."""
+        couplings, moving = self._couplings, self._couplings.moving
+        number = {joint.number: m for m, joint in enumerate(moving)}
+        near = np.empty(couplings.columns, dtype=int)
+        near[self.columns] = np.arange(len(self.columns))
+        ends, arms = np.full((2, len(self)), -1), np.full(len(self), -1)
+        for k, one in enumerate(self.closures):
+            for side, node in enumerate((one.joint.b, one.joint.a)):
+                if node.number >= 0:
+                    ends[side, k] = self._dofs[node.number, one.component]
+            if one.component < 2 and one.joint.number in number:
+                arms[k] = 2 * number[one.joint.number] + one.component
+        column, dof, _, _ = couplings.free_columns
+        dofs = np.full(couplings.columns, -1)
+        dofs[column] = dof
+        at_rest = [joint.arm if joint.place is None else joint.apart for joint in moving]
+        sizes, widths = map(np.diff, self._block_starts)
+        return {
+            "closures": len(self),
+            "loop_columns": len(self.columns),
+            "loop_free": len(self.unknowns),
+            "blocks": len(sizes),
+            "part_size": int(sizes @ sizes),
+            "pivoting_size": int((sizes * (widths + 1)).max()),
+            "loop_column": self.columns,
+            "loop_dof": dofs[self.unknowns],
+            "loop_unit": self.unit[self.unknowns],
+            "following": np.zeros(len(self), dtype=int),
+            "closure_b": ends[0],
+            "closure_a": ends[1],
+            "closure_arm": arms,
+            "closure_force": np.array(
+                [3 * one.joint.number + one.component for one in self.closures]
+            ),
+            "closure_entry_start": starts_of(np.bincount(self._closure, minlength=len(self))),
+            "closure_column": self._column,
+            "closure_value": self._value_at,
+            "closure_sign": self._sign,
+            "closure_near": near[[column for row in self._rows for column in row.columns]],
+            "closure_start": starts_of([len(row.columns) for row in self._rows]),
+            "closure_auxiliary": np.array([k for row in self._rows for k in row.auxiliaries], int),
+            "closure_auxiliary_start": starts_of([len(row.auxiliaries) for row in self._rows]),
+            "block_closure": self._block_starts[0],
+            "block_column": self._block_starts[1],
+            "block_part": starts_of(sizes**2),
+            "arm_at_rest": np.array(at_rest).reshape(-1, 2),
+            "closure_closed": self.tolerance,
+            "carried": len(self._carried),
+            "carried_closure": self._carried,
+        }
+
+    def border(self, at: np.ndarray, values: np.ndarray) -> scipy.sparse.csr_matrix:
+        """Gv or G (closures, unknowns) of the linear system with auxiliary unknowns.
+
+        `at` are its rows or its unknowns (`Couplings.system`), `values` those of Tv or T.
+        """
+        G = self.derivatives(values).tocoo()
+        on = at[G.col] >= 0
+        shape = len(self), self._couplings.unknown_count
+        return scipy.sparse.csr_matrix((G.data[on], (G.row[on], at[G.col[on]])), shape)
+
+    def system(self, pattern: Pattern) -> ClosedSystem:
+        """The linear system in which the forces are unknowns behind the others."""
+        row_of, unknown_of = (of[self._column] for of in self._couplings.system)
+        # Those of loops with nodes on beams border the system (c/bordering_rows.h).
+        outside = np.isin(self._closure, self._carried)
+        row_of[outside] = unknown_of[outside] = -1
+        on = np.flatnonzero(unknown_of >= 0)
+        shape = len(self._closure), len(self)
+        of_closure = scipy.sparse.csr_matrix((np.ones(len(on)), (on, self._closure[on])), shape)
+        #: Pairs of entries of one closure.
+        left, right = (of_closure @ of_closure.T).nonzero()
+        indptr, indices = pattern
+        n = len(indptr) - 1
+        inner, of_forces = np.repeat(np.arange(n), np.diff(indptr)), n + self._closure[on]
+        alone = n + self._carried
+        (start, column), position = sparsity(
+            np.concatenate([inner, row_of[left], of_forces, row_of[on], alone]),
+            np.concatenate([indices, unknown_of[right], unknown_of[on], of_forces, alone]),
+            n + len(self),
+        )
+        cuts = np.cumsum([len(inner), len(left), len(on), len(on)])
+        open_entries, stiff_to, equation, balance, ones = np.split(position, cuts)
+        row = np.repeat(np.arange(n + len(self)), np.diff(start))
+        diagonal = np.flatnonzero((row == column) & (row < len(self.unit)))
+        members = {
+            "closure_unknowns": len(on),
+            "closure_entry": on,
+            "stiffened": len(left),
+            "stiff_left": left,
+            "stiff_right": right,
+            "scales": len(diagonal),
+            "scale_unit": self.unit[row[diagonal]],
+        }
+        places = {
+            "closure_equation": equation,
+            "closure_balance": balance,
+            "stiff_to": stiff_to,
+            "scale_at": diagonal,
+        }
+        return ClosedSystem((start, column), open_entries, ones, members, places)
+
+    @property
+    def entries(self) -> int:
+        """Number of the entries of all closures."""
+        return len(self._closure)
+
+
+def closure_rows(couplings: Couplings, slides: list[Slide]) -> list[Row]:
+    """On what each closure depends: few unknowns, also in long trees.
+
+    What is common to both ends of a loop goes out. A node on a beam may be at all places of it.
+    """
+    # Numbers that do not cancel by chance.
+    random = np.random.default_rng(0)
+    values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.moving)).tolist()
+    values[0] = 1.0
+    starts = starts_of([len(auxiliary.entries) for auxiliary in couplings.auxiliaries]).tolist()
+    beams = dict[int, list[Entry]]()
+    for slide in slides:
+        dofs = slide.dofs.ravel().tolist()
+        near = {entry[0] for dof in dofs for entry in couplings.entries(dof)}
+        below = {entry[0] for column in near for entry in beams.get(column, ())}
+        near = {slide.column, *near, *below} - set(beams)
+        for column in slide.columns.tolist():
+            beams[column] = [(other, 0, random.uniform(1.0, 2.0)) for other in sorted(near)]
+    return [_row(one, couplings, values, starts, beams) for one in couplings.closures]
+
+
+def _row(
+    one: Closure,
+    couplings: Couplings,
+    values: list[float],
+    starts: list[int],
+    beams: dict[int, list[Entry]],
+) -> Row:
+    first, row, used = couplings.columns, dict[int, float](), list[int]()
+    waiting: list[int] = []
+
+    def add(entry: Entry, factor: float) -> None:
+        column, position, sign = entry
+        if column in beams:
+            for other in beams[column]:
+                add(other, factor * sign * values[position])
+            return
+        if column not in row:
+            row[column] = 0.0
+            if column >= first:
+                heapq.heappush(waiting, first - column)
+        row[column] += factor * sign * values[position]
+
+    for entry in one.entries:
+        add(entry, 1.0)
+    while waiting:
+        auxiliary = -heapq.heappop(waiting)  # the latest first: others depend on earlier ones only
+        factor = row.pop(first + auxiliary)
+        for k, entry in enumerate(
+            couplings.auxiliaries[auxiliary].entries if factor else [], starts[auxiliary]
+        ):
+            used.append(k)
+            add(entry, factor)
+    return Row([column for column, factor in row.items() if factor], used)
+
+
+def blocks_of(rows: list[Row], free: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Closures of loops that share unknowns, directly or through others, and these unknowns.
+
+    Those of neighbouring loops are near to each other.
+    """
+    entries = [(k, column) for k, row in enumerate(rows) for column in row.columns if column < free]
+    k, columns = np.array(entries, dtype=int).reshape(-1, 2).T
+    shape = len(rows), free
+    depends = scipy.sparse.csr_matrix((np.ones(len(k)), (k, columns)), shape)
+    near = (depends @ depends.T).tocsr()
+    _, label = scipy.sparse.csgraph.connected_components(near, directed=False)
+    order = scipy.sparse.csgraph.reverse_cuthill_mckee(near, symmetric_mode=True)
+    order = order[np.argsort(label[order], kind="stable")]
+    blocks = []
+    for members in np.split(order, np.flatnonzero(np.diff(label[order])) + 1):
+        part = depends[members].tocoo()
+        columns, at = np.unique(part.col, return_inverse=True)
+        place = np.bincount(at, part.row) / np.bincount(at)
+        blocks.append((members, columns[np.argsort(place, kind="stable")]))
+    return blocks

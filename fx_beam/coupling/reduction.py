@@ -1,0 +1,437 @@
+"""From all degrees of freedom to the unknowns: supports, and joints without multipliers.
+
+The nodal vector x is a function g of the columns z, unknowns first, with T = dg/dz. Virtual
+displacements are Tv times those of the columns. Newton's method solves Tv^T r(g(z)) = 0; the
+tangent is Tv^T K T + (dTv/dz)^T r.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse
+
+from fx_beam.content_cache import cached_by_content
+from fx_beam.fem.point_forces import PointForces
+from fx_beam.laws.rates import UpdateRule
+from fx_beam.scene.joints import Joint
+
+from .auxiliaries import Auxiliaries
+from .column_map import ColumnMap
+from .configuration import Configuration
+from .graph import Couplings
+from .loops import ClosedSystem, Loops
+from .sliders import Slide, Sliders
+from .tables import Pattern, sparsity
+
+
+class ReducedTangent(NamedTuple):
+    """How the reduced tangent is made of the full one, by the names in c/problem.h."""
+
+    #: Sparsity of open loops, without what slides.
+    pattern: Pattern
+    #: Entries of the full tangent that are added to reduced ones as they are; those multiplied by
+    #: entries of Tv and T; the derivatives of Tv; and those of the forces of springs and dampers.
+    direct: dict[str, np.ndarray]
+    coupled: dict[str, np.ndarray]
+    geometric: dict[str, np.ndarray]
+    restoring: dict[str, np.ndarray]
+    #: Positions of the entries of auxiliary unknowns.
+    auxiliary_to: np.ndarray
+
+
+class Reduction:
+    """Unknowns of a scene, and the reduction of vectors and matrices to them.
+
+    `matrix` has the sparsity of the full tangent; those of its entries that are not `used` remain
+    zero. In the linear system each auxiliary unknown has two unknowns, its displacement u and the
+    force on what it follows, and each closure of a loop its force.
+    """
+
+    #: Why no step can begin here; empty if it can.
+    singularity = ""
+
+    def __init__(
+        self,
+        couplings: Couplings,
+        points: PointForces,
+        rates: UpdateRule,
+        dofs: np.ndarray,
+        matrix,
+        used: np.ndarray,
+        sliders: Sliders | None = None,
+        loops: Loops | None = None,
+    ):
+        self.sliders, self.loops, self.couplings = sliders, loops, couplings
+        #: Number of unknowns, of driven columns (prescribed, motors), and of all with fixed ones.
+        self.free, self.driven = couplings.free, couplings.driven
+        self.columns = couplings.columns
+        #: Number of forces that close loops, which are unknowns of the loop in C behind the others.
+        self.forces = 0 if loops is None else len(loops)
+        self.auxiliaries = Auxiliaries(couplings)
+        self._rates, self._points, self._dofs = rates, points, dofs
+        self._size, self._full = matrix.shape[0], (matrix, used)
+        self._row, self._col, self._value_at, self._sign = couplings.all_entries
+        moving = couplings.moving
+        self._arms = np.zeros((2, len(moving), 2))
+        self.set_arms(moving)
+        self._slide = np.array([couplings.slides.get(j.number, -1) for j in moving], dtype=int)
+        self._maps: dict[Any, Any] = {}
+
+    @property
+    def _slides(self) -> Sequence[Slide]:
+        return [] if self.sliders is None else self.sliders.all
+
+    def set_arms(self, moving: Sequence[Joint]) -> None:
+        """Set the joints that move, in the same order: their offsets and axes."""
+        offset, axis = self._arms
+        for m, joint in enumerate(moving):
+            offset[m], axis[m] = joint.offset, (0.0, 0.0) if joint.axis is None else joint.axis
+
+    # -- The tangent ------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def tangent(self) -> ReducedTangent:
+        """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent.
+
+        Not made where others have the tangent.
+        """
+        free, couplings, (matrix, used) = self.free, self.couplings, self._full
+        row_of, unknown_of = couplings.system
+        geometric = []
+        for m, joint in enumerate(couplings.moving):
+            turn = [e for e in couplings.entries_of_carrier(joint, self._dofs)]
+            turn = [e for e in turn if unknown_of[e[0]] >= 0]
+            slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
+            of_kinds = (turn, turn), (turn, slide), (slide, turn), (slide, slide)
+            for kind, (maps, values) in enumerate(of_kinds[: 4 if joint.track.number else 3]):
+                geometric += [(a, b, m, kind, s * o) for a, _, s in maps for b, _, o in values]
+        #: Slides with forces that are unknowns, among all with forces.
+        sprung = np.flatnonzero(unknown_of[self._points.columns] >= 0)
+        restoring = [(c, c) for c in self._points.columns[sprung].tolist()]
+
+        moves = unknown_of[self._col] >= 0
+        source, left, right = _products(self._row, moves, used, matrix.indptr, matrix.indices)
+        others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2)
+        pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
+        rows = np.append(row_of[pairs[:, 0]], self.auxiliaries.rows)
+        columns = np.append(unknown_of[pairs[:, 1]], self.auxiliaries.columns)
+        if self.sliders is None:
+            pattern, position = sparsity(rows, columns, couplings.unknown_count)
+        else:
+            position = self.sliders.set_tangent(rows, columns)
+            pattern = self.sliders.bordered.pattern
+        cuts = np.cumsum([len(source), len(geometric), len(restoring)])
+        position, geometric_to, restoring_to, auxiliary_to = np.split(position, cuts)
+        maps, values = self._value_at[left], self._value_at[right]
+        signs = self._sign[left] * self._sign[right]
+        direct = (maps == 0) & (values == 0) & (signs == 1)
+        names = "to", "from", "virtual", "value", "sign"
+        coupled = (part[~direct] for part in (position, source, maps, values, signs))
+        table = np.array([(m, kind, sign) for _, _, m, kind, sign in geometric]).reshape(-1, 3)
+        joint_and_kind = dict(zip(("joint", "kind"), table[:, :2].T.astype(int), strict=True))
+        return ReducedTangent(
+            pattern,
+            direct={"to": position[direct], "from": source[direct]},
+            coupled=dict(zip(names, coupled, strict=True)),
+            geometric={"to": geometric_to, **joint_and_kind, "sign": table[:, 2]},
+            restoring={"to": restoring_to, "of": sprung},
+            auxiliary_to=auxiliary_to,
+        )
+
+    @functools.cached_property
+    def closed_system(self) -> ClosedSystem | None:
+        """The linear system with the forces that close loops; None without loops."""
+        return None if self.loops is None else self.loops.system(self.tangent.pattern)
+
+    @property
+    def factored(self) -> Pattern:
+        """Sparsity (indptr, indices) of the linear system in compressed rows.
+
+        Of the unknowns, and of what is behind them; nodes that slide on beams border it.
+        """
+        closed = self.closed_system
+        return self.tangent.pattern if closed is None else closed.pattern
+
+    @functools.cached_property
+    def equates(self) -> bool:
+        """Whether supports and joints only make degrees of freedom equal."""
+        return self.couplings.is_index and not (self.forces or len(self._points.columns))
+
+    @property
+    def dependent(self) -> np.ndarray | None:
+        """Auxiliary unknowns (2, m), and those on which they depend; None without any."""
+        return self.auxiliaries.dependent if len(self.auxiliaries) else None
+
+    @property
+    def offsets_and_axes(self) -> dict[str, np.ndarray]:
+        """Those of joints that move, by the names in c/problem.h."""
+        return dict(zip(("offset", "axis"), self._arms, strict=True))
+
+    @functools.cached_property
+    def members(self) -> dict[str, Any]:
+        """The couplings by the names in c/problem.h, without positions in the tangent."""
+        couplings, moving = self.couplings, self.couplings.moving
+        equal = (self._value_at == 0) & (self._sign == 1)
+        order = np.argsort(~equal, kind="stable")
+        carrier = [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in moving]
+        # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
+        pairs = [(dof, arm) for dof, arms in couplings.arms.items() for arm in arms]
+        below, through = np.array(pairs, dtype=int).reshape(-1, 2).T
+        return {
+            "dofs": self._size,
+            "columns": self.columns,
+            "free": self.free,
+            "driven": self.driven,
+            "entries": len(equal),
+            "equal": np.count_nonzero(equal),
+            "alone": equal.all() and np.array_equal(self._row, np.arange(self._size)),
+            "entry_row": self._row[order],
+            "entry_column": self._col[order],
+            "entry_value": self._value_at[order],
+            "entry_sign": self._sign[order],
+            "joints": len(moving),
+            "joint_sign": couplings.sign[:2, [joint.number for joint in moving]].T,
+            "carrier": np.array(carrier, dtype=int),
+            "slide_column": self._slide,
+            "slide_of": np.array([joint.number for joint in moving], dtype=int),
+            "track": np.array([joint.track.number for joint in moving], dtype=int),
+            "followers": len(below),
+            "follower": below,
+            "through": through,
+            **self.offsets_and_axes,
+            **self.auxiliaries.members(),
+            **({} if self.loops is None else self.loops.members()),
+        }
+
+    # -- A step -----------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _configuration(self) -> Configuration:
+        slides = self._slides
+        sliders = {"sliders": len(slides), "slider": [slide.members() for slide in slides]}
+        rule = {"level": self._rates.level, **self._rates.constants}
+        joints = self.couplings.sign.shape[1]
+        return Configuration(self.members | rule | sliders, joints, slides)
+
+    def begin(self, q: np.ndarray, slides: np.ndarray) -> None:
+        """Set the start of a step, and choose the unknowns that close loops.
+
+        There are displacements and rotations, and slides.
+        """
+        if self.equates:
+            return
+        regular = self._configuration.begin(q, slides)
+        self.singularity = "" if regular or self.loops is None else self.loops.singularity
+        self.expand_open(np.zeros(self.free), np.zeros(self.driven))
+
+    def expand(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
+        """Increment of all degrees of freedom from increments of unknowns and driven columns: g.
+
+        `spread` and `project` refer to it. Unknowns that close loops are corrected in y; it is not
+        finite if they cannot be closed.
+        """
+        if self.equates:
+            fixed = np.zeros(self.columns - self.free - self.driven)
+            return np.concatenate([y, driven, fixed])[self.couplings.column]
+        closed = self._expand(y, driven, True)
+        self._points.evaluate_slides(self._configuration.z[: self.columns])
+        return self._configuration.D.copy() if closed else np.full(self._size, np.nan)
+
+    def expand_open(self, y: np.ndarray, driven: np.ndarray) -> np.ndarray:
+        """Closures (closures,) at increments of unknowns that need not close the loops [m]."""
+        self._expand(y, driven, False)
+        return self._configuration.closure
+
+    def _expand(self, y: np.ndarray, driven: np.ndarray, close: bool) -> bool:
+        self._maps = {}
+        return self._configuration.expand(y, driven, close)
+
+    @property
+    def independent(self) -> np.ndarray:
+        """Unknowns that follow no others: all, but for those that close loops."""
+        return np.setdiff1d(np.arange(self.free), self._following)
+
+    @property
+    def _following(self) -> np.ndarray:
+        if self.loops is None:
+            return np.empty(0, dtype=int)
+        return self.loops.columns[self._configuration.following]
+
+    def fault(self, arcs: Sequence[tuple[float, float]] | None = None) -> tuple[str, str] | None:
+        """Kind and reason of a step in which a node leaves the beam on which it slides; or None.
+
+        Of the last step, or of one with these arc lengths of all nodes at its ends.
+        """
+        if self.sliders is None:
+            return None
+        return self.sliders.fault(self._configuration.arcs if arcs is None else arcs)
+
+    # -- Small changes ----------------------------------------------------------------------------
+
+    def _values(self, virtual: bool) -> np.ndarray:
+        return np.ones(1) if self.equates else self._configuration.values[virtual]
+
+    def _map(self, virtual: bool, complete: bool = True) -> ColumnMap:
+        """T or Tv; only what slides on beams is dependent in it if it is not `complete`."""
+        if (key := (virtual, complete)) not in self._maps:
+            parts = self._sums(self._values(virtual), virtual, complete)
+            self._maps[key] = ColumnMap(*parts)
+        return self._maps[key]
+
+    def _sums(self, values: np.ndarray, virtual: bool, complete: bool):
+        """Degrees of freedom and dependent columns by all columns, and which these are."""
+        shape, at = (self._size, self.columns + len(self.auxiliaries)), (self._row, self._col)
+        A = scipy.sparse.csr_matrix((values[self._value_at] * self._sign, at), shape)
+        rows = [scipy.sparse.csr_matrix((0, shape[1]))]
+        dependent = [np.empty(0, dtype=int)]
+        relations = self._configuration.relations(virtual) if self._slides else []
+        for slide, (of, first) in zip(self._slides, relations, strict=True):
+            along = scipy.sparse.csr_matrix(
+                (of[:, -1], (range(len(of)), [slide.column] * len(of))), (len(of), shape[1])
+            )
+            rows.append(scipy.sparse.csr_matrix(of[:, :-1]) @ A[slide.local_dofs(first)] + along)
+            dependent.append(slide.columns)
+        if complete:
+            rows.append(self.auxiliaries.sums(values))
+            dependent.append(np.arange(self.columns, shape[1]))
+        return A, scipy.sparse.vstack(rows, "csr"), np.concatenate(dependent)
+
+    def closure_derivatives(self, virtual: bool = False) -> np.ndarray:
+        """G or Gv (closures, columns): of the closures of loops by other columns."""
+        if (key := ("G", virtual)) not in self._maps:
+            assert self.loops is not None
+            G = self.loops.derivatives(self._values(virtual))
+            self._maps[key] = self._map(virtual).by_others(G)[:, : self.columns].toarray()
+        return self._maps[key]
+
+    def _ratios(self, virtual: bool = False) -> np.ndarray:
+        """Changes (following, columns) of the unknowns that close loops, by the other columns."""
+        if (key := ("W", virtual)) not in self._maps:
+            G, d = self.closure_derivatives(virtual), self._following
+            try:
+                W = -np.linalg.solve(G[:, d], G)
+            except np.linalg.LinAlgError:
+                W = np.full_like(G, np.nan)
+            W[:, d] = 0.0
+            self._maps[key] = W
+        return self._maps[key]
+
+    def completion(self) -> scipy.sparse.csr_matrix:
+        """Matrix (columns, columns) that gives all rates from those of independent columns."""
+        if self.loops is None:
+            return scipy.sparse.identity(self.columns, format="csr")
+        W, d = self._ratios(), self._following
+        rows = np.setdiff1d(np.arange(self.columns), d)
+        k, columns = np.nonzero(W)
+        entries = np.append(np.ones(len(rows)), W[k, columns])
+        at = np.append(rows, d[k]), np.append(rows, columns)
+        return scipy.sparse.csr_matrix((entries, at), (self.columns,) * 2)
+
+    def completed(self, z: np.ndarray) -> np.ndarray:
+        """All rates from those of independent columns: completion() z."""
+        if self.loops is None:
+            return z
+        z = z.copy()
+        z[self._following] = self._ratios() @ z
+        return z
+
+    def spread(self, z: np.ndarray) -> np.ndarray:
+        """Small change of all degrees of freedom from a small change of all columns: T z."""
+        return self._map(False) @ np.append(self.completed(z), np.zeros(len(self.auxiliaries)))
+
+    def coupling(self) -> scipy.sparse.csr_matrix:
+        """The matrix T (size, columns) of `spread`."""
+        T = self._map(False).matrix[:, : self.columns]
+        return T if self.loops is None else (T @ self.completion()).tocsr()
+
+    def coupling_of_trees(self) -> scipy.sparse.csr_matrix:
+        """The same with loops that are open."""
+        return self._map(False).matrix[:, : self.columns]
+
+    def gather(self, r: np.ndarray) -> np.ndarray:
+        """Forces on all columns without Tv and springs: T^T r."""
+        return self._gathered(r, False, np.zeros(self.columns + len(self.auxiliaries)))
+
+    def project(self, r: np.ndarray) -> np.ndarray:
+        """Generalised forces of all columns: Tv^T r, with springs and dampers."""
+        on_slides = np.zeros(self.columns + len(self.auxiliaries))
+        np.add.at(on_slides, self._points.columns, self._points.on_slides(0))
+        return self._gathered(r, True, on_slides)
+
+    def _gathered(self, r: np.ndarray, virtual: bool, on_columns: np.ndarray) -> np.ndarray:
+        R, d = self._map(virtual).collected(r, on_columns)[: self.columns], self._following
+        if len(d):
+            R += self._ratios(virtual).T @ R[d]
+            R[d] = 0.0
+        return R
+
+    def moves(self, dofs: np.ndarray) -> np.ndarray:
+        """Whether each unknown (free,) moves one of some degrees of freedom (size,), or a loop."""
+        A, B, dependent = self._sums(self._values(False), False, True)
+        none = np.zeros(A.shape[1])
+        moving = ColumnMap(abs(A), abs(B), dependent).collected(1.0 * dofs, none)[: self.free] > 0
+        if self.loops is not None:
+            moving[self.loops.unknowns] = True
+        return moving
+
+    def moves_alone(self, dofs: np.ndarray) -> np.ndarray:
+        """Whether each unknown (free,) equals one of some degrees of freedom (size,).
+
+        So far as it is known: not in long trees, loops or on beams.
+        """
+        if len(self.auxiliaries) or self.sliders is not None:
+            return np.zeros(self.free, dtype=bool)
+        alone = np.bincount(self._row, minlength=self._size) == 1
+        own = alone[self._row] & dofs[self._row] & (self._value_at == 0)
+        return np.bincount(self._col[own], minlength=self.columns)[: self.free] > 0
+
+    def normal(self, weight: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        """T^T W T for a matrix W (size, size), as the system with auxiliaries and loops.
+
+        Its first unknowns x solve T^T W T x = b, if b is followed by zeros.
+        """
+        values, auxiliaries = self._values(False), self.auxiliaries
+        at = auxiliaries.rows, auxiliaries.columns
+        of_auxiliaries = auxiliaries.entries(values, values), at
+        matrix = self.reduced(weight, False)
+        matrix = matrix + scipy.sparse.csr_matrix(of_auxiliaries, matrix.shape)
+        if self.loops is None:
+            return matrix
+        sides = zip(self.couplings.system, (self._values(True), values), strict=True)
+        columns, rows = (self.loops.border(*side) for side in sides)
+        return scipy.sparse.bmat([[matrix, columns.T], [rows, None]], "csr")
+
+    def reduced(
+        self, matrix: scipy.sparse.csr_matrix, virtual: bool = True
+    ) -> scipy.sparse.csr_matrix:
+        """The part Tv^T A T of the linear system for a matrix A of any sparsity, without loops."""
+        (row_of, unknown_of), n = self.couplings.system, self.couplings.unknown_count
+        T, Tv = (self._map(of, complete=False).matrix for of in (False, virtual))
+        A = (Tv.T @ matrix @ T).tocoo()
+        row, column = row_of[A.row], unknown_of[A.col]
+        on = (row >= 0) & (column >= 0) & (row < n) & (column < n)
+        return scipy.sparse.csr_matrix((A.data[on], (row[on], column[on])), (n, n))
+
+
+@cached_by_content
+def _products(
+    row: np.ndarray, moves: np.ndarray, used: np.ndarray, indptr: np.ndarray, indices: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Used entries of K, in compressed rows, and the entries of Tv and T by which to multiply.
+
+    From the rows of Tv's entries, and whether they move.
+    """
+    moving, size = np.flatnonzero(moves), len(indptr) - 1
+    count = np.bincount(row[moving], minlength=size)
+    first = np.cumsum(count) - count
+    i, j = np.repeat(np.arange(size), np.diff(indptr)), indices
+    products = count[i] * count[j] * used
+    source = np.repeat(np.arange(len(j)), products)
+    number = np.arange(len(source)) - np.repeat(np.cumsum(products) - products, products)
+    i, j = i[source], j[source]
+    left, right = first[i] + number // count[j], first[j] + number % count[j]
+    return source, moving[left], moving[right]

@@ -1,0 +1,29 @@
+/* Supports and joints alone, for Python (coupling/reduction.py). */
+
+#include "couplings.h"
+
+/* Begins a step of the joints from the state; returns 0 in a singular position. */
+KEPT int fx_begin_joints(Problem *p) {
+  Work work, *w = &work;
+  lay_out(p, w, p->scratch);
+  w->dt = 0;
+  return begin_couplings(p, w);
+}
+
+/* Finds the increments for those z of the columns, of which the ones that close loops are corrected if the loops `close`;
+   returns 0 if these cannot be closed. `to` are the increments of nodes and columns, values of T and Tv, and closures. */
+KEPT int fx_expand(Problem *p, const double *z, int close, double **to) {
+  Work work, *w = &work;
+  int closed = 1;
+  lay_out(p, w, p->scratch);
+  memcpy(w->z, z, p->columns * sizeof(double));
+  if (close) closed = expand(p, w);
+  else {
+    expand_trees(p, w);
+    find_closures(p, w->D, w->rho0, w->rho1, w->closure);
+    for (int k = 0; k < p->closures; ++k) w->closure[k] += w->closure0[k];
+  }
+  double *found[] = {w->D, w->z, w->values, w->virtual_map, w->closure};
+  memcpy(to, found, sizeof found);
+  return closed;
+}
