@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from fx_beam.errors import SceneError
+from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
-from .short_loops import order_for_short_loops
-from .sliding_order import hold_sliding_nodes
+# Loops are changed only if they have fewer joints in all than this part of theirs.
+_SHORTER = 0.7
+_PASSES = 3
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,10 @@ def _forest(
     """
     neighbours: dict[int, list[tuple[int, Joint]]] = {}
     trees: dict[int, int] = {}
-    anchors = {node: node for node in {*supported, GROUND.number}}
+    supported = {*supported, GROUND.number}
+    anchors = {node: node for node in supported}
     closed_loops: list[list[Joint]] = []
+    turning = what == "rotation"
 
     def tree(node: int) -> int:
         while (above := trees.setdefault(node, node)) != node:
@@ -78,18 +83,24 @@ def _forest(
     for joint in joints:
         a, b = joint.a.number, joint.b.number
         closed = tree(a) == tree(b)
-        loop = [*_path(neighbours, a, b), joint] if closed else []
-        if not closed and tree(a) in anchors and tree(b) in anchors:
-            ends = anchors[tree(a)], anchors[tree(b)]
-            loop = [*_path(neighbours, ends[0], a), *_path(neighbours, b, ends[1]), joint]
-            if on_beams.intersection(ends) and (joint.rotation is None or what != "rotation"):
-                closed_loops.append(loop)
-                continue
-        if what != "rotation" and not all(other.is_index for other in loop):
+        first, last = (anchors.get(tree(node)) for node in (a, b))
+        loop: list[Joint] = []
+        if closed:
+            loop = [*_path(neighbours, a, b), joint]
+        elif first is not None and last is not None:
+            loop = [*_path(neighbours, first, a), *_path(neighbours, b, last), joint]
+        on_beam = not closed and not on_beams.isdisjoint({first, last})
+        yields = on_beam and not (turning and joint.rotation is not None)
+        if loop and (yields or not (turning or all(other.is_index for other in loop))):
             closed_loops.append(loop)
             continue
-        if closed:
+        if loop and closed:
             _refuse(scene, loop, f"they close a loop in which each joint couples the {what}")
+        if first is not None and last is not None:
+            ends = sorted((first, last))
+            names = [str(GROUND if n == GROUND.number else scene.nodes[n]) for n in ends]
+            reason = f"the {what} of {names[0]} and of {names[1]} are both supported"
+            _refuse(scene, loop, f"{reason}; support one of them only")
         if tree(a) in anchors:
             anchors.setdefault(tree(b), anchors[tree(a)])
         trees[tree(a)] = tree(b)
@@ -97,34 +108,19 @@ def _forest(
         neighbours.setdefault(b, []).append((a, joint))
 
     branches: list[Branch] = []
-    reached: set[int] = set()
-
-    def grow(root: int) -> None:
-        reached.add(root)
-        queue = [root]
-        for parent in queue:
-            for node, joint in neighbours.get(parent, []):
-                if node in reached:
-                    continue
-                if node in supported or node == GROUND.number:
-                    path = _path(neighbours, root, node)
-                    first, second = (
-                        GROUND if n == GROUND.number else scene.nodes[n] for n in (root, node)
-                    )
-                    reason = (
-                        f"the {what} of {first} and of {second} are both supported; support one of "
-                        "them only"
-                    )
-                    _refuse(scene, path, reason)
-                reached.add(node)
-                branches.append(Branch(node, parent, joint))
-                queue.append(node)
-
     nodes = sorted(neighbours)
-    roots = [n for n in nodes if n in supported or n == GROUND.number]
-    for root in [*roots, *(n for n in nodes if n in preferred), *nodes]:
-        if root not in reached:
-            grow(root)
+    reached: set[int] = set()
+    for root in [
+        *(n for n in nodes if n in supported),
+        *(n for n in nodes if n in preferred),
+        *nodes,
+    ]:
+        queue = [] if root in reached else [root]
+        for parent in queue:
+            reached.add(parent)
+            grown = [Branch(n, parent, by) for n, by in neighbours[parent] if n not in reached]
+            branches += grown
+            queue += [branch.node for branch in grown]
     return branches, closed_loops
 
 
@@ -153,3 +149,78 @@ def _refuse(scene: Scene, joints, reason: str) -> None:
         f"over-constrained: {names}: {reason}. Remove one of them, or release a degree of freedom "
         "by a slide, a free rotation, or a beam between the nodes"
     )
+
+
+def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Joint]]) -> list[Joint]:
+    """Joints in the order in which trees grow: those that close loops, given as joints, are last.
+
+    The last joint of a loop closes it. Loops of one tree are a basis of all loops: joint f of loop
+    k may close it in the place of the joint that does; each other loop with f then becomes its sum
+    with loop k. So the rungs of a ladder close one cell each. Only plain hinges are exchanged.
+    """
+    number = {id(joint): k for k, joint in enumerate(joints)}
+    closing = [number[id(loop[-1])] for loop in loops]
+    # One bit for each joint.
+    basis = [sum(1 << number[id(joint)] for joint in loop) for loop in loops]
+    hinges = sum(
+        1 << k for k, joint in enumerate(joints) if joint.is_index and not joint.turns_together
+    )
+    before = sum(map(int.bit_count, basis))
+    changed, passes = len(basis) > 1, 0
+    while changed and passes < _PASSES:
+        changed, passes = False, passes + 1
+        for k in sorted(range(len(basis)), key=lambda k: basis[k].bit_count()):
+            new = _better(k, basis, hinges)
+            if new is not None and hinges >> closing[k] & 1:
+                for g, loop in enumerate(basis):
+                    if g != k and loop >> new & 1:
+                        basis[g] = loop ^ basis[k]
+                closing[k], changed = new, True
+    if sum(map(int.bit_count, basis)) > _SHORTER * before:
+        return list(joints)
+    last = set(closing)
+    return [joint for k, joint in enumerate(joints) if k not in last] + [
+        joints[k] for k in sorted(last)
+    ]
+
+
+def _better(k: int, basis: list[int], hinges: int) -> int | None:
+    """The hinge of a loop that shortens the others most if it closes this one; None if none."""
+    loop, gains = basis[k], dict[int, int]()
+    for g, other in enumerate(basis):
+        common = other & loop & hinges
+        if g == k or not common:
+            continue
+        gain = other.bit_count() - (other ^ loop).bit_count()
+        while common:
+            bit = common & -common
+            gains[bit] = gains.get(bit, 0) + gain
+            common ^= bit
+    best = max(gains, key=lambda bit: gains[bit], default=0)
+    return best.bit_length() - 1 if best and gains[best] > 0 else None
+
+
+def hold_sliding_nodes(joints: Iterable[Joint], held: list[set[int]]) -> list[SlidingJoint]:
+    """Joints of sliding nodes; adds what a beam holds to nodes held in x, y and rotation.
+
+    SceneError for a sliding node that is supported, or that slides on two beams.
+    """
+    sliding = sliding_joints(joints)
+    for joint in sliding:
+        others = [other for other in sliding if other.b is joint.b]
+        if len(others) > 1:
+            names = "; ".join(map(str, others))
+            raise SceneError(
+                f"over-constrained: {names}: {joint.b} slides on two beams. Let two nodes slide, "
+                "and join them by a beam"
+            )
+        for _, node, i in joint.carried:
+            if node in held[i]:
+                raise SceneError(
+                    f"over-constrained: {joint}: {COMPONENTS[i]} of the node is supported, but the "
+                    "beam moves it. Support the node before this joint is added: then it is a guide"
+                )
+    for joint in sliding:
+        for _, node, i in joint.carried:
+            held[i].add(node)
+    return sliding

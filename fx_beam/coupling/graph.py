@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 import scipy.sparse
@@ -15,7 +16,6 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
 from .forest import Branch, grown_forests
-from .sliding_order import with_order
 
 #: An entry of a coupling: column, position of its value (0 is the constant 1), and sign.
 Entry = tuple[int, int, float]
@@ -204,7 +204,32 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         carried=columns.carried,
         closures=[sums.closure(joint, i) for i in range(3) for joint in closing[i]],
     )
-    return with_order(scene, mesh, couplings) if couplings.sliding else couplings
+    if not couplings.sliding:
+        return couplings
+    return replace(couplings, sliding=_sliding_in_order(scene, mesh, couplings))
+
+
+def _sliding_in_order(scene: Scene, mesh: Mesh, couplings: Couplings) -> list[SlidingJoint]:
+    """Sliding joints, each after those on whose nodes its beam depends."""
+    owner = {c: number for number, columns in couplings.carried.items() for c in columns}
+    joints = {joint.number: joint for joint in couplings.sliding}
+    needs = {
+        number: {
+            owner[column]
+            for dof in mesh.dofs[mesh.nodes_of(scene, joint.beam)].ravel().tolist()
+            for column, _, _ in couplings.entries(dof)
+            if column in owner
+        }
+        for number, joint in joints.items()
+    }
+    try:
+        return [joints[number] for number in TopologicalSorter(needs).static_order()]
+    except CycleError as error:
+        names = "; ".join(str(joints[number]) for number in sorted({*error.args[1]}))
+        raise SceneError(
+            f"over-constrained: {names}: each node slides on a beam that the other nodes "
+            "carry. Remove one of them"
+        ) from None
 
 
 class _Sums:
