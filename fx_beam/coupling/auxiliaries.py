@@ -54,6 +54,11 @@ class Auxiliaries:
         of_entries = -sign * values[value_at], -sign * virtual_map[value_at]
         return np.concatenate([np.ones(2 * self._count), *of_entries])
 
+    def entries_of(self, auxiliaries: np.ndarray) -> np.ndarray:
+        """Numbers of the entries of some, the latest first: others depend on earlier ones only."""
+        of = np.flatnonzero(np.isin(self._of, auxiliaries))
+        return of[np.argsort(-self._of[of], kind="stable")]
+
     def sums(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
         """Derivatives (auxiliaries, columns) by all columns, for the values of T or Tv."""
         entries = self._sign * values[self._value_at], (self._of, self._column)

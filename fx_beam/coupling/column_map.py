@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
@@ -39,17 +37,20 @@ class ColumnMap:
             out += self._B.T @ out[self._dependent]
         return out
 
-    def by_others(self, rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-        """Derivatives by the other columns from rows (n, columns) by all, which are zero then."""
-        if not len(self._dependent):
-            return rows
-        return (rows @ self._others + rows[:, self._dependent] @ self._by_others).tocsr()
+    def collected_rows(
+        self, rows: scipy.sparse.csr_matrix
+    ) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:
+        """Derivatives (n, columns) by the other columns from those by all; what is passed on.
 
-    @functools.cached_property
-    def _by_others(self) -> scipy.sparse.csr_matrix:
-        return scipy.sparse.csr_matrix(self._solve(self._B.toarray()))
+        The latter (n, dependent) are the derivatives by dependent columns.
+        """
+        if not len(self._dependent):
+            return rows, np.zeros((rows.shape[0], 0))
+        passed = self._solve(rows[:, self._dependent].T.toarray(), "T").T
+        by_others = rows @ self._others + scipy.sparse.csr_matrix(passed) @ self._B
+        return by_others.tocsr(), passed
 
     @property
     def matrix(self) -> scipy.sparse.csr_matrix:
         """The matrix from z to x."""
-        return self.by_others(self._A)
+        return self.collected_rows(self._A)[0]

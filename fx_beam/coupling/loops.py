@@ -19,27 +19,21 @@ no inertia against a motion that the loops do not allow.
 
 from __future__ import annotations
 
-import heapq
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
 
-from .graph import Closure, Couplings, Entry
+from .auxiliaries import Auxiliaries
+from .column_map import ColumnMap
+from .graph import Couplings
 from .sliders import Slide
 from .tables import Pattern, sparsity, starts_of
 
 # Closure that is left, relative to the size of the scene.
 _CLOSED = 1e-15
-
-
-class Row(NamedTuple):
-    """What one closure depends on."""
-
-    #: Columns other than auxiliary unknowns.
-    columns: list[int]
-    #: Entries of auxiliary unknowns, in the order in which they are collected.
-    auxiliaries: list[int]
+# Sums of numbers near one that are zero but for round-off.
+_ROUNDING = 1e-9
 
 
 class ClosedSystem(NamedTuple):
@@ -62,14 +56,46 @@ class Loops:
     """
 
     def __init__(
-        self, couplings: Couplings, dofs: np.ndarray, unit: np.ndarray, slides: list[Slide]
+        self,
+        couplings: Couplings,
+        auxiliaries: Auxiliaries,
+        dofs: np.ndarray,
+        unit: np.ndarray,
+        slides: list[Slide],
     ):
         self.unit, self._couplings, self._dofs = unit, couplings, dofs
-        rows = closure_rows(couplings, slides)
-        blocks = blocks_of(rows, couplings.free)
+        self.closures = couplings.closures
+        self._set_entries()
+        dependence, values = _dependence(couplings, auxiliaries, slides)
+        count = len(auxiliaries)
+        by_others, passed = dependence.collected_rows(self.derivatives(values))
+        by_others.data[abs(by_others.data) < _ROUNDING] = 0.0
+        by_others.eliminate_zeros()
+        blocks = blocks_of(by_others[:, : couplings.free])
         order = np.concatenate([members for members, _ in blocks])
         self.closures = [couplings.closures[k] for k in order]
-        self._rows = [rows[k] for k in order]
+        self._set_entries()
+        #: In compressed rows the columns on which each closure depends.
+        self._near = by_others[order]
+        #: Entries of auxiliary unknowns of each, in the order in which they are collected.
+        self._auxiliaries = [
+            auxiliaries.entries_of(np.flatnonzero(abs(passed[k, :count]) > _ROUNDING))
+            for k in order
+        ]
+        on_beam = (self._column >= couplings.independent) & (self._column < couplings.columns)
+        #: Closures of loops with nodes on beams: their forces border the compiled loop's tangent.
+        self._carried = np.unique(self._closure[on_beam])
+        #: Largest closure of closed loops; some are angles.
+        self.tolerance = _CLOSED * max(unit.max(), max(k.component == 2 for k in self.closures))
+        sizes, widths = ([len(part[i]) for part in blocks] for i in (0, 1))
+        self._block_starts = starts_of(sizes), starts_of(widths)
+        used = np.unique(self._near.indices)
+        unknowns = np.concatenate([columns for _, columns in blocks])
+        #: Unknowns of the loops, block by block; and with other columns on which closures depend.
+        self.unknowns = unknowns.astype(int)
+        self.columns = np.append(unknowns, used[used >= couplings.free]).astype(int)
+
+    def _set_entries(self) -> None:
         entries = [(k, *entry) for k, one in enumerate(self.closures) for entry in one.entries]
         k, columns, value_at, signs = np.array(entries, dtype=float).reshape(-1, 4).T
         #: Closure, column, and position of the value of each entry, and its sign.
@@ -77,18 +103,6 @@ class Loops:
             x.astype(int) for x in (k, columns, value_at)
         )
         self._sign = signs
-        on_beam = (columns >= couplings.independent) & (columns < couplings.columns)
-        #: Closures of loops with nodes on beams: their forces border the compiled loop's tangent.
-        self._carried = np.unique(self._closure[on_beam])
-        #: Largest closure of closed loops; some are angles.
-        self.tolerance = _CLOSED * max(unit.max(), max(k.component == 2 for k in self.closures))
-        sizes, widths = ([len(part[i]) for part in blocks] for i in (0, 1))
-        self._block_starts = starts_of(sizes), starts_of(widths)
-        used = np.unique([column for row in self._rows for column in row.columns])
-        unknowns = np.concatenate([columns for _, columns in blocks])
-        #: Unknowns of the loops, block by block; and with other columns on which closures depend.
-        self.unknowns = unknowns.astype(int)
-        self.columns = np.append(unknowns, used[used >= couplings.free]).astype(int)
 
     def __len__(self):
         return len(self.closures)
@@ -153,10 +167,10 @@ class Loops:
             "closure_column": self._column,
             "closure_value": self._value_at,
             "closure_sign": self._sign,
-            "closure_near": near[[column for row in self._rows for column in row.columns]],
-            "closure_start": starts_of([len(row.columns) for row in self._rows]),
-            "closure_auxiliary": np.array([k for row in self._rows for k in row.auxiliaries], int),
-            "closure_auxiliary_start": starts_of([len(row.auxiliaries) for row in self._rows]),
+            "closure_near": near[self._near.indices],
+            "closure_start": self._near.indptr,
+            "closure_auxiliary": np.concatenate(self._auxiliaries),
+            "closure_auxiliary_start": starts_of([len(part) for part in self._auxiliaries]),
             "block_closure": self._block_starts[0],
             "block_column": self._block_starts[1],
             "block_part": starts_of(sizes**2),
@@ -223,71 +237,32 @@ class Loops:
         return len(self._closure)
 
 
-def closure_rows(couplings: Couplings, slides: list[Slide]) -> list[Row]:
-    """On what each closure depends: few unknowns, also in long trees.
+def _dependence(
+    couplings: Couplings, auxiliaries: Auxiliaries, slides: list[Slide]
+) -> tuple[ColumnMap, np.ndarray]:
+    """How columns depend on others, with numbers that do not cancel by chance, and values of T.
 
-    What is common to both ends of a loop goes out. A node on a beam may be at all places of it.
+    A node on a beam may be at all places of it.
     """
-    # Numbers that do not cancel by chance.
     random = np.random.default_rng(0)
-    values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.moving)).tolist()
+    values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.moving))
     values[0] = 1.0
-    starts = starts_of([len(auxiliary.entries) for auxiliary in couplings.auxiliaries]).tolist()
-    beams = dict[int, list[Entry]]()
+    size = couplings.columns + len(auxiliaries)
+    rows, dependent = [auxiliaries.sums(values)], [np.arange(couplings.columns, size)]
     for slide in slides:
-        dofs = slide.dofs.ravel().tolist()
-        near = {entry[0] for dof in dofs for entry in couplings.entries(dof)}
-        below = {entry[0] for column in near for entry in beams.get(column, ())}
-        near = {slide.column, *near, *below} - set(beams)
-        for column in slide.columns.tolist():
-            beams[column] = [(other, 0, random.uniform(1.0, 2.0)) for other in sorted(near)]
-    return [_row(one, couplings, values, starts, beams) for one in couplings.closures]
+        near = np.append(slide.near, slide.column)
+        weights = scipy.sparse.csr_matrix(random.uniform(1.0, 2.0, (len(slide.columns), len(near))))
+        rows.append(weights @ scipy.sparse.identity(size, format="csr")[near])
+        dependent.append(slide.columns)
+    none = scipy.sparse.csr_matrix((0, size))
+    return ColumnMap(none, scipy.sparse.vstack(rows), np.concatenate(dependent)), values
 
 
-def _row(
-    one: Closure,
-    couplings: Couplings,
-    values: list[float],
-    starts: list[int],
-    beams: dict[int, list[Entry]],
-) -> Row:
-    first, row, used = couplings.columns, dict[int, float](), list[int]()
-    waiting: list[int] = []
-
-    def add(entry: Entry, factor: float) -> None:
-        column, position, sign = entry
-        if column in beams:
-            for other in beams[column]:
-                add(other, factor * sign * values[position])
-            return
-        if column not in row:
-            row[column] = 0.0
-            if column >= first:
-                heapq.heappush(waiting, first - column)
-        row[column] += factor * sign * values[position]
-
-    for entry in one.entries:
-        add(entry, 1.0)
-    while waiting:
-        auxiliary = -heapq.heappop(waiting)  # the latest first: others depend on earlier ones only
-        factor = row.pop(first + auxiliary)
-        for k, entry in enumerate(
-            couplings.auxiliaries[auxiliary].entries if factor else [], starts[auxiliary]
-        ):
-            used.append(k)
-            add(entry, factor)
-    return Row([column for column, factor in row.items() if factor], used)
-
-
-def blocks_of(rows: list[Row], free: int) -> list[tuple[np.ndarray, np.ndarray]]:
+def blocks_of(depends: scipy.sparse.csr_matrix) -> list[tuple[np.ndarray, np.ndarray]]:
     """Closures of loops that share unknowns, directly or through others, and these unknowns.
 
     Those of neighbouring loops are near to each other.
     """
-    entries = [(k, column) for k, row in enumerate(rows) for column in row.columns if column < free]
-    k, columns = np.array(entries, dtype=int).reshape(-1, 2).T
-    shape = len(rows), free
-    depends = scipy.sparse.csr_matrix((np.ones(len(k)), (k, columns)), shape)
     near = (depends @ depends.T).tocsr()
     _, label = scipy.sparse.csgraph.connected_components(near, directed=False)
     order = scipy.sparse.csgraph.reverse_cuthill_mckee(near, symmetric_mode=True)

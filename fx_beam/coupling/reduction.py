@@ -57,6 +57,7 @@ class Reduction:
     def __init__(
         self,
         couplings: Couplings,
+        auxiliaries: Auxiliaries,
         points: PointForces,
         rates: UpdateRule,
         dofs: np.ndarray,
@@ -71,7 +72,7 @@ class Reduction:
         self.columns = couplings.columns
         #: Number of forces that close loops, which are unknowns of the loop in C behind the others.
         self.forces = 0 if loops is None else len(loops)
-        self.auxiliaries = Auxiliaries(couplings)
+        self.auxiliaries = auxiliaries
         self._rates, self._points, self._dofs = rates, points, dofs
         self._size, self._full = matrix.shape[0], (matrix, used)
         self._row, self._col, self._value_at, self._sign = couplings.all_entries
@@ -305,7 +306,7 @@ class Reduction:
         if (key := ("G", virtual)) not in self._maps:
             assert self.loops is not None
             G = self.loops.derivatives(self._values(virtual))
-            self._maps[key] = self._map(virtual).by_others(G)[:, : self.columns].toarray()
+            self._maps[key] = self._map(virtual).collected_rows(G)[0][:, : self.columns].toarray()
         return self._maps[key]
 
     def _ratios(self, virtual: bool = False) -> np.ndarray:

@@ -86,6 +86,11 @@ class Slide:
         return self.dofs[first : first + self.path.width, : len(self.columns)].T.ravel()
 
     @property
+    def near(self) -> np.ndarray:
+        """Columns on which the beam depends."""
+        return np.unique(self._parts[0].astype(int))
+
+    @property
     def longest(self) -> int:
         """Largest number of entries of the degrees of freedom in a window."""
         width, start = 3 * self.path.width, self._part_start

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
+from fx_beam.coupling.auxiliaries import Auxiliaries
 from fx_beam.coupling.graph import couple, motors
 from fx_beam.coupling.loops import Loops
 from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
@@ -451,11 +452,12 @@ class Model:
         if self.couplings.sliding:
             sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
         used = self.used_entries()
-        parts = self.couplings, self.points, self.scheme.rates, dofs, matrix, used
+        auxiliaries = Auxiliaries(self.couplings)
+        parts = self.couplings, auxiliaries, self.points, self.scheme.rates, dofs, matrix, used
         loops = None
         if self.couplings.closures:
             slides = [] if sliders is None else sliders.all
-            loops = Loops(self.couplings, dofs, self.unit_of_unknowns, slides)
+            loops = Loops(self.couplings, auxiliaries, dofs, self.unit_of_unknowns, slides)
         self.reduction = Reduction(*parts, sliders, loops)
         if loops is not None and all(joint.place is None for joint in scene.joints):
             self.reduction.begin(np.zeros(self.size), slides_at_start(scene))
