@@ -273,11 +273,12 @@ class CompiledLoop:
             if (values := getattr(inputs, name)).size:
                 first = values[:1]  # contiguous, also where one row stands for all
                 setattr(c_inputs, name, self._address("double[]", first))
-        c_inputs.load_stride = inputs.loads.strides[0] // inputs.loads.itemsize
-        c_inputs.follower_stride = (
-            inputs.follower_force.strides[0] // inputs.follower_force.itemsize
-        )
-        c_inputs.natural_stride = inputs.natural.strides[0] // inputs.natural.itemsize
+        for name, rows in (
+            ("load", inputs.loads),
+            ("follower", inputs.follower_force),
+            ("natural", inputs.natural),
+        ):
+            setattr(c_inputs, f"{name}_stride", rows.strides[0] // rows.itemsize)
         return c_inputs
 
     def c_record(self, recorder: Rows, steps: Steps, number: int):
@@ -349,24 +350,25 @@ class CompiledLoop:
             return no_inputs(parts, len(times))
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)
-        forcing, follow = self.forcing, self.model.points.followers
+        model, forcing, no_rows = self.model, self.forcing, np.empty((len(t1), 0))
+        follow, parameters = model.points.followers, model.forms.parameters
+
+        def rows(of: Callable[..., np.ndarray], constant: bool, *ends: np.ndarray) -> np.ndarray:
+            """Rows of all sub-steps; a single row is repeated without copies."""
+            values = plain(of(*(end[: 1 if constant else None] for end in ends)))
+            shape = len(t1), *values.shape[1:]
+            return np.broadcast_to(values, shape) if values.size else np.empty(shape)
+
         try:
-            first = slice(1 if self.model.loads.constant else None)
-            loads = _of_each_step(forcing.loads(t0[first], t1[first]), len(t1))
-            follower_force = np.empty((len(t1), 0))
-            if len(follow):
-                first = slice(1 if follow.constant else None)
-                follower_force = _of_each_step(follow.series(t0[first], t1[first]), len(t1))
-            parameters = self.model.forms.parameters
+            loads = rows(forcing.loads, model.loads.constant, t0, t1)
+            follower_force = rows(follow.series, follow.constant, t0, t1) if follow else no_rows
             values = np.empty((len(t1), 2, 0))
             if parameters.vary:
-                values = parameters.over_steps(t0, t1, self.model.scheme.rates.level)
-            natural = np.empty((len(t1), 0))
-            if self.model.natural:
-                first = slice(1 if self.model.natural.constant else None)
-                natural = _of_each_step(forcing.naturals(t1[first]), len(t1))
-            values_of = loads, forcing.series(t1), follower_force, values, natural
-            loads, driven, follower_force, values, natural = map(plain, values_of)
+                values = plain(parameters.over_steps(t0, t1, model.scheme.rates.level))
+            natural, strains = no_rows, model.natural
+            if strains:
+                natural = rows(forcing.naturals, strains.constant, t1)
+            driven = plain(forcing.series(t1))
             return StepInputs(loads, driven, follower_force, values, natural, parts)
         except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
@@ -412,10 +414,3 @@ def no_inputs(parts: int, steps: int = 0) -> StepInputs:
     """Those of steps without any."""
     none, of_ends = np.empty((steps * parts, 0)), np.empty((steps * parts, 2, 0))
     return StepInputs(of_ends, none, none, of_ends, none, parts)
-
-
-def _of_each_step(rows: np.ndarray, steps: int) -> np.ndarray:
-    """Rows of all steps; a single row is repeated without copies."""
-    if not rows.size:
-        return np.empty((steps, *rows.shape[1:]))
-    return np.broadcast_to(rows[0], (steps, *rows.shape[1:])) if len(rows) == 1 else rows

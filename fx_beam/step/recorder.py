@@ -37,59 +37,25 @@ def grown(array: np.ndarray, rows: int, used: int) -> np.ndarray:
     return grown
 
 
-class SubStepStarts:
-    """Starts of the sub-steps of the rows' steps, where these are not the previous row.
+def _starts(model: Model, motion: bool, rates: bool) -> dict[str, np.ndarray]:
+    """Arrays of starts of sub-steps by name, without rows, and the shares of these in their steps.
 
     Of forces that are not at mid-step only the last part of a step counts.
     """
-
-    def __init__(self, model: Model, motion: bool, rates: bool):
-        self._scheme, n, size, beams = model.scheme, 0, model.size, model.forms.beams
-        self._always = len(self._scheme.fractions) > 1 or model.forms.needs_previous
-        #: Starts (n, ...) by name, and the shares of the sub-steps in their steps.
-        self.arrays = {"share": np.zeros(n)}
-        if motion:
-            self.arrays["start_q"] = np.zeros((n, size))
-            if rates and beams is not None and beams.resultants_need_rates:
-                self.arrays |= {f"start_{name}": np.zeros((n, size)) for name in "va"}
-            if width := math.prod(model.forms.internal_shape):
-                self.arrays["start_internal"] = np.zeros((n, width))
-            if model.natural:
-                self.arrays["start_natural"] = np.zeros((n, model.natural.size))
-            if model.forms.needs_previous:
-                self.arrays |= {"start_q_previous": np.zeros((n, size)), "memory": np.zeros(n)}
-        if model.fits_rates:
-            self.arrays |= {f"start_{name}": np.zeros((n, size)) for name in "qv"}
-        #: Their number.
-        self.count = 0
-
-    def again(self) -> SubStepStarts:
-        """None yet, but room for as many."""
-        new = object.__new__(SubStepStarts)
-        arrays = {name: np.zeros(of.shape, of.dtype) for name, of in self.arrays.items()}
-        new.__dict__.update(self.__dict__, arrays=arrays, count=0)
-        return new
-
-    def stored(self, parts: int, every: int) -> bool:
-        """Whether those of a step in parts are stored, if every n-th step has a row."""
-        return self._always or parts > 1 or every > 1
-
-    def has_room(self, more: int) -> bool:
-        """Whether there is room for some more starts."""
-        return self.count + more <= min(map(len, self.arrays.values()))
-
-    def make_room(self, more: int) -> None:
-        """Make room for some more starts."""
-        for name, array in self.arrays.items() if more else ():
-            self.arrays[name] = grown(array, self.count + more, self.count)
-
-    def of_rows(self, up_to_row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements and rotations, and rates, (n - 1, size) at the starts of the rows' steps.
-
-        `up_to_row` (n,) has the numbers of the starts up to each row, the first of them the start.
-        """
-        q, v = (self.arrays[f"start_{name}"][up_to_row[:-1]] for name in "qv")
-        return q, v
+    forms, beams, needed = model.forms, model.forms.beams, {"share": 0}
+    if motion:
+        needed["start_q"] = model.size
+        if rates and beams is not None and beams.resultants_need_rates:
+            needed |= {"start_v": model.size, "start_a": model.size}
+        if width := math.prod(forms.internal_shape):
+            needed["start_internal"] = width
+        if model.natural:
+            needed["start_natural"] = model.natural.size
+        if forms.needs_previous:
+            needed |= {"start_q_previous": model.size, "memory": 0}
+    if model.fits_rates:
+        needed |= {"start_q": model.size, "start_v": model.size}
+    return {name: np.zeros((0, width) if width else 0) for name, width in needed.items()}
 
 
 @dataclass(frozen=True)
@@ -207,8 +173,11 @@ class Recorder:
         names = [name for name, quantity in ROWS.items() if quantity.record in kinds]
         #: Names of the rows that only serve the others.
         self._serving = {"q", "v"} - {*names} if model.fits_rates else set()
-        #: Starts of sub-steps; `up_to_row` has their number up to each row.
-        self._starts = SubStepStarts(model, record.motion, record.rates)
+        #: Starts (n, ...) of the sub-steps of the rows' steps, where these are not the previous
+        #: row, and their number; `up_to_row` has that up to each row.
+        self.arrays_of_starts = _starts(model, record.motion, record.rates)
+        self.starts = 0
+        self._parted = len(model.scheme.fractions) > 1 or model.forms.needs_previous
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
         self.arrays: dict[str, np.ndarray] = {}
         self.plan(0, times, last=True)
@@ -221,15 +190,16 @@ class Recorder:
         """One for another run of the same steps, without rows."""
         new = object.__new__(Recorder)
         new.__dict__.update(self.__dict__)  # far quicker than `copy.copy`
-        new.arrays = {name: np.zeros(of.shape, of.dtype) for name, of in self.arrays.items()}
-        new._starts = self._starts.again()
+        for name in ("arrays", "arrays_of_starts"):
+            arrays = getattr(self, name)
+            setattr(new, name, {key: np.zeros(of.shape, of.dtype) for key, of in arrays.items()})
         new.restart()
         return new
 
     def restart(self) -> None:
         """Have no rows: those of another run of the same steps overwrite the present ones."""
         self.rows, self.turns, self.late_accelerations, self._begins = 0, {}, None, True
-        self._starts.count = 0
+        self.starts = 0
 
     @property
     def t(self) -> np.ndarray:
@@ -255,28 +225,25 @@ class Recorder:
         for name, array in self.arrays.items():
             if len(array) < rows:
                 self.arrays[name] = grown(array, rows, self.rows)
-        whole = len(self.model.scheme.fractions) if self.stores_starts(1) else 0
-        self._starts.make_room(whole * len(steps))
+        if self.stores_starts(1):
+            self.make_room(len(self.model.scheme.fractions) * len(steps))
 
     def make_room(self, starts: int) -> None:
         """Make room for some more starts of sub-steps."""
-        if not self._starts.has_room(starts):
+        room, arrays = self.starts + starts, self.arrays_of_starts
+        if room > min(map(len, arrays.values())):
             self.plans += 1
-            self._starts.make_room(starts)
-
-    @property
-    def arrays_of_starts(self) -> dict[str, np.ndarray]:
-        """Arrays (starts, ...) of sub-steps by name."""
-        return self._starts.arrays
+            for name, array in arrays.items():
+                arrays[name] = grown(array, room, self.starts)
 
     def count(self, rows: int, starts: int) -> None:
         """Count all rows that are written, and all starts."""
-        self.rows, self._starts.count = rows, starts
+        self.rows, self.starts = rows, starts
 
     def truncate(self, rows: int) -> None:
         """Have some rows, which are written; what was begun after them is forgotten."""
         self.rows = rows
-        self._starts.count = self.complete
+        self.starts = self.complete
 
     def settle_at_end(self) -> None:
         """Have the rows up to the last state: an exception may have come between the two."""
@@ -291,7 +258,7 @@ class Recorder:
             array[:rest] = array[gone : self.rows].copy()
         self.arrays["up_to_row"][:rest] = 0
         self.turns = {max(row - gone, 0): missing for row, missing in self.turns.items()}
-        self.rows, self._starts.count = rest, 0
+        self.rows, self.starts = rest, 0
         if gone:
             self._begins, self.late_accelerations = False, None
         self.plans += 1
@@ -306,11 +273,6 @@ class Recorder:
         return self._first.impact
 
     @property
-    def starts(self) -> int:
-        """Number of starts of sub-steps that are stored."""
-        return self._starts.count
-
-    @property
     def complete(self) -> int:
         """Number of those of the rows so far; there are more within a step."""
         return self._up_to(self.rows - 1)
@@ -320,7 +282,7 @@ class Recorder:
 
     def stores_starts(self, parts: int) -> bool:
         """Whether starts of a step in parts are stored: the last one is not the previous row."""
-        return self._starts.stored(parts, self.every)
+        return self._parted or parts > 1 or self.every > 1
 
     def _selects(self, step: int) -> bool:
         return step % self.every == 0 or step == self.last
@@ -375,7 +337,10 @@ class Recorder:
         rows = {name: of[:n] for name, of in self.arrays.items()}
         times, steps = self._times, self._steps[:n]
         if model.fits_rates:
-            starts = None if self.every == 1 else self._starts.of_rows(rows["up_to_row"])
+            first = rows["up_to_row"][:-1]
+            starts = None
+            if self.every > 1:
+                starts = tuple(self.arrays_of_starts[f"start_{name}"][first] for name in "qv")
             driven = self._first.driven_rates if self._begins else None
             fit = functools.partial(fitted, model, rows, starts, (times, steps), driven)
         t = self.t
@@ -394,7 +359,7 @@ class Recorder:
         if not self.starts:
             return of_step
         counts = self._counts()
-        rows, shares = np.repeat(np.arange(self.rows), counts), self._starts.arrays["share"]
+        rows, shares = np.repeat(np.arange(self.rows), counts), self.arrays_of_starts["share"]
         return of_step * np.bincount(rows, shares[: len(rows)], self.rows) + of_step * (counts == 0)
 
     def _counts(self) -> np.ndarray:
@@ -404,7 +369,7 @@ class Recorder:
     def _shares(self, row: int) -> np.ndarray:
         """Shares (m,) of the sub-steps before a row in its step."""
         starts = self._starts_of_row(row)
-        return self._starts.arrays["share"][starts] if starts.stop > starts.start else np.ones(1)
+        return self.arrays_of_starts["share"][starts] if starts.stop > starts.start else np.ones(1)
 
     def _starts_of_row(self, row: int) -> slice:
         return slice(self._up_to(row - 1), self._up_to(row))
@@ -423,7 +388,7 @@ class Recorder:
 
         Row 0 has a single one, so short that its forces depend on the rates, but not on a motion.
         """
-        arrays, starts, beams = self.arrays, self._starts.arrays, self.model.forms.beams
+        arrays, starts, beams = self.arrays, self.arrays_of_starts, self.model.forms.beams
         assert beams is not None
         rows = np.arange(first, self.rows)
         counts = self._counts()[rows]

@@ -66,27 +66,21 @@ class CompiledSingleSteps:
         self._holds, self._ramps = [], []
         #: Whether other functions change in time.
         self._varies = False
-        views = [(function, loads[:, :, columns]) for columns, function in model.loads.functions]
         followers = [load.value for load in model.scene.loads if load.follower]
-        views += [(function, follower_force[:, i]) for i, function in enumerate(followers)]
-        for function, view in views:
+        for function, view, passed in (
+            *((of, loads[:, :, columns], ends) for columns, of in model.loads.functions),
+            *((of, follower_force[:, i], ends) for i, of in enumerate(followers)),
+            *((of, driven[:, i], ends) for i, of in enumerate(forcing.functions)),
+            *(
+                (of, parameters[:, :, i], in_steps)
+                for i, of in enumerate(model.forms.parameters.functions)
+            ),
+            *((of, natural[:, columns.start], ends) for columns, of in model.natural.functions),
+        ):
             if isinstance(function, Hold):
                 self._holds.append((function, view))
-            elif not isinstance(function, Constant):
-                self._varies = True
-        for i, function in enumerate(forcing.functions):
-            if isinstance(function, Ramp):
-                self._ramps.append((function, driven[:, i], ends))
-            else:
-                self._varies = True
-        for i, function in enumerate(model.forms.parameters.functions):
-            if isinstance(function, Ramp):
-                self._ramps.append((function, parameters[:, :, i], in_steps))
-            elif not isinstance(function, Constant):
-                self._varies = True
-        for columns, function in model.natural.functions:
-            if isinstance(function, Ramp):
-                self._ramps.append((function, natural[:, columns.start], ends))
+            elif isinstance(function, Ramp):
+                self._ramps.append((function, view, passed))
             elif not isinstance(function, Constant):
                 self._varies = True
         if not self._varies:

@@ -24,7 +24,6 @@ from fx_beam.scene.joints import GROUND, joints_by_number
 from .build import begin_to_build, load_library
 from .element_data import aligned
 from .form_tables import FormTables
-from .joint_forces import JointForces, Passing
 from .lu_layout import COSTS, Factors, factors_of, groups_of, in_sparse_rows
 from .model import Model
 from .newton import (
@@ -85,7 +84,7 @@ class Problem:
         self._hand_over_points(stored_at)
         self._hand_over_motors()
         if model.scene.joints and not bare:
-            self._hand_over_joint_forces(JointForces(model))
+            self._hand_over_joint_forces()
         self._hand_over_tolerances(options)
         numbers = self._numbers(masses=True) | self._positions()
         #: What some were made of: positions of nodes, and how often masses had changed.
@@ -492,18 +491,26 @@ class Problem:
             motor_slide=none + [j.number if on == "slide" else -1 for j, on in model.motors],
         )
 
-    def _hand_over_joint_forces(self, joint_forces: JointForces) -> None:
-        both = joint_forces.displacements, joint_forces.rotations
-        parts = {
-            f"pass_{name}": np.concatenate([getattr(p, name) for p in both])
-            for name in Passing._fields
-        }
-        self._set(
-            scene_joints=self.model.scene.joint_count,
-            passes=len(parts["pass_dof"]),
-            passes_of_forces=len(both[0].dof),
-            **parts,
-        )
+    def _hand_over_joint_forces(self) -> None:
+        """How forces on nodes pass through joints of trees, from the leaves to the roots.
+
+        The force of a joint on b is the sum of those on all nodes that follow through it.
+        """
+        couplings, dofs = self.model.couplings, self.model.mesh.dofs
+        sums: list[tuple[int, ...]] = []
+        for i in range(3):
+            if i == 2:
+                self._set(passes_of_forces=len(sums))
+            for of in reversed(couplings.forests[i]):
+                to = dofs[of.parent, i] if of.parent >= 0 else -1
+                sums.append((dofs[of.node, i], to, 3 * of.joint.number + i, int(of.sign)))
+            for joint in couplings.sliding:
+                if i < len(couplings.carried[joint.number]):
+                    sums.append((dofs[joint.b.number, i], -1, 3 * joint.number + i, 1))
+        columns = np.array(sums, dtype=int).reshape(-1, 4).T
+        names = "pass_dof", "pass_to", "pass_of", "pass_sign"
+        self._set(scene_joints=self.model.scene.joint_count, passes=len(sums))
+        self._set(**dict(zip(names, columns, strict=True)))
 
     def _hand_over_tolerances(self, options: NewtonOptions) -> None:
         tolerance = options.tolerance
