@@ -88,7 +88,8 @@ def _forest(
         if closed:
             loop = [*_path(neighbours, a, b), joint]
         elif first is not None and last is not None:
-            loop = [*_path(neighbours, first, a), *_path(neighbours, b, last), joint]
+            before, behind = _path(neighbours, first, a), _path(neighbours, b, last)
+            loop = [*before, *behind, joint]
         on_beam = not closed and not on_beams.isdisjoint({first, last})
         yields = on_beam and not (turning and joint.rotation is not None)
         if loop and (yields or not (turning or all(other.is_index for other in loop))):
@@ -100,7 +101,8 @@ def _forest(
             ends = sorted((first, last))
             names = [str(GROUND if n == GROUND.number else scene.nodes[n]) for n in ends]
             reason = f"the {what} of {names[0]} and of {names[1]} are both supported"
-            _refuse(scene, loop, f"{reason}; support one of them only")
+            between = [*behind, joint, *before][:: 1 if first < last else -1]
+            _refuse(scene, between, f"{reason}; support one of them only")
         if tree(a) in anchors:
             anchors.setdefault(tree(b), anchors[tree(a)])
         trees[tree(a)] = tree(b)
