@@ -73,8 +73,9 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Drag: ("linear", "quadratic", "rotation"),
     Velocity: ("value", "spin"),
 }
-# Kinds of values that are compared as they are.
+# Kinds of values that are compared as they are, and those that often are empty.
 _PLAIN = {float, int, bool, str, type(None)}
+_COLLECTIONS = {list, dict}
 # What follows from the rest of a scene.
 _DERIVED = {"nodes", "_corners", "_couplings", "changes"}
 #: Pairs of parts, by their ids, that are known to be alike: many beams have one section.
@@ -121,7 +122,7 @@ def _difference(one: Any, two: Any, alike: _Alike) -> str:
     kind = type(one)
     if kind is not type(two) and not (isinstance(one, float) and isinstance(two, float)):
         return " is of another kind"
-    if kind in _PLAIN:
+    if kind in _PLAIN or (kind in _COLLECTIONS and not (one or two)):
         return "" if one == two else " differs"
     if issubclass(kind, Node):
         return "" if one.number == two.number else " differs"
