@@ -6,7 +6,6 @@ import functools
 import inspect
 import math
 import sys
-import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from decimal import Decimal
@@ -395,48 +394,6 @@ class _EndlessError(SceneError):
     """A function that calls itself for ever."""
 
 
-class _Calls(threading.local):
-    """Functions of the user that this thread is calling."""
-
-    def __init__(self):
-        #: For each the frame of its call. An interrupt may leave some that have ended.
-        self.now: dict[int, FrameType] = {}
-
-    def goes_on(self, function: Callable) -> bool:
-        """Whether a call of the function has not ended."""
-        call = self.now.get(id(function))
-        if call is None:
-            return False
-        # A frame that has itself as a value would keep all its callers until they are collected.
-        frame = sys._getframe().f_back
-        while frame is not None and frame is not call:
-            frame = frame.f_back
-        return frame is call
-
-
-_calls = _Calls()
-
-
-class _Calling:
-    """Refuse to call a function while it is called: it would never end."""
-
-    __slots__ = "_function", "_what"
-
-    def __init__(self, function: Callable, what: str):
-        self._function, self._what = function, what
-
-    def __enter__(self) -> None:
-        if _calls.goes_on(self._function):
-            raise _EndlessError(
-                f"{self._what}: the function runs an analysis of the scene to which it belongs, "
-                "and would be called for ever. Let it use a scene without this function"
-            )
-        _calls.now[id(self._function)] = sys._getframe(1)  # with this block
-
-    def __exit__(self, *_) -> None:
-        _calls.now.pop(id(self._function), None)
-
-
 class _CheckedFunction:
     """A user's function; its values get their shape or are refused."""
 
@@ -444,9 +401,9 @@ class _CheckedFunction:
         self.function, self.size, self._what = function, size, what
 
     def __call__(self, *arguments) -> np.ndarray:
+        self._refuse_endless()
         try:
-            with _Calling(self.function, self._what):
-                return shaped(self.function(*arguments), self.size, self._what)
+            return shaped(self.function(*arguments), self.size, self._what)
         except SceneError:
             raise
         except Exception as error:
@@ -477,22 +434,36 @@ class _CheckedFunction:
 
         They are checked at once: one by one, the checks cost more than most functions.
         """
-        with _Calling(self.function, self._what):
-            function = self.function
-            # The values before an exception are in `collected`, which counts them.
-            collected.extend(
-                value if type(value := function(*one)) in _IMMUTABLE else _copied(value)
-                for one in arguments
-            )
+        self._refuse_endless()
+        function = self.function
+        # The values before an exception are in `collected`, which counts them.
+        collected.extend(
+            value if type(value := function(*one)) in _IMMUTABLE else _copied(value)
+            for one in arguments
+        )
         try:
             return np.array(collected, dtype=float).reshape(len(collected), self.size)
         except (TypeError, ValueError, OverflowError):
             return None
 
+    def _refuse_endless(self) -> None:
+        """Refuse to call the function while this thread is calling it: it would never end."""
+        frame: FrameType | None = sys._getframe(2)
+        while frame is not None:
+            if frame.f_code in _CALLING and frame.f_locals["self"].function is self.function:
+                raise _EndlessError(
+                    f"{self._what}: the function runs an analysis of the scene to which it "
+                    "belongs, and would be called for ever. Let it use a scene without this "
+                    "function"
+                )
+            frame = frame.f_back
+
     def _failure(self, arguments: tuple, error: Exception) -> SceneError:
         return SceneError(f"{self._what}: calling it at {arguments} raised {error!r}")
 
 
+#: Code that calls a function of the user.
+_CALLING = _CheckedFunction.__call__.__code__, _CheckedFunction.collect.__code__
 CheckedFunction = Constant | _CheckedFunction
 
 
