@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam.equilibria.critical_points import first_critical_point
-from fx_beam.equilibria.statics import LoadPath, StaticOptions
+from fx_beam.equilibria.load_steps import StaticOptions
+from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import check_takes
 from fx_beam.results.solution import Solution
 from fx_beam.scene.outputs import CRITICAL_LOAD

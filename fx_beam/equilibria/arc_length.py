@@ -99,20 +99,15 @@ class ArcLength:
         #: 1 where the load factor rises along the path, else -1.
         self._rising = 1.0
 
-    def follow(
-        self,
-        states: list[State],
-        steps: int,
-        max_cuts: int,
-        max_steps: int,
-        start: tuple[Tangent, float] | None = None,
-    ) -> None:
+    def follow(self, states: list[State], start: tuple[Tangent, float] | None = None) -> None:
         """Append the states on the path from the last one to load factor 1.
 
-        `steps` limits the length and the turn of a step; a step is halved at most `max_cuts` times.
-        The first step goes along rising loads; or along a tangent, with a length. Such a path also
-        ends where it returns to its first state.
+        `load_steps` limits the length and the turn of a step. The first one goes along rising
+        loads; or along a tangent, with a length. Such a path also ends where it returns to its
+        first state.
         """
+        options = self.stepper.options
+        steps = options.load_steps
         stats, home = self.stepper.stats, states[0] if start else None
         # The error of the work is then of second order in the steps.
         target = min(_TARGET, 1 / steps)
@@ -124,15 +119,15 @@ class ArcLength:
             tangent, ds = start
             self._rising = 1.0 if tangent.load >= 0 else -1.0
         cuts, behind = 0, 0.0
-        while states[-1].t < 1 and stats.steps < max_steps and not stats.closed:
+        while states[-1].t < 1 and stats.steps < options.max_steps and not stats.closed:
             back = home if len(states) >= _ROUND else None
             try:
                 step = self._advance(states[-1], tangent, ds, target, back)
             except StepFailed as failure:
                 corner = self._corner(states[-1], tangent, ds, target)
                 if corner is None or corner.step is None:
-                    if cuts == max_cuts:
-                        raise self.error(states[-1], failure, cuts) from failure
+                    if cuts == options.max_cuts:
+                        raise self.error(states[-1], failure) from failure
                     cuts, stats.halvings = cuts + 1, stats.halvings + 1
                     if corner and not behind:
                         # From the corner on a step may be as long as the one that has failed.
@@ -410,11 +405,11 @@ class ArcLength:
         limit = state.t if ahead.load * self._rising < -_FLAT else None
         return Corner(0.0, Advance([new], ahead, target, step.iterations, limit))
 
-    def error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
-        """What to report of a step that failed after some cuts."""
+    def error(self, state: State, failure: StepFailed) -> StepError:
+        """What to report of a step that failed after all cuts."""
         return self._failures.error(
             f"the step along the arc length from load factor {state.t:.6g} failed",
-            cuts,
+            self.stepper.options.max_cuts,
             state,
             failure,
             "Try more steps or more cuts (max_cuts). If this does not help, check the units of "

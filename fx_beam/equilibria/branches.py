@@ -220,15 +220,13 @@ _LEAST = 1e-9
 _NEAR = 0.3
 
 
-def first_step(
-    arc: ArcLength, state: State, shape: np.ndarray, steps: int, max_cuts: int
-) -> tuple[State, Tangent, float]:
+def first_step(arc: ArcLength, state: State, shape: np.ndarray) -> tuple[State, Tangent, float]:
     """State, tangent and length of the first step along a null vector (size,) of a bifurcation.
 
-    It changes the load factor by at most 1/`steps`, and goes at most half the way to 1. StepFailed
-    if it fails after so many cuts.
+    It changes the load factor by at most that of a load step, and goes at most half the way to 1.
+    StepFailed if it fails after all cuts.
     """
-    path, model = arc.stepper.path, arc.model
+    path, model, options = arc.stepper.path, arc.model, arc.stepper.options
     path.begin(state)
     path.balance(np.zeros(model.reduction.free), 0.0)
     y = unknowns_of(model, shape)
@@ -240,17 +238,17 @@ def first_step(
     while True:
         try:
             new, ahead = arc.step(state, across, distance)
-            if arc.stepper.deviation > _NEAR and cuts < max_cuts:
+            if arc.stepper.deviation > _NEAR and cuts < options.max_cuts:
                 raise StepFailed("off the path", "the step leaves the mode", new.q - state.q, [])
         except StepFailed:
-            if cuts == max_cuts:
+            if cuts == options.max_cuts:
                 raise
             arc.stepper.stats.halvings, cuts = arc.stepper.stats.halvings + 1, cuts + 1
             distance /= 2
             continue
         # The load factor changes with the distance or its square.
         rise = new.t - state.t
-        excess = max(steps * abs(rise), half_way * rise)
+        excess = max(options.load_steps * abs(rise), half_way * rise)
         if excess <= 1 or distance <= _LEAST:
             return new, ahead, distance
         distance *= min(0.5, excess**-0.5)

@@ -1,24 +1,25 @@
-"""Load steps: equilibria at rising load factors, with control of the step size."""
+"""Load steps: equilibria at rising load factors, with control of the step size; their options."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fx_beam.errors import StepError
+from fx_beam.errors import StepError, as_float, is_number, is_one_of, is_whole, vector
 from fx_beam.laws.interval import Interval
 from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.options import CommonOptions
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 from fx_beam.step.equations import Equations
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.load_loop import LoadLoop, StepSolution
 from fx_beam.step.model import Model
-from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.step_failures import StepFailed
+from fx_beam.step.substeps import MOST_HALVINGS
 
 from .path_equations import PathEquations
 from .small_motions import Inertia
@@ -44,6 +45,42 @@ _EASY_DEVIATION, _EASY_ITERATIONS = 0.25, 10
 _SOFTENING = 4.0
 
 
+# Largest number of load steps.
+_MOST_STEPS = 10_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class StaticOptions(CommonOptions):
+    """Those of `static`; SceneError for all that can be refused without a scene."""
+
+    what: str = "static"
+    load_steps: int = 10
+    t: float = 0.0
+    continuation: str | None = None
+    max_cuts: int = 8
+    max_steps: int = 1000
+    spin: float = 0.0
+    pivot: Sequence[float] = (0.0, 0.0)
+    branches: int = 0
+
+    def __post_init__(self):
+        super().__post_init__()
+        for name, least, most in (
+            ("load_steps", 1, _MOST_STEPS),
+            ("max_steps", 1, _MOST_STEPS),
+            ("max_cuts", 0, MOST_HALVINGS),
+            ("branches", 0, 10),
+        ):
+            fits = is_whole(getattr(self, name), least, most)
+            self._require(name, fits, f"a whole number from {least} to {most:,}")
+        self._require("t", is_number(self.t), "a finite number")
+        fits = self.continuation is None or is_one_of(self.continuation, ("arc-length",))
+        self._require("continuation", fits, '"arc-length" or None')
+        self._require("spin", is_number(self.spin), "a finite number [rad/s]")
+        vector(self.pivot, 2, "static: pivot")
+        self.__dict__.update({name: as_float(getattr(self, name)) for name in ("t", "spin")})
+
+
 class LoadStepper:
     """Takes load steps; the states of a model have the load factor in place of time."""
 
@@ -51,13 +88,13 @@ class LoadStepper:
         self,
         model: Model,
         forcing: LoadForcing,
-        options: NewtonOptions,
+        options: StaticOptions,
         stats: Stats,
         alone: bool = True,
     ):
-        self.model, self.forcing, self.stats = model, forcing, stats
+        self.model, self.forcing, self.options, self.stats = model, forcing, options, stats
         #: Takes load steps.
-        self.loop = LoadLoop(model, forcing, options, stats, alone)
+        self.loop = LoadLoop(model, forcing, options.newton, stats, alone)
         self.path = PathEquations(self.loop)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0
@@ -72,7 +109,7 @@ class LoadStepper:
         #: Counts the negative eigenvalues of the tangent.
         self.inertia = Inertia(model)
 
-    def first_state(self, steps: int, max_cuts: int) -> State:
+    def first_state(self) -> State:
         """Equilibrium without loads: the reference configuration, unless springs are under tension.
 
         Holding forces balance the springs in the reference configuration; steps reduce them to 0.
@@ -95,7 +132,7 @@ class LoadStepper:
             done = False
         if not done:
             try:
-                *_, state = self._in_steps(start, release, steps, max_cuts)
+                *_, state = self._in_steps(start, release)
             except StepFailed as failure:
                 what = "no equilibrium without loads was found"
                 advice = (
@@ -103,7 +140,9 @@ class LoadStepper:
                     f"last step was to {self._goal:.3g} times the springs' tension"
                 )
                 failures = self.loop.failures
-                raise failures.error(what, max_cuts, start, failure, advice) from failure
+                raise failures.error(
+                    what, self.options.max_cuts, start, failure, advice
+                ) from failure
         self._hold_by(0 * tension, 0 * tension)
         state.work = 0.0
         return state
@@ -238,32 +277,25 @@ class LoadStepper:
 
     # -- Control of the load --------------------------------------------------------------------
 
-    def raise_load(self, states: list[State], steps: int, max_cuts: int) -> None:
-        """Append the states from the last one to load factor 1, in `steps` steps if none is cut.
-
-        A step is halved at most `max_cuts` times; StepError if it still fails.
-        """
+    def raise_load(self, states: list[State]) -> None:
+        """Append the states from the last one to load factor 1; StepError if a step fails."""
 
         def raised(state: State, before: float, goal: float) -> State:
             self.hold_between(before, goal)
             return self.step(state, goal)
 
         try:
-            for state in self._in_steps(states[-1], raised, steps, max_cuts):
+            for state in self._in_steps(states[-1], raised):
                 states.append(state)
                 self.stats.steps += 1
         except StepFailed as failure:
-            raise self._error(states[-1], failure, max_cuts) from failure
+            raise self._error(states[-1], failure) from failure
 
     def _in_steps(
-        self,
-        state: State,
-        take: Callable[[State, float, float], State],
-        steps: int,
-        max_cuts: int,
+        self, state: State, take: Callable[[State, float, float], State]
     ) -> Iterator[State]:
         """States up to 1; a step is halved if it fails, and doubled after an easy step."""
-        longest = 2**max_cuts
+        steps, longest = self.options.load_steps, 2**self.options.max_cuts
         last, stride = steps * longest, longest
         at = round(state.t * steps) * longest
         while at < last:
@@ -282,7 +314,7 @@ class LoadStepper:
             if easy and 2 * stride <= longest and at % (2 * stride) == 0:
                 stride *= 2
 
-    def _error(self, state: State, failure: StepFailed, cuts: int) -> StepError:
+    def _error(self, state: State, failure: StepFailed) -> StepError:
         what = f"the step from load factor {state.t:.6g} to {self._goal:.6g} failed"
         advice = (
             'If the path has a limit point there, use continuation="arc-length". Otherwise try '
@@ -300,4 +332,4 @@ class LoadStepper:
                 "place by a simulation with dampers. Elements longer than sqrt(EI / N), with the "
                 "axial force N, hold it as friction would"
             )
-        return self.loop.failures.error(what, cuts, state, failure, advice)
+        return self.loop.failures.error(what, self.options.max_cuts, state, failure, advice)

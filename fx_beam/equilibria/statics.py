@@ -1,11 +1,11 @@
-"""Equilibria of a scene under rising loads: options, the path with its states, and its solution."""
+"""Equilibria of a scene under rising loads: the path with its states, and its solution."""
 
 from __future__ import annotations
 
 import logging
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,17 +14,12 @@ from fx_beam.errors import (
     Failure,
     SceneError,
     StepError,
-    as_float,
-    is_number,
-    is_one_of,
-    is_whole,
-    vector,
 )
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.initial_state import reference_state
-from fx_beam.motions.options import CommonOptions, check_scene
+from fx_beam.motions.options import check_scene
 from fx_beam.motions.prepared import state_of, stats_of
 from fx_beam.motions.progress import attach, failure_of, keeping_steps, progress_bar
 from fx_beam.motions.surroundings import recent_model, waiting_team, warn_of_equal_work
@@ -38,13 +33,12 @@ from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.step_failures import StepFailed
-from fx_beam.step.substeps import MOST_HALVINGS
 from fx_beam.step.turning_frame import TurningFrame, check_turns
 
 from .arc_length import ArcLength
 from .branches import Branch, first_step, grown, is_equilibrium
 from .critical_points import PathStability
-from .load_steps import LoadStepper
+from .load_steps import LoadStepper, StaticOptions
 from .settling import Settling
 
 _log = logging.getLogger("fx_beam")
@@ -53,54 +47,6 @@ _UNSTABLE = (
     "placed so. Place them a little beside it to find a stable one"
 )
 _BAR = "{percentage:3.0f}%|{bar}| load factor {n:.3g} [{elapsed}]"
-# Largest number of load steps.
-_MOST_STEPS = 10_000_000
-
-
-@dataclass(frozen=True, kw_only=True)
-class StaticOptions(CommonOptions):
-    """Those of `static`; SceneError for all that can be refused without a scene."""
-
-    what: str = "static"
-    load_steps: int = 10
-    t: float = 0.0
-    continuation: str | None = None
-    max_cuts: int = 8
-    max_steps: int = 1000
-    spin: float = 0.0
-    pivot: Sequence[float] = (0.0, 0.0)
-    branches: int = 0
-
-    def __post_init__(self):
-        super().__post_init__()
-        for name, least, most in (
-            ("load_steps", 1, _MOST_STEPS),
-            ("max_steps", 1, _MOST_STEPS),
-            ("max_cuts", 0, MOST_HALVINGS),
-            ("branches", 0, 10),
-        ):
-            fits = is_whole(getattr(self, name), least, most)
-            self._require(name, fits, f"a whole number from {least} to {most:,}")
-        self._require("t", is_number(self.t), "a finite number")
-        fits = self.continuation is None or is_one_of(self.continuation, ("arc-length",))
-        self._require("continuation", fits, '"arc-length" or None')
-        self._require("spin", is_number(self.spin), "a finite number [rad/s]")
-        vector(self.pivot, 2, "static: pivot")
-        self.__dict__.update({name: as_float(getattr(self, name)) for name in ("t", "spin")})
-
-    def check(self, scene: Scene, start: Any) -> None:
-        """Refuse a start that does not fit the other options, and what cannot turn."""
-        if self.spin:
-            check_turns(scene, "static: spin")
-            if start is not None:
-                raise SceneError(
-                    "static: start with a spin: the loads of a turn rise from zero. Give all loads "
-                    "at once, without start"
-                )
-        if isinstance(start, Branch) and self.continuation is None:
-            raise SceneError('static: start is a branch. Follow it by continuation="arc-length"')
-        if self.branches and (start is not None or self.spin):
-            raise SceneError("static: branches are followed of paths without start and spin")
 
 
 class LoadPath:
@@ -111,7 +57,7 @@ class LoadPath:
 
     def __init__(self, scene: Scene, options: StaticOptions, start: Solution | Branch | None):
         check_scene(scene, "static")
-        options.check(scene, start)
+        _check_start(options, scene, start)
         warn_of_equal_work()
         connected = with_functions(scene, options.inputs, "static: inputs")
         self.scene, self.options, self.start = scene, options, start
@@ -129,7 +75,7 @@ class LoadPath:
         turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
         self.forcing = LoadForcing(model, options.t, turning)
         self._team = waiting_team(connected) if options.continuation is None else None
-        given = model, self.forcing, options.newton, self.stats
+        given = model, self.forcing, options, self.stats
         self._stepper = LoadStepper(*given, alone=self._team is None)
         if self._team is not None:
             self.stats.solver = f"PETSc on {self._team.size} processes"
@@ -173,24 +119,23 @@ class LoadPath:
     def _follow(self) -> None:
         """Append all states."""
         stepper, states, options, start = self._stepper, self.states, self.options, self.start
-        limits = options.load_steps, options.max_cuts
         if isinstance(start, Branch):
             self._branch_off(start)
             return
         if self.model.mechanism:
             states.append(self._settled())
         elif start is None:
-            states.append(stepper.first_state(*limits))
+            states.append(stepper.first_state())
         else:
             states.append(stepper.start_from(self._at_rest(start)))
         if options.continuation is None:
-            stepper.raise_load(states, *limits)
+            stepper.raise_load(states)
         else:
-            ArcLength(stepper).follow(states, *limits, options.max_steps)
+            ArcLength(stepper).follow(states)
 
     def _branch_off(self, start: Branch) -> None:
         """Append the states of a branch."""
-        stepper, states, options = self._stepper, self.states, self.options
+        stepper, states = self._stepper, self.states
         arc, point = ArcLength(stepper), start.point
         state = replace(self._at_rest(point.solution), t=point.load_factor)
         if not is_equilibrium(arc, state):
@@ -200,14 +145,13 @@ class LoadPath:
                 "its path, which must not have a start of its own"
             )
         states.append(state)
-        limits, shape = (options.load_steps, options.max_cuts), self.model.from_nodes(start.shape)
         try:
-            new, ahead, distance = first_step(arc, state, shape, *limits)
+            new, ahead, distance = first_step(arc, state, self.model.from_nodes(start.shape))
         except StepFailed as failure:
-            raise arc.error(state, failure, options.max_cuts) from failure
+            raise arc.error(state, failure) from failure
         self.stats.steps += 1
         states.append(new)
-        arc.follow(states, *limits, options.max_steps, (ahead, distance))
+        arc.follow(states, (ahead, distance))
 
     def _settled(self) -> State:
         """The first state of a mechanism, which its loads hold."""
@@ -275,6 +219,21 @@ class LoadPath:
                 advice += error.failure.advice
             error.failure = self.stats.failure = replace(error.failure, advice=advice)
             error.args = (str(error.failure),)
+
+
+def _check_start(options: StaticOptions, scene: Scene, start: Any) -> None:
+    """Refuse a start that does not fit the other options, and what cannot turn."""
+    if options.spin:
+        check_turns(scene, "static: spin")
+        if start is not None:
+            raise SceneError(
+                "static: start with a spin: the loads of a turn rise from zero. Give all loads "
+                "at once, without start"
+            )
+    if isinstance(start, Branch) and options.continuation is None:
+        raise SceneError('static: start is a branch. Follow it by continuation="arc-length"')
+    if options.branches and (start is not None or options.spin):
+        raise SceneError("static: branches are followed of paths without start and spin")
 
 
 class _States(list[State]):
