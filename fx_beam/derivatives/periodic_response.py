@@ -155,7 +155,7 @@ class PeriodicResponse(Response):
         if self._finds_frequency:
             self._frequency = cycle.period.parameter
             self._scene, self._outputs = self._scenes.at(x)
-        self._shooting = Shooting(self._scene, *cycle.options)
+        self._shooting = Shooting(self._scene, cycle.options)
         fits = len(cycle.period.start.q) == self._shooting.model.size
         require(fits, f"{_WHAT}: motion", self.motion, "that of the scene, or of the build, given")
         #: The motion; its parameter is its length here.
@@ -420,7 +420,7 @@ class PeriodicResponse(Response):
         gaps = []
         for change in (-_CHANGE, _CHANGE):
             scene = self._scene_of(frequency * (1 + change))
-            other = Shooting(scene, *self._cycle.options)
+            other = Shooting(scene, self._cycle.options)
             gaps.append(other.run(period.start, period.length / (1 + change)).gap)
         self._frequency = frequency
         of_frequency = (gaps[1] - gaps[0])[self._by.independent] / (2 * _CHANGE)

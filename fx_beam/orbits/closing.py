@@ -119,7 +119,6 @@ def close(
     shooting: Shooting,
     start: State,
     parameter: float,
-    tolerance: float,
     phase: Condition | None,
     conditions: tuple[Condition, ...] = (),
     varies: bool = True,
@@ -154,13 +153,13 @@ def close(
             matrix = np.vstack([equations.matrix, *rows])
             gap = np.append(period.gap, errors(period))
         best, idle = (now, 0) if now < best / 2 else (best, idle + 1)
-        small = now <= max(tolerance, _LOST / period.size)
+        small = now <= max(shooting.options.tolerance, _LOST / period.size)
         if small or (idle >= _IDLE and now < ROUND_OFF):
             if not small:
                 _log.warning(
                     "%s: round-off leaves the state after a period %.1e of the motion away from "
                     "that before, where tolerance = %g; a larger tolerance says that this will do",
-                    *(shooting.what, now, tolerance),
+                    *(shooting.what, now, shooting.options.tolerance),
                 )
             return Closed(period, equations.by, *equations.slopes, equations.matrix, iteration)
         solve = _damped(matrix, damping)

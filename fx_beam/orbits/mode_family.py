@@ -107,21 +107,18 @@ _PATIENCE, _FAR = 25, 60
 _SMALL = 0.05, 0.005, 0.0005
 # Largest speed at the start, relative to that of a vibration with the amplitude.
 _AT_REST = 0.01
-#: Longest step along a family, relative to the size of its motions.
-STEP = 0.25
 
 
 class ModeFamily:
     """Free motions of a mode, up to that of an amplitude [m or rad] or an energy [J]."""
 
-    def __init__(
-        self, begin: ModeStart, amplitude: float | None, energy: float | None, tolerance: float
-    ):
-        self._begin, self._shooting, self._tolerance = begin, begin.shooting, tolerance
-        if energy is not None:
-            self._amplitude, self._wanted = self._of_energy(energy)
-        elif amplitude is not None:
-            self._amplitude, self._wanted = amplitude, begin.holds(amplitude)
+    def __init__(self, begin: ModeStart):
+        self._begin, self._shooting = begin, begin.shooting
+        options = self._shooting.options
+        if options.energy is not None:
+            self._amplitude, self._wanted = self._of_energy(options.energy)
+        elif options.amplitude is not None:
+            self._amplitude, self._wanted = options.amplitude, begin.holds(options.amplitude)
         else:
             raise SceneError(
                 f"{self._shooting.what}: a mode has a family of motions. Give the amplitude or "
@@ -148,7 +145,7 @@ class ModeFamily:
         state = begin.state(amplitude)
         length = shooting.first_return(state, _LONGEST * begin.period) or begin.period
         phase = turning_point(shooting, shooting.run(state, length))
-        closed = close(shooting, state, length, self._tolerance, phase, (wanted,), most=_PATIENCE)
+        closed = close(shooting, state, length, phase, (wanted,), most=_PATIENCE)
         self._check(closed)
         return closed
 
@@ -168,9 +165,9 @@ class ModeFamily:
         try:
             return self._at(self._amplitude, self._wanted)
         except (NotClosed, StepError):
-            path = Path(self._shooting, self._tolerance, True, STEP)
+            path = Path(self._shooting, True)
             *_, last = itertools.islice(self.followed(path), _FAR)
-            if abs(self._error(last)) > max(self._tolerance, ROUND_OFF):
+            if abs(self._error(last)) > max(self._shooting.options.tolerance, ROUND_OFF):
                 raise NotClosed(
                     f"{self._shooting.what}: no motion with this amplitude or energy was found, "
                     f"nor does the family of the mode come to it in {_FAR} motions. See how far "
@@ -217,7 +214,7 @@ class ModeFamily:
         start = shooting.moved(after.period.start, by, part * amounts)
         length = after.period.length * (before.period.length / after.period.length) ** part
         phase = turning_point(shooting, after.period)
-        return close(shooting, start, length, self._tolerance, phase, (self._wanted,))
+        return close(shooting, start, length, phase, (self._wanted,))
 
 
 def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:

@@ -17,7 +17,7 @@ from fx_beam.results.state import State
 from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
 
 from .closing import Closed, Condition, NotClosed, close, turning_point
-from .shooting import Directions, Period, Shooting
+from .shooting import Directions, Period, PeriodicOptions, Shooting
 
 # Multipliers that are larger than 1 by less are round-off.
 _NEUTRAL = 1e-5
@@ -74,8 +74,7 @@ class Cycle(NamedTuple):
     """How a periodic motion was found: what its derivatives need."""
 
     period: Period
-    #: Scheme, steps, Newton's options and name of the analysis, as `Shooting` takes them.
-    options: tuple
+    options: PeriodicOptions
     free: bool
     #: What chooses it among its neighbours: "period", "frequency", "energy", "amplitude", "" for
     #: nothing, "arc" for its place in a family, or the kind of a change of stability there.
@@ -119,9 +118,8 @@ class Path:
     A length of 1 is a change of the state by the size of the motion, or of the parameter by e.
     """
 
-    def __init__(self, shooting: Shooting, tolerance: float, free: bool, longest: float):
-        self._shooting, self._tolerance, self._free = shooting, tolerance, free
-        self._longest = longest
+    def __init__(self, shooting: Shooting, free: bool):
+        self._shooting, self._free, self._longest = shooting, free, shooting.options.step
         #: The last step: the motion before it, the direction there, and its length.
         self.last_step: tuple[Closed, np.ndarray, float]
 
@@ -153,8 +151,7 @@ class Path:
         parameter = period.parameter * np.exp(away[-1])
         arc = self._arc(now, along, state, parameter)
         phase = turning_point(shooting, period) if self._free else None
-        options = self._tolerance, phase, (arc,)
-        new = close(shooting, state, parameter, *options, most=_MOST, damping=_DAMPED)
+        new = close(shooting, state, parameter, phase, (arc,), most=_MOST, damping=_DAMPED)
         onwards = _tangent(new, along)
         beside = (shooting.rows_of(new.period.start) - shooting.rows_of(state)) / by.scale
         beside = np.append(beside / period.size, np.log(new.period.parameter / parameter))
@@ -164,10 +161,10 @@ class Path:
             raise NotClosed("the curve bends more than steps can follow")
         return new, onwards
 
-    def family(self, motions: Iterator[Closed], most: int) -> PeriodicFamily:
+    def family(self, motions: Iterator[Closed]) -> PeriodicFamily:
         """What users get of motions along this path."""
         members, critical = list[PeriodicMotion](), dict[int, functools.partial[PeriodicMotion]]()
-        for closed in itertools.islice(motions, most):
+        for closed in itertools.islice(motions, self._shooting.options.most):
             motion = motion_of(
                 self._shooting, closed, self._free, "arc" if self._free else "frequency"
             )

@@ -9,9 +9,7 @@ import numpy as np
 from fx_beam.errors import (
     LARGEST,
     SceneError,
-    as_float,
     check_takes,
-    is_number,
     is_whole,
     numbers,
     positive,
@@ -28,9 +26,9 @@ from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.newton import NewtonOptions
 
 from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close
-from .mode_family import STEP, ModeFamily, holds_energy, mode_start
+from .mode_family import ModeFamily, holds_energy, mode_start
 from .periodic_family import Path, motion_of
-from .shooting import Period, Shooting, nearest_return
+from .shooting import STEP, Period, PeriodicOptions, Shooting, nearest_return
 
 # Periods after which the search for a forced motion begins again.
 _SETTLING = 3, 10, 30
@@ -122,16 +120,15 @@ def periodic(
     (True, 1.18)
     """
     what = "periodic"
-    amplitude, energy = target(what, amplitude, energy)
+    options = PeriodicOptions.among(locals())
     if period is not None:
         period = positive(period, f"{what}: period", "a positive number of seconds")
-    check_tolerance(what, tolerance)
-    shooting = Shooting(scene, scheme, steps, newton, what)
+    shooting = Shooting(scene, options)
     if mode is None:
         for name, unused in (("amplitude", amplitude), ("state", state)):
             if unused is not None:
                 raise SceneError(f"{what}: {name} is that of a mode. Give mode=0, for example")
-        return _from_state(shooting, start, energy, period, tolerance)
+        return _from_state(shooting, start, period)
     for name, unused in (("start", start), ("period", period)):
         if unused is not None:
             raise SceneError(
@@ -139,44 +136,13 @@ def periodic(
                 "but not from both"
             )
     begin = mode_start(shooting, scene, state, mode)
-    family = ModeFamily(begin, amplitude, energy, tolerance)
     chosen_by = "energy" if amplitude is None else "amplitude"
-    return motion_of(shooting, family.last(), True, chosen_by, begin.most, state)
+    return motion_of(shooting, ModeFamily(begin).last(), True, chosen_by, begin.most, state)
 
 
-def target(
-    what: str, amplitude: float | None, energy: float | None
-) -> tuple[float | None, float | None]:
-    """An amplitude or an energy as numbers; SceneError for others, and for both of them."""
-    require(energy is None or is_number(energy), f"{what}: energy", energy, "a number of joules")
-    if amplitude is None:
-        return None, None if energy is None else as_float(energy)
-    if energy is not None:
-        raise SceneError(f"{what}: give the amplitude or the energy: each sets the other")
-    return positive(amplitude, f"{what}: amplitude"), None
-
-
-def check_tolerance(what: str, tolerance: float) -> None:
-    """Refuse a tolerance that is none."""
-    fits = 0 < as_float(tolerance) < 1
-    require(fits, f"{what}: tolerance", tolerance, "a number between 0 and 1")
-
-
-def longest_step(what: str, step: float, most: int) -> float:
-    """The longest step; SceneError for one, or a number of motions, that is none."""
-    require(0 < as_float(step) <= 1, f"{what}: step", step, "a number between 0 and 1")
-    require(is_whole(most, 1), f"{what}: most", most, "a whole number from 1 on")
-    return as_float(step)
-
-
-def _from_state(
-    shooting: Shooting,
-    start: Solution | None,
-    energy: float | None,
-    period: float | None,
-    tolerance: float,
-) -> PeriodicMotion:
-    what, dt = shooting.what, None if period is None else period / shooting.steps
+def _from_state(shooting: Shooting, start: Solution | None, period: float | None) -> PeriodicMotion:
+    what, energy = shooting.what, shooting.options.energy
+    dt = None if period is None else period / shooting.steps
     first = shooting.first_state(start, 1e-3 if dt is None else dt)
     free = not shooting.depends_on_time(first, _span(start) if period is None else period)
     if not free and period is None:
@@ -192,20 +158,18 @@ def _from_state(
             return motion_of(shooting, rest, False)
         if free:
             shooting.check_free()
-        return motion_of(shooting, of_period(shooting, first, period, tolerance, free), free)
+        return motion_of(shooting, of_period(shooting, first, period, free), free)
     shooting.check_free()
     length = _period_in(start, what)
     conditions = tuple[Condition, ...]()
     if energy is not None:
         size = abs(energy - shooting.energy(shooting.first_state(None, dt or 1e-3)))
         conditions = (holds_energy(shooting, energy, size or 1.0),)
-    closed = close(shooting, first, length, tolerance, NO_SHIFT, conditions)
+    closed = close(shooting, first, length, NO_SHIFT, conditions)
     return motion_of(shooting, closed, True, "energy" if conditions else "")
 
 
-def of_period(
-    shooting: Shooting, first: State, parameter: float, tolerance: float, free: bool
-) -> Closed:
+def of_period(shooting: Shooting, first: State, parameter: float, free: bool) -> Closed:
     """The motion of a period, or of a frequency of loads.
 
     The search begins again after a motion has settled for some time.
@@ -215,10 +179,10 @@ def of_period(
         first = shooting.settled(first, parameter, 1)
     for more in () if free else _SETTLING:
         try:
-            return close(shooting, first, parameter, tolerance, phase, varies=False)
+            return close(shooting, first, parameter, phase, varies=False)
         except NotClosed:
             first = shooting.settled(first, parameter, more)
-    return close(shooting, first, parameter, tolerance, phase, varies=False)
+    return close(shooting, first, parameter, phase, varies=False)
 
 
 def _span(start: Solution | None) -> float:
@@ -312,23 +276,18 @@ def backbone(
     >>> (family.frequencies * 6.2832).round(2)[[0, -1]]
     array([1.  , 1.32])
     """
-    what = "backbone"
-    amplitude, energy = target(what, amplitude, energy)
-    check_tolerance(what, tolerance)
-    step = longest_step(what, step, most)
-    shooting = Shooting(scene, scheme, steps, newton, what)
-    family = ModeFamily(mode_start(shooting, scene, state, mode), amplitude, energy, tolerance)
-    path = Path(shooting, tolerance, True, step)
-    return path.family(family.followed(path), most)
+    shooting = Shooting(scene, PeriodicOptions.among(locals(), what="backbone"))
+    path, family = Path(shooting, True), ModeFamily(mode_start(shooting, scene, state, mode))
+    return path.family(family.followed(path))
 
 
 class _OverFrequency(Shooting):
     """Motions over some periods of loads; the parameter is the frequency of these [Hz]."""
 
-    def __init__(self, build: Build, frequency: float, periods: int, options: tuple):
+    def __init__(self, build: Build, frequency: float, periods: int, options: PeriodicOptions):
         self._build, self._periods = build, periods
         self._now = frequency
-        super().__init__(_scene(build, frequency), *options)
+        super().__init__(_scene(build, frequency), options)
 
     def length_of(self, parameter: float) -> float:
         return self._periods / parameter
@@ -348,7 +307,7 @@ class _OverFrequency(Shooting):
     def solution(self, period: Period) -> Solution:
         # Later frequencies have changed the numbers of this scene.
         scene = _scene(self._build, period.parameter)
-        return Shooting(scene, *self.options).solution(period)
+        return Shooting(scene, self.options).solution(period)
 
 
 def _scene(build: Build, frequency: float) -> Scene:
@@ -441,26 +400,20 @@ def forced_response(
     fits = fits and all(1 / LARGEST <= f <= LARGEST for f in ends)
     require(fits, f"{what}: frequencies", frequencies, "the first and the last one, positive [Hz]")
     require(is_whole(periods, 1), f"{what}: periods", periods, "a whole number from 1 on")
-    step = longest_step(what, step, most)
-    check_tolerance(what, tolerance)
     first, last = map(float, ends)
-    shooting = _OverFrequency(build, first, periods, (scheme, steps, newton, what))
+    shooting = _OverFrequency(build, first, periods, PeriodicOptions.among(locals()))
     state = shooting.first_state(start, shooting.length_of(first) / steps)
     shooting.check_repeats(state, shooting.length_of(first))
-    path = Path(shooting, tolerance, False, step)
-    return path.family(_between(shooting, state, (first, last), path, tolerance), most)
+    path = Path(shooting, False)
+    return path.family(_between(shooting, state, (first, last), path))
 
 
 def _between(
-    shooting: Shooting,
-    state: State,
-    ends: tuple[float, float],
-    path: Path,
-    tolerance: float,
+    shooting: Shooting, state: State, ends: tuple[float, float], path: Path
 ) -> Iterator[Closed]:
     """Motions from the first frequency on, until the curve leaves the range."""
     first, last = ends
-    begin = of_period(shooting, state, first, tolerance, False)
+    begin = of_period(shooting, state, first, False)
     # The derivative by the frequency, which the first motion has been found without.
     column = shooting.by_parameter(begin.period)
     begin = begin._replace(equations=np.column_stack([begin.equations[:, :-1], column]))
@@ -470,6 +423,6 @@ def _between(
         at = closed.period.parameter
         if not min(ends) <= at <= max(ends):
             end = min(max(at, min(ends)), max(ends))
-            yield of_period(shooting, closed.period.start, end, tolerance, False)
+            yield of_period(shooting, closed.period.start, end, False)
             return
         yield closed

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import SceneError, is_whole, require
+from fx_beam.errors import SceneError, as_float, is_number, is_whole, positive
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
 from fx_beam.motions.evaluation import solution_of
 from fx_beam.motions.numbers import numbers_of
-from fx_beam.motions.options import Options, check_scene
+from fx_beam.motions.options import CommonOptions, Options, check_scene
 from fx_beam.motions.prepared import Prepared
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
-from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record, Recorder
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
+#: Longest step along a family by default.
+STEP = 0.25
 # Relative change of a period for differences of states by it.
 _CHANGE = 1e-6
 # Functions of time that differ by less, relative to their size, repeat themselves.
@@ -45,6 +47,39 @@ _FINE = 200
 # such a part of its size.
 _FINER, _SAME = 4, 0.03
 _OF_TIME = "loads", "driven", "follower force", "parameters", "naturals"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeriodicOptions(CommonOptions):
+    """Those of periodic motions and their families."""
+
+    scheme: Scheme | None = None
+    steps: int = 201
+    tolerance: float = 1e-9
+    amplitude: float | None = None
+    energy: float | None = None
+    #: Longest step along a family, relative to the size of its motions, and most of these.
+    step: float = STEP
+    most: int = 1
+
+    def __post_init__(self):
+        super().__post_init__()
+        fits = is_whole(self.steps, 9) and self.steps % 2 == 1
+        wanted = "an odd whole number from 9 on: what alternates from step to step then fades"
+        self._require("steps", fits, wanted)
+        self._require("tolerance", 0 < as_float(self.tolerance) < 1, "a number between 0 and 1")
+        self._require("step", 0 < as_float(self.step) <= 1, "a number between 0 and 1")
+        self._require("most", is_whole(self.most, 1), "a whole number from 1 on")
+        fits = self.energy is None or is_number(self.energy)
+        self._require("energy", fits, "a number of joules")
+        if self.amplitude is not None:
+            positive(self.amplitude, f"{self.what}: amplitude")
+            if self.energy is not None:
+                text = "give the amplitude or the energy: each sets the other"
+                raise SceneError(f"{self.what}: {text}")
+        for name in ("tolerance", "amplitude", "energy", "step"):
+            if (value := getattr(self, name)) is not None:
+                self.__dict__[name] = as_float(value)
 
 
 class Directions(NamedTuple):
@@ -94,23 +129,11 @@ class Shooting:
     the multiplier -1: periodic motions have the part of it that does not alternate.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        scheme: Scheme | None,
-        steps: int,
-        newton: NewtonOptions | None,
-        what: str,
-    ):
-        check_scene(scene, what)
-        options = Options(what=what, scheme=scheme, newton=newton, max_halvings=0)
-        fits = is_whole(steps, 9) and steps % 2 == 1
-        wanted = "an odd whole number from 9 on: what alternates from step to step then fades"
-        require(fits, f"{what}: steps", steps, wanted)
-        self.steps, self.what = int(steps), what
-        #: What a shooting of another scene is made with.
-        self.options = scheme, self.steps, newton, what
-        self.prepared = Prepared(scene, options)
+    def __init__(self, scene: Scene, options: PeriodicOptions):
+        check_scene(scene, what := options.what)
+        self.options, self.steps, self.what = options, int(options.steps), what
+        given = {"what": what, "scheme": options.scheme, "newton": options.newton}
+        self.prepared = Prepared(scene, Options(**given, max_halvings=0))
         self.model = model = self.prepared.model
         check_unknowns(model, what)
         loop = self.prepared.loop
