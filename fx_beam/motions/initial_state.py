@@ -106,51 +106,119 @@ class _Settling:
         return None
 
 
-def initial_state(
-    model: Model,
-    forcing: Forcing,
-    dt: float,
-    start: State | None = None,
-    accelerations: bool = True,
-) -> State:
-    """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
+class Starts:
+    """First states of motions by steps of the length dt [s]."""
 
-    At `start`, whose rates are kept if it turns, and projected if they are `fitted` to other
-    joints; or in the reference configuration. SceneError for incompatible velocities. Without
-    `accelerations` they are zero where steps do not read them.
-    """
-    state = reference_state(model) if start is None else start
-    if start is None and model.natural:
-        state.natural = model.natural.at(state.t)
-    needed = accelerations or model.needs_accelerations
-    state, unbalanced = _moving_state(model, forcing, state, dt, needed)
-    if unbalanced:
-        force = forcing.forces(Interval(state.t, state.t + dt))[0]
-        state, _ = _moving_state(model, forcing, settled(model, force, state, dt), dt, needed)
-    return state
+    def __init__(self, model: Model, forcing: Forcing, dt: float):
+        self.model, self._forcing, self._dt = model, forcing, dt
 
+    def initial(self, start: State | None = None, accelerations: bool = True) -> State:
+        """State with the scene's initial velocities and the accelerations of dynamic equilibrium.
 
-def _moving_state(
-    model: Model, forcing: Forcing, state: State, dt: float, accelerates: bool
-) -> tuple[State, bool]:
-    """The state with rates and accelerations, and whether parts without mass are unbalanced."""
-    rates, accelerations = _begin(model, forcing, state, dt)
-    if state.fitted is None:
-        w = initial_rates(model, state, rates)
-        state = state.changed(v=model.reduction.spread(w))
-    else:
-        w = projected_rates(model, state, state.fitted, rates)
-        v = model.reduction.spread(w)
-        lost = model.mass @ (state.fitted - v)
-        by_driven = -float(lost @ v) if model.couplings.driven else 0.0
-        state = state.changed(v=v, work=state.work + by_driven, fitted=None)
-    if len(model.scheme.fractions) > 1:
-        state = state.changed(past=_past_of_rates(model, state.v, w))
-    if not accelerates:
-        return state, False
-    loads = forcing.forces(Interval(state.t, state.t + dt))
-    a, rest = _acceleration(model, forcing, state, w, accelerations, dt, loads)
-    return state.changed(a=a), rest
+        At `start`, whose rates are kept if it turns, and projected if they are `fitted` to other
+        joints; or in the reference configuration. SceneError for incompatible velocities. Without
+        `accelerations` they are zero where steps do not read them.
+        """
+        model = self.model
+        state = reference_state(model) if start is None else start
+        if start is None and model.natural:
+            state.natural = model.natural.at(state.t)
+        needed = accelerations or model.needs_accelerations
+        state, unbalanced = self._moving(state, needed)
+        if unbalanced:
+            balanced = settled(model, self._loads(state)[0], state, self._dt)
+            state, _ = self._moving(balanced, needed)
+        return state
+
+    def _loads(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        return self._forcing.forces(Interval(state.t, state.t + self._dt))
+
+    def _moving(self, state: State, accelerates: bool) -> tuple[State, bool]:
+        """The state with rates and accelerations, and whether massless parts are unbalanced."""
+        model, (rates, accelerations) = self.model, self._begin(state)
+        if state.fitted is None:
+            w = initial_rates(model, state, rates)
+            state = state.changed(v=model.reduction.spread(w))
+        else:
+            w = projected_rates(model, state, state.fitted, rates)
+            v = model.reduction.spread(w)
+            lost = model.mass @ (state.fitted - v)
+            by_driven = -float(lost @ v) if model.couplings.driven else 0.0
+            state = state.changed(v=v, work=state.work + by_driven, fitted=None)
+        if len(model.scheme.fractions) > 1:
+            state = state.changed(past=_past_of_rates(model, state.v, w))
+        if not accelerates:
+            return state, False
+        a, rest = self._acceleration(state, w, accelerations, self._loads(state))
+        return state.changed(a=a), rest
+
+    def late_accelerations(self, state: State) -> Callable[[], np.ndarray]:
+        """A function that gives the accelerations at the start, by the loads as they are now.
+
+        For a model of which `finds_accelerations_later` is true.
+        """
+        loads, none = self._loads(state), np.zeros(self.model.reduction.columns)
+
+        def accelerations() -> np.ndarray:
+            self.model.forms.parameters.use(state.parameters)
+            return self._acceleration(state, none, np.empty(0), loads)[0]
+
+        return accelerations
+
+    def resumed(self, start: State, same_scheme: bool) -> State:
+        """State to continue from: it has its velocities, accelerations for the same scheme."""
+        rates, accelerations = self._begin(start)
+        if same_scheme:
+            return start
+        w = rates_of_columns(self.model, start, start.v, rates)
+        a, _ = self._acceleration(start, w, accelerations, self._loads(start))
+        # What the last step of another scheme leaves to the next one does not count.
+        start = start.changed(a=a, parts=None, past=None)
+        return start.changed(q_previous=None, algorithmic=0.0, length=0.0)
+
+    def _begin(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
+        model, forcing = self.model, self._forcing
+        forcing.check_start(state)
+        rates, bend = map(plain, forcing.derivatives(state.t, 1e-3 * self._dt))
+        model.reduction.begin(state.q, state.slides)
+        if singularity := model.reduction.singularity:
+            raise SceneError(f"start: {singularity}. Start from a position beside it")
+        return rates, bend
+
+    def _acceleration(
+        self, state: State, w: np.ndarray, driven: np.ndarray, loads: tuple[np.ndarray, np.ndarray]
+    ) -> tuple[np.ndarray, bool]:
+        """Accelerations from T^T M a = T^T (F - f), zero without mass; whether forces are left."""
+        model, reduction, dt = self.model, self.model.reduction, self._dt
+        h = 1e-9 * dt
+        # Forces may depend on velocity: they see it as the increment over a very short step.
+        D = h * state.v if model.forms.depend_on_rates else np.zeros(model.size)
+        start = model.start_of(state, h)._replace(a=np.zeros(model.size))
+        if (natural := state.natural) is not None:
+            rate = (self._forcing.natural(state.t + dt) - natural) / dt
+            start = start._replace(natural=(natural, natural + h * rate))
+        model.forms.begin(instant(state.t, h), start)
+        free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
+        a = np.zeros(reduction.columns)
+        a[moved] = driven
+        curved = np.zeros(model.size)
+        if model.scene.joints and any_of(w):
+            k = 1e-4 / abs(state.v / model.unit).max()
+            curved = _second_difference(model, w, k)
+            if model.couplings.sliding:
+                # The third derivative of a beam's curve jumps at its nodes: an error of order k.
+                curved = 2 * curved - _second_difference(model, w, 2 * k)
+            reduction.expand(np.zeros(free), np.zeros(reduction.driven))
+        mass = model.mass
+        force = loads[0] - model.forms.internal_force(D)
+        force -= mass @ (reduction.spread(a) + curved)
+        model.points.evaluate_slides(h * w)
+        b = -reduction.project(-force)[:free]
+        a[:free], rest = accelerations_of(model, b)
+        # A load that grows from zero has a little of its first step already.
+        largest = max(abs(part).max(initial=0.0) for part in (force, b, *loads))
+        return reduction.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
 
 
 def _past_of_rates(model: Model, v: np.ndarray, w: np.ndarray) -> Past:
@@ -161,38 +229,6 @@ def _past_of_rates(model: Model, v: np.ndarray, w: np.ndarray) -> Past:
     slides = model.couplings.free_slides(w[None, : model.reduction.free], model.scene.joint_count)
     orders = np.ones(len(model.scheme.fractions), dtype=int)
     return Past(np.zeros(1), orders, v[None], slides)
-
-
-def late_accelerations(
-    model: Model, forcing: Forcing, state: State, dt: float
-) -> Callable[[], np.ndarray]:
-    """A function that gives the accelerations at the start, by the loads as they are now.
-
-    For a model of which `finds_accelerations_later` is true.
-    """
-    loads = forcing.forces(Interval(state.t, state.t + dt))
-    none = np.zeros(model.reduction.columns)
-
-    def accelerations() -> np.ndarray:
-        model.forms.parameters.use(state.parameters)
-        return _acceleration(model, forcing, state, none, np.empty(0), dt, loads)[0]
-
-    return accelerations
-
-
-def resumed_state(
-    model: Model, forcing: Forcing, dt: float, start: State, same_scheme: bool
-) -> State:
-    """State to continue from: velocities are kept, accelerations only for the same scheme."""
-    rates, accelerations = _begin(model, forcing, start, dt)
-    if same_scheme:
-        return start
-    w = rates_of_columns(model, start, start.v, rates)
-    loads = forcing.forces(Interval(start.t, start.t + dt))
-    a, _ = _acceleration(model, forcing, start, w, accelerations, dt, loads)
-    # What the last step of another scheme leaves to the next one does not count.
-    start = start.changed(a=a, parts=None, past=None)
-    return start.changed(q_previous=None, algorithmic=0.0, length=0.0)
 
 
 def reference_state(model: Model) -> State:
@@ -236,59 +272,6 @@ def check_joints(model: Model, state: State) -> None:
                     f"start: the solution violates {joint}: {what}. Start from a solution that has "
                     "this joint, or make it there: scene.add_joint(joint, at=solution)"
                 )
-
-
-def _begin(
-    model: Model, forcing: Forcing, state: State, dt: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Set the reduction to the start; rates and accelerations (driven,) of driven motion."""
-    forcing.check_start(state)
-    rates, bend = map(plain, forcing.derivatives(state.t, 1e-3 * dt))
-    model.reduction.begin(state.q, state.slides)
-    if singularity := model.reduction.singularity:
-        raise SceneError(f"start: {singularity}. Start from a position beside it")
-    return rates, bend
-
-
-def _acceleration(
-    model: Model,
-    forcing: Forcing,
-    state: State,
-    w: np.ndarray,
-    driven: np.ndarray,
-    dt: float,
-    loads: tuple[np.ndarray, np.ndarray],
-) -> tuple[np.ndarray, bool]:
-    """Accelerations from T^T M a = T^T (F - f), zero without mass; whether forces stay there."""
-    reduction = model.reduction
-    h = 1e-9 * dt
-    # Forces may depend on velocity: they see it as the increment over a very short step.
-    D = h * state.v if model.forms.depend_on_rates else np.zeros(model.size)
-    start = model.start_of(state, h)._replace(a=np.zeros(model.size))
-    if (natural := state.natural) is not None:
-        rate = (forcing.natural(state.t + dt) - natural) / dt
-        start = start._replace(natural=(natural, natural + h * rate))
-    model.forms.begin(instant(state.t, h), start)
-    free, moved = reduction.free, slice(reduction.free, reduction.free + reduction.driven)
-    a = np.zeros(reduction.columns)
-    a[moved] = driven
-    curved = np.zeros(model.size)
-    if model.scene.joints and any_of(w):
-        k = 1e-4 / abs(state.v / model.unit).max()
-        curved = _second_difference(model, w, k)
-        if model.couplings.sliding:
-            # The third derivative of the curve of a beam jumps at its nodes: an error of order k.
-            curved = 2 * curved - _second_difference(model, w, 2 * k)
-        reduction.expand(np.zeros(free), np.zeros(reduction.driven))
-    mass = model.mass
-    force = loads[0] - model.forms.internal_force(D)
-    force -= mass @ (reduction.spread(a) + curved)
-    model.points.evaluate_slides(h * w)
-    b = -reduction.project(-force)[:free]
-    a[:free], rest = accelerations_of(model, b)
-    # A load that grows from zero has a little of its first step already.
-    largest = max(abs(part).max(initial=0.0) for part in (force, b, *loads))
-    return reduction.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
 
 
 def _second_difference(model: Model, w: np.ndarray, k: float) -> np.ndarray:

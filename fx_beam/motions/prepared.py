@@ -22,12 +22,7 @@ from fx_beam.step.model import Model
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper
 
-from .initial_state import (
-    check_joints,
-    initial_state,
-    late_accelerations,
-    resumed_state,
-)
+from .initial_state import Starts, check_joints
 from .options import Options
 from .transferred_state import end_of, has_changed, transferred_state
 
@@ -89,13 +84,13 @@ class Prepared:
 
         Without `accelerations` it has them only if steps need them.
         """
-        model, forcing = self.model, self.forcing
+        model = self.model
         before = None if start is None else state_of(model, start)
         if start is None or before is None or start.stats.static:
             return self.state_from(before, dt, accelerations)
         if before.fitted is None:
             same = start.stats.scheme == model.scheme.name
-            state = resumed_state(model, forcing, dt, before, same)
+            state = Starts(model, self.forcing, dt).resumed(before, same)
         else:
             before = replace(before, work=before.work + _come_and_gone(model, start, before))
             state = self.state_from(before, dt, accelerations)
@@ -113,13 +108,13 @@ class Prepared:
         later = start is None and model.finds_accelerations_later
         state = self.first_state(dt, start, accelerations or (rates and not later))
         if rates and later and not accelerations:
-            recorder.late_accelerations = late_accelerations(model, self.forcing, state, dt)
+            starts = Starts(model, self.forcing, dt)
+            recorder.late_accelerations = starts.late_accelerations(state)
         return state
 
     def state_from(self, start: State | None, dt: float, accelerations: bool = True) -> State:
         """The same from an equilibrium, or from the reference configuration."""
-        model, forcing = self.model, self.forcing
-        state = initial_state(model, forcing, dt, start, accelerations)
+        state = Starts(self.model, self.forcing, dt).initial(start, accelerations)
         if self.options.tolerance is None:
             state = self._with_smooth_start(state, dt)
         self.stepper.load(state)
