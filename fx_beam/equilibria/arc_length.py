@@ -386,15 +386,11 @@ class ArcLength:
                 continue
             legs = self._path.legs(step.D, load, tangent, ahead)
             if legs is not None and legs.sum() <= _LONG * ds and ahead.sense == tangent.sense:
-                return self._behind(state, tangent, ds, target, behind, step, load, ahead, legs[0])
-        return None
-
-    def _behind(
-        self, state, tangent, ds, target, behind, step, load, ahead: Tangent, leg: float
-    ) -> Corner | None:
-        """The corner after a leg along the tangent, if the step behind it goes on; or None."""
-        if leg > _NEAR * ds:
-            return Corner(leg)
+                break
+        else:
+            return None
+        if legs[0] > _NEAR * ds:
+            return Corner(legs[0])
         new = self._finish(state, state.t + load, step)
         if new.t >= 1:
             new = self._last_step(state, behind)

@@ -129,12 +129,6 @@ class Mesh:
         vector[self.dofs] = values
         return vector
 
-    def sum_at_points(self, values: np.ndarray) -> np.ndarray:
-        """Sums (n_node, 2) of values (cells, 2 m) at the `points` of cells."""
-        sums = np.zeros_like(self.X)
-        np.add.at(sums, self.points, values.reshape(*self.points.shape, 2))
-        return sums
-
     def at_points(self, values: np.ndarray) -> np.ndarray:
         """Values (k, cells, 2 m) of those (k, n_node, 2) at the `points` of cells."""
         return values[:, self.points].reshape(len(values), len(self.points), -1)

@@ -32,44 +32,46 @@ _LONGEST_TURN = 0.5
 
 # Forces where there is no mass that are round-off, relative to the largest force.
 _NONE = 1e-9
+_NOT_SETTLED = (
+    "no equilibrium was found at the start for nodes without mass under the loads there. Their "
+    "motion may alternate from step to step. Let the loads begin at zero, or start from "
+    "static(scene)"
+)
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
 
-def settled(model: Model, force: np.ndarray, state: State, dt: float) -> State:
-    """The state with its massless parts in equilibrium under dead forces (size,).
-
-    In a time so short that mass and dampers hold all others. The state itself if that fails, or
-    with internal variables, whose flow would depend on the way.
-    """
-    if state.internal is not None or state.spring_internal is not None:
-        return state
-    settling = _Settling(model, force, dt)
-    zero = np.zeros(model.size)
-    start = now = replace(state, v=zero, a=zero)
-    unloaded = settling.balance(start).residual[: model.reduction.free].copy()
-    step, reached, halvings = 1.0, 0.0, 0
-    while reached < 1:
-        solution = settling.solved(now, (1 - min(1.0, reached + step)) * unloaded)
-        if solution is not None:
-            now, reached = solution, min(1.0, reached + step)
-            continue
-        step, halvings = step / 2, halvings + 1
-        if halvings > _MOST_HALVINGS:
-            _log.warning(
-                "no equilibrium was found at the start for nodes without mass under the loads "
-                "there. Their motion may alternate from step to step. Let the loads begin at zero, "
-                "or start from static(scene)"
-            )
-            return state
-    return replace(state, q=now.q, slides=now.slides)
-
-
 class _Settling:
-    """Newton's method for the positions of massless parts."""
+    """The equilibrium of massless parts under dead forces (size,), by Newton's method.
+
+    In a time so short that mass and dampers hold all others.
+    """
 
     def __init__(self, model: Model, force: np.ndarray, dt: float):
         self._model, self._force, self._length = model, force, 1e-9 * dt
         self._equations = Equations(model)
+
+    def settled(self, state: State) -> State:
+        """The state with these parts in equilibrium.
+
+        The state itself if that fails, or with internal variables, whose flow would depend on the
+        way.
+        """
+        if state.internal is not None or state.spring_internal is not None:
+            return state
+        zero = np.zeros(self._model.size)
+        start = now = replace(state, v=zero, a=zero)
+        unloaded = self.balance(start).residual[: self._model.reduction.free].copy()
+        step, reached, halvings = 1.0, 0.0, 0
+        while reached < 1:
+            solution = self.solved(now, (1 - min(1.0, reached + step)) * unloaded)
+            if solution is not None:
+                now, reached = solution, min(1.0, reached + step)
+                continue
+            step, halvings = step / 2, halvings + 1
+            if halvings > _MOST_HALVINGS:
+                _log.warning(_NOT_SETTLED)
+                return state
+        return replace(state, q=now.q, slides=now.slides)
 
     def balance(self, state: State) -> Balance:
         """The equations of a short step from a state, at its start."""
@@ -126,8 +128,8 @@ class Starts:
         needed = accelerations or model.needs_accelerations
         state, unbalanced = self._moving(state, needed)
         if unbalanced:
-            balanced = settled(model, self._loads(state)[0], state, self._dt)
-            state, _ = self._moving(balanced, needed)
+            settling = _Settling(model, self._loads(state)[0], self._dt)
+            state, _ = self._moving(settling.settled(state), needed)
         return state
 
     def _loads(self, state: State) -> tuple[np.ndarray, np.ndarray]:

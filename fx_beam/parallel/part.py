@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,10 +92,6 @@ class Part:
         """
         assert self._system is not None
         return self._system.solve(self._equations.values, more, b, least)
-
-    def memory(self) -> float:
-        """The largest memory of its process so far [GB]."""
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
 
     def destroy(self) -> None:
         """Free what PETSc has; all processes at once."""

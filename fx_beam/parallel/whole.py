@@ -339,10 +339,6 @@ class DistributedEquations:
         self._stats.solver = f"PETSc on {self.size} processes, {first.kind}"
         return x, first.error
 
-    def memory(self) -> list[float]:
-        """The largest memory of each process so far [GB]."""
-        return self._crew("memory")
-
 
 def _in_order(frame: Frame, values: np.ndarray) -> np.ndarray:
     """Vector of a part from values (n, 3) at its rows."""

@@ -236,12 +236,11 @@ def _supports(drawing: Drawing) -> list[dict[str, Any]]:
 
 def _between(drawing: Drawing) -> list[dict[str, Any]]:
     """Ends of the forces between points in all rows."""
-    forces = [] if drawing.scene is None else drawing.scene.forces_between
-    entries = []
-    for force in forces:
-        points = _points(drawing, drawing.ends(force, list(drawing.rows)))
-        entries.append({"spring": force.on.spring is not None, "points": points})
-    return entries
+    rows = list(drawing.rows)
+    return [
+        {"spring": of.on.spring is not None, "points": _points(drawing, drawing.ends(of, rows))}
+        for of in drawing.of_scene("forces_between")
+    ]
 
 
 def _traces(drawing: Drawing, trace: Node | Sequence[Node]) -> list[str]:

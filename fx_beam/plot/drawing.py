@@ -156,6 +156,10 @@ class Drawing:
         """The scene; None for a solution that was read from a file."""
         return scene_of(self.solution)
 
+    def of_scene(self, name: str) -> Any:
+        """What the scene has; nothing of a solution that was read from a file."""
+        return getattr(self.scene, name, ())
+
     @property
     def _q(self) -> np.ndarray:
         """Displacements and rotations; a solution says so if it has none."""
@@ -215,8 +219,8 @@ class Drawing:
     @cached_property
     def window(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower left and upper right corner of the drawing, with a margin."""
-        fixed = [] if self.scene is None else self.scene.forces_between
-        fixed = [force.b for force in fixed if not isinstance(force.b, Node)]
+        between = self.of_scene("forces_between")
+        fixed = [force.b for force in between if not isinstance(force.b, Node)]
         arrows = [self.arrow(*load, k) for load in self.forces for k in self.rows]
         lines = [of.line for of in self.obstacles]
         lines += [of.line for k in self.rows for of in self.carried(k)]
@@ -308,7 +312,7 @@ class Drawing:
     @cached_property
     def forces(self) -> list[tuple[Load, Node]]:
         """The forces on nodes, and the nodes, of a solution."""
-        loads = self.scene.loads if isinstance(self.solution, Solution) and self.scene else []
+        loads = self.of_scene("loads") if isinstance(self.solution, Solution) else []
         return [(load, load.target) for load in loads if load.kind == "force"]
 
     @cached_property

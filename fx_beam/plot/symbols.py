@@ -51,12 +51,10 @@ class Supports:
         self._drawing = drawing
         self._guides: list[Joint] = []
         held: dict[int, set[int]] = {}
-        scene = drawing.scene
-        for number, component in () if scene is None else scene.fixed:
-            if number in scene.gone:
-                continue
-            held.setdefault(number, set()).add(component)
-        for joint in () if scene is None else filter(is_grounded, scene.joints):
+        for number, component in drawing.of_scene("fixed"):
+            if number not in drawing.of_scene("gone"):
+                held.setdefault(number, set()).add(component)
+        for joint in filter(is_grounded, drawing.of_scene("joints")):
             if joint.axis is not None:
                 self._guides.append(joint)
             else:
@@ -263,7 +261,7 @@ def draw_outlines(ax, outlines: Sequence[Outline], colour: Any = "0.35") -> list
 
 def nodes_with_mass(drawing: Drawing) -> list[int]:
     """Numbers of the nodes with lumped masses."""
-    return sorted({node for node, mass, _ in _of_scene(drawing, "masses") if mass})
+    return sorted({node for node, mass, _ in drawing.of_scene("masses") if mass})
 
 
 def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
@@ -283,16 +281,11 @@ def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
     return [ax.quiver(*tails.T, *(tips - tails).T, color=colour, **look, zorder=4)]
 
 
-def _of_scene(drawing: Drawing, name: str):
-    """What a scene has; nothing of a solution that was read from a file."""
-    return getattr(drawing.scene, name, ())
-
-
 def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
     """Rigid arms from nodes to joints with an offset."""
     arms = []
     centres = {body.centre for body in drawing.solution.bodies.values()}
-    for joint in _of_scene(drawing, "joints"):
+    for joint in drawing.of_scene("joints"):
         of_body = joint.is_rigid and joint.a in centres
         if joint.offset.any() and not (of_body or is_grounded(joint)):
             ends = drawing.positions(joint.a.number, k), _position_on_a(drawing, joint, k)
@@ -324,7 +317,7 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
 
 def draw_joints(ax, drawing: Drawing, k: int) -> list:
     """Draw joints, springs, dampers, stops, forces between points of row k; the artists."""
-    joints: list[Joint] = list(_of_scene(drawing, "joints"))
+    joints: list[Joint] = list(drawing.of_scene("joints"))
     lines = {"guide": _guides(drawing, joints, k), "fine": [], "friction": [], "stop": []}
     for joint in joints:
         for name, on in joint.coordinates.items():
@@ -338,7 +331,7 @@ def draw_between(ax, drawing: Drawing, k: int) -> list:
     """Draw forces between points of row k, with walls at points; returns the artists."""
     lines: dict[str, list[np.ndarray]] = {"fine": [], "pull": [], "friction": []}
     size = drawing.size
-    for force in _of_scene(drawing, "forces_between"):
+    for force in drawing.of_scene("forces_between"):
         (a, b), on = drawing.ends(force, k), force.on
         along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
         for part in ("spring", "damper", "friction"):
@@ -370,7 +363,7 @@ def draw_hinges(ax, drawing: Drawing, k: int) -> list:
 def nodes_of_joints(drawing: Drawing) -> dict[str, list[int]]:
     """Numbers of the nodes at hinges by the marker "o", and at slides by "s"."""
     nodes: dict[str, list[int]] = {}
-    for joint in _of_scene(drawing, "joints"):
+    for joint in drawing.of_scene("joints"):
         # A hinge on the ground is drawn as a support; rigid joints are not marked.
         if not (joint.is_rigid or (is_grounded(joint) and joint.slide is None)):
             marker = "o" if joint.slide is None else "s"
