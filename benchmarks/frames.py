@@ -19,7 +19,7 @@ from time import process_time
 from unittest import mock
 
 import fx_beam as fb
-from fx_beam.parallel import whole
+from fx_beam.parallel import team
 from fx_beam.step import stepper, tables
 from fx_beam.step.lu_layout import COSTS
 
@@ -165,19 +165,22 @@ def compare_storage(runs=5, steps=20, dt=0.01):
     print(f"worst choice: {worst:.2f} of the better")
 
 
+class Memory:
+    """What a process has used."""
+
+    def largest(self):
+        """The largest memory of its process so far [GB]."""
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+
+    def destroy(self):
+        """Nothing."""
+
+
 def on_processes(cells=200, steps=10, dt=0.01):
     """Steps on the processes of mpirun, or on one without it; 707 cells are 1 001 112 struts.
 
     The time of a process that waits for others in PETSc counts.
     """
-    made: list[whole.DistributedEquations] = []
-    begin = whole.DistributedEquations.__init__
-
-    def noted(equations, *arguments):
-        begin(equations, *arguments)
-        made.append(equations)
-
-    whole.DistributedEquations.__init__ = noted
     clock = process_time()
     scene, record = lattice(cells), fb.Record(every=steps)
     print(f"{len(scene.beams)} struts, scene {process_time() - clock:.1f}", flush=True)
@@ -192,8 +195,9 @@ def on_processes(cells=200, steps=10, dt=0.01):
     print(f"  set-up {setup:.1f}, a step {sum(seconds) / steps:.3f}")
     print(f"  {stats.newton_iterations} Newton iterations")
     print(f"  relative error of the energy balance {error:.1e}", flush=True)
-    if made:
-        memory = ", ".join(f"{gigabytes:.2f}" for gigabytes in made[-1].memory())
+    if (processes := team.present()) is not None:
+        used = processes.make(Memory, [()] * processes.size)("largest")
+        memory = ", ".join(f"{gigabytes:.2f}" for gigabytes in used)
         iterations = stats.krylov_iterations / stats.newton_iterations
         print(f"  {iterations:.1f} iterations of a linear system")
         print(f"  memory of each process so far {memory} GB", flush=True)
