@@ -11,7 +11,7 @@ from jointed import whirling
 from scenes import FLYING
 
 import fx_beam as fb
-from fx_beam.motions import progress, recent
+from fx_beam.motions import progress, surroundings
 
 # Without rounding, so that two runs may be equal to the last digit.
 DT = 1 / 16
@@ -131,7 +131,7 @@ def loaded():
 
 @pytest.mark.parametrize("continuation", [None, "arc-length"])
 def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch):
-    monkeypatch.setattr(recent, "SMALL", -1)  # each run sets up a model of its own
+    monkeypatch.setattr(surroundings, "SMALL", -1)  # each run sets up a model of its own
 
     def path():
         return fb.static(loaded(), load_steps=5, continuation=continuation)
