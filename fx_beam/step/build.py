@@ -68,7 +68,7 @@ def load_batches(
     coefficients and coordinates.
     """
     sizes = ", ".join(str(max(number, 1)) for number in numbers)
-    flags = [*_FLAGS, f"-I{ffcx_api.ufcx_folder()}"]
+    flags = [*_FLAGS, "-freciprocal-math", f"-I{ffcx_api.ufcx_folder()}"]
     asked = key, sizes, *c_library.target_flags()[1], *flags
     if asked in _loaded:
         return _loaded[asked]

@@ -162,7 +162,6 @@ class Problem:
         heavy = (mass.data != 0) & self._moves
         if self._frame_turns:
             heavy = (mass.data != 0) & ~turns[mass.indices]
-        turning = heavy & turns[mass.indices]
         columns = model.loads.unit_loads
         self._set(
             turning=len(model.turns),
@@ -175,9 +174,6 @@ class Problem:
             mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
             mass_column=mass.indices[heavy],
             mass_stored_at=stored_at[heavy],
-            turning_masses=np.count_nonzero(turning),
-            turning_column=mass.indices[turning],
-            turning_stored_at=stored_at[turning],
             node_dofs=mesh.dofs,
             loads=columns.shape[1],
             load_start=columns.indptr,
@@ -185,7 +181,7 @@ class Problem:
         )
         #: Entries of the mass matrix that C has.
         self.heavy = heavy
-        self._turning, self._turns = turning, turns
+        self._turns = turns
         #: Tables of the forms of beams, None without any.
         self.tables: FormTables | None = None
         if (beams := model.forms.beams) is not None:
@@ -220,7 +216,7 @@ class Problem:
         model, mass, loads = self.model, self._mass.data, self.model.loads.unit_loads
         numbers = {**model.reduction.offsets_and_axes, "load_force": loads.data}
         if masses:
-            numbers |= {"mass": mass[self.heavy], "turning_mass": mass[self._turning]}
+            numbers |= {"mass": mass[self.heavy]}
         if model.weight is not None:
             numbers["weight"] = model.weight
         if model.natural:

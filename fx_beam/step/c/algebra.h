@@ -65,7 +65,7 @@ static double largest_size(int n, const double *x) {
   return double_of(top);
 }
 
-static void times_mass(const Problem *p, const double *restrict x, double *restrict out) {
+HOT void times_mass(const Problem *p, const double *restrict x, double *restrict out) {
   const int *restrict start = p->mass_start, *restrict column = p->mass_column;
   const double *restrict mass = p->mass;
   for (int i = 0; i < p->dofs; ++i) {

@@ -7,51 +7,40 @@
 #include "sparse_lu.h"
 
 /* Row of an unknown: three couplings with the group before, with its own and with the group after, each
-   followed by a free place. The right side, later the solution, is behind the own ones. */
-enum { BEFORE = 0, OWN = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW, RIGHT = OWN + 3 };
+   followed by a free place. */
+enum { BEFORE = 0, OWN = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW };
 
 INLINED Four load(const double *from) { return *(const Four *)from; }
 
 /* Solves the equations of a group, with these own rows and right sides, for its unknowns. They depend on
    those of the group with these couplings: its factors, and behind them the part without it, take the
-   place of the couplings and are returned in u. Returns 0 if a pivot is zero. */
-INLINED int eliminate_group(const Four *own, double *couplings, Four *u) {
+   place of the couplings and are returned in u. They are not finite if a pivot is zero. */
+INLINED void eliminate_group(const Four *own, double *couplings, Four *u) {
   Four a = own[0], b = own[1], c = own[2], row[3];
   for (int i = 0; i < 3; ++i) row[i] = load(couplings + i * ROW), row[i][3] = own[i][3];
   double first = 1 / a[0], in_b = b[0] * first, in_c = c[0] * first;
   double b1 = b[1] - in_b * a[1], b2 = b[2] - in_b * a[2];
   double c1 = c[1] - in_c * a[1], c2 = c[2] - in_c * a[2];
-  double second = 1 / b1, b_in_c = c1 * second, last = c2 - b_in_c * b2;
-  if (!is_pivot(a[0]) || !is_pivot(b1) || !is_pivot(last)) return 0;
+  double second = 1 / b1, last = b1 * c2 - c1 * b2; /* b1 times the last pivot, to overlap the divisions */
   row[1] -= in_b * row[0];
-  row[2] -= in_c * row[0] + b_in_c * row[1];
-  u[2] = row[2] * (1 / last);
-  u[1] = (row[1] - b2 * u[2]) * second;
-  u[0] = (row[0] - a[2] * u[2] - a[1] * u[1]) * first;
+  row[2] -= in_c * row[0] + c1 * second * row[1];
+  u[2] = row[2] * (b1 / last);
+  u[1] = row[1] * second - b2 * second * u[2];
+  u[0] = row[0] * first - a[2] * first * u[2] - a[1] * first * u[1];
   for (int i = 0; i < 3; ++i) *(Four *)(couplings + i * ROW) = u[i];
-  return 1;
 }
 
 /* Subtracts an eliminated group from the own rows of one that is coupled with it. */
 INLINED void subtract_group(Four *own, const double *couplings, const Four *u) {
   for (int i = 0; i < 3; ++i) {
     const double *k = couplings + i * ROW;
-    own[i] -= k[0] * u[0] + k[1] * u[1] + k[2] * u[2];
+    own[i] = own[i] - k[2] * u[2] - k[1] * u[1] - k[0] * u[0]; /* in the order in which they are known */
   }
 }
 
-/* The unknowns of a group from those of the group on this side, which was eliminated later. */
-INLINED void substitute_group(double *group, int side, double *x) {
-  double rest[3];
-  for (int i = 0; i < 3; ++i) {
-    const double *row = group + side + i * ROW;
-    rest[i] = row[3] - row[0] * x[0] - row[1] * x[1] - row[2] * x[2];
-  }
-  for (int i = 0; i < 3; ++i) group[i * ROW + RIGHT] = x[i] = rest[i];
-}
-
-INLINED void own_rows(const double *group, Four *own) {
-  for (int i = 0; i < 3; ++i) own[i] = load(group + OWN + i * ROW);
+/* Own rows of a group, with their right sides. */
+INLINED void own_rows(const Work *w, int k, Four *own) {
+  for (int i = 0; i < 3; ++i) own[i] = load(w->tangent + k * GROUP + OWN + i * ROW) + (Four){0, 0, 0, w->y[3 * k + i]};
 }
 
 /* Stores the rows of a group for further right sides, in its own place. */
@@ -59,49 +48,64 @@ INLINED void store_own(double *group, const Four *own) {
   for (int i = 0; i < 3; ++i) *(Four *)(group + OWN + i * ROW) = own[i];
 }
 
-/* Elimination for the right side `reduced`; returns 0 if a pivot is zero. Proceeds from both ends to the
-   group `middle`: the processor can overlap the two divisions. With `keep` for further right sides. */
-INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int keep) {
-  int last = p->chain - 1, most = middle > last - middle ? middle : last - middle;
-  double *A = w->tangent, none[GROUP] = {0};
-  Four down[3], up[3], own[3], u[3], v[3];
-  for (int i = 0; i < p->free; ++i) A[p->order[i] * ROW + RIGHT] = w->reduced[i];
-  own_rows(A, down), own_rows(A + last * GROUP, up);
-  for (int k = 0; k < most; ++k) {
-    double *top = A + k * GROUP, *bottom = A + (last - k) * GROUP;
-    if (k < middle) {
-      if (!eliminate_group(down, top + AFTER, u)) return 0;
-      if (keep) store_own(top, down);
-      own_rows(top + GROUP, down);
-      subtract_group(down, top + GROUP + BEFORE, u);
-    }
-    if (last - k > middle) {
-      if (!eliminate_group(up, bottom + BEFORE, v)) return 0;
-      if (keep) store_own(bottom, up);
-      own_rows(bottom - GROUP, up);
-      subtract_group(up, bottom - GROUP + AFTER, v);
-    }
-  }
-  /* Both have the own rows of the group in the middle, with one side's contribution each. */
-  own_rows(A + middle * GROUP, own);
-  for (int i = 0; i < 3; ++i) own[i] = down[i] + (up[i] - own[i]);
-  if (keep) store_own(A + middle * GROUP, own);
-  if (!eliminate_group(own, none, u)) return 0;
-  for (int i = 0; i < 3; ++i) A[middle * GROUP + i * ROW + (keep ? AFTER + 3 : RIGHT)] = u[i][3];
-  return 1;
+/* Eliminates a group, whose own rows become those of the next one in this way: 1 down, -1 up. */
+INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *own) {
+  double *group = w->tangent + k * GROUP;
+  Four u[3];
+  if (keep) store_own(group, own);
+  eliminate_group(own, group + (way > 0 ? AFTER : BEFORE), u);
+  own_rows(w, k + way, own);
+  subtract_group(own, group + way * GROUP + (way > 0 ? BEFORE : AFTER), u);
 }
 
-/* Solution for the right side `reduced`; returns 0 if a pivot is zero. */
-HOT int solve_chain(const Problem *p, const Work *w) {
-  int middle = p->chain / 2, last = p->chain - 1;
-  double *A = w->tangent, x[3], y[3];
-  if (!eliminate_chain(p, w, middle, 0)) return 0;
-  for (int i = 0; i < 3; ++i) x[i] = y[i] = A[middle * GROUP + i * ROW + RIGHT];
-  for (int k = 1; k <= middle; ++k) {
-    substitute_group(A + (middle - k) * GROUP, AFTER, x);
-    if (middle + k <= last) substitute_group(A + (middle + k) * GROUP, BEFORE, y);
+/* Elimination for the right side y; returns 0 if a pivot is zero. Proceeds from both ends to the group `middle`, of which
+   y becomes the solution: the processor can overlap the divisions. With `keep` for further right sides. */
+INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int keep) {
+  int last = p->chain - 1, k = 0;
+  double none[GROUP] = {0};
+  Four down[3], up[3], own[3], u[3];
+  own_rows(w, 0, down), own_rows(w, last, up);
+  for (; k < middle && k < last - middle; ++k) eliminate_next(w, k, 1, keep, down), eliminate_next(w, last - k, -1, keep, up);
+  for (int i = k; i < middle; ++i) eliminate_next(w, i, 1, keep, down);
+  for (int i = k; i < last - middle; ++i) eliminate_next(w, last - i, -1, keep, up);
+  /* Both have the own rows of the group in the middle, with one side's contribution each. */
+  own_rows(w, middle, own);
+  for (int i = 0; i < 3; ++i) own[i] = down[i] + (up[i] - own[i]);
+  if (keep) store_own(w->tangent + middle * GROUP, own);
+  eliminate_group(own, none, u);
+  for (int i = 0; i < 3; ++i) w->y[3 * middle + i] = u[i][3];
+  return isfinite(u[0][3]); /* any zero pivot comes down to it */
+}
+
+/* The unknowns of a group from those x of the group on this side, which was eliminated later; or from the block, as far as it
+   is `reached`. */
+INLINED void substitute_group(const Problem *p, const Work *w, int k, int side, const int *reached, double *x) {
+  const double *row = w->tangent + k * GROUP + side;
+  double rest[3];
+  for (int i = 0; i < 3; ++i, row += ROW) rest[i] = row[3] - row[0] * x[0] - row[1] * x[1] - row[2] * x[2];
+  for (int i = 0; i < 3; ++i)
+    w->y[3 * k + i] = x[i] = reached && reached[3 * k] ? w->block[(3L * k + i) * p->block] : rest[i];
+}
+
+/* The solution in place of y, from that of the group in the middle. Groups that are `reached` are known already. */
+INLINED void substitute_chain(const Problem *p, const Work *w, int middle, const int *reached) {
+  int last = p->chain - 1;
+  double x[3], z[3];
+  for (int i = 0; i < 3; ++i) {
+    double *y = w->y + 3 * middle + i;
+    x[i] = z[i] = *y = reached && reached[3 * middle] ? w->block[(3L * middle + i) * p->block] : *y;
   }
-  for (int i = 0; i < p->free; ++i) w->step[i] = A[p->order[i] * ROW + RIGHT];
+  for (int k = 1; k <= middle || k <= last - middle; ++k) {
+    if (k <= middle) substitute_group(p, w, middle - k, AFTER, reached, x);
+    if (k <= last - middle) substitute_group(p, w, middle + k, BEFORE, reached, z);
+  }
+}
+
+/* The solution for the right side y in its place; returns 0 if a pivot is zero. */
+HOT int solve_chain(const Problem *p, const Work *w) {
+  int middle = p->chain / 2;
+  if (!eliminate_chain(p, w, middle, 0)) return 0;
+  substitute_chain(p, w, middle, 0);
   return 1;
 }
 
@@ -157,7 +161,7 @@ INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, in
     }
   if (w->reached[3 * middle]) {
     solve_group(n, A + middle * GROUP, block + middle * rows);
-    for (int x = 0; known && x < 3; ++x) block[middle * rows + x * n][0] = A[middle * GROUP + x * ROW + AFTER + 3];
+    for (int x = 0; known && x < 3; ++x) block[middle * rows + x * n][0] = w->y[3 * middle + x];
   }
   for (int i = 1; i <= most; ++i)
     for (int side = 0; side < 2; ++side) {
@@ -169,21 +173,4 @@ INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, in
 
 HOT void solve_chain_block(const Problem *p, const Work *w, int middle) {
   solve_chain_columns(p, w, middle, 1, p->block / 4);
-}
-
-/* The solution, from the first column of the block as far as it is reached. */
-static void finish_chain(const Problem *p, const Work *w, int middle) {
-  double *A = w->tangent, x[3];
-  int n = p->block, last = p->chain - 1;
-  for (int side = 0; side < 2; ++side)
-    for (int k = middle; side ? k <= last : k >= 0; k += side ? 1 : -1) {
-      double *group = A + k * GROUP;
-      if (w->reached[3 * k])
-        for (int i = 0; i < 3; ++i) group[i * ROW + RIGHT] = x[i] = w->block[(3L * k + i) * n];
-      else if (k == middle)
-        for (int i = 0; i < 3; ++i) group[i * ROW + RIGHT] = x[i] = group[AFTER + i * ROW + 3];
-      else
-        substitute_group(group, side ? BEFORE : AFTER, x);
-    }
-  for (int i = 0; i < p->free; ++i) w->step[i] = A[p->order[i] * ROW + RIGHT];
 }

@@ -12,7 +12,6 @@ OF_STEPS void fx_begin(Problem *p, double dt, const double *follower_force) {
   w->dt = dt, w->follower_force = follower_force;
   if (!p->at_rest) p->ratio = ratio_of_lengths(p, dt);
   double t = p->t + p->level * dt;
-  begin_inertia(p, w);
   if (p->strains_at_end) begin_natural(p, w, 0);
   begin_internal(p, w->fields, t, dt, 0);
   begin_form(p, &p->drag, w->fields, t, dt);

@@ -18,9 +18,9 @@ static int middle_of_tangent(const Problem *p) { return HAS(SLIDERS) && p->borde
 
 /* Factors of the tangent with its bordering rows; returns 0 if it is singular. */
 static int factorise_tangent(Problem *p, const Work *w) {
-  int middle = middle_of_tangent(p), n = p->unknowns;
-  Ends of = ends_around(n, p->band, middle);
-  memset(w->reduced, 0, p->free * sizeof(double)), memset(w->y, 0, n * sizeof(double));
+  int middle = middle_of_tangent(p);
+  Ends of = ends_around(p->unknowns, p->band, middle);
+  memset(w->y, 0, p->positions * sizeof(double));
   for (int i = 0; HAS(SLIDERS) && p->bordering_rows && i < p->positions; ++i) reach(p, w, i);
   if (HAS(CHAIN | BAND)) return eliminate_bordered(p, w, middle, of);
   if (!factorise(p, w)) return 0;

@@ -212,17 +212,17 @@ static int solve_bordered(const Problem *p, const Work *w) {
   int middle = middle_of_elimination(p), n = p->unknowns;
   Ends of = ends_around(n, p->band, middle);
   begin_right_sides(p, w, w->reduced);
-  for (int i = 0; i < n; ++i) w->y[p->order[i] * !HAS(CHAIN)] = i < p->free ? w->reduced[i] : 0;
+  for (int i = 0; i < n; ++i) w->y[p->order[i]] = i < p->free ? w->reduced[i] : 0;
   if (!eliminate_bordered(p, w, middle, of)) return 0;
   solve_bordering_rows(p, w);
   if (HAS(CHAIN)) {
-    finish_chain(p, w, middle / 3);
+    substitute_chain(p, w, middle / 3, w->reached);
   } else {
     for (int i = 0; i < n; ++i)
       if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
     substitute_tangent(p, w, n, of, w->reached);
-    for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
   }
+  for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
   end_bordering_rows(p, w, w->step);
   return 1;
 }
@@ -278,10 +278,9 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
   if (HAS(SLIDERS) && HAS(CHAIN | BAND) && p->bordering_rows) return solve_bordered(p, w);
-  if (HAS(CHAIN)) return solve_chain(p, w);
-  if (HAS(BAND)) {
+  if (HAS(CHAIN | BAND)) {
     for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
-    if (!solve_band(p, w)) return 0;
+    if (!(HAS(CHAIN) ? solve_chain(p, w) : solve_band(p, w))) return 0;
     for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
     return 1;
   }

@@ -72,7 +72,6 @@ static void begin_linear(const Problem *p, Work *w, const Adjoint *a, Linear *l)
   const double *sign = p->entry_sign + equal;
   lay_out(p, w, p->scratch), lay_out_linear(p, a, l, a->scratch);
   Layout at = l->at = fx_layout(p, a);
-  w->dt = NAN;
   memset(l->of, 0, sizeof l->of);
   l->of[EQUAL] = (Block){0, equal, 0, column, row, 0, 0, 0, at.Y1, at.q1};
   l->of[COLLECTED] = (Block){0, equal, 0, row, column, 0, 0, 0, at.r, at.R};
@@ -107,7 +106,7 @@ static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row,
   double dt = row[1], level;
   take_from_tape(p, w, row, l->loads, l->follower_force, l->natural);
   level = p->t + p->level * dt;
-  if (dt != w->dt) w->dt = dt, begin_inertia(p, w);
+  w->dt = dt;
   begin_loads(p, w, l->loads);
   if (p->naturals) begin_natural(p, w, l->natural);
   w->follower_force = l->follower_force;

@@ -160,7 +160,7 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   p->sub_step = sub_step;
   const double *target = inputs->driven + k * p->driven;
   double *change = w->start, t = p->t + p->level * dt;
-  if (dt != w->dt || p->at_rest) w->dt = dt, begin_inertia(p, w);
+  w->dt = dt;
   if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
   if (p->naturals && (k == 0 || inputs->natural_stride))
     begin_natural(p, w, inputs->natural + k * inputs->natural_stride);

@@ -18,11 +18,8 @@ static void evaluate_nodes(const Problem *p, const Work *w) {
   if (HAS(MEMBERS) && p->points->members) fx_evaluate_members(p->points->members, w->D);
 }
 
-/* Internal forces f, and the tangent of internal and inertia forces. */
-static void assemble(const Problem *p, const Work *w) {
-  double *K = w->tangent;
-  memset(w->f, 0, p->dofs * sizeof(double));
-  memcpy(K, w->inertia, p->stored_values * sizeof(double));
+/* Adds the internal forces to f, and their tangent to K. */
+static void assemble(const Problem *p, const Work *w, double *K) {
   assemble_forces(p, &p->internal_forces, w->fields, w->f, K);
   assemble_forces(p, &p->drag, w->fields, w->f, K);
   if (p->points->all) {
@@ -34,25 +31,6 @@ static void assemble(const Problem *p, const Work *w) {
     if (!p->points->all) evaluate_nodes(p, w);
     fx_add_members(p->points->members, w->f);
   }
-  if (p->rules)
-    for (int k = 0; k < 3 * p->mass_start[p->dofs]; ++k) {
-      int at = p->column_at_node[k / 3];
-      double slope = w->rule[RULE_VALUES * (at / 3) + 3 + 3 * (at % 3) + k % 3];
-      K[p->rule_stored_at[k]] += p->mass[k / 3] * slope;
-    }
-  if (p->rule != 0 || p->rules) return;
-  double steep = steepness(p, w->dt);
-  for (int k = 0; k < p->turning_masses; ++k)
-    K[p->turning_stored_at[k]] += p->turning_mass[k] * steep * (w->slope[p->turning_column[k]] - 1);
-}
-
-/* The tangent of the inertia forces; `assemble` adds the part that depends on the increment. */
-static void begin_inertia(const Problem *p, const Work *w) {
-  memset(w->inertia, 0, p->stored_values * sizeof(double));
-  for (int k = 0; k < p->paddings; ++k) w->inertia[p->padding[k]] = 1;
-  if (p->rules) return; /* it depends on the increment */
-  for (int k = 0; k < p->mass_start[p->dofs]; ++k)
-    w->inertia[p->mass_stored_at[k]] = p->mass[k] * steepness(p, w->dt);
 }
 
 /* The forces r less their change with the last correction, in `scratch`: of some rows, or of all; zero elsewhere. */
@@ -159,10 +137,14 @@ static void balance(const Problem *p, const Work *w) {
     hold(p, w);
     return;
   }
+  double *K = w->tangent;
   work_increment(p, w);
   acceleration(p, w, w->dt);
-  times_mass(p, w->acc, w->r);
-  assemble(p, w);
+  memset(w->f, 0, p->dofs * sizeof(double));
+  for (int k = 0; k < p->stored_values; ++k) K[k] = 0;
+  for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
+  inertia(p, w, w->r, K);
+  assemble(p, w, K);
   for (int i = 0; i < p->dofs; ++i) w->r[i] += w->f[i] - w->force[i];
   if (p->viscosity > 0) resist(p, w);
   project(p, w, w->r, w->reduced);

@@ -149,8 +149,6 @@ typedef struct {
   /* Nonzero entries of the mass matrix. */
   int *mass_start, *mass_column, *mass_stored_at;
   double *mass;
-  int turning_masses, *turning_column, *turning_stored_at; /* entries in columns of rotations */
-  double *turning_mass;
 
   /* Coupling: entries of T and Tv. The first `equal` entries are 1; value 0 is the constant 1.
      `alone`: these are all, one of each degree of freedom in turn. */

@@ -74,6 +74,19 @@ static double steepness(const Problem *p, double dt) {
   return (p->rule == 0 ? 2 : (1 - p->alpha_m) / p->beta) / (dt * dt);
 }
 
+/* Forces r of the masses, for an `acceleration`, and their derivatives by the increment in the tangent K. */
+HOT void inertia(const Problem *p, const Work *w, double *r, double *K) {
+  const int *column = p->mass_column, *at = p->mass_stored_at, entries = p->mass_start[p->dofs];
+  const double *mass = p->mass, *slope = w->slope;
+  double steep = p->rules ? 0 : steepness(p, w->dt);
+  times_mass(p, w->acc, r);
+  for (int k = 0; k < entries; ++k) K[at[k]] = mass[k] * steep * slope[column[k]];
+  for (int k = 0; p->rules && k < 3 * entries; ++k) {
+    int of = p->column_at_node[k / 3];
+    K[p->rule_stored_at[k]] += mass[k / 3] * w->rule[RULE_VALUES * (of / 3) + 3 + 3 * (of % 3) + k % 3];
+  }
+}
+
 static void advance_rates(Problem *p, const Work *w, double dt) {
   if (p->at_rest) return;
   if (p->rules) {

@@ -17,8 +17,8 @@
   OF(values, 1 + 4 * j) OF(virtual_map, 1 + 4 * j) OF(frame, 4 * j) OF(rho0, 2 * j) OF(t0, 2 * j)           \
   OF(rho1, 2 * j) OF(t1, 2 * j) OF(mean_t, 2 * j) OF(carrier_slope, j) OF(carrier_bend, j)                  \
   OF(passing, 2 * j) OF(joint_forces, 3 * p->scene_joints)                                                  \
-  OF(y, u) OF(row, p->rows.groups ? 3 * u : 0) OF(tangent, p->stored_values + 4 * LANES)                    \
-  OF(inertia, p->stored_values) OF(factors, p->factor_size)                                                 \
+  OF(y, p->positions) OF(row, p->rows.groups ? 3 * u : 0) OF(tangent, p->stored_values + 4 * LANES)                    \
+  OF(factors, p->factor_size)                                                 \
   OF(factorised, p->kept.worth && b ? p->tangent_start[p->free] : 0)                                        \
   OF(residual, kept) OF(guess, kept) OF(direction, d * kept) OF(image, d * kept)                            \
   OF(G, g) OF(G_virtual, g) OF(part, p->part_size) OF(part_virtual, p->part_size) OF(closure, m)            \
