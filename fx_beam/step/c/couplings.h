@@ -67,7 +67,7 @@ static int begin_couplings(const Problem *p, const Work *w) {
 }
 
 /* What degrees of freedom have of columns that they are equal to; each of them is, where nothing is coupled. */
-INLINED void copy_columns(const Problem *p, const double *z, double *D) {
+INLINED void copy_columns(const Problem *p, const double *restrict z, double *restrict D) {
   const int *row = p->entry_row, *column = p->entry_column;
   if (p->alone)
     for (int k = 0; k < p->dofs; ++k) D[k] = z[column[k]];

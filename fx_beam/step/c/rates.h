@@ -58,9 +58,9 @@ static void acceleration(const Problem *p, const Work *w, double dt) {
     return;
   }
   const double *restrict path = w->path, *restrict v = p->v;
-  double *restrict acc = w->acc;
+  double *restrict acc = w->acc, per_dt = 1 / dt;
   if (p->rule == 0)
-    for (int i = 0; i < p->dofs; ++i) acc[i] = 2 / dt * (path[i] / dt - v[i]);
+    for (int i = 0; i < p->dofs; ++i) acc[i] = 2 * per_dt * (path[i] * per_dt - v[i]);
   else
     for (int i = 0; i < p->dofs; ++i) {
       double a1 = newmark_end(p, w->D[i], v[i], p->a[i], dt);
