@@ -38,9 +38,10 @@ static __attribute__((noinline)) void set_parameters(const Problem *p, const For
 }
 
 static void set_time(const Problem *p, const Form *form, double t, double dt) {
-  if (form->integrals && form->time_at >= 0) form->constants[form->time_at] = t;
-  if (form->integrals && form->dt_at >= 0) form->constants[form->dt_at] = dt;
-  if (form->integrals && form->memory_at >= 0) form->constants[form->memory_at] = p->ratio;
+  if (!form->integrals) return;
+  if (form->time_at >= 0) form->constants[form->time_at] = t;
+  if (form->dt_at >= 0) form->constants[form->dt_at] = dt;
+  if (form->memory_at >= 0) form->constants[form->memory_at] = p->ratio;
   if (form->parameters) set_parameters(p, form);
 }
 

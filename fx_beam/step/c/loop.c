@@ -52,6 +52,7 @@ static void count_inverted(Problem *p) {
 
 /* An energy of the step; zero without a form for it. */
 static double energy_of(const Problem *p, const Work *w, const Form *form) {
+  if (!form->integrals) return 0;
   begin_form(p, form, w->fields, p->t, w->dt);
   return assemble_scalar(p, form, w->fields);
 }
