@@ -17,9 +17,9 @@ from time import thread_time
 
 import numpy as np
 from demo_scenes import demo
+from steps import timed_steps
 
 import fx_beam as fb
-from fx_beam.step.loop import CompiledLoop
 
 # Elements, step [s], steps, and the order of the program's prediction, the best for it.
 CASES = (8, 0.01, 1000, 0), (8, 0.001, 4000, 3), (2048, 0.001, 60, 3)
@@ -57,17 +57,8 @@ def by_program(library, elements, dt, steps, order):
 def by_package(elements, dt, steps):
     """The same by `simulate`."""
     scene, _ = demo("pinned_beam").scene(elements)
-    seconds, take = [], CompiledLoop.take
-
-    def timed(*arguments):
-        started = thread_time()
-        result = take(*arguments)
-        seconds.append(thread_time() - started)
-        return result
-
-    CompiledLoop.take = timed
-    solution = fb.simulate(scene, dt=dt, t_end=steps * dt, record=fb.Record(every=steps))
-    CompiledLoop.take = take
+    with timed_steps() as seconds:
+        solution = fb.simulate(scene, dt=dt, t_end=steps * dt, record=fb.Record(every=steps))
     return sum(seconds), solution.stats.newton_iterations, solution.q[-1]
 
 

@@ -1,99 +1,99 @@
-"""Time per step for several sizes and scenes.
+"""Time per step of several scenes, of this version alone or against another one.
 
-    .venv/bin/python benchmarks/steps.py [runs]
+    .venv/bin/python benchmarks/steps.py [folder of the other version] [runs]
 
-The pinned beam with 1 to 2048 elements, the pendulum, and the mechanisms of the demos are run by
-EnergyMomentum with everything recorded. The runs alternate; set-up is not included. Also measured:
-the time to the end of the first step with and without compilation. Medians, the machine and the
-versions are written to results/steps/steps.json, with a picture beside it.
+Each version runs in a process of its own. Both take turns, run by run. The processor time of the
+compiled loop is measured, which other programs affect less; its least value is the most reliable.
 """
 
+import contextlib
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import thread_time
 
-from demo_scenes import ROOT, scene
-
-import fx_beam as fb
-from fx_beam.studies import reporting
-
-ELEMENTS = (1, 8, 32, 128, 512, 2048)
-
-
-def cases():
-    """Name, scene, step and number of steps."""
-    for elements in ELEMENTS:
-        yield f"pinned beam, {elements}", scene("pinned_beam", elements), 0.001, steps_for(elements)
-    yield "pinned beam, 8, dt 0.01", scene("pinned_beam", 8), 0.01, 1000
-    yield "pendulum, dt 0.1", scene("pendulum"), 0.1, 500
-    yield "pendulum, dt 0.01", scene("pendulum"), 0.01, 1000
-    yield "three-bar swing", scene("three_bar_swing"), 5e-4, 1000
-    yield "multi-body", scene("multibody"), 1e-3, 1000
+ROOT = Path(__file__).resolve().parents[1]
+# Scene of a demo, its arguments, step, number of steps, and whether everything is recorded.
+CASES = (
+    ("pinned_beam", (8,), 0.01, 1000, False),
+    ("pinned_beam", (8,), 0.001, 2000, True),
+    ("pinned_beam", (128,), 0.001, 300, False),
+    ("pinned_beam", (2048,), 0.001, 60, False),
+    ("pendulum", (), 0.01, 2000, False),
+    ("three_bar_swing", (), 5e-4, 1000, True),
+    ("multibody", (), 0.001, 1000, False),
+    ("slider_crank", (), 0.005, 300, False),
+)
 
 
-def measure(scene, dt, steps, runs):
-    times = []
-    for _ in range(runs):
-        stats = fb.simulate(scene, dt=dt, t_end=steps * dt).stats
-        seconds = 1e6 * stats.seconds / steps, stats.setup_seconds
-        times.append((*seconds, stats.newton_iterations / steps))
-    names = "us per step", "set-up seconds", "iterations per step"
-    medians = zip(names, map(median, zip(*times, strict=True)), strict=True)
-    return dict(medians) | {"solver": stats.solver}
+@contextlib.contextmanager
+def timed_steps():
+    """A list to which the processor times of blocks of steps [s] are added."""
+    from fx_beam.step.loop import CompiledLoop
+
+    seconds, take = [], CompiledLoop.take
+
+    def timed(*arguments):
+        started = thread_time()
+        result = take(*arguments)
+        seconds.append(thread_time() - started)
+        return result
+
+    CompiledLoop.take = timed
+    yield seconds
+    CompiledLoop.take = take
 
 
-def steps_for(elements):
-    return max(50, min(2000, 40000 // elements))
+def serve():
+    """Run the cases whose numbers are read; write microseconds and iterations per step."""
+    from demo_scenes import scene
+
+    import fx_beam as fb
+
+    for line in sys.stdin:
+        name, arguments, dt, steps, recorded = CASES[int(line)]
+        record = fb.Record() if recorded else fb.Record(every=steps)
+        made = scene(name, *arguments)
+        with timed_steps() as seconds:
+            stats = fb.simulate(made, dt=dt, t_end=steps * dt, record=record).stats
+        print(1e6 * sum(seconds) / steps, stats.newton_iterations / steps, flush=True)
 
 
-def first_step(runs):
-    """Seconds from start to the end of the first step, with empty and with full caches."""
-    script = (
-        "import sys; sys.path.insert(0, sys.argv[1]); from demo_scenes import scene\n"
-        "import fx_beam; fx_beam.simulate(scene('pinned_beam', 8), dt=0.01, t_end=0.01)"
-    )
-    command = [sys.executable, "-c", script, str(Path(__file__).parent)]
-    with tempfile.TemporaryDirectory() as cache:
-        environment, seconds = os.environ | {"XDG_CACHE_HOME": cache}, []
-        for _ in range(runs + 1):
-            clock = perf_counter()
-            subprocess.run(command, env=environment, check=True)
-            seconds.append(perf_counter() - clock)
-    return {"compiling": seconds[0], "from caches": median(seconds[1:])}
+def start(folder):
+    path = os.pathsep.join([str(folder), str(Path(folder) / "benchmarks")])
+    command = [sys.executable, __file__, "--serve"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, env=os.environ | {"PYTHONPATH": path}, **pipes)
 
 
-def main(runs=5):
-    numbers = {
-        "machine": reporting.machine(),
-        "runs": runs,
-        "cases": {},
-    }
-    for name, case_scene, dt, steps in cases():
-        case = numbers["cases"][name] = measure(case_scene, dt, steps, runs)
-        iterations = case["iterations per step"]
-        print(f"{name:26} {case['us per step']:9.2f} us, {iterations:.1f} iterations")
-    numbers["first step"] = first_step(runs)
-    print("\nfirst step:", *(f"{s:.2f} s {how}," for how, s in numbers["first step"].items()))
-    results = ROOT / "results" / "steps"
-    reporting.write_json(results / "steps.json", numbers)
-    draw(results / "steps.png", numbers["cases"])
+def ask(process, case):
+    process.stdin.write(f"{case}\n")
+    process.stdin.flush()
+    return tuple(map(float, process.stdout.readline().split()))
 
 
-def draw(path, found):
-    from fx_beam import plot
-
-    figure, ((ax,),) = plot.figure(1, 1, height=3.5)
-    times = [found[f"pinned beam, {n}"]["us per step"] for n in ELEMENTS]
-    ax.loglog(ELEMENTS, times, "C0o-")
-    ax.set(xlabel="elements [-]", ylabel="time of a step [us]", xticks=ELEMENTS)
-    ax.set_xticklabels([str(n) for n in ELEMENTS])
-    ax.minorticks_off()
-    plot.save(figure, path)
+def main(other=ROOT, runs=15):
+    processes = start(other), start(ROOT)
+    print(f"{'scene, dt':>27}{'before':>10}{'now':>10}  us   least  median ratio  iterations")
+    for number, (name, arguments, dt, *_) in enumerate(CASES):
+        for process in processes:
+            ask(process, number)  # compiles
+        rows = [[ask(process, number) for process in processes] for _ in range(runs)]
+        before, now = (min(row[k][0] for row in rows) for k in range(2))
+        ratio = median(row[1][0] / row[0][0] for row in rows)
+        iterations = ", ".join(f"{of:.2f}" for _, of in rows[0])
+        what = " ".join(map(str, (name, *arguments)))
+        print(f"{what:>20}, {dt:5}{before:10.2f}{now:10.2f}", end="")
+        print(f"{now / before:10.3f}{ratio:9.3f}         {iterations}")
+    for process in processes:
+        process.stdin.close()
+        process.wait()
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    if sys.argv[1:] == ["--serve"]:
+        serve()
+    else:
+        main(*sys.argv[1:2], *map(int, sys.argv[2:]))
