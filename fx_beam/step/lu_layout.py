@@ -99,49 +99,41 @@ class Factors(NamedTuple):
 def factors_of(
     indptr: np.ndarray,
     indices: np.ndarray,
-    keep: bool = True,
     dependent: np.ndarray | None = None,
-    costs: Costs = COSTS,
     forces: int = 0,
+    keep: bool = True,
+    sparse: bool = True,
+    costs: Costs = COSTS,
 ) -> Factors:
-    """Storage in which a correction costs least: a band, or sparse rows, to keep if it pays.
+    """Storage in sparse rows, to keep if it pays; or in a band if its corrections cost less.
 
-    With auxiliary unknowns (`Reduction.dependent`): sparse rows, from the leaves of trees to the
+    With auxiliary unknowns (`Reduction.dependent`) sparse rows are from the leaves of trees to the
     roots. The last unknowns may be forces without a stiffness, which come after all with which they
-    are coupled.
+    are coupled. Then, or if they shall be `sparse`, there is no band.
     """
     none = np.empty(0, dtype=int)
     if len(indptr) == 1:  # nothing is unknown
         return Factors(none, none, 0, 1, none, none)
-    graph, rows = _graph(indptr, indices)
-    if dependent is not None or forces:
-        return _in_rows(graph, rows, indices, dependent, forces)
-    banded = _in_band(graph, rows, indices)
-    if banded.band <= costs.narrow:
-        return banded
-    band_cost = len(banded.order) * banded.band * (banded.band + 1 + costs.band_entry)
-    sparse = _with_cost(_in_rows(graph, rows, indices), len(indices), keep, costs)
-    return banded if band_cost <= sparse.cost else sparse
+    graph, rows = graph_of(indptr, indices), np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+    sparse = sparse or dependent is not None or forces > 0
+    band_cost = np.inf
+    if not sparse:
+        banded = _in_band(graph, rows, indices)
+        if banded.band <= costs.narrow:
+            return banded
+        band_cost = len(banded.order) * banded.band * (banded.band + 1 + costs.band_entry)
+    groups = groups_of(graph, dependent, forces)
+    if dependent is None and not forces:
+        groups |= _one_by_one(_minimum_degree(groups["graph_start"], groups["graph"]))
+    in_rows = _with_cost(_eliminated(groups, rows, indices), len(indices), keep, costs)
+    return in_rows if in_rows.cost < band_cost else banded
 
 
-@cached_by_content
-def in_sparse_rows(
-    indptr: np.ndarray,
-    indices: np.ndarray,
-    dependent: np.ndarray | None = None,
-    keep: bool = True,
-) -> Factors:
-    """Storage in sparse rows; with auxiliaries (`Reduction.dependent`) as in `factors_of`."""
-    graph, rows = _graph(indptr, indices)
-    return _with_cost(_in_rows(graph, rows, indices, dependent), len(indices), keep, COSTS)
-
-
-def _graph(indptr: np.ndarray, indices: np.ndarray) -> tuple[scipy.sparse.csr_matrix, np.ndarray]:
-    """The symmetric graph of a pattern, with diagonal, and the row of each entry of the pattern."""
+def graph_of(indptr: np.ndarray, indices: np.ndarray) -> scipy.sparse.csr_matrix:
+    """The symmetric graph of a pattern, with diagonal."""
     n = len(indptr) - 1
     graph = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
-    graph = (graph + graph.T + scipy.sparse.identity(n)).tocsr()
-    return graph, np.repeat(np.arange(n), np.diff(indptr))
+    return (graph + graph.T + scipy.sparse.identity(n)).tocsr()
 
 
 def _with_cost(sparse: Factors, entries: int, keep: bool, costs: Costs) -> Factors:
@@ -208,41 +200,17 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
     return Factors(order, at, size, 2 * _GROUP - 1, none, none, chain, padding)
 
 
-def _in_rows(
-    graph: scipy.sparse.csr_matrix,
-    rows: np.ndarray,
-    columns: np.ndarray,
-    dependent: np.ndarray | None = None,
-    forces: int = 0,
-) -> Factors:
-    """Sparse rows in minimum-degree order, with room for exactly the fill-in."""
-    of = _groups_of(graph, _alike(graph, dependent, forces), dependent, forces)
-    if dependent is None and not forces:
-        of |= _one_by_one(_minimum_degree(of["graph_start"], of["graph"]))
-    return _eliminated(of, rows, columns)
-
-
 def groups_of(
-    indptr: np.ndarray,
-    indices: np.ndarray,
+    graph: scipy.sparse.csr_matrix,
     dependent: np.ndarray | None = None,
     forces: int = 0,
+    alone: bool = False,
 ) -> dict[str, Any]:
     """What an order of elimination is found from, by the names of sparse_rows.h.
 
-    With auxiliary unknowns and forces as in `factors_of`.
+    With auxiliary unknowns and forces as in `factors_of`. Each unknown may be a group `alone`.
     """
-    graph, _ = _graph(indptr, indices)
-    return _groups_of(graph, _alike(graph, dependent, forces), dependent, forces)
-
-
-def _groups_of(
-    graph: scipy.sparse.csr_matrix,
-    group_of: np.ndarray,
-    dependent: np.ndarray | None,
-    forces: int,
-) -> dict[str, Any]:
-    """The same for a graph and the group (n,) of each of its unknowns."""
+    group_of = np.arange(graph.shape[0]) if alone else _alike(graph, dependent, forces)
     n, count = len(group_of), int(group_of.max()) + 1
     members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
     coupled = (members.T @ graph @ members).tocsr().tocoo()
@@ -348,7 +316,7 @@ def fill_in(graph: scipy.sparse.csr_matrix, forces: int) -> tuple[np.ndarray, np
     The last unknowns may be forces, which come after all with which they are coupled.
     """
     n, none = graph.shape[0], np.empty(0, int)
-    factors = _eliminated(_groups_of(graph, np.arange(n), None, forces), none, none)
+    factors = _eliminated(groups_of(graph, None, forces, alone=True), none, none)
     assert (of := factors.groups) is not None
     column = np.repeat(np.arange(n), np.diff(of.source_start))
     above = of.source.astype(np.int64) * n + column

@@ -10,7 +10,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from fx_beam import c_library
 from fx_beam.c_library import Structs
 
-from .lu_layout import in_sparse_rows
+from .lu_layout import factors_of
 
 Pattern = tuple[np.ndarray, np.ndarray]
 
@@ -38,7 +38,7 @@ class LU:
 
     def __init__(self, ffi: Any, library: Any, pattern: Pattern, dependent: np.ndarray | None):
         self._ffi, self._library = ffi, library
-        layout = in_sparse_rows(*pattern, dependent)
+        layout = factors_of(*pattern, dependent)
         self._rows, self._diagonals = ffi.new("SparseRows *"), layout.diagonals
         self._structs = Structs(ffi, c_library.declarations("lu.h"))
         self._structs.set(self._rows, **layout.rows())

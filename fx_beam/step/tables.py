@@ -24,7 +24,7 @@ from fx_beam.scene.joints import GROUND, joints_by_number
 from .build import begin_to_build, load_library
 from .element_data import aligned
 from .form_tables import FormTables
-from .lu_layout import COSTS, Factors, factors_of, groups_of, in_sparse_rows
+from .lu_layout import COSTS, Factors, factors_of, graph_of, groups_of
 from .model import Model
 from .newton import (
     ENERGY_FLOOR,
@@ -355,7 +355,7 @@ class Problem:
     def _hand_over_changing_rows(self) -> None:
         """Hand over what a pattern that changes with the touches of members is found from."""
         reduction, couplings = self.model.reduction, self.model.couplings
-        groups = groups_of(*reduction.factored, reduction.dependent, reduction.forces)
+        groups = groups_of(graph_of(*reduction.factored), reduction.dependent, reduction.forces)
         row_of, unknown_of = on_bordering_rows(
             reduction, *couplings.system, self.constants.ON_BORDER
         )
@@ -384,15 +384,13 @@ class Problem:
             return Factors(np.arange(n), np.zeros(len(indices), int), 1, 1, none, none)
         if self._bare:
             return Factors(np.arange(n), np.arange(len(indices)), 0, 0, none, none)
-        auxiliaries = reduction.dependent
-        if self.model.points.members is not None and auxiliaries is None and not reduction.forces:
-            return in_sparse_rows(indptr, indices, None, not self.model.couplings.sliding)
+        couplings, members = self.model.couplings, self.model.points.members is not None
         # Rows of unknowns that close loops are no forces, by which errors are judged.
-        keep = not self.model.couplings.closures
-        plain = auxiliaries is None and not reduction.forces and reduction.free
-        if self.model.scheme.rates.at_rest and plain:  # the signs of pivots tell modes
-            return in_sparse_rows(indptr, indices, None, keep)
-        return factors_of(indptr, indices, keep, auxiliaries, COSTS, reduction.forces)
+        keep = not (couplings.closures or couplings.auxiliaries or (members and couplings.sliding))
+        # In statics the signs of pivots tell modes.
+        sparse = members or self.model.scheme.rates.at_rest
+        behind = reduction.dependent, reduction.forces
+        return factors_of(indptr, indices, *behind, keep, sparse, COSTS)
 
     def hand_over_statics(
         self, hold: np.ndarray, predicted: np.ndarray, frame: TurningFrame | None
