@@ -358,30 +358,30 @@ class Recorder:
         of_step = self._times[steps] - self._times[np.maximum(steps - 1, 0)]
         if not self.starts:
             return of_step
-        counts = self._counts()
-        rows, shares = np.repeat(np.arange(self.rows), counts), self.arrays_of_starts["share"]
-        return of_step * np.bincount(rows, shares[: len(rows)], self.rows) + of_step * (counts == 0)
+        row, shares, _ = self._parts(0)
+        return of_step * np.bincount(row, shares)
 
-    def _counts(self) -> np.ndarray:
-        """Number (n,) of the starts that are stored for each row."""
-        return np.diff(self.arrays["up_to_row"][: self.rows], prepend=0)
+    def _parts(self, first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Row after each sub-step before rows from one on, its share, and if its start is stored.
 
-    def _shares(self, row: int) -> np.ndarray:
-        """Shares (m,) of the sub-steps before a row in its step."""
-        starts = self._starts_of_row(row)
-        return self.arrays_of_starts["share"][starts] if starts.stop > starts.start else np.ones(1)
-
-    def _starts_of_row(self, row: int) -> slice:
-        return slice(self._up_to(row - 1), self._up_to(row))
+        The previous row is the start of the others, which are whole steps.
+        """
+        counts = np.diff(self.arrays["up_to_row"][: self.rows], prepend=0)[first:]
+        row, stored = (
+            np.repeat(of, np.maximum(counts, 1)) for of in (np.arange(first, self.rows), counts > 0)
+        )
+        shares = np.ones(len(row))
+        shares[stored] = self.arrays_of_starts["share"][self._up_to(first - 1) : self.complete]
+        return row, shares, stored
 
     def means(self, values: np.ndarray, first: int = 0) -> np.ndarray:
         """Forces (n, ...) of rows, from those of `sub_steps`: means over the steps."""
         if len(values) == self.rows - first:  # one sub-step before each row
             return values
-        shares = [self._shares(row) for row in range(first, self.rows)]
-        weights = np.concatenate([of_row / sum(of_row) for of_row in shares])
-        starts = np.cumsum([0, *map(len, shares[:-1])])
-        return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, starts)
+        row, shares, _ = self._parts(first)
+        weights = shares / np.bincount(row, shares)[row]
+        begins = np.flatnonzero(np.diff(row, prepend=-1))
+        return np.add.reduceat(weights.reshape(-1, *[1] * (values.ndim - 1)) * values, begins)
 
     def sub_steps(self, first: int = 0) -> Parts:
         """The sub-steps before each row from one on, for which its forces are evaluated.
@@ -390,12 +390,10 @@ class Recorder:
         """
         arrays, starts, beams = self.arrays, self.arrays_of_starts, self.model.forms.beams
         assert beams is not None
-        rows = np.arange(first, self.rows)
-        counts = self._counts()[rows]
-        span = slice(self._up_to(first - 1), self._up_to(self.rows - 1))
-        #: Row after each sub-step, whether its start is stored, and the last ones of the rows.
-        row, stored = (np.repeat(of, np.maximum(counts, 1)) for of in (rows, counts > 0))
-        before, last = np.maximum(row - 1, 0), np.cumsum(np.maximum(counts, 1)) - 1
+        row, rest, stored = self._parts(first)
+        before, last = np.maximum(row - 1, 0), np.flatnonzero(np.diff(row, append=self.rows))
+        rows, counts = row[last], np.diff(last, prepend=-1)
+        span = slice(self._up_to(first - 1), self.complete)
 
         def begins(name: str) -> np.ndarray:
             values = arrays[name][before]
@@ -408,8 +406,6 @@ class Recorder:
             values[:-1], values[last] = begins[1:], of_rows
             return values
 
-        rest = np.ones(len(row))
-        rest[stored] = starts["share"][span]
         for end, count in zip(last[counts > 1], counts[counts > 1], strict=True):
             of_step = slice(end + 1 - count, end + 1)
             rest[of_step] = np.cumsum(rest[of_step][::-1])[::-1]
