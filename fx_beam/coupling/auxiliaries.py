@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
-from .graph import Couplings
+from .graph import Couplings, Entries
 
 
 class Auxiliaries:
@@ -28,17 +28,13 @@ class Auxiliaries:
         auxiliaries, row_of, unknown_of = couplings.auxiliaries, *couplings.system
         self._count = len(auxiliaries)
         self._shape = self._count, couplings.columns + self._count
-        entries = [(k, *entry) for k, one in enumerate(auxiliaries) for entry in one.entries]
+        self._entries = entries = Entries.of((k, one.entries) for k, one in enumerate(auxiliaries))
         arms = [(k, arm) for k, one in enumerate(auxiliaries) for arm in one.arms]
-        of, column, value_at, sign = np.array(entries, dtype=float).reshape(-1, 4).T
-        #: Auxiliary, column, and position of the value of each entry, and its sign.
-        self._of, self._column, self._value_at = (x.astype(int) for x in (of, column, value_at))
-        self._sign = sign
         #: Auxiliary and arm of each arm of a joint in their sums.
         self._arms = np.array(arms, dtype=int).reshape(-1, 2).T
-        self._moves = np.flatnonzero(unknown_of[self._column] >= 0)
-        numbers, column = unknown_of[couplings.columns :], self._column[self._moves]
-        of = numbers[self._of[self._moves]]
+        self._moves = np.flatnonzero(unknown_of[entries.column] >= 0)
+        numbers, column = unknown_of[couplings.columns :], entries.column[self._moves]
+        of = numbers[entries.row[self._moves]]
         #: Entries that auxiliary unknowns add to the linear system: diagonals, equations, forces.
         self.rows = np.concatenate([numbers, numbers + 1, of, row_of[column]])
         self.columns = np.concatenate([numbers, numbers + 1, unknown_of[column], of + 1])
@@ -50,19 +46,18 @@ class Auxiliaries:
 
     def entries(self, values: np.ndarray, virtual_map: np.ndarray) -> np.ndarray:
         """Values of the entries at `rows` and `columns`, for the values of T and Tv."""
-        value_at, sign = self._value_at[self._moves], self._sign[self._moves]
-        of_entries = -sign * values[value_at], -sign * virtual_map[value_at]
-        return np.concatenate([np.ones(2 * self._count), *of_entries])
+        of = self._entries.at(self._moves)
+        both = (-of.sign * each[of.value_at] for each in (values, virtual_map))
+        return np.concatenate([np.ones(2 * self._count), *both])
 
     def entries_of(self, auxiliaries: np.ndarray) -> np.ndarray:
         """Numbers of the entries of some, the latest first: others depend on earlier ones only."""
-        of = np.flatnonzero(np.isin(self._of, auxiliaries))
-        return of[np.argsort(-self._of[of], kind="stable")]
+        of = np.flatnonzero(np.isin(self._entries.row, auxiliaries))
+        return of[np.argsort(-self._entries.row[of], kind="stable")]
 
     def sums(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
         """Derivatives (auxiliaries, columns) by all columns, for the values of T or Tv."""
-        entries = self._sign * values[self._value_at], (self._of, self._column)
-        return scipy.sparse.csr_matrix(entries, self._shape)
+        return self._entries.matrix(values, self._shape)
 
     def members(self) -> dict[str, Any]:
         """Their sums, by the names in problem.h; empty without any."""
@@ -70,11 +65,9 @@ class Auxiliaries:
             return {}
         return {
             "auxiliaries": self._count,
-            "auxiliary_entries": len(self._of),
-            "auxiliary_of": self._of,
-            "auxiliary_column": self._column,
-            "auxiliary_value": self._value_at,
-            "auxiliary_sign": self._sign,
+            "auxiliary_entries": len(self._entries.row),
+            "auxiliary_of": self._entries.row,
+            **self._entries.members("auxiliary"),
             "auxiliary_arms": self._arms.shape[1],
             "auxiliary_arm_of": self._arms[0],
             "auxiliary_arm": self._arms[1],
@@ -87,6 +80,6 @@ class Auxiliaries:
         """
         if not self._count:
             return {}, at
-        both = np.full((2, len(self._of)), -1)
+        both = np.full((2, len(self._entries.row)), -1)
         ones, both[:, self._moves] = at[: 2 * self._count], at[2 * self._count :].reshape(2, -1)
         return dict(zip(("auxiliary_equation", "auxiliary_force"), both, strict=True)), ones

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -16,6 +18,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
 from .forest import Branch, grown_forests
+from .tables import starts_of
 
 #: An entry of a coupling: column, position of its value (0 is the constant 1), and sign.
 Entry = tuple[int, int, float]
@@ -25,6 +28,41 @@ Entry = tuple[int, int, float]
 _LONG, _REACH = 14, 6
 # Key of the ground's column, which is fixed.
 _GROUND = ("ground",)
+
+
+class Entries(NamedTuple):
+    """Entries of several sums as arrays, in order."""
+
+    #: Number of the sum, column, position of the value, and sign of each.
+    row: np.ndarray
+    column: np.ndarray
+    value_at: np.ndarray
+    sign: np.ndarray
+
+    @classmethod
+    def of(cls, sums: Iterable[tuple[int, Sequence[Entry]]]) -> Entries:
+        """Those of numbered sums."""
+        entries = [(row, *entry) for row, of_row in sums for entry in of_row]
+        row, column, value_at, sign = np.array(entries, dtype=float).reshape(-1, 4).T
+        return cls(row.astype(int), column.astype(int), value_at.astype(int), sign)
+
+    def at(self, chosen: np.ndarray) -> Entries:
+        """Some of them."""
+        return Entries(*(part[chosen] for part in self))
+
+    def matrix(self, values: np.ndarray, shape: tuple[int, int]) -> scipy.sparse.csr_matrix:
+        """The sums (rows, columns) for the values of T or Tv."""
+        entries = values[self.value_at] * self.sign, (self.row, self.column)
+        return scipy.sparse.csr_matrix(entries, shape)
+
+    def members(self, name: str) -> dict[str, np.ndarray]:
+        """Their columns, positions and signs, by the names in problem.h."""
+        parts = ("column", self.column), ("value", self.value_at), ("sign", self.sign)
+        return {f"{name}_{part}": values for part, values in parts}
+
+    def starts(self, rows: int) -> np.ndarray:
+        """Where the entries of each of so many sums begin, and the last ones end."""
+        return starts_of(np.bincount(self.row, minlength=rows))
 
 
 @dataclass(frozen=True)
@@ -126,20 +164,14 @@ class Couplings:
         return self.sums.get(dof) or [(int(self.column[dof]), 0, 1.0)]
 
     @cached_property
-    def all_entries(self) -> tuple[np.ndarray, ...]:
-        """Degrees of freedom, columns, positions and signs of all entries, in order."""
-        alone = np.flatnonzero(self.column >= 0)
-        of_sums = [(dof, *entry) for dof, entries in self.sums.items() for entry in entries]
-        dofs, columns, value_at, signs = np.array(of_sums).reshape(-1, 4).T
-        dofs = np.concatenate([alone, dofs.astype(int)])
-        order = np.argsort(dofs, kind="stable")
-        n = len(alone)
-        parts = (
-            (self.column[alone], columns.astype(int)),
-            (np.zeros(n, int), value_at.astype(int)),
-            (np.ones(n), signs),
-        )
-        return dofs[order], *(np.concatenate(part)[order] for part in parts)
+    def all_entries(self) -> Entries:
+        """Those of all degrees of freedom."""
+        alone, of_sums = np.flatnonzero(self.column >= 0), Entries.of(self.sums.items())
+        none = np.zeros(len(alone), dtype=int)
+        of_alone = alone, self.column[alone], none, 1.0 + none
+        every = (np.concatenate(parts) for parts in zip(of_alone, of_sums, strict=True))
+        entries = Entries(*every)
+        return entries.at(np.argsort(entries.row, kind="stable"))
 
     @cached_property
     def free_columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

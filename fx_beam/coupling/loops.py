@@ -26,7 +26,7 @@ import scipy.sparse
 
 from .auxiliaries import Auxiliaries
 from .column_map import ColumnMap
-from .graph import Couplings
+from .graph import Couplings, Entries
 from .sliders import Slide
 from .tables import Pattern, sparsity, starts_of
 
@@ -64,8 +64,7 @@ class Loops:
         slides: list[Slide],
     ):
         self.unit, self._couplings, self._dofs = unit, couplings, dofs
-        self.closures = couplings.closures
-        self._set_entries()
+        self._entries = Entries.of((k, one.entries) for k, one in enumerate(couplings.closures))
         dependence, values = _dependence(couplings, auxiliaries, slides)
         count = len(auxiliaries)
         by_others, passed = dependence.collected_rows(self.derivatives(values))
@@ -74,7 +73,7 @@ class Loops:
         blocks = blocks_of(by_others[:, : couplings.free])
         order = np.concatenate([members for members, _ in blocks])
         self.closures = [couplings.closures[k] for k in order]
-        self._set_entries()
+        self._entries = Entries.of((k, one.entries) for k, one in enumerate(self.closures))
         #: In compressed rows the columns on which each closure depends.
         self._near = by_others[order]
         #: Entries of auxiliary unknowns of each, in the order in which they are collected.
@@ -82,9 +81,10 @@ class Loops:
             auxiliaries.entries_of(np.flatnonzero(abs(passed[k, :count]) > _ROUNDING))
             for k in order
         ]
-        on_beam = (self._column >= couplings.independent) & (self._column < couplings.columns)
+        column = self._entries.column
+        on_beam = (column >= couplings.independent) & (column < couplings.columns)
         #: Closures of loops with nodes on beams: their forces border the compiled loop's tangent.
-        self._carried = np.unique(self._closure[on_beam])
+        self._carried = np.unique(self._entries.row[on_beam])
         #: Largest closure of closed loops; some are angles.
         self.tolerance = _CLOSED * max(unit.max(), max(k.component == 2 for k in self.closures))
         sizes, widths = ([len(part[i]) for part in blocks] for i in (0, 1))
@@ -94,15 +94,6 @@ class Loops:
         #: Unknowns of the loops, block by block; and with other columns on which closures depend.
         self.unknowns = unknowns.astype(int)
         self.columns = np.append(unknowns, used[used >= couplings.free]).astype(int)
-
-    def _set_entries(self) -> None:
-        entries = [(k, *entry) for k, one in enumerate(self.closures) for entry in one.entries]
-        k, columns, value_at, signs = np.array(entries, dtype=float).reshape(-1, 4).T
-        #: Closure, column, and position of the value of each entry, and its sign.
-        self._closure, self._column, self._value_at = (
-            x.astype(int) for x in (k, columns, value_at)
-        )
-        self._sign = signs
 
     def __len__(self):
         return len(self.closures)
@@ -124,9 +115,9 @@ class Loops:
 
     def derivatives(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
         """Those of the closures (closures, columns) by all columns, for the values of T or Tv."""
-        entries = values[self._value_at] * self._sign, (self._closure, self._column)
-        shape = len(self), self._couplings.columns + len(self._couplings.auxiliaries)
-        return scipy.sparse.csr_matrix(entries, shape)
+        couplings = self._couplings
+        shape = len(couplings.closures), couplings.columns + len(couplings.auxiliaries)
+        return self._entries.matrix(values, shape)
 
     def members(self) -> dict[str, Any]:
         """The loops by the names in problem.h, without positions in the tangent."""
@@ -163,10 +154,8 @@ class Loops:
             "closure_force": np.array(
                 [3 * one.joint.number + one.component for one in self.closures]
             ),
-            "closure_entry_start": starts_of(np.bincount(self._closure, minlength=len(self))),
-            "closure_column": self._column,
-            "closure_value": self._value_at,
-            "closure_sign": self._sign,
+            "closure_entry_start": self._entries.starts(len(self)),
+            **self._entries.members("closure"),
             "closure_near": near[self._near.indices],
             "closure_start": self._near.indptr,
             "closure_auxiliary": np.concatenate(self._auxiliaries),
@@ -192,18 +181,19 @@ class Loops:
 
     def system(self, pattern: Pattern) -> ClosedSystem:
         """The linear system in which the forces are unknowns behind the others."""
-        row_of, unknown_of = (of[self._column] for of in self._couplings.system)
+        closure = self._entries.row
+        row_of, unknown_of = (of[self._entries.column] for of in self._couplings.system)
         # Those of loops with nodes on beams border the system (c/bordering_rows.h).
-        outside = np.isin(self._closure, self._carried)
+        outside = np.isin(closure, self._carried)
         row_of[outside] = unknown_of[outside] = -1
         on = np.flatnonzero(unknown_of >= 0)
-        shape = len(self._closure), len(self)
-        of_closure = scipy.sparse.csr_matrix((np.ones(len(on)), (on, self._closure[on])), shape)
+        shape = len(closure), len(self)
+        of_closure = scipy.sparse.csr_matrix((np.ones(len(on)), (on, closure[on])), shape)
         #: Pairs of entries of one closure.
         left, right = (of_closure @ of_closure.T).nonzero()
         indptr, indices = pattern
         n = len(indptr) - 1
-        inner, of_forces = np.repeat(np.arange(n), np.diff(indptr)), n + self._closure[on]
+        inner, of_forces = np.repeat(np.arange(n), np.diff(indptr)), n + closure[on]
         alone = n + self._carried
         (start, column), position = sparsity(
             np.concatenate([inner, row_of[left], of_forces, row_of[on], alone]),
@@ -234,7 +224,7 @@ class Loops:
     @property
     def entries(self) -> int:
         """Number of the entries of all closures."""
-        return len(self._closure)
+        return len(self._entries.row)
 
 
 def _dependence(

@@ -75,7 +75,7 @@ class Reduction:
         self.auxiliaries = auxiliaries
         self._rates, self._points, self._dofs = rates, points, dofs
         self._size, self._full = matrix.shape[0], (matrix, used)
-        self._row, self._col, self._value_at, self._sign = couplings.all_entries
+        self._entries = couplings.all_entries
         moving = couplings.moving
         self._arms = np.zeros((2, len(moving), 2))
         self.set_arms(moving)
@@ -114,10 +114,10 @@ class Reduction:
         sprung = np.flatnonzero(unknown_of[self._points.columns] >= 0)
         restoring = [(c, c) for c in self._points.columns[sprung].tolist()]
 
-        moves = unknown_of[self._col] >= 0
-        source, left, right = _products(self._row, moves, used, matrix.indptr, matrix.indices)
+        entries, moves = self._entries, unknown_of[self._entries.column] >= 0
+        source, left, right = _products(entries.row, moves, used, matrix.indptr, matrix.indices)
         others = np.array([p[:2] for p in (*geometric, *restoring)], dtype=int).reshape(-1, 2)
-        pairs = np.vstack([np.column_stack([self._col[left], self._col[right]]), others])
+        pairs = np.vstack([np.column_stack([entries.column[left], entries.column[right]]), others])
         rows = np.append(row_of[pairs[:, 0]], self.auxiliaries.rows)
         columns = np.append(unknown_of[pairs[:, 1]], self.auxiliaries.columns)
         if self.sliders is None:
@@ -127,8 +127,8 @@ class Reduction:
             pattern = self.sliders.bordered.pattern
         cuts = np.cumsum([len(source), len(geometric), len(restoring)])
         position, geometric_to, restoring_to, auxiliary_to = np.split(position, cuts)
-        maps, values = self._value_at[left], self._value_at[right]
-        signs = self._sign[left] * self._sign[right]
+        maps, values = entries.value_at[left], entries.value_at[right]
+        signs = entries.sign[left] * entries.sign[right]
         direct = (maps == 0) & (values == 0) & (signs == 1)
         names = "to", "from", "virtual", "value", "sign"
         coupled = (part[~direct] for part in (position, source, maps, values, signs))
@@ -176,8 +176,8 @@ class Reduction:
     def members(self) -> dict[str, Any]:
         """The couplings by the names in c/problem.h, without positions in the tangent."""
         couplings, moving = self.couplings, self.couplings.moving
-        equal = (self._value_at == 0) & (self._sign == 1)
-        order = np.argsort(~equal, kind="stable")
+        equal = (self._entries.value_at == 0) & (self._entries.sign == 1)
+        entries = self._entries.at(np.argsort(~equal, kind="stable"))
         carrier = [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in moving]
         # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
         pairs = [(dof, arm) for dof, arms in couplings.arms.items() for arm in arms]
@@ -189,11 +189,9 @@ class Reduction:
             "driven": self.driven,
             "entries": len(equal),
             "equal": np.count_nonzero(equal),
-            "alone": equal.all() and np.array_equal(self._row, np.arange(self._size)),
-            "entry_row": self._row[order],
-            "entry_column": self._col[order],
-            "entry_value": self._value_at[order],
-            "entry_sign": self._sign[order],
+            "alone": equal.all() and np.array_equal(entries.row, np.arange(self._size)),
+            "entry_row": entries.row,
+            **entries.members("entry"),
             "joints": len(moving),
             "joint_sign": couplings.sign[:2, [joint.number for joint in moving]].T,
             "carrier": np.array(carrier, dtype=int),
@@ -285,8 +283,8 @@ class Reduction:
 
     def _sums(self, values: np.ndarray, virtual: bool, complete: bool):
         """Degrees of freedom and dependent columns by all columns, and which these are."""
-        shape, at = (self._size, self.columns + len(self.auxiliaries)), (self._row, self._col)
-        A = scipy.sparse.csr_matrix((values[self._value_at] * self._sign, at), shape)
+        shape = self._size, self.columns + len(self.auxiliaries)
+        A = self._entries.matrix(values, shape)
         rows = [scipy.sparse.csr_matrix((0, shape[1]))]
         dependent = [np.empty(0, dtype=int)]
         relations = self._configuration.relations(virtual) if self._slides else []
@@ -386,9 +384,10 @@ class Reduction:
         """
         if len(self.auxiliaries) or self.sliders is not None:
             return np.zeros(self.free, dtype=bool)
-        alone = np.bincount(self._row, minlength=self._size) == 1
-        own = alone[self._row] & dofs[self._row] & (self._value_at == 0)
-        return np.bincount(self._col[own], minlength=self.columns)[: self.free] > 0
+        row, column, value_at, _ = self._entries
+        alone = np.bincount(row, minlength=self._size) == 1
+        equal = column[alone[row] & dofs[row] & (value_at == 0)]
+        return np.bincount(equal, minlength=self.columns)[: self.free] > 0
 
     def normal(self, weight: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """T^T W T for a matrix W (size, size), as the system with auxiliaries and loops.

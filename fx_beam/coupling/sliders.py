@@ -34,7 +34,7 @@ from fx_beam.scene.path import Path
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
-from .graph import Couplings
+from .graph import Couplings, Entries
 from .tables import Pattern, sparsity, starts_of
 
 # A node at rest on the end of a beam may be beyond it, by this part of the length.
@@ -72,14 +72,12 @@ class Slide:
         self.column = couplings.slides[joint.number]
         #: Degrees of freedom (nodes, 3) of the beam, and those of the node (3,).
         self.dofs, self.node_dofs = mesh.dofs[nodes], mesh.dofs[joint.b.number]
-        #: Entries of the degrees of freedom of the beam, where those of each begin, of its columns.
-        parts = [couplings.entries(dof) for dof in self.dofs.ravel().tolist()]
-        self._part_start = starts_of([len(of_dof) for of_dof in parts])
-        self._parts = np.array([e for of_dof in parts for e in of_dof]).reshape(-1, 3).T
-        rows, columns, value_at, signs = couplings.all_entries
-        entries = [np.flatnonzero(columns == column) for column in self.columns]
-        self._entry_start, on = starts_of([len(part) for part in entries]), np.concatenate(entries)
-        self._entries = rows[on], value_at[on], signs[on]
+        #: Entries of the degrees of freedom of the beam, and of its columns.
+        dofs = enumerate(self.dofs.ravel().tolist())
+        self._parts = Entries.of((k, couplings.entries(dof)) for k, dof in dofs)
+        every = couplings.all_entries
+        on = [np.flatnonzero(every.column == column) for column in self.columns]
+        self._entries, self._entry_start = every.at(np.concatenate(on)), starts_of([*map(len, on)])
 
     def local_dofs(self, first: int) -> np.ndarray:
         """Degrees of freedom of the window that begins with a node, component by component."""
@@ -88,20 +86,17 @@ class Slide:
     @property
     def near(self) -> np.ndarray:
         """Columns on which the beam depends."""
-        return np.unique(self._parts[0].astype(int))
+        return np.unique(self._parts.column)
 
     @property
     def longest(self) -> int:
         """Largest number of entries of the degrees of freedom in a window."""
-        width, start = 3 * self.path.width, self._part_start
+        width, start = 3 * self.path.width, self._parts.starts(self.dofs.size)
         firsts = np.arange(0, len(start) - width, 3)
         return int((start[firsts + width] - start[firsts]).max())
 
     def members(self) -> dict[str, Any]:
         """As ``Slider`` of c/slider.h."""
-        names = "part_column", "part_value", "part_sign", "entry_row", "entry_value", "entry_sign"
-        column, value_at, sign = self._parts
-        lists = column.astype(int), value_at.astype(int), sign, *self._entries
         return members_of(self.path) | {
             "joint": self.joint.number,
             "column": self.column,
@@ -111,9 +106,12 @@ class Slide:
             "dofs": self.dofs,
             "level": self._rates.level,
             "by_tangent": self._rates.turning,
-            "part_start": self._part_start,
+            "part_start": self._parts.starts(self.dofs.size),
+            **self._parts.members("part"),
             "entry_start": self._entry_start,
-            **dict(zip(names, lists, strict=True)),
+            "entry_row": self._entries.row,
+            "entry_value": self._entries.value_at,
+            "entry_sign": self._entries.sign,
         }
 
 

@@ -166,7 +166,7 @@ class TeamLoop(CompiledLoop):
         inputs: StepInputs,
         steps: Steps,
         recorder: Rows,
-        count: Callable[[StepsResult], None],
+        count: Callable[[int, State], None],
     ) -> StepsResult:
         """Take the first of some steps or parts, if it succeeds."""
         of_step = self.inputs(state.t, ends[:1])

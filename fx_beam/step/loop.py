@@ -121,7 +121,7 @@ class CompiledLoop:
         inputs: StepInputs,
         steps: Steps,
         recorder: Rows,
-        count: Callable[[StepsResult], None],
+        count: Callable[[int, State], None],
     ) -> StepsResult:
         """Take steps or parts of equal length, as long as they succeed and this length is right."""
         p = self._problem
@@ -130,23 +130,20 @@ class CompiledLoop:
             dt = float(ends[0]) - state.t
             p.smooth, p.raw = steps.control.factors(dt)
             p.lowest, p.highest = steps.control.band(dt)
-        result = StepsResult(state, 0)
         with uninterrupted:
-            taken = self._run(state, ends, inputs, steps, recorder)
-            if taken:
+            if taken := self._run(state, ends, inputs, steps, recorder):
                 within = (steps.done + taken) % steps.parts > 0
-                result = StepsResult(self.state(float(ends[taken - 1]), within), taken)
-                count(result)
-        if steps.watch and (taken or p.failure == self._library.SWITCHED):
-            switches = self.problem.sides[1].copy()
-            result = result._replace(
-                switches=switches, switched=p.failure == self._library.SWITCHED
-            )
-        if p.failure in (self._library.OK, self._library.TOO_INACCURATE) and steps.control:
-            before, ratio = (ratio if ratio >= 0 else None for ratio in p.ratios)
-            result = result._replace(before=before if taken > 1 else None, ratio=ratio)
-        return result._replace(
+                state = self.state(float(ends[taken - 1]), within)
+                count(taken, state)
+        C, before, ratio = self._library, *(ratio if ratio >= 0 else None for ratio in p.ratios)
+        switched = steps.watch and p.failure == C.SWITCHED
+        if steps.control is None or p.failure not in (C.OK, C.TOO_INACCURATE):
+            before = ratio = None
+        return StepsResult(
+            *(state, taken, before if taken > 1 else None, ratio),
             failed=p.failure not in self._no_failures,
+            switched=switched,
+            switches=self.problem.sides[1].copy() if steps.watch and (taken or switched) else None,
             error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
         )
 

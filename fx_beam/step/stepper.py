@@ -79,12 +79,12 @@ class Stepper:
         parts = halving.parts
         before = self.stats.steps
 
-        def count(result: StepsResult) -> None:
-            self.stats.steps += halving.take(result.taken)
+        def count(taken: int, state: State) -> None:
+            self.stats.steps += halving.take(taken)
             if halving.parts != parts:
                 # Where steps fail, predictions from steps of another length lead astray.
                 integrator.forget_past()
-            recorder.end = result.state
+            recorder.end = state
 
         steps = Steps(first, halving.done, parts)
         result = integrator.take(state, ends, inputs, steps, recorder, count)
@@ -105,9 +105,7 @@ class Stepper:
         past, inputs = integrator.past, integrator.inputs_ahead(state.t, ends)
         steps = Steps(1, watch=watch)
         try:
-            result = integrator.take(
-                state, ends, inputs, steps, NullRecorder(), lambda result: None
-            )
+            result = integrator.take(state, ends, inputs, steps, NullRecorder(), lambda *_: None)
         finally:
             integrator.past = past
         return Trial(result.state if result.taken else None, result.switches)
@@ -128,9 +126,9 @@ class Stepper:
         inputs = self.integrator.inputs_ahead(state.t, ends)
         steps = Steps(first, control=control, watch=watch)
 
-        def count(result: StepsResult) -> None:
-            self.stats.steps += result.taken
-            recorder.end = result.state
+        def count(taken: int, state: State) -> None:
+            self.stats.steps += taken
+            recorder.end = state
 
         result = self.integrator.take(state, ends, inputs, steps, recorder, count)
         if result.error is not None:

@@ -15,7 +15,6 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import Structs, declarations, declared
-from fx_beam.coupling.tables import starts_of
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
 from fx_beam.scene.beam import Node
@@ -359,12 +358,10 @@ class Problem:
         row_of, unknown_of = on_bordering_rows(
             reduction, *couplings.system, self.constants.ON_BORDER
         )
-        rows, *entries = couplings.all_entries
-        names = "dof_column", "dof_value", "dof_sign"
         row = {
             "elimination": groups,
-            "dof_start": starts_of(np.bincount(rows, minlength=self.model.size)),
-            **dict(zip(names, entries, strict=True)),
+            "dof_start": couplings.all_entries.starts(self.model.size),
+            **couplings.all_entries.members("dof"),
             "row_of": row_of,
             "unknown_of": unknown_of,
             "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,
