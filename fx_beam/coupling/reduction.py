@@ -342,14 +342,10 @@ class Reduction:
         """Small change of all degrees of freedom from a small change of all columns: T z."""
         return self._map(False) @ np.append(self.completed(z), np.zeros(len(self.auxiliaries)))
 
-    def coupling(self) -> scipy.sparse.csr_matrix:
-        """The matrix T (size, columns) of `spread`."""
+    def coupling(self, closed: bool = True) -> scipy.sparse.csr_matrix:
+        """The matrix T (size, columns) of `spread`; or with loops that are not `closed`."""
         T = self._map(False).matrix[:, : self.columns]
-        return T if self.loops is None else (T @ self.completion()).tocsr()
-
-    def coupling_of_trees(self) -> scipy.sparse.csr_matrix:
-        """The same with loops that are open."""
-        return self._map(False).matrix[:, : self.columns]
+        return (T @ self.completion()).tocsr() if closed and self.loops is not None else T
 
     def gather(self, r: np.ndarray) -> np.ndarray:
         """Forces on all columns without Tv and springs: T^T r."""

@@ -8,9 +8,8 @@ from fx_beam.errors import Failure, StepError
 from fx_beam.results.audit import uncounted
 from fx_beam.results.state import State
 from fx_beam.step.events import end_behind_event
-from fx_beam.step.local_error import AVERAGED, order_and_constant
 from fx_beam.step.recorder import NullRecorder, Recorder, Rows
-from fx_beam.step.step_control import StepControl
+from fx_beam.step.step_control import AVERAGED, StepControl, order_and_constant
 from fx_beam.step.stepper import Stepper, Trial
 from fx_beam.step.steps_result import StepsResult
 

@@ -24,9 +24,9 @@ from fx_beam.errors import (
 from fx_beam.laws.schemes import EnergyMomentum, Scheme
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
-from fx_beam.step.local_error import order_and_constant
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
+from fx_beam.step.step_control import order_and_constant
 from fx_beam.step.substeps import MOST_HALVINGS, Halving
 
 # Limits of the tolerance. Newton's method and rounding disturb smaller errors.

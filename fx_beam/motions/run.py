@@ -17,9 +17,9 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at
 from fx_beam.scene.scene import Scene
 from fx_beam.step.interrupts import ctrl_c_between_blocks, uninterrupted
-from fx_beam.step.local_error import order_and_constant
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
+from fx_beam.step.step_control import order_and_constant
 from fx_beam.step.stepper import equal_steps
 from fx_beam.step.substeps import LARGE_TURN
 

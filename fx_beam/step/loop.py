@@ -17,10 +17,10 @@ from fx_beam.results.state import ARRAYS, NUMBERS, ROWS, Past, State
 from .forcing import Forcing
 from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
-from .local_error import order_and_constant
 from .model import Model
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, Rows
+from .step_control import order_and_constant
 from .step_failures import StepFailed, StepFailures
 from .steps_result import Steps, StepsResult
 from .tables import Problem

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
+from fx_beam.coupling import configuration
 from fx_beam.coupling.auxiliaries import Auxiliaries
 from fx_beam.coupling.graph import couple, motors
 from fx_beam.coupling.loops import Loops
@@ -26,7 +27,6 @@ from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import Loads, NaturalStrains
 from fx_beam.fem.mass import Mass
 from fx_beam.fem.mesh import build_mesh
-from fx_beam.fem.point_forces import PointForces
 from fx_beam.laws.interval import StepStart
 from fx_beam.laws.rates import NodalRates
 from fx_beam.laws.schemes import Scheme
@@ -78,7 +78,11 @@ class Model:
         self.mesh = build_mesh(scene)
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
+        if not all(joint.is_index for joint in scene.joints):
+            configuration.begin_to_build()
         self.forms = Forms(scene, scheme, self.mesh, instant)
+        #: The forces at points.
+        self.points = self.forms.points
         self.size, self.turns = self.forms.size, self.forms.turns
         self._mass = Mass(scene, self.mesh, self.forms)
         numbers = {joint.number for joint in scene.joints}
@@ -166,7 +170,7 @@ class Model:
         """
         reduction, free = self.reduction, self.couplings.free
         reduction.begin(np.zeros(self.size), slides_at_start(self.scene))
-        T = reduction.coupling_of_trees()[:, :free]
+        T = reduction.coupling(closed=False)[:, :free]
         masses = np.asarray(T.multiply(self.mass @ T).sum(axis=0)).ravel()
         of_columns = np.zeros(self.couplings.columns)
         of_columns[np.flatnonzero(masses > 0)] = 1 / masses[masses > 0]
@@ -189,11 +193,6 @@ class Model:
         joints = joints_by_number(self.scene)
         self.reduction.set_arms([joints[joint.number] for joint in self.couplings.moving])
         return True
-
-    @property
-    def points(self) -> PointForces:
-        """The forces at points."""
-        return self.forms.points
 
     def start_of(self, state: State, length: float) -> StepStart:
         """The start of a step of some length [s] from a state, for the forces.
@@ -249,17 +248,13 @@ class Model:
 
     @property
     def may_overshoot(self) -> bool:
-        """Whether corrections of Newton's method may be far too long."""
-        return self.may_overshoot_anywhere or self.points.any_have("overshoots")
-
-    @property
-    def may_overshoot_anywhere(self) -> bool:
-        """Whether this is so not only in springs: internal variables; contact in equilibrium.
+        """Whether corrections of Newton's method may be far too long.
 
         In motions the force of a contact over a step is smooth and convex.
         """
-        at_rest = self.scheme.rates.at_rest
-        return self.forms.internal_shape[-1] > 0 or (at_rest and self.has_contact)
+        if self.forms.internal_shape[-1] > 0 or self.points.any_have("overshoots"):
+            return True
+        return self.scheme.rates.at_rest and self.has_contact
 
     @property
     def flows(self) -> bool:

@@ -12,7 +12,7 @@ from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.vjp_form import BoundVjp
 
 from .element_data import in_lanes
-from .kernels import Kernel
+from .form_tables import Kernel
 from .layout import Layout
 from .tables import Problem
 
