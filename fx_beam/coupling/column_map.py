@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
@@ -11,14 +13,19 @@ class ColumnMap:
     """x = A z, where the columns d depend on others and on each other: z_d = B z, in no circle."""
 
     def __init__(
-        self, A: scipy.sparse.csr_matrix, B: scipy.sparse.csr_matrix, dependent: np.ndarray
+        self,
+        weights: tuple[np.ndarray, np.ndarray, np.ndarray],
+        shape: tuple[int, int],
+        B: scipy.sparse.csr_matrix | None,
+        dependent: np.ndarray,
     ):
-        self._A, self._dependent = A, dependent
-        others = np.ones(A.shape[1])
-        others[dependent] = 0.0
-        self._others = scipy.sparse.diags(others)
-        self._B = (B @ self._others).tocsr()
-        if len(dependent):
+        #: Entries of A: rows, columns and values.
+        self._weights, self._shape, self._dependent = weights, shape, dependent
+        if B is not None:
+            others = np.ones(shape[1])
+            others[dependent] = 0.0
+            self._others = scipy.sparse.diags(others)
+            self._B = (B @ self._others).tocsr()
             coupled = scipy.sparse.identity(len(dependent)) - B[:, dependent]
             self._solve = splu(coupled.tocsc(), "NATURAL", diag_pivot_thresh=0.0).solve
 
@@ -27,11 +34,18 @@ class ColumnMap:
         if len(self._dependent):
             z = self._others @ z
             z[self._dependent] = self._solve(self._B @ z)
-        return self._A @ z
+        row, column, values = self._weights
+        return np.bincount(row, values * z[column], self._shape[0])
+
+    @functools.cached_property
+    def _A(self) -> scipy.sparse.csr_matrix:
+        row, column, values = self._weights
+        return scipy.sparse.csr_matrix((values, (row, column)), self._shape)
 
     def collected(self, r: np.ndarray, on_columns: np.ndarray) -> np.ndarray:
         """A^T r and the given forces on columns, with what dependent columns pass on to others."""
-        out = self._A.T @ r + on_columns
+        row, column, values = self._weights
+        out = np.bincount(column, values * r[row], self._shape[1]) + on_columns
         if len(self._dependent):
             out[self._dependent] = self._solve(out[self._dependent], "T")
             out += self._B.T @ out[self._dependent]

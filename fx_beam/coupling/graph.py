@@ -52,8 +52,12 @@ class Entries(NamedTuple):
 
     def matrix(self, values: np.ndarray, shape: tuple[int, int]) -> scipy.sparse.csr_matrix:
         """The sums (rows, columns) for the values of T or Tv."""
-        entries = values[self.value_at] * self.sign, (self.row, self.column)
-        return scipy.sparse.csr_matrix(entries, shape)
+        row, column, weights = self.weights(values)
+        return scipy.sparse.csr_matrix((weights, (row, column)), shape)
+
+    def weights(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same as rows, columns and numbers."""
+        return self.row, self.column, values[self.value_at] * self.sign
 
     def members(self, name: str) -> dict[str, np.ndarray]:
         """Their columns, positions and signs, by the names in problem.h."""

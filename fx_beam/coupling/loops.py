@@ -67,7 +67,7 @@ class Loops:
         self._entries = Entries.of((k, one.entries) for k, one in enumerate(couplings.closures))
         dependence, values = _dependence(couplings, auxiliaries, slides)
         count = len(auxiliaries)
-        by_others, passed = dependence.collected_rows(self.derivatives(values))
+        by_others, passed = dependence.collected_rows(self.derivatives(values).tocsr())
         by_others.data[abs(by_others.data) < _ROUNDING] = 0.0
         by_others.eliminate_zeros()
         blocks = blocks_of(by_others[:, : couplings.free])
@@ -113,11 +113,12 @@ class Loops:
             "line, from which the motion may go on in several ways"
         )
 
-    def derivatives(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+    def derivatives(self, values: np.ndarray) -> scipy.sparse.coo_matrix:
         """Those of the closures (closures, columns) by all columns, for the values of T or Tv."""
         couplings = self._couplings
         shape = len(couplings.closures), couplings.columns + len(couplings.auxiliaries)
-        return self._entries.matrix(values, shape)
+        row, column, weights = self._entries.weights(values)
+        return scipy.sparse.coo_matrix((weights, (row, column)), shape)
 
     def members(self) -> dict[str, Any]:
         """The loops by the names in problem.h, without positions in the tangent."""
@@ -174,7 +175,7 @@ class Loops:
 
         `at` are its rows or its unknowns (`Couplings.system`), `values` those of Tv or T.
         """
-        G = self.derivatives(values).tocoo()
+        G = self.derivatives(values)
         on = at[G.col] >= 0
         shape = len(self), self._couplings.unknown_count
         return scipy.sparse.csr_matrix((G.data[on], (G.row[on], at[G.col[on]])), shape)
@@ -244,8 +245,9 @@ def _dependence(
         weights = scipy.sparse.csr_matrix(random.uniform(1.0, 2.0, (len(slide.columns), len(near))))
         rows.append(weights @ scipy.sparse.identity(size, format="csr")[near])
         dependent.append(slide.columns)
-    none = scipy.sparse.csr_matrix((0, size))
-    return ColumnMap(none, scipy.sparse.vstack(rows), np.concatenate(dependent)), values
+    none = np.empty(0, dtype=int)
+    B = scipy.sparse.vstack(rows, "csr")
+    return ColumnMap((none, none, none), (0, size), B, np.concatenate(dependent)), values
 
 
 def blocks_of(depends: scipy.sparse.csr_matrix) -> list[tuple[np.ndarray, np.ndarray]]:

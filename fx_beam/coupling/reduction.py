@@ -252,6 +252,8 @@ class Reduction:
     @property
     def independent(self) -> np.ndarray:
         """Unknowns that follow no others: all, but for those that close loops."""
+        if self.loops is None:
+            return np.arange(self.free)
         return np.setdiff1d(np.arange(self.free), self._following)
 
     @property
@@ -277,34 +279,43 @@ class Reduction:
     def _map(self, virtual: bool, complete: bool = True) -> ColumnMap:
         """T or Tv; only what slides on beams is dependent in it if it is not `complete`."""
         if (key := (virtual, complete)) not in self._maps:
-            parts = self._sums(self._values(virtual), virtual, complete)
-            self._maps[key] = ColumnMap(*parts)
+            values, shape = self._values(virtual), self._shape
+            dependence = self._dependence(values, virtual, complete)
+            self._maps[key] = ColumnMap(self._entries.weights(values), shape, *dependence)
         return self._maps[key]
 
-    def _sums(self, values: np.ndarray, virtual: bool, complete: bool):
-        """Degrees of freedom and dependent columns by all columns, and which these are."""
-        shape = self._size, self.columns + len(self.auxiliaries)
-        A = self._entries.matrix(values, shape)
-        rows = [scipy.sparse.csr_matrix((0, shape[1]))]
-        dependent = [np.empty(0, dtype=int)]
-        relations = self._configuration.relations(virtual) if self._slides else []
-        for slide, (of, first) in zip(self._slides, relations, strict=True):
-            along = scipy.sparse.csr_matrix(
-                (of[:, -1], (range(len(of)), [slide.column] * len(of))), (len(of), shape[1])
-            )
-            rows.append(scipy.sparse.csr_matrix(of[:, :-1]) @ A[slide.local_dofs(first)] + along)
-            dependent.append(slide.columns)
-        if complete:
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return self._size, self.columns + len(self.auxiliaries)
+
+    def _dependence(
+        self, values: np.ndarray, virtual: bool, complete: bool
+    ) -> tuple[scipy.sparse.csr_matrix | None, np.ndarray]:
+        """Dependent columns by all columns, and which these are; None without any."""
+        rows, dependent, columns = [], [np.empty(0, dtype=int)], self._shape[1]
+        if self._slides:
+            A = self._entries.matrix(values, self._shape)
+            relations = self._configuration.relations(virtual)
+            for slide, (of, first) in zip(self._slides, relations, strict=True):
+                along = np.zeros((len(of), columns))
+                along[:, slide.column] = of[:, -1]
+                on_beam = scipy.sparse.csr_matrix(of[:, :-1]) @ A[slide.local_dofs(first)]
+                rows.append(on_beam + scipy.sparse.csr_matrix(along))
+                dependent.append(slide.columns)
+        if complete and len(self.auxiliaries):
             rows.append(self.auxiliaries.sums(values))
-            dependent.append(np.arange(self.columns, shape[1]))
-        return A, scipy.sparse.vstack(rows, "csr"), np.concatenate(dependent)
+            dependent.append(np.arange(self.columns, columns))
+        B = scipy.sparse.vstack(rows, "csr") if rows else None
+        return B, np.concatenate(dependent)
 
     def closure_derivatives(self, virtual: bool = False) -> np.ndarray:
         """G or Gv (closures, columns): of the closures of loops by other columns."""
         if (key := ("G", virtual)) not in self._maps:
             assert self.loops is not None
             G = self.loops.derivatives(self._values(virtual))
-            self._maps[key] = self._map(virtual).collected_rows(G)[0][:, : self.columns].toarray()
+            if self._slides or len(self.auxiliaries):
+                G = self._map(virtual).collected_rows(G.tocsr())[0]
+            self._maps[key] = G.toarray()[:, : self.columns]
         return self._maps[key]
 
     def _ratios(self, virtual: bool = False) -> np.ndarray:
@@ -366,9 +377,11 @@ class Reduction:
 
     def moves(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) moves one of some degrees of freedom (size,), or a loop."""
-        A, B, dependent = self._sums(self._values(False), False, True)
-        none = np.zeros(A.shape[1])
-        moving = ColumnMap(abs(A), abs(B), dependent).collected(1.0 * dofs, none)[: self.free] > 0
+        values = self._values(False)
+        row, column, weights = self._entries.weights(values)
+        B, dependent = self._dependence(values, False, True)
+        size = (row, column, abs(weights)), self._shape, None if B is None else abs(B), dependent
+        moving = ColumnMap(*size).collected(1.0 * dofs, np.zeros(self._shape[1]))[: self.free] > 0
         if self.loops is not None:
             moving[self.loops.unknowns] = True
         return moving
