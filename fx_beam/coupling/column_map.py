@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -16,23 +17,28 @@ class ColumnMap:
         self,
         weights: tuple[np.ndarray, np.ndarray, np.ndarray],
         shape: tuple[int, int],
-        B: scipy.sparse.csr_matrix | None,
+        B: scipy.sparse.csr_matrix | np.ndarray | None,
         dependent: np.ndarray,
     ):
         #: Entries of A: rows, columns and values.
         self._weights, self._shape, self._dependent = weights, shape, dependent
-        if B is not None:
-            others = np.ones(shape[1])
-            others[dependent] = 0.0
-            self._others = scipy.sparse.diags(others)
-            self._B = (B @ self._others).tocsr()
+        if B is None:
+            return
+        if isinstance(B, np.ndarray):
+            self._B: Any = B.copy()
+            self._B[:, dependent] = 0.0
+            inverse = np.linalg.inv(np.eye(len(dependent)) - B[:, dependent])
+            self._solve = lambda x, side="N": (inverse if side == "N" else inverse.T) @ x
+        else:
+            self._B = B.copy()
+            self._B.data[np.isin(self._B.indices, dependent)] = 0.0
             coupled = scipy.sparse.identity(len(dependent)) - B[:, dependent]
             self._solve = splu(coupled.tocsc(), "NATURAL", diag_pivot_thresh=0.0).solve
 
     def __matmul__(self, z: np.ndarray) -> np.ndarray:
         """A z, for the other columns in z."""
         if len(self._dependent):
-            z = self._others @ z
+            z = z.copy()
             z[self._dependent] = self._solve(self._B @ z)
         row, column, values = self._weights
         return np.bincount(row, values * z[column], self._shape[0])
@@ -61,8 +67,15 @@ class ColumnMap:
         if not len(self._dependent):
             return rows, np.zeros((rows.shape[0], 0))
         passed = self._solve(rows[:, self._dependent].T.toarray(), "T").T
-        by_others = rows @ self._others + scipy.sparse.csr_matrix(passed) @ self._B
-        return by_others.tocsr(), passed
+        on = np.flatnonzero(passed.any(axis=1))
+        of_some = (
+            passed[on] if isinstance(self._B, np.ndarray) else scipy.sparse.csr_matrix(passed[on])
+        )
+        more, given = scipy.sparse.coo_matrix(of_some @ self._B), rows.tocoo()
+        others = ~np.isin(given.col, self._dependent)
+        data = np.append(given.data[others], more.data)
+        at = np.append(given.row[others], on[more.row]), np.append(given.col[others], more.col)
+        return scipy.sparse.csr_matrix((data, at), rows.shape), passed
 
     @property
     def matrix(self) -> scipy.sparse.csr_matrix:

@@ -290,23 +290,20 @@ class Reduction:
 
     def _dependence(
         self, values: np.ndarray, virtual: bool, complete: bool
-    ) -> tuple[scipy.sparse.csr_matrix | None, np.ndarray]:
+    ) -> tuple[scipy.sparse.csr_matrix | np.ndarray | None, np.ndarray]:
         """Dependent columns by all columns, and which these are; None without any."""
-        rows, dependent, columns = [], [np.empty(0, dtype=int)], self._shape[1]
-        if self._slides:
-            A = self._entries.matrix(values, self._shape)
-            relations = self._configuration.relations(virtual)
-            for slide, (of, first) in zip(self._slides, relations, strict=True):
-                along = np.zeros((len(of), columns))
-                along[:, slide.column] = of[:, -1]
-                on_beam = scipy.sparse.csr_matrix(of[:, :-1]) @ A[slide.local_dofs(first)]
-                rows.append(on_beam + scipy.sparse.csr_matrix(along))
-                dependent.append(slide.columns)
-        if complete and len(self.auxiliaries):
-            rows.append(self.auxiliaries.sums(values))
-            dependent.append(np.arange(self.columns, columns))
-        B = scipy.sparse.vstack(rows, "csr") if rows else None
-        return B, np.concatenate(dependent)
+        columns = self._shape[1]
+        relations = self._configuration.relations(virtual) if self._slides else []
+        rows = [
+            slide.by_columns(of, first, values, columns)
+            for slide, (of, first) in zip(self._slides, relations, strict=True)
+        ]
+        dependent = np.concatenate([np.empty(0, int), *(slide.columns for slide in self._slides)])
+        if not complete or not len(self.auxiliaries):
+            return np.concatenate(rows) if rows else None, dependent
+        sparse = [scipy.sparse.csr_matrix(of_node) for of_node in rows]
+        B = scipy.sparse.vstack([*sparse, self.auxiliaries.sums(values)], "csr")
+        return B, np.append(dependent, np.arange(self.columns, columns))
 
     def closure_derivatives(self, virtual: bool = False) -> np.ndarray:
         """G or Gv (closures, columns): of the closures of loops by other columns."""

@@ -79,9 +79,21 @@ class Slide:
         on = [np.flatnonzero(every.column == column) for column in self.columns]
         self._entries, self._entry_start = every.at(np.concatenate(on)), starts_of([*map(len, on)])
 
-    def local_dofs(self, first: int) -> np.ndarray:
-        """Degrees of freedom of the window that begins with a node, component by component."""
-        return self.dofs[first : first + self.path.width, : len(self.columns)].T.ravel()
+    def by_columns(
+        self, relation: np.ndarray, first: int, values: np.ndarray, count: int
+    ) -> np.ndarray:
+        """The node's columns by all columns (components, count), for values and relation of T.
+
+        The latter or that of Tv, of a window that begins with a node (c/slider.h).
+        """
+        by_dofs = np.zeros((len(relation), *self.dofs.shape))
+        window = relation[:, :-1].reshape(len(relation), len(relation), self.path.width)
+        by_dofs[:, first : first + self.path.width, : len(relation)] = window.swapaxes(1, 2)
+        row, column, weights = self._parts.weights(values)
+        of_parts = by_dofs.reshape(len(relation), -1)[:, row] * weights
+        rows = np.array([np.bincount(column, of, count) for of in of_parts])
+        rows[:, self.column] += relation[:, -1]
+        return rows
 
     @property
     def near(self) -> np.ndarray:
