@@ -91,7 +91,8 @@ class BoundForm:
     def coefficients(self) -> dict[int, np.ndarray]:
         """Values (cells, width) of its fields for each subdomain, in the order of its code."""
         none = np.empty((len(self._mesh.elements), 0))
-        values = np.concatenate([none, *(field.on_cells for field in self.fields)], axis=1)
+        of_fields = [field.on_cells for field in self.fields]
+        values = of_fields[0] if len(of_fields) == 1 else np.concatenate([none, *of_fields], axis=1)
         return {tag: values if tag < 0 else values[of] for tag, of in self.cells.items()}
 
     def values_of_constants(self) -> np.ndarray:

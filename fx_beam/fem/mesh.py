@@ -66,7 +66,7 @@ class Mesh:
         if all_of(X == self.X):
             return False
         self.X = X
-        for name in ("size", "shortest"):
+        for name in ("size", "shortest", "coordinates"):
             self.__dict__.pop(name, None)
         return True
 
@@ -92,7 +92,7 @@ class Mesh:
         """Nodes (cells, m) between which each cell lies: all of them, or the ends if straight."""
         return self._in_forms if self.curved else self._in_forms[:, :2]
 
-    @property
+    @functools.cached_property
     def coordinates(self) -> np.ndarray:
         """Positions (cells, 3 m) of these nodes in space [m]."""
         places = np.zeros((*self.points.shape, 3))
