@@ -93,7 +93,7 @@ def row(found: Path) -> dict[str, str]:
 
     install = known(lambda: f"{seconds(found / 'demos'):.0f}")
     return {
-        "dolfinx": known(lambda: step()["dolfinx"]),
+        "FFCx": known(lambda: step()["FFCx"]),
         "Python": known(lambda: step()["python"]),
         "NumPy": known(lambda: step()["numpy"]),
         "install [s]": install,

@@ -12,7 +12,7 @@ from typing import Any
 if importlib.util.find_spec("ffcx") is None:
     raise ImportError(
         "fx_beam needs FEniCSx, of which FFCx 0.5, 0.9 or 0.11 is enough: pip install fenics-ffcx, "
-        "or Debian's python3-dolfinx with its /usr/bin/python3, or see "
+        "or Debian's python3-ffcx with its /usr/bin/python3, or see "
         "https://fenicsproject.org/download",
         name="ffcx",
     )

@@ -20,7 +20,6 @@ from fx_beam.step import build
 
 #: What is imported, by the distribution that has its version.
 _PACKAGES = {
-    "dolfinx": "fenics-dolfinx",
     "ffcx": "fenics-ffcx",
     "basix": "fenics-basix",
     "ufl": "fenics-ufl",

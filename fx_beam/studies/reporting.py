@@ -14,8 +14,7 @@ from typing import Any
 
 from fx_beam.results.files import of_numpy, replacing
 
-_VERSIONS = {"dolfinx": "fenics-dolfinx", "petsc": "petsc4py", "numpy": "numpy"}
-_VERSIONS |= {"fx_beam": "fx-beam"}
+_VERSIONS = {"FFCx": "fenics-ffcx", "numpy": "numpy", "fx_beam": "fx-beam"}
 # How strict JSON has numbers that are not finite.
 _NOT_FINITE = {"NaN": None, "Infinity": "inf", "-Infinity": "-inf"}
 

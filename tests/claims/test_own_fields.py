@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from mpi4py import MPI
 
-import dolfinx
 import ufl
 
+import dolfinx
 import pytest
 from jointed import MEMBER
 

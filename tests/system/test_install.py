@@ -74,7 +74,7 @@ runpy.run_module("fx_beam", run_name="__main__")
     lines = dict(re.split(r":\s+", line, maxsplit=1) for line in said.splitlines())
     assert lines["compiled loop"].startswith("not available: FX_BEAM_MARCH = 'abacus'")
     assert lines["fx_beam"].startswith(f"{fx_beam.__version__}, ")
-    assert re.match(r"\d+\.\d+\.\d+", lines["dolfinx"])
+    assert re.match(r"\d+\.\d+\.\d+", lines["ffcx"])
     assert lines["numpy"] != "not installed"
     assert {"Python", "system", "petsc4py", "compiled loop", "reference", "compiler"} <= set(lines)
     assert "fx_beam, " in lines["cache"]
@@ -92,7 +92,7 @@ except ImportError as error:
     print(error)
 """
     said = script(code)
-    assert said.startswith("fx_beam needs FEniCSx") and "python3-dolfinx" in said
+    assert said.startswith("fx_beam needs FEniCSx") and "python3-ffcx" in said
     assert said.count("\n") == 1
 
 
@@ -112,7 +112,7 @@ def test_what_is_imported_is_what_the_project_asks_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     asked = {*project["dependencies"], *project["optional-dependencies"]["plot"]}
     sources = "\n".join(path.read_text() for path in (ROOT / "fx_beam").rglob("*.py"))
-    modules = {"pillow": "PIL"}
+    modules = {"pillow": "PIL", "fenics-ffcx": "ffcx"}
     for name in asked:
         module = modules.get(name, name.replace("-", "_"))
         assert re.search(rf"^\s*(import|from) {module}\b", sources, flags=re.MULTILINE), name

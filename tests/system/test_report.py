@@ -53,5 +53,5 @@ def test_csv_has_a_column_for_every_nested_number(tmp_path):
 def test_the_machine_and_all_versions_are_stated():
     found = reporting.machine()
     assert found["numpy"] == np.__version__
-    assert {"processor", "system", "cores", "python", "dolfinx", "petsc", "fx_beam"} <= set(found)
+    assert {"processor", "system", "cores", "python", "FFCx", "numpy", "fx_beam"} <= set(found)
     assert found["cores"] >= 1 and all(found.values())

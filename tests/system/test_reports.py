@@ -152,7 +152,7 @@ def test_a_page_has_every_run_its_machine_its_pictures_and_its_sentences(results
     settings = getattr(module, example)(quick=True)
     candidates = len(module.QUICK_SCHEMES) * len(settings["dt"]) * len(settings["meshes"])
     assert len(found["Runs"]) == candidates
-    assert {"processor", "dolfinx", "fx_beam"} <= set(found["machine"])
+    assert {"processor", "FFCx", "fx_beam"} <= set(found["machine"])
     for run in found["Runs"]:
         assert run["seconds"] >= run["step_seconds"] > 0
         assert run["failure"] or set(run["errors"]) == set(settings["quantities"])

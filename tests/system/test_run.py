@@ -12,10 +12,10 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 
-# A system in which nothing is installed, and that offers one version of dolfinx.
+# A system in which nothing is installed, and that offers one version of FFCx.
 SYSTEM = {
     "dpkg-query": "exit 1",
-    "apt-cache": 'echo "python3-dolfinx:"; echo "  Candidate: $OFFERED"',
+    "apt-cache": 'echo "python3-ffcx:"; echo "  Candidate: $OFFERED"',
     "sudo": 'exec "$@"',
     "apt-get": r"""
 echo "$*" >>"$CALLS"
@@ -52,7 +52,7 @@ def stub(clone, scripts):
 
 @pytest.fixture
 def call(clone):
-    """`./run demos one` on a system with a version of dolfinx."""
+    """`./run demos one` on a system with a version of FFCx."""
     environment, calls = stub(clone, SYSTEM), clone / "calls"
     calls.touch()
 
@@ -73,21 +73,21 @@ def test_a_version_that_is_not_served_is_named_and_nothing_is_installed(call, of
     done, calls = call(offered)
     assert done.returncode == 1
     assert calls == ""
-    assert f"has dolfinx {version}. " in done.stderr
-    assert "Supported systems are Debian 12, 13 and sid, with dolfinx 0.5, 0.9, 0.11" in done.stderr
+    assert f"has FFCx {version}. " in done.stderr
+    assert "Supported systems are Debian 12, 13 and sid, with FFCx 0.5, 0.9, 0.11" in done.stderr
 
 
-def test_a_system_without_dolfinx_is_asked_for_its_list_and_no_more(call):
+def test_a_system_without_ffcx_is_asked_for_its_list_and_no_more(call):
     done, calls = call("(none)")
     assert done.returncode == 1
     assert calls.splitlines() == ["update -qq"]
-    assert "has no package python3-dolfinx" in done.stderr
+    assert "has no package python3-ffcx" in done.stderr
 
 
 @pytest.mark.parametrize("version", ["1:0.5.2-1", "1:0.9.0-11+b1", "1:0.11.0.post0-1"])
 def test_a_version_that_is_served_is_installed_with_progress(call, version):
     done, calls = call(version)
-    assert "python3-dolfinx" in calls.splitlines()[-1]
+    assert "python3-ffcx" in calls.splitlines()[-1]
     said = done.stderr.splitlines()
     assert "run: Need to get 304 MB of archives." in said
     assert [line for line in said if "%" in line] == [
@@ -95,7 +95,7 @@ def test_a_version_that_is_served_is_installed_with_progress(call, version):
     ]
     # The installation was none, which does not go unseen.
     assert done.returncode == 1
-    assert "apt-get has not installed: python3-dolfinx" in said[-1]
+    assert "apt-get has not installed: python3-ffcx" in said[-1]
 
 
 def test_only_the_documentation_has_sphinx_installed():

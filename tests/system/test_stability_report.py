@@ -133,7 +133,7 @@ def test_the_report_is_written_in_full(report):
         == len(cells)
         == sum(row[kind] for row in found["verdicts"].values() for kind in stability.KINDS)
     )
-    assert {"processor", "dolfinx"} <= set(found["machine"])
+    assert {"processor", "FFCx"} <= set(found["machine"])
     page = (directory / "cases.md").read_text()
     for picture in ("cases.png", "cases_summary.png"):
         assert f"]({picture})" in page and (directory / picture).stat().st_size > 20_000
