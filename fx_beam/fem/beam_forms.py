@@ -11,6 +11,7 @@ import numpy as np
 from fx_beam.laws.interval import Interval, Part, Parts, StepStart
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.law import held
 from fx_beam.scene.scene import Scene
 
 from . import elements, vjp_form
@@ -40,13 +41,22 @@ Given = np.ndarray | None
 class BeamForms:
     """Forces and energies of the beams of a scene, their drag, and virtual works added by a user.
 
-    Vectors contain all degrees of freedom.
+    Vectors contain all degrees of freedom. Internal variables change in a step unless it `holds`
+    them.
     """
 
     # -- Construction ---------------------------------------------------------------------------
 
-    def __init__(self, scene: Scene, scheme: Scheme, mesh: Mesh, parameters: ParameterValues):
+    def __init__(
+        self,
+        scene: Scene,
+        scheme: Scheme,
+        mesh: Mesh,
+        parameters: ParameterValues,
+        holds: bool = False,
+    ):
         self._scheme, self._mesh, self._parameters = scheme, mesh, parameters
+        self._holds = holds
         #: UFL's constant of the parameters in the forms, None without any, and their indices among
         #: all.
         self.parameters: tuple[Any, list[int]] = None, []
@@ -137,7 +147,8 @@ class BeamForms:
         """The weak form of the scene; the data of the sections are those of the forms."""
         mesh, degree = self._mesh, scene.beams[0].degree
         sections = [beam.section for beam in scene.beams]
-        of_beams = [(section.strain_energy, section.internal) for section in sections]
+        internal = [held(of.internal) if self._holds else of.internal for of in sections]
+        of_beams = [*zip((of.strain_energy for of in sections), internal, strict=True)]
         materials: list[Material] = []
         for material in of_beams:
             if material not in materials:

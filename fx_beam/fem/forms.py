@@ -43,7 +43,9 @@ class Forms:
         forces, followers, members = self._at_points(scene)
         self.points = PointForces(forces, followers, self._rule, parameters, members)
         #: Those of beams, None without any.
-        self.beams = BeamForms(scene, scheme, mesh, parameters) if scene.beams else None
+        self.beams = None
+        if scene.beams:
+            self.beams = BeamForms(scene, scheme, mesh, parameters, holds=instant)
         of_beams = [] if self.beams is None else [self.beams]
         self._parts: list[BeamForms | PointForces] = [*of_beams, self.points]
         #: Matrix with the entries of beams and of each node.

@@ -28,7 +28,7 @@ class StepRule(NamedTuple):
     #: Whether forces do work on 2 tan(Dpsi/2).
     turning: bool
     at_rest: bool
-    #: Whether the step only serves to find what its forces depend on, at an instant.
+    #: Whether the step only serves to find what its forces depend on, at an instant: nothing flows.
     instant: bool = False
 
     @staticmethod

@@ -191,7 +191,7 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
         """Internal variables at both ends of the step."""
         x0, x1 = ends(step)
         old = ufl.as_vector(step.motion.internal or [0.0])
-        if not internal:
+        if not internal or step.motion.rule.instant:
             return old, old
         at_rest = step.motion.rule.at_rest
         return old, evolved(internal, old, (x0,), (x1,), step.motion.dt, at_rest)

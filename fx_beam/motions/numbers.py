@@ -104,7 +104,7 @@ def static_numbers_of(
     }
     if len(parameters := model.forms.parameters):
         of_steps["parameters"] = np.broadcast_to(
-            parameters.at(forcing.time), (rows, 2, len(parameters))
+            parameters.over_steps(t, t, 1.0)[0, 0], (rows, 2, len(parameters))
         )
     if len(followers):
         of_steps["follower force"] = np.repeat(followers.series(t, t), rows, axis=0)

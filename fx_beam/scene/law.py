@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import ufl
@@ -384,6 +384,16 @@ class InternalVariables:
                 f"{[value.ufl_shape for value in updated]}"
             )
         return ufl.as_vector(updated)
+
+
+def held(variables: InternalVariables | None) -> InternalVariables | None:
+    """The same variables, which stay what they are."""
+    return variables and replace(variables, update=_held)
+
+
+def _held(old, strains0, strains, dt):
+    """The old ones, in a way whose derivatives are no constants: of these FFCx makes no code."""
+    return [ufl.conditional(ufl.lt(dt, 0), 0.0, of) for of in old]
 
 
 def check_dissipation(energy: Callable, variables: InternalVariables, strains_of_part: int) -> None:
