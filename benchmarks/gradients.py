@@ -1,13 +1,16 @@
 """Time of value with gradient, and with Jacobian, in motions, and of least squares.
 
     .venv/bin/python benchmarks/gradients.py [elements] [steps]
+    .venv/bin/python benchmarks/gradients.py frame [cells]      (100: 20 200 struts, 1 minute)
 
 An arm whose numbers are values of a load over time, or stiffnesses along it with masses. Lowest
 processor times of a few calls, relative to a motion of the same response. Then the same for ten
 frequencies of the second arm, about the reference and about its static state, relative to `modes`,
 for damped vibrations at 20 frequencies, relative to `frequency_response`, and for the load under
 which it buckles, relative to its path with the critical point. Last, of its motion that repeats
-itself under a harmonic load, of 50 steps, relative to `periodic`.
+itself under a harmonic load, of 50 steps, relative to `periodic`. A frame is a lattice of struts
+whose stiffnesses are numbers, column by column: four frequencies, relative to
+`modes`.
 """
 
 import sys
@@ -78,7 +81,7 @@ def measured(build, count, steps, tries=9):
     return 1e3 * motion, gradient / motion, jacobian / motion
 
 
-def beside(run, count, plain=None, weights_of=None):
+def beside(run, count, plain=None, weights_of=None, tries=5):
     """Time of an analysis [ms], by `plain` if it is another, and with gradient and Jacobian."""
     rng, x = np.random.default_rng(0), 1 + 0.1 * np.sin(np.arange(1, count + 1))
 
@@ -89,9 +92,10 @@ def beside(run, count, plain=None, weights_of=None):
     weights = {"load": 1.0} if isinstance(values, tuple) else np.ones(np.shape(values))
     weights = weights_of(values) if weights_of else weights
     run.jacobian(), (plain or run)(at())
-    alone = lowest(lambda: (plain or run)(at()), 5)
-    gradient = lowest(lambda: (run(at()), run.vjp(weights)), 5)
-    return 1e3 * alone, gradient / alone, lowest(lambda: (run(at()), run.jacobian()), 5) / alone
+    alone = lowest(lambda: (plain or run)(at()), tries)
+    gradient = lowest(lambda: (run(at()), run.vjp(weights)), tries)
+    jacobian = lowest(lambda: (run(at()), run.jacobian()), tries)
+    return 1e3 * alone, gradient / alone, jacobian / alone
 
 
 def of_modes(count, elements, state):
@@ -153,6 +157,32 @@ def of_cycles(count, elements):
     return beside(run, count, lambda x: found(build(x)[0]), lambda y: {"tip": 0 * y[1]["tip"] + 1})
 
 
+def of_frame(count, cells):
+    """Of four modes of a lattice that is clamped at one side."""
+
+    def build(x):
+        scene, nodes = fb.Scene(), {}
+        sections = [fb.Section(EA=1e6 * k, GA=1e6 * k, EI=1e2, rhoA=1.0, rhoI=1e-2) for k in x]
+
+        def strut(a, b):
+            ends = [nodes.get(a, a), nodes.get(b, b)]
+            beam = scene.add_beam(ends, sections[a[0] * count // (cells + 1)], elements=1)
+            nodes[a], nodes[b] = beam.start, beam.end
+
+        for i in range(cells + 1):
+            for j in range(cells + 1):
+                if i < cells:
+                    strut((i, j), (i + 1, j))
+                if j < cells:
+                    strut((i, j), (i, j + 1))
+        for j in range(cells + 1):
+            scene.clamp(nodes[0, j])
+        return scene
+
+    run = fb.ModalResponse(build, n=4)
+    return beside(run, count, lambda x: fb.modes(build(x), n=4), tries=1)
+
+
 def fitted(build, count, steps):
     """Times of a fit with the Jacobian and with SciPy's differences [s]."""
     run, x = fb.Response(build, dt=1 / steps, t_end=1.0), np.ones(count)
@@ -162,6 +192,14 @@ def fitted(build, count, steps):
         lowest(lambda of=of: least_squares(misfit, x, jac=of, bounds=(0.1, 10)), 3)
         for of in (misfit.jacobian, "2-point")
     ]
+
+
+def frame(cells=100):
+    row = "{:>8} {:>8} {:>12} {:>10} {:>10}".format
+    print(row("struts", "numbers", "modes [ms]", "gradient", "Jacobian"))
+    for count in NUMBERS[1:3]:
+        values = [f"{value:.3g}" for value in of_frame(count, cells)]
+        print(row(2 * cells * (cells + 1), count, *values), flush=True)
 
 
 def main(elements=8, steps=200):
@@ -187,4 +225,7 @@ def main(elements=8, steps=200):
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    if sys.argv[1:2] == ["frame"]:
+        frame(*map(int, sys.argv[2:]))
+    else:
+        main(*map(int, sys.argv[1:]))
