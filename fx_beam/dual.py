@@ -122,10 +122,12 @@ class Dual(NDArrayOperatorsMixin):
         if ufunc not in _RULES and ufunc not in _ANALYTIC:
             raise LostSlopesError(f"numpy.{ufunc.__name__}", given)
         values = ufunc(*arguments)
-        total: Any = 0.0
+        total: Any = None
         for (_, slopes), rule in zip(parts, _RULES.get(ufunc, (_slope(ufunc),)), strict=True):
             if slopes is not None:
-                total = total + np.asarray(rule(values, *arguments))[..., None] * slopes
+                factor = rule(values, *arguments)
+                by = slopes if factor is _ONE else np.asarray(factor)[..., None] * slopes
+                total = by if total is None else total + by
         shape = *values.shape, self.slopes.shape[-1]
         return Dual(values, total if total.shape == shape else np.broadcast_to(total, shape))
 
@@ -271,10 +273,12 @@ def _slope(function: Callable) -> Callable:
     return lambda o, a: function(a + _STEP * 1j).imag / _STEP
 
 
+#: The derivative of a sum by its parts, with which slopes need not be multiplied.
+_ONE = 1.0
 #: Derivatives of functions by each argument, of the result and the arguments.
 _RULES: dict[Any, tuple[Callable[..., Any], ...]] = {
-    np.add: (lambda o, a, b: 1.0, lambda o, a, b: 1.0),
-    np.subtract: (lambda o, a, b: 1.0, lambda o, a, b: -1.0),
+    np.add: (lambda o, a, b: _ONE, lambda o, a, b: _ONE),
+    np.subtract: (lambda o, a, b: _ONE, lambda o, a, b: -1.0),
     np.multiply: (lambda o, a, b: b, lambda o, a, b: a),
     np.true_divide: (lambda o, a, b: 1 / b, lambda o, a, b: -o / b),
     np.power: (
@@ -390,29 +394,24 @@ _PLACING = dict.fromkeys(
 
 
 def _placed(function: Callable, given: Any, options: dict) -> Dual:
-    """What a function that only places entries gives: it is called with their numbers."""
-    entries: list[Dual] = []
-
-    def numbers_of(value: Any) -> Any:
-        if isinstance(value, list | tuple):
-            return [numbers_of(part) for part in value]
-        first = sum(part.size for part in entries)
-        entries.append(with_slopes(value, count).reshape(-1))
-        return first + np.arange(entries[-1].size).reshape(np.shape(value))
-
+    """What a function that only places entries gives: each is one item, with its slopes."""
     flat = [one for part in given for one in (part if isinstance(part, list | tuple) else [part])]
     count = next(one.slopes.shape[-1] for one in flat if isinstance(one, Dual))
+    item = np.dtype((np.void, 8 * (1 + count)))
+
+    def items_of(value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return [items_of(part) for part in value]
+        dual = with_slopes(value, count)
+        rows = np.empty((*dual.shape, 1 + count))
+        rows[..., 0], rows[..., 1:] = dual.values, dual.slopes
+        return rows.view(item)[..., 0]
+
     chosen = [
-        numbers_of(part) if i in _PLACING[function] else plain(part) for i, part in enumerate(given)
+        items_of(part) if i in _PLACING[function] else plain(part) for i, part in enumerate(given)
     ]
-    at = function(*chosen, **options)
-    values, slopes = entries[0].values, entries[0].slopes
-    if len(entries) > 1:
-        values = np.concatenate([part.values for part in entries])
-        slopes = np.concatenate([part.slopes for part in entries])
-    if at.size == values.size and (np.diff(at.ravel()) == 1).all():  # in the same order
-        return Dual(values.reshape(at.shape), slopes.reshape(*at.shape, -1))
-    return Dual(values[at], slopes[at])
+    rows = np.ascontiguousarray(function(*chosen, **options)[..., None]).view(float)
+    return Dual(rows[..., 0].copy(), rows[..., 1:])
 
 
 _METHODS = {of.__name__: of for of in (*_RULES, *_ANALYTIC) if of.nin == 1}

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Mapping, Set
 from typing import Any
 
 import numpy as np
 
 from fx_beam.dual import Dual, LostSlopesError, plain, slopes_by
-from fx_beam.errors import SceneError, all_of, check_takes, numbers, require, shown
+from fx_beam.errors import SceneError, all_of, shown
 from fx_beam.motions.numbers import OF_OUTPUTS, OF_STEPS
-from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from .output_values import Wanted
-
-#: A function of numbers (m,) that gives a scene and its outputs by name.
-Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 #: Arrays by name, some of which may be dual: a function of the scene, and of the change of x (m,).
 NumbersOf = Callable[[Scene, Any], dict[str, Any]]
 
@@ -48,14 +43,6 @@ _SAME = 1e-9
 _CHECK_STEP, _AGREE, _FEW_DIGITS = 2.0**-20, 1e-4, 64 * np.finfo(float).eps
 
 
-def checked_numbers(x: Any) -> np.ndarray:
-    """Numbers (m,) of a scene; SceneError for others."""
-    values = numbers(x)
-    fits = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))
-    require(fits, "Response: x", x, "a sequence of finite numbers")
-    return values
-
-
 def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], what: str) -> None:
     """SceneError if numbers change (m, ...) of which there are no derivatives."""
     for name in changes.keys() - known - OF_OUTPUTS:
@@ -68,12 +55,10 @@ def refuse_others(changes: Mapping[str, np.ndarray], known: Set[str], what: str)
 
 
 class BuiltScenes:
-    """The scenes of a function, all of which have outputs of the same names."""
+    """The scenes that a function gives for numbers, and derivatives of what they are made of."""
 
-    def __init__(self, build: Build):
-        self._build = build
-        #: Names of the outputs, from the first scene on.
-        self.names: list[str] = []
+    def __init__(self, scene_at: Callable[[Any], Scene]):
+        self._at = scene_at
         # Numbers of which it was said that differences of `build` are inaccurate.
         self._told: set[int] = set()
         #: Why there are differences by some of the numbers, by their indices.
@@ -82,29 +67,6 @@ class BuiltScenes:
         self._names: dict[int, list[str]] = {}
         # Shapes of all numbers, by name, for which slopes were checked.
         self._checked: list[dict[str, tuple[int, ...]]] = []
-
-    def at(self, x: Any) -> tuple[Scene, dict[str, Wanted]]:
-        """The scene of numbers, and its outputs; SceneError if `build` gives something else."""
-        built = self._build(x)
-        fits = isinstance(built, tuple) and len(built) == 2
-        if not fits or not isinstance(built[0], Scene) or not isinstance(built[1], Mapping):
-            raise SceneError(
-                f"Response: build must give a scene and a dict of outputs, not {shown(built)}"
-            )
-        scene, outputs = built[0], dict(built[1])
-        require(bool(outputs), "Response: outputs", outputs, "at least one output by name")
-        for name, output in outputs.items():
-            what = f"Response: the output {name!r}"
-            if isinstance(output, Output):
-                check_output(scene, output, what)
-            else:
-                wanted = "an fx_beam.Output, or a function of the solution"
-                require(callable(output), what, output, wanted)
-                check_takes(output, "solution", what)
-        self.names = self.names or list(outputs)
-        wanted = f"as in the first call, {self.names}"
-        require(list(outputs) == self.names, "Response: outputs", list(outputs), wanted)
-        return scene, outputs
 
     @property
     def reason(self) -> str:
@@ -121,9 +83,10 @@ class BuiltScenes:
             self._checked.append(shapes)
             self._check(x, here, by_name, numbers_of)
         for i in sorted(self.reasons):
-            differences = dict(self._derivative(x, i, here, numbers_of))
+            differences = self._derivative(x, i, here, numbers_of)
             for name in self._names.get(i, by_name.keys()):
-                by_name[name][i] = differences.get(name, 0.0)
+                by_name[name] = rows = by_name[name].copy()  # which others may read
+                rows[i] = differences.get(name, 0.0)
         return by_name
 
     # -- By dual numbers ---------------------------------------------------------------------------
@@ -136,16 +99,18 @@ class BuiltScenes:
             try:
                 with slopes_by(x, without=lost) as dual:
                     change = Dual(np.zeros(len(x)), dual.slopes)
-                    numbers = numbers_of(self.at(dual)[0], change)
+                    numbers = numbers_of(self._at(dual), change)
                 break
             except Exception as error:  # noqa: BLE001  # whatever a function does that takes floats
                 self._learn(error, {*range(len(x))} - lost)
         else:
-            numbers = self._numbers(x, np.zeros(len(x)), numbers_of)
-        by_name = {name: np.zeros((len(x), *values.shape)) for name, values in numbers.items()}
-        for name, values in numbers.items():
-            if isinstance(values, Dual):
-                by_name[name][:] = np.moveaxis(values.slopes, -1, 0)
+            numbers = numbers_of(self._at(x), np.zeros(len(x)))
+        by_name = {
+            name: np.moveaxis(values.slopes, -1, 0)
+            if isinstance(values, Dual)
+            else np.zeros((len(x), *values.shape))
+            for name, values in numbers.items()
+        }
         return {name: plain(values) for name, values in numbers.items()}, by_name
 
     def _learn(self, error: BaseException | None, others: set[int]) -> None:
@@ -175,7 +140,7 @@ class BuiltScenes:
         change, size = np.zeros(len(x)), np.random.default_rng(0).uniform(0.5, 1, len(x))
         change[others] = (size * steps)[others] * (-1.0) ** np.arange(len(others))
         try:
-            scenes = [(self.at(x + by)[0], by) for by in (-change, change)]
+            scenes = [(self._at(x + by), by) for by in (-change, change)]
         except SceneError:  # that of one number says it better
             scenes = []
         try:
@@ -200,42 +165,31 @@ class BuiltScenes:
 
     def _derivative(
         self, x: np.ndarray, i: int, here: dict[str, np.ndarray], numbers_of: NumbersOf
-    ) -> Iterator[tuple[str, np.ndarray]]:
-        """Derivatives (...) by x[i] of those numbers that depend on it."""
+    ) -> dict[str, np.ndarray]:
+        """Derivatives (...) by x[i] of those numbers that depend on it.
+
+        If they are on no line, by four differences, whose step is shortened if need be.
+        """
         size = x[i] if abs(x[i]) > _ZERO else 1.0
         h = 2.0 ** (np.frexp(size)[1] + _STEP)  # x + h is exact
-        low, above = (self._moved(x, i, change, numbers_of) for change in (-h, h / 2))
-        depend = [
-            name
-            for name, values in here.items()
-            if not (all_of(low[name] == values) and all_of(above[name] == values))
-        ]
-        if all(_on_a_line(name, low[name], here[name], above[name]) for name in depend):
-            for name in depend:
-                yield name, (above[name] - low[name]) / (1.5 * h)
-        else:
-            yield from self._of_bent(x, i, h, depend, (low, above), numbers_of)
-
-    def _of_bent(
-        self,
-        x: np.ndarray,
-        i: int,
-        h: float,
-        depend: list[str],
-        ends: tuple[dict[str, np.ndarray], dict[str, np.ndarray]],
-        numbers_of: NumbersOf,
-    ) -> Iterator[tuple[str, np.ndarray]]:
-        """The same of numbers on no line, from those at -h and h / 2; h is shortened if need be."""
-        low, above = ends
         best: dict[str, tuple[float, np.ndarray]] = {}
-        sizes, worse, bent = dict.fromkeys(depend, np.zeros(())), 0, dict[str, float]()
-        for _ in range(_TRIES):
-            below, high = (self._moved(x, i, change, numbers_of) for change in (-h / 2, h))
+        sizes, worse, bent = dict[str, np.ndarray](), 0, dict[str, float]()
+        for attempt in range(_TRIES):
+            low, above = (self._moved(x, i, by, numbers_of) for by in (-h, h / 2))
+            if not attempt:
+                depend = [
+                    name
+                    for name, values in here.items()
+                    if not (all_of(low[name] == values) and all_of(above[name] == values))
+                ]
+                if all(_on_a_line(name, low[name], here[name], above[name]) for name in depend):
+                    return {name: (above[name] - low[name]) / (1.5 * h) for name in depend}
+            below, high = (self._moved(x, i, by, numbers_of) for by in (-h / 2, h))
             for name in depend:
                 if name in best and best[name][0] <= _BENT:
                     continue
                 narrow, wide = (above[name] - below[name]) / h, (high[name] - low[name]) / (2 * h)
-                sizes[name] = np.maximum(sizes[name], _size(name, wide))
+                sizes[name] = np.maximum(sizes.get(name, 0.0), _size(name, wide))
                 gap = np.maximum(abs(narrow - wide) - _NOISE * abs(above[name]).max() / h, 0.0)
                 bend, flat = _largest(gap, sizes[name]), not (narrow.any() or wide.any())
                 if name not in best or (bend < best[name][0] and not flat):  # flat between jumps
@@ -247,19 +201,11 @@ class BuiltScenes:
             if not bent or worse == 2:
                 break  # all is well, or round-off grows
             h *= 2.0 ** -int(np.clip(np.log2(max(bent.values()) / _BENT) / 2 + 1, 1, _SHORTER))
-            low, above = (self._moved(x, i, change, numbers_of) for change in (-h, h / 2))
         if bent and i not in self._told:
             self._told.add(i)
             name = max(bent, key=bent.__getitem__)
             _log.warning(_INACCURATE, i, shown(x[i]), bent[name], name)
-        for name, (_, values) in best.items():
-            yield name, values
-
-    def _numbers(
-        self, x: np.ndarray, change: np.ndarray, numbers_of: NumbersOf
-    ) -> dict[str, np.ndarray]:
-        """Numbers of the scene with a change of x."""
-        return numbers_of(self.at(x + change)[0], change)
+        return {name: values for name, (_, values) in best.items()}
 
     def _moved(
         self, x: np.ndarray, i: int, by: float, numbers_of: NumbersOf
@@ -269,7 +215,7 @@ class BuiltScenes:
         change[i] = by
         there = shown(x[i] + by)
         try:
-            scene, _ = self.at(x + change)
+            scene = self._at(x + change)
         except SceneError as error:
             raise SceneError(
                 f"Response: no derivatives by x[{i}] at {here}, since there is no scene at "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from fx_beam.linear.linearisation import linearised
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 
-from .built_scenes import BuiltScenes
+from .built_scenes import NumbersOf
 from .tangent_derivatives import Product, TangentDerivatives, Weighted
 
 # Part of a sum beside which it is zero but for round-off and the place of the point.
@@ -45,8 +46,13 @@ class CriticalLoad:
     def __init__(self) -> None:
         self._tangent = TangentDerivatives(_WHAT)
 
-    def take(self, point: CriticalPoint, scene: Scene, scenes: BuiltScenes, x: np.ndarray) -> None:
-        """Take a point of the path of a scene, that of the numbers x."""
+    def take(
+        self,
+        point: CriticalPoint,
+        scene: Scene,
+        derivatives: Callable[[NumbersOf], dict[str, np.ndarray]],
+    ) -> None:
+        """Take a point of the path of a scene, with `derivatives` of numbers of scenes by x."""
         self._point, state = point, point.solution
         assert state is not None and point.modes is not None  # of a point with a load factor
         if point.kind not in (FLUTTER, "limit point", "bifurcation"):
@@ -64,7 +70,7 @@ class CriticalLoad:
         if beams is not None and beams.has_external:
             raise SceneError(f"{_WHAT}: no derivatives: added virtual works have none")
         self._tangent.begin(about, state)
-        changes = scenes.derivatives(x, scene, lambda scene, _: self._tangent.numbers_of(scene))
+        changes = derivatives(lambda scene, _: self._tangent.numbers_of(scene))
         of_factor = self._tangent.by_factor()
         #: Changes (m + 1, ...) of all numbers by x, and by the load factor.
         self._changes = {}
@@ -148,7 +154,7 @@ class CriticalLoad:
         self, by_factor: float, by_state: np.ndarray, weights: np.ndarray
     ) -> tuple[float, float]:
         """A_2, or 0 if it is round-off, and A_3."""
-        product = Product(self.psi, self.phi, 1.0)
+        product = Product(self.phi, self.psi[None], 1.0)
         _, (curved,) = self._tangent.products(self._about, [[product]], curved=True)
         curvature = float(self.phi @ curved - 3 * by_state @ weights)
         slope, size = self.phi @ by_state, abs(by_factor * self._point.load_factor)
@@ -159,7 +165,7 @@ class CriticalLoad:
 
         And those by the state, with the weights of forces that belong to these.
         """
-        product = Product(self.psi, self.phi, 1.0, mass=-self._square)
+        product = Product(self.phi, self.psi[None], 1.0, mass=-self._square)
         weighted, (by_state,) = self._tangent.products(self._about, [[product]])
         weights = self._solved(by_state)
         weighted += self._tangent.forces(-weights[None])

@@ -86,13 +86,45 @@ def jvp(
     return total.reshape(*shape, count)
 
 
+class RowOutput:
+    """An output at rows (n,) of a run, by blocks."""
+
+    #: Lengths of a row.
+    shape: tuple[int, ...] = ()
+
+    def blocks(self, rows: np.ndarray) -> Iterable[Block]:
+        """Its derivatives in some of the rows, or in all."""
+        raise NotImplementedError
+
+    def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
+        """Add the derivatives of the sum of weights (n, ...) times the output.
+
+        `later` is the sum of the weights of rows in later parts of a tape.
+        """
+        counting = np.flatnonzero(weights.reshape(len(weights), -1).any(axis=1))
+        vjp(self.blocks(counting), weights, to)
+
+    def jvp(
+        self,
+        rows: int,
+        before: np.ndarray,
+        of_state: Mapping[str, np.ndarray],
+        changes: Mapping[str, np.ndarray],
+    ) -> np.ndarray:
+        """Changes (rows, ..., m) from those of the states and of the numbers of the scene.
+
+        `before` (m,) is what earlier parts of a tape have given, to which this one adds.
+        """
+        return jvp(self.blocks(np.arange(rows)), (rows, *self.shape), of_state, changes)
+
+
 class Gradient:
     """Derivatives by states and forces of a run, and by numbers of its scene.
 
     `sizes` has the numbers of states or forces, and of the values in each, by name.
     """
 
-    def __init__(self, sizes: Mapping[str, tuple[int, int]]):
+    def __init__(self, sizes: Mapping[str, tuple[int, ...]]):
         self._sizes = sizes
         #: Those by states and forces (n, size).
         self.of_state: dict[str, np.ndarray] = {}
@@ -144,13 +176,3 @@ class Gradient:
 def along(changes: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Products (m,) of changes (m, ...) and a gradient."""
     return changes.reshape(len(changes), -1) @ np.ravel(gradient)
-
-
-def weights_of_steps(ends: np.ndarray, weights: np.ndarray, later: float, count: int) -> np.ndarray:
-    """Sums (count + 1,) of the weights of all rows from the start on, and from after each step on.
-
-    Rows with weights (n,) are after `ends` (n,) steps; `later` is the sum of those of later rows.
-    """
-    # Of no rows `bincount` gives integers, to which parts of numbers cannot be added.
-    at_ends = np.bincount(np.append(ends, count), np.append(weights, later), count + 1)
-    return at_ends[::-1].cumsum()[::-1]

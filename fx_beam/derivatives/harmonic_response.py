@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from threading import RLock
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from fx_beam.array_calls import ArrayCalls, calling_with_arrays
 from fx_beam.dual import stacked
-from fx_beam.errors import array_of, check_takes, is_one_of, require
+from fx_beam.errors import array_of, is_one_of, require
 from fx_beam.linear.harmonic import Measured, Vibration, checked_frequencies, nodal_load
-from fx_beam.linear.linearisation import check_equilibrium, linearised
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.scene import Scene
-from fx_beam.step.interrupts import one_thread
 
-from .built_scenes import BuiltScenes, checked_numbers
-from .tangent_derivatives import Product, TangentDerivatives, checked_state
+from .differentiable import one_call
+from .tangent_derivatives import Product
+from .tangent_response import TangentResponse
 
 _WHAT = "HarmonicResponse"
 _LOAD = "amplitudes of the load"
@@ -36,7 +33,7 @@ class Peak(NamedTuple):
     gradient: np.ndarray
 
 
-class HarmonicResponse:
+class HarmonicResponse(TangentResponse):
     r"""Steady vibrations under a harmonic load as a function of numbers.
 
     ``values = run(x)`` builds the scene of the numbers x and computes complex amplitudes as
@@ -94,39 +91,25 @@ class HarmonicResponse:
         *,
         state: Callable[[Scene], Solution] | None = None,
     ):
-        check_takes(build, "x", f"{_WHAT}: build")
-        if state is not None:
-            check_takes(state, "scene", f"{_WHAT}: state")
-        self._build, self._state = build, state
         self._f = checked_frequencies(frequencies, f"{_WHAT}: frequencies")
-        self._begin()
+        self._begin_tangent(build, state)
+
+    _gives, _asked = "amplitudes", _WHAT
 
     def _begin(self) -> None:
-        """Know of no call yet."""
-        self._alone, self._calls = RLock(), ArrayCalls()
-        self._scenes = BuiltScenes(self._built)
+        super()._begin()
         # What `build` gives besides a scene.
         self._given = dict[Scene, tuple]()
-        self._x: Any = None
-        self._tangent: TangentDerivatives | None = None
-        self._changes: dict[str, np.ndarray] | None = None
         self.response: FrequencyResponse
 
-    def __getstate__(self):
-        return {name: vars(self)[name] for name in ("_build", "_f", "_state")}
-
-    def __setstate__(self, given):
-        vars(self).update(given)
-        self._begin()
-
-    def _built(self, x: Any) -> tuple[Scene, Mapping[str, Any]]:
+    def _scene_at(self, x: Any) -> Scene:
         built = self._build(x)
         fits = isinstance(built, tuple) and len(built) == 3 and isinstance(built[0], Scene)
         require(fits, f"{_WHAT}: what build gives", built, "(scene, load, at)")
         self._given[built[0]] = built[1:]
-        return built[0], {"vibration": lambda solution: 0.0}
+        return built[0]
 
-    @one_thread
+    @one_call
     def __call__(self, x: Sequence[float]) -> np.ndarray:
         """Compute the vibrations of the scene of some numbers.
 
@@ -141,22 +124,18 @@ class HarmonicResponse:
             Amplitudes [m or rad] of the components, as `FrequencyResponse.values`: their size is
             the amplitude of the motion, their angle its phase.
         """
-        given, self._x, self._changes = checked_numbers(x), None, None
+        given = self._begin_call(x)
         self._given.clear()
-        with calling_with_arrays(self._calls):
-            scene, _ = self._scenes.at(given)
-            state = self._state and checked_state(self._state, scene, _WHAT)
-            self._about = about = linearised(scene, state, _WHAT)
-        check_equilibrium(about, state, _WHAT)
-        self._scene, self._end = scene, state
-        load, at = self._given[scene]
+        about = self._linearised(given)
+        load, at = self._given[self._scene]
         self._force = nodal_load(about, load, f"{_WHAT}: load")
         self._reduced = about.T.T @ self._force
         self._measured = Measured(about, at, f"{_WHAT}: at")
         self._vibration = Vibration(about, _WHAT)
         solved = [self._solved(f) for f in self._f]
-        self._motions, self._adjoints = map(np.array, zip(*solved, strict=True))
-        values = self._motions @ self._measured.rows.T
+        motions, adjoints = map(np.array, zip(*solved, strict=True))
+        self._solutions = self._f, motions, adjoints
+        values = motions @ self._measured.rows.T
         self.response = FrequencyResponse(at, self._f, self._measured.names, values)
         self._x = given
         return values.copy()
@@ -165,11 +144,11 @@ class HarmonicResponse:
         """The motion (free,) at a frequency, and those (c, free) of the adjoint components."""
         vibration, rows = self._vibration.at(frequency), self._measured.rows
         motion = vibration.solved(self._reduced)
-        return motion, np.array([vibration.solved(row + 0j, transposed=True) for row in rows])
+        return motion, vibration.solved(rows.T + 0j, transposed=True).T
 
     # -- Derivatives ------------------------------------------------------------------------------
 
-    @one_thread
+    @one_call
     def vjp(self, weights: Sequence[Any]) -> np.ndarray:
         """Derivatives of the real part of a sum of weights times amplitudes of the last call.
 
@@ -189,14 +168,15 @@ class HarmonicResponse:
         SceneError
             Before the first call, for weights of another shape, and for scenes without derivatives.
         """
-        self._begin_derivatives("vjp")
+        self._check_has_run("vjp")
         what, values = f"{_WHAT}.vjp: weights", self.response.values
         given = array_of(np.real(weights), what) + 1j * array_of(np.imag(weights), what)
         fits = given.shape == values.shape and np.isfinite(given).all()
         require(bool(fits), what, weights, f"{values.shape} finite numbers")
-        return self._derivatives([[*enumerate(given)]])[0]
+        rows = zip(*self._solutions, given[:, None], strict=True)
+        return self._of_sums([[self._product(*row) for row in rows]])[0]
 
-    @one_thread
+    @one_call
     def jacobian(self) -> np.ndarray:
         """Derivatives of all amplitudes of the last call by all numbers.
 
@@ -210,14 +190,14 @@ class HarmonicResponse:
         SceneError
             As of `vjp`.
         """
-        self._begin_derivatives("jacobian")
+        self._check_has_run("jacobian")
         values = self.response.values
-        units = np.eye(values.shape[1])
-        sums = [[(k, u * part)] for k in range(len(values)) for u in units for part in (1, -1j)]
-        parts = self._derivatives(sums).reshape(*values.shape, 2, -1)
-        return parts[..., 0, :] + 1j * parts[..., 1, :]
+        parts = np.vstack([np.eye(values.shape[1]) * part for part in (1, -1j)])
+        sums = [[self._product(*of, parts)] for of in zip(*self._solutions, strict=True)]
+        rows = self._of_sums(sums).reshape(len(values), 2, -1, len(self._x))
+        return rows[:, 0] + 1j * rows[:, 1]
 
-    @one_thread
+    @one_call
     def peaks(self, component: str) -> list[Peak]:
         """The peaks of an amplitude between the frequencies, with derivatives of their heights.
 
@@ -239,7 +219,7 @@ class HarmonicResponse:
         SceneError
             As of `vjp`, and for a name that is none.
         """
-        self._begin_derivatives("peaks")
+        self._check_has_run("peaks")
         names = self.response.names
         what = f"{_WHAT}.peaks: component"
         require(is_one_of(component, names), what, component, f"one of {', '.join(names)}")
@@ -261,54 +241,39 @@ class HarmonicResponse:
             motion, adjoints = self._solved(found.x)
             value = row @ motion
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
-            gradient = self._of_sums([[self._product(found.x, motion, weights, adjoints)]])[0]
+            gradient = self._of_sums([[self._product(found.x, motion, adjoints, weights[None])]])[0]
             peaks.append(Peak(float(found.x), float(abs(value)), gradient))
         return peaks
 
-    def _begin_derivatives(self, what: str) -> None:
-        wanted = "called after run(x) without an error"
-        require(self._x is not None, f"{_WHAT}.{what}", "no amplitudes yet", wanted)
-        if self._changes is not None:
-            return
-        damped = self._vibration.damped
-        if self._tangent is None or self._tangent.damped != damped:
-            self._tangent = TangentDerivatives(_WHAT, damped)
-        self._tangent.begin(self._about, self._end)
-        with calling_with_arrays(self._calls):
-            changes = self._scenes.derivatives(self._x, self._scene, self._numbers_of)
+    @property
+    def _is_damped(self) -> bool:
+        return self._vibration.damped
+
+    def _changes_by_x(self) -> dict[str, np.ndarray]:
+        changes = super()._changes_by_x()
         self._given = {self._scene: self._given[self._scene]}
         self._load_changes = changes.pop(_LOAD) @ np.kron(np.eye(3), [[1], [1j]])
-        self._changes = changes
+        return changes
 
     def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:
         """The numbers of a scene and of its load, whose node is that of the last call."""
-        assert self._tangent is not None  # after `_begin_derivatives`
         _, components = self._given[scene][0]
         parts = [(c.real, c.imag) if np.iscomplexobj(c) else (c, 0.0) for c in components]
         flat = np.reshape(stacked(parts), -1)
         filled = np.concatenate([flat, np.zeros(6 - len(flat))])
-        return self._tangent.numbers_of(scene) | {_LOAD: filled}
-
-    def _derivatives(self, sums: list[list[tuple[int, np.ndarray]]]) -> np.ndarray:
-        """Derivatives (n, m) of real parts of sums of weights (c,) times amplitudes."""
-        x, adjoints, f = self._motions, self._adjoints, self._f
-        products = [[self._product(f[k], x[k], of, adjoints[k]) for k, of in row] for row in sums]
-        return self._of_sums(products)
+        return super()._numbers_of(scene, change) | {_LOAD: filled}
 
     def _product(
-        self, frequency: float, motion: np.ndarray, weights: np.ndarray, adjoints: np.ndarray
+        self, frequency: float, motion: np.ndarray, adjoints: np.ndarray, weights: np.ndarray
     ) -> Product:
-        """Its derivatives are those of weights times amplitudes, but by the load's numbers."""
+        """Its derivatives are those of weights (n, c) times amplitudes, but by the load."""
         w, of_nodes = 2 * np.pi * frequency, weights @ self._measured.of_nodes
         factors = (-1.0, -1j * w, w**2, 1 / w if w else 1.0)
-        left = weights @ adjoints
-        return Product(left, motion, *factors, on_left=self._force, on_right=of_nodes)
+        return Product(motion, weights @ adjoints, *factors, self._force, of_nodes)
 
-    def _of_sums(self, sums: list[list[Product]]) -> np.ndarray:
-        tangent, changes, about = self._tangent, self._changes, self._about
-        assert tangent is not None and changes is not None  # after `_begin_derivatives`
-        node = self._given[self._scene][0][0]
-        at_node = about.T[about.model.mesh.dofs[node.number]]
-        by_load = [sum(at_node @ product.left for product in products) for products in sums]
-        by_load = np.array(by_load) @ self._load_changes.T
-        return tangent.of_sums(about, sums, changes) + by_load.real
+    def _of_sums(self, sums: Sequence[Sequence[Product]]) -> np.ndarray:
+        by_x, node = super()._of_sums(sums), self._given[self._scene][0][0]
+        at_node = self._about.T[self._about.model.mesh.dofs[node.number]]
+        lefts = [sum(of.left for of in products) for products in sums]
+        by_load = np.concatenate(lefts) @ at_node.T @ self._load_changes.T
+        return by_x + by_load.real

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from threading import RLock
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from fx_beam.array_calls import ArrayCalls, calling_with_arrays
-from fx_beam.errors import SceneError, array_of, check_takes, is_flag, is_whole, require
-from fx_beam.linear.linearisation import Linearisation, check_equilibrium, linearised
+from fx_beam.errors import SceneError, array_of, is_flag, is_whole, require
 from fx_beam.linear.modal import lowest_modes
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
-from fx_beam.step.interrupts import one_thread
 from fx_beam.step.undamped_modes import count_below
 
-from .built_scenes import BuiltScenes, checked_numbers
-from .tangent_derivatives import Product, TangentDerivatives, checked_state
+from .differentiable import one_call
+from .tangent_derivatives import Product
+from .tangent_response import TangentResponse
 
 _log = logging.getLogger("fx_beam")
 # Squares of angular frequencies that differ by less, relative to them, are repeated.
@@ -37,7 +34,7 @@ _REPEATED = (
 )
 
 
-class ModalResponse:
+class ModalResponse(TangentResponse):
     r"""Natural frequencies of a scene as a function of numbers.
 
     ``w = run(x)`` builds the scene of the numbers x and computes its lowest modes, as `modes` does
@@ -74,7 +71,7 @@ class ModalResponse:
         If `build` or `state` is no function of its argument; in a call if x are not finite numbers,
         if `build` does not give a scene, or `state` no static solution of it, and as of `modes`. In
         derivatives for scenes with closed loops, nodes that slide on beams, contact with members,
-        internal variables or a spin; or if the tangent of the state is singular.
+        friction that sticks or a spin; or if the tangent of the state is singular.
 
     Examples
     --------
@@ -102,39 +99,25 @@ class ModalResponse:
         state: Callable[[Scene], Solution] | None = None,
         damped: bool = False,
     ):
-        check_takes(build, "x", "ModalResponse: build")
-        if state is not None:
-            check_takes(state, "scene", "ModalResponse: state")
         require(is_whole(n, 1), "ModalResponse: n", n, "a whole number from 1 on")
         require(is_flag(damped), "ModalResponse: damped", damped, "True or False")
-        self._build, self._n, self._state, self._damped = build, n, state, damped
-        self._begin()
+        self._n, self._damped = n, damped
+        self._begin_tangent(build, state)
+
+    _gives, _asked = "modes", "modes"
 
     def _begin(self) -> None:
-        """Know of no call yet."""
-        self._alone, self._calls = RLock(), ArrayCalls()
-        self._scenes = BuiltScenes(self._built)
-        self._x: Any = None
+        super()._begin()
         # Shapes (size, n) of the last modes in their places.
         self._shapes: np.ndarray | None = None
-        self._tangent = TangentDerivatives("ModalResponse", self._damped)
-        self._about: Linearisation | None = None
-        self._changes: dict[str, np.ndarray] | None = None
         self.modes: Modes
 
-    def __getstate__(self):
-        return {name: vars(self)[name] for name in ("_build", "_n", "_state", "_damped")}
-
-    def __setstate__(self, given):
-        vars(self).update(given)
-        self._begin()
-
-    def _built(self, x: Any) -> tuple[Scene, Mapping[str, Any]]:
+    def _scene_at(self, x: Any) -> Scene:
         scene = self._build(x)
         require(isinstance(scene, Scene), "ModalResponse: what build gives", scene, "a Scene")
-        return scene, {"modes": _nothing}
+        return scene
 
-    @one_thread
+    @one_call
     def __call__(self, x: Sequence[float]) -> np.ndarray:
         """Compute the modes of the scene of some numbers.
 
@@ -150,15 +133,8 @@ class ModalResponse:
             `Modes.angular_frequencies`; fewer than n if the scene has fewer. With `damped` (n, 2),
             in the second column damping ratios.
         """
-        given, self._x = checked_numbers(x), None
-        self._about = None  # so that its model serves again
-        self._changes = None
-        with calling_with_arrays(self._calls):
-            scene, _ = self._scenes.at(given)
-            state = self._state and checked_state(self._state, scene, "ModalResponse")
-            about = linearised(scene, state, "modes")
-        check_equilibrium(about, state, "modes")
-        self._scene, self._about, self._end = scene, about, state
+        given = self._begin_call(x)
+        about = self._linearised(given)
         more = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + more) < _SAME:
             self._take_modes(2 * self._n + _MORE)
@@ -171,19 +147,19 @@ class ModalResponse:
 
     def _take_modes(self, count: int) -> float:
         """Have the lowest modes in their places; how much the least is like the last one there."""
-        assert self._about is not None  # after `linearised`
         omega, _, ratios, roots, vectors = lowest_modes(self._about, count, self._damped)
-        order, alike = self._places(self._about, vectors)
+        order, alike = self._places(vectors)
         self._omega, self._ratios, self._roots = omega[order], ratios[order], roots[order]
         self._vectors = vectors[:, order]
         return alike
 
-    def _places(self, about: Linearisation, vectors: np.ndarray) -> tuple[np.ndarray, float]:
+    def _places(self, vectors: np.ndarray) -> tuple[np.ndarray, float]:
         """Modes in the order of the last shapes, then the others; and how much the least is alike.
 
         By the modal assurance criterion.
         """
-        shapes, last = about.T @ vectors, self._shapes
+        about, last = self._about, self._shapes
+        shapes = about.T @ vectors
         every = np.arange(shapes.shape[1])
         if last is None or len(last) != len(shapes) or last.shape[1] > len(every):
             return every, 1.0
@@ -195,7 +171,7 @@ class ModalResponse:
 
     # -- Derivatives ------------------------------------------------------------------------------
 
-    @one_thread
+    @one_call
     def jacobian(self) -> np.ndarray:
         """Derivatives of the frequencies of the last call by all numbers.
 
@@ -212,7 +188,8 @@ class ModalResponse:
         SceneError
             Before the first call, for scenes without derivatives, and for overdamped modes.
         """
-        self._begin_derivatives("jacobian")
+        self._check_has_run("jacobian")
+        self._changes()
         outputs = 1 + self._damped
         jacobian = np.zeros((len(self._omega), outputs, len(self._x)))
         groups = [*self._groups()]
@@ -228,7 +205,7 @@ class ModalResponse:
             jacobian[group, 0] = np.linalg.eigvalsh(matrices).T  # reads the lower triangles
         return jacobian[: self._n] if self._damped else jacobian[: self._n, 0]
 
-    @one_thread
+    @one_call
     def vjp(self, weights: Sequence[float]) -> np.ndarray:
         """Derivatives of a sum of weights times frequencies of the last call, by all numbers.
 
@@ -248,7 +225,8 @@ class ModalResponse:
             As of `jacobian`; for weights of another shape, and for different ones of modes with the
             same frequency, since only their sum has a gradient.
         """
-        self._begin_derivatives("vjp")
+        self._check_has_run("vjp")
+        self._changes()
         what = "ModalResponse.vjp: weights"
         shape = (len(self.modes), 2) if self._damped else (len(self.modes),)
         given = array_of(weights, what)
@@ -268,33 +246,23 @@ class ModalResponse:
                 squares.append(self._square(mode, every[mode]))
         return self._of_sums([squares])[0] if squares else np.zeros(len(self._x))
 
-    def _begin_derivatives(self, what: str) -> None:
-        wanted = "called after run(x) without an error"
-        require(self._x is not None, f"ModalResponse.{what}", "no modes yet", wanted)
-        if self._changes is None:
-            assert self._about is not None  # after a call
-            self._tangent.begin(self._about, self._end)
-            if self._copies_above():
-                self._take_modes(2 * self._n + _MORE)
-            with calling_with_arrays(self._calls):
-                self._changes = self._scenes.derivatives(
-                    self._x, self._scene, lambda scene, _: self._tangent.numbers_of(scene)
-                )
+    @property
+    def _is_damped(self) -> bool:
+        return self._damped
+
+    def _changes_by_x(self) -> dict[str, np.ndarray]:
+        changes = super()._changes_by_x()
+        if self._copies_above():
+            self._take_modes(2 * self._n + _MORE)
+        return changes
 
     def _copies_above(self) -> bool:
         """Whether modes may have the frequency of the highest one and are not among these."""
-        assert self._about is not None  # after a call
         if self._damped:
             return False
         highest = self._omega.max()
         bound = highest * abs(highest) + 2 * _EQUAL * highest**2
         return count_below(self._about.K, self._about.M, bound) != len(self._omega)
-
-    def _of_sums(self, sums: Sequence[Sequence[Product]]) -> np.ndarray:
-        """Derivatives (n, m) of sums of squares."""
-        about, changes = self._about, self._changes
-        assert about is not None and changes is not None  # after `_begin_derivatives`
-        return self._tangent.of_sums(about, sums, changes) if sums else np.zeros((0, len(self._x)))
 
     def _groups(self) -> Iterator[np.ndarray]:
         """Modes that are not rigid, those with the same root together."""
@@ -316,13 +284,12 @@ class ModalResponse:
                 f"ModalResponse: mode {mode} does not vibrate: it is overdamped, or grows, and has "
                 "no derivatives with damped=True"
             )
-        assert self._about is not None  # after a call
         m, k = x @ (self._about.M @ x), x @ (self._about.K @ x)
         of_root = weights[0] * np.conj(s) / w if s.imag else -weights[0]
         if self._damped:
             of_root += weights[1] * (s.real * np.conj(s) / w**2 - 1) / w
         factor = -of_root / (s * m - k / s)  # as s^2 m + s c + k = 0
-        return Product(x, x, factor, factor * s, factor * s**2, 1 / w)
+        return Product(x, None, factor, factor * s, factor * s**2, 1 / w)
 
     def _sums_of(self, group: np.ndarray) -> Iterator[list[Product]]:
         """Of a mode those for its frequency and damping ratio; of more those of their matrix.
@@ -341,9 +308,5 @@ class ModalResponse:
         _log.warning(_REPEATED, len(group), self._omega[group[0]])
         unit = self._square(group[0], np.ones(1))
         for i, j in zip(*np.tril_indices(len(group)), strict=True):
-            yield [unit._replace(left=self._vectors[:, group[i]], right=self._vectors[:, group[j]])]
-
-
-def _nothing(solution: Solution) -> float:
-    """The output of a scene of which only modes are asked for."""
-    return 0.0
+            left, right = self._vectors[:, group[[i]]].T, self._vectors[:, group[j]]
+            yield [unit._replace(left=left, right=right)]

@@ -3,35 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from threading import RLock
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from fx_beam.errors import SceneError, array_of, check_takes, numbers, require, shown
 from fx_beam.step.interrupts import one_thread
 
+from .differentiable import Differentiable
+
 #: ``function(t, y)`` gives a value, and its derivatives by outputs, by name.
 Cost = Callable[[np.ndarray, dict[str, np.ndarray]], tuple[float, Mapping[str, np.ndarray]]]
-
-
-class Differentiable(Protocol):
-    """What a response has."""
-
-    stats: Any
-    _alone: RLock
-
-    def __call__(self, x: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Times and outputs."""
-        ...
-
-    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Derivatives of a sum of weights times outputs."""
-        ...
-
-    def jacobian(self, *names: str) -> dict[str, np.ndarray]:
-        """Derivatives of outputs."""
-        ...
 
 
 class Objective:

@@ -12,24 +12,25 @@ from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
-from fx_beam.step.tape import Tape
+from fx_beam.step.tape import Steps, Tape
 
-from .energy_gradients import EnergyOutput
-from .gradient import Gradient, jvp, vjp
-from .linear_outputs import LocalOutput, Places, needs_rates
-from .resultant_outputs import ResultantOutput
-from .sub_steps import SubSteps
-from .work_outputs import (
+from .energy_outputs import (
     SINCE_START,
+    EnergyOutput,
     WorkOutput,
     check_work,
     fits_rates,
     sums_losses,
     sums_steps,
 )
+from .gradient import Gradient, RowOutput
+from .local_outputs import LocalOutput, Places, ResultantOutput, needs_rates
+from .sub_steps import SubSteps
 
 # Rates that fit the joints, and the impulses that make them fit, by their names as states.
 _FITTED = "rates", "impulses of joints", "impulses of columns"
+# Where no output needs the steps that end in its rows.
+_NO_STEPS = Steps(*[np.empty(0, dtype=int)] * 5)
 #: States (n, ...) before some sub-steps, by the names of the derivatives by them.
 StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 
@@ -74,32 +75,32 @@ class Observation:
     ):
         self._model, self._tape, self._rows = model, tape, len(boundaries)
         self._forces, self._part = forces, tape.present
-        fits = model.fitted_rates is not None
         needed = any(observes_rates(model, output) for output in outputs.values())
-        steps = tape.steps_to(boundaries)
+        of_beams = any(isinstance(output.of, Beam) for output in outputs.values())
+        steps = tape.steps_to(boundaries) if needed or of_beams else _NO_STEPS
         moving = needed and not model.scheme.rates.at_rest
         every = [boundaries, *[steps.starts] * moving]
-        if any(isinstance(output.of, Beam) for output in outputs.values()):
+        if of_beams:
             within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
             every += [within, within + 1, np.maximum(within - 1, 0)]
         self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
         first, end = self._part
-        if any(output.quantity in SINCE_START for output in outputs.values()) and not first:
+        if summed(outputs) and not first:
             every.append(np.zeros(1, dtype=int))
         if any(sums_steps(model, output) for output in outputs.values()):
             every.append(np.arange(first, end + 1))
             if model.couplings.driven:
                 self.sub_steps = np.arange(first, end)
         #: Sub-steps before the states that outputs need, and those whose forces they need.
-        self.boundaries = np.unique(np.concatenate(every))
-        ends, starts = np.searchsorted(self.boundaries, [boundaries, steps.starts])
+        self.boundaries = np.unique(np.concatenate(every)) if len(every) > 1 else boundaries
+        ends = np.searchsorted(self.boundaries, boundaries)
+        starts = np.searchsorted(self.boundaries, steps.starts)
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
         self._places = Places(ends, starts, boundaries > 0, steps, forces_at)
         self._states = states_at(self.boundaries)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
-        if fits and needed:
-            assert model.fitted_rates is not None
+        if model.fitted_rates is not None and needed:
             driven = Forcing(model).end_rates(*rates_at(tape, self.boundaries))
             q, v, slides = (self._states[name] for name in ("q", "v", "slides"))
             self._fit = model.fitted_rates.derivatives(q, v, slides, driven)
@@ -107,9 +108,7 @@ class Observation:
         self._of = SubSteps(model, tape, self.boundaries, self._states)
         self._outputs = {name: self._observed(output) for name, output in outputs.items()}
 
-    def _observed(
-        self, output: Output
-    ) -> LocalOutput | EnergyOutput | ResultantOutput | WorkOutput:
+    def _observed(self, output: Output) -> RowOutput:
         model, places, of = self._model, self._places, self._of
         if output.quantity in SINCE_START:
             return WorkOutput(of, output.quantity, places.ends, self._forces)
@@ -120,17 +119,12 @@ class Observation:
         return LocalOutput(model, output, places, self._states)
 
     @property
-    def _sizes(self) -> dict[str, tuple[int, int]]:
+    def _sizes(self) -> dict[str, tuple[int, ...]]:
         model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
-        columns = model.reduction.columns - model.reduction.free
-        joints, driven = model.sizes["joints"], model.couplings.driven
-        of_state = {"q": model.size, "v": model.size, "rates": model.size, "slides": joints}
-        of_state |= {"internal": int(np.prod(model.forms.internal_shape))}
-        of_state |= {"spring internal": model.points.width, "driven rates": driven}
-        of_state |= {"impulses of joints": 3 * joints, "impulses of columns": columns}
-        of_steps = {"constraints": columns, "joints": 3 * joints}
-        sizes = {name: (n, size) for name, size in of_state.items()}
-        return sizes | {name: (k, size) for name, size in of_steps.items()}
+        columns, joints = model.reduction.columns - model.reduction.free, 3 * model.sizes["joints"]
+        sizes: dict[str, tuple[int, ...]] = {name: of.shape for name, of in self._states.items()}
+        sizes |= {"impulses of joints": (n, joints), "impulses of columns": (n, columns)}
+        return sizes | {"constraints": (k, columns), "joints": (k, joints)}
 
     def vjp(self, weights: Mapping[str, np.ndarray], later: Mapping[str, float]) -> Gradient:
         """Derivatives of the sum of weights (n, ...) times outputs, by states and by numbers.
@@ -139,14 +133,7 @@ class Observation:
         """
         gradient = Gradient(self._sizes)
         for name, output in self._outputs.items():
-            weight = weights[name]
-            if isinstance(output, WorkOutput):
-                output.vjp(weight, later[name], gradient)
-            elif isinstance(output, ResultantOutput):
-                output.vjp(weight, gradient)
-            else:
-                counting = np.flatnonzero(weight.reshape(len(weight), -1).any(axis=1))
-                vjp(output.blocks(counting), weight, gradient)
+            output.vjp(weights[name], later.get(name, 0.0), gradient)
         if self._fit is not None:
             rates, joints, columns = (gradient.at(name) for name in _FITTED)
             joints = joints.reshape(len(joints), -1, 3)
@@ -180,16 +167,11 @@ class Observation:
             given = {name: of_state[name] for name in ("q", "v", "slides")}
             given["driven rates"] = driven
             of_state |= dict(zip(_FITTED, self._fit.jvp(given, changes), strict=True))
-        values, rows = dict[str, np.ndarray](), self._rows
-        for name, output in self._outputs.items():
-            if isinstance(output, WorkOutput):
-                values[name] = output.jvp(rows, before[name], of_state, changes)
-            elif isinstance(output, ResultantOutput):
-                values[name] = output.jvp(rows, of_state, changes)
-            else:
-                blocks, shape = output.blocks(np.arange(rows)), (rows, *output.shape)
-                values[name] = jvp(blocks, shape, of_state, changes)
-        return values
+        none = np.empty(0)
+        return {
+            name: output.jvp(self._rows, before.get(name, none), of_state, changes)
+            for name, output in self._outputs.items()
+        }
 
 
 def observes_rates(model: Model, output: Output) -> bool:

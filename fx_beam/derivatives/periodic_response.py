@@ -9,11 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.linalg
 
-from fx_beam.array_calls import calling_with_arrays
 from fx_beam.dual import stacked
 from fx_beam.errors import SceneError, check_takes, is_whole, require
 from fx_beam.motions.numbers import OF_STEPS, numbers_of, observed_numbers_of
-from fx_beam.motions.prepared import Prepared
 from fx_beam.orbits.closing import NO_SHIFT, ROUND_OFF, ROUNDING, turning_point
 from fx_beam.orbits.periodic_family import without_trivial
 from fx_beam.orbits.shooting import Directions, Period, Shooting
@@ -22,21 +20,19 @@ from fx_beam.results.vibrations import PeriodicMotion
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.outputs import PERIOD, Output
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import ElsewhereError
-from fx_beam.step.interrupts import one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
-from .built_scenes import BuiltScenes, refuse_others
-from .energy_gradients import EnergyOutput
+from .built_scenes import refuse_others
+from .differentiable import one_call
+from .energy_outputs import SINCE_START, EnergyOutput
 from .gradient import jvp
 from .observation import observes_rates, rates_at
 from .output_values import Wanted
 from .response import Response
-from .static_derivatives import StaticDerivatives
+from .static_derivatives import change_of_end
 from .sub_steps import SubSteps
-from .work_outputs import SINCE_START
 
 _WHAT = "PeriodicResponse"
 # Relative changes of the period, and of a state along a deviation, for central differences.
@@ -126,42 +122,41 @@ class PeriodicResponse(Response):
 
     def _begin(self) -> None:
         super()._begin()
-        self._scenes = BuiltScenes(self._built)
         self._frequency = 0.0
         self.motion: PeriodicMotion
         self._shooting: Shooting
-        self._other: Prepared | None = None
         self._slopes: _Slopes | None = None
 
-    def _built(self, x: Any) -> tuple[Scene, Mapping[str, Wanted]]:
-        build: Callable[..., tuple] = self._build
-        return build(x, self._frequency) if self._finds_frequency else build(x)
+    def _built(self, x: Any) -> Any:
+        return self._build(x, self._frequency) if self._finds_frequency else self._build(x)
 
     def _scene_of(self, frequency: float) -> Scene:
         """The scene of the last numbers for a frequency of its loads."""
         self._frequency = frequency
-        return self._scenes.at(self._given)[0]
+        return self._scene_at(self._given)
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        self._given, self._known_changes, self._slopes, self._other = x, None, None, None
+        self._given, self._slopes, self._other = x, None, None
         if self._finds_frequency:
             self.motion = self._motion_of(self._scene_of)
         else:
-            self._scene, self._outputs = self._scenes.at(x)
+            self._scene, self._outputs = self._at(x)
             self.motion = self._motion_of(self._scene)
         is_motion = isinstance(self.motion, PeriodicMotion)
         require(is_motion, f"{_WHAT}: motion", self.motion, "a PeriodicMotion")
         self._cycle = cycle = self.motion._cycle
         if self._finds_frequency:
             self._frequency = cycle.period.parameter
-            self._scene, self._outputs = self._scenes.at(x)
+            self._scene, self._outputs = self._at(x)
         self._shooting = Shooting(self._scene, cycle.options)
         fits = len(cycle.period.start.q) == self._shooting.model.size
         require(fits, f"{_WHAT}: motion", self.motion, "that of the scene, or of the build, given")
         #: The motion; its parameter is its length here.
         self._period = cycle.period._replace(parameter=cycle.period.length)
-        solution = self._shooting.solution(self._period)
-        self.stats, self._t, self._end = solution.stats, solution.t[1:], solution.end
+        solution, model = self._shooting.solution(self._period), self._shooting.model
+        self.stats, self._t = solution.stats, solution.t[1:]
+        assert solution.end is not None  # of steps that are all taken
+        self._end = solution.end.renumbered(model.from_nodes)
         return self._t.copy(), self._read_all(solution)
 
     def _values_of(self, solution: Solution, of: Wanted, name: str) -> np.ndarray:
@@ -189,7 +184,7 @@ class PeriodicResponse(Response):
 
     # -- Derivatives ------------------------------------------------------------------------------
 
-    @one_thread
+    @one_call
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
         """As of `Response`, by its Jacobian: the monodromy matrix takes most of the time."""
         self._check_has_run("vjp")
@@ -198,11 +193,11 @@ class PeriodicResponse(Response):
         parts = [np.tensordot(of, jacobian[name], of.ndim) for name, of in given.items()]
         return sum(parts, np.zeros(len(self._x)))
 
-    @one_thread
+    @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
         """As of `Response`; of a period (m,)."""
         self._check_has_run("jacobian")
-        wanted = self._differentiable(names or self._scenes.names, f"{_WHAT}.jacobian: names")
+        wanted = self._differentiable(names or self._names, f"{_WHAT}.jacobian: names")
         others = [name for name in wanted if name not in self._periods(wanted)]
         of_period = self._solved().period
         jacobian = {name: self._period.length * of_period for name in self._periods(wanted)}
@@ -213,7 +208,7 @@ class PeriodicResponse(Response):
             jacobian |= {name: of_rows[name] + rows[name][..., None] * of_period for name in others}
         return {name: jacobian[name] for name in wanted}
 
-    @one_thread
+    @one_call
     def multipliers(self, n: int = 1) -> tuple[np.ndarray, np.ndarray]:
         r"""The largest Floquet multipliers, with their derivatives by all numbers.
 
@@ -265,24 +260,26 @@ class PeriodicResponse(Response):
     def _of_deviation(self, deviation: np.ndarray) -> np.ndarray:
         """Derivatives (n, m) by x of what becomes of a deviation (n,) of the start in a period."""
         shooting, by, period, slopes = self._shooting, self._by, self._period, self._solved()
-        unit, ends = by.matrix[by.independent], list[np.ndarray]()
-        h = _DEVIATION * (period.size if period.moves else 1.0) / abs(deviation).max()
-        for change in (-h, h):
+        unit = by.matrix[by.independent]
+
+        def beside(change: float) -> np.ndarray:
             start = shooting.moved(period.start, by, change * deviation)
             shooting.run(start, period.parameter)
             # The same change of independent variables, whose others follow from another state.
             there = shooting.directions(start, period.length)
             amounts = np.linalg.solve(there.matrix[by.independent], unit @ slopes.start.T).T
             changes = _added(self._numbers_by_x(), there, amounts)
-            ends.append(shooting.slopes(changes, period)[0][by.independent])
-        rows = (ends[1] - ends[0]) / (2 * h)
+            return shooting.slopes(changes, period)[0][by.independent]
+
+        def longer(change: float) -> np.ndarray:
+            shooting.run(period.start, period.parameter * (1 + change))
+            return shooting.slopes(along, period)[0][by.independent]
+
+        size = period.size if period.moves else 1.0
+        rows = _slope(beside, _DEVIATION * size / abs(deviation).max())
         if slopes.period.any():
             along = {name: np.tensordot(deviation[None], of, 1) for name, of in by.changes.items()}
-            ends = []
-            for change in (-_CHANGE, _CHANGE):
-                shooting.run(period.start, period.parameter * (1 + change))
-                ends.append(shooting.slopes(along, period)[0][by.independent])
-            rows += (ends[1] - ends[0]) / (2 * _CHANGE) * slopes.period
+            rows += _slope(longer, _CHANGE) * slopes.period
         return np.linalg.solve(unit, rows)
 
     def _periods(self, names: Any) -> list[str]:
@@ -389,12 +386,7 @@ class PeriodicResponse(Response):
                 f"{_WHAT}: an amplitude about a state has derivatives if motion(scene) computes "
                 "this by static(scene). Or give the energy"
             )
-        of = StaticDerivatives(path)
-        changes = self._scenes.derivatives(
-            self._x, self._scene, lambda scene, change: of.numbers_of(scene)
-        )
-        refuse_others(changes, of.names, _WHAT)
-        at_rest = of.change_of_end(changes).of_nodes
+        at_rest = change_of_end(path, self._derivatives, _WHAT).of_nodes
         return np.array([model.from_nodes(path.model.to_nodes(row))[cycle.held] for row in at_rest])
 
     def _energy_by_x(self, changes: dict[str, np.ndarray]) -> np.ndarray:
@@ -417,13 +409,13 @@ class PeriodicResponse(Response):
         """At a fold the left vector of S_y - 1 leaves the frequency alone."""
         period, frequency = self._period, self._frequency
         vector = np.linalg.svd(matrix)[0][:, -1]
-        gaps = []
-        for change in (-_CHANGE, _CHANGE):
-            scene = self._scene_of(frequency * (1 + change))
-            other = Shooting(scene, self._cycle.options)
-            gaps.append(other.run(period.start, period.length / (1 + change)).gap)
+
+        def gap(change: float) -> np.ndarray:
+            other = Shooting(self._scene_of(frequency * (1 + change)), self._cycle.options)
+            return other.run(period.start, period.length / (1 + change)).gap
+
+        of_frequency = _slope(gap, _CHANGE)[self._by.independent]
         self._frequency = frequency
-        of_frequency = (gaps[1] - gaps[0])[self._by.independent] / (2 * _CHANGE)
         self._lay()
         by_x = (vector @ right) / (vector @ of_frequency)  # of the period, the inverse
         return _Slopes(np.zeros((len(self._x), matrix.shape[1])), by_x)
@@ -432,59 +424,50 @@ class PeriodicResponse(Response):
         """Derivatives of outputs by the logarithm of the period, at the same start."""
         if not self._solved().period.any():
             return {name: np.zeros(self._shapes[name]) for name in names}
-        period, outputs, ends = self._period, self._outputs, []
-        for change in (-_CHANGE, _CHANGE):
+        period, of = self._period, {name: self._outputs[name] for name in names}
+
+        def longer(change: float) -> list[np.ndarray]:
             length = period.length * (1 + change)
-            longer = period._replace(length=length, parameter=length)
-            solution = self._shooting.solution(longer)
-            ends.append([self._values_of(solution, outputs[name], name) for name in names])
+            solution = self._shooting.solution(period._replace(length=length, parameter=length))
+            return [self._values_of(solution, of[name], name) for name in names]
+
+        ends = zip(longer(-_CHANGE), longer(_CHANGE), strict=True)
+        slopes = {name: (b - a) / (2 * _CHANGE) for name, (a, b) in zip(names, ends, strict=True)}
         self._lay()
-        differences = ((high - low) / (2 * _CHANGE) for low, high in zip(*ends, strict=True))
-        return dict(zip(names, differences, strict=True))
+        return slopes
 
     def _lay(self) -> Period:
         """Have the steps of the motion on the tape."""
         return self._shooting.run(self._period.start, self._period.parameter)
 
     def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
-        self._check_has_run(what)
         shooting = self._shooting
         return shooting.model, shooting.tape, shooting.derivatives
 
-    def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
-        return self._total_changes()
-
-    def _total_changes(self) -> dict[str, np.ndarray]:
+    def _changes(self) -> dict[str, np.ndarray]:
         """Derivatives (m, ...) of all numbers by x, those of the start of the motion among them."""
         of_start = self._solved().start
         return _added(self._numbers_by_x(), self._by, of_start)
 
     def _numbers_by_x(self) -> dict[str, np.ndarray]:
         """The same with the independent variables of the start held."""
-        if self._known_changes is None:
-            model = self._shooting.model
-            with calling_with_arrays(self._series.calls):
-                changes = self._scenes.derivatives(self._x, self._scene, self._numbers_of_scene)
-            at_start = changes.pop(_AT_START)
-            prescribed = len(model.prescribed)
-            changes["q"][:, model.prescribed] = at_start[:, :prescribed]
-            changes["motors"] = at_start[:, prescribed:]
-            for name in OF_STEPS & changes.keys():
-                if (later := changes.pop(name + _LATER, None)) is not None:
-                    _check_repeats(changes[name], later)
-            self._known_changes = changes
-            self.stats.difference_reason = self._scenes.reason
-        return self._known_changes
+        return super()._changes()
+
+    def _changes_by_x(self) -> dict[str, np.ndarray]:
+        changes, model = self._derivatives(self._numbers_of_scene), self._shooting.model
+        at_start, prescribed = changes.pop(_AT_START), len(model.prescribed)
+        changes["q"] = changes["q"].copy()
+        changes["q"][:, model.prescribed] = at_start[:, :prescribed]
+        changes["motors"] = at_start[:, prescribed:]
+        for name in OF_STEPS & changes.keys():
+            if (later := changes.pop(name + _LATER, None)) is not None:
+                _check_repeats(changes[name], later)
+        return changes
 
     def _numbers_of_scene(self, scene: Scene, change: Any) -> dict[str, Any]:
         """Numbers of the steps of this motion for another scene, from the same state."""
         tape, start, period = self._shooting.tape, self._period.start, self._period.length
-        other = self._other or Prepared(self._scene, self._shooting.prepared.options)
-        try:
-            other.refill_model(scene)
-        except ElsewhereError:
-            other = Prepared(scene, other.options)
-        self._other = other
+        other = self._with_numbers_of(scene, self._shooting.prepared.options)
         t0, t1 = tape.starts, tape.starts + tape.lengths
         numbers: dict[str, Any] = numbers_of(other, start, t0, t1)
         later = numbers_of(other, start, t0 + period, t1 + period)
@@ -495,6 +478,12 @@ class PeriodicResponse(Response):
             rates = rates_at(tape, np.arange(len(tape) + 1))
             numbers |= observed_numbers_of(other, start, *rates, False)
         return numbers
+
+
+def _slope(function: Callable[[float], np.ndarray], h: float) -> np.ndarray:
+    """The derivative at zero, by a central difference."""
+    low, high = function(-h), function(h)
+    return (high - low) / (2 * h)
 
 
 def _check_repeats(changes: np.ndarray, later: np.ndarray) -> None:

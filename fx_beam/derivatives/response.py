@@ -6,47 +6,41 @@ import functools
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from threading import RLock
 from time import perf_counter
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any
 
 import numpy as np
 
-from fx_beam.array_calls import calling_with_arrays
 from fx_beam.dual import Dual, have_slopes, plain
 from fx_beam.equilibria.statics import LoadPath
-from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require
+from fx_beam.errors import SceneError, array_of, check_takes, is_one_of, positive, require, shown
 from fx_beam.laws.schemes import Scheme
 from fx_beam.motions.initial_state import rates_with_slopes
 from fx_beam.motions.motion_series import MotionSeries
-from fx_beam.motions.numbers import (
-    numbers_of,
-    numbers_of_state,
-    observed_numbers_of,
-)
+from fx_beam.motions.numbers import numbers_of, numbers_of_state, observed_numbers_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
-from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import ElsewhereError
-from fx_beam.step.interrupts import one_thread
+from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
 from fx_beam.step.tape import LIMIT, Part, Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives, Weights
 
-from .built_scenes import Build, BuiltScenes, checked_numbers, refuse_others
+from .built_scenes import refuse_others
+from .differentiable import Differentiable, one_call
 from .gradient import Gradient, along
-from .linear_outputs import observes_start
+from .local_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, summed
-from .output_values import Recording, RowOutputs, Wanted, values_of
-from .static_derivatives import StateChange, StaticDerivatives, why_no_sums, why_not
+from .output_values import Recording, Wanted, is_in_rows, values_of
+from .static_derivatives import StateChange, change_of_end, why_no_sums, why_not
 
 _log = logging.getLogger("fx_beam")
 # Growth of derivatives towards the start above which they say little about the motion.
@@ -56,26 +50,11 @@ _CHAOTIC = (
     "has vibrations that the step does not resolve. They are exact for these steps, but tell only "
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
-# What pickles and copies keep: what was given.
-_GIVEN = {"_build", "_memory", "_start", "_options", "_static", "_motion_of", "_finds_frequency"}
-_P = ParamSpec("_P")
-_Result = TypeVar("_Result")
+#: A function of numbers (m,) that gives a scene and its outputs by name.
+Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 
 
-def _with_arrays(
-    method: Callable[Concatenate[Response, _P], _Result],
-) -> Callable[Concatenate[Response, _P], _Result]:
-    """A method in which functions are called with arrays where they accept them."""
-
-    @functools.wraps(method)
-    def call(self: Response, *arguments: _P.args, **named: _P.kwargs) -> _Result:
-        with calling_with_arrays(self._series.calls):
-            return method(self, *arguments, **named)
-
-    return call
-
-
-class Response:
+class Response(Differentiable):
     """The motion of a scene as a function of numbers.
 
     ``t, y = run(x)`` builds the scene of the numbers x and simulates it. The first call sets the
@@ -181,33 +160,50 @@ class Response:
     _options = Options()
 
     def _begin(self) -> None:
-        """Know of no call yet."""
-        self._alone = RLock()
-        self._scenes, self._recording = BuiltScenes(self._build), Recording(self._options.record)
-        self._x: Any = None
-        self._reader: RowOutputs | None = None
-        # Derivatives of all numbers by x.
-        self._known_changes: dict[str, np.ndarray] | None = None
-        #: Whether numbers x move nodes; None before the first gradient.
-        self._moves_nodes: bool | None = None
+        super()._begin()
+        self._end: State | None
+        self._recording = Recording(self._options.record)
+        #: Names of the outputs, from the first scene on.
+        self._names: list[str] = []
         # Several processes have no derivatives.
         self._series = MotionSeries(self._memory, reads_at_once=True, alone=True)
+        self._calls = self._series.calls
         self._of_tape: tuple[Any, list, TapeDerivatives] | None = None
-        # Whether the set-up has the numbers of the last call.
-        self._is_set = False
+        # What has the numbers of other scenes.
+        self._other: Prepared | None = None
         # The equilibrium from which the last motion started, if it was computed for it.
         self._path: LoadPath | None = None
-        self.stats: Stats
 
-    def __getstate__(self):
-        return {name: value for name, value in vars(self).items() if name in _GIVEN}
+    def _built(self, x: Any) -> Any:
+        return self._build(x)
 
-    def __setstate__(self, given):
-        vars(self).update(given)
-        self._begin()
+    def _at(self, x: Any) -> tuple[Scene, dict[str, Wanted]]:
+        """The scene of numbers, and its outputs; SceneError if `build` gives something else."""
+        built = self._built(x)
+        fits = isinstance(built, tuple) and len(built) == 2
+        if not fits or not isinstance(built[0], Scene) or not isinstance(built[1], Mapping):
+            raise SceneError(
+                f"Response: build must give a scene and a dict of outputs, not {shown(built)}"
+            )
+        scene, outputs = built[0], dict(built[1])
+        require(bool(outputs), "Response: outputs", outputs, "at least one output by name")
+        for name, output in outputs.items():
+            what = f"Response: the output {name!r}"
+            if isinstance(output, Output):
+                check_output(scene, output, what)
+            else:
+                wanted = "an fx_beam.Output, or a function of the solution"
+                require(callable(output), what, output, wanted)
+                check_takes(output, "solution", what)
+        self._names = self._names or list(outputs)
+        wanted = f"as in the first call, {self._names}"
+        require(list(outputs) == self._names, "Response: outputs", list(outputs), wanted)
+        return scene, outputs
 
-    @one_thread
-    @_with_arrays
+    def _scene_at(self, x: Any) -> Scene:
+        return self._at(x)[0]
+
+    @one_call
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Simulate the scene of some numbers.
 
@@ -223,43 +219,49 @@ class Response:
         y : dict of (n, ...) float
             The outputs by name.
         """
-        given, self._x = checked_numbers(x), None  # without derivatives if the motion fails
+        given = self._begin_call(x)
         rows = self._run(given)
         self._x = given
         return rows
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        self._scene, self._outputs = self._scenes.at(x)
+        self._scene, self._outputs = self._at(x)
         return self._motion()
 
     def _motion(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        scene, record = self._scene, self._recording.of(self._outputs)
+        scene, series, record = self._scene, self._series, self._recording.of(self._outputs)
         if record != self._options.record:
             self._options = replace(self._options, record=record)
-        if (rows := self._rows_of(scene)) is None:
-            solution = self._series.motion(scene, self._options, self._start_of(scene))
-            self.stats, self._t = solution.stats, solution.t
-            self._end = solution.end if self._series.tapes else None  # for derivatives
-            rows = solution.t, self._read_all(solution)
-        self._is_set, self._known_changes = True, None
-        return rows
+        if (rows := self._rows_of(scene)) is not None:
+            return rows
+        solution = series.motion(scene, self._options, self._start_of(scene))
+        self.stats, self._t = solution.stats, solution.t
+        if self.stats.setup_reason:
+            self._other = None
+        if series.tapes and series.prepared is not None and (end := solution.end) is not None:
+            model = series.prepared.model
+            self._end = end.renumbered(model.from_nodes)
+        return solution.t, self._read_all(solution)
 
     def _rows_of(self, scene: Scene) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
         """The same as the last motion was taken, if its rows have all outputs; None if not."""
-        series, outputs, prepared = self._series, self._outputs, self._series.prepared
+        series, prepared = self._series, self._series.prepared
         if self._start is not None or prepared is None or not series.repeats(self._options):
             return None
-        if series.tapes or scene.contacts:
-            return None  # the end is needed, or what lies deep in them is told
-        if len(scene.nodes) != len(prepared.model.scene.nodes):
-            return None  # outputs may be of nodes that the model has not
-        if self._reader is None or not self._reader.serve(outputs, prepared.model):
-            self._reader = RowOutputs(outputs, prepared.model)
-        if not self._reader.all or (repeated := series.rows(scene)) is None:
+        if scene.contacts or len(scene.nodes) != len(prepared.model.scene.nodes):
+            return None  # what lies deep in them is told; outputs may be of other nodes
+        if not all(is_in_rows(of, prepared.model) for of in self._outputs.values()):
             return None
-        self.stats, recorder = repeated
-        self._t, self._end = recorder.t, None
-        y = self._reader.of(recorder)
+        if (repeated := series.rows(scene)) is None:
+            return None
+        self.stats, recorder, end = repeated
+        if series.tapes:
+            self._end = end()
+        self._t, y = recorder.t, dict[str, np.ndarray]()
+        for name, output in self._outputs.items():
+            assert isinstance(output, Output)  # by `is_in_rows`
+            of = measured(prepared.model, output)
+            y[name] = of.of(recorder.arrays[of.array][: recorder.rows])
         self._shapes = {name: rows.shape for name, rows in y.items()}
         return self._t.copy(), y
 
@@ -282,8 +284,7 @@ class Response:
             self._path = path
         return solution
 
-    @one_thread
-    @_with_arrays
+    @one_call
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
         """Derivatives of a sum of weights times outputs of the last call, by all numbers.
 
@@ -313,9 +314,7 @@ class Response:
         outputs = self._differentiable(given, "Response.vjp: weights")
         model, tape, derivatives = self._followed("vjp")
         check_outputs(model, tape, outputs, why_no_sums(self._path))
-        if self._moves_nodes is None:
-            self._moves_nodes = _moves_nodes(self._changes(tape))
-            model, tape, derivatives = self._followed("vjp")  # at x again, after differences
+        changes = self._changes()
         boundaries, direct = self._boundaries(tape), list[Gradient]()
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
@@ -334,11 +333,8 @@ class Response:
             direct.append(gradient)
             return of_state, observed.boundaries, observed.sub_steps
 
-        by_numbers = derivatives.vjp(tape, weights_of, by_places=self._moves_nodes)
-        changes = self._changes(tape)
-        if not self._moves_nodes and _moves_nodes(changes):  # those of an earlier x did not
-            self._moves_nodes = True
-            return self.vjp(weights)
+        moves_nodes = bool(np.any(changes.get("X", 0.0)))
+        by_numbers = derivatives.vjp(tape, weights_of, by_places=moves_nodes)
         self.stats.gradient_growth = growth = derivatives.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
@@ -348,8 +344,7 @@ class Response:
         parts += [gradient.along(changes) for gradient in direct]
         return sum(parts, np.zeros(len(self._x)))
 
-    @one_thread
-    @_with_arrays
+    @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
         """Derivatives of outputs of the last call by all numbers, at all times.
 
@@ -372,11 +367,10 @@ class Response:
             As of `vjp`.
         """
         self._check_has_run("jacobian")
-        outputs = self._differentiable(names or self._scenes.names, "Response.jacobian: names")
-        model, tape, _ = self._followed("jacobian")
+        outputs = self._differentiable(names or self._names, "Response.jacobian: names")
+        model, tape, derivatives = self._followed("jacobian")
         check_outputs(model, tape, outputs, why_no_sums(self._path))
-        changes = self._changes(tape)
-        model, tape, derivatives = self._followed("jacobian")  # at x again, after differences
+        changes = self._changes()
         refuse_others(changes, derivatives.names, "Response")
         boundaries, parts = self._boundaries(tape), list[dict[str, np.ndarray]]()
         before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
@@ -496,13 +490,19 @@ class Response:
         return Observation(model, tape, boundaries, outputs, states_at, forces)
 
     def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
-        """The model of the last call with its numbers, its tape, and the derivatives of this."""
-        prepared, tape = self._taped(what)
-        return (
-            prepared.model,
-            tape,
-            self._derivatives_of(prepared, "JVP" if what == "jacobian" else "VJP"),
-        )
+        """The model of the last call, its tape, and the derivatives of this."""
+        series = self._series
+        if not series.tapes or series.tape is None:
+            series.tapes = True
+            self._motion()
+        prepared, tape = series.prepared, series.tape
+        if prepared is None or tape is None:
+            raise SceneError(
+                f"Response.{what}: the steps of this motion were not compiled "
+                f"({self.stats.solver}), and have no derivatives"
+            )
+        derivatives = self._derivatives_of(prepared, "JVP" if what == "jacobian" else "VJP")
+        return prepared.model, tape, derivatives
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
         """Numbers of sub-steps before the rows of the last call."""
@@ -510,34 +510,11 @@ class Response:
 
     def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
         """States (n, ...) of the last call before some sub-steps, or at its end, by name."""
-        assert self._end is not None
-        end = self._end.renumbered(model.from_nodes)
         states = tape.states(steps)
         for name, rows in states.items():
-            if (values := getattr(end, name)) is not None and rows.size:
+            if (values := getattr(self._end, name)) is not None and rows.size:
                 rows[steps == len(tape)] = np.ravel(values)
         return {name.replace("_", " "): rows for name, rows in states.items()}
-
-    def _taped(self, what: str) -> tuple[Prepared, Tape]:
-        """The prepared scene of the last call, with its numbers, and the tape of its steps."""
-        self._check_has_run(what)
-        series = self._series
-        if not series.tapes or series.tape is None:
-            series.tapes = True
-            self._motion()
-        elif not self._is_set:
-            series.prepared = series.prepare(self._connected(self._scene), self._options)
-            self._is_set = True
-        if series.prepared is None or series.tape is None:
-            raise SceneError(
-                f"Response.{what}: the steps of this motion were not compiled "
-                f"({self.stats.solver}), and have no derivatives"
-            )
-        return series.prepared, series.tape
-
-    def _check_has_run(self, what: str) -> None:
-        wanted = "called after run(x) without an error"
-        require(self._x is not None, f"{type(self).__name__}.{what}", "no motion yet", wanted)
 
     def _derivatives_of(self, prepared: Prepared, way: str) -> TapeDerivatives:
         """What follows the tape, which serves all scenes whose joints have the same slides."""
@@ -571,7 +548,7 @@ class Response:
         """Outputs by names; SceneError for functions."""
         given = list(names)
         fits = all(is_one_of(name, self._outputs) for name in given)
-        require(fits, what, given, f"names of outputs, of {self._scenes.names}")
+        require(fits, what, given, f"names of outputs, of {self._names}")
         outputs: dict[str, Output] = {}
         for name in given:
             output = self._outputs[name]
@@ -585,33 +562,10 @@ class Response:
 
     # -- Differences of the numbers of scenes -----------------------------------------------------
 
-    def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
-        """Derivatives (m, ...) of all numbers of the steps of a tape by x."""
-        if self._known_changes is None:
-            assert self._series.prepared is not None  # `_followed` comes first
-            model = self._series.prepared.model
-            t0 = tape.starts.copy()
-            t1, start = t0 + tape.lengths, self._change_of_start()
-            of = [output for output in self._outputs.values() if isinstance(output, Output)]
-            rates = None
-            if any(observes_rates(model, output) for output in of):
-                rates = rates_at(tape, np.arange(len(tape) + 1))
-
-            def numbers_of(scene: Scene, change: np.ndarray) -> dict[str, np.ndarray]:
-                moved = None if start is None else functools.partial(start.at, by=plain(change))
-                numbers = self._numbers_of(scene, (t0, t1), rates, moved)
-                if start is not None and isinstance(change, Dual):
-                    of_state = numbers_of_state(model, start.at(model, change))
-                    numbers |= {
-                        name: Dual(plain(numbers[name]), of.slopes)
-                        for name, of in of_state.items()
-                        if isinstance(of, Dual)
-                    }
-                return numbers
-
-            self._known_changes = self._scenes.derivatives(self._x, self._scene, numbers_of)
-            self.stats.difference_reason = self._scenes.reason
-        return self._known_changes
+    def _changes_by_x(self) -> dict[str, np.ndarray]:
+        tape, start = self._series.tape, self._change_of_start()
+        assert tape is not None  # `_followed` comes first
+        return self._derivatives(functools.partial(self._numbers_of, tape=tape, start=start))
 
     def _change_of_start(self) -> StateChange | None:
         """How the equilibrium from which the motion starts depends on x.
@@ -620,60 +574,50 @@ class Response:
         """
         if self._path is None or why_not(self._path):
             return None
-        of = StaticDerivatives(self._path)
-        changes = self._scenes.derivatives(
-            self._x, self._scene, lambda scene, change: of.numbers_of(scene)
-        )
-        refuse_others(changes, of.names, "Response")
-        return of.change_of_end(changes)
+        return change_of_end(self._path, self._derivatives, "Response")
 
     def _numbers_of(
-        self,
-        given: Scene,
-        steps: tuple[np.ndarray, np.ndarray],
-        rates: tuple[np.ndarray, np.ndarray] | None,
-        at_rest: Callable[[Model], State] | None,
-    ) -> dict[str, np.ndarray]:
-        """Numbers of the steps for another scene, and perhaps its equilibrium at the start.
+        self, given: Scene, change: Any, tape: Tape, start: StateChange | None
+    ) -> dict[str, Any]:
+        """Numbers of the steps for another scene, and of the state at its start.
 
-        And those of outputs with rates, by times and lengths of steps as `rates_at` gives them.
+        And those of outputs with rates.
         """
-        t0, t1 = steps
-        scene, self._is_set = self._connected(given), False
-        prepared = self._with_numbers_of(scene)
+        other, t0 = self._with_numbers_of(self._connected(given)), tape.starts
+        model, first, t1 = other.model, self._options.dt, t0 + tape.lengths
         of = [output for output in self._outputs.values() if isinstance(output, Output)]
-        first, at_start = self._options.dt, any(map(observes_start, of))
+        at_start = any(map(observes_start, of))
         if self._options.tolerance is not None:
-            first = float(t1[len(prepared.model.scheme.fractions) - 1] - t0[0])
-        if at_rest is None:
-            state = prepared.first_state(first, self._start_of(given), at_start)
+            first = float(t1[len(model.scheme.fractions) - 1] - t0[0])
+        if start is None:
+            state = other.first_state(first, self._start_of(given), at_start)
         else:
-            state = prepared.state_from(at_rest(prepared.model), first, at_start)
-        numbers: dict[str, Any] = numbers_of(prepared, state, t0, t1)
+            state = other.state_from(start.at(model, plain(change)), first, at_start)
+        numbers: dict[str, Any] = numbers_of(other, state, t0, t1)
         if self._start is None and have_slopes():
-            of_start = prepared.model, prepared.forcing, state, first
-            numbers["v"] = rates_with_slopes(*of_start, numbers)
-        if rates is None:
+            numbers["v"] = rates_with_slopes(model, other.forcing, state, first, numbers)
+        if start is not None and isinstance(change, Dual):
+            of_state = numbers_of_state(model, start.at(model, change))
+            numbers |= {
+                name: Dual(plain(numbers[name]), slopes.slopes)
+                for name, slopes in of_state.items()
+                if isinstance(slopes, Dual)
+            }
+        if not any(observes_rates(model, output) for output in of):
             return numbers
-        return numbers | observed_numbers_of(prepared, state, *rates, at_start)
+        rates = rates_at(tape, np.arange(len(tape) + 1))
+        return numbers | observed_numbers_of(other, state, *rates, at_start)
 
     def _connected(self, scene: Scene) -> Scene:
         """A scene with its inputs."""
         return with_functions(scene, self._options.inputs, "Response: inputs")
 
-    def _with_numbers_of(self, scene: Scene) -> Prepared:
-        """What is prepared, with the numbers of a scene, but not its compiled loop."""
-        series, prepared = self._series, self._series.prepared
-        assert prepared is not None
-        if not have_slopes():  # else its numbers are those that it has
-            series.prepared = None  # until all is well
+    def _with_numbers_of(self, scene: Scene, options: Options | None = None) -> Prepared:
+        """What is prepared as the motion is, with the numbers of another scene, but no loop."""
+        if self._other is None:
+            self._other = Prepared(self._connected(self._scene), options or self._options)
         try:
-            prepared.refill_model(scene)
+            self._other.refill_model(scene)
         except ElsewhereError:
-            prepared = Prepared(scene, prepared.options)
-        series.prepared = prepared
-        return prepared
-
-
-def _moves_nodes(changes: Mapping[str, np.ndarray]) -> bool:
-    return bool(np.any(changes.get("X", 0.0)))
+            self._other = Prepared(scene, self._other.options)
+        return self._other

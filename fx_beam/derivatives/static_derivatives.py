@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -24,10 +24,10 @@ from fx_beam.step.static_tape import static_tape
 from fx_beam.step.tables import Problem
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
+from .built_scenes import NumbersOf, refuse_others
+from .energy_outputs import StepLosses, StepWork, why_no_losses, why_no_work
 from .gradient import jvp
-from .step_losses import StepLosses, why_no_losses
 from .sub_steps import SubSteps
-from .work_outputs import StepWork, why_no_work
 
 # Internal variables that round-off may leave at a contact without a force.
 _ROUNDING = 1e-12
@@ -92,7 +92,7 @@ class StaticDerivatives:
         """Names of the numbers of which there are derivatives."""
         return self.derivatives.names
 
-    def numbers_of(self, scene: Scene) -> dict[str, np.ndarray]:
+    def numbers_of(self, scene: Scene, change: Any = None) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
         scene = with_functions(scene, self.path.options.inputs, "static: inputs")
         settles = bool(self.model.mechanism)
@@ -140,6 +140,16 @@ class StaticDerivatives:
                 if row.size and step:
                     row[:] = np.ravel(getattr(self.states[step - 1], name))
         return states
+
+
+def change_of_end(
+    path: LoadPath, derivatives: Callable[[NumbersOf], dict[str, np.ndarray]], what: str
+) -> StateChange:
+    """Changes of the last state of a path with x, by `derivatives` of the numbers of scenes."""
+    of = StaticDerivatives(path)
+    changes = derivatives(of.numbers_of)
+    refuse_others(changes, of.names, what)
+    return of.change_of_end(changes)
 
 
 class StateChange:

@@ -13,15 +13,14 @@ from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import check_takes
 from fx_beam.results.solution import Solution
 from fx_beam.scene.outputs import CRITICAL_LOAD
-from fx_beam.step.interrupts import one_thread
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.tape import Tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
-from .built_scenes import Build
 from .critical_load import CriticalLoad, Sensitivity
-from .response import Response
+from .differentiable import one_call
+from .response import Build, Response
 from .static_derivatives import StaticDerivatives
 
 
@@ -125,7 +124,7 @@ class StaticResponse(Response):
         super()._begin()
         self._critical_point, self._point_is_taken = CriticalLoad(), False
         self._solution: Solution
-        self._derivatives: StaticDerivatives | None = None
+        self._load_steps: StaticDerivatives | None = None
 
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Compute the equilibria of the scene of some numbers.
@@ -145,17 +144,17 @@ class StaticResponse(Response):
         return super().__call__(x)
 
     def _run(self, x: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        self._scene, self._outputs = self._scenes.at(x)
+        self._scene, self._outputs = self._at(x)
         self._static_path = LoadPath(self._scene, self._static, None)
         self._solution = solution = self._static_path.followed()
         self._point_is_taken = False
         self.stats, self._t = solution.stats, solution.t
-        self._derivatives = self._known_changes = None
+        self._load_steps = None
         return solution.load_factor, self._read_all(solution)
 
     # -- Derivatives ------------------------------------------------------------------------------
 
-    @one_thread
+    @one_call
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
         """As of `Response`."""
         self._check_has_run("vjp")
@@ -164,18 +163,18 @@ class StaticResponse(Response):
         by_x = super().vjp(given) if given or not loads else np.zeros(len(self._x))
         return by_x + sum(loads) * self._critical_load().derivatives() if loads else by_x
 
-    @one_thread
+    @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
         """As of `Response`; of a critical load (m,)."""
         self._check_has_run("jacobian")
-        wanted = self._differentiable(names or self._scenes.names, "Response.jacobian: names")
+        wanted = self._differentiable(names or self._names, "Response.jacobian: names")
         loads = self._critical(wanted)
         others = [name for name in wanted if name not in loads]
         jacobian = super().jacobian(*others) if others else {}
         of_loads = self._critical_load().derivatives() if loads else np.empty(0)
         return {name: of_loads if name in loads else jacobian[name] for name in wanted}
 
-    @one_thread
+    @one_call
     def imperfection_sensitivity(self) -> Sensitivity:
         r"""How the critical load falls if numbers x of the last call make the scene imperfect.
 
@@ -208,31 +207,22 @@ class StaticResponse(Response):
         """The first critical point of the last call."""
         if not self._point_is_taken:
             point = first_critical_point(self._solution)
-            self._critical_point.take(point, self._scene, self._scenes, self._x)
+            self._critical_point.take(point, self._scene, self._derivatives)
             self._point_is_taken = True
         return self._critical_point
 
     def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
-        self._check_has_run(what)
-        if self._derivatives is None:
-            self._derivatives = StaticDerivatives(self._static_path)
-        of = self._derivatives
+        self._load_steps = of = self._load_steps or StaticDerivatives(self._static_path)
         return of.model, of.tape, of.derivatives
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
         return np.arange(1, len(tape) + 1)
 
     def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
-        assert self._derivatives is not None  # `_followed` comes first
-        states = self._derivatives.states_at(steps)
+        assert self._load_steps is not None  # `_followed` comes first
+        states = self._load_steps.states_at(steps)
         return {name.replace("_", " "): rows for name, rows in states.items()}
 
-    def _changes(self, tape: Tape) -> dict[str, np.ndarray]:
-        if self._known_changes is None:
-            of = self._derivatives
-            assert of is not None  # `_followed` comes first
-            self._known_changes = self._scenes.derivatives(
-                self._x, self._scene, lambda scene, change: of.numbers_of(scene)
-            )
-            self.stats.difference_reason = self._scenes.reason
-        return self._known_changes
+    def _changes_by_x(self) -> dict[str, np.ndarray]:
+        assert self._load_steps is not None  # `_followed` comes first
+        return self._derivatives(self._load_steps.numbers_of)

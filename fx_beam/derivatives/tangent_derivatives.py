@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 
-from fx_beam.errors import SceneError, require
+from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
 from fx_beam.linear.linearisation import Linearisation
-from fx_beam.motions.numbers import static_numbers_of
+from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import OtherStructureError, Structure
+from fx_beam.scene.structure import ElsewhereError, OtherStructureError
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
@@ -27,12 +27,15 @@ from fx_beam.step.tables import Problem
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
+from .static_derivatives import StateChange
 
 # Differences of order six along a direction, and second ones: points, and weights over the distance
 # or its square. The distance is relative to a motion of the size of the scene, or of a radian.
 _FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 _DISTANCE = 4e-3
+# Numbers of a state that follow from the load steps before, where something flows.
+_OF_STATE = {"q", "slides", "internal", "spring internal"}
 # What is left of a direction of length 1 that is a sum of others.
 _ALIKE = 1e-11
 # Forces that remain of a system that is solved, relative to its right side.
@@ -40,18 +43,20 @@ _SOLVED = 1e-6
 
 
 class Product(NamedTuple):
-    """Real part of k l.K r + c l.C r + m l.M r, with directions l and r (free,), real or complex.
+    """Real parts (n,) of k l.K r + c l.C r + m l.M r, for a motion r (free,) and n motions l.
 
-    And of forces (size,) times the motions T l and T r of the nodes. The steps that tell damping
-    have a `time` [s] like that of the vibration.
+    And of forces times the motions T l and T r of the nodes. All may be complex. The steps that
+    tell damping have a `time` [s] like that of the vibration.
     """
 
-    left: np.ndarray
     right: np.ndarray
+    #: Motions l (n, free); None for r itself.
+    left: Any
     stiffness: complex
     damping: complex = 0.0
     mass: complex = 0.0
     time: float = 1.0
+    #: Forces (size,) times T l, and (n, size) times T r.
     on_left: Any = 0.0
     on_right: Any = 0.0
 
@@ -67,22 +72,25 @@ class Weighted(NamedTuple):
         return Weighted(*(one + more for one, more in zip(self, other, strict=True)))
 
 
-class _Steps(NamedTuple):
-    """Steps from the state: increments (n, free), weights of residuals and of ends, lengths [s]."""
-
-    moves: np.ndarray
-    of_equations: np.ndarray
-    of_ends: np.ndarray
-    lengths: np.ndarray
-
-
 class _Along(NamedTuple):
-    """A direction (free,), and the weights of its forces and of its motions of the nodes."""
+    """Directions (d, free), and weights (d, n, ...) of forces and of motions of the nodes."""
 
-    direction: np.ndarray
+    directions: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
     ends: np.ndarray
+
+
+class _Steps(NamedTuple):
+    """Steps from the state: increments (k, free), lengths (k,), weights of n sums.
+
+    Those (n, k, ...) of residuals and of ends.
+    """
+
+    moves: np.ndarray
+    lengths: np.ndarray
+    of_equations: np.ndarray
+    of_ends: np.ndarray
 
 
 class TangentDerivatives:
@@ -105,42 +113,49 @@ class TangentDerivatives:
         """Take the tangent about a state, or about the reference."""
         if reason := _why_not(about):
             raise SceneError(f"{self._what}: no derivatives: {reason}")
-        self._start, self._follows = about.start, state is not None
+        # Where something flows, the state follows from all load steps before.
+        self._flows, self._start = about.model.flows, about.start
+        self._follows = state is not None and not self._flows
         self._factor, self._inputs = 0.0, None
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
         last = self._model
-        self._model = model = self._refilled(last, about.scene) if self.damped else about.model
+        self._model = model = self._refilled(last, about.scene, OtherStructureError)
         slides = slides_at_start(model.scene).tolist()
         if model is last:
             self._problem.refill()
         else:
-            self._problem = Problem(model, NewtonOptions())
+            self._problem, self._other = Problem(model, NewtonOptions()), None
         if model is not last or slides != self._slides:
             self._derivatives, self._slides = TapeDerivatives(self._problem), slides
         # Whether the motions of the nodes depend on more than the unknowns.
         self._turns = self._problem.c.entries > self._problem.c.equal
         self._problem.c.at_rest = 1  # forces that depend on rates, without inertia
         self._forcing = LoadForcing(model, about.start.t)
-        self._structure = Structure(about.scene)
+        self._scene = about.scene
 
-    def _refilled(self, model: Model | None, scene: Scene) -> Model:
-        """The model of the tangent, or that of steps which tell damping, for another scene."""
+    def _refilled(self, model: Model | None, scene: Scene, instead_of: type[Exception]) -> Model:
+        """A model of steps that tell the tangent, for another scene; a new one after an error."""
         scene = with_values(scene, self._inputs)
         try:
             if model is not None:
                 model.refill(scene)
                 return model
-        except OtherStructureError:
+        except instead_of:
             pass
         if self.damped:
             return Model(scene, EnergyMomentum(), instant=True)
-        return Model(scene, Equilibrium(), mobile=True)
+        return Model(scene, Equilibrium(), mobile=True, instant=self._flows)
 
-    def numbers_of(self, scene: Scene) -> dict[str, np.ndarray]:
-        """The numbers of this equilibrium for another scene; OtherStructureError if it differs."""
-        self._structure.check(scene)
-        self._other = self._refilled(self._other, scene)
+    def numbers_of(
+        self, scene: Scene, moved: tuple[StateChange, Any] | None = None
+    ) -> dict[str, np.ndarray]:
+        """The numbers of this equilibrium for another scene; OtherStructureError if it differs.
+
+        With those of its state if this has `moved`, by a change of x.
+        """
+        known = self._other or self._refilled(None, self._scene, ElsewhereError)
+        self._other = self._refilled(known, scene, ElsewhereError)
         model, forcing = self._other, LoadForcing(self._other, self._forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
         if self.damped and model.natural:  # a step that tells damping also begins in the state
@@ -148,6 +163,10 @@ class TangentDerivatives:
             of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
             values = numbers["natural columns"] * factors[of]
             numbers["natural"] = np.bincount(columns.indices, values, model.natural.size)
+        if moved is not None:
+            start, by = moved
+            of_state = numbers_of_state(model, start.at(model, by))
+            numbers |= {name: of_state[name] for name in _OF_STATE & of_state.keys()}
         return numbers
 
     def by_factor(self) -> dict[str, np.ndarray]:
@@ -178,41 +197,51 @@ class TangentDerivatives:
     def products(
         self, about: Linearisation, sums: Sequence[Sequence[Product]], curved: bool = False
     ) -> tuple[Weighted, np.ndarray]:
-        """Derivatives of sums of products by numbers in a fixed state, and by the state (n, free).
+        """Derivatives of sums of products by numbers in a fixed state, and by the state (., free).
 
-        If `curved` those of the second derivatives of the sums along the directions r, twice.
+        The n rows of each sum after those of the one before. If `curved` those of the second
+        derivatives of the sums along the directions r, twice.
         """
-        mass = about.model.mass
-        rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
-        by_mass, steps, ends = np.zeros((len(sums), mass.nnz)), list[_Steps](), list[int]()
-        for of_sum, products in zip(by_mass, sums, strict=True):
-            rights, lefts = list[_Along](), list[_Along]()
-            for of in products:
-                left = about.T @ of.left
-                right = left if (same := of.left is of.right) else about.T @ of.right
-                of_sum += (of.mass * left[rows] * right[mass.indices]).real
-                momentum = of.mass * (mass @ left)
-                on_right = momentum + of.on_right
-                k, c = of.stiffness * of.left, of.damping * of.left
-                if same:
-                    on_right = on_right + momentum + of.on_left
-                elif self._turns:
-                    on_left = of.mass * (mass @ right) + of.on_left
-                    lefts.append(_Along(of.left, 0 * k, 0 * c, on_left))
-                rights.append(_Along(of.right, k, c, on_right))
+        by_mass, steps = list[np.ndarray](), list[_Steps]()
+        for products in sums:
+            rights, lefts, of_mass = self._directions(about, products)
+            by_mass.append(of_mass)
             time = float(np.exp(np.mean([np.log(of.time) for of in products])))
-            for group in filter(None, (rights, lefts)):
-                steps += self._steps(about, group, time, curved)
-            ends.append(sum(len(part.lengths) for part in steps))
-        joined = _Steps(*map(np.concatenate, zip(*steps, strict=True)))
-        by_vector, of_step, by_state = self._followed(joined, ends)
-        return Weighted(by_vector, of_step, by_mass), by_state
+            parts = [self._steps(about, of, time, curved) for of in (rights, lefts) if of]
+            steps.append(_joined(parts))
+        by_vector, of_step, by_state = self._followed(steps)
+        return Weighted(by_vector, of_step, np.concatenate(by_mass)), by_state
+
+    def _directions(
+        self, about: Linearisation, products: Sequence[Product]
+    ) -> tuple[list[_Along], list[_Along], np.ndarray]:
+        """Directions r of products, those l on which motions of the nodes depend, and by the mass.
+
+        The latter are derivatives (n, entries).
+        """
+        mass, rights, lefts, by_mass = about.model.mass, list[_Along](), list[_Along](), 0.0
+        rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
+        for of in products:
+            left = of.right[None] if of.left is None else of.left
+            moved, by = (about.T @ left.T).T, about.T @ of.right
+            by_mass = by_mass + (of.mass * moved[:, rows] * by[mass.indices]).real
+            on_right = of.mass * (mass @ moved.T).T + of.on_right
+            on_left = of.mass * (mass @ by) + of.on_left
+            if of.left is None:
+                on_right = on_right + on_left
+            elif self._turns:
+                ends = np.eye(len(left))[..., None] * on_left
+                none = np.zeros((*ends.shape[:2], left.shape[1]))
+                lefts.append(_Along(left, none, none, ends))
+            forces = of.stiffness * left, of.damping * left
+            rights.append(_Along(*(part[None] for part in (of.right, *forces, on_right))))
+        return rights, lefts, np.asarray(by_mass)
 
     def forces(self, weights: np.ndarray) -> Weighted:
         """Derivatives of weights (n, free) times the residual by numbers in the state."""
-        none = np.zeros((len(weights), len(self._start.q)))
-        single = _Steps(0 * weights, weights, none, np.ones(len(weights)))
-        by_vector, of_step, _ = self._followed(single, [*range(1, len(weights) + 1)])
+        none = np.zeros((len(weights), 1, len(self._start.q)))
+        steps = _Steps(0 * weights[:1], np.ones(1), weights[:, None], none)
+        by_vector, of_step, _ = self._followed([steps])
         return Weighted(by_vector, of_step, np.zeros((1, 1)))
 
     def along(self, weighted: Weighted, changes: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -225,40 +254,46 @@ class TangentDerivatives:
 
     def _steps(
         self, about: Linearisation, group: list[_Along], time: float, curved: bool
-    ) -> list[_Steps]:
+    ) -> _Steps:
         """Steps along all directions of a group, and the sums of their weights."""
-        steps, unit = list[_Steps](), about.model.unit_of_unknowns[about.unknowns]
+        unit = about.model.unit_of_unknowns[about.unknowns]
         points, weights = _SECOND if curved else _FIRST
-        directions, *factors = map(np.array, zip(*group, strict=True))
+        directions, *factors = (np.concatenate(parts) for parts in zip(*group, strict=True))
         basis, parts = _basis(directions / unit)
         if curved:  # which is not linear in the directions
-            basis, parts = directions.real / unit, np.eye(len(group))
-        sums = [(parts.T @ of).real for of in factors]
-        for along, k, c, e in zip(basis * unit, *sums, strict=True):
-            size = _DISTANCE / abs(along / unit).max()
-            moves, of = size * points[:, None] * along, weights[:, None] / size ** (1 + curved)
-            lengths = np.ones(len(moves))
-            if not self.damped:
-                steps.append(_Steps(moves, of * k, of * e, 0 * lengths))
-                continue
-            # The force of a step with an increment D is K D / 2 + C D / length, that of a length
-            # less that of its double C D / (2 length).
-            short, long = 2 * time * c - 2 * k, 4 * k - 2 * time * c
-            steps.append(_Steps(moves, of * short, of * e, time * lengths))
-            steps.append(_Steps(moves, of * long, 0 * of * e, 2 * time * lengths))
-        return steps
+            basis, parts = directions.real / unit, np.eye(len(directions))
+        sizes = _DISTANCE / abs(basis).max(axis=1)[:, None]
+        moves = ((sizes * points)[..., None] * (basis * unit)[:, None]).reshape(-1, len(unit))
+        of = (weights / sizes ** (1 + curved))[..., None]
+        every = (of * np.einsum("dr,dni->nri", parts, by).real[:, :, None] for by in factors)
+        k, c, e = (by.reshape(len(by), len(moves), -1) for by in every)
+        if not self.damped:
+            return _Steps(moves, np.zeros(len(moves)), k, e)
+        # The force of a step with an increment D is K D / 2 + C D / length, that of a length
+        # less that of its double C D / (2 length).
+        lengths = np.full(len(moves), time)
+        short = _Steps(moves, lengths, 2 * time * c - 2 * k, e)
+        return _joined([short, _Steps(moves, 2 * lengths, 4 * k - 2 * time * c, 0 * e)])
 
-    def _followed(self, steps: _Steps, ends: list[int]) -> tuple[np.ndarray, ...]:
-        """Derivatives of sums by the vector of `Layout`, numbers of the step, and the state.
+    def _followed(self, steps: list[_Steps]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of all sums by the vector of `Layout`, numbers of the step, and the state.
 
         The first ones in a fixed state.
         """
         state = replace(self._start, t=self._factor)
         tape = static_tape(self._problem, state, [state], self._forcing)
-        tape.repeat(steps.moves, steps.lengths)
-        weights = steps.of_equations, steps.of_ends
-        x, of_steps, by_unknowns = self._derivatives.vjp_of_equations(tape, ends, *weights)
-        first = [0, *ends[:-1]]
+        tape.c.apart = True
+        rows = [
+            (of.moves, of.lengths, *weights)
+            for of in steps
+            for weights in zip(of.of_equations, of.of_ends, strict=True)
+        ]
+        moves, lengths, *weights = map(np.concatenate, zip(*rows, strict=True))
+        tape.repeat(moves, lengths)
+        counts = [len(row[0]) for row in rows]
+        ends = np.cumsum(counts)
+        x, of_steps, by_unknowns = self._derivatives.vjp_of_equations(tape, ends.tolist(), *weights)
+        first = ends - counts
         x[:, self._derivatives.layout.at["Y"][: by_unknowns.shape[1]]] = 0.0
         return x, np.add.reduceat(of_steps, first), np.add.reduceat(by_unknowns, first)
 
@@ -279,6 +314,12 @@ class TangentDerivatives:
         return weights.T
 
 
+def _joined(steps: Sequence[_Steps]) -> _Steps:
+    """The steps of some one after the other, with the same sums."""
+    moves, lengths, *weights = zip(*steps, strict=True)
+    return _Steps(np.concatenate(moves), np.concatenate(lengths), *map(np.hstack, weights))
+
+
 def _basis(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Real directions (r, n), and complex factors (k, r), whose products are those given (k, n).
 
@@ -287,21 +328,15 @@ def _basis(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     sizes = np.linalg.norm(directions, axis=1)[:, None]
     rows = directions / np.where(sizes > 0, sizes, 1.0)
     rows = np.vstack([rows.real, rows.imag])
+    if len(directions) == 1:
+        there = rows.any(axis=1)
+        return rows[there], sizes * np.array([[1.0, 1j]])[:, there]
     q, factors, order = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)
     count = int((abs(np.diagonal(factors)) > _ALIKE).sum())
     parts = np.empty((len(rows), count))
     parts[order] = factors[:count].T
     real, imaginary = np.split(parts, 2)
     return q[:, :count].T, sizes * (real + 1j * imaginary)
-
-
-def checked_state(state: Callable[[Scene], Any], scene: Scene, what: str) -> Solution:
-    """The equilibrium of a scene by a function of it; SceneError for what is none."""
-    solution = state(scene)
-    path = getattr(solution, "_load_path", None)
-    fits = path is not None and path.scene is scene
-    require(fits, f"{what}: state(scene)", solution, "a solution of fx_beam.static(scene)")
-    return solution
 
 
 def _why_not(about: Linearisation) -> str:
@@ -313,6 +348,6 @@ def _why_not(about: Linearisation) -> str:
         return "scenes with closed loops have none. Close them by stiff springs"
     if model.couplings.sliding or model.points.members is not None:
         return "nodes that slide on beams and contact with members have none"
-    if model.flows:
-        return "members or springs with internal variables have none"
+    if model.points.any_have("sticks"):
+        return "friction that sticks has none"
     return ""

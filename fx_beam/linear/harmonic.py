@@ -126,9 +126,10 @@ class Vibration:
         return self
 
     def solved(self, force: np.ndarray, transposed: bool = False) -> np.ndarray:
-        """The motion (free,) under a force (free,), or with the transposed matrix."""
+        """Motions (free, ...) under forces (free, ...), or with the transposed matrix."""
         x = self._lu.solve(force, "T" if transposed else "N")
-        if not np.linalg.norm(self._scale * x) <= _UNBOUNDED * np.linalg.norm(force / self._scale):
+        sizes = np.linalg.norm([self._scale * x.T, force.T / self._scale], axis=-1)
+        if not np.all(sizes[0] <= _UNBOUNDED * sizes[1]):
             raise self._unbounded()
         return x
 

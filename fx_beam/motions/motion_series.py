@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 import weakref
 from collections.abc import Callable
@@ -154,11 +155,11 @@ class MotionSeries:
         prepared = self._at_once(scene, plan, recorder)
         if prepared is None or prepared.loop is None:
             return None
-        loop, halving, t_end = prepared.loop, prepared.stepper.halving, plan.options.t_end
+        loop, halving = prepared.loop, prepared.stepper.halving
 
         def end() -> State:
-            held = values_at(scene, None, 0.0)
-            return loop.state(t_end).changed(parts=halving.memory, past=loop.past, inputs=held)
+            held, state = values_at(scene, None, 0.0), loop.state(plan.options.t_end)
+            return state.changed(parts=halving.memory, past=loop.past, inputs=held)
 
         solution = solution_of(
             *(prepared.model, recorder, prepared.stats, end),
@@ -170,13 +171,19 @@ class MotionSeries:
             warn_of_places(solution, scene.joints)
         return solution
 
-    def rows(self, scene: Scene) -> tuple[Stats, Recorder] | None:
-        """Statistics of the same, and its record, whose rows the next motion overwrites."""
+    def rows(self, scene: Scene) -> tuple[Stats, Recorder, Callable[[], State]] | None:
+        """Statistics of the same, its record, whose rows the next motion overwrites, and its end.
+
+        The end is that of the loop, until this takes other steps.
+        """
         plan = self._plan
         assert plan is not None  # `repeats` says so
         plan.recorder.restart()
         prepared = self._at_once(scene, plan, plan.recorder)
-        return None if prepared is None else (prepared.stats, plan.recorder)
+        if prepared is None or prepared.loop is None:
+            return None
+        end = functools.partial(prepared.loop.state, plan.options.t_end)
+        return prepared.stats, plan.recorder, end
 
     def _at_once(self, scene: Scene, plan: _Plan, recorder: Recorder) -> Prepared | None:
         """What has taken all steps by one call of C, without what only others need."""

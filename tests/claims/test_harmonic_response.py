@@ -44,6 +44,49 @@ def test_many_frequencies_at_once_have_the_derivatives_of_each():
     assert run.vjp(1 / values) == pytest.approx(known, rel=1e-9, abs=1e-9 * abs(known).max())
 
 
+def relaxing(part, x):
+    """Of the strain that gives moments, or of a spring's coordinate, a part relaxes."""
+
+    def energy(*strains):
+        *others, strain, a = strains
+        stretched = sum(1e4 * of**2 for of in others)
+        return stretched + part * (x[0] * strain**2 + x[1] * (strain - a[0]) ** 2)
+
+    def relax(old, strains0, strains, dt):
+        return [(old[0] + 2 * dt * strains[-1]) / (1 + 2 * dt)]
+
+    return {"strain_energy": energy, "internal": fb.InternalVariables(("dashpot",), relax)}
+
+
+def relaxed(x):
+    """An arm of such a material on such a spring, under its weight."""
+    scene = fb.Scene(gravity=(0, -x[3]))
+    k = fb.Parameter("k", x[0]), fb.Parameter("k1", x[1])
+    arm = fb.Section(**relaxing(1.0, k), rhoA=1.0, retardation=1e-3 * x[1])
+    beam = scene.add_beam([(0, 0), (x[2], 0)], arm, elements=3)
+    spring = fb.Spring(**relaxing(10.0, k))
+    scene.add_joint(fb.Revolute(fb.GROUND, beam.start, spring=spring))
+    return scene
+
+
+def test_a_spring_whose_internal_variable_is_held_has_its_stiffness_at_once():
+    def build(x):
+        scene = fb.Scene()
+        body = scene.add_body((0, 0), mass=x[2], inertia=1.0)
+        k = fb.Parameter("k", x[0]), fb.Parameter("k1", x[1])
+        spring = fb.Spring(**relaxing(1.0, k))
+        joint = scene.add_joint(fb.Prismatic(fb.GROUND, body.centre, axis=(1, 0), spring=spring))
+        return scene, (body.centre, (1.0, 0.0)), joint
+
+    f = np.array([0.0, 0.7, 2.0])
+    run, (k, k1, m), w2 = fb.HarmonicResponse(build, f), (3.0, 2.0, 1.5), (2 * np.pi * f) ** 2
+    D = 2 * k + 2 * k1 - w2 * m
+    assert run([k, k1, m])[:, 0] == pytest.approx(1 / D, rel=1e-12)
+    exact = np.array([-2 * np.ones(3), -2 * np.ones(3), w2]) / D**2
+    assert run.jacobian()[:, 0] == pytest.approx(exact.T, rel=1e-7)
+    assert run.stats.difference_reason == ""
+
+
 def test_an_oscillator_has_the_derivatives_of_its_closed_form():
     x, f = np.array([1.2, 30.0, 0.5, 2.0]), np.array([0.0, 0.5, 0.8, 2.0])
     run = fb.HarmonicResponse(oscillator, f)
@@ -68,8 +111,11 @@ def test_an_oscillator_has_the_derivatives_of_its_closed_form():
 @pytest.mark.parametrize(
     ("build", "options"),
     [
-        *((build, {"state": loaded}) for build in (bending, chain, driven, motors, slide, damped)),
-        *((build, {}) for build in (slide, damped)),
+        *(
+            (build, {"state": loaded})
+            for build in (bending, chain, driven, motors, slide, damped, relaxed)
+        ),
+        *((build, {}) for build in (slide, damped, relaxed)),
     ],
 )
 def test_what_is_left_of_the_linear_change_is_of_second_order(build, options, monkeypatch):

@@ -121,6 +121,17 @@ def test_steps_that_fail_are_halved_as_in_a_motion_by_itself():
     assert check(build, ["position"]).halvings > 0
 
 
+def test_a_motion_whose_nodes_are_elsewhere_is_found_there():
+    def longer(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e3, GA=1e3, EI=1.0, rhoA=1.0, rhoI=1e-3)
+        beam = scene.add_beam([(0, 0), (x[0], x[1])], section, elements=4)
+        scene.pin(beam.start)
+        return scene, beam
+
+    check(longer)
+
+
 def test_a_motion_that_fails_costs_only_itself():
     def build(x):
         load = np.nan if x[1] > 1.2 else x[1]

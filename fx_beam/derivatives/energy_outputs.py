@@ -1,4 +1,4 @@
-"""Work and dissipated energy as outputs: sums over the steps, or what the balance of energy leaves.
+"""Energies, work and losses as outputs: their derivatives by states and by numbers of the scene.
 
 The work of dead loads and driven motions is a sum over the steps, of any scheme. In each step of a
 scheme that conserves energy E + dissipated - work stays the same: so what is dissipated follows
@@ -15,16 +15,138 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
+from fx_beam.laws.interval import Part
 from fx_beam.scene.joints import GROUND
 from fx_beam.scene.outputs import Output
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
 
-from .energy_gradients import EnergyOutput
-from .gradient import Block, Gradient, jvp, of_row, vjp, weights_of_steps
-from .step_losses import StepLosses, why_no_losses
-from .sub_steps import SubSteps
+from .gradient import Block, Gradient, RowOutput, jvp, of_row, vjp
+from .sub_steps import OF_POINTS, SubSteps
+
+#: A state by name, with the values of the parameters there and the natural strains.
+Row = Mapping[str, np.ndarray]
+#: Derivatives by these, and by numbers of the scene, by name.
+Derivatives = dict[str, np.ndarray]
+
+
+def _by_mass(model: Model, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Derivatives of x.M y by the entries of M."""
+    return np.repeat(x, np.diff(model.mass.indptr)) * y[model.mass.indices]
+
+
+def _kinetic(model: Model, row: Row) -> Derivatives:
+    """v.M v / 2."""
+    if model.scheme.rates.at_rest:
+        return {}
+    v = row["v"]
+    return {"v": model.mass @ v, "mass": _by_mass(model, v, v) / 2}
+
+
+def _of_fit(model: Model, row: Row) -> Derivatives:
+    """v*.M (v* - v), the work of driven motions on the impulses with which rates v* fit."""
+    if "rates" not in row or not model.couplings.driven:
+        return {}
+    v, rates = row["v"], row["rates"]
+    fitting, by_mass = model.mass @ rates, _by_mass(model, rates, rates - v)
+    return {"v": -fitting, "rates": 2 * fitting - model.mass @ v, "mass": by_mass}
+
+
+def _strain(model: Model, row: Row) -> Derivatives:
+    if model.forms.beams is None:
+        return {}
+    model.forms.parameters.use(row.get("parameters"))
+    given = row["internal"]
+    internal = given.reshape(model.forms.internal_shape) if given.size else None
+    return model.forms.beams.stored_energy_by(row["q"], internal, row.get("natural"))
+
+
+def _potential(model: Model, row: Row) -> Derivatives:
+    return {} if model.weight is None else {"q": -model.weight, "weight": -row["q"]}
+
+
+def _springs(model: Model, row: Row) -> Derivatives:
+    if not model.points.any:
+        return {}
+    model.forms.parameters.use(row.get("parameters"))
+    by = model.points.energy_by(row["q"], row["slides"], row["spring internal"])
+    wanted = {"q", "slides", "internal", "numbers", "parameters", "members", "X"}
+    return {OF_POINTS.get(name, name): by[name] for name in by if name in wanted}
+
+
+_PARTS: dict[str, list[Callable[[Model, Row], Derivatives]]] = {
+    "kinetic_energy": [_kinetic, _of_fit],
+    "strain_energy": [_strain],
+    "potential_energy": [_potential],
+    "spring_energy": [_springs],
+    "total_energy": [_kinetic, _of_fit, _strain, _potential, _springs],
+    # That of the steps themselves, and what driven motions do besides.
+    "energy of steps": [_kinetic, _strain, _potential, _springs],
+    "work of rates that fit": [_of_fit],
+}
+
+
+class EnergyOutput(RowOutput):
+    """An energy of the scene at the rows of a run, which are at `ends` (n,) among the states."""
+
+    def __init__(self, of: SubSteps, quantity: str, ends: np.ndarray):
+        self._of, self._parts, self._ends = of, _PARTS[quantity], ends
+
+    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+        """Derivatives of some of the rows by states, and by numbers of the scene."""
+        for k in rows.tolist():
+            place = int(self._ends[k])
+            state = self._of.row(place)
+            for part in self._parts:
+                yield from self._of.at_state(k, place, part(self._of.model, state))
+
+
+def why_no_losses(model: Model) -> str:
+    """Why losses have no derivatives step by step; empty if they have."""
+    members = model.points.members
+    lose = members is not None and any(law.law.loss for law in members.laws)
+    if lose:
+        return "members touch with friction or losses"
+    return "friction follows the force of a joint" if model.points.follow_joints else ""
+
+
+class StepLosses:
+    """Energies that are lost in the k sub-steps of a part of a tape, in the rows 1 to k."""
+
+    def __init__(self, of: SubSteps):
+        self._of = of
+
+    def blocks(self, rows: np.ndarray) -> Iterator[Block]:
+        """Their derivatives in some of the rows."""
+        of, model = self._of, self._of.model
+        # In statics the first step leads to the equilibrium without loads, which loses nothing.
+        for row in rows[rows > int(model.scheme.rates.at_rest)].tolist():
+            k = of.present.first + row - 1
+            part = of.part(k)
+            if model.scheme.rates.at_rest:
+                model.forms.set_load(*of.load(k))
+            for by in [] if model.forms.beams is None else model.forms.beams.losses_by(part):
+                yield from of.in_step(row, k, by)
+            if model.points.any_have("loss"):
+                yield from self._of_points(row, k, part)
+
+    def _of_points(self, row: int, k: int, part: Part) -> Iterator[Block]:
+        """Derivatives of what forces at points lose."""
+        of, points, states = self._of, self._of.model.points, self._of.states
+        before, after, _ = of.places(k)
+        start = {name: states[name][before] for name in ("v", "slides")}
+        start["spring_internal"] = states["spring internal"][before]
+        of.model.forms.parameters.use(part.start.parameters)
+        points.begin(part.interval, part.start._replace(**start))
+        by = points.losses_by(part.D, states["slides"][after] - start["slides"])
+        for name, increment in (("q", "increment"), ("slides", "slide increment")):
+            D = by.pop(increment)
+            if D.size:
+                yield of_row(name, row, by.pop(name) - D, before)
+                yield of_row(name, row, D, after)
+        yield from of.in_step(row, k, {OF_POINTS.get(name, name): by[name] for name in by})
+
 
 #: Quantities of scenes that add up over the steps.
 SINCE_START = "work", "dissipated_energy"
@@ -108,7 +230,7 @@ def why_no_work(model: Model) -> str:
     return "of a mechanism, which also depends on how it settles" if model.mechanism else ""
 
 
-class WorkOutput:
+class WorkOutput(RowOutput):
     """Work or dissipated energy since the start, at the rows of a run in a part of a tape.
 
     The rows are at `places` (n,) among the states, which `of` has; `forces` gives those of columns
@@ -158,11 +280,8 @@ class WorkOutput:
             yield from (block.times(sign) for block in of.blocks(steps))
 
     def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
-        """Add the derivatives of the sum of weights (n,) times the quantity.
-
-        `later` is the sum of the weights of rows in later parts.
-        """
-        of_steps = weights_of_steps(self._ends, weights, later, self._count)
+        """As of `RowOutput`."""
+        of_steps = _weights_of_steps(self._ends, weights, later, self._count)
         vjp(self._of_steps(np.flatnonzero(of_steps)), of_steps, to)
         vjp(self._of_rows(np.flatnonzero(weights)), weights, to)
 
@@ -173,10 +292,7 @@ class WorkOutput:
         of_state: Mapping[str, np.ndarray],
         changes: Mapping[str, np.ndarray],
     ) -> np.ndarray:
-        """Changes (rows, m) from those of the states and of the numbers of the scene.
-
-        `before` (m,) is what the parts before have given, to which this one adds.
-        """
+        """As of `RowOutput`."""
         steps = np.arange(self._count + 1)
         sums = jvp(self._of_steps(steps), (len(steps),), of_state, changes)
         sums[0] += before
@@ -286,3 +402,15 @@ def _driven_paths(model: Model) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.c
             if node is not GROUND:
                 nodes[i, model.mesh.dofs[node.number, 2]] += sign
     return scipy.sparse.csr_matrix(nodes), scipy.sparse.csr_matrix(slides)
+
+
+def _weights_of_steps(
+    ends: np.ndarray, weights: np.ndarray, later: float, count: int
+) -> np.ndarray:
+    """Sums (count + 1,) of the weights of all rows from the start on, and from after each step on.
+
+    Rows with weights (n,) are after `ends` (n,) steps; `later` is the sum of those of later rows.
+    """
+    # Of no rows `bincount` gives integers, to which parts of numbers cannot be added.
+    at_ends = np.bincount(np.append(ends, count), np.append(weights, later), count + 1)
+    return at_ends[::-1].cumsum()[::-1]

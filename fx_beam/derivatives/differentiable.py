@@ -1,0 +1,91 @@
+"""What responses share: functions of numbers, called by one thread at a time."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from threading import RLock
+from typing import Any, TypeVar
+
+import numpy as np
+
+from fx_beam.array_calls import ArrayCalls, calling_with_arrays
+from fx_beam.errors import all_of, numbers, require
+from fx_beam.results.audit import Stats
+from fx_beam.scene.scene import Scene
+from fx_beam.step.interrupts import one_thread
+
+from .built_scenes import BuiltScenes, NumbersOf
+
+_Method = TypeVar("_Method", bound=Callable)
+
+
+def one_call(method: _Method) -> _Method:
+    """A method for one thread, in which functions are called with arrays where they accept them."""
+
+    @functools.wraps(method)
+    def call(self, *given, **named):
+        with calling_with_arrays(self._calls):
+            return method(self, *given, **named)
+
+    return one_thread(call)  # type: ignore[return-value]
+
+
+class Differentiable:
+    """A function of the numbers of which scenes are built, with derivatives by them."""
+
+    stats: Stats
+    #: What a call gives, for messages.
+    _gives = "motion"
+    __call__: Callable[..., Any]
+    vjp: Callable[..., Any]
+    jacobian: Callable[..., Any]
+    _build: Callable[..., Any]
+    _scene: Scene
+
+    def _begin(self) -> None:
+        """Know of no call yet; what was given until now is what pickles and copies keep."""
+        self._arguments = dict(vars(self))
+        self._alone, self._calls = RLock(), ArrayCalls()
+        self._scenes = BuiltScenes(self._scene_at)
+        self._x: Any = None
+        self._known_changes: dict[str, np.ndarray] | None = None
+
+    def __getstate__(self):
+        return self._arguments
+
+    def __setstate__(self, given):
+        vars(self).update(given)
+        self._begin()
+
+    def _scene_at(self, x: Any) -> Scene:
+        """The scene of numbers; SceneError if `build` gives something else."""
+        raise NotImplementedError
+
+    def _begin_call(self, x: Any) -> np.ndarray:
+        """The numbers of a call; there are no derivatives until it succeeds."""
+        self._x = self._known_changes = None
+        values = numbers(x)
+        fits = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))
+        require(fits, "Response: x", x, "a sequence of finite numbers")
+        return values
+
+    def _check_has_run(self, what: str) -> None:
+        wanted = "called after run(x) without an error"
+        has_run = self._x is not None
+        require(has_run, f"{type(self).__name__}.{what}", f"no {self._gives} yet", wanted)
+
+    def _changes(self) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) of all numbers of the last call by x."""
+        if self._known_changes is None:
+            self._known_changes = self._changes_by_x()
+        return self._known_changes
+
+    def _changes_by_x(self) -> dict[str, np.ndarray]:
+        raise NotImplementedError
+
+    def _derivatives(self, numbers_of: NumbersOf) -> dict[str, np.ndarray]:
+        """Derivatives (m, ...) by x of the numbers of scenes at the last one."""
+        changes = self._scenes.derivatives(self._x, self._scene, numbers_of)
+        self.stats.difference_reason = self._scenes.reason
+        return changes

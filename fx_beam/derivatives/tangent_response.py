@@ -1,0 +1,80 @@
+"""Small motions about the reference or a static state as functions of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from fx_beam.errors import check_takes, require
+from fx_beam.linear.linearisation import Linearisation, check_equilibrium, linearised
+from fx_beam.results.audit import Stats
+from fx_beam.results.solution import Solution
+from fx_beam.scene.scene import Scene
+
+from .differentiable import Differentiable
+from .static_derivatives import StateChange, change_of_end
+from .tangent_derivatives import Product, TangentDerivatives
+
+
+class TangentResponse(Differentiable):
+    """What follows from stiffness, damping and mass about an equilibrium."""
+
+    #: The function that is asked for, in messages of calls.
+    _asked: str
+
+    def _begin_tangent(
+        self, build: Callable[..., Any], state: Callable[[Scene], Solution] | None
+    ) -> None:
+        self._what = type(self).__name__
+        check_takes(build, "x", f"{self._what}: build")
+        if state is not None:
+            check_takes(state, "scene", f"{self._what}: state")
+        self._build, self._state = build, state
+        self._begin()
+
+    def _begin(self) -> None:
+        super()._begin()
+        self._about: Linearisation
+        self._tangent: TangentDerivatives | None = None
+
+    def _linearised(self, x: np.ndarray) -> Linearisation:
+        """Linearise about the equilibrium of the scene of numbers."""
+        vars(self).pop("_about", None)  # so that its model serves again
+        self._scene = scene = self._scene_at(x)
+        self._end = self._state and self._state(scene)
+        self._path = path = getattr(self._end, "_load_path", None)
+        fits = self._state is None or (path is not None and path.scene is scene)
+        wanted = "a solution of fx_beam.static(scene)"
+        require(fits, f"{self._what}: state(scene)", self._end, wanted)
+        self._about = about = linearised(scene, self._end, self._asked)
+        check_equilibrium(about, self._end, self._asked)
+        scheme, unknowns = about.model.scheme, len(about.unknowns)
+        self.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
+        return about
+
+    @property
+    def _is_damped(self) -> bool:
+        """Whether damping counts."""
+        raise NotImplementedError
+
+    def _changes_by_x(self) -> dict[str, np.ndarray]:
+        if self._tangent is None or self._tangent.damped != self._is_damped:
+            self._tangent = TangentDerivatives(self._what, self._is_damped)
+        self._tangent.begin(self._about, self._end)
+        self._start: StateChange | None = None
+        if self._path is not None and self._about.model.flows:
+            self._start = change_of_end(self._path, self._derivatives, self._what)
+        return self._derivatives(self._numbers_of)
+
+    def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:
+        assert self._tangent is not None  # by `_changes_by_x`
+        moved = None if self._start is None else (self._start, change)
+        return self._tangent.numbers_of(scene, moved)
+
+    def _of_sums(self, sums: Sequence[Sequence[Product]]) -> np.ndarray:
+        """Derivatives (n, m) of sums of products."""
+        changes = self._changes()
+        assert self._tangent is not None  # by `_changes_by_x`
+        return self._tangent.of_sums(self._about, sums, changes)
