@@ -17,7 +17,6 @@ from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene
 
 from . import elements, ffcx_api
-from .assembly import BoundForm, Field
 from .ffcx_api import CompiledForm
 from .fields import Data, DataShape, Fields, cell_data
 from .mesh import Mesh
@@ -72,35 +71,17 @@ def drag_form(
     return (_cached if scheme.built_in else DragForm)(fields, scheme.rates, shapes)
 
 
-class BeamDrag:
-    """The drag of a scene's beams in a step, by its forms on the mesh."""
-
-    def __init__(self, increment: Field, force: BoundForm, tangent: BoundForm):
-        #: The increment in these forms, another one than that of the internal forces.
-        self.increment = increment
-        self._force, self._tangent = force, tangent
-
-    def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
-        """Add the resisting forces (size,) for the increment D."""
-        self.increment.array[:] = D
-        self._force.add_to(out)
-
-    def add_tangent(self, values: np.ndarray, at: np.ndarray) -> None:
-        """Add their derivative by the last D to values of a matrix at places of cells."""
-        self._tangent.add_to(values, at)
-
-
 def coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, Data]:
     """Coefficients of `drag_work` on all beams, those that there are."""
     rows: dict[str, np.ndarray] = {}
-    for drag in drags:
-        assert isinstance(drag.target, Beam)
+    on_beams = ((drag, drag.target) for drag in drags if isinstance(drag.target, Beam))
+    for drag, beam in on_beams:
         for name in ("linear", "quadratic", "rotation"):
             value = getattr(drag, name)
             if value.any():
                 key = name if len(value) == 1 else f"{name} along and across"
                 of_beams = rows.setdefault(key, np.zeros((len(scene.beams), len(value))))
-                of_beams[scene.beams.index(drag.target)] += value
+                of_beams[scene.beams.index(beam)] += value
     return {
         name: cell_data(mesh, row if "across" in name else row[:, 0]) for name, row in rows.items()
     }

@@ -10,13 +10,13 @@ import numpy as np
 
 from fx_beam.laws.interval import Interval, Part, Parts, StepStart
 from fx_beam.laws.schemes import Scheme
-from fx_beam.scene.beam import Beam
+from fx_beam.scene.beam import gauss_rule
 from fx_beam.scene.law import held
 from fx_beam.scene.scene import Scene
 
-from . import elements, vjp_form
-from .assembly import BoundForm, Field, Space
-from .beam_drag import BeamDrag, DragForm, coefficients, drag_form
+from . import vjp_form
+from .assembly import BoundForm, Field, PointValues, Space
+from .beam_drag import DragForm, coefficients, drag_form
 from .ffcx_api import CompiledForm
 from .fields import (
     Data,
@@ -31,7 +31,6 @@ from .fields import (
 )
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .point_values import PointValues
 from .vjp_form import ResultantDerivatives
 from .weak_form import Material, WeakForm, inverted_sections, weak_form
 
@@ -75,10 +74,11 @@ class BeamForms:
         #: Functions that change: the first in every iteration, the others in every step. They are
         #: numbered as the kinds of coefficients in problem.h; None is missing.
         self.moving: list[Any] = [self._data.get(field) for field in weak.moving]
-        self.increment, self._start, *self._start_rates = self.moving[:4]
+        self._start, *self._start_rates = self.moving[1:4]
         if weak.added is not None:
             self._added = self._bind(weak.added)
-        self._residual, self._tangent = self._bind(weak.force), self._bind(weak.tangent)
+        #: Those of forces and of their tangents: the internal ones, and drag.
+        self._forces, self._tangents = [self._bind(weak.force)], [self._bind(weak.tangent)]
         self._energy = self._bind(weak.energy)
         #: Forms of `WeakForm.losses`; None where there is none.
         self.of_loss = [form and self._bind(form) for form in weak.losses]
@@ -95,11 +95,16 @@ class BeamForms:
         self.resultants_move = weak.resultants_move
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = len(self._tags), self.fields.degree, weak.width
-        self.drag = self._drag_on_beams(scene)
+        #: Coefficients of the drag on beams by name.
+        self.of_drag: dict[str, FilledField] = {}
+        if drags := [] if scheme.rates.at_rest else scene.drags:
+            self._add_drag(coefficients(scene, drags, mesh))
 
     def _fields(self, damps: bool) -> dict[Any, Any]:
         """Constants and functions in the place of UFL's fields, for drag if it `damps`."""
         mesh, fields = self._mesh, self.fields
+        #: Increments of displacements and rotations.
+        self.increment = Field(mesh.unknowns)
         names = "time", "dt", "load_factor", "memory", "load_increment"
         self._values = {name: np.zeros(()) for name in names}
         self._reset_constants()
@@ -118,23 +123,20 @@ class BeamForms:
 
     def _unknowns(self, fields: Fields) -> dict[Any, Field]:
         """The increment, and a coordinate on each cell if it is needed, in the place of UFL's."""
-        data = {fields.increment: Field(self._mesh.unknowns)}
+        data = {fields.increment: self.increment}
         if fields.coordinate is not None:
             coordinate = data[fields.coordinate] = Field(self._mesh.space(2))
             coordinate.array.reshape(-1, 2)[:] = 0.0, fields.degree
         return data
 
-    def _drag_on_beams(self, scene: Scene) -> BeamDrag | None:
-        drags = [] if self._scheme.rates.at_rest else scene.drags
-        of_beams = [drag for drag in drags if isinstance(drag.target, Beam)]
-        if not of_beams:
-            return None
-        given = coefficients(scene, of_beams, self._mesh)
-        #: Coefficients of the drag on beams by name.
+    def _add_drag(self, given: dict[str, Data]) -> None:
+        """Add the drag on beams with these coefficients."""
         self.of_drag = {name: FilledField(part, self._mesh) for name, part in given.items()}
-        form, data = self._drag_form(self.of_drag)
-        force, tangent, _ = (self._bind(compiled, data=data) for compiled in form.compiled)
-        return BeamDrag(data[form.fields.increment], force, tangent)
+        if given:
+            form, data = self._drag_form(self.of_drag)
+            force, tangent, _ = (self._bind(compiled, data=data) for compiled in form.compiled)
+            self._forces.append(force)
+            self._tangents.append(tangent)
 
     def _drag_form(self, of_drag: Mapping[str, FilledField]) -> tuple[DragForm, dict[Any, Any]]:
         """The form of the drag with these coefficients, and what is in the place of its symbols."""
@@ -209,9 +211,8 @@ class BeamForms:
         self._reset_constants()
         data = self._section_data(scene)
         changed = refill(self.of_sections, data)
-        if self.drag is not None:
-            drags = [drag for drag in scene.drags if isinstance(drag.target, Beam)]
-            data |= (of_drag := coefficients(scene, drags, self._mesh))
+        if self.of_drag:
+            data |= (of_drag := coefficients(scene, scene.drags, self._mesh))
             changed += refill(self.of_drag, of_drag)
         self.changes += bool(changed)
         for name in self._by_cells.keys() & set(changed):
@@ -225,7 +226,7 @@ class BeamForms:
         data[weak.weight] = Field(self._mesh.unknowns)
         if weak.width:
             data[weak.internal_weight] = Field(spaces["internal"])
-        return self._bound_vjp(weak.work, data, spaces, data[self.fields.increment])
+        return self._bound_vjp(weak.work, data, spaces)
 
     def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Space]]:
         """A form of a kind, whose data vary cell by cell; what is in the place of its symbols.
@@ -254,7 +255,7 @@ class BeamForms:
         """The work of the drag on weights, and its derivatives."""
         form, data, spaces = self._varied_drag("")
         data[form.work.weights[0]] = Field(self._mesh.unknowns)
-        return self._bound_vjp(form.work, data, spaces, data[form.fields.increment])
+        return self._bound_vjp(form.work, data, spaces)
 
     def _varied_drag(self, prefix: str) -> tuple[DragForm, dict[Any, Any], dict[str, Space]]:
         """The same for drag; names of the coefficients get a prefix."""
@@ -268,16 +269,14 @@ class BeamForms:
         spaces |= dict.fromkeys(vjp_form.NODAL, self._mesh.unknowns)
         return {**spaces, **self.natural.spaces, "coordinates": self._mesh.positions}
 
-    def _bound_vjp(
-        self, work: Any, data: Mapping, spaces: dict[str, Space], increment: Field
-    ) -> vjp_form.BoundVjp:
+    def _bound_vjp(self, work: Any, data: Mapping, spaces: dict[str, Space]) -> vjp_form.BoundVjp:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
 
         def bind(form: CompiledForm, of_form: list[Space]) -> BoundForm:
             return BoundForm(form, self._mesh, data, of_form, self._tags)
 
         of_weights = [data[weight].space for weight in work.weights]
-        return vjp_form.BoundVjp(work, spaces, [increment, *self.moving[1:]], bind, of_weights)
+        return vjp_form.BoundVjp(work, spaces, bind, of_weights)
 
     def stored_energy_by(
         self, q: np.ndarray, internal: Given = None, natural: Given = None
@@ -326,11 +325,8 @@ class BeamForms:
         "natural" at the start and "natural_end", "parameters" (n,) of the scene, "stiffness",
         "times", and coefficients of "drag ...".
         """
-        lost = self._lost
         self.begin_part(part)
-        if self.drag is not None:
-            self._drag_increment.array[:] = part.D
-        return [self._assembled(forms) for forms in lost]
+        return [self._assembled(forms) for forms in self._lost]
 
     @functools.cached_property
     def _lost(self) -> list[dict[str, BoundForm]]:
@@ -339,10 +335,9 @@ class BeamForms:
         if any(self.of_loss[:2]):
             weak, *on_mesh = self._varied(vjp_form.LossForm)
             lost.append(self._bound_forms(weak.forms, *on_mesh))
-        if self.drag is not None:
-            drag, data, spaces = self._varied_drag("drag ")
-            self._drag_increment = data[drag.fields.increment]
-            lost.append(self._bound_forms(drag.loss_by, data, spaces))
+        if self.of_drag:
+            drag, *on_mesh = self._varied_drag("drag ")
+            lost.append(self._bound_forms(drag.loss_by, *on_mesh))
         return lost
 
     @functools.cached_property
@@ -369,7 +364,7 @@ class BeamForms:
         """Data of sections and of drag by name, cell by cell."""
         names, cells = {"times": "retardation"}, len(self._tags)
         fields = {names.get(name, name): field for name, field in self.of_sections.items()}
-        if self.drag is not None:
+        if self.of_drag:
             fields |= {f"drag {name}": field for name, field in self.of_drag.items()}
         return {name: field.data.by_cells(cells).values for name, field in fields.items()}
 
@@ -388,7 +383,7 @@ class BeamForms:
         self._internal = self._data[self._weak.internal]
         self._bind(compiled, self._internal.space)
         #: Weights (degree,) of the Gauss points, relative to the element's length.
-        self.point_weights = elements.gauss_weights(self.fields.degree)
+        self.point_weights = gauss_rule(self.fields.degree)[1]
 
     # -- Evaluation -----------------------------------------------------------------------------
 
@@ -405,7 +400,7 @@ class BeamForms:
     @property
     def depend_on_rates(self) -> bool:
         """Whether forces may depend on rates."""
-        return self.has_external or self.drag is not None or self.resultants_move
+        return self.has_external or bool(self.of_drag) or self.resultants_move
 
     def set_load(self, factor: float, increment: float) -> None:
         """Set the load factor, and in statics its increment in the step."""
@@ -417,7 +412,7 @@ class BeamForms:
         self._values["time"][...] = interval.start + self._scheme.rates.level * interval.length
         self._values["dt"][...] = interval.length
         self._start.array[:] = start.q
-        if (self.needs_rates or self.drag is not None) and len(start.v):
+        if (self.needs_rates or self.of_drag) and len(start.v):
             for field, rate in zip(self._start_rates, (start.v, start.a), strict=True):
                 field.array[:] = rate
         if self.needs_previous:
@@ -435,15 +430,13 @@ class BeamForms:
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Add the internal forces (eq. 53), by the reduced rule, and drag to `out` (size,)."""
         self.increment.array[:] = D
-        self._residual.add_to(out)
-        if self.drag is not None:
-            self.drag.add_force(D, out)
+        for form in self._forces:
+            form.add_to(out)
 
     def add_tangent(self, values: np.ndarray, at: np.ndarray) -> None:
         """Add their tangent (eq. 54), derived by UFL, to values of a matrix at places of cells."""
-        self._tangent.add_to(values, at)
-        if self.drag is not None:
-            self.drag.add_tangent(values, at)
+        for form in self._tangents:
+            form.add_to(values, at)
 
     def add_external(self, out: np.ndarray) -> None:
         """Add the forces of virtual works of a user, with the motion, to `out` (size,)."""

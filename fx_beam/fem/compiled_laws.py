@@ -276,17 +276,15 @@ def compiled_laws(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw]
 class NodalRules:
     """The rules of `NodalRates`, compiled, and where the tangent has what they make of the mass."""
 
-    def __init__(self, rates: NodalRates, dofs: np.ndarray, mass: scipy.sparse.csr_matrix):
+    def __init__(self, rates: NodalRates, mass: scipy.sparse.csr_matrix):
         self.functions = [_compiled(rates, rule) for rule in rates.rules]
-        # Three times the node of each degree of freedom, plus the component there.
-        places = np.empty(dofs.size, dtype=int)
-        places[dofs] = np.arange(dofs.size).reshape(-1, 3)
-        rows = np.repeat(np.arange(dofs.size), np.diff(mass.indptr))
+        rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
         #: Nonzero entries (n,) of the mass, and (n, 3) of the tangent to which they contribute.
         self.heavy = np.flatnonzero(mass.data)
         #: Those of their columns.
-        self.columns = places[mass.indices[self.heavy]]
-        at = np.repeat(rows[self.heavy], 3), dofs[self.columns // 3].ravel()
+        self.columns = mass.indices[self.heavy]
+        of_nodes = 3 * (self.columns // 3)[:, None] + np.arange(3)
+        at = np.repeat(rows[self.heavy], 3), of_nodes.ravel()
         self.value_at = positions_in(mass.indptr, mass.indices, *at).reshape(-1, 3)
 
 

@@ -1,4 +1,4 @@
-"""UFL's finite elements and symbols on intervals, and Gauss rules: UFL's own or those of basix."""
+"""UFL's finite elements and symbols on intervals: UFL's own or those of basix."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from importlib import import_module
 from typing import Any
 
 import ufl
-
-import numpy as np
 
 #: Whether elements belong to UFL, in 2022.2, or to basix.
 OF_UFL = hasattr(ufl, "FiniteElement")
@@ -91,22 +89,6 @@ def data(on, points: int, shape: tuple[int, ...] = ()):
 
 
 def measure(on, points: int):
-    """Measure `dx` with a Gauss rule of so many points."""
+    """Measure `dx` with the `gauss_rule` of so many points."""
     rule = {"quadrature_degree": 2 * points - 1, "quadrature_rule": "Gauss-Jacobi"}
     return ufl.Measure("dx", domain=on, metadata=rule)
-
-
-@functools.cache
-def gauss_points(points: int) -> np.ndarray:
-    """Reference coordinates (points, 1) in [0, 1] of the Gauss rule that `measure` uses."""
-    x = (np.polynomial.legendre.leggauss(points)[0][:, None] + 1) / 2
-    x.flags.writeable = False
-    return x
-
-
-@functools.cache
-def gauss_weights(points: int) -> np.ndarray:
-    """Weights (points,) of the same rule, relative to the element's length."""
-    weights = np.polynomial.legendre.leggauss(points)[1] / 2
-    weights.flags.writeable = False
-    return weights

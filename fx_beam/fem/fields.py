@@ -17,7 +17,7 @@ from fx_beam.errors import SceneError, all_of, fields_in, refuse_fields
 from fx_beam.laws.kinematics import Step
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.laws.resultants import Nodes, lagrange
-from fx_beam.scene.beam import Beam, arc_lengths
+from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
@@ -99,7 +99,7 @@ def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) 
         if len(constants) == 1:
             return Data(0, stacked(*constants.values()))
         return cell_data(mesh, stacked([constants[id(section)] for section in sections]))
-    gauss = elements.gauss_points(points)
+    gauss, _ = gauss_rule(points)
     values: list[np.ndarray] = []
     for beam in scene.beams:
         fractions = arc_lengths(beam, gauss) / beam.length

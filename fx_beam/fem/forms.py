@@ -34,7 +34,7 @@ class Forms:
             raise SceneError("add_virtual_work acts on beams, but the scene has none. Add a beam")
         self.size = mesh.dofs.size
         #: Degrees of freedom that are rotations.
-        self.turns = np.sort(mesh.dofs[:, 2])
+        self.turns = mesh.dofs[:, 2]
         self._mesh, self._rates = mesh, scheme.rates
         #: Parameters of the user's functions.
         self.parameters = parameters = ParameterValues(scene)
@@ -122,7 +122,7 @@ class Forms:
     @property
     def dissipate(self) -> bool:
         """Whether they may dissipate energy."""
-        if (beams := self.beams) is not None and (beams.drag is not None or any(beams.of_loss)):
+        if (beams := self.beams) is not None and (beams.of_drag or any(beams.of_loss)):
             return True
         return self.points.any_have("loss")
 

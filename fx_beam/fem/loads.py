@@ -11,12 +11,11 @@ import scipy.sparse
 
 from fx_beam.errors import Constant, TimeFunction, evaluate, series
 from fx_beam.laws.interval import Interval, just_inside
-from fx_beam.scene.beam import Beam, Node, arc_lengths, lagrange_and_slopes
+from fx_beam.scene.beam import Beam, Node, arc_lengths, gauss_rule, lagrange_and_slopes
 from fx_beam.scene.loads import NAMES, Load, PlaceTimeFunction, StrainPart, label, values_along
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from . import elements
 from .mesh import Mesh
 
 
@@ -27,7 +26,7 @@ def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
     """
     of_elements = mesh.elements[mesh.cells[number]]
     degree = of_elements.shape[1] - 1
-    weights, shape, slope = gauss_rule(degree, rule)
+    weights, shape, slope = element_rule(degree, rule)
     stretch = np.linalg.norm(slope @ mesh.X[of_elements], axis=-1)  # (elements, rule)
     forces = (weights * stretch)[..., None] * shape  # (elements, rule, degree + 1)
     forces = np.repeat(forces[:, :, None], 2, axis=2)
@@ -39,10 +38,10 @@ def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
 
 
 @functools.cache
-def gauss_rule(degree: int, rule: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights (rule,), and polynomials of equidistant nodes (rule, degree + 1), and slopes."""
-    nodes, points = np.linspace(0.0, 1.0, degree + 1), elements.gauss_points(rule)
-    return elements.gauss_weights(rule), *lagrange_and_slopes(nodes, points[:, 0])
+def element_rule(degree: int, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights (points,), and polynomials of equidistant nodes (points, degree + 1), and slopes."""
+    places, weights = gauss_rule(points)
+    return weights, *lagrange_and_slopes(np.linspace(0.0, 1.0, degree + 1), places)
 
 
 class UnitLoad(NamedTuple):
@@ -138,7 +137,7 @@ class Loads(SumOfLoads):
         """Loads at the Gauss points of the rule that integrates the interpolation exactly."""
         function, rule = load.value, beam.degree + 1
         unit = line_forces(self._mesh, scene.beams.index(beam), rule)
-        places = arc_lengths(beam, elements.gauss_points(rule)).ravel()
+        places = arc_lengths(beam, gauss_rule(rule)[0]).ravel()
         if isinstance(function, PlaceTimeFunction):
             function = function.over(places)
         else:
@@ -174,7 +173,7 @@ class NaturalStrains(SumOfLoads):
         cells = self._mesh.cells[scene.beams.index(beam)]
         points = degree * cells[:, None] + np.arange(degree)
         rows = 3 * points.ravel() + [*NAMES].index(name)
-        places = (arc_lengths(beam, elements.gauss_points(degree)) / beam.length).ravel()
+        places = (arc_lengths(beam, gauss_rule(degree)[0]) / beam.length).ravel()
         values, counts = np.ones(len(rows)), np.array([len(rows)])
         what = f"{NAMES[name]} of beam {beam.name!r}"
         if isinstance(function, PlaceTimeFunction):

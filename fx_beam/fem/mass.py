@@ -17,7 +17,7 @@ from fx_beam.scene.structure import OtherStructureError
 from . import ffcx_api
 from .fields import distinct, fields_of, section_data
 from .forms import Forms
-from .loads import gauss_rule
+from .loads import element_rule
 from .mesh import Mesh
 from .sparsity import positions_in
 
@@ -116,7 +116,9 @@ class Mass:
         weight = self._mesh.from_nodes(self.lumped * pull)
         if of_cells is not None:
             rows, columns, _ = _unit_masses(self._degree)
-            forces, at = of_cells * pull[columns % 3], self._dofs[:, rows]
+            count = self._degree + 1
+            components = np.array([0, 1] * count + [2] * count)[columns]
+            forces, at = of_cells * pull[components], self._mesh.unknowns.dofs[:, rows]
             weight = weight + np.bincount(at.ravel(), forces.reshape(-1), len(weight))
         return weight
 
@@ -125,7 +127,7 @@ class Mass:
         if not self._has:
             return None
         mesh, degree, (_, _, masses) = self._mesh, self._degree, _unit_masses(self._degree)
-        along = gauss_rule(degree, degree + 1)[2] @ mesh.places(self._scene)[mesh.elements]
+        along = element_rule(degree, degree + 1)[2] @ mesh.places(self._scene)[mesh.elements]
         lengths = np.hypot(along[..., 0], along[..., 1])
         density = section_data(mesh, self._scene, ("rhoA", "rhoI"), degree + 1).values
         of_points = lengths[..., None] * density
@@ -135,17 +137,11 @@ class Mass:
     def _degree(self) -> int:
         return self._scene.beams[0].degree
 
-    @property
-    def _dofs(self) -> np.ndarray:
-        """Degrees of freedom (cells, 3 nodes) of each cell, node by node along it."""
-        return self._mesh.dofs[self._mesh.elements].reshape(len(self._mesh.elements), -1)
-
     @functools.cached_property
     def _places(self) -> np.ndarray:
         """Positions (cells * n,) of the entries of cells in the values of the stiffness."""
-        K, (rows, columns, _) = self._forms.stiffness, _unit_masses(self._degree)
-        at = self._dofs[:, rows].ravel(), self._dofs[:, columns].ravel()
-        return positions_in(K.indptr, K.indices, *at)
+        rows, columns, _ = _unit_masses(self._degree)
+        return self._forms.of_cells[:, 3 * (self._degree + 1) * rows + columns].ravel()
 
     @functools.cached_property
     def _diagonal(self) -> np.ndarray:
@@ -167,17 +163,15 @@ def _unit_masses(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows and columns (n,) of entries of an element's mass matrix, and those (2 points, n).
 
     Of an element of unit length, whose rhoA or rhoI is one at one Gauss point, and zero elsewhere.
-    Degrees of freedom are numbered node by node along the element.
+    Degrees of freedom are numbered as in forms: displacements at nodes, then rotations.
     """
     fields = fields_of(degree, curved=False)
-    points, nodes = fields.full_rule, np.array([0, *range(2, degree + 1), 1])
+    points = fields.full_rule
     density = fields.data((points, (2,)))
     (u, psi), (virtual_u, virtual_psi) = ufl.split(fields.trial), ufl.split(fields.test)
     work = density[0] * ufl.dot(virtual_u, u) + density[1] * virtual_psi * psi
     form = ffcx_api.compile_form(work * fields.measure(points), "mass")
     units = np.eye(2 * points)
     masses = ffcx_api.element_tensors(form, units, [[0, 0, 0], [1, 0, 0]], 3 * (degree + 1))
-    order = np.dstack([2 * nodes, 2 * nodes + 1, 2 * (degree + 1) + nodes]).ravel()
-    masses = masses[:, order][:, :, order]
     rows, columns = np.nonzero(masses.any(axis=0))
     return rows, columns, masses[:, rows, columns]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.dual import Dual, DualFloat, have_slopes, plain, stacked
+from fx_beam.dual import DualFloat, have_slopes, plain, stacked
 from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, inner_positions
 from fx_beam.scene.scene import Scene
@@ -119,15 +119,11 @@ class Mesh:
 
     def to_nodes(self, vector: np.ndarray) -> np.ndarray:
         """Values (n_node, 3) at the nodes of a vector (size,) over all degrees of freedom."""
-        return vector[self.dofs]
+        return np.array(vector).reshape(-1, 3)
 
     def from_nodes(self, values: Any) -> Any:
         """Vector (size,) over all degrees of freedom of values (n_node, 3) at the nodes."""
-        if isinstance(values, Dual):
-            return Dual(self.from_nodes(values.values), self.from_nodes(values.slopes))
-        vector = np.empty((self.dofs.size, *values.shape[2:]))
-        vector[self.dofs] = values
-        return vector
+        return stacked(values).reshape(-1, *values.shape[2:])
 
     def at_points(self, values: np.ndarray) -> np.ndarray:
         """Values (k, cells, 2 m) of those (k, n_node, 2) at the `points` of cells."""

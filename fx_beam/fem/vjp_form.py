@@ -10,6 +10,8 @@ from ufl.algorithms import expand_derivatives
 
 import numpy as np
 
+from fx_beam.scene.beam import gauss_rule
+
 from . import elements, ffcx_api
 from .assembly import BoundForm, Field, Space
 from .ffcx_api import CompiledForm
@@ -53,8 +55,6 @@ class BoundVjp(NamedTuple):
     work: WorkOnWeights
     #: Spaces of the derivatives by their names.
     spaces: Mapping[str, Space]
-    #: Its fields that change, numbered as in problem.h.
-    moving: list[Field]
     #: Binds a form with arguments in these spaces.
     bind: Callable[[CompiledForm, list[Space]], BoundForm]
     #: Spaces of the weights.
@@ -250,7 +250,7 @@ class ResultantDerivatives:
         self._forms, self._change, self._changes, self._weight = forms, change, changes, weight
         self._begin, self._cells = begin, len(weight.space.dofs)
         #: Weights (points, 1) of the Gauss points, relative to the element's length.
-        self._point_weights = elements.gauss_weights(weight.space.points)[:, None]
+        self._point_weights = gauss_rule(weight.space.points)[1][:, None]
 
     def vjp(self, part: Any, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of the sum of weights (cells, points, 3) times N, Q and M, by name.

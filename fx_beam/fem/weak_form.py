@@ -22,6 +22,7 @@ from fx_beam.laws.resultants import (
 )
 from fx_beam.laws.scalar_laws import evolution_loss, evolved, law_of_step
 from fx_beam.laws.schemes import Scheme
+from fx_beam.scene.beam import gauss_rule
 from fx_beam.scene.law import (
     Energy,
     InternalVariables,
@@ -292,7 +293,7 @@ class WeakForm:
         return self._compiled_at_points("normal stretch", [1 + self.step.total_strains0[0]])
 
     def _compiled_at_points(self, name: str, expressions: Sequence[Any]) -> list[CompiledForm]:
-        points = elements.gauss_points(self.fields.degree)
+        points = gauss_rule(self.fields.degree)[0][:, None]
         numbered = {f"{name} {k}": (of, points) for k, of in enumerate(expressions, start=1)}
         return ffcx_api.compile_together(numbered)
 

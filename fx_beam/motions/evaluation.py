@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.fem.elements import gauss_points
 from fx_beam.results.audit import BeamResultants, Energy, Stability, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import HISTORIES, State
-from fx_beam.scene.beam import Beam, arc_lengths, lagrange_and_slopes
+from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule, lagrange_and_slopes
 from fx_beam.scene.joints import constraints_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
@@ -64,7 +63,7 @@ def solution_of(
                 cache.append(every[rows])
         beam, cells = of_name[name]
         values = cache[0][:, cells]
-        s = arc_lengths(beam, gauss_points(beam.degree))
+        s = arc_lengths(beam, gauss_rule(beam.degree)[0])
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
         return BeamResultants(s.ravel(), N, Q, M)
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import ufl
 
 import numpy as np
 
-from fx_beam.scene.beam import arc_lengths, lagrange, lagrange_and_slopes
+from fx_beam.scene.beam import arc_lengths, gauss_rule, lagrange, lagrange_and_slopes
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.parameters import replaced
 
@@ -33,13 +32,13 @@ def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> 
         return _speeds(solution, [name], rows, places)
     values = _at_points(solution, name, quantity)[rows]
     values = values.reshape(len(rows), beam.elements, beam.degree)
-    return values @ lagrange(_gauss(beam.degree), places).T
+    return values @ lagrange(gauss_rule(beam.degree)[0], places).T
 
 
 def at_ends(values: np.ndarray) -> np.ndarray:
     """Values (..., degree + 1) at the nodes of elements of those (..., degree) at Gauss points."""
     degree = values.shape[-1]
-    return values @ lagrange(_gauss(degree), np.linspace(0, 1, degree + 1)).T
+    return values @ lagrange(gauss_rule(degree)[0], np.linspace(0, 1, degree + 1)).T
 
 
 def along_all(solution: Any, quantity: str, rows, places: np.ndarray) -> np.ndarray:
@@ -68,7 +67,7 @@ def _speeds(solution: Any, names: list[str], rows, places: np.ndarray) -> np.nda
 
 def _energies(solution: Any, names: list[str], rows, places: np.ndarray) -> np.ndarray:
     degree = solution.beams[names[0]].degree
-    return energy_density(solution, names, rows) @ lagrange(_gauss(degree), places).T
+    return energy_density(solution, names, rows) @ lagrange(gauss_rule(degree)[0], places).T
 
 
 def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
@@ -109,7 +108,7 @@ def _stiffness(beam: Any, constant: dict[int, np.ndarray]) -> np.ndarray:
     section = beam.section
     if id(section) in constant:
         return constant[id(section)]
-    fractions = arc_lengths(beam, _gauss(beam.degree)) / beam.length
+    fractions = arc_lengths(beam, gauss_rule(beam.degree)[0]) / beam.length
     stiffnesses = np.array([section.values(kind, fractions) for kind in _STIFFNESSES])
     if not any(map(section.varies, _STIFFNESSES)):
         constant[id(section)] = stiffnesses = stiffnesses[:, :1, :1]
@@ -120,7 +119,7 @@ def _stiffness(beam: Any, constant: dict[int, np.ndarray]) -> np.ndarray:
 # another process or a copy, without the compiled forms.
 def _strains(solution: Any, nodes: np.ndarray, degree: int, rows: list[int]) -> np.ndarray:
     """Axial strain, shear strain and curvature (3, rows, elements, degree) (eqs 9 and 10)."""
-    values, slopes = lagrange_and_slopes(np.linspace(0, 1, degree + 1), _gauss(degree))
+    values, slopes = lagrange_and_slopes(np.linspace(0, 1, degree + 1), gauss_rule(degree)[0])
     X, q = solution.X[nodes], solution.recorded("q")[rows][:, nodes]
     (X, Y), (u, v, psi) = np.moveaxis(X, -1, 0), np.moveaxis(q, -1, 0)
     x, y, dx, dy, curvature = (f @ slopes.T for f in (X, Y, X + u, Y + v, psi))
@@ -145,12 +144,6 @@ def nodes_of_elements(solution: Any, name: str) -> np.ndarray:
     beam, nodes = solution.beams[name], solution.nodes_of_beam[name]
     first = beam.degree * np.arange(beam.elements)
     return nodes[first[:, None] + np.arange(beam.degree + 1)]
-
-
-@functools.cache
-def _gauss(degree: int) -> np.ndarray:
-    """Gauss points (degree,) of an element, from 0 to 1."""
-    return (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
 
 
 def _parameters(solution: Any, rows: list[int]) -> list[dict[str, float]]:

@@ -200,6 +200,16 @@ def reference_positions(target: Node | Beam) -> np.ndarray:
     return np.concatenate([of_elements.reshape(-1, 2), ends[-1:]])
 
 
+@functools.cache
+def gauss_rule(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n,) of a Gauss rule on an element, from 0 to 1, and weights (n,) of the sum 1."""
+    x, weights = np.polynomial.legendre.leggauss(points)
+    rule = (x + 1) / 2, weights / 2
+    for values in rule:
+        values.setflags(write=False)
+    return rule
+
+
 def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Values (places, nodes) of the Lagrange polynomials of `nodes` at `places`."""
     return lagrange_and_slopes(nodes, places)[0]

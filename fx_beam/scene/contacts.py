@@ -21,7 +21,7 @@ from fx_beam.errors import (
     vector,
 )
 
-from .beam import Beam, Node, lagrange, position_of, reference_positions
+from .beam import Beam, Node, gauss_rule, lagrange, position_of, reference_positions
 from .coordinate import Coulomb, checked_impact, loss_of
 from .joints import GROUND
 from .law import Energy, check_energy
@@ -418,11 +418,11 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
         of_element = firsts[:, None] + np.arange(degree + 1)
         np.add.at(at_nodes, of_element, lengths[:, None] * _SHARES[degree])
         return Points(np.arange(len(at_nodes))[:, None], np.ones((len(at_nodes), 1)), at_nodes)
-    places, shares = np.polynomial.legendre.leggauss(along)
-    values = lagrange(np.linspace(0, 1, degree + 1), (places + 1) / 2)
+    places, shares = gauss_rule(along)
+    values = lagrange(np.linspace(0, 1, degree + 1), places)
     nodes = np.repeat(firsts[:, None] + np.arange(degree + 1), along, axis=0)
     weights = np.tile(values, (target.elements, 1))
-    return Points(nodes, weights, (lengths[:, None] * shares / 2).ravel())
+    return Points(nodes, weights, (lengths[:, None] * shares).ravel())
 
 
 def _checked_radii(what: str, radius: Any) -> tuple[float, float]:

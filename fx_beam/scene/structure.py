@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import functools
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -73,9 +73,8 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Drag: ("linear", "quadratic", "rotation"),
     Velocity: ("value", "spin"),
 }
-# Kinds of values that are compared as they are, and those that often are empty.
+# Kinds of values that are compared as they are.
 _PLAIN = {float, int, bool, str, type(None)}
-_COLLECTIONS = {list, dict}
 # What follows from the rest of a scene.
 _DERIVED = {"nodes", "_corners", "_couplings", "changes"}
 #: Pairs of parts, by their ids, that are known to be alike: many beams have one section.
@@ -107,8 +106,11 @@ class Structure:
             raise OtherStructureError("another number of nodes")
         alike = _Alike()
         for name, part in self._parts.items():
+            other = getattr(scene, name)
+            if isinstance(part, list | dict) and not (part or other):
+                continue  # quickly, as most are empty
             compare = _difference_of_numbers if name in NUMBERS[Scene] else _difference
-            if difference := compare(part, getattr(scene, name), alike):
+            if difference := compare(part, other, alike):
                 raise OtherStructureError(f"scene.{name}{difference}")
         functions = expressions_of(scene)
         for function, known in itertools.zip_longest(functions, self._functions):
@@ -122,7 +124,7 @@ def _difference(one: Any, two: Any, alike: _Alike) -> str:
     kind = type(one)
     if kind is not type(two) and not (isinstance(one, float) and isinstance(two, float)):
         return " is of another kind"
-    if kind in _PLAIN or (kind in _COLLECTIONS and not (one or two)):
+    if kind in _PLAIN:
         return "" if one == two else " differs"
     if issubclass(kind, Node):
         return "" if one.number == two.number else " differs"
@@ -159,8 +161,12 @@ def _difference_of_fields(one: Any, two: Any, alike: _Alike) -> str:
     if (pair := (id(one), id(two))) in alike:
         return ""
     kind: Any = type(one)
-    for name, compare in _comparisons(kind):
+    for name, is_number in _fields(kind):
         known, other = getattr(one, name), getattr(two, name)
+        of = type(known)
+        if of is type(other) and of in _PLAIN and (is_number or known == other):
+            continue  # quickly, as most are
+        compare = _difference_of_numbers if is_number else _difference
         if difference := compare(known, other, alike):
             return f".{name}{difference}"
     alike.add(pair)
@@ -168,23 +174,21 @@ def _difference_of_fields(one: Any, two: Any, alike: _Alike) -> str:
 
 
 @functools.cache
-def _comparisons(kind: type) -> list[tuple[str, Callable[[Any, Any, _Alike], str]]]:
-    """How the attributes of a kind of parts are compared, with their names."""
-    compare = dict.fromkeys((field.name for field in fields(kind)), _difference)
-    numbers = [names for of, names in NUMBERS.items() if issubclass(kind, of)]
-    for names in (*numbers, getattr(kind, "NUMBERS", ())):
-        compare |= dict.fromkeys(names, _difference_of_numbers)
-    return [*compare.items()]
+def _fields(kind: type) -> list[tuple[str, bool]]:
+    """Names of the attributes of a kind of parts, and whether they are numbers."""
+    numbers = {*getattr(kind, "NUMBERS", ())}
+    numbers |= {name for of, names in NUMBERS.items() if issubclass(kind, of) for name in names}
+    return [(field.name, field.name in numbers) for field in fields(kind)]
 
 
 def _difference_of_numbers(one: Any, two: Any, alike: _Alike) -> str:
-    if type(one) is float is type(two):  # quickly, as most are
-        return ""
     return "" if _form(one) == _form(two) else " is of another kind"
 
 
 def _form(number: Any) -> Any:
     """What is structure of a number: its shape, or its names; a function has that of one number."""
+    if isinstance(number, np.ndarray):
+        return number.shape
     if number is None or isinstance(number, Node):
         return number and number.number
     if isinstance(number, list):  # lumped masses: first the number of the node

@@ -143,29 +143,21 @@ class FormTables:
 
     def all(self, wanted: Container[str] = _FORMS) -> dict[str, dict]:
         """The forms of the model by their names in C, or some of them."""
-        bound, moving = self._forms.bound, self._forms.moving
-        drag = self._forms.drag
-        fields = dict.fromkeys(_FORMS, moving)
-        if drag is not None:
-            fields |= dict.fromkeys(("drag", "lost_to_drag"), [drag.increment, *moving[1:]])
         return {
-            name: self._table(name, names, fields[name])
+            name: self._table(name, names)
             for name, names in _FORMS.items()
-            if name in wanted and names[0] in bound
+            if name in wanted and names[0] in self._forms.bound
         }
 
-    def _table(self, to: str, names: tuple[str, ...], fields: list) -> dict[str, Any]:
+    def _table(self, to: str, names: tuple[str, ...]) -> dict[str, Any]:
         """Forms of fields that change, in the order of `BeamForms.moving`."""
         forms = self._forms
         bound = [forms.bound[name] for name in names if name in forms.bound]
-        return self.of(names[min(1, len(bound) - 1)], Kernel(bound), fields)
+        return self.of(names[min(1, len(bound) - 1)], Kernel(bound))
 
-    def of(self, name: str, kernel: Kernel, fields: list) -> dict[str, Any]:
-        """Forms of a kernel, of fields that change: the first in every evaluation.
-
-        `name` is that of the form that takes longest to compile.
-        """
-        p, forms = self._problem, self._forms
+    def of(self, name: str, kernel: Kernel) -> dict[str, Any]:
+        """Forms of a kernel; `name` is that of the form that takes longest to compile."""
+        p, forms, fields = self._problem, self._forms, self._forms.moving
         form = kernel.forms[0]
         packed, cells = form.coefficients(), form.cells
         width = form.width

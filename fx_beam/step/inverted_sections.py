@@ -6,9 +6,8 @@ import logging
 
 import numpy as np
 
-from fx_beam.fem.elements import gauss_points
 from fx_beam.results.audit import Stats
-from fx_beam.scene.beam import arc_lengths
+from fx_beam.scene.beam import arc_lengths, gauss_rule
 
 from .model import Model
 
@@ -45,7 +44,7 @@ class InversionCheck:
         beam = model.scene.beams[number]
         element = int(np.flatnonzero(model.mesh.cells[number] == cell)[0])
         start, end = beam.s[element : element + 2]
-        s = start + (end - start) * gauss_points(beam.degree)[point, 0]
+        s = start + (end - start) * gauss_rule(beam.degree)[0][point]
         _log.warning(
             "%s: beam %r has an inverted section at its arc length %.4g m and %s = %.6g: there "
             "t . phi' is %.3g, but must be positive (eq. 4). Check the units of loads, velocities "
@@ -72,7 +71,7 @@ def _least_energy(model: Model) -> float:
             return 0.0
         EA = section.EA
         if callable(EA):
-            gauss = gauss_points(beam.degree)
+            gauss, _ = gauss_rule(beam.degree)
             EA = float(section.values("EA", arc_lengths(beam, gauss) / beam.length).min())
         least = min(least, EA * length / 50)
     return least

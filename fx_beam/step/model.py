@@ -332,7 +332,7 @@ class Model:
         """The nodal rules of the rates, if they are those of a user."""
         rates = self.scheme.rates
         if isinstance(rates, NodalRates):
-            return NodalRules(rates, self.mesh.dofs, self.mass)
+            return NodalRules(rates, self.mass)
         return None
 
     @property

@@ -70,7 +70,7 @@ class TapeDerivatives:
         if beams is None:
             return
         self._works.append(VjpWork("internal_forces", beams.vjp(), beams, self.problem))
-        if beams.drag is not None:
+        if beams.of_drag:
             self._works.append(VjpWork("drag", beams.vjp_drag(), beams, self.problem))
         for work in self._works:
             self._structs.set(self.c, **{work.name: work.handed_over()})

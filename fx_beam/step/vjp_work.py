@@ -63,7 +63,7 @@ class VjpWork:
         wanted = [name for name in self._vjp.sizes if by_places or name != "coordinates"]
         slopes = self._vjp.slopes(wanted)
         kernel = Kernel([*slopes.values()])
-        table = tables.of("slopes of forces", kernel, self._vjp.moving)
+        table = tables.of("slopes of forces", kernel)
         table["changing"] = table["moving"]
         made = [*slopes][1:]  # behind the work
         ends = {weight: i for i, (name, weight) in enumerate(made) if name == "increment"}
