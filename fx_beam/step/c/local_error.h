@@ -1,4 +1,4 @@
-/* Estimate of the local error of a step (local_error.py). */
+/* Estimate of the local error of a step (step_control.py). */
 
 #pragma once
 
