@@ -394,24 +394,29 @@ _PLACING = dict.fromkeys(
 
 
 def _placed(function: Callable, given: Any, options: dict) -> Dual:
-    """What a function that only places entries gives: each is one item, with its slopes."""
+    """What a function that only places entries gives: it is called with their numbers."""
+    entries: list[Dual] = []
+
+    def numbers_of(value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return [numbers_of(part) for part in value]
+        first = sum(part.size for part in entries)
+        entries.append(with_slopes(value, count).reshape(-1))
+        return first + np.arange(entries[-1].size).reshape(np.shape(value))
+
     flat = [one for part in given for one in (part if isinstance(part, list | tuple) else [part])]
     count = next(one.slopes.shape[-1] for one in flat if isinstance(one, Dual))
-    item = np.dtype((np.void, 8 * (1 + count)))
-
-    def items_of(value: Any) -> Any:
-        if isinstance(value, list | tuple):
-            return [items_of(part) for part in value]
-        dual = with_slopes(value, count)
-        rows = np.empty((*dual.shape, 1 + count))
-        rows[..., 0], rows[..., 1:] = dual.values, dual.slopes
-        return rows.view(item)[..., 0]
-
     chosen = [
-        items_of(part) if i in _PLACING[function] else plain(part) for i, part in enumerate(given)
+        numbers_of(part) if i in _PLACING[function] else plain(part) for i, part in enumerate(given)
     ]
-    rows = np.ascontiguousarray(function(*chosen, **options)[..., None]).view(float)
-    return Dual(rows[..., 0].copy(), rows[..., 1:])
+    at = function(*chosen, **options)
+    values, slopes = entries[0].values, entries[0].slopes
+    if len(entries) > 1:
+        values = np.concatenate([part.values for part in entries])
+        slopes = np.concatenate([part.slopes for part in entries])
+    if at.size == values.size and (np.diff(at.ravel()) == 1).all():  # in the same order
+        return Dual(values.reshape(at.shape), slopes.reshape(*at.shape, -1))
+    return Dual(values[at], slopes[at])
 
 
 _METHODS = {of.__name__: of for of in (*_RULES, *_ANALYTIC) if of.nin == 1}
