@@ -84,7 +84,7 @@ class Share:
         if self.natural and scene.beams:
             none = NaturalStrain(scene.beams[0], {"axial": StrainPart(_AT_REST)})
             scene.natural_strains.append(none)
-        scene.parameters.add([Parameter(name, 0.0) for name in self.parameters], "a part")
+        scene.parameters.add([(name, Parameter(name, 0.0)) for name in self.parameters], "a part")
         scene.drags += [replace(drag, target=scene.beams[run]) for run, drag in self.drags]
         return scene
 
