@@ -20,8 +20,8 @@ from fx_beam.scene.structure import ElsewhereError
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
-from fx_beam.step.static_tape import static_tape
 from fx_beam.step.tables import Problem
+from fx_beam.step.tape import static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import NumbersOf, refuse_others

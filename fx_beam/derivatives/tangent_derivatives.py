@@ -22,8 +22,8 @@ from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.sparse_lu import pivoted_lu
-from fx_beam.step.static_tape import static_tape
 from fx_beam.step.tables import Problem
+from fx_beam.step.tape import static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others

@@ -31,12 +31,15 @@ _LITTLE = 1e-2
 _MOST = 200
 
 
-class Values(NamedTuple):
-    """Values of the equations: entries (n, entries) of G, what is given, and forces on b."""
+class Fit(NamedTuple):
+    """Rates that fit, and what they take."""
 
-    entries: np.ndarray
-    given: np.ndarray
-    push: np.ndarray
+    #: Rates v* (n, size), and their difference c from the given ones.
+    rates: np.ndarray
+    corrections: np.ndarray
+    #: Impulses (n, joints, 3) of joints on their nodes b, and (n, columns) of motors and supports.
+    joints: np.ndarray
+    constraints: np.ndarray
 
 
 class _Factors(NamedTuple):
@@ -71,7 +74,8 @@ class RateSolver:
         ffi, self._library = c_library.kept_library(
             "rates of joints", "fitted_rates.c", "fitted_rates.h", MACROS
         )
-        self.equations, self._of = equations, functools.partial(ffi.from_buffer, "double[]")
+        self.equations, self._null = equations, ffi.NULL
+        self._of = functools.partial(ffi.from_buffer, "double[]")
         #: Small masses (size,) of what has none.
         self.little = _little_mass(mass, unit)
         self._c = ffi.new("RateFit *")
@@ -116,25 +120,16 @@ class RateSolver:
             "follow": follow,
         }
 
-    def fit(self, *given: np.ndarray, driven: int) -> tuple[np.ndarray, ...]:
-        """As `FittedRates.fit`, for q, v, slides and so many driven rates."""
+    def fit(self, *given: np.ndarray, values: np.ndarray | None = None) -> Fit:
+        """As `FittedRates.fit`, for q, v, slides and driven rates; with `values` of equations."""
         q, c = given[0], self._c
-        n, c.driven = len(q), driven
+        n, c.driven = len(q), given[-1].shape[1]
         rates, corrections = np.empty(q.shape), np.empty(q.shape)
-        of_all = rates, corrections, np.empty((n, c.joints, 3)), np.empty((n, c.columns))
+        fit = Fit(rates, corrections, np.empty((n, c.joints, 3)), np.empty((n, c.columns)))
         given = tuple(np.ascontiguousarray(x, dtype=float) for x in given)
-        self._check(self._library.fx_fit(c, n, *map(self._of, (*given, *of_all))))
-        return of_all
-
-    def values(self, q: np.ndarray, slides: np.ndarray) -> Values:
-        """Values of the equations for q (n, size) and slides (n, joints)."""
-        n, count = len(q), self.equations.count
-        values = Values(
-            np.empty((n, self._c.entries)), np.empty((n, count)), np.empty((n, count, 2))
-        )
-        arrays = (np.ascontiguousarray(q), np.ascontiguousarray(slides), *values)
-        self._check(self._library.fx_rate_equations(self._c, n, *map(self._of, arrays)))
-        return values
+        to = self._null if values is None else self._of(values)
+        self._check(self._library.fx_fit(c, n, *map(self._of, (*given, *fit)), to))
+        return fit
 
     def solve(self, entries: np.ndarray, right: np.ndarray) -> np.ndarray:
         """Rates and negative multipliers for right sides (n, ..., used + count)."""

@@ -1,4 +1,7 @@
-"""The histories of a record by their names in a solution, each made when it is first read."""
+"""The histories of a record by their names in a solution, with rates that fit the joints.
+
+Each is made when it is first read.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,12 @@ import numpy as np
 
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import HISTORIES, ROWS
+from fx_beam.scene.sliders import sliding_joints
 
+from .forcing import Forcing
+from .held_inputs import Ramp
 from .model import Model
+from .rate_solver import Fit
 
 # What a solution has besides.
 _OTHERS = "energy", "internal", "spring_internal", "natural"
@@ -21,6 +28,8 @@ _OTHERS = "energy", "internal", "spring_internal", "natural"
 _FITTED = {"v", "a", "joint_forces", "constraint_forces"}
 # Energies of a row, in their order.
 _ENERGIES = [field.name for field in fields(Energy) if field.name != "impact"]
+# Which energies have the work of driven motions.
+_BY_DRIVEN = [float(name in ("kinetic", "work")) for name in _ENERGIES]
 
 
 class RecordedHistories(Mapping):
@@ -136,3 +145,111 @@ class RecordedHistories(Mapping):
         first, numbers = len(model.prescribed), [joint.number for joint, _ in model.motors]
         motors[:, numbers] = forces[:, first : first + len(numbers)]
         return reactions, motors
+
+
+# -- Rates that fit the joints, with the accelerations and forces that belong to them --------------
+
+
+def fitted(
+    model: Model,
+    rows: dict[str, np.ndarray],
+    starts: tuple[np.ndarray, np.ndarray] | None,
+    grid: tuple[np.ndarray, np.ndarray],
+    driven: np.ndarray | None,
+) -> dict[str, np.ndarray]:
+    """Rows (n, ...) of a record with fitted rates; row 0 is the start.
+
+    `starts` are q and v at the starts of the steps before the other rows, where these are not the
+    rows before; `grid` has the times at the ends of all steps, and the steps of the rows; `driven`
+    the rates at the start.
+    """
+    times, steps = grid
+    histories, slides = dict(rows), rows.get("slides", np.empty((len(steps), 0)))
+    now = _fit(model, grid, rows["q"], rows["v"], slides, starts is None, driven)
+    if starts is None:
+        before = Fit(*(values[:-1] for values in now))
+    else:
+        near = _slides_near(model, starts[0], slides[1:])
+        before = _fit(model, (times, steps[1:] - 1), *starts, near, in_turn=False)
+    histories["v"] = now.rates
+    impulses = (model.mass @ now.corrections.T).T
+    histories["momenta"] = rows["momenta"] + sums_of(model, rows["q"], impulses)
+    if model.couplings.driven:  # at rates that fit, other impulses do no work
+        given = np.einsum("ni,ni->n", now.rates, impulses)
+        histories["energies"] = rows["energies"] + np.outer(given, _BY_DRIVEN)
+    changes = ("a", "corrections"), ("joint_forces", "joints"), ("constraint_forces", "constraints")
+    for name, change in changes:
+        if name in rows:
+            after, start = getattr(now, change)[1:], getattr(before, change)
+            mean = (after - start).reshape(rows[name][1:].shape) / _lengths(times, steps)[1:, None]
+            histories[name] = np.concatenate([rows[name][:1], rows[name][1:] + mean])
+    return histories
+
+
+def _lengths(times: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Lengths (n,) of steps by their number; for number 0 that of the first step, negative."""
+    return times[steps] - times[np.where(steps, steps - 1, len(times[:2]) - 1)]
+
+
+def _fit(
+    model: Model,
+    grid: tuple[np.ndarray, np.ndarray],
+    q: np.ndarray,
+    v: np.ndarray,
+    slides: np.ndarray,
+    in_turn: bool,
+    first: np.ndarray | None = None,
+) -> Fit:
+    """Rates that fit at ends or starts of steps; rates of driven motion are NaN if not known.
+
+    Inputs go straight in a step, so that their rates are those over it, if the rows are `in_turn`.
+    `first` are the rates of driven motion at the first one, if `State` has them.
+    """
+    assert model.fitted_rates is not None
+    times, steps = grid
+    lengths, forcing = _lengths(times, steps), Forcing(model)
+    driven = np.full((len(steps), model.couplings.driven), np.nan)
+    straight = np.array([isinstance(function, Ramp) for function in forcing.functions], bool)
+    if lengths.all() and driven.size:
+        driven[:] = forcing.end_rates(times[steps], lengths)
+    driven[:, straight] = np.nan
+    if in_turn and straight.any():
+        means = driven_ways(model, q, slides) / lengths[1:, None]
+        driven[1:, straight] = means[:, straight]
+    if first is not None:
+        driven[0] = first
+    return model.fitted_rates.fit(q, v, slides, driven)
+
+
+def driven_ways(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    """Increments (n - 1, driven) of driven motions from row to row, without full turns."""
+    positions = [q[:, model.prescribed]]
+    dofs = np.vstack([model.mesh.dofs, np.full((1, 3), model.size)])
+    q = np.pad(q, ((0, 0), (0, 1)))  # the ground is the last
+    for joint, name in model.motors:
+        a, b = (q[:, dofs[node.number, 2]] for node in (joint.a, joint.b))
+        positions.append((b - a if name == "rotation" else slides[:, joint.number])[:, None])
+    ways = np.diff(np.hstack(positions), axis=0)
+    turns = [component == 2 for _, component in model.scene.prescribed]
+    turns += [name == "rotation" for _, name in model.motors]
+    return ways - np.where(turns, 2 * np.pi * np.round(ways / (2 * np.pi)), 0.0)
+
+
+def sums_of(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Sums (n, 3) of nodal momenta p (n, size): in x and y, and about the origin."""
+    x, p = model.mesh.X + q[:, model.mesh.dofs[:, :2]], p[:, model.mesh.dofs]
+    turning = x[..., 0] * p[..., 1] - x[..., 1] * p[..., 0] + p[..., 2]
+    sums = np.empty((len(p), 3))
+    sums[:, :2], sums[:, 2] = p[..., :2].sum(axis=1), turning.sum(axis=1)
+    return sums
+
+
+def _slides_near(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    """Slides (n, joints) at q (n, size), from ones near by; only those on beams change."""
+    nearest, mesh = slides.copy(), model.mesh
+    for joint in sliding_joints(model.scene.joints):
+        nodes = mesh.nodes_of(model.scene, joint.beam)
+        axis, point = (mesh.X[at] + q[:, mesh.dofs[at, :2]] for at in (nodes, joint.b.number))
+        number = joint.number
+        nearest[:, number] = joint.path.nearest_over(axis, point, slides[:, number])
+    return nearest

@@ -16,10 +16,9 @@ from fx_beam.laws.interval import Parts
 from fx_beam.results.files import writable
 from fx_beam.results.state import ROWS, State
 
-from .fitted_histories import fitted, sums_of
 from .held_inputs import Ramp
 from .model import Model
-from .recorded_histories import RecordedHistories
+from .recorded_histories import RecordedHistories, fitted, sums_of
 
 # What may be recorded.
 _KINDS = "motion", "rates", "forces"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.results.state import NUMBERS
+from fx_beam.results.state import NUMBERS, State
 
+from .forcing import LoadForcing
+from .model import Model
 from .tables import Problem
 
 # Numbers of a row before its arrays: start, length, memory, and shares of means (c/tape.h).
@@ -69,8 +71,8 @@ class _Checkpoint(NamedTuple):
     numbers: dict[str, Any]
     kept_factors: bytes
     memory: np.ndarray
-    #: Where it has the arrays of the state.
-    places: dict[str, int]
+    #: The arrays of the state, each in one row.
+    state: dict[str, np.ndarray]
     #: Work space with the factors of earlier steps, if these are used.
     scratch: np.ndarray | None
     #: Increments (sub-steps, columns) of these steps, if they are kept.
@@ -155,18 +157,15 @@ class Tape:
         numbers["orders"] = list(p.orders)
         scratch = problem.scratch.copy() if p.kept.worth else None
         kept_factors = bytes(self._ffi.buffer(self._ffi.addressof(p, "kept")))
-        memory, at = problem.memory.copy(), problem.memory.ctypes.data
-        places = {
-            name: (array.ctypes.data - at) // array.itemsize
-            for name, array in problem.state_arrays.items()
-        }
+        memory = problem.memory.copy()
+        state = {name: array.flatten() for name, array in problem.state_arrays.items()}
         more = steps.number * self._sub_steps
         if self.is_whole and 8 * self.c.size * (self.c.rows + more) > self._limit:
             self.is_whole = False
             self._take_increments(problem)
             self._set_rows(np.empty((0, self.c.size)))
         increments = None if self.is_whole else self._increments(problem, more)
-        parts = len(self), steps, numbers, kept_factors, memory, places, scratch, increments
+        parts = len(self), steps, numbers, kept_factors, memory, state, scratch, increments
         self._checkpoints.append(_Checkpoint(*parts))
         if self.is_whole:
             return self._with_room(more)
@@ -300,8 +299,7 @@ class Tape:
             first += size
             if behind.any():  # there is a part behind this one
                 assert self._after is not None
-                at = self._after.places[name]
-                states[name][behind] = self._after.memory[at : at + size]
+                states[name][behind] = self._after.state[name][:size]
         return states
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:
@@ -359,3 +357,65 @@ def _times_of(checkpoint: _Checkpoint, fractions: np.ndarray) -> _Times:
     begins[:, 0] = (steps.part + np.arange(steps.number)) % steps.parts == 0
     starts = np.cumsum(np.append(checkpoint.numbers["t"], lengths[:-1]))
     return _Times(starts, lengths, begins.ravel())
+
+
+# -- Load steps, which are followed as steps in time are -------------------------------------------
+
+
+def static_tape(
+    problem: Problem, start: State, states: Sequence[State], forcing: LoadForcing
+) -> Tape:
+    """The steps from a state over others, as rows of a tape (c/tape.h).
+
+    Their length is the increment of the load factor, and their `ratio` the factor itself. Without
+    internal variables an equilibrium depends on none before, and is a step from itself.
+    """
+    model, t = problem.model, np.array([forcing.time])
+    loads, parameters = model.loads.series(t)[0], model.forms.parameters
+    follower_force, values, strains = np.empty(0), np.empty(0), np.empty(0)
+    if len(model.points.followers):
+        follower_force = model.points.followers.series(t, t)
+    if len(parameters):
+        values = parameters.at(forcing.time)
+    if model.natural:
+        strains = forcing.naturals(t)[0]
+    rows, apart, last = [], not model.flows, start.t
+    for old, new in zip(states if apart else [start, *states], states, strict=False):
+        length, last = new.t - last, new.t
+        rows.append(
+            [
+                [forcing.time - length, length, new.t, 1.0, 0.0],
+                *(old.q, np.zeros(model.size), old.slides, _or_none(old.internal)),
+                *(_at_start(model, old, new), _or_none(old.natural)),
+                *(new.t * loads, new.t * loads, follower_force, new.t * strains),
+                *(values, _increments(model, old, new)),
+            ]
+        )
+    tape = Tape(problem)
+    tape.c.apart = apart
+    tape.write(np.array([np.concatenate([np.ravel(part) for part in row]) for row in rows]))
+    return tape
+
+
+def _or_none(values: np.ndarray | None) -> Any:
+    return np.empty(0) if values is None else values
+
+
+def _at_start(model: Model, old: State, new: State) -> np.ndarray:
+    """Internal variables of forces at points at its start, with forces that friction follows."""
+    if old.spring_internal is None or new.spring_internal is None:
+        return np.empty(0)
+    given, followed = old.spring_internal.copy(), model.points.followed
+    given[followed] = new.spring_internal[followed]
+    return given
+
+
+def _increments(model: Model, old: State, new: State) -> np.ndarray:
+    """Increments (columns,) of the unknowns and of driven motions; zero for those that follow."""
+    D, reduction, driven = new.q - old.q, model.reduction, len(model.prescribed)
+    z = np.zeros(reduction.columns)
+    z[: reduction.free] = model.couplings.unknowns(D, new.slides - old.slides)
+    z[reduction.free : reduction.free + driven] = D[model.prescribed]
+    end = reduction.free + reduction.driven
+    z[reduction.free + driven : end] = new.motors - old.motors
+    return z

@@ -35,8 +35,8 @@ class TapeDerivatives:
         problem.begin_derivatives(way)  # beside slopes of forms
         self._ffi, self._p = problem.ffi, problem.c
         self._structs = Structs(self._ffi, declarations("problem.h"))
-        #: The C struct Adjoint.
-        self.c = self._ffi.new("Adjoint *")
+        #: The C struct Derivatives.
+        self.c = self._ffi.new("Derivatives *")
         self._works: list[VjpWork] = []
         #: Whether slopes of elements are those by places too; None for no slopes.
         self._has_places: bool | None = None
@@ -134,7 +134,7 @@ class TapeDerivatives:
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
         self._hand_over_slopes(by_places)
-        p, every, states, forces = self._p, len(tape), self.layout.states, self.layout.forces
+        every, states, forces = len(tape), self.layout.states, self.layout.forces
         x = aligned(np.zeros(self.layout.size))
         of_steps = np.zeros((every + 1, self.layout.step_size))
         structs = Structs(self._ffi, declarations("problem.h"))
@@ -158,12 +158,13 @@ class TapeDerivatives:
             left_over = of_states[0] if at_start else None
             # C keeps the addresses of the weights until the next part.
             own = Structs(self._ffi, declarations("problem.h"))
+            of_forces = forces.filled(weights, len(sub_steps))
             own.set(
                 self.c,
                 states=states.members(rows, every + 1, of_states),
-                forces=forces.members(sub_steps, every, forces.filled(weights, len(sub_steps))),
+                forces=forces.members(sub_steps, every, of_forces),
             )
-            left = self.problem.derivatives("VJP").fx_vjp(p, tape.c, self.c)
+            left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
             _check_followed(left, tape, part.first + left - 1)
         of_numbers = {name: numbers.sums(x) for name, numbers in self.numbers.items()}
         if not by_places:
@@ -246,10 +247,9 @@ class TapeDerivatives:
         x = _side_by_side(self._vector(changes, count), group_size)
         masses = x[:, np.append(layout.at["mass"], layout.at["weight"])]
         self._hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
-        directions = self._ffi.new("Directions *")
         structs.set(
-            directions,
-            count=count,
+            self.c,
+            directions=count,
             changes_mass=masses.any(axis=(1, 2)),
             of_steps=never_empty(_side_by_side(of_steps, group_size)),
             x=x,
@@ -263,11 +263,11 @@ class TapeDerivatives:
             # C keeps the addresses of the results until the next part.
             own = Structs(self._ffi, declarations("problem.h"))
             own.set(
-                directions,
+                self.c,
                 states=layout.states.members(at, len(tape) + 1, of_states),
                 forces=layout.forces.members(of, len(tape), of_forces),
             )
-            left = library.fx_jvp(self._p, tape.c, self.c, directions)
+            left = library.fx_jvp(self._p, tape.c, self.c)
             _check_followed(left, tape, part.end - left)
             yield layout.states.parts(of_states) | layout.forces.parts(of_forces)
         at_end = _one_by_one(x, count)

@@ -33,7 +33,7 @@ static void transpose_tangent(const Problem *p, const Work *w) {
 }
 
 /* Solves with the transposed tangent: `step` from `reduced`; returns 0 if it is singular. */
-static int solve_transposed(Problem *p, const Work *w, const Adjoint *a) {
+static int solve_transposed(Problem *p, const Work *w, const Derivatives *a) {
   double rest[2];
   Problem turned = *p;
   p->kept.present = 0;
@@ -50,7 +50,7 @@ static void add_given(const RowsOfRun *of, long k, double *x) {
 }
 
 /* Begins a sub-step with the derivatives by the state at its end, which are those by the start of the next one. */
-static void begin_vjp(const Problem *p, const Work *w, const Adjoint *a, const Layout *at, long k, double *x) {
+static void begin_vjp(const Problem *p, const Work *w, const Derivatives *a, const Layout *at, long k, double *x) {
   int n = p->dofs, columns = p->columns + p->auxiliaries;
   double per_dt = rates_per_path(p, w->dt), *q = x + at->q, *q1 = x + at->q1, *v = x + at->v, *previous = x + at->q_previous;
   add_given(&a->states, k + 1, x);
@@ -70,7 +70,7 @@ static void begin_vjp(const Problem *p, const Work *w, const Adjoint *a, const L
 }
 
 /* The derivatives by the forces of driven and fixed columns, and of joints; none by the equations. */
-static void begin_forces(const Adjoint *a, const Layout *at, long k, double *x) {
+static void begin_forces(const Derivatives *a, const Layout *at, long k, double *x) {
   memset(x + at->R, 0, (at->closing - at->R) * sizeof(double));
   memset(x + at->forces, 0, (at->axes - at->forces) * sizeof(double));
   add_given(&a->forces, k, x);
@@ -82,7 +82,7 @@ static void vjp_places(const Linear *l, double *x) {
 
 /* From the derivatives by all that a sub-step gives to those by all that it reads; with `last` also by the numbers of
    elements and masses. */
-static void vjp_laws(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, double *x, int last) {
+static void vjp_laws(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, double *x, int last) {
   const Layout *at = &l->at;
   vjp(l->of + JOINED, x);
   vjp(l->of + CLOSED, x);
@@ -98,7 +98,7 @@ static void vjp_laws(const Problem *p, const Work *w, const Adjoint *a, const Li
 
 /* Adds the derivatives by the equations of a sub-step, as many as make those by the unknowns zero: in `trial` they are found
    without; returns 0 if its tangent is singular. */
-static int vjp_solution(Problem *p, const Work *w, const Adjoint *a, const Linear *l, int whole, double *x) {
+static int vjp_solution(Problem *p, const Work *w, const Derivatives *a, const Linear *l, int whole, double *x) {
   const Layout *at = &l->at;
   double *trial = l->trial;
   if (whole) memcpy(trial + at->Y, x + at->Y, (at->size - at->Y) * sizeof(double)), vjp_laws(p, w, a, l, trial, 0);
@@ -111,7 +111,7 @@ static int vjp_solution(Problem *p, const Work *w, const Adjoint *a, const Linea
 }
 
 /* The same with the derivatives by the forces that friction follows: those by internal variables that have them. */
-static int vjp_followed(Problem *p, Work *w, const Adjoint *a, Linear *l, const double *row, long k, double *x) {
+static int vjp_followed(Problem *p, Work *w, const Derivatives *a, Linear *l, const double *row, long k, double *x) {
   const Layout *at = &l->at;
   begin_fixed_point(&l->following);
   for (int i = 0; i < MOST_TRIALS; ++i) {
@@ -127,7 +127,7 @@ static int vjp_followed(Problem *p, Work *w, const Adjoint *a, Linear *l, const 
 }
 
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
-static int vjp_step(Problem *p, Work *w, const Adjoint *a, Linear *l, const Tape *tape, long number) {
+static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const Tape *tape, long number) {
   const Layout *at = &l->at;
   const double *row = tape->row + number * tape->size;
   long k = tape->first + number, steps = at->Y1 - at->loads;
@@ -155,7 +155,7 @@ static int vjp_step(Problem *p, Work *w, const Adjoint *a, Linear *l, const Tape
 
 /* The forces of driven and fixed columns in the sub-steps of a tape; returns the number of those that are left in a
    singular position. */
-OF_DERIVATIVES long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces) {
+OF_DERIVATIVES long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces) {
   Work work, *w = &work;
   Linear l;
   int constrained = p->columns - p->free;
@@ -170,7 +170,7 @@ OF_DERIVATIVES long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint 
 }
 
 /* Follows a tape backwards; returns the number of sub-steps that are left where a tangent is singular. */
-OF_VJP long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a) {
+OF_VJP long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a) {
   Work work, *w = &work;
   Linear l;
   long left = tape->rows;

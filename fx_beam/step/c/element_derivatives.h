@@ -19,7 +19,7 @@ static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *of, cons
 }
 
 /* Those of all elements. */
-static void find_slopes(const Problem *p, const Work *w, const Adjoint *a, const Linear *l) {
+static void find_slopes(const Problem *p, const Work *w, const Derivatives *a, const Linear *l) {
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
     const Form *form = &of->slopes;
@@ -32,7 +32,7 @@ static void find_slopes(const Problem *p, const Work *w, const Adjoint *a, const
 
 /* A sub-step of a tape with all its laws, and those of joint forces if these are wanted; returns 0 in a singular position.
    Slopes that are read more than once are stored. */
-static int begin_linearised(Problem *p, Work *w, const Adjoint *a, Linear *l, const double *row, int forces, int first, int store) {
+static int begin_linearised(Problem *p, Work *w, const Derivatives *a, Linear *l, const double *row, int forces, int first, int store) {
   if (!begin_taped(p, w, a, row, l)) return 0;
   linearise(p, w, a, l, forces, first);
   for (int i = 0; i < 2; ++i) set_time(p, &work_of_elements(a, i)->slopes, p->t + p->level * w->dt, w->dt);
@@ -67,7 +67,7 @@ INLINED void jvp_cells(const Vjp *of, const double *slopes, int weights, int int
     }
 }
 
-HOT void jvp_elements(const Problem *p, const Adjoint *a, const Linear *l, int held, Changes *x) {
+HOT void jvp_elements(const Problem *p, const Derivatives *a, const Linear *l, int held, Changes *x) {
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
     if (p->cell_dofs == 6) jvp_cells(of, l->slopes[i], 6, 0, held, x); /* sums stay in registers */
@@ -107,7 +107,7 @@ INLINED void vjp_cells(const Problem *p, const Work *w, const Vjp *of, const dou
     }
 }
 
-HOT void vjp_elements(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, int last, double *x) {
+HOT void vjp_elements(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int last, double *x) {
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
     const double *stored = l->stores ? l->slopes[i] : 0;
@@ -117,7 +117,7 @@ HOT void vjp_elements(const Problem *p, const Work *w, const Adjoint *a, const L
 }
 
 /* The derivatives of the forces of elements and of inertia, and of internal variables; with `last` also by numbers. */
-HOT void vjp_bodies(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, double *x, int last) {
+HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, double *x, int last) {
   const Layout *at = &l->at;
   double per_dt = rates_per_path(p, w->dt);
   for (int i = 0; i < p->cells * p->cell_internal; ++i) x[at->internal + i] += x[at->internal1 + i];

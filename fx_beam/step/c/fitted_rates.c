@@ -216,14 +216,19 @@ static void find_rates(const RateFit *f, const double *q, const double *v, const
 }
 
 /* Fits the rates of n configurations: displacements and rotations, rates, slides, and driven rates, NaN
-   where they are not known; writes rates, their corrections, and the impulses of joints and columns. */
+   where they are not known; writes rates, their corrections, the impulses of joints and columns, and if they are wanted
+   the values of the equations: entries, what is given, forces on b, and multipliers. */
 int fx_fit(const RateFit *f, int n, const double *q, const double *v, const double *slide, const double *driven,
-           double *rates, double *corrections, double *joints, double *constraints) {
+           double *rates, double *corrections, double *joints, double *constraints, double *values) {
   FitWork work, *w = &work;
   double *space = work_of(f, w);
   const int *order = f->order + f->used;
   if (!space) return 0;
   for (; n > 0; --n) {
+    if (values) {
+      w->entry = values, w->given = w->entry + f->entries, w->push = w->given + f->count;
+      w->multiplier = w->push + 2 * f->count, values = w->multiplier + f->count;
+    }
     set_equations(f, q, slide, w->g, w->entry, w->given, w->push);
     memset(w->right, 0, (f->used + f->count) * sizeof(double));
     for (int k = 0; k < f->entries; ++k) w->right[f->entry_multiplier[k]] -= w->entry[k] * v[f->dof[k]];
@@ -243,17 +248,6 @@ int fx_fit(const RateFit *f, int n, const double *q, const double *v, const doub
   }
   free(space);
   return 1;
-}
-
-int fx_rate_equations(const RateFit *f, int n, const double *q, const double *slide, double *entries,
-                      double *given, double *push) {
-  double *g = malloc((f->all_entries + 1) * sizeof(double));
-  for (; n > 0 && g; --n) {
-    set_equations(f, q, slide, g, entries, given, push);
-    q += f->size, slide += f->joints, entries += f->entries, given += f->count, push += 2 * f->count;
-  }
-  free(g);
-  return g != 0;
 }
 
 int fx_solve_rates(const RateFit *f, int n, int m, const double *entries, const double *right, double *x) {

@@ -44,9 +44,6 @@ typedef struct {
 
 /* Returns 0 without memory. */
 int fx_fit(const RateFit *f, int n, const double *q, const double *v, const double *slide, const double *driven,
-           double *rates, double *corrections, double *joints, double *constraints);
-/* Entries of n configurations, what is given, and forces on b by the multipliers. */
-int fx_rate_equations(const RateFit *f, int n, const double *q, const double *slide, double *entries,
-                      double *given, double *push);
+           double *rates, double *corrections, double *joints, double *constraints, double *values);
 /* Rates and negative multipliers for m right sides of each configuration. */
 int fx_solve_rates(const RateFit *f, int n, int m, const double *entries, const double *right, double *x);

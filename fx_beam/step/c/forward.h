@@ -59,9 +59,9 @@ static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) 
 }
 
 /* Stores the changes of a state or of forces, of `count` directions from the `first` on. */
-static void store_row(const Directions *d, const RowsOfRun *of, long k, const Changes *x, long first, int count) {
+static void store_row(const Derivatives *a, const RowsOfRun *of, long k, const Changes *x, long first, int count) {
   if (of->at[k] < 0) return;
-  double *row = of->rows + (of->at[k] * (long)d->count + first) * of->size;
+  double *row = of->rows + (of->at[k] * (long)a->directions + first) * of->size;
   for (int j = 0; j < count; ++j, row += of->size)
     for (int i = 0; i < of->size; ++i) row[i] = x[of->place[i]][j];
 }
@@ -87,7 +87,7 @@ static void set_ends(const Problem *p, const Linear *l, int held, const Changes 
 }
 
 /* The changes of forces and rows for that of the configuration at the end. */
-static void jvp_forces(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, int changes_mass, int held,
+static void jvp_forces(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int changes_mass, int held,
                        Changes *x) {
   const Layout *at = &l->at;
   memset(x + at->springs1, 0, (at->held + 3 * p->sliders - at->springs1) * sizeof(Changes));
@@ -121,7 +121,7 @@ static void jvp_joints(const Problem *p, const Work *w, const Linear *l, Changes
 }
 
 /* Sets the changes of the forces that friction follows; returns whether they are others. */
-static int change_followed(const Adjoint *a, Linear *l, Changes *x) {
+static int change_followed(const Derivatives *a, Linear *l, Changes *x) {
   Changes *next = (Changes *)l->next, *found = (Changes *)l->found;
   int n = l->following.size / GROUP_SIZE;
   for (int i = 0; i < n; ++i) next[i] = x[a->followed[i]], found[i] = x[l->at.followed + i];
@@ -131,7 +131,7 @@ static int change_followed(const Adjoint *a, Linear *l, Changes *x) {
 }
 
 /* The changes of the state at the end, from the solution. */
-static void change_state(const Problem *p, const Work *w, const Adjoint *a, const Linear *l, Changes *x) {
+static void change_state(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, Changes *x) {
   const Layout *at = &l->at;
   double per_dt = rates_per_path(p, w->dt);
   Changes *q = x + at->q, *v = x + at->v, *end = x + at->q1;
@@ -151,7 +151,7 @@ static void change_state(const Problem *p, const Work *w, const Adjoint *a, cons
 }
 
 /* A group of directions through a sub-step, which is repeated for the forces that friction follows. */
-static void jvp_group(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int changes_mass, int forces, Changes *x) {
+static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int changes_mass, int forces, Changes *x) {
   const Layout *at = &l->at;
   forces |= p->friction_follows;
   begin_fixed_point(&l->following);
@@ -174,35 +174,35 @@ static void jvp_group(const Problem *p, const Work *w, const Adjoint *a, Linear 
 
 /* Follows a tape with changes in several directions; returns the number of sub-steps that are left where a
    tangent is singular. */
-OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d) {
+OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   Work work, *w = &work;
   Linear l;
   begin_linear(p, w, a, &l);
   const Layout *at = &l.at;
-  long groups = (d->count + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
+  long groups = (a->directions + GROUP_SIZE - 1) / GROUP_SIZE, steps = at->Y1 - at->loads, left = tape->rows, of_state = at->v - at->Y;
   memset(l.block, 0, p->positions * sizeof(Changes));
   for (int i = 0; i < p->positions; ++i) l.reached[i] = 1;
   l.following.size = GROUP_SIZE * p->points->followed.size, l.moves_joints = 0;
   for (long i = 0; i < groups; ++i) {
-    const Changes *x = (Changes *)d->x + i * at->size;
+    const Changes *x = (Changes *)a->x + i * at->size;
     l.moves_joints |= any((at->members - at->offset) * GROUP_SIZE, (double *)(x + at->offset));
   }
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
-    if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, d->forces.at[k] >= 0, !k, 1)) break;
+    if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, a->forces.at[k] >= 0, !k, 1)) break;
     if (!factorise_tangent(p, w)) break;
     for (long i = 0; i < groups; ++i) {
-      Changes *x = (Changes *)d->x + i * at->size;
-      int count = d->count - i * GROUP_SIZE < GROUP_SIZE ? d->count - i * GROUP_SIZE : GROUP_SIZE;
+      Changes *x = (Changes *)a->x + i * at->size;
+      int count = a->directions - i * GROUP_SIZE < GROUP_SIZE ? a->directions - i * GROUP_SIZE : GROUP_SIZE;
       if (tape->apart) memset(x + at->Y, 0, of_state * sizeof(Changes));
       if (k == 0) {
         memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(Changes));
         memset(x + at->q, 0, p->dofs * sizeof(Changes)), jvp(l.of + BEGUN, x);
       }
-      if (row == 0) store_row(d, &d->states, k, x, i * GROUP_SIZE, count);
-      memcpy(x + at->loads, (Changes *)d->of_steps + (i * tape->all + k) * steps, steps * sizeof(Changes));
-      jvp_group(p, w, a, &l, d->changes_mass[i], d->forces.at[k] >= 0, x);
-      store_row(d, &d->forces, k, x, i * GROUP_SIZE, count), store_row(d, &d->states, k + 1, x, i * GROUP_SIZE, count);
+      if (row == 0) store_row(a, &a->states, k, x, i * GROUP_SIZE, count);
+      memcpy(x + at->loads, (Changes *)a->of_steps + (i * tape->all + k) * steps, steps * sizeof(Changes));
+      jvp_group(p, w, a, &l, a->changes_mass[i], a->forces.at[k] >= 0, x);
+      store_row(a, &a->forces, k, x, i * GROUP_SIZE, count), store_row(a, &a->states, k + 1, x, i * GROUP_SIZE, count);
     }
   }
   p->kept.present = 0;

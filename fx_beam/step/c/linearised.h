@@ -35,7 +35,7 @@ typedef struct {
   FixedPoint following;
 } Linear;
 
-static const Vjp *work_of_elements(const Adjoint *a, int i) { return i ? &a->drag : &a->internal_forces; }
+static const Vjp *work_of_elements(const Derivatives *a, int i) { return i ? &a->drag : &a->internal_forces; }
 
 static long blocks_of(const Form *form) {
   long blocks = 0;
@@ -43,7 +43,7 @@ static long blocks_of(const Form *form) {
   return blocks;
 }
 
-static long lay_out_linear(const Problem *p, const Adjoint *a, Linear *l, double *at) {
+static long lay_out_linear(const Problem *p, const Derivatives *a, Linear *l, double *at) {
   double *begin = at;
   long followed = (long)GROUP_SIZE * p->points->followed.size;
   l->loads = allocate(&at, 2 * p->loads), l->follower_force = allocate(&at, 2 * p->follower_forces);
@@ -60,13 +60,13 @@ static long lay_out_linear(const Problem *p, const Adjoint *a, Linear *l, double
   return at - begin;
 }
 
-OF_DERIVATIVES long fx_linear_scratch(const Problem *p, const Adjoint *a) {
+OF_DERIVATIVES long fx_linear_scratch(const Problem *p, const Derivatives *a) {
   Linear l;
   return lay_out_linear(p, a, &l, 0);
 }
 
 /* Begins to follow a tape. */
-static void begin_linear(const Problem *p, Work *w, const Adjoint *a, Linear *l) {
+static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear *l) {
   int equal = p->equal, left = p->entries - equal;
   const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
   const double *sign = p->entry_sign + equal;
@@ -94,7 +94,7 @@ static long end_linear(Linear *l, long left) {
 static double rates_per_path(const Problem *p, double dt) { return p->at_rest ? 0 : 2 / dt; }
 
 /* Of follower forces and others that are loads it is the last number. */
-static void set_load_factor(const Problem *p, const Adjoint *a) {
+static void set_load_factor(const Problem *p, const Derivatives *a) {
   for (int k = p->points->external; k < p->points->nodal; ++k) {
     const PointForce *e = p->points->of + k;
     e->numbers[a->numbers[k] - 1] = p->ratio;
@@ -102,7 +102,7 @@ static void set_load_factor(const Problem *p, const Adjoint *a) {
 }
 
 /* The forces of a sub-step of a tape, and its tangent; returns 0 in a singular position. */
-static int begin_taped(Problem *p, Work *w, const Adjoint *a, const double *row, Linear *l) {
+static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *row, Linear *l) {
   double dt = row[1], level;
   take_from_tape(p, w, row, l->loads, l->follower_force, l->natural);
   level = p->t + p->level * dt;
@@ -137,7 +137,7 @@ static void put_strains(const Problem *p, Linear *l) {
 
 /* Arms R(psi) (offset + d axis) of joints at both ends less those at rest, by their numbers (their other derivatives are
    entries of T), and the values of Tv, by all that they depend on. */
-static void put_joint(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int first, int j) {
+static void put_joint(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int first, int j) {
   const Layout *at_ = &l->at;
   int column = p->slide_column[j], slides = column >= 0, map = at_->map + 1 + 4 * j;
   double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, column), *e = p->axis + 2 * j, rest = a->slide_at_rest[j];
@@ -220,7 +220,7 @@ static const double *put_point(const Linear *l, const PointForce *e, int numbers
   return of_parameter + e->parameters;
 }
 
-static void put_points(const Problem *p, const Adjoint *a, Linear *l) {
+static void put_points(const Problem *p, const Derivatives *a, Linear *l) {
   const PointForces *points = p->points;
   int first = l->at.points, follower_force = l->at.follower_force;
   Block *to = l->of + FORCED;
@@ -365,7 +365,7 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
 }
 
 /* All laws of a sub-step that has begun, with `forces` those of joints, and for the first one of a run its start. */
-static void linearise(const Problem *p, const Work *w, const Adjoint *a, Linear *l, int forces, int first) {
+static void linearise(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int forces, int first) {
   for (int i = 0; i < BLOCKS; ++i)
     if (i != TOUCHED && !l->of[i].from) l->of[i].count = 0;
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);

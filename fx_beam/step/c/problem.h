@@ -401,12 +401,14 @@ typedef struct {
   double *rows;
 } RowsOfRun;
 
-/* A run followed backwards (adjoint.h): derivatives of a function of the states at its boundaries, the ends of
-   sub-steps, and of forces of driven and fixed columns and of joints. */
+/* A run of which derivatives are followed: backwards (adjoint.h) those of a function of the states at its boundaries, the
+   ends of sub-steps, and of forces of driven and fixed columns and of joints; forwards (forward.h) changes of these with those
+   of all numbers of a scene, in groups of GROUP_SIZE directions, the last one filled with zeros: [group][number][direction]. */
 typedef struct {
   Vjp internal_forces, drag;
-  RowsOfRun states, forces;
+  RowsOfRun states, forces; /* forwards with a row for each direction */
   double *x, *of_steps; /* by the numbers of the scene and the state (Layout), and by those of each sub-step */
+  int directions, *changes_mass; /* whether masses or weights change in each group */
   double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
   /* If it is there, forces on unknowns have given weights, no equations are solved, and these are the derivatives by the
      unknowns at both ends [sub-step][unknown]. */
@@ -421,15 +423,7 @@ typedef struct {
   int *followed;      /* places in x of the forces that friction follows */
   int member_numbers, member_arcs; /* of contact with members: how many numbers and arcs its laws have */
   double *scratch;
-} Adjoint;
-
-/* Changes of all numbers of a scene in several directions (forward.h), in groups of GROUP_SIZE directions, the last one filled
-   with zeros: [group][number][direction]. */
-typedef struct {
-  int count, *changes_mass; /* whether masses or weights change in each group */
-  double *x, *of_steps; /* of the numbers of the scene and the state (Layout), and of those of each sub-step */
-  RowsOfRun states, forces; /* results, each with a row for each direction */
-} Directions;
+} Derivatives;
 
 int fx_begin_joints(Problem *p);
 int fx_expand(Problem *p, const double *z, int close, double **to);
@@ -441,9 +435,9 @@ void fx_begin(Problem *p, double dt, const double *follower_force);
 int fx_balance(Problem *p, double dt, const double *z, const double *force);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
 long fx_tape_size(const Problem *p);
-Layout fx_layout(const Problem *p, const Adjoint *a);
-long fx_linear_scratch(const Problem *p, const Adjoint *a);
-long fx_taped_forces(Problem *p, const Tape *tape, const Adjoint *a, double *forces);
-long fx_vjp(Problem *p, const Tape *tape, const Adjoint *a);
-long fx_jvp(Problem *p, const Tape *tape, const Adjoint *a, const Directions *d);
+Layout fx_layout(const Problem *p, const Derivatives *a);
+long fx_linear_scratch(const Problem *p, const Derivatives *a);
+long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces);
+long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a);
+long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a);
 void fx_free_rows(ChangingRows *c);
