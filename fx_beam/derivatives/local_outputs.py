@@ -218,23 +218,19 @@ class ResultantOutput(RowOutput):
         of, shape, count = self._of, self._of.model.forms.internal_shape, len(changes["X"])
         found = np.zeros((rows, len(self._cells) * shape[1], count))
         for row, k, share in self._parts:
-            part, read = of.part(k), dict[str, Any]()
+            read = {n: changes[to] for n, to in OF_NUMBERS.items() if to in changes}
+            read["X"] = changes["X"]
             for name, array, place, factor in of.sources(k):
                 if array in of_state:
                     read[name] = read.get(name, 0.0) + factor * of_state[array][place]
-            for j in range(count):
-                own = {name: values[j] for name, values in read.items()}
-                own |= {n: changes[to][j] for n, to in OF_NUMBERS.items() if to in changes}
-                own["X"] = changes["X"][j]
-                if of.natural is not None:
-                    natural = of.natural
-                    own |= {n: natural.jvp(at(k), changes, j) for n, at in NATURAL.items()}
-                if self._parameters.size:
-                    name = "parameters at the start" if k < 0 else "parameters"
-                    values = changes[name][j] if k < 0 else changes[name][j, k, 0]
-                    own["parameters"] = values[self._parameters]
-                change = self._derivatives.jvp(part, own)[self._cells, :, self._component]
-                found[row, :, j] += share * change.ravel()
+            if of.natural is not None:
+                read |= {n: of.natural.jvp(at(k), changes) for n, at in NATURAL.items()}
+            if self._parameters.size:
+                name = "parameters at the start" if k < 0 else "parameters"
+                values = changes[name] if k < 0 else changes[name][:, k, 0]
+                read["parameters"] = values[:, self._parameters]
+            change = self._derivatives.jvp(of.part(k), read)[..., self._component]
+            found[row] += share * change[:, self._cells].reshape(count, -1).T
         return found
 
 

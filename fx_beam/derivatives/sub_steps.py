@@ -59,15 +59,18 @@ class NaturalRows:
         of_columns = np.bincount(self._of, of_values * columns.data, columns.shape[1])
         yield of_row("naturals", row, of_columns, boundary - 1)
 
-    def jvp(self, boundary: int, changes: Mapping[str, np.ndarray], j: int) -> np.ndarray:
-        """The change of the strains before a sub-step in one direction."""
+    def jvp(self, boundary: int, changes: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The changes (m, values) of the strains before a sub-step."""
         if boundary == 0:
-            return changes["natural"][j].reshape(self._strains.shape)
+            return changes["natural"]
         columns, factors = self._strains.unit_loads, self._factors[boundary]
-        parts = changes["natural columns"][j].ravel(), columns.indices, columns.indptr
-        changed = scipy.sparse.csc_matrix(parts, columns.shape) @ factors
-        more = changes["naturals"][j].reshape(-1, len(factors))[boundary - 1]
-        return (changed + columns @ more).reshape(self._strains.shape)
+        changed = [
+            scipy.sparse.csc_matrix((of.ravel(), *pattern), columns.shape) @ factors
+            for pattern in [(columns.indices, columns.indptr)]
+            for of in changes["natural columns"]
+        ]
+        more = changes["naturals"].reshape(len(changed), -1, len(factors))[:, boundary - 1]
+        return np.array(changed) + (columns @ more.T).T
 
 
 class SubSteps:

@@ -130,6 +130,13 @@ class BoundForm:
             given = packed[tag][None], constants, coordinates[cells]
             yield cells, tabulated(function, *given, self.size)[0]
 
+    def tensors(self) -> np.ndarray:
+        """Tensors (cells, size) of all cells."""
+        values = np.zeros((len(self._mesh.elements), self.size))
+        for cells, tensors in self._tensors():
+            values[cells] += tensors
+        return values
+
     def total(self) -> float:
         """Value of a functional."""
         return float(sum(tensors.sum() for _, tensors in self._tensors()))

@@ -301,7 +301,8 @@ class BeamForms:
 
     def _assembled(self, forms: Mapping[str, BoundForm]) -> dict[str, np.ndarray]:
         """Derivatives by name, those by all parameters of the scene."""
-        derivatives = vjp_form.assembled(forms)
+        vectors = {name: (form.spaces[0], form.vector()) for name, form in forms.items()}
+        derivatives = vjp_form.named(vectors)
         if "parameters" in derivatives:
             of_all = np.zeros(len(self._parameters))
             of_all[self.parameters[1]] = derivatives["parameters"]
@@ -309,11 +310,15 @@ class BeamForms:
         return derivatives
 
     def _bound_forms(
-        self, compiled: Mapping[str, CompiledForm], data: Mapping, spaces: Mapping[str, Space]
+        self,
+        compiled: Mapping[str, CompiledForm],
+        data: Mapping,
+        spaces: Mapping[str, Space],
+        *tests: Space,
     ) -> dict[str, BoundForm]:
         """Derivatives on the mesh by name."""
         return {
-            name: BoundForm(form, self._mesh, data, [spaces[name]], self._tags)
+            name: BoundForm(form, self._mesh, data, [*tests, spaces[name]], self._tags)
             for name, form in compiled.items()
         }
 
@@ -344,12 +349,9 @@ class BeamForms:
     def derived_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
         weak, data, spaces = self._varied(vjp_form.ResultantForm)
-        weight = data[weak.weight] = Field(self._mesh.space(self.fields.degree, 3))
-        forms = self._bound_forms(weak.forms, data, spaces)
-        changes = {name: Field(spaces[name]) for name in weak.changes}
-        data |= {symbol: changes[name] for name, symbol in weak.changes.items()}
-        change = BoundForm(weak.change, self._mesh, data, [weight.space], self._tags)
-        return ResultantDerivatives(forms, change, changes, weight, self.begin_part)
+        of_points = self._mesh.space(self.fields.degree, 3)
+        forms = self._bound_forms(weak.forms, data, spaces, of_points)
+        return ResultantDerivatives(forms, of_points.points, self.begin_part)
 
     def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
         """The same data cell by cell; `refill` sets them as well."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import ufl
@@ -82,7 +82,8 @@ def derivatives_of(quantity: Any, fields: Fields, by: Mapping[str, Any]) -> dict
     by = {"increment": fields.increment, "start": fields.start, **by}
     forms = {what: ufl.derivative(quantity, field) for what, field in by.items()}
     X, of_X = fields.coordinates
-    forms["coordinates"] = ufl.derivative(quantity, X, ufl.TestFunction(of_X))
+    argument = ufl.Argument(of_X, len(quantity.arguments()))
+    forms["coordinates"] = ufl.derivative(quantity, X, argument)
     return {what: form for what, form in forms.items() if not expand_derivatives(form).empty()}
 
 
@@ -183,74 +184,46 @@ class LossForm(DerivedForm):
 
 
 class ResultantForm(DerivedForm):
-    """Sums of weights times resultants at the Gauss points."""
+    """Resultants at the Gauss points, each times the weight of its point."""
 
     title = "resultants"
 
     def _quantity(self) -> Any:
-        #: Weights, each over the weight of its point.
-        self.weight = elements.Coefficient(self.fields.internal(3))
-        return self._at_points(self.resultants, self.weight)
-
-    def _compile(self) -> None:
-        super()._compile()
-        fields = self.fields
-        X, of_X = fields.coordinates
-        by = self.by | {"increment": fields.increment, "start": fields.start}
-        changing = {name: field for name, field in by.items() if name in self.forms}
-        #: Symbols of the changes by name.
-        self.changes = {
-            name: elements.Coefficient(field.ufl_function_space())
-            for name, field in changing.items()
-        }
-        test = ufl.TestFunction(fields.internal(3))
-        at_points = self._with_more(self._at_points(self.resultants, test))
-        change: Any = 0
-        for name, field in changing.items():
-            change += ufl.derivative(at_points, field, self.changes[name])
-        if "coordinates" in self.forms:
-            self.changes["coordinates"] = elements.Coefficient(of_X)
-            change += ufl.derivative(at_points, X, self.changes["coordinates"])
-        #: Changes of the resultants at the Gauss points, times the weights of these.
-        self.change = ffcx_api.compile_form(change, "changes of resultants")
+        return self._at_points(self.resultants, ufl.TestFunction(self.fields.internal(3)))
 
 
-def assembled(forms: Mapping[str, BoundForm]) -> dict[str, np.ndarray]:
+def named(vectors: Mapping[str, tuple[Space, np.ndarray]]) -> dict[str, np.ndarray]:
     """Derivatives by name: those in `NODAL` (size,), by places "X" (n, 2), and "parameters" (n,).
 
     Others, at Gauss points or on cells, (cells, points, numbers).
     """
     derivatives = {}
-    for name, form in forms.items():
-        values = form.vector()
+    for name, (space, values) in vectors.items():
         if name == "coordinates":
             derivatives["X"] = values.reshape(-1, 2)
         elif name in NODAL:
             derivatives[name] = values
         else:
-            of_cells = values.reshape(-1, (points := form.spaces[0].points), form.size // points)
+            of_cells = values.reshape(-1, space.points, space.width // space.points)
             derivatives[name] = of_cells.sum(axis=(0, 1)) if name == "parameters" else of_cells
     return derivatives
 
 
 class ResultantDerivatives:
-    """Derivatives in a step, which `begin` begins, of resultants by a form that is bound to a mesh.
+    """Local Jacobians of resultants in a step, which `begin` begins, by forms on a mesh."""
 
-    Fields in the place of its symbols of changes and of weights are given by name and alone.
-    """
+    def __init__(self, forms: Mapping[str, BoundForm], points: int, begin: Callable[[Any], None]):
+        self._forms, self._begin = forms, begin
+        #: Weights (points,) of the Gauss points, relative to the element's length.
+        self._point_weights = gauss_rule(points)[1]
 
-    def __init__(
-        self,
-        forms: Mapping[str, BoundForm],
-        change: BoundForm,
-        changes: Mapping[str, Field],
-        weight: Field,
-        begin: Callable[[Any], None],
-    ):
-        self._forms, self._change, self._changes, self._weight = forms, change, changes, weight
-        self._begin, self._cells = begin, len(weight.space.dofs)
-        #: Weights (points, 1) of the Gauss points, relative to the element's length.
-        self._point_weights = gauss_rule(weight.space.points)[1][:, None]
+    def _slopes(self, part: Any) -> Iterator[tuple[str, Space, np.ndarray]]:
+        """Derivatives (cells, points, 3, numbers) by name, and the space of the numbers."""
+        self._begin(part)
+        for name, form in self._forms.items():
+            space, points = form.spaces[1], len(self._point_weights)
+            slopes = form.tensors().reshape(-1, points, 3, space.width)
+            yield name, space, slopes / self._point_weights[:, None, None]
 
     def vjp(self, part: Any, weights: np.ndarray) -> dict[str, np.ndarray]:
         """Derivatives of the sum of weights (cells, points, 3) times N, Q and M, by name.
@@ -258,15 +231,19 @@ class ResultantDerivatives:
         By "increment", "start" and "q_previous" (size,), "internal" variables, the data of
         sections, strains "natural" at the start and "natural_end", "parameters", and "X".
         """
-        self._begin(part)
-        self._weight.array[:] = (weights / self._point_weights).ravel()
-        return assembled(self._forms)
+        vectors = {}
+        for name, space, slopes in self._slopes(part):
+            by = np.einsum("cpi,cpin->cn", weights, slopes)
+            vectors[name] = space, np.bincount(space.dofs.ravel(), by.ravel(), space.size)
+        return named(vectors)
 
     def jvp(self, part: Any, changes: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Changes (cells, points, 3) of N, Q and M from those by these names."""
-        self._begin(part)
-        for name, field in self._changes.items():
-            values = np.ravel(changes["X" if name == "coordinates" else name])
-            field.array[:] = values if name != "parameters" else np.tile(values, self._cells)
-        sums = self._change.vector()
-        return sums.reshape(-1, len(self._point_weights), 3) / self._point_weights
+        """Changes (m, cells, points, 3) of N, Q and M from those (m, ...) by these names."""
+        total: Any = 0.0
+        for name, space, slopes in self._slopes(part):
+            values = changes["X" if name == "coordinates" else name]
+            values = values.reshape(len(values), -1)
+            if name == "parameters":
+                values = np.tile(values, len(space.dofs))
+            total = total + np.einsum("cpin,mcn->mcpi", slopes, values[:, space.dofs])
+        return total
