@@ -100,8 +100,9 @@ class RateDerivatives:
         #: multipliers (n, count), forces (n, count, 2) and with moments (n, count, 3) on b.
         self.c, self.rates, self._equations = fit.corrections, fit.rates, equations
         ends = np.cumsum([entries, count, 2 * count])
-        of_g, self._given, push, self._mu = np.split(values, ends, axis=1)
-        self._entries, self._push = of_g.copy(), push.reshape(n, count, 2)
+        parts = (np.ascontiguousarray(part) for part in np.split(values, ends, axis=1))
+        self._entries, self._given, push, self._mu = parts
+        self._push = push.reshape(n, count, 2)
         turning = np.broadcast_to(equations.turning, self._given.shape)
         self._weight = np.concatenate([self._push, turning[..., None]], axis=-1)
         self._places = [
@@ -168,14 +169,6 @@ class RateDerivatives:
         return _slopes(law, np.column_stack([place.slope, place.bend]))
 
     # -- Jacobians --------------------------------------------------------------------------------
-
-    @functools.cached_property
-    def _by_rates(self) -> scipy.sparse.csr_matrix:
-        """G of all configurations."""
-        equations = self._equations
-        G = RowJacobian(len(self._weight), equations.count, equations.size)
-        G.put(equations.row, equations.dof, self._entries)
-        return G.matrix
 
     @functools.cached_property
     def _impulses(self) -> scipy.sparse.csr_matrix:
@@ -262,7 +255,9 @@ class RateDerivatives:
         impulses = np.hstack([joints.reshape(n, -1), columns])
         by_mu = (self._impulses.T @ impulses.ravel()).reshape(n, -1)
         # What has no mass, and no joint, keeps its rates.
-        held = np.asarray(abs(self._by_rates).sum(axis=0)).reshape(n, size) > 0
+        held = np.zeros((n, size), dtype=bool)
+        for dof, entries in zip(self._equations.dof, self._entries.T, strict=True):
+            held[:, dof] |= entries != 0
         by_c = np.where(held | (self._solver.little == 0), rates, 0.0)
         x = self._solver.solve(self._entries, np.hstack([by_c, -by_mu]))
         by = self._jacobian.T @ np.hstack([x, impulses]).ravel()

@@ -371,40 +371,29 @@ def static_tape(
     internal variables an equilibrium depends on none before, and is a step from itself.
     """
     model, t = problem.model, np.array([forcing.time])
-    loads, parameters = model.loads.series(t)[0], model.forms.parameters
-    follower_force, values, strains = np.empty(0), np.empty(0), np.empty(0)
-    if len(model.points.followers):
-        follower_force = model.points.followers.series(t, t)
-    if len(parameters):
-        values = parameters.at(forcing.time)
-    if model.natural:
-        strains = forcing.naturals(t)[0]
+    loads, strains = model.loads.series(t)[0], forcing.naturals(t)[0]
+    values, followers = model.forms.parameters.at(forcing.time), model.points.followers
+    follower_force = followers.series(t, t) if len(followers) else None
     rows, apart, last = [], not model.flows, start.t
     for old, new in zip(states if apart else [start, *states], states, strict=False):
         length, last = new.t - last, new.t
-        rows.append(
-            [
-                [forcing.time - length, length, new.t, 1.0, 0.0],
-                *(old.q, np.zeros(model.size), old.slides, _or_none(old.internal)),
-                *(_at_start(model, old, new), _or_none(old.natural)),
-                *(new.t * loads, new.t * loads, follower_force, new.t * strains),
-                *(values, _increments(model, old, new)),
-            ]
+        parts = (
+            *([forcing.time - length, length, new.t, 1.0, 0.0], old.q, np.zeros(model.size)),
+            *(old.slides, old.internal, _at_start(model, old, new), old.natural),
+            *(new.t * loads, new.t * loads, follower_force, new.t * strains),
+            *(values, _increments(model, old, new)),
         )
+        rows.append(np.concatenate([np.ravel(part) for part in parts if part is not None]))
     tape = Tape(problem)
     tape.c.apart = apart
-    tape.write(np.array([np.concatenate([np.ravel(part) for part in row]) for row in rows]))
+    tape.write(np.array(rows))
     return tape
 
 
-def _or_none(values: np.ndarray | None) -> Any:
-    return np.empty(0) if values is None else values
-
-
-def _at_start(model: Model, old: State, new: State) -> np.ndarray:
+def _at_start(model: Model, old: State, new: State) -> np.ndarray | None:
     """Internal variables of forces at points at its start, with forces that friction follows."""
     if old.spring_internal is None or new.spring_internal is None:
-        return np.empty(0)
+        return None
     given, followed = old.spring_internal.copy(), model.points.followed
     given[followed] = new.spring_internal[followed]
     return given
