@@ -25,6 +25,9 @@ _WHAT = {
     "VJP": "derivatives of time steps, backwards",
     "JVP": "derivatives of time steps, forwards",
 }
+# Parameters of glibc's mallopt, and their values: arrays up to so many bytes reuse freed memory, of
+# which twice as much is kept. Pages that are new take longer than what fills them.
+_MALLOC = {-3: 1 << 25, -1: 1 << 26}  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD
 # Addresses in the libraries that this process has loaded, which Python does not unload.
 _loaded: dict[tuple[str, ...], list[int]] = {}
 
@@ -36,8 +39,17 @@ def load_library(features: str = "CHAIN", derivatives: str = "") -> tuple[Any, A
     It serves scenes with some features (c/scene_features.h); or has `derivatives` of steps in their
     place, "VJP" or "JVP".
     """
+    _reuse_memory()
     what, macros, flags = _asked(features, derivatives)
     return c_library.open_library(what, "loop.c", "problem.h", MACROS, macros, flags)
+
+
+@functools.cache
+def _reuse_memory() -> None:
+    with suppress(OSError, AttributeError):  # another C library
+        mallopt = ctypes.CDLL(None).mallopt
+        for parameter, value in _MALLOC.items():
+            mallopt(parameter, value)
 
 
 def _asked(features: str, derivatives: str) -> tuple[str, list[str], list[str]]:
