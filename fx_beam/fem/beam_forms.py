@@ -296,8 +296,8 @@ class BeamForms:
     @functools.cached_property
     def _stored(self) -> dict[str, BoundForm]:
         """Derivatives of the stored energy on the mesh by name."""
-        weak, *on_mesh = self._varied(vjp_form.StoredForm, without=["times"])
-        return self._bound_forms(weak.forms, *on_mesh)
+        weak, data, spaces = self._varied(vjp_form.StoredForm, without=["times"])
+        return self._bound_forms(weak.forms, data, spaces)
 
     def _assembled(self, forms: Mapping[str, BoundForm]) -> dict[str, np.ndarray]:
         """Derivatives by name, those by all parameters of the scene."""
@@ -338,11 +338,11 @@ class BeamForms:
         """Derivatives of what beams lose in a step, as those of the stored energy."""
         lost = []
         if any(self.of_loss[:2]):
-            weak, *on_mesh = self._varied(vjp_form.LossForm)
-            lost.append(self._bound_forms(weak.forms, *on_mesh))
+            weak, data, spaces = self._varied(vjp_form.LossForm)
+            lost.append(self._bound_forms(weak.forms, data, spaces))
         if self.of_drag:
-            drag, *on_mesh = self._varied_drag("drag ")
-            lost.append(self._bound_forms(drag.loss_by, *on_mesh))
+            drag, data, spaces = self._varied_drag("drag ")
+            lost.append(self._bound_forms(drag.loss_by, data, spaces))
         return lost
 
     @functools.cached_property

@@ -13,7 +13,7 @@ import numpy as np
 from fx_beam.scene.beam import gauss_rule
 
 from . import elements, ffcx_api
-from .assembly import BoundForm, Field, Space
+from .assembly import BoundForm, Space
 from .ffcx_api import CompiledForm
 from .fields import Fields
 from .weak_form import WeakForm
