@@ -128,6 +128,7 @@ class MemberContacts:
         self._numbers = [np.array(one.numbers) for one in self._pairs]
         mesh, pairs = self._mesh, self._pairs
         every = np.unique(np.concatenate([[*one.points, *one.nodes] for one in pairs]))
+        self._reference = self._positions()
         self._all = ffi.new("MemberContacts *")
         self._structs = structs
         structs.set(
@@ -138,6 +139,7 @@ class MemberContacts:
             dofs=mesh.dofs.size,
             moving=len(every),
             moves=mesh.dofs[every, :2],
+            reference=self._reference,
             margin=-1.0,
             slots=self._first_slots[-1],
             first_internal=first_internal,
@@ -145,6 +147,12 @@ class MemberContacts:
         # Freed with this object: C allocates as much as there are contact points.
         self._freed = ffi.gc(self._all, library.fx_free_members)
         return int(ffi.cast("uintptr_t", self._all))
+
+    def _positions(self) -> np.ndarray:
+        """Positions (size,) of all degrees of freedom in the reference configuration."""
+        positions = np.zeros(self._mesh.dofs.size)
+        positions[self._mesh.dofs[:, :2]] = self._mesh.X
+        return positions
 
     def _row(self, i: int) -> dict[str, Any]:
         one, law, numbers, mesh = self._pairs[i], self.laws[i], self._numbers[i], self._mesh
@@ -155,11 +163,10 @@ class MemberContacts:
             "first_slot": self._first_slots[i],
             "points": len(one.points),
             "point_dof": mesh.dofs[one.points, :2],
-            "point_position": mesh.X[one.points],
+            "first_point": sum(len(before.points) for before in self._pairs[:i]),
             "point_slot": one.point_slots,
             "nodes": len(one.nodes),
             "node_dof": mesh.dofs[one.nodes, :2],
-            "node_position": mesh.X[one.nodes],
             "node_slot": one.node_slots,
             "numbers": numbers.shape[1],
             "number": numbers,
@@ -179,12 +186,10 @@ class MemberContacts:
             raise OtherStructureError("other members touch")
         for i, (numbers, (_, two)) in enumerate(zip(self._numbers, pairs, strict=True)):
             numbers[...] = two.numbers
-            X, row = self._mesh.X, self._all.of[i]
-            for name, nodes in (("point_position", two.points), ("node_position", two.nodes)):
-                values = X[nodes]
-                self._ffi.memmove(getattr(row, name), np.ascontiguousarray(values), values.nbytes)
+            row = self._all.of[i]
             self._ffi.memmove(row.arc, np.ascontiguousarray(two.arc), two.arc.nbytes)
             row.apart = two.apart
+        self._reference[...] = self._positions()
         self._pairs = other._pairs
         self.forget()
 

@@ -2,9 +2,9 @@
 
 #pragma once
 
-#include <stdlib.h>
 #include <string.h>
 #include "sparse_rows.h"
+#include "vectors.h"
 
 static void add_to(IntList *list, int value) {
   if (list->count == list->room) list->of = realloc(list->of, (list->room = 2 * list->room + 8) * sizeof(int));
@@ -24,8 +24,6 @@ static void free_elimination(Elimination *e) {
   free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
   free(r->run_start), free(r->run_column), free(r->run_length);
 }
-
-#define ROOM(array, count) array = realloc(array, ((count) + 1) * sizeof *(array))
 
 /* The lists of a scene's graph, to which others may be added. */
 static void begin_elimination(Elimination *e) {

@@ -22,10 +22,9 @@ typedef struct {
   int entries, *entry_row, *entry_column; /* of its tangent */
   int internal, first_slot; /* internal variables; its first slot of memory, in which a point has SLOTS */
   int points, *point_dof;   /* [points][2] */
-  double *point_position;   /* [points][2] in the reference */
+  int first_point;          /* number of the first of them among those of all contacts */
   int *point_slot;          /* where the force on a point is recorded, or -1 */
   int nodes, *node_dof;     /* of the member, along it */
-  double *node_position;
   int *node_slot;
   int numbers;              /* of each point */
   double *number;           /* [points][numbers]: the radii, then those of the law */
@@ -59,23 +58,30 @@ typedef struct {
   double given[CONTACT_POINT_GIVEN], results[CONTACT_POINT_RESULTS], tangent[CONTACT_POINT_DOFS * CONTACT_POINT_DOFS];
 } ContactPoint;
 
+/* A place on a piece of a member that is near a point, and their distance. */
+typedef struct {
+  int contact, point, piece;
+  double place, distance;
+} NearPlace;
+
 typedef struct {
   int contacts, conditions;
   MemberContact *of;
   int dofs, moving, *moves; /* all degrees of freedom; those of all points and members, as pairs */
+  double *reference;        /* [dofs] positions in the reference configuration */
   double margin, moved, step; /* of the last search; largest motions since then, and in the last step */
   long searches;            /* their number: when it changes, so do the contact points */
   int wide;                 /* whether the next search must have a larger margin */
   int slots, first_internal; /* of friction; where they begin among all internal variables */
-  struct { int *taken; };    /* [slots] whether a contact point has it */
-  /* [dofs]: configurations of the last search and of the start of the step, rates there, room; its slots */
-  struct { double *searched_at, *q, *v, *product, *memory; };
-  struct { ContactPoint *contact_point; }; /* [room] */
-  int contact_points, room;
+  struct { int *has_slot; }; /* [slots] whether a contact point has it */
+  /* [dofs]: positions of the last search and of the start of the step, rates there, room; its slots */
+  struct { double *searched_at, *start, *v, *product, *memory; };
+  struct { ContactPoint *contact_point; };
+  int contact_points, near_places, near_room;
+  struct { NearPlace *near; }; /* [near_room] what the last search found */
   /* The cells of a search: where the nodes in each begin, the nodes, and their places. */
   struct { int *cell_start, *cell_node, *cell_of; };
   struct { double *node_at; };
-  long cells_room, nodes_room;
 } MemberContacts;
 
 /* What is wrong at the end of a step: nothing, points have moved further than was expected, a point has passed through

@@ -2,7 +2,6 @@
 
 #pragma once
 
-#include <stdlib.h>
 #include "member_contact.h"
 #include "member_curve.h"
 #include "vectors.h"
@@ -19,24 +18,18 @@ static const double SPARE = 1.5, LASTS = 8, LEAST_MARGIN = 1e-3;
 /* Pieces along which a contact point follows its nearest point, from one step to the next. */
 enum { MOST_PIECES = 4 };
 
-static void *grown(void *old, long count, long size) { return realloc(old, count * size); }
-
 void fx_free_members(MemberContacts *m) {
-  free(m->searched_at), free(m->q), free(m->v), free(m->product), free(m->contact_point), free(m->taken), free(m->memory);
-  free(m->cell_start), free(m->cell_node), free(m->cell_of), free(m->node_at);
+  free(m->searched_at), free(m->start), free(m->v), free(m->product), free(m->contact_point), free(m->has_slot);
+  free(m->memory), free(m->near), free(m->cell_start), free(m->cell_node), free(m->cell_of), free(m->node_at);
 }
 
-static inline void position(const double *reference, const int *dof, const double *q, double *out) {
-  out[0] = reference[0] + q[dof[0]], out[1] = reference[1] + q[dof[1]];
+/* Positions of all degrees of freedom in a configuration. */
+static double *positions(const MemberContacts *m, const double *q, double *out) {
+  for (int i = 0; i < m->dofs; ++i) out[i] = m->reference[i] + q[i];
+  return out;
 }
 
-static inline void point_at(const MemberContact *c, int i, const double *q, double *out) {
-  position(c->point_position + 2 * i, c->point_dof + 2 * i, q, out);
-}
-
-static inline void node_at(const MemberContact *c, int i, const double *q, double *out) {
-  position(c->node_position + 2 * i, c->node_dof + 2 * i, q, out);
-}
+static inline void pair_of(const double *x, const int *dof, double *out) { out[0] = x[dof[0]], out[1] = x[dof[1]]; }
 
 /* Nodes of the two pieces from `piece` on; in the place of images the node next to them. */
 static inline int node_of(const MemberContact *c, int piece, int k) {
@@ -44,11 +37,11 @@ static inline int node_of(const MemberContact *c, int piece, int k) {
   return node < 0 ? piece : node >= c->nodes ? c->nodes - 1 : node;
 }
 
-/* Arms from a point to four nodes, images included. */
-static void arms_at(const MemberContact *c, int piece, const double *x, const double *q, double r[4][2]) {
+/* Arms from a point to four nodes at positions x, images included. */
+static void arms_at(const MemberContact *c, int piece, const double *point, const double *x, double r[4][2]) {
   for (int k = 0; k < 4; ++k) {
-    node_at(c, node_of(c, piece, k), q, r[k]);
-    r[k][0] -= x[0], r[k][1] -= x[1];
+    pair_of(x, c->node_dof + 2 * node_of(c, piece, k), r[k]);
+    r[k][0] -= point[0], r[k][1] -= point[1];
   }
   image(r, piece == 0, piece + 2 >= c->nodes);
 }
@@ -72,8 +65,10 @@ static double largest_motion(const MemberContacts *m, const double *x, const dou
   return factor * sqrt(most);
 }
 
-/* What a search does with a point near a piece: its place on it, and its distance. */
-typedef void Visit(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with);
+static void add_near(MemberContacts *m, int contact, int point, int piece, const NearPoint *nearest) {
+  if (m->near_places == m->near_room) m->near = realloc(m->near, (m->near_room = 2 * m->near_room + 16) * sizeof(NearPlace));
+  m->near[m->near_places++] = (NearPlace){contact, point, piece, nearest->place, nearest->distance};
+}
 
 /* The cells of the nodes of a member. */
 typedef struct {
@@ -81,21 +76,16 @@ typedef struct {
   int count[2];
 } Grid;
 
-static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *q, double reach) {
+static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *x, double reach) {
   Grid g = {{HUGE_VAL, HUGE_VAL}, 0, {1, 1}};
   double high[2] = {-HUGE_VAL, -HUGE_VAL}, longest = 0, extent = 0;
-  if (c->nodes > m->nodes_room) {
-    m->nodes_room = c->nodes;
-    m->cell_node = grown(m->cell_node, c->nodes, sizeof(int));
-    m->cell_of = grown(m->cell_of, c->nodes, sizeof(int));
-    m->node_at = grown(m->node_at, c->nodes, 2 * sizeof(double));
-  }
+  ROOM(m->cell_node, c->nodes), ROOM(m->cell_of, c->nodes), ROOM(m->node_at, 2 * c->nodes);
   for (int i = 0; i < c->nodes; ++i) {
-    double *x = m->node_at + 2 * i;
-    node_at(c, i, q, x);
-    for (int a = 0; a < 2; ++a) g.low[a] = fmin(g.low[a], x[a]), high[a] = fmax(high[a], x[a]);
-    if (i) longest = fmax(longest, hypot(x[0] - x[-2], x[1] - x[-1]));
-    extent += fabs(x[0]) + fabs(x[1]);
+    double *node = m->node_at + 2 * i;
+    pair_of(x, c->node_dof + 2 * i, node);
+    for (int a = 0; a < 2; ++a) g.low[a] = fmin(g.low[a], node[a]), high[a] = fmax(high[a], node[a]);
+    if (i) longest = fmax(longest, hypot(node[0] - node[-2], node[1] - node[-1]));
+    extent += fabs(node[0]) + fabs(node[1]);
   }
   g.size = reach + longest / 2;
   if (!isfinite(extent + g.size)) { /* a lost motion: no cells, in which nothing is found */
@@ -107,12 +97,11 @@ static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *q
     g.size *= 1.4;
   for (int a = 0; a < 2; ++a) g.count[a] = 1 + (int)((high[a] - g.low[a]) / g.size);
   long cells = (long)g.count[0] * g.count[1];
-  if (cells + 1 > m->cells_room)
-    m->cell_start = grown(m->cell_start, m->cells_room = 2 * cells + 1, sizeof(int));
+  ROOM(m->cell_start, cells);
   memset(m->cell_start, 0, (cells + 1) * sizeof(int));
   for (int i = 0; i < c->nodes; ++i) {
-    const double *x = m->node_at + 2 * i;
-    int column = (int)((x[0] - g.low[0]) / g.size), row = (int)((x[1] - g.low[1]) / g.size);
+    const double *node = m->node_at + 2 * i;
+    int column = (int)((node[0] - g.low[0]) / g.size), row = (int)((node[1] - g.low[1]) / g.size);
     m->cell_of[i] = row * g.count[0] + column;
     ++m->cell_start[m->cell_of[i] + 1];
   }
@@ -121,14 +110,13 @@ static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *q
   return g;
 }
 
-/* Visits a point where a piece is nearest to it, among those about it. */
-static void look_at(MemberContacts *m, int number, int i, const double *x, int node, double reach, Visit *visit,
-                    void *with) {
+/* Adds a point where the piece about a node is nearest to it, among the pieces next to it. */
+static void add_if_near(MemberContacts *m, int number, int i, const double *point, int node, double reach) {
   const MemberContact *c = m->of + number;
   double r[3][2];
   int begins = node == 0, ends = node == c->nodes - 1;
   for (int k = begins; k < 3 - ends; ++k)
-    for (int a = 0; a < 2; ++a) r[k][a] = m->node_at[2 * (node - 1 + k) + a] - x[a];
+    for (int a = 0; a < 2; ++a) r[k][a] = m->node_at[2 * (node - 1 + k) + a] - point[a];
   if (!begins && grows_at_joint(r[0], r[1])) return;
   if (!ends && !grows_at_joint(r[1], r[2])) return;
   if (c->apart > 0 && fabs(c->arc[i] - c->arc[node]) < c->apart) return;
@@ -136,20 +124,21 @@ static void look_at(MemberContacts *m, int number, int i, const double *x, int n
     if (begins) r[0][a] = 2 * r[1][a] - r[2][a];
     if (ends) r[2][a] = 2 * r[1][a] - r[0][a];
   }
-  NearPoint near = nearest_on(r, 0, begins, ends);
-  if (near.distance < reach) visit(m, number, i, node, near.place, near.distance, with);
+  NearPoint nearest = nearest_on(r, 0, begins, ends);
+  if (nearest.distance < reach) add_near(m, number, i, node, &nearest);
 }
 
-/* Visits all points with a member within a margin of their radii: at each nearest place of its own. */
-static void search(MemberContacts *m, const double *q, double margin, Visit *visit, void *with) {
+/* Finds all points within a margin of their radii from a member: at each nearest place of its own. */
+static void search(MemberContacts *m, const double *x, double margin) {
+  m->near_places = 0;
   for (int number = 0; number < m->contacts; ++number) {
     const MemberContact *c = m->of + number;
-    double most = 0, x[2];
+    double most = 0, point[2];
     for (int i = 0; i < c->points; ++i) most = fmax(most, c->number[i * c->numbers]);
-    Grid g = make_grid(m, c, q, most + margin);
+    Grid g = make_grid(m, c, x, most + margin);
     for (int i = 0; i < c->points; ++i) {
-      point_at(c, i, q, x);
-      double u = floor((x[0] - g.low[0]) / g.size), v = floor((x[1] - g.low[1]) / g.size);
+      pair_of(x, c->point_dof + 2 * i, point);
+      double u = floor((point[0] - g.low[0]) / g.size), v = floor((point[1] - g.low[1]) / g.size);
       if (!(u >= -1 && v >= -1 && u <= g.count[0] && v <= g.count[1])) continue;
       double reach = c->number[i * c->numbers] + margin;
       for (int row = fmax(0, v - 1); row <= fmin(g.count[1] - 1, v + 1); ++row)
@@ -157,7 +146,7 @@ static void search(MemberContacts *m, const double *q, double margin, Visit *vis
           int cell = row * g.count[0] + column;
           int end = cell + 1 < g.count[0] * g.count[1] ? m->cell_start[cell + 2] : c->nodes;
           for (int k = m->cell_start[cell + 1]; k < end; ++k)
-            look_at(m, number, i, x, m->cell_node[k], reach, visit, with);
+            add_if_near(m, number, i, point, m->cell_node[k], reach);
         }
     }
   }
@@ -169,25 +158,23 @@ static void set_pieces(const MemberContact *c, ContactPoint *t, int piece) {
     memcpy(t->dof + 2 + 2 * k, c->node_dof + 2 * node_of(c, piece, k), 2 * sizeof(int));
 }
 
-static void add_contact_point(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
-  const MemberContact *c = m->of + contact;
-  if (m->contact_points == m->room) m->contact_point = grown(m->contact_point, m->room = 2 * m->room + 16, sizeof(ContactPoint));
-  ContactPoint *t = m->contact_point + m->contact_points++;
-  memset(t, 0, sizeof *t);
-  t->contact = contact, t->point = point;
-  memcpy(t->dof, c->point_dof + 2 * point, 2 * sizeof(int));
+static ContactPoint contact_point_at(const MemberContacts *m, const NearPlace *near) {
+  const MemberContact *c = m->of + near->contact;
+  ContactPoint e = {.contact = near->contact, .point = near->point};
+  memcpy(e.dof, c->point_dof + 2 * near->point, 2 * sizeof(int));
   /* Two pieces, of which the nearest point is next to their joint. */
-  set_pieces(c, t, piece - ((x < 0 && piece > 0) || piece == c->nodes - 1));
+  set_pieces(c, &e, near->piece - ((near->place < 0 && near->piece > 0) || near->piece == c->nodes - 1));
+  return e;
 }
 
-/* The nearest point of a contact point in a configuration, from the piece on which it is then; `r` has its arms. */
-static NearPoint follow(const MemberContacts *m, ContactPoint *e, const double *q, int *piece, double r[5][2]) {
+/* The nearest point of a contact point at positions x, from the piece on which it is then; `r` has its arms. */
+static NearPoint follow(const MemberContacts *m, ContactPoint *e, const double *x, int *piece, double r[5][2]) {
   const MemberContact *c = m->of + e->contact;
   NearPoint near;
-  point_at(c, e->point, q, r[0]);
+  pair_of(x, e->dof, r[0]);
   *piece = e->piece;
   for (int k = 0; k <= MOST_PIECES; ++k) {
-    arms_at(c, *piece, r[0], q, r + 1);
+    arms_at(c, *piece, r[0], x, r + 1);
     near = nearest_point(r + 1, *piece == 0, *piece + 2 >= c->nodes);
     e->seen = *piece + near.place;
     if (!near.left) break;
@@ -197,7 +184,7 @@ static NearPoint follow(const MemberContacts *m, ContactPoint *e, const double *
 }
 
 /* Whether a contact point that has moved along its member may be one that there should not be: of a point with what is too
-   near to it along the same member, or one that another touch has. */
+   near to it along the same member, or one that another contact point has. */
 static int is_lost(const MemberContacts *m, const ContactPoint *e) {
   const MemberContact *c = m->of + e->contact;
   if (c->apart > 0 && fabs(c->arc[e->point] - c->arc[(int)(e->seen + 0.5)]) < c->apart) return 1;
@@ -209,17 +196,20 @@ static int is_lost(const MemberContacts *m, const ContactPoint *e) {
   return 0;
 }
 
-static void find_contact_points(MemberContacts *m, const double *q, double margin) {
-  m->contact_points = 0, m->margin = margin, m->wide = 0, ++m->searches;
-  memcpy(m->searched_at, q, m->dofs * sizeof(double));
-  search(m, q, margin, add_contact_point, 0);
+static void find_contact_points(MemberContacts *m, const double *x, double margin) {
+  m->margin = margin, m->wide = 0, ++m->searches;
+  memcpy(m->searched_at, x, m->dofs * sizeof(double));
+  search(m, x, margin);
+  m->contact_points = m->near_places;
+  ROOM(m->contact_point, m->contact_points);
+  for (int k = 0; k < m->contact_points; ++k) m->contact_point[k] = contact_point_at(m, m->near + k);
 }
 
 static void allocate_members(MemberContacts *m) {
   if (m->searched_at) return;
   m->searched_at = calloc(m->dofs, sizeof(double)), m->v = calloc(m->dofs, sizeof(double));
-  m->q = calloc(m->dofs, sizeof(double)), m->product = calloc(m->dofs, sizeof(double));
-  m->taken = calloc(m->slots + 1, sizeof(int)), m->memory = calloc(IN_SLOT * m->slots + 1, sizeof(double));
+  m->start = calloc(m->dofs, sizeof(double)), m->product = calloc(m->dofs, sizeof(double));
+  m->has_slot = calloc(m->slots + 1, sizeof(int)), m->memory = calloc(IN_SLOT * m->slots + 1, sizeof(double));
 }
 
 static double *number_of(const MemberContact *c, int point) { return c->number + (long)point * c->numbers; }
@@ -236,7 +226,7 @@ static int slot_of(MemberContacts *m, const ContactPoint *e) {
   double least = 2, place = e->piece + e->first.place + 1;
   for (int k = first; k < first + SLOTS; ++k) {
     double known = m->memory[IN_SLOT * k], away = known > 0 ? fabs(known - place) : 1.99;
-    if (!m->taken[k] && away < least) best = k, least = away;
+    if (!m->has_slot[k] && away < least) best = k, least = away;
   }
   return best;
 }
@@ -245,7 +235,7 @@ static int slot_of(MemberContacts *m, const ContactPoint *e) {
 static void begin_friction(MemberContacts *m, ContactPoint *e, double *internal, double *numbers) {
   const MemberContact *c = m->of + e->contact;
   e->slot = slot_of(m, e);
-  if (e->slot >= 0) m->taken[e->slot] = 1;
+  if (e->slot >= 0) m->has_slot[e->slot] = 1;
   else numbers[c->numbers - 2] = 0;
   for (int i = 0; i < c->internal; ++i) internal[i] = e->slot < 0 ? 0 : m->memory[IN_SLOT * e->slot + 1 + i];
 }
@@ -285,10 +275,10 @@ static int way_to_lean(const ContactPoint *e, double steps) {
 
 /* The nearest points at the start of a step, which contact points follow along their members; returns whether they are all
    that there can be. */
-static int place_contact_points(MemberContacts *m, const double *q, const double *v, double dt) {
+static int place_contact_points(MemberContacts *m, const double *x, const double *v, double dt) {
   int moved = 0, piece, changes = 0;
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
-    NearPoint near = follow(m, e, q, &piece, e->start);
+    NearPoint near = follow(m, e, x, &piece, e->start);
     if (near.left) return 0;
     moved |= piece != e->piece;
     if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
@@ -303,7 +293,7 @@ static int place_contact_points(MemberContacts *m, const double *q, const double
     e->leans = 0;
     if (!way) continue;
     set_pieces(m->of + e->contact, e, e->piece + way);
-    e->first = follow(m, e, q, &piece, e->start);
+    e->first = follow(m, e, x, &piece, e->start);
   }
   for (const ContactPoint *e = m->contact_point; moved && e < m->contact_point + m->contact_points; ++e)
     if (is_lost(m, e)) return 0;
@@ -328,14 +318,14 @@ static void begin_members(MemberContacts *m, const double *q, const double *v, d
   double step = fmax(m->step, v ? largest_motion(m, v, 0, fabs(dt)) : 0), least = HUGE_VAL;
   for (int k = 0; k < m->contacts; ++k) least = fmin(least, m->of[k].number[0]);
   double wanted = fmax(2 * SPARE * LASTS * step, LEAST_MARGIN * least);
-  m->moved = m->searches ? largest_motion(m, q, m->searched_at, 1) : 0;
-  if (!m->searches || m->wide || 2 * (m->moved + SPARE * step) > m->margin || !place_contact_points(m, q, v, dt)) {
-    find_contact_points(m, q, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
-    place_contact_points(m, q, v, dt);
+  const double *x = positions(m, q, m->start);
+  m->moved = m->searches ? largest_motion(m, x, m->searched_at, 1) : 0;
+  if (!m->searches || m->wide || 2 * (m->moved + SPARE * step) > m->margin || !place_contact_points(m, x, v, dt)) {
+    find_contact_points(m, x, m->wide ? fmax(2 * m->margin, wanted) : wanted), m->moved = 0;
+    place_contact_points(m, x, v, dt);
   }
-  memcpy(m->q, q, m->dofs * sizeof(double));
   if (v) memcpy(m->v, v, m->dofs * sizeof(double));
-  memset(m->taken, 0, m->slots * sizeof(int));
+  memset(m->has_slot, 0, m->slots * sizeof(int));
   if (m->slots) memcpy(m->memory, internal + m->first_internal, IN_SLOT * m->slots * sizeof(double));
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) begin_contact_point(m, e, t, dt);
 }
@@ -495,7 +485,7 @@ int fx_check_members(MemberContacts *m, const double *D) {
   double *end = m->product;
   m->step = largest_motion(m, D, 0, 1);
   if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
-  for (int i = 0; i < m->dofs; ++i) end[i] = m->q[i] + D[i];
+  for (int i = 0; i < m->dofs; ++i) end[i] = m->start[i] + D[i];
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     if (move_contact_point(m, e, D) && has_passed(m, e)) return MEMBERS_PASSED;
     if (!e->left || !(e->closed || contact_points_beyond(m, e, end))) continue;
@@ -517,7 +507,6 @@ static void give_distance(const MemberContact *c, int point, double distance, co
 typedef struct {
   Law **by;
   double sum, *of_q, *of_internal, *of_numbers;
-  const double *q;
 } Energy;
 
 /* Adds that of a point at a distance; sets its derivatives by all that the law is given. */
@@ -535,14 +524,14 @@ static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int 
     to->of_numbers[c->first_number + point * c->numbers + i] += found[numbers_at(c) + i];
 }
 
-/* That of friction in slots; with `left` only in those that no touch has. */
+/* That of friction in slots; with `left` only in those that no contact point has. */
 static void add_energy_in_slots(const MemberContacts *m, Energy *to, const double *memory, int left) {
   double found[CONTACT_POINT_GIVEN];
   for (int i = 0; i < m->contacts; ++i)
     for (int k = 0; m->of[i].internal && k < SLOTS * m->of[i].points; ++k) {
       const MemberContact *c = m->of + i;
       int slot = c->first_slot + k, first = IN_SLOT * slot + 1, point = k / SLOTS;
-      if (memory[first] == 0 || (left && m->taken[slot])) continue;
+      if (memory[first] == 0 || (left && m->has_slot[slot])) continue;
       add_energy_at(m, to, i, point, 2 * *number_of(c, point) + 1, memory + first, found);
       for (int l = 0; to->by && l < c->internal; ++l)
         to->of_internal[m->first_internal + first + l] += found[internal_at(c) + l];
@@ -575,51 +564,47 @@ static void evolve_members(MemberContacts *m, const double *D, double *internal)
   }
 }
 
-/* Calls a function with each point near its member, in any configuration. */
-static void visit_all(MemberContacts *m, const double *q, Visit *visit, void *with) {
+/* Finds the places near members at positions x, by those of the last search where these are all. */
+static void find_near(MemberContacts *m, const double *x) {
   double r[5][2];
-  int piece, moved = 0;
-  allocate_members(m);
-  int known = m->searches && 2 * largest_motion(m, q, m->searched_at, 1) <= m->margin;
-  for (ContactPoint *e = m->contact_point; known && e < m->contact_point + m->contact_points; ++e) {
-    known = !follow(m, e, q, &piece, r).left;
-    moved |= piece != e->piece;
+  int piece, moved = 0, known = m->searches && 2 * largest_motion(m, x, m->searched_at, 1) <= m->margin;
+  const ContactPoint *end = m->contact_point + m->contact_points;
+  m->near_places = 0;
+  for (ContactPoint *e = m->contact_point; known && e < end; ++e) {
+    NearPoint nearest = follow(m, e, x, &piece, r);
+    known = !nearest.left, moved |= piece != e->piece;
+    add_near(m, e->contact, e->point, piece, &nearest);
   }
-  for (const ContactPoint *e = m->contact_point; known && moved && e < m->contact_point + m->contact_points; ++e) known = !is_lost(m, e);
-  if (!known) {
-    search(m, q, 0, visit, with);
-    return;
-  }
-  for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
-    NearPoint near = follow(m, e, q, &piece, r);
-    visit(m, e->contact, e->point, piece, near.place, near.distance, with);
-  }
+  for (const ContactPoint *e = m->contact_point; known && moved && e < end; ++e) known = !is_lost(m, e);
+  if (!known) search(m, x, 0);
 }
 
-static void add_energy(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
-  Energy *to = with;
-  const MemberContact *c = m->of + contact;
-  double found[CONTACT_POINT_GIVEN], at[2], r[4][2], n[4] = {0}, slope[3], arm[2] = {0, 0};
-  int second = x > 0.5;
-  if (distance >= *number_of(c, point)) return;
-  add_energy_at(m, to, contact, point, distance, 0, found);
+/* Adds the energy of a place that is near a member at positions x. */
+static void add_energy(const MemberContacts *m, const NearPlace *near, const double *x, Energy *to) {
+  const MemberContact *c = m->of + near->contact;
+  double found[CONTACT_POINT_GIVEN], point[2], r[4][2], n[4] = {0}, slope[3], arm[2] = {0, 0};
+  int second = near->place > 0.5;
+  if (near->distance >= *number_of(c, near->point)) return;
+  add_energy_at(m, to, near->contact, near->point, near->distance, 0, found);
   if (!to->by) return;
-  point_at(c, point, to->q, at);
-  arms_at(c, piece, at, to->q, r);
-  piece_weights(x - second, n + second, slope);
+  pair_of(x, c->point_dof + 2 * near->point, point);
+  arms_at(c, near->piece, point, x, r);
+  piece_weights(near->place - second, n + second, slope);
   for (int k = 0; k < 4; ++k) arm[0] += n[k] * r[k][0], arm[1] += n[k] * r[k][1];
-  fold(n, piece == 0, piece + 2 >= c->nodes);
+  fold(n, near->piece == 0, near->piece + 2 >= c->nodes);
   for (int i = 0; i < 2; ++i) {
-    double along = found[0] * arm[i] / distance;
-    to->of_q[c->point_dof[2 * point + i]] -= along;
-    for (int k = 0; k < 4; ++k) to->of_q[c->node_dof[2 * node_of(c, piece, k) + i]] += along * n[k];
+    double along = found[0] * arm[i] / near->distance;
+    to->of_q[c->point_dof[2 * near->point + i]] -= along;
+    for (int k = 0; k < 4; ++k) to->of_q[c->node_dof[2 * node_of(c, near->piece, k) + i]] += along * n[k];
   }
 }
 
 static double stored_at_members(MemberContacts *m, Energy *to, const double *q, const double *internal) {
-  to->q = q;
+  allocate_members(m);
   if (m->slots) add_energy_in_slots(m, to, internal + m->first_internal, 0);
-  visit_all(m, q, add_energy, to);
+  const double *x = positions(m, q, m->product);
+  find_near(m, x);
+  for (int k = 0; k < m->near_places; ++k) add_energy(m, m->near + k, x, to);
   return to->sum;
 }
 
@@ -628,16 +613,15 @@ void fx_energy_by_members(MemberContacts *m, const double *q, const double *inte
   stored_at_members(m, &(Energy){by, 0, of_q, of_internal, of_numbers}, q, internal);
 }
 
-static void note_gap(MemberContacts *m, int contact, int point, int piece, double x, double distance, void *with) {
-  double *out = with, gap = distance - *number_of(m->of + contact, point);
-  for (int k = 0; k < contact; ++k) out += m->of[k].points;
-  out[point] = fmin(out[point], gap);
-}
-
 /* Of each point the least gap, at most 1. */
 static void member_gaps(MemberContacts *m, const double *q, double *out) {
   for (int i = 0; i < m->conditions; ++i) out[i] = 1;
-  visit_all(m, q, note_gap, out);
+  allocate_members(m);
+  find_near(m, positions(m, q, m->product));
+  for (const NearPlace *near = m->near; near < m->near + m->near_places; ++near) {
+    double *gap = out + m->of[near->contact].first_point + near->point;
+    *gap = fmin(*gap, near->distance - *number_of(m->of + near->contact, near->point));
+  }
 }
 
 /* Adds the forces on points to those that are recorded, of each slot x and y. */

@@ -4,6 +4,7 @@
 
 #include <math.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include "scene_features.h"
 
 #define INLINED static inline __attribute__((always_inline))
@@ -30,6 +31,9 @@ FOR_VECTORS double tan(double);
    result is b: a value that may be NaN must be the first one. */
 INLINED double larger(double a, double b) { return a > b ? a : b; }
 INLINED double smaller(double a, double b) { return a < b ? a : b; }
+
+/* Room for so many entries of an array, and for one more, so that it has an address. */
+#define ROOM(array, count) array = realloc(array, ((count) + 1) * sizeof *(array))
 
 /* Sum of the products of few numbers. */
 static inline double product_of(int n, const double *x, const double *y) {
