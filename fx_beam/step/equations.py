@@ -60,8 +60,8 @@ class Equations:
         self._problem, self._c, self._library = problem, problem.c, problem.library
         self._doubles = problem.ffi.typeof("double[]")
         n, columns, p = model.size, model.reduction.columns, problem.c
-        sizes = n, columns, n, p.factor_size, p.stored_values, n, columns
-        D, self._z, r, _, self._tangent, f, residual = problem.results(*sizes)
+        sizes = n, columns, n, p.stored_values, n, columns
+        D, self._z, r, self._tangent, f, residual = problem.results(*sizes)
         self._balance = Balance(D, f, r, residual)
 
     def _of(self, values: np.ndarray):

@@ -56,8 +56,8 @@ class LoadLoop(CompiledLoop):
         #: Weights (size,) of a viscous drag on increments; zero at points at which nothing acts.
         self.drag_weight = self.problem.hand_over_statics(*given)
         n, columns = model.size, model.reduction.columns
-        sizes = n, columns, n, p.factor_size, len(model.reduction.factored[1])
-        self._D, self._z, self._r, self._factors, self._tangent = self.problem.results(*sizes)
+        sizes = n, columns, n, len(model.reduction.factored[1])
+        self._D, self._z, self._r, self._tangent = self.problem.results(*sizes)
         #: Drag [J] on the increments of all nodes.
         self.drag = 0.0
 
@@ -142,4 +142,4 @@ class LoadLoop(CompiledLoop):
         p = self._problem
         if self.together is not None or p.raised or p.old_factors:
             return None
-        return int((self._factors[self.problem.factors.diagonals] < 0).sum())
+        return self.problem.library.fx_negative_pivots(p)

@@ -41,13 +41,13 @@ class LU:
         layout = factors_of(*pattern, dependent)
         self._rows, self._diagonals = ffi.new("SparseRows *"), layout.diagonals
         self._structs = Structs(ffi, c_library.declarations("lu.h"))
-        self._structs.set(self._rows, **layout.rows())
+        self._factors = np.empty(layout.size)
+        self._structs.set(self._rows, **layout.rows(), factors=self._factors)
         self._at, self._order = self._ints(layout.at), self._ints(layout.order)
         #: Solutions that cost as much as a factorisation.
         self.worth = layout.worth
         self._double = ffi.typeof("double[]")
-        self._entries, self._factors = len(layout.at), np.empty(layout.size)
-        self._at_factors = self._doubles(self._factors)
+        self._entries = len(layout.at)
 
     def _ints(self, values: np.ndarray) -> Any:
         return self._ffi.from_buffer("int[]", np.asarray(values, np.int32, "C"))
@@ -59,13 +59,12 @@ class LU:
         """By elimination without exchange of rows."""
         values, factorise = np.asarray(values, float, "C"), self._library.fx_factorise
         given = self._entries, self._at, self._doubles(values)
-        return bool(factorise(self._rows, *given, self._at_factors))
+        return bool(factorise(self._rows, *given))
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """By substitution."""
         b, x = np.asarray(b, float, "C"), np.empty(len(b))
-        given = self._order, self._at_factors, self._doubles(b)
-        self._library.fx_solve(self._rows, *given, self._doubles(x))
+        self._library.fx_solve(self._rows, self._order, self._doubles(b), self._doubles(x))
         return x
 
     def negative_pivots(self) -> int:

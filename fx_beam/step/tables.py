@@ -73,7 +73,7 @@ class Problem:
         self.constants = self.ffi.dlopen(None)
         self._structs = Structs(self.ffi, declarations("problem.h"))
         self.c = self.ffi.new("Problem *")
-        self._pointers = self.ffi.typeof("double *[12]")
+        self._pointers = self.ffi.typeof("double *[11]")
         #: Natural strains at the end of a step.
         self.strains = np.zeros(model.natural.shape if model.natural else 0)
         self._stored_at = stored_at = self._hand_over_couplings()
@@ -305,12 +305,14 @@ class Problem:
         if not factors.band:  # the tangent is stored apart
             indptr, indices = reduction.factored
             at, stored = np.arange(len(indices)), len(indices)
-            self._set(tangent_start=indptr, tangent_column=indices, factor_at=factors.at)
-            self._set(factor_size=factors.size, kept={"worth": factors.worth})
+            self._set(tangent_start=indptr, tangent_column=indices)
+            self._set(factor_at=factors.at.astype(np.int32), kept={"worth": factors.worth})
         #: Storage indices of the entries of `Reduction.factored`.
         self.tangent_at = at
         if self.model.points.members is not None:
             self._hand_over_changing_rows()
+        elif factors.groups is not None:
+            self._set(rows=[factors.rows() | {"factors": np.zeros(factors.size)}])
         padding = [factors.padding]
         if (closed := reduction.closed_system) is not None:
             self._set(**closed.members, **{name: at[k] for name, k in closed.places.items()})
@@ -332,13 +334,12 @@ class Problem:
             band=factors.band,
             chain=factors.chain,
             positions=3 * factors.chain or len(factors.order),
-            order=factors.order,
+            order=factors.order.astype(np.int32),
             unknowns=len(factors.order),
             paddings=len(padding),
             padding=padding,
             reacting=np.count_nonzero(~alone),
             reacts=np.flatnonzero(~alone),
-            rows=factors.rows(),
         )
         added = stored_at[tangent.direct["from"]] >= stored
         direct = {key: values[added] for key, values in tangent.direct.items()}
@@ -370,6 +371,7 @@ class Problem:
             "least_worth": COSTS.least_worth,
         }
         self._set(changing=[row])
+        self.c.rows = self.ffi.addressof(self.c.changing[0], "elimination", "rows")
         # Freed with this object, before what it points to: C allocates as much as the rows need.
         free, owner = self.library.fx_free_rows, self._structs
         self._rows = self.ffi.gc(self.c.changing, lambda rows, owner=owner: free(rows))
@@ -428,7 +430,7 @@ class Problem:
     def results(self, *sizes: int) -> list[np.ndarray]:
         """What C has found in the last step, arrays of these sizes.
 
-        Increments of nodes and columns, forces, factors, tangent, internal forces and residual.
+        Increments of nodes and columns, forces, tangent, internal forces and residual.
         """
         to, buffer = self._results(), self.ffi.buffer
         pairs = zip(to, sizes, strict=False)
@@ -446,13 +448,12 @@ class Problem:
         """
         p, to, buffer = self.c, self._results(), self.ffi.buffer
         m, positions, wide = p.bordering_rows, p.positions, p.block
-        order = p.changing.order if self.model.points.members is not None else p.order
-        at = np.frombuffer(buffer(order, 4 * n), np.int32)
-        block = np.frombuffer(buffer(to[7], 8 * positions * wide)).reshape(-1, wide)[at, 1 : 1 + m]
-        reached = np.frombuffer(buffer(to[9], 4 * positions), np.int32)[at]
-        corner = np.frombuffer(buffer(to[8], 8 * m * m)).reshape(m, m)
-        (count,) = np.frombuffer(buffer(to[11], 4), np.int32)
-        entries = np.frombuffer(buffer(to[10], 16 * count), "i4, i4, f8")
+        at = np.frombuffer(buffer(p.order, 4 * n), np.int32)
+        block = np.frombuffer(buffer(to[6], 8 * positions * wide)).reshape(-1, wide)[at, 1 : 1 + m]
+        reached = np.frombuffer(buffer(to[8], 4 * positions), np.int32)[at]
+        corner = np.frombuffer(buffer(to[7], 8 * m * m)).reshape(m, m)
+        (count,) = np.frombuffer(buffer(to[10], 4), np.int32)
+        entries = np.frombuffer(buffer(to[9], 16 * count), "i4, i4, f8")
         rows = np.zeros((m, n))
         np.add.at(rows, (entries["f0"], np.argsort(at)[entries["f1"]]), entries["f2"])
         return np.where(reached[:, None] != 0, block, 0.0), rows, corner

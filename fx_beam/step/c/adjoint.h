@@ -37,7 +37,8 @@ static int solve_transposed(Problem *p, const Work *w, const Derivatives *a) {
   double rest[2];
   Problem turned = *p;
   p->kept.present = 0;
-  turned.factor_at = a->transposed_at, turned.kept.present = 0;
+  turned.kept.present = 0;
+  if (a->transposed_at) turned.factor_at = a->transposed_at;
   if (HAS(CHAIN | BAND)) transpose_tangent(p, w);
   return solve_reduced(&turned, w, 0, rest);
 }
@@ -106,7 +107,7 @@ static int vjp_solution(Problem *p, const Work *w, const Derivatives *a, const L
   memcpy(w->reduced, trial + at->Y1, p->free * sizeof(double));
   if (!solve_transposed(p, w, a)) return 0;
   for (int i = 0; i < p->free; ++i) x[at->R + i] -= w->step[i];
-  for (int i = 0; i < p->closures; ++i) x[at->closures + i] -= w->y[order_now(p)[p->unknowns - p->closures + i]];
+  for (int i = 0; i < p->closures; ++i) x[at->closures + i] -= w->y[p->order[p->unknowns - p->closures + i]];
   return 1;
 }
 

@@ -123,8 +123,10 @@ HOT void fill_bordering_rows(const Problem *p, const Work *w) {
 }
 
 /* The block of n times four columns from its right sides and sparse factors. */
-INLINED void solve_sparse_columns(const Problem *p, const Work *w, const SparseRows *rows, const double *A, int n) {
+INLINED void solve_sparse_columns(const Problem *p, const Work *w, int n) {
+  const SparseRows *rows = p->rows;
   const int *first = rows->first;
+  const double *A = rows->factors;
   for (int g = 0; g < rows->groups; ++g) {
     int at = first[g], size = first[g + 1] - at, any = 0;
     for (int x = 0; x < size; ++x) any |= w->reached[at + x];

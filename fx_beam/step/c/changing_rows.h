@@ -10,7 +10,7 @@
 
 OF_STEPS void fx_free_rows(ChangingRows *c) {
   free_elimination(&c->elimination);
-  free(c->at), free(c->factors), free(c->entry), free(c->entry_at), free(c->entry_start), free(c->bordering_entry);
+  free(c->entry), free(c->entry_at), free(c->entry_start), free(c->bordering_entry);
 }
 
 /* Steps within which a contact point that closes may do so with the same pattern. */
@@ -85,14 +85,14 @@ static int has_contact_points(const ChangingRows *c, const MemberContacts *m) {
 }
 
 /* Position in the elimination of an unknown, or its bordering row. */
-static int place_now(const ChangingRows *c, int of) { return of < 0 ? of : c->elimination.order[of]; }
+static int place_of(const Problem *p, int of) { return of < 0 ? of : p->order[of]; }
 
 /* Places of all columns in a new order, and room for the entries of contact points in the bordering rows. */
 static void place_bordering_rows(Problem *p, int contact_points) {
   ChangingRows *c = p->changing;
   long most = p->most_bordering_entries;
   for (int k = 0; k < p->columns + p->auxiliaries; ++k)
-    p->row_at[k] = place_now(c, c->row_of[k]), p->unknown_at[k] = place_now(c, c->unknown_of[k]);
+    p->row_at[k] = place_of(p, c->row_of[k]), p->unknown_at[k] = place_of(p, c->unknown_of[k]);
   for (int t = 0; t < contact_points; ++t) {
     long rows = 0;
     for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a) rows += c->entry[a].row < 0;
@@ -108,7 +108,7 @@ static void place_entries(const Problem *p, ChangingRows *c, int transposed) {
   for (int i = 0; i < p->unknowns; ++i)
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) {
       int j = p->tangent_column[k];
-      c->at[k] = transposed ? place_of_pair(&c->elimination, j, i) : place_of_pair(&c->elimination, i, j);
+      p->factor_at[k] = transposed ? place_of_pair(&c->elimination, j, i) : place_of_pair(&c->elimination, i, j);
     }
   for (int t = 0; t < m->contact_points; ++t)
     for (int a = c->entry_start[t]; a < c->entry_start[t + 1]; ++a)
@@ -134,9 +134,10 @@ static void change_rows(Problem *p) {
     long many = c->entry_start[i + 1] - c->entry_start[i];
     pairs += many * many;
   }
-  ROOM(c->entry_at, pairs), ROOM(c->at, p->tangent_start[p->unknowns]);
+  ROOM(c->entry_at, pairs);
   find_rows(&c->elimination);
-  ROOM(c->factors, c->elimination.rows.start[p->unknowns]);
+  memcpy(p->order, c->elimination.order, p->unknowns * sizeof(int));
+  ROOM(p->rows->factors, p->rows->start[p->unknowns]);
   if (HAS(SLIDERS) && p->bordering_rows) place_bordering_rows(p, m->contact_points);
   p->kept.present = 0;
   if (c->keep) p->kept.worth = worth_of(p, c);

@@ -22,7 +22,7 @@ static void free_elimination(Elimination *e) {
   for (int g = 0; e->near_to && g < e->groups; ++g) free(e->near_to[g].of);
   free(e->near_to), free(e->order), free(e->work), free(e->position);
   free(r->start), free(r->diagonal), free(r->first), free(r->source_start), free(r->source);
-  free(r->run_start), free(r->run_column), free(r->run_length);
+  free(r->run_start), free(r->run_column), free(r->run_length), free(r->factors);
 }
 
 /* The lists of a scene's graph, to which others may be added. */

@@ -35,6 +35,13 @@ OF_STEPS int fx_balance(Problem *p, double dt, const double *z, const double *fo
   return closed;
 }
 
+/* Number of negative pivots of the last sparse factors. */
+OF_STEPS int fx_negative_pivots(const Problem *p) {
+  int negative = 0;
+  for (int i = 0; i < p->unknowns; ++i) negative += p->rows->factors[p->rows->diagonal[i]] < 0;
+  return negative;
+}
+
 /* Change of the forces with a small one of the nodes, by the last tangent; with `sizes` by the sizes of its entries. */
 OF_STEPS void fx_change(const Problem *p, const double *x, int sizes, double *out) {
   Work w;

@@ -54,7 +54,7 @@ static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) 
   own.block = (double *)l->block, own.reached = l->reached;
   if (HAS(CHAIN)) solve_chain_columns(p, &own, middle / 3, 0, 1);
   else if (HAS(BAND)) solve_band_columns(p, &own, ends_around(p->unknowns, p->band, middle), 0, 1);
-  else solve_sparse_columns(p, &own, rows_now(p), factors_now(p, w), 1);
+  else solve_sparse_columns(p, &own, 1);
   if (HAS(SLIDERS) && p->bordering_rows) change_bordering_rows(p, w, l);
 }
 
@@ -74,7 +74,7 @@ static int holds_ends(const Problem *p, const Linear *l, const Changes *x) {
 /* Sets the changes of the configuration at the end, for the solution in the block or with none for held unknowns. */
 static void set_ends(const Problem *p, const Linear *l, int held, const Changes *solution, Changes *x) {
   const Layout *at = &l->at;
-  const int *order = order_now(p);
+  const int *order = p->order;
   int first = solution ? p->free : 0, forces = p->points->all || p->points->members;
   for (int i = 0; i < first; ++i) x[at->Y1 + i] = -solution[order[i]];
   memset(x + at->Y1 + first, 0, (p->columns + p->auxiliaries - first) * sizeof(Changes));
@@ -102,7 +102,7 @@ static void jvp_forces(const Problem *p, const Work *w, const Derivatives *a, co
 
 /* The right sides of the block. */
 static void set_right_sides(const Problem *p, const Layout *at, const Changes *x, Changes *block) {
-  const int *order = order_now(p);
+  const int *order = p->order;
   for (int i = 0; i < p->free; ++i) block[order[i]] = x[at->R + i];
   for (int i = p->free; i < p->unknowns; ++i) block[order[i]] = (Changes){0};
   for (int i = 0; i < p->closures; ++i) block[order[p->unknowns - p->closures + i]] = x[at->closures + i];

@@ -42,13 +42,6 @@ static void times_tangent(const Problem *p, const Work *w, const double *d, cons
   add_times(p->free, 1, w->columns, out);
 }
 
-/* Positions of the unknowns in the elimination. */
-static const int *order_now(const Problem *p) { return HAS(MEMBERS) && p->changing ? p->changing->elimination.order : p->order; }
-
-static double *factors_now(const Problem *p, const Work *w) {
-  return HAS(MEMBERS) && p->changing ? p->changing->factors : w->factors;
-}
-
 /* Right sides and solutions of the bordering rows; zero except for what slides. */
 static void begin_right_sides(const Problem *p, const Work *w, const double *b) {
   memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
@@ -60,34 +53,30 @@ static void end_bordering_rows(const Problem *p, const Work *w, double *x) {
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     if (p->row_at[a->column] < -1) x[a->column] = w->bordering_right[ON_BORDER - p->row_at[a->column]];
   for (int i = 0; i < p->carried; ++i)
-    w->y[order_now(p)[p->unknowns - p->closures + p->carried_closure[i]]] = w->bordering_right[p->carrier_bordering + i];
+    w->y[p->order[p->unknowns - p->closures + p->carried_closure[i]]] = w->bordering_right[p->carrier_bordering + i];
 }
-
-static const SparseRows *rows_now(const Problem *p) { return HAS(MEMBERS) && p->changing ? &p->changing->elimination.rows : &p->rows; }
 
 /* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
 static void eliminate_bordering_rows(const Problem *p, const Work *w) {
-  solve_sparse_columns(p, w, rows_now(p), factors_now(p, w), p->block / 4);
+  solve_sparse_columns(p, w, p->block / 4);
   factorise_corner(p, w);
 }
 
 static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
-  const int *order = order_now(p);
-  const SparseRows *rows = rows_now(p);
-  const double *A = factors_now(p, w);
+  const int *order = p->order;
   for (int i = 0; i < p->free; ++i) w->y[order[i]] = b[i];
   for (int i = p->free; i < p->unknowns; ++i) w->y[order[i]] = 0;
-  substitute_forward(rows, A, w->y);
+  substitute_forward(p->rows, w->y);
   if (HAS(SLIDERS) && p->bordering_rows) {
     begin_right_sides(p, w, b);
-    substitute_backward(rows, A, w->y, w->reached, 1);
+    substitute_backward(p->rows, w->y, w->reached, 1);
     for (int i = 0; i < p->unknowns; ++i)
       if (w->reached[i]) w->block[(long)i * p->block] = w->y[i];
     solve_bordering_rows(p, w);
     for (int i = 0; i < p->unknowns; ++i)
       if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
   }
-  substitute_backward(rows, A, w->y, p->bordering_rows ? w->reached : 0, 0);
+  substitute_backward(p->rows, w->y, p->bordering_rows ? w->reached : 0, 0);
   for (int i = 0; i < p->free; ++i) x[i] = w->y[order[i]];
   if (HAS(SLIDERS) && p->bordering_rows) end_bordering_rows(p, w, x);
 }
@@ -105,20 +94,19 @@ static void add_contact_points(const Problem *p, const Work *w, int bordering) {
       for (int b = c->entry_start[t]; b < c->entry_start[t + 1]; ++b, ++to) {
         const ContactPointEntry *column = c->entry + b;
         double value = factor == 0 ? 0 : factor * K[column->of] * column->sign * w->values[column->value];
-        if (!bordering && *to >= 0) c->factors[*to] += value;
-        if (bordering && *to < 0) add_at(p, w, place_now(c, row->row), place_now(c, column->column), value);
+        if (!bordering && *to >= 0) p->rows->factors[*to] += value;
+        if (bordering && *to < 0) add_at(p, w, place_of(p, row->row), place_of(p, column->column), value);
       }
     }
 }
 
 /* The tangent, or its transpose, with that of the contact points in the place of its factors. */
 static void fill_factors(const Problem *p, const Work *w) {
-  double *A = factors_now(p, w);
-  const int *at = p->factor_at, members = HAS(MEMBERS) && p->changing;
+  double *A = p->rows->factors;
+  int members = HAS(MEMBERS) && p->changing;
   if (members && p->changing->placed != w->transposed) place_entries(p, p->changing, w->transposed);
-  if (members) at = p->changing->at;
-  memset(A, 0, rows_now(p)->start[p->unknowns] * sizeof(double));
-  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) A[at[k]] = w->tangent[k];
+  memset(A, 0, p->rows->start[p->unknowns] * sizeof(double));
+  for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) A[p->factor_at[k]] = w->tangent[k];
   if (members) add_contact_points(p, w, 0);
 }
 
@@ -126,7 +114,7 @@ static int factorise(Problem *p, const Work *w) {
   p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
   fill_factors(p, w);
   if (p->kept.worth && p->bordering_rows) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
-  return p->kept.present = factorise_sparse(rows_now(p), factors_now(p, w), w->row);
+  return p->kept.present = factorise_sparse(p->rows, w->row);
 }
 
 /* The error that a correction of this size may have. */
@@ -239,23 +227,22 @@ static const double NO_PIVOT = 1e-14;
 static int solve_raised(Problem *p, const Work *w) {
   int n = p->unknowns, at[RAISED], row[RAISED], many = 0, regular = 0;
   double b = 0, most = 0, least = HUGE_VAL, S[RAISED * RAISED], x[RAISED];
-  const SparseRows *rows = rows_now(p);
-  const int *order = order_now(p);
-  double *A = factors_now(p, w);
+  const SparseRows *rows = p->rows;
+  const int *order = p->order;
   if (p->bordering_rows || p->band) return 0;
   for (int i = 0; i < n; ++i)
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) b = fmax(b, fabs(w->tangent[k]));
   while (!regular && many < RAISED && b > 0) {
     at[many++] = w->row[0];
     fill_factors(p, w);
-    for (int i = 0; i < many; ++i) A[rows->diagonal[at[i]]] += b;
-    regular = factorise_sparse(rows, A, w->row);
+    for (int i = 0; i < many; ++i) rows->factors[rows->diagonal[at[i]]] += b;
+    regular = factorise_sparse(rows, w->row);
   }
   double *y = regular ? calloc((long)n * (many + 1), sizeof(double)) : 0, *z = y + n;
   if (!y) return 0;
   for (int i = 0; i < p->free; ++i) y[order[i]] = w->reduced[i];
   for (int j = 0; j < many; ++j) z[(long)j * n + at[j]] = b;
-  for (int j = 0; j <= many; ++j) substitute_sparse(rows, A, y + (long)j * n);
+  for (int j = 0; j <= many; ++j) substitute_sparse(rows, y + (long)j * n);
   for (int i = 0; i < many; ++i)
     for (int j = 0; j < many; ++j) S[i * many + j] = (i == j) - z[(long)j * n + at[i]];
   factorise_band(many, many, many, S, row);

@@ -332,14 +332,14 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   return steps;
 }
 
-/* Where the results of the last step are: increments of nodes and columns, forces, factors, tangent, internal forces and
-   reduced residual; what borders the tangent (work.h). */
+/* Where the results of the last step are: increments of nodes and columns, forces, tangent, internal forces and reduced
+   residual; what borders the tangent (work.h). */
 OF_STEPS void fx_results(const Problem *p, double **to) {
   Work w;
   lay_out(p, &w, p->scratch);
-  to[0] = w.D, to[1] = w.z, to[2] = w.r, to[3] = w.factors, to[4] = w.tangent;
-  to[5] = w.f, to[6] = w.reduced, to[7] = w.block, to[8] = w.corner, to[9] = (double *)w.reached;
-  to[10] = (double *)bordering_entries(p, &w), to[11] = (double *)w.bordering_entries;
+  to[0] = w.D, to[1] = w.z, to[2] = w.r, to[3] = w.tangent;
+  to[4] = w.f, to[5] = w.reduced, to[6] = w.block, to[7] = w.corner, to[8] = (double *)w.reached;
+  to[9] = (double *)bordering_entries(p, &w), to[10] = (double *)w.bordering_entries;
 }
 
 #include "equations.h"

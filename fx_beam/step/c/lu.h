@@ -4,5 +4,5 @@
 
 #include "sparse_rows.h"
 
-int fx_factorise(const SparseRows *rows, int entries, const int *at, const double *values, double *factors);
-void fx_solve(const SparseRows *rows, const int *order, const double *factors, const double *b, double *x);
+int fx_factorise(const SparseRows *rows, int entries, const int *at, const double *values);
+void fx_solve(const SparseRows *rows, const int *order, const double *b, double *x);

@@ -110,8 +110,7 @@ typedef struct {
   int entries, entry_room;
   struct { ContactPointEntry *entry; };
   struct { BorderingEntry *bordering_entry; }; /* room for all entries in bordering rows */
-  struct { int *at, *entry_start, *entry_at; };
-  struct { double *factors; };
+  struct { int *entry_start, *entry_at; };
 } ChangingRows;
 
 typedef struct {
@@ -180,8 +179,7 @@ typedef struct {
   int band;             /* half bandwidth; 0 for sparse rows */
   int chain;            /* groups of three unknowns in a row (chain.h); 0 if they are more entangled */
   int paddings, *padding; /* diagonal entries that are 1: of groups that have fewer, and of auxiliary unknowns */
-  long factor_size;
-  SparseRows rows;
+  struct { SparseRows *rows; }; /* those of `changing`, if it is there, which then changes `order` and `factor_at` as well */
   /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has
      the position of each value among the factors. */
   struct { int *tangent_start, *tangent_column, *factor_at; };
@@ -432,6 +430,7 @@ void fx_record_start(Problem *p, Record *to);
 long fx_scratch(const Problem *p);
 void fx_results(const Problem *p, double **to);
 void fx_begin(Problem *p, double dt, const double *follower_force);
+int fx_negative_pivots(const Problem *p);
 int fx_balance(Problem *p, double dt, const double *z, const double *force);
 void fx_change(const Problem *p, const double *x, int sizes, double *out);
 long fx_tape_size(const Problem *p);

@@ -137,7 +137,8 @@ INLINED int factorise_group(const SparseRows *p, double *A, int g, int size, dou
 
 /* LU factorisation of sparse rows in place, in groups of up to three with equal columns, usually those
    of a node; returns 0 if a pivot is zero. `rows` is the work space (3, unknowns) for the current group. */
-HOT int factorise_sparse(const SparseRows *p, double *A, double *rows) {
+HOT int factorise_sparse(const SparseRows *p, double *rows) {
+  double *A = p->factors;
   double *row[3] = {rows, rows + p->unknowns, rows + 2 * p->unknowns};
   for (int g = 0; g < p->groups; ++g) {
     int size = p->first[g + 1] - p->first[g];
@@ -191,8 +192,9 @@ INLINED void backward(const SparseRows *p, const double *A, int g, int size, dou
   }
 }
 
-HOT void substitute_forward(const SparseRows *p, const double *A, double *b) {
+HOT void substitute_forward(const SparseRows *p, double *b) {
   const int *first = p->first;
+  const double *A = p->factors;
   for (int g = 0; g < p->groups; ++g) {
     int size = first[g + 1] - first[g];
     if (size == 3) forward(p, A, g, 3, b); else forward(p, A, g, size, b);
@@ -200,8 +202,9 @@ HOT void substitute_forward(const SparseRows *p, const double *A, double *b) {
 }
 
 /* Only those that are `reached` or not, if it is given. */
-HOT void substitute_backward(const SparseRows *p, const double *A, double *b, const int *reached, int now) {
+HOT void substitute_backward(const SparseRows *p, double *b, const int *reached, int now) {
   const int *first = p->first;
+  const double *A = p->factors;
   for (int g = p->groups - 1; g >= 0; --g) {
     int size = first[g + 1] - first[g];
     if (reached && reached[first[g]] != now) continue;
@@ -210,7 +213,7 @@ HOT void substitute_backward(const SparseRows *p, const double *A, double *b, co
 }
 
 /* Solution by sparse factors, in the place of b. */
-static void substitute_sparse(const SparseRows *p, const double *A, double *b) {
-  substitute_forward(p, A, b);
-  substitute_backward(p, A, b, 0, 0);
+static void substitute_sparse(const SparseRows *p, double *b) {
+  substitute_forward(p, b);
+  substitute_backward(p, b, 0, 0);
 }

@@ -2,12 +2,12 @@
 
 #pragma once
 
-/* Where each row and its diagonal begin; groups of up to three successive rows with equal columns: their
-   first rows, the groups that are subtracted from them, and the columns behind them in runs of successive
-   ones. */
+/* Factors, and where each row of them and its diagonal begin; groups of up to three successive rows with equal columns:
+   their first rows, the groups that are subtracted from them, and the columns behind them in runs of successive ones. */
 typedef struct {
   int unknowns, *start, *diagonal;
   int groups, *first, *source_start, *source, *run_start, *run_column, *run_length;
+  struct { double *factors; };
 } SparseRows;
 
 typedef struct {

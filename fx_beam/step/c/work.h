@@ -17,8 +17,7 @@
   OF(values, 1 + 4 * j) OF(virtual_map, 1 + 4 * j) OF(frame, 4 * j) OF(rho0, 2 * j) OF(t0, 2 * j)           \
   OF(rho1, 2 * j) OF(t1, 2 * j) OF(mean_t, 2 * j) OF(carrier_slope, j) OF(carrier_bend, j)                  \
   OF(passing, 2 * j) OF(joint_forces, 3 * p->scene_joints)                                                  \
-  OF(y, p->positions) OF(row, p->rows.groups ? 3 * u : 0) OF(tangent, p->stored_values + 4 * LANES)                    \
-  OF(factors, p->factor_size)                                                 \
+  OF(y, p->positions) OF(row, p->rows ? 3 * u : 0) OF(tangent, p->stored_values + 4 * LANES)                \
   OF(factorised, p->kept.worth && b ? p->tangent_start[p->free] : 0)                                        \
   OF(residual, kept) OF(guess, kept) OF(direction, d * kept) OF(image, d * kept)                            \
   OF(G, g) OF(G_virtual, g) OF(part, p->part_size) OF(part_virtual, p->part_size) OF(closure, m)            \
@@ -51,7 +50,7 @@ static double *allocate(double **at, long n) {
 static long lay_out(const Problem *p, Work *w, double *at) {
   double *begin = at;
   long n = p->dofs, c = p->columns + p->auxiliaries, j = p->joints, u = p->unknowns, m = p->closures, b = p->bordering_rows;
-  long d = p->kept.worth || p->changing ? DIRECTIONS : 0, kept = p->factor_size ? p->free : 0, g = m ? p->closure_start[m] : 0;
+  long d = p->kept.worth || p->changing ? DIRECTIONS : 0, kept = p->rows ? p->free : 0, g = m ? p->closure_start[m] : 0;
 #define ALLOCATE(name, size) w->name = (void *)allocate(&at, size);
   ARRAYS(ALLOCATE)
   INTEGERS(ALLOCATE)
