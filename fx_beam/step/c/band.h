@@ -5,44 +5,44 @@
 #include "algebra.h"
 #include "sparse_lu.h"
 
-/* Eliminates a column from the next `reach` rows, downwards (way 1) or upwards (way -1). */
-INLINED void eliminate_rows(int band, int reach, int way, double *restrict pivot, double *restrict b) {
+/* Eliminates a column from the next `reach` rows, downwards (direction 1) or upwards (direction -1). */
+INLINED void eliminate_rows(int band, int reach, int direction, double *restrict pivot, double *restrict b) {
   double inverse = pivot[0] = 1 / pivot[0], above = b[0];
 #pragma GCC unroll 12
   for (int i = 1; i <= reach; ++i) {
-    double *restrict row = pivot + way * i * 2 * band;
+    double *restrict row = pivot + direction * i * 2 * band;
     double factor = row[0] * inverse;
 #pragma GCC unroll 12
-    for (int j = 1; j <= reach; ++j) row[way * j] -= factor * pivot[way * j];
-    b[way * i] -= factor * above;
+    for (int j = 1; j <= reach; ++j) row[direction * j] -= factor * pivot[direction * j];
+    b[direction * i] -= factor * above;
   }
 }
 
 /* Unknown of a row from the next `reach` unknowns; the nearest last, since it is the latest result. */
-INLINED void substitute_row(int reach, int way, const double *restrict row, double *restrict b) {
+INLINED void substitute_row(int reach, int direction, const double *restrict row, double *restrict b) {
   double sum = b[0];
 #pragma GCC unroll 12
-  for (int j = reach; j > 0; --j) sum -= row[way * j] * b[way * j];
+  for (int j = reach; j > 0; --j) sum -= row[direction * j] * b[direction * j];
   b[0] = sum * row[0];
 }
 
 /* The same for a reach that the compiler does not know: each once, as unrolled loops take long to compile. */
-COMPILED_ONCE void eliminate_any(int band, int reach, int way, double *restrict pivot, double *restrict b) {
-  eliminate_rows(band, reach, way, pivot, b);
+COMPILED_ONCE void eliminate_any(int band, int reach, int direction, double *restrict pivot, double *restrict b) {
+  eliminate_rows(band, reach, direction, pivot, b);
 }
 
-COMPILED_ONCE void substitute_any(int reach, int way, const double *restrict row, double *restrict b) {
-  substitute_row(reach, way, row, b);
+COMPILED_ONCE void substitute_any(int reach, int direction, const double *restrict row, double *restrict b) {
+  substitute_row(reach, direction, row, b);
 }
 
-INLINED void eliminate(int band, int reach, int way, double *restrict pivot, double *restrict b) {
-  if (__builtin_constant_p(reach)) eliminate_rows(band, reach, way, pivot, b);
-  else eliminate_any(band, reach, way, pivot, b);
+INLINED void eliminate(int band, int reach, int direction, double *restrict pivot, double *restrict b) {
+  if (__builtin_constant_p(reach)) eliminate_rows(band, reach, direction, pivot, b);
+  else eliminate_any(band, reach, direction, pivot, b);
 }
 
-INLINED void substitute(int reach, int way, const double *restrict row, double *restrict b) {
-  if (__builtin_constant_p(reach)) substitute_row(reach, way, row, b);
-  else substitute_any(reach, way, row, b);
+INLINED void substitute(int reach, int direction, const double *restrict row, double *restrict b) {
+  if (__builtin_constant_p(reach)) substitute_row(reach, direction, row, b);
+  else substitute_any(reach, direction, row, b);
 }
 
 /* Rows of a band matrix that are eliminated downwards from its start, and those that are eliminated upwards
@@ -117,25 +117,25 @@ INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int kn
   const double *A = w->tangent + band;
   for (int part = 0; part < 2; ++part)
     for (int i = 0; i < (part ? last + 1 : of.bottom); ++i) {
-      int k = part ? i : n - 1 - i, way = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
+      int k = part ? i : n - 1 - i, direction = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
       const double *pivot = A + k * width;
       if (!w->reached[k]) continue;
       if (known) w->block[(long)k * p->block] = w->y[k];
       for (int j = 1; j <= band && j <= reach_of; ++j) {
-        double below = pivot[way * j * 2 * band];
-        if (below == 0 && pivot[way * j] == 0) continue;
-        reach(p, w, k + way * j);
-        subtract_in_block(w, columns, k + way * j, below * pivot[0], k);
+        double below = pivot[direction * j * 2 * band];
+        if (below == 0 && pivot[direction * j] == 0) continue;
+        reach(p, w, k + direction * j);
+        subtract_in_block(w, columns, k + direction * j, below * pivot[0], k);
       }
     }
   for (int part = 1; part >= 0; --part)
     for (int i = (part ? last + 1 : of.bottom) - 1; i >= 0; --i) {
-      int k = part ? i : n - 1 - i, way = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
+      int k = part ? i : n - 1 - i, direction = part ? 1 : -1, reach_of = k >= of.top && part ? last - k : band;
       const double *pivot = A + k * width;
       Four *row = (Four *)w->block + (long)k * columns;
       if (!w->reached[k]) continue;
       for (int j = 1; j <= band && j <= reach_of; ++j)
-        if (pivot[way * j] != 0) subtract_in_block(w, columns, k, pivot[way * j], k + way * j);
+        if (pivot[direction * j] != 0) subtract_in_block(w, columns, k, pivot[direction * j], k + direction * j);
       for (int j = 0; j < columns; ++j) row[j] *= pivot[0];
     }
 }

@@ -1,4 +1,4 @@
-/* Sparse rows whose pattern changes with the points that touch members: an order of minimum degree, and the
+/* Sparse rows whose pattern changes with the points in contact with members: an order of minimum degree, and the
    fill-in, found anew when there are others. */
 
 #pragma once

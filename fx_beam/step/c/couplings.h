@@ -37,7 +37,7 @@ INLINED Track track_at(const Problem *p, int j, double d_other, double d) {
 /* Derivatives of the four values of Tv of a joint by the rotation of the carrier (0) and by the slide (1), at the start (0)
    or at the end (1) of a step. Of a joint that does not slide only those of the first two by the rotation. */
 static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, double by[2][4]) {
-  const double *frame = w->frame + 4 * j, *own = frame + 2 * end, *mean = w->mean_t + 2 * j;
+  const double *frame = w->frame + 4 * j, *of_end = frame + 2 * end, *mean = w->mean_t + 2 * j;
   const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
   double shares[] = {1 - p->level, p->level}, share = shares[end], slope = w->carrier_slope[j];
   by[0][0] = -share * rho[0], by[0][1] = -share * rho[1];
@@ -45,11 +45,11 @@ static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, dou
   double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j], chord[2], bend[2];
   double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, p->slide_column[j]);
   Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
-  turn_by(own, track.chord[0], track.chord[1], chord);
+  turn_by(of_end, track.chord[0], track.chord[1], chord);
   if (p->rule == 0)
     rotate(shares[0] * frame[0] + shares[1] * frame[2], shares[0] * frame[1] + shares[1] * frame[3], track.bend[0],
            track.bend[1], bend);
-  else turn_by(own, 2 * share * track.bend[0], 2 * share * track.bend[1], bend);
+  else turn_by(of_end, 2 * share * track.bend[0], 2 * share * track.bend[1], bend);
   by[1][0] = -share * t[1], by[1][1] = share * t[0];
   by[0][2] = carrier_bend * mean[0] - slope * share * chord[1], by[0][3] = carrier_bend * mean[1] + slope * share * chord[0];
   by[1][2] = slope * bend[0], by[1][3] = slope * bend[1];

@@ -38,13 +38,13 @@ static void begin_elimination(Elimination *e) {
 
 /* Groups in lists by their degree, the unknowns with which they are coupled, but those that still wait for so many others. */
 typedef struct {
-  int *head, *tail, *next, *before, *mark, *waits, *degree;
+  int *head, *tail, *next, *previous, *mark, *waits, *degree;
 } Degrees;
 
 static void take_out(Degrees *d, int g) {
   if (d->waits[g]) return;
-  if (d->before[g] >= 0) d->next[d->before[g]] = d->next[g]; else d->head[d->degree[g]] = d->next[g];
-  if (d->next[g] >= 0) d->before[d->next[g]] = d->before[g]; else d->tail[d->degree[g]] = d->before[g];
+  if (d->previous[g] >= 0) d->next[d->previous[g]] = d->next[g]; else d->head[d->degree[g]] = d->next[g];
+  if (d->next[g] >= 0) d->previous[d->next[g]] = d->previous[g]; else d->tail[d->degree[g]] = d->previous[g];
 }
 
 /* Behind those of the same degree, so that several chains are eliminated in turns: the processor overlaps them. Forces come
@@ -56,7 +56,7 @@ static int put_in(const Elimination *e, Degrees *d, int g, int least) {
   d->degree[g] = g >= e->groups - e->forces;
   for (int i = 0; i < list->count; ++i) d->degree[g] += e->first_unknown[list->of[i] + 1] - e->first_unknown[list->of[i]];
   int degree = d->degree[g], last = d->tail[degree];
-  d->before[g] = last, d->next[g] = -1, d->tail[degree] = g;
+  d->previous[g] = last, d->next[g] = -1, d->tail[degree] = g;
   if (last >= 0) d->next[last] = g; else d->head[degree] = g;
   return degree < least ? degree : least;
 }
@@ -73,21 +73,21 @@ static void eliminate_groups(const Elimination *e) {
   for (int k = 0, stamp = 0; k < n; ++k) {
     while (d.head[least] < 0) ++least;
     int g = d.head[least];
-    IntList *own = e->near_to + g;
+    IntList *eliminated = e->near_to + g;
     take_out(&d, g);
     e->position[g] = k;
-    for (int i = 0; i < own->count; ++i) {
-      int h = own->of[i], kept = 0;
+    for (int i = 0; i < eliminated->count; ++i) {
+      int h = eliminated->of[i], others = 0;
       ++stamp;
-      IntList *other = e->near_to + h;
+      IntList *near = e->near_to + h;
       take_out(&d, h);
-      for (int j = 0; j < other->count; ++j) {
-        int f = other->of[j];
-        if (f != g) other->of[kept++] = f, d.mark[f] = stamp;
+      for (int j = 0; j < near->count; ++j) {
+        int f = near->of[j];
+        if (f != g) near->of[others++] = f, d.mark[f] = stamp;
       }
-      other->count = kept;
-      for (int j = 0; j < own->count; ++j)
-        if (own->of[j] != h && d.mark[own->of[j]] != stamp) add_to(other, own->of[j]);
+      near->count = others;
+      for (int j = 0; j < eliminated->count; ++j)
+        if (eliminated->of[j] != h && d.mark[eliminated->of[j]] != stamp) add_to(near, eliminated->of[j]);
       least = put_in(e, &d, h, least);
     }
     for (int i = e->waiting_start[g]; i < e->waiting_start[g + 1]; ++i) {

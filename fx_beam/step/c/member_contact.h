@@ -53,7 +53,7 @@ typedef struct {
   int counted;                /* whether the pattern of the tangent has it */
   double start[5][2];         /* at the start of the step: the point, then arms to the four nodes */
   NearPoint first;            /* the nearest point at the start */
-  double end, seen, motion;   /* its place at the end; where it was last followed along the member; its way in a step */
+  double end, seen, motion;   /* its place at the end; where it was last followed along the member; how far it moves along it in a step */
   double sums[5][MOST_SUMS];  /* weights of the sums at the point and at the nodes */
   double given[CONTACT_POINT_GIVEN], results[CONTACT_POINT_RESULTS], tangent[CONTACT_POINT_DOFS * CONTACT_POINT_DOFS];
 } ContactPoint;
@@ -78,7 +78,7 @@ typedef struct {
   struct { double *searched_at, *start, *v, *product, *memory; };
   struct { ContactPoint *contact_point; };
   int contact_points, near_places, near_room;
-  struct { NearPlace *near; }; /* [near_room] what the last search found */
+  struct { NearPlace *near; }; /* [near_room] places of the last search */
   /* The cells of a search: where the nodes in each begin, the nodes, and their places. */
   struct { int *cell_start, *cell_node, *cell_of; };
   struct { double *node_at; };

@@ -188,8 +188,8 @@ static NearPoint follow(const MemberContacts *m, ContactPoint *e, const double *
 static int is_lost(const MemberContacts *m, const ContactPoint *e) {
   const MemberContact *c = m->of + e->contact;
   if (c->apart > 0 && fabs(c->arc[e->point] - c->arc[(int)(e->seen + 0.5)]) < c->apart) return 1;
-  for (int way = -1; way <= 1; way += 2)
-    for (const ContactPoint *t = e + way; t >= m->contact_point && t < m->contact_point + m->contact_points; t += way) {
+  for (int direction = -1; direction <= 1; direction += 2)
+    for (const ContactPoint *t = e + direction; t >= m->contact_point && t < m->contact_point + m->contact_points; t += direction) {
       if (t->contact != e->contact || t->point != e->point) break;
       if (fabs(t->seen - e->seen) < 0.5) return 1;
     }
@@ -248,7 +248,7 @@ static inline void differences(const ContactPoint *e, const double *x, double r[
 }
 
 /* Whether the pieces of a contact point can go to one side and still have its nearest point. */
-static int can_lean(double place, int way) { return place - way > -0.5 && place - way < 1.5; }
+static int can_lean(double place, int direction) { return place - direction > -0.5 && place - direction < 1.5; }
 
 /* How far from the ends of its pieces, in pieces, the nearest point should remain in a step. */
 static const double SPARE_PIECE = 0.1;
@@ -267,7 +267,7 @@ static double motion_along(const ContactPoint *e, const NearPoint *near, double 
 static const double TOGETHER = 4;
 
 /* To which side the pieces of a contact point go if its nearest point is to remain in them for some steps. */
-static int way_to_lean(const ContactPoint *e, double steps) {
+static int direction_to_lean(const ContactPoint *e, double steps) {
   double there = e->first.place + steps * e->motion, far = fmax(e->first.place, there), near = fmin(e->first.place, there);
   if (far > 1.5 - SPARE_PIECE && !e->ends && can_lean(e->first.place, 1)) return 1;
   return near < SPARE_PIECE - 0.5 && !e->begins && can_lean(e->first.place, -1) ? -1 : 0;
@@ -285,14 +285,14 @@ static int place_contact_points(MemberContacts *m, const double *x, const double
     e->motion = v ? motion_along(e, &near, e->start + 1, v, dt) : 0;
     e->first = near;
     /* The last step had to be repeated, or the nearest point is about to leave its pieces. */
-    e->leans = e->leans ? (can_lean(e->first.place, e->leans) ? e->leans : 0) : way_to_lean(e, 1);
+    e->leans = e->leans ? (can_lean(e->first.place, e->leans) ? e->leans : 0) : direction_to_lean(e, 1);
     changes |= e->leans && e->counted;
   }
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
-    int way = e->leans || !changes ? e->leans : way_to_lean(e, TOGETHER);
+    int direction = e->leans || !changes ? e->leans : direction_to_lean(e, TOGETHER);
     e->leans = 0;
-    if (!way) continue;
-    set_pieces(m->of + e->contact, e, e->piece + way);
+    if (!direction) continue;
+    set_pieces(m->of + e->contact, e, e->piece + direction);
     e->first = follow(m, e, x, &piece, e->start);
   }
   for (const ContactPoint *e = m->contact_point; moved && e < m->contact_point + m->contact_points; ++e)
@@ -433,8 +433,8 @@ void fx_evaluate_members(MemberContacts *m, const double *D) {
     const MemberContact *c = m->of + e->contact;
     if (!move_contact_point(m, e, D)) continue;
     find_force(c, e);
-    int before = c->sums + c->entries + c->internal;
-    memcpy(e->given + internal_at(c) + c->internal, e->results + before, c->remembered * sizeof(double));
+    const double *remembered = e->results + c->sums + c->entries + c->internal;
+    memcpy(e->given + internal_at(c) + c->internal, remembered, c->remembered * sizeof(double));
     make_tangent(c, e);
   }
 }
@@ -509,32 +509,33 @@ typedef struct {
   double sum, *of_q, *of_internal, *of_numbers;
 } Energy;
 
-/* Adds that of a point at a distance; sets its derivatives by all that the law is given. */
+/* Adds that of a point at a distance; sets its slopes, the derivatives by all that the law is given. */
 static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int point, double distance,
-                          const double *internal, double *found) {
+                          const double *internal, double *slopes) {
   const MemberContact *c = m->of + contact;
   double given[CONTACT_POINT_GIVEN];
   give_distance(c, point, distance, internal, given);
   if (!to->by) {
-    call(c->energy, given, found, 1), to->sum += *found;
+    double energy;
+    call(c->energy, given, &energy, 1), to->sum += energy;
     return;
   }
-  call(to->by[contact], given, found, CONTACT_POINT_GIVEN);
+  call(to->by[contact], given, slopes, CONTACT_POINT_GIVEN);
   for (int i = 0; i < c->numbers; ++i)
-    to->of_numbers[c->first_number + point * c->numbers + i] += found[numbers_at(c) + i];
+    to->of_numbers[c->first_number + point * c->numbers + i] += slopes[numbers_at(c) + i];
 }
 
 /* That of friction in slots; with `left` only in those that no contact point has. */
 static void add_energy_in_slots(const MemberContacts *m, Energy *to, const double *memory, int left) {
-  double found[CONTACT_POINT_GIVEN];
+  double slopes[CONTACT_POINT_GIVEN];
   for (int i = 0; i < m->contacts; ++i)
     for (int k = 0; m->of[i].internal && k < SLOTS * m->of[i].points; ++k) {
       const MemberContact *c = m->of + i;
       int slot = c->first_slot + k, first = IN_SLOT * slot + 1, point = k / SLOTS;
       if (memory[first] == 0 || (left && m->has_slot[slot])) continue;
-      add_energy_at(m, to, i, point, 2 * *number_of(c, point) + 1, memory + first, found);
+      add_energy_at(m, to, i, point, 2 * *number_of(c, point) + 1, memory + first, slopes);
       for (int l = 0; to->by && l < c->internal; ++l)
-        to->of_internal[m->first_internal + first + l] += found[internal_at(c) + l];
+        to->of_internal[m->first_internal + first + l] += slopes[internal_at(c) + l];
     }
 }
 
@@ -582,18 +583,18 @@ static void find_near(MemberContacts *m, const double *x) {
 /* Adds the energy of a place that is near a member at positions x. */
 static void add_energy(const MemberContacts *m, const NearPlace *near, const double *x, Energy *to) {
   const MemberContact *c = m->of + near->contact;
-  double found[CONTACT_POINT_GIVEN], point[2], r[4][2], n[4] = {0}, slope[3], arm[2] = {0, 0};
+  double slopes[CONTACT_POINT_GIVEN], point[2], r[4][2], n[4] = {0}, n_slope[3], arm[2] = {0, 0};
   int second = near->place > 0.5;
   if (near->distance >= *number_of(c, near->point)) return;
-  add_energy_at(m, to, near->contact, near->point, near->distance, 0, found);
+  add_energy_at(m, to, near->contact, near->point, near->distance, 0, slopes);
   if (!to->by) return;
   pair_of(x, c->point_dof + 2 * near->point, point);
   arms_at(c, near->piece, point, x, r);
-  piece_weights(near->place - second, n + second, slope);
+  piece_weights(near->place - second, n + second, n_slope);
   for (int k = 0; k < 4; ++k) arm[0] += n[k] * r[k][0], arm[1] += n[k] * r[k][1];
   fold(n, near->piece == 0, near->piece + 2 >= c->nodes);
   for (int i = 0; i < 2; ++i) {
-    double along = found[0] * arm[i] / near->distance;
+    double along = slopes[0] * arm[i] / near->distance;
     to->of_q[c->point_dof[2 * near->point + i]] -= along;
     for (int k = 0; k < 4; ++k) to->of_q[c->node_dof[2 * node_of(c, near->piece, k) + i]] += along * n[k];
   }

@@ -24,11 +24,11 @@ typedef struct {
   double value[2], slope[2], bend[2], f[4];
 } Piece;
 
-static inline Piece piece_of(const double *before, const double *at, const double *after) {
+static inline Piece piece_of(const double *previous, const double *at, const double *next) {
   Piece c;
   for (int i = 0; i < 2; ++i) {
-    c.bend[i] = (before[i] - 2 * at[i] + after[i]) / 2;
-    c.slope[i] = (after[i] - before[i]) / 2;
+    c.bend[i] = (previous[i] - 2 * at[i] + next[i]) / 2;
+    c.slope[i] = (next[i] - previous[i]) / 2;
     c.value[i] = at[i] + c.bend[i] / 4;
   }
   c.f[0] = dot2(c.value, c.slope), c.f[1] = dot2(c.slope, c.slope) + 2 * dot2(c.value, c.bend);

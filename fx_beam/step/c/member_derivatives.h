@@ -1,4 +1,4 @@
-/* Derivatives of contact with members: of each touch those of its forces and internal variables, by a law that also
+/* Derivatives of contact with members: of each contact point those of its forces and internal variables, by a law that also
    follows the nearest point at the start (laws/member_gap.py). */
 
 #pragma once
@@ -24,8 +24,9 @@ static void put_arcs(Block *b, const MemberContact *c, const ContactPoint *e, in
   }
 }
 
-/* A force on an entry of a contact point, or an internal variable, by all that its law is given; sets the row of the tangent. */
-static void put_contact_point_row(Block *b, const MemberContact *c, const ContactPoint *e, const Layout *at, const double *by, int own,
+/* A force on an entry of a contact point, or an internal variable, by all that its law is given, with the place of its own
+   variables or -1; sets the row of the tangent. */
+static void put_contact_point_row(Block *b, const MemberContact *c, const ContactPoint *e, const Layout *at, const double *by, int variables,
                           int to, double *tangent) {
   int n = c->sums;
   const double *of_places = by + 2 * n + c->internal, *of_numbers = by + followed_by(c) - c->numbers;
@@ -39,7 +40,7 @@ static void put_contact_point_row(Block *b, const MemberContact *c, const Contac
     put(b, at->member_places + e->dof[j], to, by_start);
     if (tangent) tangent[j] = by_change;
   }
-  for (int i = 0; own >= 0 && i < c->internal; ++i) put(b, at->spring_internal + own + i, to, by[2 * n + i]);
+  for (int i = 0; variables >= 0 && i < c->internal; ++i) put(b, at->spring_internal + variables + i, to, by[2 * n + i]);
   if (c->internal) put_arcs(b, c, e, at->arcs + c->first_arc, of_places + 2, to);
   for (int i = 0; i < c->numbers; ++i)
     put(b, at->members + c->first_number + e->point * c->numbers + i, to, of_numbers[i]);
@@ -50,7 +51,7 @@ static void put_members(Block *b, const Problem *p, const Layout *at) {
   MemberContacts *m = p->points->members;
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
-    int n = c->sums, wide = followed_by(c), own = e->slot < 0 ? -1 : m->first_internal + IN_SLOT * e->slot + 1;
+    int n = c->sums, wide = followed_by(c), variables = e->slot < 0 ? -1 : m->first_internal + IN_SLOT * e->slot + 1;
     double slopes[(2 * MOST_SUMS + IN_SLOT) * MOST_FOLLOWED];
     if (!e->closed) continue;
     call(c->slopes, e->given, slopes, (n + c->internal) * wide);
@@ -58,10 +59,10 @@ static void put_members(Block *b, const Problem *p, const Layout *at) {
       double by[MOST_FOLLOWED] = {0};
       for (int k = 0; k < n / 2; ++k)
         for (int j = 0; j < wide; ++j) by[j] += e->sums[i / 2][k] * slopes[(2 * k + i % 2) * wide + j];
-      put_contact_point_row(b, c, e, at, by, own, at->r + e->dof[i], e->tangent + i * CONTACT_POINT_DOFS);
+      put_contact_point_row(b, c, e, at, by, variables, at->r + e->dof[i], e->tangent + i * CONTACT_POINT_DOFS);
     }
-    for (int i = 0; own >= 0 && i < c->internal; ++i)
-      put_contact_point_row(b, c, e, at, slopes + (n + i) * wide, own, at->springs1 + own + i, 0);
+    for (int i = 0; variables >= 0 && i < c->internal; ++i)
+      put_contact_point_row(b, c, e, at, slopes + (n + i) * wide, variables, at->springs1 + variables + i, 0);
   }
 }
 

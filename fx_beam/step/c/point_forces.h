@@ -127,15 +127,15 @@ static void set_axis(const PointForces *p, int joint, const double *axis) {
 static int follow_forces(PointForces *p, const double *joints, const double *q, const double *D, double level, int still,
                          double *internal) {
   int n = 0;
-  double slope[5], found[p->all], trial[p->all];
+  double slope[5], sizes[p->all], trial[p->all];
   for (const PointForce *e = p->of; e < p->of + p->all; ++e)
     if (e->load >= 0) {
-      found[n] = followed_size(e, joints, q, D, level, slope);
+      sizes[n] = followed_size(e, joints, q, D, level, slope);
       trial[n++] = internal[e->first_internal + FOLLOWED];
     }
-  if (!next_trial(&p->followed, found, still, trial)) return 0;
+  if (!next_trial(&p->followed, sizes, still, trial)) return 0;
   for (const PointForce *e = p->of + p->all - 1; e >= p->of; --e)
-    if (e->load >= 0) --n, internal[e->first_internal + FOLLOWED] = trial[n] > 0 ? trial[n] : found[n];
+    if (e->load >= 0) --n, internal[e->first_internal + FOLLOWED] = trial[n] > 0 ? trial[n] : sizes[n];
   return 1;
 }
 
@@ -163,20 +163,20 @@ static double point_deviation(const PointForces *p, const double *correction, co
   for (const PointForce *e = p->of; e < p->of + p->all; ++e) {
     if (!e->overshoots) continue;
     int n = e->size, values = values_of(e);
-    double *D = e->given + n, *now = p->probe, *along = now + values, *before = along + n;
+    double *D = e->given + n, *results = p->probe, *along = results + values, *last_D = along + n;
     const double *from = e->tangent_at, *force = from + n, *slope = force + n;
-    memcpy(before, D, n * sizeof(double));
+    memcpy(last_D, D, n * sizeof(double));
     for (int k = 0; k < n; ++k) {
       along[k] = coordinate(e, k, correction, step, e->column);
       D[k] += (1 - part) * along[k];
     }
-    call(e->law, e->given, now, values);
-    for (int k = 0; k < n; ++k) sum += along[k] * (now[k] - force[k]);
+    call(e->law, e->given, results, values);
+    for (int k = 0; k < n; ++k) sum += along[k] * (results[k] - force[k]);
     for (int i = 0; i < e->entries; ++i) {
       int column = e->entry_column[i];
       sum -= along[e->entry_row[i]] * slope[i] * (D[column] - from[column]);
     }
-    memcpy(D, before, n * sizeof(double));
+    memcpy(D, last_D, n * sizeof(double));
   }
   return sum;
 }

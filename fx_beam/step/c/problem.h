@@ -7,30 +7,39 @@
 #include "point_force.h"
 #include "slider.h"
 
-/* Elements per call of a Batch, values of a nodal rule, largest order of the predictor, largest number
-   of sub-steps of a scheme, positions of the displacements and rotations at the start of the step, of the
-   internal variables, and of natural strains at its start and its end among the changing coefficients, number of these, largest order
-   of a scheme, number of averaged differences in local errors,
-   number of directions of an iteration with kept factors, and of directions of derivatives that are followed at once;
-   bordering rows are numbered downwards from ON_BORDER. */
+/* Sizes of fixed arrays. */
 enum {
-  LANES = 8, RULE_VALUES = 18, PAST = 4, SUB_STEPS = 32, START = 1, INTERNAL = 5, NATURAL = 6,
-  NATURAL_END = 7, FIELDS = 8, MAX_ORDER = 4, AVERAGED = 3, DIRECTIONS = 12, GROUP_SIZE = 4, ON_BORDER = -2
+  LANES = 8,        /* elements that are evaluated at once */
+  RULE_VALUES = 18, /* values of a user's rule for the rates of a node */
+  PAST = 4,         /* earlier configurations from which the predictor extrapolates */
+  SUB_STEPS = 32,   /* most sub-steps of a scheme */
+  MAX_ORDER = 4,    /* largest order of a scheme */
+  AVERAGED = 3,     /* differences that are averaged in a local error */
+  RESIDUALS = 8,    /* last residuals of Newton's method that are stored */
+  DIRECTIONS = 12,  /* directions of an iteration with factors of an earlier tangent */
+  GROUP_SIZE = 4    /* directions in which derivatives forwards are followed at once */
 };
+
+/* The first bordering row (bordering_rows.h) in lists of positions in the elimination; others are below it, and -1 is none. */
+enum { ON_BORDER = -2 };
+
+/* Fields that are coefficients of forms, and their number: displacements and rotations (increment in the step, and at its
+   start), their rates, accelerations and values a step earlier; internal variables; natural strains at both ends. */
+enum { INCREMENT, START, RATE, ACCELERATION, PREVIOUS, INTERNAL, NATURAL, NATURAL_END, FIELDS };
 
 /* Why a step failed. */
 enum {
   OK, NO_CONVERGENCE, SINGULAR, TURNED_TOO_FAR, TOO_INACCURATE, SLID_TOO_FAR, SWITCHED, PASSED_THROUGH, OUT_OF_LINE,
-  OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION, RESIDUALS = 8
+  OPEN_LOOP, MOVED_TOO_FAR, UNMET_FRICTION
 };
 
-/* What several processes do in the place of this one: the start of a sub-step, forces and residual for increments of the
-   columns and loads, the change of forces with one of the nodes, and the correction for a residual in a step of some
-   energy, with its relative error. Where one fails, its numbers are not finite. */
+/* What several processes do together in the place of this one. Where one of them fails, its numbers are not finite. */
 typedef struct {
-  void (*begin)(double t, double dt);
+  void (*begin)(double t, double dt); /* a sub-step */
+  /* Internal forces f, and the residual r, for increments z of the columns and loads. */
   void (*forces)(const double *z, const double *loads, double *f, double *r);
-  void (*change)(const double *x, double *out);
+  void (*change)(const double *x, double *out); /* of forces for a small motion x of all nodes */
+  /* Correction x of the unknowns for a residual b, in a step of this energy, with its relative error. */
   void (*solve)(const double *b, double energy, double *x, double *error);
 } Team;
 
@@ -61,10 +70,9 @@ typedef struct {
 typedef struct {
   int integrals, width;
   Integral *of;
-  int moving;          /* number of changing coefficients:
-                          0 increment, START, 2 v, 3 a, 4 q_previous, INTERNAL, NATURAL, NATURAL_END */
+  int moving;          /* number of changing coefficients */
   int changing;        /* the first of them change in every iteration, the others in every step */
-  int *kind, *offset;
+  int *kind, *offset;  /* which field each of them is, and where it begins among the coefficients of an element */
   double *constants;
   int time_at, dt_at, memory_at; /* their indices among the constants, or -1 */
   int parameters_at;   /* that of the first parameter, or -1; which ones of the scene they are */
@@ -73,44 +81,48 @@ typedef struct {
 
 /* Sparse factors that serve several steps (kept_factors.h). */
 typedef struct {
-  int worth;           /* substitutions that cost as much as a factorisation; 0: factors are not kept */
-  int present, made;   /* whether there are factors; how many there were */
+  int worth;           /* substitutions that cost as much as a factorisation; 0: factors serve one iteration */
+  int present, made;   /* whether there are factors; how many have been made */
   int exact;           /* whether to make new ones in each iteration, after a failure */
-  int steps, all, now; /* steps since they were made; substitutions in these, and in this step */
+  int steps, all, now; /* since they were made: steps, and substitutions in these; substitutions in this step */
   double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
 } KeptFactors;
 
-/* A slide with forces, whose rate at the start of a step they may need. */
+/* A slide on which forces act that may depend on its rate at the start of a step. */
 typedef struct {
-  int joint, slider;   /* its number; that of the slider of a node on a beam, or -1 */
+  int joint;           /* whose slide it is, among all joints of the scene */
+  int slider;          /* number of the Slider of a node on a beam; -1 for other joints */
+  int moving;          /* number among the joints that depend on the motion; -1 on a beam */
   int a[3], b[3];      /* degrees of freedom of the nodes; -1 for the ground */
-  int moving;          /* which of the joints that depend on the motion; -1 on a beam */
 } SlideRate;
 
-/* Sparse rows whose pattern changes with the points that are near members (changing_rows.h): what their order is found
-   from; entries of T and Tv of each degree of freedom, as those of the couplings; of each of their columns the unknown
-   and the row of forces on it, a bordering row, or -1. Then where the entries of the tangent, and those of contact points, are. */
+/* An entry of T and Tv of a degree of freedom on which a contact point acts. */
 typedef struct {
-  int of, row, column, value; /* which of its entries; the row of forces, and the unknown */
+  int of, row, column, value; /* which degree of freedom of the contact point; row of forces, unknown, and value */
   double sign;
 } ContactPointEntry;
-/* An entry in the bordering rows, and its position in the elimination. */
+
+/* An entry in a bordering row (bordering_rows.h): its column is a position in the elimination. */
 typedef struct {
   int bordering_row, column;
   double value;
 } BorderingEntry;
+
+/* Sparse rows whose pattern changes with the points that are near members (changing_rows.h). */
 typedef struct {
-  Elimination elimination;
+  Elimination elimination; /* from which the order and the rows are found */
+  /* Entries of T and Tv of each degree of freedom; unknown of each column of the scene, and row of the forces on it: -1 for
+     none, or a bordering row. */
   int *dof_start, *dof_column, *dof_value, *row_of, *unknown_of;
   double *dof_sign;
   int keep;             /* whether factors may be kept; the costs of lu_layout.py */
   double row_entry, substitution, least_worth;
-  long searches;        /* those of the contact points for which it was found */
-  int placed;           /* whether the places are those of the transposed tangent; -1 for none */
+  long searches;        /* number of the search for contact points for which the rows are */
+  int placed;           /* whether positions among the factors are those of the transposed tangent; -1 before there are any */
   int entries, entry_room;
-  struct { ContactPointEntry *entry; };
+  struct { ContactPointEntry *entry; }; /* of all contact points, those of each from its `entry_start` on */
   struct { BorderingEntry *bordering_entry; }; /* room for all entries in bordering rows */
-  struct { int *entry_start, *entry_at; };
+  struct { int *entry_start, *entry_at; }; /* the latter: positions among the factors of all pairs of a contact point's entries */
 } ChangingRows;
 
 typedef struct {
@@ -149,19 +161,20 @@ typedef struct {
   int *mass_start, *mass_column, *mass_stored_at;
   double *mass;
 
-  /* Coupling: entries of T and Tv. The first `equal` entries are 1; value 0 is the constant 1.
-     `alone`: these are all, one of each degree of freedom in turn. */
-  int entries, equal, alone;
-  int *entry_row, *entry_column, *entry_value;
+  /* Coupling: displacements and rotations x = g(z) of the columns z, which are unknowns, then driven and fixed ones, with
+     T = dg/dz, and Tv for virtual displacements. Each entry of both is a sign times one of the values of the joints: number 0 is
+     the constant 1, and joint j has those from 1 + 4 j on. */
+  int entries, *entry_row, *entry_column, *entry_value;
   double *entry_sign;
-  int joints;
+  int equal, alone;     /* number of the first entries, which are 1; whether they are all, one of each row in turn */
+  /* Joints whose arms depend on the motion: rotation of the carrier (-1: ground), column of the slide (-1: none), number among
+     all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's components in what they move. */
+  int joints, *carrier, *slide_column, *slide_of, *track;
   double *offset, *axis, *joint_sign;
-  int *carrier, *slide_column, *slide_of, *track; /* rotation (-1: ground), column (-1: none), joint, kind of its Track */
-  int followers;
-  int *follower, *through;
-  /* Degrees of freedom in long trees with columns of their own, behind all others (auxiliaries.py): entries of
-     their sums, with the positions of their equations and forces in the tangent (-1: no unknown), and the
-     arms of joints in them. */
+  int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
+  /* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (auxiliaries.py). Each
+     is a sum of entries of T, and of arms; positions of an entry in the tangent: in the sum's equation, and in the balance of
+     what its force acts on, -1 where it is no unknown. */
   struct {
     int auxiliaries, auxiliary_entries, auxiliary_arms;
     int *auxiliary_of, *auxiliary_column, *auxiliary_value, *auxiliary_equation, *auxiliary_force, *auxiliary_arm_of, *auxiliary_arm;
@@ -172,66 +185,68 @@ typedef struct {
     Slider *slider;
   };
 
-  /* Reduced tangent, in an order with little fill-in: as a chain, as a band matrix or in sparse rows; its
-     number of unknowns with the two of each auxiliary unknown. */
-  int unknowns;
+  /* The reduced tangent, in an order with little fill-in: as a chain, as a band, or in sparse rows. */
+  int unknowns;         /* with two of each auxiliary unknown, itself and its force, and forces that close loops */
   int *order;           /* position of each unknown in the elimination */
   int band;             /* half bandwidth; 0 for sparse rows */
   int chain;            /* groups of three unknowns in a row (chain.h); 0 if they are more entangled */
+  int positions;        /* in the elimination: more than unknowns, where groups of a chain have fewer than three */
   int paddings, *padding; /* diagonal entries that are 1: of groups that have fewer, and of auxiliary unknowns */
-  struct { SparseRows *rows; }; /* those of `changing`, if it is there, which then changes `order` and `factor_at` as well */
-  /* With sparse factors the tangent is stored apart, in compressed rows of the unknowns: `factor_at` has
-     the position of each value among the factors. */
+  /* Sparse rows of factors, besides which the tangent is stored, in compressed rows of the unknowns: `factor_at` has the
+     position of each of its values among the factors. Where the pattern changes, `rows` are those of `changing`, which sets
+     `order` and `factor_at`, too. */
+  struct { SparseRows *rows; };
   struct { int *tangent_start, *tangent_column, *factor_at; };
   KeptFactors kept;
   struct { ChangingRows *changing; };
-  /* What borders it (bordering_rows.h): their number, that of the columns of a block of right sides, and of the
-     positions in the elimination; most entries of their rows. Row and column of the system for each column
-     of the scene: a position, -1 for none, or a bordering row; entries of the tangent on bordering rows. */
+  /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
+     sides, most entries in bordering rows; of each column of the scene row and column in the system: a position in the
+     elimination, -1 for none, or a bordering row. */
   struct { int bordering_rows, carrier_bordering, block, most_bordering_entries, *row_at, *unknown_at; };
-  int positions;
-  struct { int beside, *beside_row, *beside_column, *beside_at; };
-  int direct, coupled, geometric;
-  int *direct_to, *direct_from;
-  int *coupled_to, *coupled_from, *coupled_virtual, *coupled_value;
-  double *coupled_sign;
-  int *geometric_to, *geometric_joint, *geometric_kind;
-  double *geometric_sign;
+  struct { int beside, *beside_row, *beside_column, *beside_at; }; /* entries of the tangent in them, and where these are stored */
+  /* How the reduced tangent is made of the full one: entries that are added as they are, `from` which `to` which; others times
+     an entry of Tv and an entry of T; derivatives of Tv times the forces of joints: by the rotation of the carrier (kind 0 of the
+     lever, 2 of the slide's force) or by the slide (1 and 3). */
+  int direct, *direct_to, *direct_from;
+  int coupled, *coupled_to, *coupled_from, *coupled_virtual, *coupled_value;
+  int geometric, *geometric_to, *geometric_joint, *geometric_kind;
+  double *coupled_sign, *geometric_sign;
 
-  /* Closed loops: closures of the joints that close them, those of a block one after the other. Of each:
-     degrees of freedom of b and a (-1: ground), arm (2 times the joint plus component; -1: none), entry in
-     the joint forces; entries of its derivative, and those of auxiliary unknowns on which it depends, in the order in which
-     they are collected; in compressed rows the loops' columns on which it depends, the first of which are
-     unknowns, those of a block one after the other. */
+  /* Closures: components of the displacements of b less a and the arm of joints that close loops, which are zero. Loops that
+     share unknowns are a block, of which the closures and columns follow each other. */
   struct {
-    int closures, loop_columns, loop_free, blocks, part_size, pivoting_size;
-    int *closure_b, *closure_a, *closure_arm, *closure_force, *closure_entry_start, *closure_column, *closure_value;
-    int *closure_auxiliary_start, *closure_auxiliary, *closure_start, *closure_near, *loop_column, *loop_dof;
-    int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins; in the factors */
-    double *closure_sign, *loop_unit, *arm_at_rest, closure_closed;
-    int *following;     /* [closures] the columns that follow, chosen in each step */
-    /* Storage indices in the tangent of entries of the derivatives by unknowns, as equations and in the
-       balance. Products of two entries, by a stiffness from the diagonals at these storage indices, with a unit
-       of each unknown. */
+    int closures, blocks, loop_columns, loop_free; /* columns on which closures depend, the first of which are unknowns */
+    int *closure_b, *closure_a, *closure_arm, *closure_force; /* degrees of freedom (-1: ground); arm (-1: none); joint force */
+    /* Derivatives of closures: entries of T or Tv, those of each closure from its start on; entries of auxiliary unknowns on
+       which they depend, in the order in which these are collected; which of the loops' columns they have. */
+    int *closure_entry_start, *closure_column, *closure_value;
+    double *closure_sign;
+    int *closure_auxiliary_start, *closure_auxiliary;
+    int *closure_start, *closure_near;
+    int *loop_column, *loop_dof; /* columns of the scene; degrees of freedom that are equal to them, or -1 */
+    double *loop_unit, *arm_at_rest, closure_closed; /* units of columns; arms in the reference; size of a closed closure */
+    int *block_closure, *block_column, *block_part; /* [blocks + 1] where each begins, the last in its factors */
+    int part_size, pivoting_size; /* sizes of arrays of Work */
+    int *following;     /* [closures] the loops' columns that depend on the others, chosen in each step */
+    /* Entries of the closures' derivatives in the tangent: as equations, and in the balance of what the closing forces act on. */
     int closure_unknowns, *closure_entry, *closure_equation, *closure_balance;
-    int carried, *carried_closure; /* those with nodes on beams, whose forces are bordering rows from carrier_bordering on */
+    int carried, *carried_closure; /* closures with nodes on beams, whose forces are bordering rows from carrier_bordering on */
+    /* Products of two entries, by a stiffness from the diagonals that are stored at `scale_at`, with a unit of each unknown. */
     int stiffened, *stiff_to, *stiff_left, *stiff_right, scales, *scale_at;
     double *scale_unit;
   };
 
-  /* Forces at points; internal variables of all; positions of the entries of their tangents, -1 for none.
-     Slides with forces, and the rates of the slides of all joints. */
-  PointForces *points;
-  /* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
-     which forms and laws are evaluated, those of the state where they do not vary. */
-  struct { int parameter_count, parameters_vary, energies_vary; double *parameter; };
-  int spring_width, follower_forces; /* the latter are the first external ones */
-  struct { int *point_stored_at; };
+  PointForces *points;  /* forces at points */
+  int spring_width, follower_forces; /* number of their internal variables; of follower forces, the first external ones */
+  struct { int *point_stored_at; }; /* of the entries of their tangents, -1 for none */
   struct {
-    int rated;
+    int rated;          /* slides on which forces act, and the rates of the slides of all joints */
     SlideRate *rated_slide;
     double *slide_rate;
   };
+  /* Parameters of the user's functions: whether they vary, and stored energies with them; the values with
+     which forms and laws are evaluated, those of the state where they do not vary. */
+  struct { int parameter_count, parameters_vary, energies_vary; double *parameter; };
 
   /* Rule for the rates: 0 mid-point, 1 Newmark. In statics a step has no rates and no inertia, and its `ratio` is
      the load factor at its end. Sub-steps, relative to a step. */

@@ -32,33 +32,33 @@ static void add_weights(const Slider *a, int element, const double *powers, doub
 static void weigh_place(const Slider *a, int element, int end, int order, Weight *w) {
   double begin = a->ends[element], h = a->ends[element + 1] - begin, x = ((end ? a->s1 : a->s0) - begin) / h;
   double P[3][4] = {{1, x, x * x, x * x * x}, {0, 1, 2 * x, 3 * x * x}, {0, 0, 2, 6 * x}}, per = order ? 1 / h : 1;
-  const double *own = P[order], *slope = P[order + 1];
+  const double *powers = P[order], *slope = P[order + 1];
   WeightPart *part = w->part;
   memset(w, 0, offsetof(Weight, part));
   w->parts = 1, part->element = element;
   for (int i = 0; i < 4; ++i) {
-    part->factor[i] = per * own[i];
-    part->by_begin[i] = per * (slope[i] * (x - 1) + order * own[i]) / h;
-    part->by_end[i] = -per * (slope[i] * x + order * own[i]) / h;
+    part->factor[i] = per * powers[i];
+    part->by_begin[i] = per * (slope[i] * (x - 1) + order * powers[i]) / h;
+    part->by_end[i] = -per * (slope[i] * x + order * powers[i]) / h;
   }
-  add_weights(a, element, own, per, w->of);
+  add_weights(a, element, powers, per, w->of);
   add_weights(a, element, slope, per / h, w->by[end]);
 }
 
-/* The quotient of the change of the weights `at` both ends and the way, element by element, so that no difference of
+/* The quotient of the change of the weights `at` both ends and the slide between them, element by element, so that no difference of
    equal numbers is taken. */
 static void weigh_quotient(const Slider *a, int e0, int e1, const Weight *at, Weight *w) {
   int step = e1 < e0 ? -1 : 1;
-  double way = a->s1 - a->s0;
+  double slide = a->s1 - a->s0;
   memset(w, 0, offsetof(Weight, part));
   for (int e = e0; e != e1 + step; e += step) {
     WeightPart *part = w->part + w->parts++;
     int first = e == e0, last = e == e1, alone = first && last;
     double begin = a->ends[e], h = a->ends[e + 1] - begin, x = first ? (a->s0 - begin) / h : step < 0;
-    double y = last ? (a->s1 - begin) / h : step > 0, share = alone ? 1 / h : (y - x) / way;
+    double y = last ? (a->s1 - begin) / h : step > 0, share = alone ? 1 / h : (y - x) / slide;
     double mean[] = {0, 1, x + y, x * x + x * y + y * y}, by0[] = {0, 0, 1, 2 * x + y}, by1[] = {0, 0, 1, x + 2 * y};
-    double grows = alone ? share / h : (last * (y - 1) - first * (x - 1)) / (h * way);
-    double shrinks = alone ? share / h : (last * y - first * x) / (h * way);
+    double grows = alone ? share / h : (last * (y - 1) - first * (x - 1)) / (h * slide);
+    double shrinks = alone ? share / h : (last * y - first * x) / (h * slide);
     part->element = e;
     for (int i = 0; i < 4; ++i) {
       part->factor[i] = share * mean[i];
@@ -70,8 +70,8 @@ static void weigh_quotient(const Slider *a, int e0, int e1, const Weight *at, We
   }
   if (e0 == e1) return;
   for (int k = 0; k < a->width; ++k)
-    w->by[0][k] = (w->of[k] - at[0].by[0][k]) / way, w->by[1][k] = (at[1].by[1][k] - w->of[k]) / way;
-  for (int end = 0; fabs(way) <= 1e-6 * (a->ends[e0 + 1] - a->ends[e0]) && end < 2; ++end) {
+    w->by[0][k] = (w->of[k] - at[0].by[0][k]) / slide, w->by[1][k] = (at[1].by[1][k] - w->of[k]) / slide;
+  for (int end = 0; fabs(slide) <= 1e-6 * (a->ends[e0 + 1] - a->ends[e0]) && end < 2; ++end) {
     Weight slopes;
     weigh_place(a, end ? e1 : e0, end, 1, &slopes);
     for (int k = 0; k < a->width; ++k) w->by[end][k] = slopes.by[end][k] / 2;
