@@ -25,7 +25,7 @@ from .sparsity import positions_in
 
 _NONE = np.empty(0)
 _HEADER = "point_force.h"
-_LIBRARY = "forces at points", "point_forces.c", _HEADER
+_LIBRARY = "forces at points", "point_forces.h", _HEADER
 
 
 class Role(enum.IntEnum):

@@ -266,7 +266,7 @@ def _one_by_one(order: np.ndarray) -> dict[str, np.ndarray]:
 def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -> Factors:
     """Sparse rows in minimum-degree order, and where entries in rows and columns are in them."""
     ffi, library = c_library.kept_library(
-        "order of elimination", "elimination.c", "sparse_rows.h", (), (), ("-O1",)
+        "order of elimination", "elimination.h", "sparse_rows.h", (), (), ("-O1",)
     )
     structs = Structs(ffi, c_library.declarations("sparse_rows.h"))
     of = ffi.gc(ffi.new("Elimination *"), library.fx_free_elimination)

@@ -20,7 +20,7 @@ def sparse_lu(pattern: Pattern, dependent: np.ndarray | None = None) -> LU:
 
     With auxiliary unknowns, `dependent` is that of `Reduction`.
     """
-    library = c_library.kept_library("factors of sparse matrices", "lu.c", "lu.h")
+    library = c_library.kept_library("factors of sparse matrices", "sparse_lu.h", "sparse_rows.h")
     return LU(*library, pattern, dependent)
 
 
@@ -34,13 +34,13 @@ def pivoted_lu(matrix: Any) -> SuperLU:
 
 
 class LU:
-    """Factors in sparse rows (lu_layout.py), by lu.c."""
+    """Factors in sparse rows (lu_layout.py)."""
 
     def __init__(self, ffi: Any, library: Any, pattern: Pattern, dependent: np.ndarray | None):
         self._ffi, self._library = ffi, library
         layout = factors_of(*pattern, dependent)
         self._rows, self._diagonals = ffi.new("SparseRows *"), layout.diagonals
-        self._structs = Structs(ffi, c_library.declarations("lu.h"))
+        self._structs = Structs(ffi, c_library.declarations("sparse_rows.h"))
         self._factors = np.empty(layout.size)
         self._structs.set(self._rows, **layout.rows(), factors=self._factors)
         self._at, self._order = self._ints(layout.at), self._ints(layout.order)

@@ -301,3 +301,20 @@ def test_a_member_that_rolls_up_tighter_than_what_touches_it_is_named(thickness,
             fb.simulate(scene, dt=2e-3, t_end=0.5)
         said = r"'rolled' has the radius of curvature 0\.3\d+ at .* touched inside its bend"
         assert re.search(said, caplog.text)
+
+
+def test_an_open_contact_does_not_change_the_modes_of_a_beam_with_a_bead_on_it():
+    def frequencies(contact):
+        scene = fb.Scene()
+        below = scene.add_beam([(0, 0), (2, 0)], SECTION, elements=8)
+        above = scene.add_beam([(0.7, 0.3), (1.1, 1.6)], SECTION, elements=2)
+        bead = scene.add_beam([(0.5, 0), (0.5, 0.3)], SECTION, elements=1)
+        scene.pin(below.start)
+        scene.fix(below.end, "y")
+        scene.clamp(above.end)
+        scene.add_joint(fb.Slider(below, bead.start, spring=fb.Spring(50.0)))
+        if contact:
+            scene.add_contact(above, below, stiffness=1e5, radius=0.05)
+        return fb.modes(scene, n=8).angular_frequencies
+
+    assert frequencies(contact=True) == pytest.approx(frequencies(contact=False), rel=1e-9)

@@ -9,7 +9,7 @@
 #include "sparse_lu.h"
 
 OF_STEPS void fx_free_rows(ChangingRows *c) {
-  free_elimination(&c->elimination);
+  fx_free_elimination(&c->elimination);
   free(c->entry), free(c->entry_at), free(c->entry_start), free(c->bordering_entry);
 }
 

@@ -4,7 +4,6 @@
 
 #include "bordering_rows.h"
 #include "point_forces.h"
-#include "slide_rates.h"
 
 static void begin_points(const Problem *p, const Work *w) {
   const PointForces *points = p->points;

@@ -17,7 +17,7 @@ static void add_once(IntList *list, int value) {
   add_to(list, value);
 }
 
-static void free_elimination(Elimination *e) {
+void fx_free_elimination(Elimination *e) {
   SparseRows *r = &e->rows;
   for (int g = 0; e->near_to && g < e->groups; ++g) free(e->near_to[g].of);
   free(e->near_to), free(e->order), free(e->work), free(e->position);
@@ -175,3 +175,8 @@ static int place_of_pair(const Elimination *e, int i, int j) {
   return place_in(e, e->position[e->group_of[i]], e->position[e->group_of[j]], e->order[i], e->order[j]);
 }
 
+void fx_find_rows(Elimination *e, int entries, const int *row, const int *column, int *at) {
+  begin_elimination(e);
+  find_rows(e);
+  for (int k = 0; k < entries; ++k) at[k] = place_of_pair(e, row[k], column[k]);
+}

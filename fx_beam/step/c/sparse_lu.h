@@ -1,4 +1,4 @@
-/* LU factorisation in sparse rows (lu_layout.py). */
+/* LU factorisation in sparse rows (lu_layout.py), for the loop and for Python (sparse_lu.py). */
 
 #pragma once
 
@@ -216,4 +216,21 @@ HOT void substitute_backward(const SparseRows *p, double *b, const int *reached,
 static void substitute_sparse(const SparseRows *p, double *b) {
   substitute_forward(p, b);
   substitute_backward(p, b, 0, 0);
+}
+
+int fx_factorise(const SparseRows *rows, int entries, const int *at, const double *values) {
+  double *space = malloc(3 * sizeof(double) * rows->unknowns);
+  memset(rows->factors, 0, rows->start[rows->unknowns] * sizeof(double));
+  for (int k = 0; k < entries; ++k) rows->factors[at[k]] = values[k];
+  int regular = space && factorise_sparse(rows, space);
+  free(space);
+  return regular;
+}
+
+void fx_solve(const SparseRows *rows, const int *order, const double *b, double *x) {
+  double *y = malloc(sizeof(double) * rows->unknowns);
+  for (int i = 0; i < rows->unknowns; ++i) y[order[i]] = b[i];
+  substitute_sparse(rows, y);
+  for (int i = 0; i < rows->unknowns; ++i) x[i] = y[order[i]];
+  free(y);
 }

@@ -27,3 +27,7 @@ typedef struct {
 /* The order and the rows of a pattern, and the positions among the factors of its entries, in these rows and columns. */
 void fx_find_rows(Elimination *e, int entries, const int *row, const int *column, int *at);
 void fx_free_elimination(Elimination *e);
+/* Factors of a matrix, of which `at` has the positions of the entries among them; returns 0 if a pivot is zero, or without
+   memory. Then the solution x for the right side b, where unknown i has the position order[i] among the rows. */
+int fx_factorise(const SparseRows *rows, int entries, const int *at, const double *values);
+void fx_solve(const SparseRows *rows, const int *order, const double *b, double *x);

@@ -1,3 +1,0 @@
-/* For the steps in Python. */
-
-#include "point_forces.h"
