@@ -311,12 +311,12 @@ def numbers(value) -> np.ndarray:
 
 
 def fields_in(expression) -> list:
-    """dolfinx functions and constants in a UFL expression."""
+    """Functions and constants in a UFL expression, such as those of dolfinx."""
     return [*extract_coefficients(expression), *extract_constants(expression)]
 
 
 def refuse_fields(fields: Iterable, what: str, known: Iterable = ()) -> None:
-    """Refuse dolfinx functions and constants of the user in a UFL expression, unless `known`.
+    """Refuse functions and constants of the user in a UFL expression, unless `known`.
 
     They would be read once, before the run; later changes would be ignored.
     """

@@ -1,6 +1,6 @@
 """Steps held against their equations: balance at all nodes, with the joints' forces as multipliers.
 
-Of a step in C only its increments are read. Forces at nodes are those of the forms of dolfinx, the
+Of a step in C only its increments are read. Forces at nodes are those of the compiled forms, the
 forces of supports and joints are whatever fits them best, and joints stay closed. Nothing is shared
 with the package's elimination of what joints hold, nor any tangent.
 """

@@ -1,6 +1,6 @@
 """Arcs, splines and functions along which a beam may run, measured by arc length.
 
-A curved element is a polynomial of its degree, with equidistant nodes for dolfinx. It interpolates
+A curved element is a polynomial of its degree, with equidistant nodes. It interpolates
 the curve at the Gauss-Lobatto points in arc length: at the Gauss points its tangent is then more
 accurate, and lengths, chords and strain energy converge with order 2p, as on straight elements.
 For degree 3 with nodes on the curve at thirds of the length the order would be 4 instead of 6; for

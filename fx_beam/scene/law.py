@@ -41,7 +41,7 @@ class Law:
         Whether the energy is quadratic; the resultants at the mean strain are then the discrete
         gradient.
     data : tuple
-        dolfinx functions and constants in it: stiffnesses of the sections.
+        Its functions and constants: stiffnesses of the sections.
     ends : tuple of two Laws, optional
         With internal variables, the laws at the start and at the end of the step; the law itself is
         at the mean of their variables.

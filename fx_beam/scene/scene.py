@@ -838,8 +838,8 @@ class Scene:
             ``term(step)`` gives the virtual work of the force per reference length, a scalar UFL
             expression linear in ``step.virtual_u`` and ``step.virtual_psi``. `step` is an
             `fx_beam.Step`. The element's reduced Gauss rule integrates it. Numbers that change are
-            a `Parameter`; dolfinx functions and constants are refused, as they would be read only
-            once.
+            a `Parameter`; functions and constants of UFL or dolfinx are refused, as they would be
+            read only once.
         beam : Beam, optional
             Where it acts; on all beams by default.
 

@@ -1,24 +1,27 @@
-"""Functions and constants of dolfinx that users bring along are refused: they would be frozen."""
+"""Functions and constants of UFL that users bring along are refused: they would be frozen."""
 
 from dataclasses import replace
-
-from mpi4py import MPI
+from importlib.util import find_spec
 
 import ufl
 
-import dolfinx
 import pytest
 from jointed import MEMBER
 
 import fx_beam as fb
+from fx_beam.fem import elements
 
-LINE = dolfinx.mesh.create_interval(MPI.COMM_SELF, 1, (0.0, 1.0))
-# The name depends on the version of dolfinx.
-SPACE = getattr(dolfinx.fem, "functionspace", dolfinx.fem.FunctionSpace)(LINE, ("DG", 0))
-FIELDS = {
-    "Constant": dolfinx.fem.Constant(LINE, 2.0),
-    "Function": dolfinx.fem.Function(SPACE),
-}
+ON = elements.domain(1)
+FIELDS = {"Constant": ufl.Constant(ON), "Coefficient": elements.data(ON, 1)}
+if find_spec("dolfinx"):  # whose constant is a number as well
+    from mpi4py import MPI
+
+    import dolfinx
+
+    LINE = dolfinx.mesh.create_interval(MPI.COMM_SELF, 1, (0.0, 1.0))
+    # The name depends on the version of dolfinx.
+    SPACE = getattr(dolfinx.fem, "functionspace", dolfinx.fem.FunctionSpace)(LINE, ("DG", 0))
+    FIELDS |= {"Constant": dolfinx.fem.Constant(LINE, 2.0), "Function": dolfinx.fem.Function(SPACE)}
 every_field = pytest.mark.parametrize("kind", FIELDS)
 
 
