@@ -239,9 +239,10 @@ def measure(name, repeats):
         stats = getattr(compute(fb, scene), "stats", None)
         seconds = getattr(stats, "seconds", 0.0)
         around.append(1e3 * (perf_counter() - clock - seconds))
-        steps.append(1e6 * seconds / stats.steps if seconds else np.nan)
+        elements = max(1, sum(beam.elements for beam in scene.beams))
+        steps.append(1e9 * seconds / (stats.steps * elements) if seconds else np.nan)
     if repeats:
-        found |= {"around steps [ms]": median(around), "step [us]": median(steps)}
+        found |= {"around steps [ms]": median(around), "step [ns an element]": median(steps)}
     print(json.dumps(found))
 
 
@@ -337,7 +338,7 @@ DRAWN = {
     "memory [bytes a node]": 0.1,
     "empty cache [s]": 0.3,
     "around steps [ms]": 0.3,
-    "step [us]": 0.2,
+    "step [ns an element]": 0.2,
 }
 
 
@@ -370,11 +371,12 @@ def sentences(rows):
         f"With a single thing more there is at most {by('code [kB]')} of the code, and "
         f"{by('memory [bytes a node]')} of the memory a node.",
     ]
-    if "step [us]" in plain:
+    if "step [ns an element]" in plain:
         told.append(
-            f"A step takes {plain['step [us]']:.1f} us, and at most {by('step [us]')}; around its "
-            f"steps a call takes {plain['around steps [ms]']:.1f} ms, and the first one with an "
-            f"empty cache {plain['empty cache [s]']:.1f} s, at most {by('empty cache [s]')}."
+            f"A step takes {plain['step [ns an element]']:.0f} ns an element, and at most "
+            f"{by('step [ns an element]')}; around its steps a call takes "
+            f"{plain['around steps [ms]']:.1f} ms, and the first one with an empty cache "
+            f"{plain['empty cache [s]']:.1f} s, at most {by('empty cache [s]')}."
         )
     return told
 
