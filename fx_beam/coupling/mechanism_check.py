@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -151,8 +152,10 @@ def _rows(scene: Scene, mesh: Mesh, parts: _Parts):
         entries.append((len(pairs) + of_row, 3 * part + 2, np.full(len(part), sign)))
     i, j, values = map(np.concatenate, zip(*entries, strict=True))
     shape, free = (len(pairs) + len(turned), parts.free.size), parts.free.ravel()
-    rows = scipy.sparse.coo_matrix((values, (i, j)), shape)
-    return rows.toarray()[:, free] if free.sum() <= _FEW else rows.tocsr()[:, free]
+    if free.sum() > _FEW:
+        return scipy.sparse.coo_matrix((values, (i, j)), shape).tocsr()[:, free]
+    rows = np.bincount(i * shape[1] + j, values, math.prod(shape))
+    return rows.reshape(shape)[:, free]
 
 
 def _is_held(coordinate: Coordinate | None) -> bool:

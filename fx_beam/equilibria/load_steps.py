@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -273,7 +274,8 @@ class LoadStepper:
 
     def size(self, D: np.ndarray) -> float:
         """Root mean square of an increment (size,) over the nodes, in units of the scene."""
-        return float(np.sqrt(np.sum((D / self.model.unit) ** 2) / len(self.model.turns)))
+        scaled = D / self.model.unit
+        return math.sqrt(scaled @ scaled / len(self.model.turns))
 
     # -- Control of the load --------------------------------------------------------------------
 

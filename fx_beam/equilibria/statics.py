@@ -193,7 +193,8 @@ class LoadPath:
         end = replace(turning[-1], t=self.forcing.time, inputs=self._inputs)
         path = self._stability(states, lambda state: self._solution([state]))
         stability = Stability(path.unstable_modes, path.critical_points)
-        solution = solution_of(model, recorder, stats, lambda: end, stability=stability)
+        given = model, recorder, stats, lambda: end
+        solution = solution_of(*given, ended=True, stability=stability)
         model.needed_by(solution.resultants_of_beam)
         return solution
 

@@ -100,7 +100,7 @@ class BoundForm:
 
     def values_of_constants(self) -> np.ndarray:
         """Those of all constants, one after the other."""
-        return np.concatenate([np.empty(0), *map(np.ravel, self.constants.values())])
+        return np.concatenate([np.empty(0), *(array.ravel() for array in self.constants.values())])
 
     @property
     def field_starts(self) -> dict[Field, int]:
@@ -127,7 +127,8 @@ class BoundForm:
         constants, coordinates = self.values_of_constants()[None], self._mesh.coordinates
         packed = self.coefficients()
         for (tag, cells), function in zip(self.cells.items(), self._functions, strict=True):
-            given = packed[tag][None], constants, coordinates[cells]
+            places = coordinates if tag < 0 else coordinates[cells]
+            given = packed[tag][None], constants, places
             yield cells, tabulated(function, *given, self.size)[0]
 
     def tensors(self) -> np.ndarray:
@@ -223,9 +224,9 @@ def tabulated(function: int, w: np.ndarray, c: np.ndarray, x: np.ndarray, size: 
     """
     ffi, library = c_library.kept_library(*_LIBRARY)
     values = np.zeros((*w.shape[:2], size))
-    sizes = ffi.new("Sizes *", (w.shape[2], c.shape[1], x.shape[1], size))[0]
-    arrays = (np.ascontiguousarray(array) for array in (w, c, x, values))
-    given = (ffi.from_buffer("double[]", array) for array in arrays)
+    sizes = w.shape[2], c.shape[1], x.shape[1], size
+    arrays = map(np.ascontiguousarray, (w, c, x, values))
+    given = [ffi.from_buffer("double[]", array) for array in arrays]
     library.fx_tabulate(ffi.cast("Tabulate", function), sizes, *w.shape[:2], *given)
     return values
 

@@ -153,7 +153,9 @@ class Model:
         for name in (*(_OF_MASSES if heavier else ()), *(_OF_POSITIONS if elsewhere else ())):
             self.__dict__.pop(name, None)
         self._damp_friction()
-        if elsewhere or scene.drags or self.scheme.rates.at_rest:
+        # In statics without joints and forces between nodes places alone tell mechanisms.
+        by_places = self._weightless and not (scene.joints or scene.forces_between)
+        if elsewhere or scene.drags or (self.scheme.rates.at_rest and not by_places):
             self._check_mechanism()
 
     def _damp_friction(self) -> None:
