@@ -79,7 +79,7 @@ class PlainStep:
             past = state.q - (state.q if state.q_previous is None else state.q_previous)
             given = (x[model.mesh.dofs] for x in (self.D, state.v, state.a, past))
             rows = np.hstack([*given, np.full((len(model.mesh.dofs), 1), dt)])
-            return model.mesh.from_nodes(np.array([rules.functions[0](row)[:3] for row in rows]))
+            return np.concatenate([rules.functions[0](row)[:3] for row in rows])
         if rates.by_mean:
             return 2 / dt * (rates.work_increment(self.D, model.turns)[0] / dt - state.v)
         if rates.at_rest:

@@ -153,10 +153,10 @@ class PeriodicResponse(Response):
         require(fits, f"{_WHAT}: motion", self.motion, "that of the scene, or of the build, given")
         #: The motion; its parameter is its length here.
         self._period = cycle.period._replace(parameter=cycle.period.length)
-        solution, model = self._shooting.solution(self._period), self._shooting.model
+        solution = self._shooting.solution(self._period)
         self.stats, self._t = solution.stats, solution.t[1:]
         assert solution.end is not None  # of steps that are all taken
-        self._end = solution.end.renumbered(model.from_nodes)
+        self._end = solution.end.reshaped(-1)
         return self._t.copy(), self._read_all(solution)
 
     def _values_of(self, solution: Solution, of: Wanted, name: str) -> np.ndarray:
@@ -377,7 +377,7 @@ class PeriodicResponse(Response):
 
     def _rest_by_x(self) -> np.ndarray:
         """Derivatives (m,) of what the amplitude is measured from."""
-        cycle, model = self._cycle, self._shooting.model
+        cycle = self._cycle
         if cycle.state is None:
             return np.zeros(len(self._x))
         path = getattr(cycle.state, "_load_path", None)
@@ -387,7 +387,7 @@ class PeriodicResponse(Response):
                 "this by static(scene). Or give the energy"
             )
         at_rest = change_of_end(path, self._derivatives, _WHAT).of_nodes
-        return np.array([model.from_nodes(path.model.to_nodes(row))[cycle.held] for row in at_rest])
+        return at_rest[:, cycle.held]
 
     def _energy_by_x(self, changes: dict[str, np.ndarray]) -> np.ndarray:
         """Derivatives (m,) of the energy of the state at the start, which is held."""

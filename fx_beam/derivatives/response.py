@@ -239,8 +239,7 @@ class Response(Differentiable):
         if self.stats.setup_reason:
             self._other = None
         if series.tapes and series.prepared is not None and (end := solution.end) is not None:
-            model = series.prepared.model
-            self._end = end.renumbered(model.from_nodes)
+            self._end = end.reshaped(-1)
         return solution.t, self._read_all(solution)
 
     def _rows_of(self, scene: Scene) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:

@@ -142,7 +142,7 @@ class Settling:
             return
         moves = np.zeros(model.reduction.columns)
         moves[independent] = x
-        moved = abs(model.to_nodes(model.reduction.spread(moves) / model.unit))
+        moved = abs(model.reduction.spread(moves) / model.unit).reshape(-1, 3)
         node, component = np.unravel_index(moved.argmax(), moved.shape)
         x, y = model.mesh.X[node]
         where = f"{COMPONENTS[component]} of node {node} at ({x:g}, {y:g})"

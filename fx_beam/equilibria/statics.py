@@ -146,7 +146,7 @@ class LoadPath:
             )
         states.append(state)
         try:
-            new, ahead, distance = first_step(arc, state, self.model.from_nodes(start.shape))
+            new, ahead, distance = first_step(arc, state, start.shape.flatten())
         except StepFailed as failure:
             raise arc.error(state, failure) from failure
         self.stats.steps += 1

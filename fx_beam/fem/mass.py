@@ -103,7 +103,7 @@ class Mass:
     def _entries(self, of_cells: Any) -> Any:
         places, values = [], []
         if self._masses:
-            places, values = [self._diagonal], [self._mesh.from_nodes(self.lumped)]
+            places, values = [self._diagonal], [self.lumped]
         if of_cells is not None:
             places, values = [*places, self._places], [*values, of_cells.reshape(-1)]
         size = len(self._forms.stiffness.data)
@@ -113,7 +113,7 @@ class Mass:
 
     def _weights(self, of_cells: Any) -> Any:
         pull = np.append(stacked(self._scene.gravity), 0.0)
-        weight = self._mesh.from_nodes(self.lumped * pull)
+        weight = (self.lumped.reshape(-1, 3) * pull).reshape(-1)
         if of_cells is not None:
             rows, columns, _ = _unit_masses(self._degree)
             count = self._degree + 1
@@ -152,10 +152,10 @@ class Mass:
 
     @property
     def lumped(self) -> Any:
-        """Lumped masses and inertias (n_node, 3) by the components that they resist."""
+        """Lumped masses and inertias (size,) by the degrees of freedom that they resist."""
         given = stacked([(mass, mass, inertia) for _, mass, inertia in self._scene.masses])
         at = 3 * np.array([row.node for row in self._scene.masses], int)[:, None] + np.arange(3)
-        return np.bincount(at.ravel(), given.reshape(-1), self._mesh.dofs.size).reshape(-1, 3)
+        return np.bincount(at.ravel(), given.reshape(-1), self._mesh.dofs.size)
 
 
 @functools.cache

@@ -115,16 +115,6 @@ class Mesh:
         cells, width = len(self.elements), points * numbers
         return Space(np.arange(cells * width).reshape(cells, width), cells * width, points)
 
-    # -- Between nodes and vectors --------------------------------------------------------------
-
-    def to_nodes(self, vector: np.ndarray) -> np.ndarray:
-        """Values (n_node, 3) at the nodes of a vector (size,) over all degrees of freedom."""
-        return np.array(vector).reshape(-1, 3)
-
-    def from_nodes(self, values: Any) -> Any:
-        """Vector (size,) over all degrees of freedom of values (n_node, 3) at the nodes."""
-        return stacked(values).reshape(-1, *values.shape[2:])
-
     def at_points(self, values: np.ndarray) -> np.ndarray:
         """Values (k, cells, 2 m) of those (k, n_node, 2) at the `points` of cells."""
         return values[:, self.points].reshape(len(values), len(self.points), -1)

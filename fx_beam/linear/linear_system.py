@@ -178,12 +178,12 @@ class FirstOrder:
         """
         about, model = self._about, self._about.model
         free, state = len(about.unknowns), about.state
-        q, v = model.from_nodes(q), model.from_nodes(v)
+        q, v = q.reshape(-1), v.reshape(-1)
         if about.frame is not None:
             q, v = about.frame.seen(q, v, about.factor, t - state.t)
         D = q - state.q
         y = model.couplings.unknowns(D, slides - state.slides)[about.unknowns]
-        changes = driven_of(model, model.to_nodes(D), slides - state.slides)
+        changes = driven_of(model, D.reshape(-1, 3), slides - state.slides)
         z = np.concatenate([y, changes])
         known = about.T @ about.rates + about.dT @ z
         rates = about.rates_from @ (v - known)

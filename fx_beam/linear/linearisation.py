@@ -173,7 +173,7 @@ def _last(model: Model, start: State, state: Solution, what: str) -> tuple[float
             inside[name] = values
     if model.natural:
         inside["natural"] = factor * model.natural.at(t)
-    q, slides = model.from_nodes(state.q[-1]), np.nan_to_num(state.slides[-1])
+    q, slides = state.q[-1].flatten(), np.nan_to_num(state.slides[-1])
     return factor, replace(replace(start, **inside), t=t, q=q, slides=slides)
 
 
@@ -205,7 +205,7 @@ def _check_balance(about: Linearisation, what: str) -> None:
     if left.max() <= _BALANCED * about.largest + rounding:
         return
     worst = int(left.argmax())
-    moved = model.to_nodes(abs(about.T[:, [worst]].toarray()[:, 0]) / model.unit)
+    moved = (abs(about.T[:, [worst]].toarray()[:, 0]) / model.unit).reshape(-1, 3)
     if moved[:, 2].any():  # a rotation, which may move other nodes
         moved[:, :2] = 0.0
     node, component = np.unravel_index(moved.argmax(), moved.shape)
@@ -223,7 +223,7 @@ def _check_rest(about: Linearisation, state: Solution, what: str) -> None:
     if rates is None or not rates.any():
         return
     model, T = about.model, about.T
-    v = model.from_nodes(rates)
+    v = rates.ravel()
     weighted = T.T @ scipy.sparse.diags(model.unit**-2)
     w = scipy.sparse.linalg.spsolve((weighted @ T).tocsc(), weighted @ v)
     # The amplitude of a vibration that passes with these rates, in units of the scene.

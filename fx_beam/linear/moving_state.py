@@ -152,11 +152,11 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
 
 def _warn_of_turn(model: Model, state: State, T: np.ndarray, dT: np.ndarray, what: str) -> None:
     """Warn where the scene turns as a whole, but z is measured in space."""
-    v = model.to_nodes(state.v)
+    v = state.v.reshape(-1, 3)
     spin = float(np.median(v[:, 2]))
     if not spin:
         return
-    x = (model.mesh.X + model.to_nodes(state.q)[:, :2]) @ [1, 1j]
+    x = (model.mesh.X + state.q.reshape(-1, 3)[:, :2]) @ [1, 1j]
     rates = v @ [1, 1j, 0]
     pivot = np.mean(x + 1j * rates / spin)
     frame = TurningFrame(model, spin, (pivot.real, pivot.imag))
@@ -174,7 +174,7 @@ def _warn_of_turn(model: Model, state: State, T: np.ndarray, dT: np.ndarray, wha
 def _with_fitted_rates(model: Model, state: State, at: Solution) -> State:
     """The state with rates that fit the joints: those of the last row, if they were recorded."""
     if at.has_rates and at.t[-1] == state.t:
-        state = replace(state, v=model.from_nodes(at.v[-1]))
+        state = replace(state, v=at.v[-1].flatten())
     if model.fitted_rates is None:
         return state
     given = np.full((1, model.reduction.driven), np.nan)

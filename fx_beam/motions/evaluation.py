@@ -77,7 +77,7 @@ def solution_of(
             constraints=constraints_of(scene) if constraints is None else constraints,
             owners=model.points.owners,
         )
-        return state.renumbered(model.to_nodes)
+        return state.reshaped(-1, 3)
 
     return Solution(
         histories,
@@ -183,7 +183,7 @@ def at_times(
     x = (times - t[before]) / np.where(row > before, t[row] - t[before], 1.0)
     histories = dict(steps)
     points = 4 if len(model.scheme.fractions) == 1 else 6
-    unit = model.to_nodes(model.unit)
+    unit = model.unit.reshape(-1, 3)
     q, v = _polynomials(t, steps["q"], steps["v"], unit, times, row, breaks, points)
     histories |= {"t": times, "q": q, "v": v if len(steps["v"]) else steps["v"]}
 

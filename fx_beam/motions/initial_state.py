@@ -253,7 +253,7 @@ def reference_state(model: Model) -> State:
 def check_joints(model: Model, state: State) -> None:
     """Refuse a state that violates a joint."""
     moved = {(j.number, name): m for (j, name), m in zip(model.motors, state.motors, strict=True)}
-    at = model.motion(q=model.to_nodes(state.q)[None])
+    at = model.motion(q=state.q[None])
     for joint in model.scene.joints:
         number, slide = joint.number, state.slides[joint.number : joint.number + 1]
         gap = float(joint.kinematics.gap(at, slide)[0])
@@ -301,7 +301,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
     if not scene.prescribed and all_of(compatible == v):
         return w
     unit = [1.0, 1.0, 1 / model.mesh.size]
-    gap = model.to_nodes(abs(compatible - v)) / unit
+    gap = abs(compatible - v).reshape(-1, 3) / unit
     # Prescribed motion overrides an initial velocity at its own degree of freedom.
     for key in scene.prescribed:
         gap[key] = 0.0
@@ -309,7 +309,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
     v[model.prescribed] = compatible[model.prescribed]
     # Rates of driven motion are finite differences, hence the second tolerance.
     driven_v = model.reduction.spread(_driven_rates(model, driven))
-    speed, moved = (abs(model.to_nodes(rates) / unit).max() for rates in (v, driven_v))
+    speed, moved = (abs(rates.reshape(-1, 3) / unit).max() for rates in (v, driven_v))
     tolerance = 1e-9 * speed + 1e-5 * moved
     if gap.max() > tolerance:
         _check_joints(model, state, v, driven, tolerance)
@@ -328,7 +328,7 @@ def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarr
     """Rates (columns,) of rates v (size,) that fit the joints, with those of driven motion."""
     v, slides = v.copy(), np.zeros(len(state.slides))
     v[model.prescribed] = driven[: len(model.prescribed)]
-    at = model.motion(q=model.to_nodes(state.q)[None], v=model.to_nodes(v)[None])
+    at = model.motion(q=state.q[None], v=v[None])
     for joint in model.scene.joints:
         if joint.axis is not None or joint.slide is not None:
             number = [joint.number]
@@ -360,7 +360,7 @@ def given_velocity(model: Model) -> Any:
         known[nodes], given = True, v.values[nodes]
         if any_of(twice) or not all_of(np.isfinite(given)):
             _check_velocities(model, mesh.X[nodes], given, before, twice)
-    return mesh.from_nodes(v if v.slopes.any() else v.values)
+    return (v if v.slopes.any() else v.values).reshape(-1)
 
 
 def rates_with_slopes(
@@ -409,7 +409,7 @@ def _check_velocities(
 def _check_prescribed(
     model: Model, key: tuple[int, int], v: np.ndarray, compatible: np.ndarray
 ) -> None:
-    given, moved = model.to_nodes(v)[key], model.to_nodes(compatible)[key]
+    given, moved = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
     if given != 0 and abs(given - moved) > 1e-3 * max(abs(given), abs(moved)):
         node, component = key
         raise SceneError(
@@ -424,7 +424,7 @@ def _check_joints(
 ) -> None:
     """Refuse velocities that violate a joint; the message names the worst joint."""
     scene = model.scene
-    at = model.motion(q=model.to_nodes(state.q)[None], v=model.to_nodes(v)[None])
+    at = model.motion(q=state.q[None], v=v[None])
     rates = driven[len(model.prescribed) :]
     motors = {(j.number, name): r for (j, name), r in zip(model.motors, rates, strict=True)}
     worst, text = tolerance, ""
@@ -456,7 +456,7 @@ def _check_joints(
 
 def _message(model: Model, node: int, component: int, v: np.ndarray, compatible: np.ndarray) -> str:
     scene = model.scene
-    given, needed = model.to_nodes(v)[node, component], model.to_nodes(compatible)[node, component]
+    given, needed = (rates.reshape(-1, 3)[node, component] for rates in (v, compatible))
     x, y = model.mesh.X[node]
     where = f"node {node} at ({x:g}, {y:g})"
     if (node, component) in scene.fixed:

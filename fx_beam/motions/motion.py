@@ -47,13 +47,11 @@ class Snapshot:
     t : float
         Its time [s].
     state : State
-        The state, in the numbering of the model, for internal use.
+        The state, for internal use.
     step : (float, int)
         Time at the start of the count of steps [s], and their number.
     turns : (size,) float
         Full turns that are counted separately [rad].
-    dofs : (n_node, 3) int
-        The numbering of the model.
 
     Examples
     --------
@@ -68,7 +66,6 @@ class Snapshot:
     state: State
     step: tuple[float, int]
     turns: np.ndarray
-    dofs: np.ndarray
 
     def check(self, model: Model, inputs: int) -> None:
         """Refuse the snapshot for another model.
@@ -87,9 +84,8 @@ class Snapshot:
         """
         state = self.state
         given = 0 if state.inputs is None else len(state.inputs)
-        theirs = len(state.slides), len(state.motors), given
-        ours = model.scene.joint_count, len(model.motors), inputs
-        if not np.array_equal(self.dofs, model.mesh.dofs) or ours != theirs:
+        theirs = len(state.q), len(state.slides), len(state.motors), given
+        if theirs != (model.size, model.scene.joint_count, len(model.motors), inputs):
             raise SceneError(
                 "Motion.restore: the snapshot is of another scene. Its nodes, joints, motors and "
                 "inputs must be the same"
@@ -252,9 +248,9 @@ class OpenMotion:
         """The present state, to return to."""
         self.settle()
         state = replace(self.shown.state(), inputs=self.held.all)
-        turns, dofs = self._prepared.turn_counter.removed.copy(), self._prepared.model.mesh.dofs
+        turns = self._prepared.turn_counter.removed.copy()
         step = self.grid.origin, self.grid.first + self.number
-        return Snapshot(self.t, state, step, turns, dofs)
+        return Snapshot(self.t, state, step, turns)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a snapshot of the same scene."""
@@ -487,13 +483,13 @@ class Motion:
     def q(self) -> np.ndarray:
         """Present displacements and rotations of the nodes, (n_node, 3) [m, rad]."""
         turns = self._prepared.turn_counter.removed
-        return self._prepared.model.to_nodes(self._settled.present.q + turns)
+        return (self._settled.present.q + turns).reshape(-1, 3)
 
     @property
     @one_thread
     def v(self) -> np.ndarray:
         """Their rates, (n_node, 3) [m/s, rad/s]."""
-        return self._prepared.model.to_nodes(self._settled.shown.value("v"))
+        return np.array(self._settled.shown.value("v")).reshape(-1, 3)
 
     @property
     @one_thread

@@ -176,7 +176,7 @@ def _same(model: Model, start: Solution) -> State:
         raise SceneError(
             "start: the solution has other internal variables than the springs of the scene"
         )
-    state = end.renumbered(model.from_nodes)
+    state = end.reshaped(-1)
     of_scene = model.forms.parameters
     known = of_scene.at(before(state.t)) if len(of_scene) else None
     state = replace(state, parameters=known, fitted=None)
@@ -209,7 +209,7 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
                 constraints[first + i] = start.motor_forces[-1, joint.number]
             state = replace(state, constraint_forces=constraints)
         if model.fitted_rates is not None and len(start.a):
-            state = replace(state, a=model.from_nodes(start.a[-1]))
+            state = replace(state, a=start.a[-1].flatten())
     return state
 
 

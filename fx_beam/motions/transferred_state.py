@@ -62,17 +62,17 @@ def transferred_state(model: Model, start: Solution) -> State:
     for name, values in (("q", end.q), ("v", end.v), ("fitted", rates)):
         mine = np.zeros((len(mesh.X), 3))
         mine[known] = values[rows[known]]
-        nodal[name] = model.from_nodes(mine)
+        nodal[name] = mine.ravel()
     if start.stats.static:  # the motion begins with the initial velocities of the scene
         nodal.pop("fitted")
     elif not known.all():
-        fresh = model.from_nodes(np.repeat(~known[:, None], 3, axis=1).astype(float))
+        fresh = np.repeat(~known, 3)
         given = fresh * plain(given_velocity(model))
         nodal["v"] += given
         nodal["fitted"] += given
     _check_new_beams(model, start, nodal["q"])
     theirs = _joints_before(model, start, rows)
-    at = model.motion(q=model.to_nodes(nodal["q"])[None])
+    at = model.motion(q=nodal["q"][None])
     slides = new.slides
     for joint in model.scene.joints:
         old, slide = theirs.get(joint.number), slides[joint.number : joint.number + 1]
@@ -128,7 +128,7 @@ def _rows_of_nodes(model: Model, start: Solution) -> np.ndarray:
 
 def _check_new_beams(model: Model, start: Solution, q: np.ndarray) -> None:
     """Refuse new beams at nodes that have moved: their other nodes are in the reference shape."""
-    moved = model.to_nodes(q)
+    moved = q.reshape(-1, 3)
     for beam, nodes in zip(model.scene.beams, model.mesh.nodes, strict=True):
         if beam.name in start.nodes_of_beam:
             continue

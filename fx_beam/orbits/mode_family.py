@@ -81,7 +81,7 @@ def mode_start(shooting: Shooting, scene: Scene, state: Solution | None, mode: i
         raise SceneError(
             f"{what}: mode {mode} does not vibrate: fx_beam.modes(scene) shows which do"
         )
-    shape = about.model.to_nodes(about.T @ vectors[:, mode])
+    moved = about.T @ vectors[:, mode]
     slides = np.zeros(about.model.scene.joint_count)
     for joint in about.model.scene.joints:
         if joint.slide is not None:
@@ -91,7 +91,6 @@ def mode_start(shooting: Shooting, scene: Scene, state: Solution | None, mode: i
     period = 2 * np.pi / float(omega[mode])
     rest = shooting.first_state(state, period / shooting.steps)
     rest = rest.changed(v=0 * rest.v, a=0 * rest.a)
-    moved = model.from_nodes(shape)
     sizes = abs(moved / model.unit)
     sizes[model.turns] *= _MOVES  # rotations count if nothing else moves
     most = first_of_largest(sizes)

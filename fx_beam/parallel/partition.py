@@ -170,10 +170,8 @@ class _Cut:
         couplings = self._model.couplings
         owner, block = (np.zeros(couplings.free, dtype=int) for _ in range(2))
         column, dof, of_slide, joint = couplings.free_columns
-        node = np.empty(self._model.size, dtype=int)
-        node[self._model.mesh.dofs] = np.arange(len(self._model.mesh.X))[:, None]
         of_row = np.concatenate([self.of_node, np.repeat(self.of_element, self._inner)])
-        block[column] = node[dof]
+        block[column] = dof // 3
         owner[column] = of_row[block[column]]
         by_number = {joint.number: joint for joint in self._scene.joints}
         owner[of_slide] = [self.of_node[by_number[number].b.number] for number in joint]

@@ -6,7 +6,7 @@ import math
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -196,7 +196,7 @@ class DistributedEquations:
         self._crew = team.make(Part, [(share, *how) for share in self._shares])
         for share in self._shares:
             share.runs.clear()  # the parts have them
-        self._place(self._crew("frame"))
+        self._place(self._crew("unknowns"))
         kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
         negligible = NEGLIGIBLE * options.tolerance * min(model.mesh.size, 1.0)
         self._crew("connect", [(division.counts, kind, negligible)] * team.size)
@@ -206,18 +206,15 @@ class DistributedEquations:
         """Elements of each process, and what makes objects on all."""
         return [share.elements for share in self._shares], self._team.make
 
-    def _place(self, frames: list[Frame]) -> None:
+    def _place(self, unknowns: list[np.ndarray]) -> None:
         """Find what of the whole the entries of the parts' vectors are."""
         column = np.empty(self._ends[-1], dtype=int)
         column[self._numbers] = np.arange(len(self._numbers))
         #: Degrees of freedom and unknowns of each part.
-        self._dofs: list[np.ndarray] = []
-        self._columns = [column[frame.unknowns] for frame in frames]
+        self._dofs = [self.model.mesh.dofs[share.rows].ravel() for share in self._shares]
+        self._columns = [column[numbers] for numbers in unknowns]
         #: Whether forces at a degree of freedom are its own.
-        self._owned: list[np.ndarray] = []
-        for share, frame in zip(self._shares, frames, strict=True):
-            self._dofs.append(_in_order(frame, self.model.mesh.dofs[share.rows]))
-            self._owned.append(_in_order(frame, np.repeat(share.owned[:, None], 3, axis=1)))
+        self._owned = [np.repeat(share.owned, 3) for share in self._shares]
 
     # -- A step -----------------------------------------------------------------------------------
 
@@ -342,22 +339,6 @@ class DistributedEquations:
         return x, first.error
 
 
-def _in_order(frame: Frame, values: np.ndarray) -> np.ndarray:
-    """Vector of a part from values (n, 3) at its rows."""
-    vector = np.empty(values.size, dtype=values.dtype)
-    vector[frame.dofs] = values
-    return vector
-
-
-class Frame(NamedTuple):
-    """How vectors of a part are numbered, for the process that has the whole."""
-
-    #: Degrees of freedom (n, 3) of the rows of its share.
-    dofs: np.ndarray
-    #: Number in the linear system of each of its unknowns.
-    unknowns: np.ndarray
-
-
 class Part:
     """A share of the scene as a model, with its equations."""
 
@@ -372,9 +353,9 @@ class Part:
         self._parameters = [share.parameters.index(name) for name in model.forms.parameters.names]
         self._system: LinearSystem | None = None
 
-    def frame(self) -> Frame:
-        """How its vectors are numbered."""
-        return Frame(self._model.mesh.dofs, self._unknowns)
+    def unknowns(self) -> np.ndarray:
+        """Number in the whole linear system of each of its unknowns."""
+        return self._unknowns
 
     def connect(self, counts: np.ndarray, kind: str, negligible: float) -> None:
         """Begin the linear system, of so many unknowns of each process; all processes at once.
@@ -433,10 +414,8 @@ class Part:
 def _numbers_of_unknowns(share: Share, model: Model) -> np.ndarray:
     """Number in the whole linear system of each unknown of the part."""
     column, dof, of_slide, joint = model.couplings.free_columns
-    of_dof = np.empty(model.size, dtype=int)
-    of_dof[model.mesh.dofs] = share.unknowns
     numbers = np.full(model.reduction.free, -1)
-    numbers[column] = of_dof[dof]
+    numbers[column] = share.unknowns.ravel()[dof]
     numbers[of_slide] = share.slides[joint]
     assert (numbers >= 0).all(), "a part has other unknowns than the whole"
     return numbers

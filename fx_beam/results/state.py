@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-
-_Renumbering = Callable[[np.ndarray], np.ndarray]
 
 
 def _kept(*shape: str | int, **options: Any) -> Any:
@@ -141,18 +139,13 @@ class State:
         new.__dict__.update(self.__dict__, **values)
         return new
 
-    def renumbered(self, change: _Renumbering) -> State:
-        """The state with other arrays in the place of those of degrees of freedom."""
-        new: dict[str, Any] = {}
+    def reshaped(self, *shape: int) -> State:
+        """The state with copies of arrays of degrees of freedom of a shape: (-1, 3) or (-1,)."""
         past = self.past
-        if past is not None and len(past.differences):
-            past = replace(past, differences=np.array([change(D) for D in past.differences]))
-        for name, quantity in ARRAYS.items():
-            value = getattr(self, name)
-            if value is not None and str(quantity.shape[0]).endswith("dofs"):
-                new[name] = change(value)
-        if self.fitted is not None:
-            new["fitted"] = change(self.fitted)
+        if past is not None and len(D := past.differences):
+            past = replace(past, differences=np.array(D).reshape(len(D), *shape))
+        new = {name: getattr(self, name) for name in (*OF_NODES, "fitted")}
+        new = {name: of.copy().reshape(shape) for name, of in new.items() if of is not None}
         return self.changed(**new, past=past)
 
     def memory(self, length: float) -> float:
@@ -164,6 +157,8 @@ class State:
 ARRAYS: dict[str, Quantity] = {
     part.name: part.metadata["quantity"] for part in fields(State) if "quantity" in part.metadata
 }
+#: Those that have an entry for each degree of freedom.
+OF_NODES = [name for name, of in ARRAYS.items() if str(of.shape[0]).endswith("dofs")]
 NUMBERS = "t", *(part.name for part in fields(State) if "number" in part.metadata)
 FORCES = tuple(name for name, quantity in ARRAYS.items() if quantity.mean)
 #: What a record has of the state at the end of a step, and of its sums.

@@ -195,8 +195,8 @@ class Modes:
 
 def modes_of(model: Any, q, vectors, omega, rigid, ratios, roots) -> Modes:
     """Modes about a configuration q (size,), from motions (size, n) of its nodes."""
-    shapes = np.array([model.to_nodes(vector) for vector in vectors.T])
-    positions = model.mesh.X + model.to_nodes(q)[:, :2]
+    shapes = np.array([vector.reshape(-1, 3) for vector in vectors.T])
+    positions = model.mesh.X + q.reshape(-1, 3)[:, :2]
     beams = {beam.name: beam for beam in model.scene.beams}
     nodes = dict(zip(beams, model.mesh.nodes, strict=True))
     degree = model.scene.beams[0].degree if beams else 1

@@ -220,7 +220,7 @@ class Model:
         """Rates (joints,) of the slides on which forces act; zero for others."""
         rates = np.zeros(len(state.slides))
         if len(self.points.slides):
-            motion = self.motion(q=self.to_nodes(state.q)[None], v=self.to_nodes(state.v)[None])
+            motion = self.motion(q=state.q[None], v=state.v[None])
             joints = joints_by_number(self.scene)
             for number in set(self.points.slides.tolist()):
                 kinematics = joints[number].kinematics
@@ -473,26 +473,17 @@ class Model:
         if self.scheme.rates.of_user:  # they may couple the components at a node
             return np.ones_like(used)
         row = np.repeat(np.arange(self.size), np.diff(K.indptr))
-        used |= (row == K.indices) & (self.mesh.from_nodes(self._mass.lumped)[row] != 0)
+        used |= (row == K.indices) & (self._mass.lumped[row] != 0)
         value_at = forms.points.value_at
         used[value_at[value_at >= 0]] = True
         return used
 
-    # -- Numbering ------------------------------------------------------------------------------
-
-    def to_nodes(self, vector: np.ndarray) -> np.ndarray:
-        """Nodal values (n_node, 3) of a vector (size,)."""
-        return self.mesh.to_nodes(vector)
-
-    def from_nodes(self, values: np.ndarray) -> np.ndarray:
-        """Vector (size,) of nodal values (n_node, 3)."""
-        return self.mesh.from_nodes(values)
-
     def motion(self, **histories: np.ndarray) -> NodalMotion:
-        """How joints read the motion: histories (n, n_node, 3) "q" and "v" of the nodes."""
+        """How joints read the motion: histories (n, size) "q" and "v"."""
+        at_nodes = {name: rows.reshape(len(rows), -1, 3) for name, rows in histories.items()}
         return NodalMotion(
-            lambda name, node: histories[name][:, node.number].T,
-            lambda name, beam: histories[name][:, self.mesh.nodes_of(self.scene, beam)],
+            lambda name, node: at_nodes[name][:, node.number].T,
+            lambda name, beam: at_nodes[name][:, self.mesh.nodes_of(self.scene, beam)],
         )
 
 

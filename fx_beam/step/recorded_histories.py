@@ -114,17 +114,14 @@ class RecordedHistories(Mapping):
             return self._by_supports[name == "motor_forces"]
         model, quantity = self._model, ROWS[name]
         at_nodes = quantity.shape == ("dofs",)
-        lengths = model.mesh.dofs.shape if at_nodes else quantity.lengths(model.sizes)
+        lengths = (len(model.mesh.X), 3) if at_nodes else quantity.lengths(model.sizes)
         rows = self._recorded(name)
-        if rows is None:
-            values = np.empty((0, *lengths))
-        elif at_nodes:
-            values = rows[:, model.mesh.dofs]
-        else:
-            values = rows.reshape(len(rows), *lengths)
+        values = np.empty((0, *lengths)) if rows is None else rows.reshape(len(rows), *lengths)
+        if at_nodes:
+            values = values.copy()
         if name == "q" and self._turns and len(values):
             for first, stop in itertools.pairwise([*self._turns, len(values)]):
-                values[first:stop] += self._turns[first][model.mesh.dofs]
+                values[first:stop] += self._turns[first].reshape(lengths)
         if name == "slides" and model.removed_joints:
             values = values.copy()
             values[:, model.removed_joints] = np.nan
@@ -237,7 +234,8 @@ def driven_ways(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
 
 def sums_of(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Sums (n, 3) of nodal momenta p (n, size): in x and y, and about the origin."""
-    x, p = model.mesh.X + q[:, model.mesh.dofs[:, :2]], p[:, model.mesh.dofs]
+    q, p = (rows.reshape(len(p), -1, 3) for rows in (q, p))
+    x = model.mesh.X + q[..., :2]
     turning = x[..., 0] * p[..., 1] - x[..., 1] * p[..., 0] + p[..., 2]
     sums = np.empty((len(p), 3))
     sums[:, :2], sums[:, 2] = p[..., :2].sum(axis=1), turning.sum(axis=1)

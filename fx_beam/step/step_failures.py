@@ -117,7 +117,7 @@ class StepFailures:
     ) -> StepError:
         """StepError for a step that failed after some cuts: what, why, the worst node, advice."""
         model = self.model
-        D = model.to_nodes(abs(failed.D / model.unit))
+        D = abs(failed.D / model.unit).reshape(-1, 3)
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
         x, y = model.mesh.X[node]
         history = ", ".join(f"{r:.1e}" for r in failed.residuals[-8:])

@@ -49,17 +49,15 @@ class TurningFrame:
     @functools.cached_property
     def quarter_turn(self) -> scipy.sparse.csr_matrix:
         """S (size, size): displacements turned by a quarter, no rotations."""
-        x, y, _ = self._model.mesh.dofs.T
-        one, size = np.ones(len(x)), self._model.size
-        at = np.concatenate([x, y]), np.concatenate([y, x])
-        return scipy.sparse.csr_matrix((np.concatenate([-one, one]), at), (size, size))
+        of_node = scipy.sparse.csr_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        return scipy.sparse.kron(scipy.sparse.eye(len(self._model.mesh.X)), of_node, "csr")
 
     def arms(self, q: np.ndarray) -> np.ndarray:
         """Places (size,) seen from the pivot; zero for rotations."""
-        values = self._model.to_nodes(q).copy()
-        values[:, :2] += self._model.mesh.X - self.pivot
-        values[:, 2] = 0.0
-        return self._model.from_nodes(values)
+        arms = q.copy().reshape(-1, 3)
+        arms[:, :2] += self._model.mesh.X - self.pivot
+        arms[:, 2] = 0.0
+        return arms.ravel()
 
     def force(self, q: np.ndarray) -> np.ndarray:
         """Centrifugal force (size,) at the full spin."""
