@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.fem.mesh import Mesh
+from fx_beam.fem.mesh import Mesh, rotation_of
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
@@ -199,9 +199,9 @@ class Couplings:
         slides[..., numbers] = y[..., columns]
         return slides
 
-    def entries_of_carrier(self, joint: Joint, dofs: np.ndarray) -> list[Entry]:
+    def entries_of_carrier(self, joint: Joint) -> list[Entry]:
         """Entries of the rotation of a joint's offset and axis; none on the ground."""
-        return self.entries(dofs[joint.a.number, 2]) if joint.a is not GROUND else []
+        return self.entries(rotation_of(joint.a)) if joint.a is not GROUND else []
 
 
 def couple(scene: Scene, mesh: Mesh) -> Couplings:
@@ -212,14 +212,13 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     moving += [joint for joint in closing[0] if not joint.is_index]
     # Auxiliaries depend on no columns of nodes that slide.
     whole = {joint.b.number for joint in sliding_joints(scene.joints)}
-    sums = _Sums(mesh, columns, forests, moving, whole)
-    column = np.empty(mesh.dofs.size, dtype=int)
-    column[mesh.dofs] = columns.of_roots
+    sums = _Sums(columns, forests, moving, whole)
+    column = columns.of_roots.flatten()
     of_sums, arms = {}, {}
     for key, (entries, through) in sums.of.items():
         if key[0] < 0:
             continue
-        dof = int(mesh.dofs[key])
+        dof = 3 * key[0] + key[1]
         if len(entries) == 1 and entries[0][1:] == (0, 1.0):
             column[dof] = entries[0][0]
         else:
@@ -273,13 +272,12 @@ class _Sums:
 
     def __init__(
         self,
-        mesh: Mesh,
         columns: _Columns,
         forests: list[list[Branch]],
         moving: list[Joint],
         whole: set[int],
     ):
-        self._dofs, self._columns = mesh.dofs, columns
+        self._columns = columns
         self._number = {joint.number: m for m, joint in enumerate(moving)}
         ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
         #: Entries and arms of the nodes that follow through a joint, by node and component.
@@ -319,7 +317,7 @@ class _Sums:
         self, key: tuple[int, int], entries: list[Entry], arms: list[int], in_long_tree: bool
     ) -> None:
         if in_long_tree and len(entries) > _REACH:
-            self.auxiliaries.append(Auxiliary(int(self._dofs[key]), entries, arms))
+            self.auxiliaries.append(Auxiliary(3 * key[0] + key[1], entries, arms))
             entries, arms = [(self._columns.count + len(self.auxiliaries) - 1, 0, 1.0)], []
         self.of[key] = entries, arms
 

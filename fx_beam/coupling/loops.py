@@ -59,11 +59,10 @@ class Loops:
         self,
         couplings: Couplings,
         auxiliaries: Auxiliaries,
-        dofs: np.ndarray,
         unit: np.ndarray,
         slides: list[Slide],
     ):
-        self.unit, self._couplings, self._dofs = unit, couplings, dofs
+        self.unit, self._couplings = unit, couplings
         self._entries = Entries.of((k, one.entries) for k, one in enumerate(couplings.closures))
         dependence, values = _dependence(couplings, auxiliaries, slides)
         count = len(auxiliaries)
@@ -130,7 +129,7 @@ class Loops:
         for k, one in enumerate(self.closures):
             for side, node in enumerate((one.joint.b, one.joint.a)):
                 if node.number >= 0:
-                    ends[side, k] = self._dofs[node.number, one.component]
+                    ends[side, k] = 3 * node.number + one.component
             if one.component < 2 and one.joint.number in number:
                 arms[k] = 2 * number[one.joint.number] + one.component
         column, dof, _, _ = couplings.free_columns

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_by_content
+from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.point_forces import PointForces
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.joints import Joint
@@ -60,7 +61,6 @@ class Reduction:
         auxiliaries: Auxiliaries,
         points: PointForces,
         rates: UpdateRule,
-        dofs: np.ndarray,
         matrix,
         used: np.ndarray,
         sliders: Sliders | None = None,
@@ -73,7 +73,7 @@ class Reduction:
         #: Number of forces that close loops, which are unknowns of the loop in C behind the others.
         self.forces = 0 if loops is None else len(loops)
         self.auxiliaries = auxiliaries
-        self._rates, self._points, self._dofs = rates, points, dofs
+        self._rates, self._points = rates, points
         self._size, self._full = matrix.shape[0], (matrix, used)
         self._entries = couplings.all_entries
         moving = couplings.moving
@@ -104,7 +104,7 @@ class Reduction:
         row_of, unknown_of = couplings.system
         geometric = []
         for m, joint in enumerate(couplings.moving):
-            turn = [e for e in couplings.entries_of_carrier(joint, self._dofs)]
+            turn = couplings.entries_of_carrier(joint)
             turn = [e for e in turn if unknown_of[e[0]] >= 0]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
             of_kinds = (turn, turn), (turn, slide), (slide, turn), (slide, slide)
@@ -178,7 +178,7 @@ class Reduction:
         couplings, moving = self.couplings, self.couplings.moving
         equal = (self._entries.value_at == 0) & (self._entries.sign == 1)
         entries = self._entries.at(np.argsort(~equal, kind="stable"))
-        carrier = [self._dofs[j.a.number, 2] if j.a.number >= 0 else -1 for j in moving]
+        carrier = [rotation_of(joint.a) for joint in moving]
         # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
         pairs = [(dof, arm) for dof, arms in couplings.arms.items() for arm in arms]
         below, through = np.array(pairs, dtype=int).reshape(-1, 2).T

@@ -157,11 +157,11 @@ class StateChange:
 
     def __init__(self, of: StaticDerivatives, changes: dict[str, np.ndarray]):
         self._path, self._state, self._changes = of.path, of.states[-1], changes
-        #: Those of the configuration (m, size), in the numbering of the path.
+        #: Those of the configuration (m, size).
         self.of_nodes = changes["q"]
 
     def at(self, model: Model, by: Any) -> State:
-        """The equilibrium with a change of the numbers (m,), in the numbering of a model.
+        """The equilibrium with a change of the numbers (m,), for a model.
 
         It has slopes if the change has.
         """

@@ -150,9 +150,7 @@ class MemberContacts:
 
     def _positions(self) -> np.ndarray:
         """Positions (size,) of all degrees of freedom in the reference configuration."""
-        positions = np.zeros(self._mesh.dofs.size)
-        positions[self._mesh.dofs[:, :2]] = self._mesh.X
-        return positions
+        return np.pad(self._mesh.X, ((0, 0), (0, 1))).ravel()
 
     def _row(self, i: int) -> dict[str, Any]:
         one, law, numbers, mesh = self._pairs[i], self.laws[i], self._numbers[i], self._mesh
@@ -247,7 +245,7 @@ class MemberContacts:
         arrays = (self._of(x) for x in (of_q, to["internal"], to["members"]))
         self._c.fx_energy_by_members(self._all, self._of(q), self._of(internal), functions, *arrays)
         to["q"] += of_q
-        return of_q[self._mesh.dofs[:, :2]]
+        return of_q.reshape(-1, 3)[:, :2]
 
     def follow(self) -> None:
         """Hand over what derivatives need besides; compiled once."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.dual import DualFloat, have_slopes, plain, stacked
 from fx_beam.errors import SceneError, all_of
-from fx_beam.scene.beam import Beam, inner_positions
+from fx_beam.scene.beam import Beam, Node, inner_positions
 from fx_beam.scene.scene import Scene
 
 from .assembly import Space
@@ -130,6 +130,11 @@ def _rows(of_nodes: np.ndarray) -> np.ndarray:
     """Values (cells, m k) of those (cells, m, k) at nodes."""
     cells, nodes, values = of_nodes.shape
     return of_nodes.reshape(cells, nodes * values)
+
+
+def rotation_of(node: Node) -> int:
+    """Degree of freedom of a node's rotation; -1 for the ground."""
+    return 3 * node.number + 2
 
 
 def build_mesh(scene: Scene) -> Mesh:

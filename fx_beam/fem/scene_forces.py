@@ -23,10 +23,9 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.coordinate import Coordinate, Coulomb, SmoothFriction, Stop, bristle
 from fx_beam.scene.forces_between import ForceBetween
-from fx_beam.scene.joints import Joint
 from fx_beam.scene.scene import Scene
 
-from .mesh import Mesh
+from .mesh import Mesh, rotation_of
 from .point_forces import Load, PointForce, Role
 
 
@@ -37,7 +36,7 @@ def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointFo
     """
     shapes = [contact for contact in scene.contacts if not isinstance(contact.shape, Beam)]
     return [  # first those of joints, whose internal variables have their places from them
-        *_of_joints(scene, mesh),
+        *_of_joints(scene),
         *_between(scene, mesh),
         *_followers(scene, mesh),
         *_pulls(scene, mesh),
@@ -99,7 +98,7 @@ def _drags(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
             yield PointForce(drag(*parts), [number for number in numbers if number], dofs)
 
 
-def _of_joints(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
+def _of_joints(scene: Scene) -> Iterator[PointForce]:
     """Springs, dampers, friction and stops on the coordinates of joints."""
     by_function: dict[tuple, PointLaw] = {}
     for joint in scene.joints:
@@ -108,7 +107,8 @@ def _of_joints(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
                 yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE)
         if joint.rotation is not None:
             for law, numbers in _of_coordinate(joint.rotation, ANGLE, by_function):
-                yield PointForce(law, numbers, _rotations(joint, mesh), joint=joint.number)
+                dofs = rotation_of(joint.a), rotation_of(joint.b)
+                yield PointForce(law, numbers, dofs, joint=joint.number)
 
 
 def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[PointForce]:
@@ -118,7 +118,7 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
             if not isinstance(friction := on.friction, Coulomb):
                 continue
             kind = SLIDE if name == "slide" else ANGLE
-            law, dofs = laws.joint_friction(kind), _rotations(joint, mesh)
+            law, dofs = laws.joint_friction(kind), (rotation_of(joint.a), rotation_of(joint.b))
             moving = (
                 [mesh.dofs.size + joint.number] if kind is SLIDE else [d for d in dofs if d >= 0]
             )
@@ -131,11 +131,6 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
             if joint.axis is not None:
                 load = Load(joint.number, tuple(joint.kinematics.tangent(0.0).tolist()), dofs[0])
             yield PointForce(law, numbers, slide=joint.number, role=Role.SLIDE, load=load)
-
-
-def _rotations(joint: Joint, mesh: Mesh) -> list[int]:
-    """Degrees of freedom of the rotations of its nodes."""
-    return [int(mesh.dofs[n.number, 2]) if n.number >= 0 else -1 for n in (joint.a, joint.b)]
 
 
 def _between(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:

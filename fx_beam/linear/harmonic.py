@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.errors import LARGEST, SceneError, numbers, require
+from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.beam import COMPONENTS, Node
@@ -175,10 +176,9 @@ class Measured:
 
     def __init__(self, about: Linearisation, at, what: str):
         model, scene, moves = about.model, about.scene, dict[str, list[tuple[int, float]]]()
-        dofs = model.mesh.dofs
         if not isinstance(at, Joint):
             check_node(scene, at, what)
-            moves = {name: [(dofs[at.number, i], 1.0)] for i, name in enumerate(COMPONENTS)}
+            moves = {name: [(3 * at.number + i, 1.0)] for i, name in enumerate(COMPONENTS)}
         elif at not in scene.joints:
             raise SceneError(
                 f"{what}: {at} is not a joint of the scene; take what add_joint returned"
@@ -188,8 +188,8 @@ class Measured:
             if "slide" in free:
                 moves["slide"] = []  # which is an unknown
             if "rotation" in free:
-                of = [(node.number, sign) for node, sign in ends if node is not GROUND]
-                moves["angle"] = [(dofs[node, 2], sign) for node, sign in of]
+                of = [(node, sign) for node, sign in ends if node is not GROUND]
+                moves["angle"] = [(rotation_of(node), sign) for node, sign in of]
             if not moves:
                 raise SceneError(f"{what}: {at} has no free coordinate. Take one of its nodes")
         #: Names of the components, and how they follow from the motions of all nodes (m, size).

@@ -22,8 +22,9 @@ from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, de
 from fx_beam.scene.scene import Scene
 from fx_beam.step.held_inputs import Ramp
 from fx_beam.step.measured import measured
+from fx_beam.step.recorded_histories import driven_of
 
-from .moving_state import Deviations, deviations, driven_of, forces_inside
+from .moving_state import Deviations, deviations, forces_inside
 
 # Round-off: of a mass or a damping of a combination of unknowns relative to the largest, and of the
 # jump of a rate with an input relative to the outputs.
@@ -183,7 +184,7 @@ class FirstOrder:
             q, v = about.frame.seen(q, v, about.factor, t - state.t)
         D = q - state.q
         y = model.couplings.unknowns(D, slides - state.slides)[about.unknowns]
-        changes = driven_of(model, D.reshape(-1, 3), slides - state.slides)
+        (changes,) = driven_of(model, D[None], (slides - state.slides)[None])
         z = np.concatenate([y, changes])
         known = about.T @ about.rates + about.dT @ z
         rates = about.rates_from @ (v - known)

@@ -15,8 +15,6 @@ from fx_beam.motions.prepared import end_of, state_of
 from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
-from fx_beam.scene.beam import Node
-from fx_beam.scene.joints import GROUND
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import acceleration_of
 from fx_beam.step.forcing import Forcing
@@ -51,7 +49,7 @@ class Deviations:
     model: Model
     held: HeldInputs
     forcing: Forcing
-    #: The state, in the numbering of the model, and the matrix (columns, size) that gives rates of
+    #: The state, and the matrix (columns, size) that gives rates of
     #: z from those of the nodes.
     state: State
     rates_from: np.ndarray
@@ -190,23 +188,6 @@ def _rates_from(model: Model, T: np.ndarray) -> np.ndarray:
     weight = model.mass.diagonal() * model.unit**2
     root = np.sqrt(weight + _LITTLE * (weight.max(initial=0.0) or 1.0)) / model.unit
     return np.linalg.pinv(root[:, None] * T) * root
-
-
-def driven_of(model: Model, values: np.ndarray, slides: np.ndarray) -> np.ndarray:
-    """Prescribed motions and coordinates of motors (driven,), from values (nodes, 3)."""
-    driven = [values[key] for key in model.scene.prescribed]
-    for joint, name in model.motors:
-        if name == "slide":
-            driven.append(slides[joint.number])
-        else:
-            (a,), (b,) = (_at(node, values) for node in (joint.a, joint.b))
-            driven.append(b[2] - a[2])
-    return np.array(driven)
-
-
-def _at(node: Node, *values: np.ndarray) -> list[np.ndarray]:
-    """Rows (3,) of a node; zero on the ground."""
-    return [np.zeros(3) if node is GROUND else rows[node.number] for rows in values]
 
 
 class _Coupling:

@@ -80,7 +80,7 @@ class Prepared:
             self._begin(self.loop)
 
     def first_state(self, dt: float, start: Solution | None, accelerations: bool = True) -> State:
-        """Initial state of a motion by steps of the length dt [s], in the numbering of the model.
+        """Initial state of a motion by steps of the length dt [s].
 
         Without `accelerations` it has them only if steps need them.
         """
@@ -157,7 +157,7 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
 
 
 def state_of(model: Model, start: Solution) -> State:
-    """Last state of a solution in the numbering of the model; SceneError if it does not fit."""
+    """Last state of a solution as vectors; SceneError if it does not fit."""
     state = transferred_state(model, start) if has_changed(model, start) else _same(model, start)
     check_joints(model, state)
     return state

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from fx_beam.errors import SceneError
 from fx_beam.results.fields import RESULTANTS
@@ -53,22 +52,17 @@ class RowFiles:
 
     def _divide(self, prepared: Prepared) -> None:
         """Let each process have its elements."""
-        mesh, beams = self._model.mesh, self._model.scene.beams
-        degree = beams[0].degree
-        of_beams = [sliding_window_view(nodes, degree + 1)[::degree] for nodes in mesh.nodes]
-        nodes = np.concatenate(of_beams)
-        beam = np.repeat(np.arange(len(beams)), [beam.elements for beam in beams])
-        make, self._elements = None, [np.arange(len(nodes))]
+        mesh = self._model.mesh
+        make, self._elements = None, [np.arange(len(mesh.elements))]
         if (together := prepared.stepper.integrator.together) is not None:
             self._elements, make = together.equations.pieces()
         #: Nodes of each process.
         self._nodes, self._arguments = list[np.ndarray](), list[tuple]()
         for elements in self._elements:
-            of_process, local = np.unique(nodes[elements], return_inverse=True)
+            of_process, local = np.unique(mesh.elements[elements], return_inverse=True)
             self._nodes.append(of_process)
-            self._arguments.append(
-                (mesh.X[of_process], local.reshape(-1, degree + 1), beam[elements])
-            )
+            local = local.reshape(-1, mesh.elements.shape[1])
+            self._arguments.append((mesh.X[of_process], local, mesh.beam_of_cell[elements]))
         self._crew = _Alone(self._arguments) if make is None else make(Piece, self._arguments)
 
     # -- Writing ------------------------------------------------------------------------------

@@ -21,8 +21,7 @@ _SUMS = (
     *("steps", "newton_iterations", "halvings", "substeps", "too_large", "inverted"),
     *("amplified", "rejected", "seconds", "setup_seconds", "krylov_iterations"),
 )
-# Arrays of the last state at all nodes, and histories that are NaN where there is nothing.
-_AT_NODES = "q", "v", "a", "q_previous", "added_forces", "fitted"
+# Histories that are NaN where there is nothing.
 _NAN = "slides", "parameters"
 
 
@@ -114,9 +113,7 @@ class _Joined:
         end = second.end
         if end is not None:
             _, at, count = self._columns["nodes"]
-            values = {name: getattr(end, name) for name in _AT_NODES}
-            values = {name: value for name, value in values.items() if value is not None}
-            spread = {name: _spread(value[None], at, count)[0] for name, value in values.items()}
+            spread = {name: _spread(of[None], at, count)[0] for name, of in end.at_nodes.items()}
             end = replace(end, **spread)
         beams = {name: self._beam(beam) for name, beam in first.beams.items()} | second.beams
         beams = {name: beams[name] for name in [*second.beams, *beams]}

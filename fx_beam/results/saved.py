@@ -19,7 +19,7 @@ from .audit import BeamResultants, Energy, Stability, Stats
 from .export import FORMAT
 from .files import named
 from .solution import Solution
-from .state import ARRAYS, HISTORIES, NUMBERS, OF_NODES, Past, State
+from .state import ARRAYS, AT_NODES, HISTORIES, NUMBERS, Past, State
 
 # Lengths by name; those of rows that may be missing begin with "n?".
 _SHAPES: dict[str, tuple] = {
@@ -36,7 +36,7 @@ _SHAPES: dict[str, tuple] = {
     **{f"past_{part.name}": part.metadata["shape"] for part in fields(Past)},
 }
 for _name, _array in ARRAYS.items():
-    _shape = ("nodes", 3) if _name in OF_NODES else _array.shape
+    _shape = ("nodes", 3) if _name in AT_NODES else _array.shape
     # Two motions in one solution may have more contacts than the last state.
     _shape = tuple("end " + s if s in ("contacts", "parameters") else s for s in _shape)
     _SHAPES[f"end_{_name}"] = _shape

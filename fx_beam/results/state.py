@@ -139,13 +139,17 @@ class State:
         new.__dict__.update(self.__dict__, **values)
         return new
 
+    @property
+    def at_nodes(self) -> dict[str, np.ndarray]:
+        """Its arrays at all nodes by name."""
+        return {name: of for name in AT_NODES if (of := getattr(self, name)) is not None}
+
     def reshaped(self, *shape: int) -> State:
         """The state with copies of arrays of degrees of freedom of a shape: (-1, 3) or (-1,)."""
         past = self.past
         if past is not None and len(D := past.differences):
             past = replace(past, differences=np.array(D).reshape(len(D), *shape))
-        new = {name: getattr(self, name) for name in (*OF_NODES, "fitted")}
-        new = {name: of.copy().reshape(shape) for name, of in new.items() if of is not None}
+        new = {name: of.copy().reshape(shape) for name, of in self.at_nodes.items()}
         return self.changed(**new, past=past)
 
     def memory(self, length: float) -> float:
@@ -157,8 +161,8 @@ class State:
 ARRAYS: dict[str, Quantity] = {
     part.name: part.metadata["quantity"] for part in fields(State) if "quantity" in part.metadata
 }
-#: Those that have an entry for each degree of freedom.
-OF_NODES = [name for name, of in ARRAYS.items() if str(of.shape[0]).endswith("dofs")]
+#: Arrays that have an entry for each degree of freedom.
+AT_NODES = *(n for n, of in ARRAYS.items() if str(of.shape[0]).endswith("dofs")), "fitted"
 NUMBERS = "t", *(part.name for part in fields(State) if "number" in part.metadata)
 FORCES = tuple(name for name, quantity in ARRAYS.items() if quantity.mean)
 #: What a record has of the state at the end of a step, and of its sums.

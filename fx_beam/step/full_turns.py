@@ -80,7 +80,7 @@ def _members(model: Model) -> list[np.ndarray]:
         if rotation is not None and (rotation.acts or rotation.motor):
             counted |= {*ends}
     free = _turning(len(mesh.X), np.concatenate(one), np.concatenate(other), tuple(sorted(counted)))
-    return [mesh.dofs[nodes, _ROTATION] for nodes in free]
+    return [3 * nodes + _ROTATION for nodes in free]
 
 
 @cached_by_content

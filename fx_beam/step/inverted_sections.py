@@ -42,7 +42,7 @@ class InversionCheck:
         cell, point = np.unravel_index(np.argmin(stretch), stretch.shape)
         number = model.mesh.beam_of_cell[cell]
         beam = model.scene.beams[number]
-        element = int(np.flatnonzero(model.mesh.cells[number] == cell)[0])
+        element = cell - model.mesh.cells[number][0]
         start, end = beam.s[element : element + 2]
         s = start + (end - start) * gauss_rule(beam.degree)[0][point]
         _log.warning(

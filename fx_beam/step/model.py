@@ -425,11 +425,11 @@ class Model:
 
     def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""
-        scene, dofs, matrix = self.scene, self.mesh.dofs, self.forms.stiffness
+        scene, matrix = self.scene, self.forms.stiffness
         self.couplings = couple(scene, self.mesh)
         #: Joints with a motor, each with the name of its coordinate.
         self.motors = motors(scene)
-        self.prescribed = np.array([dofs[key] for key in scene.prescribed], dtype=int)
+        self.prescribed = np.array([3 * node + i for node, i in scene.prescribed], dtype=int)
         keys = [*scene.prescribed, *sorted(scene.fixed)]
         motors_between = np.arange(len(keys)) >= len(scene.prescribed)
         #: Supported nodes, their components, and their indices among driven and fixed columns.
@@ -450,11 +450,11 @@ class Model:
             sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
         used = self.used_entries()
         auxiliaries = Auxiliaries(self.couplings)
-        parts = self.couplings, auxiliaries, self.points, self.scheme.rates, dofs, matrix, used
+        parts = self.couplings, auxiliaries, self.points, self.scheme.rates, matrix, used
         loops = None
         if self.couplings.closures:
             slides = [] if sliders is None else sliders.all
-            loops = Loops(self.couplings, auxiliaries, dofs, self.unit_of_unknowns, slides)
+            loops = Loops(self.couplings, auxiliaries, self.unit_of_unknowns, slides)
         self.reduction = Reduction(*parts, sliders, loops)
         if loops is not None and all(joint.place is None for joint in scene.joints):
             self.reduction.begin(np.zeros(self.size), slides_at_start(scene))

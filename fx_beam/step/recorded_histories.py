@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import HISTORIES, ROWS
 from fx_beam.scene.sliders import sliding_joints
@@ -218,15 +219,19 @@ def _fit(
     return model.fitted_rates.fit(q, v, slides, driven)
 
 
-def driven_ways(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
-    """Increments (n - 1, driven) of driven motions from row to row, without full turns."""
+def driven_of(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    """Prescribed motions and coordinates of motors (n, driven)."""
     positions = [q[:, model.prescribed]]
-    dofs = np.vstack([model.mesh.dofs, np.full((1, 3), model.size)])
     q = np.pad(q, ((0, 0), (0, 1)))  # the ground is the last
     for joint, name in model.motors:
-        a, b = (q[:, dofs[node.number, 2]] for node in (joint.a, joint.b))
+        a, b = (q[:, rotation_of(node)] for node in (joint.a, joint.b))
         positions.append((b - a if name == "rotation" else slides[:, joint.number])[:, None])
-    ways = np.diff(np.hstack(positions), axis=0)
+    return np.hstack(positions)
+
+
+def driven_ways(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+    """Increments (n - 1, driven) of driven motions from row to row, without full turns."""
+    ways = np.diff(driven_of(model, q, slides), axis=0)
     turns = [component == 2 for _, component in model.scene.prescribed]
     turns += [name == "rotation" for _, name in model.motors]
     return ways - np.where(turns, 2 * np.pi * np.round(ways / (2 * np.pi)), 0.0)

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import Structs, declarations, declared
+from fx_beam.fem.mesh import rotation_of
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
 from fx_beam.scene.beam import Node
@@ -471,15 +472,11 @@ class Problem:
 
     def _hand_over_motors(self) -> None:
         model = self.model
-
-        def turn(node) -> int:
-            return -1 if node.number < 0 else model.mesh.dofs[node.number, 2]
-
         none = [-1] * len(model.prescribed)
         self._set(
             driven_dof=[*model.prescribed, *[-1] * len(model.motors)],
-            motor_a=none + [turn(joint.a) for joint, _ in model.motors],
-            motor_b=none + [turn(joint.b) for joint, _ in model.motors],
+            motor_a=none + [rotation_of(joint.a) for joint, _ in model.motors],
+            motor_b=none + [rotation_of(joint.b) for joint, _ in model.motors],
             motor_slide=none + [j.number if on == "slide" else -1 for j, on in model.motors],
         )
 
@@ -488,17 +485,17 @@ class Problem:
 
         The force of a joint on b is the sum of those on all nodes that follow through it.
         """
-        couplings, dofs = self.model.couplings, self.model.mesh.dofs
+        couplings = self.model.couplings
         sums: list[tuple[int, ...]] = []
         for i in range(3):
             if i == 2:
                 self._set(passes_of_forces=len(sums))
             for of in reversed(couplings.forests[i]):
-                to = dofs[of.parent, i] if of.parent >= 0 else -1
-                sums.append((dofs[of.node, i], to, 3 * of.joint.number + i, int(of.sign)))
+                to = 3 * of.parent + i if of.parent >= 0 else -1
+                sums.append((3 * of.node + i, to, 3 * of.joint.number + i, int(of.sign)))
             for joint in couplings.sliding:
                 if i < len(couplings.carried[joint.number]):
-                    sums.append((dofs[joint.b.number, i], -1, 3 * joint.number + i, 1))
+                    sums.append((3 * joint.b.number + i, -1, 3 * joint.number + i, 1))
         columns = np.array(sums, dtype=int).reshape(-1, 4).T
         names = "pass_dof", "pass_to", "pass_of", "pass_sign"
         self._set(scene_joints=self.model.scene.joint_count, passes=len(sums))
