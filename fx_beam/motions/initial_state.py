@@ -352,15 +352,14 @@ def given_velocity(model: Model) -> Any:
     v, known = with_slopes(np.zeros((len(X), 3))), np.zeros(len(X), dtype=bool)
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
-        before, twice = v.values[nodes], known[nodes]
-        for columns, of in ((slice(2), item.value), (slice(2, 3), item.spin)):
-            given = of.each(X[nodes])
-            v.values[nodes, columns] = plain(given)
-            v.slopes[nodes, columns] = given.slopes if isinstance(given, Dual) else 0.0
-        known[nodes], given = True, v.values[nodes]
+        before, twice, places = v.values[nodes], known[nodes], X[nodes]
+        rates: Any = np.hstack([item.value.each(places), item.spin.each(places)])
+        known[nodes], given = True, plain(rates)
+        v.values[nodes] = given
+        v.slopes[nodes] = rates.slopes if isinstance(rates, Dual) else 0.0
         if any_of(twice) or not all_of(np.isfinite(given)):
             _check_velocities(model, mesh.X[nodes], given, before, twice)
-    return (v if v.slopes.any() else v.values).reshape(-1)
+    return (v if any_of(v.slopes) else v.values).reshape(-1)
 
 
 def rates_with_slopes(

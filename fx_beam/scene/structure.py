@@ -74,7 +74,7 @@ NUMBERS: dict[type, tuple[str, ...]] = {
     Velocity: ("value", "spin"),
 }
 # Kinds of values that are compared as they are.
-_PLAIN = {float, int, bool, str, type(None)}
+_PLAIN = {float, int, bool, str, set, type(None)}
 # What follows from the rest of a scene.
 _DERIVED = {"nodes", "_corners", "_couplings", "changes"}
 #: Pairs of parts, by their ids, that are known to be alike: many beams have one section.
@@ -189,10 +189,12 @@ def _form(number: Any) -> Any:
     """What is structure of a number: its shape, or its names; a function has that of one number."""
     if isinstance(number, np.ndarray):
         return number.shape
+    if callable(number):
+        return ()
     if number is None or isinstance(number, Node):
         return number and number.number
     if isinstance(number, list):  # lumped masses: first the number of the node
         return [row[0] for row in number]
     if isinstance(number, Mapping):  # of functions
         return [*number]
-    return () if callable(number) else np.shape(number)
+    return np.shape(number)
