@@ -72,7 +72,7 @@ class _Parts(NamedTuple):
 
 def _inertia(scene: Scene, mesh: Mesh, mass: scipy.sparse.csr_matrix) -> np.ndarray:
     """What resists the rates of nodes (n_node, 3): mass, or linear drag; zero for nothing."""
-    diagonal = mass.diagonal()[mesh.dofs]
+    diagonal = mass.diagonal().reshape(-1, 3)
     for drag in scene.drags:
         linear, rotation = drag.linear.min(), drag.rotation[0]
         diagonal[mesh.nodes_of(scene, drag.target)] += linear, linear, rotation
@@ -89,7 +89,7 @@ def _connected(indptr: np.ndarray, indices: np.ndarray) -> tuple[int, np.ndarray
 def _parts(mesh: Mesh, stiffness, inertia: np.ndarray | None) -> _Parts | None:
     """The parts of a scene; None if all of them have mass and rotary inertia."""
     count, part_of_dof = _connected(stiffness.indptr, stiffness.indices)
-    of_node, X = part_of_dof[mesh.dofs[:, 0]], mesh.X
+    of_node, X = part_of_dof[::3], mesh.X
     free = np.ones((count, 3), dtype=bool)
     if inertia is not None:
         heavy, turning = np.flatnonzero(inertia[:, 0]), np.flatnonzero(inertia[:, 2])

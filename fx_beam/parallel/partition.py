@@ -115,15 +115,9 @@ class _Cut:
 
     def __init__(self, model: Model, number: int):
         self._model, self._scene, self._number = model, model.scene, number
-        scene = self._scene
-        beams = scene.beams
-        #: Nodes (elements, 2) of all elements, and the beam of each.
-        numbers = [np.array([node.number for node in beam.nodes]) for beam in beams]
-        pairs = [np.column_stack([nodes[:-1], nodes[1:]]) for nodes in numbers]
-        self._ends = np.concatenate(pairs) if pairs else np.empty((0, 2), int)
-        self._first = np.cumsum([0, *(beam.elements for beam in beams)])
-        self._numbers = numbers
-        self._tree = _trees(scene)
+        #: Nodes (elements, 2) at the ends of all elements, and inside them.
+        self._ends, self._inside = model.mesh.elements[:, [0, -1]], model.mesh.elements[:, 1:-1]
+        self._tree = _trees(self._scene)
         self._assign()
 
     def _assign(self) -> None:
@@ -132,13 +126,14 @@ class _Cut:
         alone = np.ones(count, dtype=bool)
         alone[ends] = False
         alone = np.flatnonzero(alone)
-        whole = [(a, b) for a, b, beam in self._beams() if not _may_be_cut(beam)]
+        of_beams = zip(self._scene.beams, self._model.mesh.cells, strict=True)
+        whole = [cells for beam, cells in of_beams if not _may_be_cut(beam)]
         middles = X[ends].mean(axis=1)
-        for a, b in whole:
-            middles[a:b] = middles[a:b].mean(axis=0)
+        for cells in whole:
+            middles[cells] = middles[cells].mean(axis=0)
         process = bisected(np.vstack([middles, X[alone]]), self._number)
-        for a, b in whole:
-            process[a:b] = process[a]
+        for cells in whole:
+            process[cells] = process[cells[0]]
         #: Process of each element, and of each node of the scene.
         self.of_element = process[: len(ends)]
         of_node = np.empty(count, dtype=int)
@@ -152,9 +147,6 @@ class _Cut:
                 f"the scene has too few members for {self._number} processes. Start fewer of them, "
                 "or compute it on one, without mpirun"
             )
-
-    def _beams(self):
-        return zip(self._first[:-1], self._first[1:], self._scene.beams, strict=True)
 
     def division(self) -> Division:
         """A share for each process."""
@@ -170,7 +162,7 @@ class _Cut:
         couplings = self._model.couplings
         owner, block = (np.zeros(couplings.free, dtype=int) for _ in range(2))
         column, dof, of_slide, joint = couplings.free_columns
-        of_row = np.concatenate([self.of_node, np.repeat(self.of_element, self._inner)])
+        of_row = np.concatenate([self.of_node, np.repeat(self.of_element, self._inside.shape[1])])
         block[column] = dof // 3
         owner[column] = of_row[block[column]]
         by_number = {joint.number: joint for joint in self._scene.joints}
@@ -184,11 +176,6 @@ class _Cut:
         numbers[order] = BLOCK * of_block + np.arange(couplings.free) - starts[of_block]
         return numbers, BLOCK * np.bincount(owner[order][starts], minlength=self._number)
 
-    @property
-    def _inner(self) -> int:
-        """Number of nodes inside an element."""
-        return self._scene.beams[0].degree - 1 if self._scene.beams else 0
-
     def _share(self, process: int, numbers: np.ndarray) -> Share:
         scene, count = self._scene, len(self._scene.nodes)
         elements = np.flatnonzero(self.of_element == process)
@@ -200,8 +187,7 @@ class _Cut:
         nodes = np.flatnonzero(in_tree[self._tree])
         local = np.full(count + 1, -1)  # the last one is the ground
         local[nodes] = np.arange(len(nodes))
-        inside = elements[:, None] * self._inner + np.arange(self._inner)
-        rows = np.concatenate([nodes, count + inside.ravel()])
+        rows = np.concatenate([nodes, self._inside[elements].ravel()])
         owned = np.ones(len(rows), dtype=bool)
         owned[: len(nodes)] = self.of_node[nodes] == process
         share = Share(self._model.mesh.X[nodes], nodes, rows, elements, owned)
@@ -219,23 +205,21 @@ class _Cut:
 
     def _add_members(self, share: Share, process: int, local: np.ndarray) -> None:
         """Add the runs of elements, and the drag on them."""
-        if self._scene.beams:
-            share.degree = self._scene.beams[0].degree
+        mesh, share.degree = self._model.mesh, self._inside.shape[1] + 1
         known: dict[int, int] = {}
         drags: dict[str, list] = {}
         for drag in self._scene.drags:
             if isinstance(drag.target, Beam):
                 drags.setdefault(drag.target.name, []).append(drag)
         of_process = self.of_element == process
-        beam_of = np.repeat(np.arange(len(self._numbers)), np.diff(self._first))
-        for i in np.unique(beam_of[of_process]).tolist():
-            beam, first = self._scene.beams[i], self._first[i]
+        for i in np.unique(mesh.beam_of_cell[of_process]).tolist():
+            beam = self._scene.beams[i]
             section = known.setdefault(id(beam.section), len(known))
             if section == len(share.sections):
                 share.sections.append(beam.section)
-            for a, b in _runs(of_process[first : self._first[i + 1]]):
+            for a, b in _runs(of_process[mesh.cells[i]]):
                 inner = None if beam.inner is None else beam.inner[a:b]
-                nodes = local[self._numbers[i][a : b + 1]]
+                nodes = local[mesh.nodes[i][:: share.degree][a : b + 1]]
                 share.runs.append((beam.name, nodes, beam.s[a : b + 1], inner, section))
                 share.drags += [(len(share.runs) - 1, d) for d in drags.get(beam.name, [])]
 

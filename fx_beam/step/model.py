@@ -350,9 +350,7 @@ class Model:
     @functools.cached_property
     def unit(self) -> np.ndarray:
         """Size (size,) of unit increments: that of the scene for displacements, 1 for rotations."""
-        unit = np.full(self.size, self.mesh.size)
-        unit[self.turns] = 1.0
-        return unit
+        return np.tile([self.mesh.size, self.mesh.size, 1.0], len(self.mesh.X))
 
     @functools.cached_property
     def needs_accelerations(self) -> bool:
@@ -480,7 +478,8 @@ class Model:
 
     def motion(self, **histories: np.ndarray) -> NodalMotion:
         """How joints read the motion: histories (n, size) "q" and "v"."""
-        at_nodes = {name: rows.reshape(len(rows), -1, 3) for name, rows in histories.items()}
+        count = len(self.mesh.X)
+        at_nodes = {name: rows.reshape(-1, count, 3) for name, rows in histories.items()}
         return NodalMotion(
             lambda name, node: at_nodes[name][:, node.number].T,
             lambda name, beam: at_nodes[name][:, self.mesh.nodes_of(self.scene, beam)],

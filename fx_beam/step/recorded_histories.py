@@ -239,8 +239,7 @@ def driven_ways(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
 
 def sums_of(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Sums (n, 3) of nodal momenta p (n, size): in x and y, and about the origin."""
-    q, p = (rows.reshape(len(p), -1, 3) for rows in (q, p))
-    x = model.mesh.X + q[..., :2]
+    x, p = model.mesh.X + q[:, model.mesh.dofs[:, :2]], p[:, model.mesh.dofs]
     turning = x[..., 0] * p[..., 1] - x[..., 1] * p[..., 0] + p[..., 2]
     sums = np.empty((len(p), 3))
     sums[:, :2], sums[:, 2] = p[..., :2].sum(axis=1), turning.sum(axis=1)

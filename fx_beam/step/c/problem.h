@@ -292,7 +292,7 @@ typedef struct {
     double *pass_sign;
   };
   double *position;     /* (nodes, 2) */
-  int nodes, *node_dofs;
+  int nodes;
   int keeps_joint_forces; /* whether they are computed in every step, recorded or not */
   int friction_follows;   /* so do those that limit friction */
 

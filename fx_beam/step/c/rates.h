@@ -30,9 +30,8 @@ static void evaluate_rule(const Problem *p, const Work *w, double dt) {
   Law *rule = p->nodal_rule[p->sub_step % p->rules];
   double in[13] = {[12] = dt};
   for (int i = 0; i < p->nodes; ++i) {
-    const int *dof = p->node_dofs + 3 * i;
     for (int c = 0; c < 3; ++c) {
-      int k = dof[c];
+      int k = 3 * i + c;
       in[c] = w->D[k], in[3 + c] = p->v[k], in[6 + c] = p->a[k], in[9 + c] = p->q[k] - p->q_previous[k];
     }
     memset(w->rule + RULE_VALUES * i, 0, RULE_VALUES * sizeof(double));
@@ -43,7 +42,7 @@ static void evaluate_rule(const Problem *p, const Work *w, double dt) {
 /* Three of the values, from number `first` on, as a vector. */
 static void take_values(const Problem *p, const Work *w, int first, double *to) {
   for (int i = 0; i < p->nodes; ++i)
-    for (int c = 0; c < 3; ++c) to[p->node_dofs[3 * i + c]] = w->rule[RULE_VALUES * i + first + c];
+    for (int c = 0; c < 3; ++c) to[3 * i + c] = w->rule[RULE_VALUES * i + first + c];
 }
 
 static void acceleration(const Problem *p, const Work *w, double dt) {

@@ -80,10 +80,10 @@ static void record(Problem *p, const Work *w, Record *to) {
   energy[5] = p->dissipated;
   energy[6] = p->algorithmic, energy[7] = p->numerical;
   for (int i = 0; i < p->nodes; ++i) {
-    const int *dof = p->node_dofs + 3 * i;
-    double x = p->position[2 * i] + p->q[dof[0]], y = p->position[2 * i + 1] + p->q[dof[1]];
-    sums[0] += momentum[dof[0]], sums[1] += momentum[dof[1]];
-    sums[2] += x * momentum[dof[1]] - y * momentum[dof[0]] + momentum[dof[2]];
+    const double *q = p->q + 3 * i, *of_node = momentum + 3 * i;
+    double x = p->position[2 * i] + q[0], y = p->position[2 * i + 1] + q[1];
+    sums[0] += of_node[0], sums[1] += of_node[1];
+    sums[2] += x * of_node[1] - y * of_node[0] + of_node[2];
   }
   add_row(to->history, to->histories, k);
 }
