@@ -33,8 +33,6 @@ class Forms:
         if scene.virtual_works and not scene.beams:
             raise SceneError("add_virtual_work acts on beams, but the scene has none. Add a beam")
         self.size = mesh.dofs.size
-        #: Degrees of freedom that are rotations.
-        self.turns = mesh.dofs[:, 2]
         self._mesh, self._rates = mesh, scheme.rates
         #: Parameters of the user's functions.
         self.parameters = parameters = ParameterValues(scene)

@@ -141,10 +141,9 @@ class Shooting:
         #: The steps of the last run, and what follows their derivatives.
         self.derivatives = TapeDerivatives(loop.problem, "JVP")
         self.tape = loop.tape = Tape(loop.problem)
-        fixed = np.zeros(model.size, dtype=bool)
-        fixed[[model.mesh.dofs[key] for key in model.scene.fixed]] = True
+        fixed = [3 * node + i for node, i in model.scene.fixed]
         #: Rates that steps keep: of what has mass and moves.
-        self._rates = np.flatnonzero(~model.massless & ~fixed)
+        self._rates = np.setdiff1d(np.flatnonzero(~model.massless), fixed)
         if (n := self._movable + sum(self._inside.values())) > _MOST:
             raise SceneError(
                 f"{what}: a state has {n} variables, and the time for derivatives by all of them "

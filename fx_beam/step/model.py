@@ -83,7 +83,8 @@ class Model:
         self.forms = Forms(scene, scheme, self.mesh, instant)
         #: The forces at points.
         self.points = self.forms.points
-        self.size, self.turns = self.forms.size, self.forms.turns
+        #: Number of degrees of freedom, and those that are rotations.
+        self.size, self.turns = self.forms.size, self.mesh.dofs[:, 2]
         self._mass = Mass(scene, self.mesh, self.forms)
         numbers = {joint.number for joint in scene.joints}
         #: Numbers of joints that were removed, or are not there yet.
