@@ -1,14 +1,16 @@
-"""Results of functions of small arrays, kept for scenes that have these arrays in common."""
+"""Results that are computed once: of functions of small arrays, and of properties."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 F = TypeVar("F", bound=Callable)
+T = TypeVar("T")
 
 # Size of all arguments up to which a result is kept [bytes], and number of results of a function.
 _LARGEST, _MOST = 1 << 16, 32
@@ -40,6 +42,17 @@ def cached_by_content(function: F) -> F:
         return of_contents(*map(_contents, arguments))
 
     return wrapper  # type: ignore[return-value]
+
+
+class cached_property(functools.cached_property[T]):
+    """A property that is computed when it is first read.
+
+    Without the lock of Python 3.11: all objects share it, and an interrupt may leave it closed.
+    """
+
+    def __init__(self, function: Callable[[Any], T]):
+        super().__init__(function)
+        self.lock = nullcontext()
 
 
 def _contents(argument: Any) -> Any:

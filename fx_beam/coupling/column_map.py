@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any
 
 import numpy as np
 import scipy.sparse
 from scipy.sparse.linalg import splu
+
+from fx_beam.content_cache import cached_property
 
 
 class ColumnMap:
@@ -43,7 +44,7 @@ class ColumnMap:
         row, column, values = self._weights
         return np.bincount(row, values * z[column], self._shape[0])
 
-    @functools.cached_property
+    @cached_property
     def _A(self) -> scipy.sparse.csr_matrix:
         row, column, values = self._weights
         return scipy.sparse.csr_matrix((values, (row, column)), self._shape)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh, rotation_of
 from fx_beam.scene.joints import GROUND, Joint

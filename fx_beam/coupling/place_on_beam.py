@@ -6,11 +6,10 @@ bend k = sum N_a' Psi_a (rate_equations.py).
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.scene.path import Path
 
 
@@ -33,7 +32,7 @@ class PlaceOnBeam:
         #: Derivatives by s.
         self.by_slide = np.hstack([change, self.weights[1]])
 
-    @functools.cached_property
+    @cached_property
     def by_numbers(self) -> scipy.sparse.csr_matrix:
         """Derivatives (n (3 + near), numbers) by the numbers of the path."""
         path, n, near, first = self._path, len(self._s), len(self.near), self.weights[1]

@@ -7,14 +7,13 @@ tangent is Tv^T K T + (dTv/dz)^T r.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
 
-from fx_beam.content_cache import cached_by_content
+from fx_beam.content_cache import cached_by_content, cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.point_forces import PointForces
 from fx_beam.laws.rates import UpdateRule
@@ -94,7 +93,7 @@ class Reduction:
 
     # -- The tangent ------------------------------------------------------------------------------
 
-    @functools.cached_property
+    @cached_property
     def tangent(self) -> ReducedTangent:
         """Positions of all products Tv[i, a] K[i, j] T[j, b] in the reduced tangent.
 
@@ -143,7 +142,7 @@ class Reduction:
             auxiliary_to=auxiliary_to,
         )
 
-    @functools.cached_property
+    @cached_property
     def closed_system(self) -> ClosedSystem | None:
         """The linear system with the forces that close loops; None without loops."""
         return None if self.loops is None else self.loops.system(self.tangent.pattern)
@@ -157,7 +156,7 @@ class Reduction:
         closed = self.closed_system
         return self.tangent.pattern if closed is None else closed.pattern
 
-    @functools.cached_property
+    @cached_property
     def equates(self) -> bool:
         """Whether supports and joints only make degrees of freedom equal."""
         return self.couplings.is_index and not (self.forces or len(self._points.columns))
@@ -172,7 +171,7 @@ class Reduction:
         """Those of joints that move, by the names in c/problem.h."""
         return dict(zip(("offset", "axis"), self._arms, strict=True))
 
-    @functools.cached_property
+    @cached_property
     def members(self) -> dict[str, Any]:
         """The couplings by the names in c/problem.h, without positions in the tangent."""
         couplings, moving = self.couplings, self.couplings.moving
@@ -208,7 +207,7 @@ class Reduction:
 
     # -- A step -----------------------------------------------------------------------------------
 
-    @functools.cached_property
+    @cached_property
     def _configuration(self) -> Configuration:
         slides = self._slides
         sliders = {"sliders": len(slides), "slider": [slide.members() for slide in slides]}

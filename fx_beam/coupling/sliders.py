@@ -22,12 +22,12 @@ The columns border a tangent without them (c/bordering_rows.h).
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import Mesh
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.path import Path
@@ -168,7 +168,7 @@ class Sliders:
         """Number of entries of the tangent before the elimination."""
         return len(self._given)
 
-    @functools.cached_property
+    @cached_property
     def bordered(self) -> Bordered:
         """The tangent of the compiled loop, in which what slides borders the other unknowns."""
         n, rows, columns = self._unknowns, *np.divmod(self._given, self._size)

@@ -20,12 +20,12 @@ gives the solution x, l of the bordered system, and its determinant with the opp
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
+from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import ARRAYS, NUMBERS, State
 from fx_beam.step.equations import Balance, Equations
@@ -164,7 +164,7 @@ class PathEquations:
         #: Whether unknowns follow others: what is eliminated with them fills the tangent.
         self._fills = bool(self.model.couplings.closures or self.model.couplings.sliding)
 
-    @functools.cached_property
+    @cached_property
     def bordered(self) -> BorderedLU:
         """The factors of the last tangent."""
         return self._bordered(*self._reduction.factored)

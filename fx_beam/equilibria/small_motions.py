@@ -7,13 +7,13 @@ tolerance.
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
+from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
@@ -48,12 +48,12 @@ class SmallMotions:
         self._loop, self.model = loop, loop.model
         self.unknowns = self.model.reduction.independent
 
-    @functools.cached_property
+    @cached_property
     def unit(self) -> np.ndarray:
         """Sizes (n,) of unit unknowns."""
         return self.model.unit_of_unknowns[self.unknowns]
 
-    @functools.cached_property
+    @cached_property
     def metric(self) -> scipy.sparse.csr_matrix:
         """Squares of unit unknowns, in which eigenvectors are orthogonal."""
         return scipy.sparse.diags(self.unit**-2.0).tocsr()
@@ -160,7 +160,7 @@ class Inertia:
         plain = rows == reduction.free == len(reduction.independent)
         self._known = plain and not model.couplings.sliding and model.points.members is None
 
-    @functools.cached_property
+    @cached_property
     def _symmetry(self) -> Symmetry | None:
         """None where all forces have a potential."""
         model = self._model

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam import c_library
+from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Parts
 
 from . import ffcx_api
@@ -80,14 +80,14 @@ class BoundForm:
         """Number of its coefficients of an element."""
         return sum(field.space.width for field in self.fields)
 
-    @functools.cached_property
+    @cached_property
     def cells(self) -> dict[int, np.ndarray]:
         """Cells of each integral by its subdomain; -1 is that of all cells."""
         every = np.arange(len(self._mesh.elements))
         tags = ffcx_api.integrals(self.compiled)
         return {tag: every if tag < 0 else every[self._tags == tag] for tag in tags}
 
-    @functools.cached_property
+    @cached_property
     def _functions(self) -> list[int]:
         return ffcx_api.integral_functions(self.compiled)
 

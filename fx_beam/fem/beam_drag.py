@@ -10,6 +10,7 @@ import ufl
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.laws.resultants import drag_loss, drag_work
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
@@ -38,14 +39,14 @@ class DragForm:
         step, dx = fields.step(rates, "rates of the drag"), fields.measure(fields.full_rule)
         self._force, self._loss = (of(step, self.symbols) * dx for of in (drag_work, drag_loss))
 
-    @functools.cached_property
+    @cached_property
     def compiled(self) -> list[CompiledForm]:
         """Forms of force, tangent and loss."""
         tangent = ufl.derivative(self._force, self.fields.increment, self.fields.trial)
         forms = {"drag": self._force, "tangent of drag": tangent, "loss to drag": self._loss}
         return ffcx_api.compile_together(forms)
 
-    @functools.cached_property
+    @cached_property
     def work(self) -> WorkOnWeights:
         """Its work on weights in the place of the test function, and derivatives."""
         test = self.fields.test
@@ -54,7 +55,7 @@ class DragForm:
         derivatives = derivatives_of(work, self.fields, self.symbols)
         return WorkOnWeights("work of drag", work, derivatives, [weight])
 
-    @functools.cached_property
+    @cached_property
     def loss_by(self) -> dict[str, CompiledForm]:
         """Derivatives of the loss by name."""
         by = {f"drag {name}": symbol for name, symbol in self.symbols.items()}

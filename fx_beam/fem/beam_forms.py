@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval, Part, Parts, StepStart
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import gauss_rule
@@ -293,7 +293,7 @@ class BeamForms:
         derivatives["q"] = derivatives.pop("start")
         return derivatives
 
-    @functools.cached_property
+    @cached_property
     def _stored(self) -> dict[str, BoundForm]:
         """Derivatives of the stored energy on the mesh by name."""
         weak, data, spaces = self._varied(vjp_form.StoredForm, without=["times"])
@@ -333,7 +333,7 @@ class BeamForms:
         self.begin_part(part)
         return [self._assembled(forms) for forms in self._lost]
 
-    @functools.cached_property
+    @cached_property
     def _lost(self) -> list[dict[str, BoundForm]]:
         """Derivatives of what beams lose in a step, as those of the stored energy."""
         lost = []
@@ -345,7 +345,7 @@ class BeamForms:
             lost.append(self._bound_forms(drag.loss_by, data, spaces))
         return lost
 
-    @functools.cached_property
+    @cached_property
     def derived_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
         weak, data, spaces = self._varied(vjp_form.ResultantForm)
@@ -485,7 +485,7 @@ class BeamForms:
         self.begin(part.interval, part.start)
         self.increment.array[:] = part.D
 
-    @functools.cached_property
+    @cached_property
     def _resultants(self) -> PointValues:
         return self._point_values(self._weak.compiled_resultants)
 

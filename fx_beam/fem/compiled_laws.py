@@ -18,6 +18,7 @@ from ufl.corealg.multifunction import MultiFunction
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.fem import elements, ffcx_api
 from fx_beam.fem.sparsity import positions_in
@@ -154,7 +155,7 @@ class CompiledLaw:
         """Number of values that its functions are given."""
         return arguments(self.law) + len(self.parameters)
 
-    @functools.cached_property
+    @cached_property
     def slopes(self) -> PointFunction:
         """Derivatives of its forces and internal variables (`slopes_of`)."""
         return slopes_of(self.law, self._rule, tuple(self.parameters))

@@ -10,6 +10,7 @@ import ufl
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import DualFloat, have_slopes, plain, stacked
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
@@ -45,7 +46,7 @@ class Mass:
         self._given = [(section.rhoA, section.rhoI) for section in sections]
         self._has = [name for name in _WORDS if any(getattr(s, name) for s in sections)]
 
-    @functools.cached_property
+    @cached_property
     def matrix(self) -> scipy.sparse.csr_matrix:
         """Mass matrix (eqs 19 to 21), lumped entries included, of the stiffness' sparsity."""
         K = self._forms.stiffness
@@ -79,7 +80,7 @@ class Mass:
             self.weight = plain(self._weights(of_cells if anew else self._of_cells()))
         return heavier
 
-    @functools.cached_property
+    @cached_property
     def weight(self) -> np.ndarray | None:
         """Weight (size,) of every mass [N], or none without gravity."""
         if self._scene.gravity is None:
@@ -137,13 +138,13 @@ class Mass:
     def _degree(self) -> int:
         return self._scene.beams[0].degree
 
-    @functools.cached_property
+    @cached_property
     def _places(self) -> np.ndarray:
         """Positions (cells * n,) of the entries of cells in the values of the stiffness."""
         rows, columns, _ = _unit_masses(self._degree)
         return self._forms.of_cells[:, 3 * (self._degree + 1) * rows + columns].ravel()
 
-    @functools.cached_property
+    @cached_property
     def _diagonal(self) -> np.ndarray:
         """Positions of the diagonal in the values of the stiffness."""
         K = self._forms.stiffness

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import DualFloat, have_slopes, plain, stacked
 from fx_beam.errors import SceneError, all_of
 from fx_beam.scene.beam import Beam, Node, inner_positions
@@ -29,28 +29,28 @@ class Mesh:
     #: Whether the elements are curved, with the beams' degree, or straight.
     curved: bool
 
-    @functools.cached_property
+    @cached_property
     def dofs(self) -> np.ndarray:
         """Degrees of freedom (n, 3) of x, y and rotation of each node."""
         return np.arange(3 * len(self.X)).reshape(-1, 3)
 
-    @functools.cached_property
+    @cached_property
     def beam_of_cell(self) -> np.ndarray:
         """Index of each cell's beam in the scene."""
         return np.repeat(np.arange(len(self.cells)), [len(cells) for cells in self.cells])
 
-    @functools.cached_property
+    @cached_property
     def nodes(self) -> list[np.ndarray]:
         """Nodes of each beam, in order along it."""
         of_beams = [self.elements[cells] for cells in self.cells]
         return [np.append(nodes[:, :-1], nodes[-1, -1]) for nodes in of_beams]
 
-    @functools.cached_property
+    @cached_property
     def size(self) -> float:
         """Largest extent of the scene [m]; 1 for a single node."""
         return float(np.hypot(*np.ptp(self.X, axis=0))) or 1.0
 
-    @functools.cached_property
+    @cached_property
     def shortest(self) -> list[float]:
         """Shortest distance of the ends of an element of each beam [m]."""
         ends = self.X[self.elements[:, [0, -1]]]
@@ -81,31 +81,31 @@ class Mesh:
 
     # -- As forms take it -----------------------------------------------------------------------
 
-    @functools.cached_property
+    @cached_property
     def _in_forms(self) -> np.ndarray:
         """Nodes of each cell as forms have them: both ends before the others."""
         last = self.elements.shape[1] - 1
         return self.elements[:, [0, last, *range(1, last)]]
 
-    @functools.cached_property
+    @cached_property
     def points(self) -> np.ndarray:
         """Nodes (cells, m) between which each cell lies: all of them, or the ends if straight."""
         return self._in_forms if self.curved else self._in_forms[:, :2]
 
-    @functools.cached_property
+    @cached_property
     def coordinates(self) -> np.ndarray:
         """Positions (cells, 3 m) of these nodes in space [m]."""
         places = np.zeros((*self.points.shape, 3))
         places[..., :2] = self.X[self.points]
         return _rows(places)
 
-    @functools.cached_property
+    @cached_property
     def unknowns(self) -> Space:
         """Space of displacements, then rotations, at the nodes of cells."""
         dofs = self.dofs[self._in_forms]
         return Space(np.hstack([_rows(dofs[..., :2]), dofs[..., 2]]), self.dofs.size)
 
-    @functools.cached_property
+    @cached_property
     def positions(self) -> Space:
         """Space of the positions of nodes."""
         return Space(_rows(2 * self.points[..., None] + np.arange(2)), self.X.size)

@@ -11,6 +11,7 @@ import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.check_arities import check_integrand_arity
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, fields_in, refuse_fields
 from fx_beam.laws.kinematics import arc_derivative, director
 from fx_beam.laws.resultants import (
@@ -282,12 +283,12 @@ class WeakForm:
                 form += per_length * (dx(tag) if len(of_laws) > 1 else dx)
         return form
 
-    @functools.cached_property
+    @cached_property
     def compiled_resultants(self) -> list[CompiledForm]:
         """N, Q and M of each law at the Gauss points."""
         return self._compiled_at_points("resultants", self.resultants)
 
-    @functools.cached_property
+    @cached_property
     def normal_stretch(self) -> list[CompiledForm]:
         """t . phi' of eq. 4 at the start of the step, 1 and the axial strain, there."""
         return self._compiled_at_points("normal stretch", [1 + self.step.total_strains0[0]])

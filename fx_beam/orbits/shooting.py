@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, as_float, is_number, is_whole, positive
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Scheme

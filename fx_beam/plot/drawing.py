@@ -6,11 +6,11 @@ import logging
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, is_whole, numbers, positive, require
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.solution import Solution, scene_of

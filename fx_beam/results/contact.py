@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, nearest
 
@@ -114,12 +114,12 @@ class ContactMotion:
         return shape.side * known[..., variable]
 
     # Nearest points take time: they are found once for each `ContactMotion`.
-    @functools.cached_property
+    @cached_property
     def _now(self) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Gaps (n, m), directions (n, m, 2) to the free side, and nearest nodes at the times t."""
         return self._gaps_and_normals(self.solution.recorded("q"))
 
-    @functools.cached_property
+    @cached_property
     def _normals_at_level(self) -> np.ndarray:
         """Directions (n, m, 2) of the normal force in the steps between rows."""
         q, t, at = self.solution.recorded("q"), self.solution.t, self.solution.t_level

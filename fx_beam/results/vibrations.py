@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, as_float, is_number, is_one_of, is_whole, require, shown
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 from fx_beam.scene.body import Body

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, as_float, require
 
 from .beam import Beam, Node
@@ -70,7 +70,7 @@ class SlidingJoint(Joint):
             return "of another joint; measure the rotation of the node that slides"
         return super().lacks(quantity)
 
-    @functools.cached_property
+    @cached_property
     def path(self) -> Path:
         """The axis of the beam."""
         return Path(self.beam)
@@ -79,7 +79,7 @@ class SlidingJoint(Joint):
         """Arc length at the start, and distance of the node from the beam there [m]."""
         return self._start
 
-    @functools.cached_property
+    @cached_property
     def _start(self) -> tuple[float, float]:
         position = np.array([self.b.x, self.b.y])
         if self.fraction is None:

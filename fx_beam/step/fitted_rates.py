@@ -24,7 +24,6 @@ local derivatives.
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -32,6 +31,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.coupling.place_on_beam import PlaceOnBeam
 from fx_beam.coupling.rate_equations import OnBeam, RateEquations
 
@@ -58,7 +58,7 @@ class FittedRates:
     ):
         self._equations, self._mass, self._unit = equations, mass, unit
 
-    @functools.cached_property
+    @cached_property
     def _solver(self) -> RateSolver:
         return RateSolver(self._equations(False), self._mass, self._unit)
 
@@ -69,7 +69,7 @@ class FittedRates:
         """
         return self._solver.fit(q, v, slides, driven)
 
-    @functools.cached_property
+    @cached_property
     def _solver_of_all(self) -> RateSolver:
         return RateSolver(self._equations(True), self._mass, self._unit, all_rates=True)
 
@@ -170,7 +170,7 @@ class RateDerivatives:
 
     # -- Jacobians --------------------------------------------------------------------------------
 
-    @functools.cached_property
+    @cached_property
     def _impulses(self) -> scipy.sparse.csr_matrix:
         """Impulses of joints and of columns by the multipliers."""
         count, joints = self._equations.count, 3 * self._equations.joints
@@ -184,7 +184,7 @@ class RateDerivatives:
         """Places (count, 3) of the joint of each equation among impulses; -1 of supports."""
         return behind(0, 3 * self._equations.joint[:, None] + np.arange(3))
 
-    @functools.cached_property
+    @cached_property
     def _jacobian(self) -> scipy.sparse.csr_matrix:
         """Right sides, and impulses at constant multipliers, by the state and by numbers."""
         equations, n, mu = self._equations, len(self._mu), self._mu[..., None]

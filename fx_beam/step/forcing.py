@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import Constant, SceneError, TimeFunction, evaluate, series
 from fx_beam.fem.parameter_values import before
 from fx_beam.laws.interval import Interval, just_inside

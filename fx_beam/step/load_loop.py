@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
@@ -61,7 +61,7 @@ class LoadLoop(CompiledLoop):
         #: Drag [J] on the increments of all nodes.
         self.drag = 0.0
 
-    @functools.cached_property
+    @cached_property
     def equations(self) -> Equations:
         """The equations of load steps; on one process they have the arrays of the loop."""
         alone = self.problem if self._alone else None

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 import weakref
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.dual import plain
 from fx_beam.laws.interval import divided
 from fx_beam.results.audit import Stats
@@ -218,7 +218,7 @@ class CompiledLoop:
                 break
         return taken
 
-    @functools.cached_property
+    @cached_property
     def one_row(self) -> Any:
         """A record of forces alone, for one step."""
         to, self._row = self._ffi.new("Record *"), np.zeros(1, np.int32)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.coupling import configuration
 from fx_beam.coupling.auxiliaries import Auxiliaries
 from fx_beam.coupling.graph import couple, motors
@@ -243,7 +244,7 @@ class Model:
         """How often masses were computed."""
         return self._mass.changes
 
-    @functools.cached_property
+    @cached_property
     def masses(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Entries of the mass that are not zero: positions in the tangent, values and columns."""
         at = np.flatnonzero(self.mass.data)
@@ -264,7 +265,7 @@ class Model:
         """Whether members or springs have internal variables."""
         return self.forms.internal_shape[-1] > 0 or self.points.width > 0
 
-    @functools.cached_property
+    @cached_property
     def nonsmooth(self) -> bool:
         """Whether the slopes of forces may change at once: flow, contact, functions of a user."""
         bent = any(beam.section.strain_energy for beam in self.scene.beams)
@@ -305,7 +306,7 @@ class Model:
         """Energy stored in springs, stops and obstacles [J]."""
         return self.points.energy(state.q, state.slides, state.spring_internal)
 
-    @functools.cached_property
+    @cached_property
     def sizes(self) -> dict[str, int]:
         """Lengths of the arrays of a state, by their names in `Quantity.shape`."""
         cells, points, variables = self.forms.internal_shape
@@ -324,13 +325,13 @@ class Model:
             "natural strains": 3 * bool(self.natural),
         }
 
-    @functools.cached_property
+    @cached_property
     def widths(self) -> dict[str, int]:
         """Numbers in a row of each recorded quantity."""
         sizes = self.sizes
         return {name: math.prod(quantity.lengths(sizes)) for name, quantity in ROWS.items()}
 
-    @functools.cached_property
+    @cached_property
     def nodal_rules(self) -> NodalRules | None:
         """The nodal rules of the rates, if they are those of a user."""
         rates = self.scheme.rates
@@ -343,17 +344,17 @@ class Model:
         """Whether a step needs the configuration at the start of the last one."""
         return self.forms.needs_previous or self.scheme.rates.of_user
 
-    @functools.cached_property
+    @cached_property
     def factors_of_mass(self) -> LU:
         """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
         return sparse_lu(self.reduction.factored)
 
-    @functools.cached_property
+    @cached_property
     def unit(self) -> np.ndarray:
         """Size (size,) of unit increments: that of the scene for displacements, 1 for rotations."""
         return np.tile([self.mesh.size, self.mesh.size, 1.0], len(self.mesh.X))
 
-    @functools.cached_property
+    @cached_property
     def needs_accelerations(self) -> bool:
         """Whether steps, or unknowns without mass, need the accelerations at the start."""
         by_mean, beams = self.scheme.rates.by_mean, self.forms.beams
@@ -368,12 +369,12 @@ class Model:
         of_state = self.fits_rates or bool(self.natural)
         return self.reduction.equates and not (of_state or self.needs_accelerations)
 
-    @functools.cached_property
+    @cached_property
     def massless(self) -> np.ndarray:
         """Whether a degree of freedom is massless, (size,)."""
         return self.mass.diagonal() == 0
 
-    @functools.cached_property
+    @cached_property
     def unit_of_unknowns(self) -> np.ndarray:
         """Size of a unit increment of each unknown (free,); compare `unit`."""
         couplings, turns = self.couplings, set(self.turns.tolist())
@@ -384,7 +385,7 @@ class Model:
         unit[turning] = 1.0
         return unit[: couplings.free]
 
-    @functools.cached_property
+    @cached_property
     def fits_rates(self) -> bool:
         """Whether rates by the mean rule must be fitted to joints and driven motions."""
         turning = any(joint.turns_with_motion for joint in self.scene.joints)
@@ -395,7 +396,7 @@ class Model:
         """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
         return self.rate_fit if self.fits_rates else None
 
-    @functools.cached_property
+    @cached_property
     def rate_fit(self) -> FittedRates:
         """Finds rates that fit joints and driven motions, in the norm of the mass."""
         return FittedRates(self._rate_equations, self.mass, self.unit)
@@ -406,7 +407,7 @@ class Model:
         joints = {joint.number: joint for joint in sliding_joints(self.scene.joints)}
         return [joints[joint.number] for joint in self.couplings.sliding]
 
-    @functools.cached_property
+    @cached_property
     def _rate_equations(self) -> Callable[[bool], RateEquations]:
         """Equations of rates, without or with those of rigid points; each is built once."""
         scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)

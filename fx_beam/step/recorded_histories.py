@@ -5,7 +5,6 @@ Each is made when it is first read.
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import HISTORIES, ROWS
@@ -90,7 +90,7 @@ class RecordedHistories(Mapping):
             if name in ROWS and ROWS[name].record not in ("motion", "rates")
         }
 
-    @functools.cached_property
+    @cached_property
     def _fitted(self) -> Mapping[str, np.ndarray]:
         return self._rows if self._fitted_rows is None else self._fitted_rows()
 
@@ -130,7 +130,7 @@ class RecordedHistories(Mapping):
             return None
         return values
 
-    @functools.cached_property
+    @cached_property
     def _by_supports(self) -> tuple[np.ndarray, np.ndarray]:
         """Forces of the supports on nodes, and those of motors, from rows of all of them."""
         model, forces = self._model, self._recorded("constraint_forces")

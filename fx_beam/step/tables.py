@@ -6,7 +6,6 @@ in the C files: Newton's method, couplings and nodal rates.
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.c_library import Structs, declarations, declared
+from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
@@ -120,7 +120,7 @@ class Problem:
         }
         return "|".join(name for name, present in has.items() if present) or "0"
 
-    @functools.cached_property
+    @cached_property
     def library(self) -> Any:
         """The library of steps."""
         return load_library(self._features)[1]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.scene.scene import Scene
 
@@ -37,14 +37,14 @@ class TurningFrame:
     def __init__(self, model: Model, spin: float, pivot: Sequence[float]):
         self._model, self.spin, self.pivot = model, spin, np.array(pivot, dtype=float)
 
-    @functools.cached_property
+    @cached_property
     def mass(self) -> scipy.sparse.csr_matrix:
         """Mass (size, size) of displacements, in the sparsity of all."""
         mass = self._model.mass.copy()
         mass.data[mass.indices % 3 == 2] = 0.0
         return mass
 
-    @functools.cached_property
+    @cached_property
     def quarter_turn(self) -> scipy.sparse.csr_matrix:
         """S (size, size): displacements turned by a quarter, no rotations."""
         of_node = scipy.sparse.csr_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])

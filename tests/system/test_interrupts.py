@@ -3,12 +3,14 @@
 import itertools
 import signal
 import sys
+import threading
 
 import numpy as np
 import pytest
 from interrupting import call_stopped_at
 
 import fx_beam as fb
+from fx_beam.content_cache import cached_property
 from fx_beam.motions import motion as motion_module, motion_series, surroundings
 from fx_beam.step import single_steps
 
@@ -280,3 +282,19 @@ def test_runs_that_ended_are_kept_whatever_ends_converge_and_studies():
     with pytest.raises(SystemExit) as left:
         fb.stability.study([fb.EnergyMomentum()], cases, repeats=0)
     assert [cell.case.label for cell in left.value.cells] == ["1"]
+
+
+def test_an_interrupted_property_does_not_stop_other_threads():
+    class Holder:
+        @cached_property
+        def value(self):
+            return 1.0
+
+    for place in itertools.count():
+        if not call_stopped_at(place, lambda: Holder().value, opcodes=True):
+            break
+    values = []
+    thread = threading.Thread(target=lambda: values.append(Holder().value), daemon=True)
+    thread.start()
+    thread.join(10)
+    assert place > 10 and values == [1.0]
