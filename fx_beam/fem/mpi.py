@@ -7,18 +7,15 @@ import sys
 from importlib.util import find_spec
 from typing import Any
 
-# Beginnings of variables by which launchers of Open MPI, MPICH and SLURM say what a process is.
-_OF_LAUNCHERS = "OMPI_COMM_WORLD_", "PMI_", "PMIX_", "MV2_COMM_WORLD_"
+# Variables by which launchers of Open MPI, MPICH, MVAPICH and SLURM number a process. MPI itself sets
+# others that begin alike, and processes that are started later inherit them.
+_RANKS = {"OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MV2_COMM_WORLD_RANK"}
 
 
 def under_mpirun() -> bool:
     """Whether mpirun started this process."""
-    started = "mpi4py.MPI" in sys.modules or any(map(_is_of_launcher, os.environ))
+    started = "mpi4py.MPI" in sys.modules or not _RANKS.isdisjoint(os.environ)
     return started and (world().size > 1 or "OMPI_COMM_WORLD_SIZE" in os.environ)
-
-
-def _is_of_launcher(name: str) -> bool:
-    return name.startswith(_OF_LAUNCHERS)
 
 
 def rank_and_size() -> tuple[int, int]:

@@ -77,6 +77,7 @@ class Problem:
         self._pointers = self.ffi.typeof("double *[11]")
         #: Natural strains at the end of a step.
         self.strains = np.zeros(model.natural.shape if model.natural else 0)
+        self._sparse_factors = np.zeros(0)
         self._stored_at = stored_at = self._hand_over_couplings()
         self._hand_over_mesh(stored_at)
         self._set(has_added=model.forms.has_added, keeps_previous=model.keeps_previous)
@@ -311,7 +312,8 @@ class Problem:
         if self.model.points.members is not None:
             self._hand_over_changing_rows()
         elif factors.groups is not None:
-            self._set(rows=[factors.rows() | {"factors": np.zeros(factors.size)}])
+            self._sparse_factors = np.zeros(factors.size)
+            self._set(rows=[factors.rows() | {"factors": self._sparse_factors}])
         padding = [factors.padding]
         if (closed := reduction.closed_system) is not None:
             self._set(**closed.members, **{name: at[k] for name, k in closed.places.items()})
@@ -545,6 +547,8 @@ class Problem:
         #: Work space of C.
         self.scratch = aligned(np.zeros(self.library.fx_scratch(self.c)))
         self._set(scratch=self.scratch)
+        #: What steps by the factors of earlier ones depend on, beside the state.
+        self.work = [self.scratch, self._sparse_factors]
         self._clear()
 
     def _clear(self) -> None:

@@ -73,8 +73,8 @@ class _Checkpoint(NamedTuple):
     memory: np.ndarray
     #: The arrays of the state, each in one row.
     state: dict[str, np.ndarray]
-    #: Work space with the factors of earlier steps, if these are used.
-    scratch: np.ndarray | None
+    #: Work space and factors of earlier steps, if these are used.
+    work: list[np.ndarray]
     #: Increments (sub-steps, columns) of these steps, if they are kept.
     increments: np.ndarray | None
 
@@ -155,7 +155,7 @@ class Tape:
         p = problem.c
         numbers = {name: getattr(p, name) for name in (*NUMBERS, *_OF_RUN)}
         numbers["orders"] = list(p.orders)
-        scratch = problem.scratch.copy() if p.kept.worth else None
+        work = [array.copy() for array in problem.work] if p.kept.worth else []
         kept_factors = bytes(self._ffi.buffer(self._ffi.addressof(p, "kept")))
         memory = problem.memory.copy()
         state = {name: array.flatten() for name, array in problem.state_arrays.items()}
@@ -165,7 +165,7 @@ class Tape:
             self._take_increments(problem)
             self._set_rows(np.empty((0, self.c.size)))
         increments = None if self.is_whole else self._increments(problem, more)
-        parts = len(self), steps, numbers, kept_factors, memory, state, scratch, increments
+        parts = len(self), steps, numbers, kept_factors, memory, state, work, increments
         self._checkpoints.append(_Checkpoint(*parts))
         if self.is_whole:
             return self._with_room(more)
@@ -258,8 +258,8 @@ class Tape:
             setattr(p, name, value)
         ffi.memmove(ffi.addressof(p, "kept"), checkpoint.kept_factors, len(checkpoint.kept_factors))
         problem.memory[:] = checkpoint.memory
-        if checkpoint.scratch is not None:
-            problem.scratch[:] = checkpoint.scratch
+        for array, values in zip(problem.work, checkpoint.work, strict=False):
+            array[:] = values
         p.controlled = p.watches = 0
         if (members := problem.model.points.members) is not None:
             members.forget()
