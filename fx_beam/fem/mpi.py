@@ -7,8 +7,8 @@ import sys
 from importlib.util import find_spec
 from typing import Any
 
-# Variables by which launchers of Open MPI, MPICH, MVAPICH and SLURM number a process. MPI itself sets
-# others that begin alike, and processes that are started later inherit them.
+# Variables by which launchers of Open MPI, MPICH, MVAPICH and SLURM number a process. MPI itself
+# sets others that begin alike, and processes that are started later inherit them.
 _RANKS = {"OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MV2_COMM_WORLD_RANK"}
 
 
