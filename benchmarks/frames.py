@@ -23,15 +23,16 @@ from fx_beam.parallel import team
 from fx_beam.step import stepper, tables
 from fx_beam.step.lu_layout import COSTS
 
+SECTION = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 
-def struts(cells, high=None, degree=1, elements=1):
+
+def struts(cells, high=None, degree=1, elements=1, section=lambda column: SECTION):
     """A free lattice of `cells` by as many or `high` ones, and its nodes by their places."""
     scene, nodes, high = fb.Scene(), {}, high or cells
-    section = fb.Section(EA=1e6, GA=1e6, EI=1e2, rhoA=1.0, rhoI=1e-2)
 
     def strut(a, b):
         ends = [nodes.get(a, a), nodes.get(b, b)]
-        beam = scene.add_beam(ends, section, elements=elements, degree=degree)
+        beam = scene.add_beam(ends, section(a[0]), elements=elements, degree=degree)
         nodes[a], nodes[b] = beam.start, beam.end
 
     for i in range(cells + 1):

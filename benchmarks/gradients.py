@@ -17,6 +17,7 @@ import sys
 from time import thread_time
 
 import numpy as np
+from frames import struts
 from scipy.optimize import least_squares
 
 import fx_beam as fb
@@ -161,20 +162,9 @@ def of_frame(count, cells):
     """Of four modes of a lattice that is clamped at one side."""
 
     def build(x):
-        scene, nodes = fb.Scene(), {}
         sections = [fb.Section(EA=1e6 * k, GA=1e6 * k, EI=1e2, rhoA=1.0, rhoI=1e-2) for k in x]
-
-        def strut(a, b):
-            ends = [nodes.get(a, a), nodes.get(b, b)]
-            beam = scene.add_beam(ends, sections[a[0] * count // (cells + 1)], elements=1)
-            nodes[a], nodes[b] = beam.start, beam.end
-
-        for i in range(cells + 1):
-            for j in range(cells + 1):
-                if i < cells:
-                    strut((i, j), (i + 1, j))
-                if j < cells:
-                    strut((i, j), (i, j + 1))
+        of_column = [sections[column * count // (cells + 1)] for column in range(cells + 1)]
+        scene, nodes = struts(cells, section=of_column.__getitem__)
         for j in range(cells + 1):
             scene.clamp(nodes[0, j])
         return scene
