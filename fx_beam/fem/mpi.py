@@ -13,8 +13,9 @@ _RANKS = {"OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MV2_COMM_WORLD_RANK"
 
 
 def under_mpirun() -> bool:
-    """Whether mpirun started this process."""
-    started = "mpi4py.MPI" in sys.modules or not _RANKS.isdisjoint(os.environ)
+    """Whether mpirun started this process, and mpi4py is there: SLURM numbers lone ones as well."""
+    numbered = not _RANKS.isdisjoint(os.environ) and find_spec("mpi4py") is not None
+    started = "mpi4py.MPI" in sys.modules or numbered
     return started and (world().size > 1 or "OMPI_COMM_WORLD_SIZE" in os.environ)
 
 
