@@ -12,7 +12,9 @@ import shlex
 import shutil
 import subprocess
 import sysconfig
+import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -67,6 +69,8 @@ __attribute__((externally_visible)) {_MISSING} {{
 """
 # What C takes arrays of numbers as.
 _NUMBERS = {"int": np.int32, "double": np.float64}
+# Declarations by the names of their files in the cache.
+_declared: dict[str, Any] = {}
 
 
 class CannotBuild(RuntimeError):
@@ -98,7 +102,8 @@ def declared(header: str, definitions: tuple[str, ...]) -> Any:
         make_py_source(parser, "types", str(folder / name))
         return _ffi_of((folder / name).read_bytes())
 
-    return search() or library_cache.build(name, search, builder)
+    # Threads that ask at once get the same one, whose types alone fit each other.
+    return _declared.setdefault(name, search() or library_cache.build(name, search, builder))
 
 
 def _ffi_of(code: bytes) -> Any:
@@ -125,6 +130,20 @@ def open_library(
     library = load(what, source, lambda: source, lambda path: ffi.dlopen(str(path)), flags)
     _check_processor(ffi.string(library.fx_missing()).decode())
     return ffi, library
+
+
+@functools.cache
+def begin_to_build(
+    what: str, file: str, macros: tuple[str, ...], flags: tuple[str, ...] = ()
+) -> None:
+    """Compile a library beside all else, if the cache lacks it."""
+    source = with_macros(file, *macros)
+
+    def build() -> None:
+        with suppress(CannotBuild, SceneError):  # who loads it is told why
+            load(what, source, lambda: source, lambda _: True, flags)
+
+    threading.Thread(target=build).start()
 
 
 def with_macros(file: str, *macros: str) -> str:

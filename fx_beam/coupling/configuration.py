@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-import functools
-import threading
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
-from fx_beam.errors import SceneError
 from fx_beam.results.state import MACROS
 
 from .sliders import Slide
 
-_LIBRARY = "joints", "joints.c", "problem.h", MACROS, (), ("-O1", "-fwhole-program")
+_LIBRARY = "joints", "joints.c"
+_FLAGS = "-O1", "-fwhole-program"
 
 
-@functools.cache
 def begin_to_build() -> None:
     """Compile what evaluates joints beside all else, if the cache lacks it."""
-
-    def build() -> None:
-        with suppress(c_library.CannotBuild, SceneError):  # who loads it is told why
-            c_library.open_library(*_LIBRARY)
-
-    threading.Thread(target=build).start()
+    c_library.begin_to_build(*_LIBRARY, MACROS, _FLAGS)
 
 
 class Relation(NamedTuple):
@@ -42,7 +33,7 @@ class Configuration:
     """A step of joints from a start; `members` are those of ``Problem`` in c/problem.h."""
 
     def __init__(self, members: dict[str, Any], joints: int, slides: Sequence[Slide]):
-        ffi, self._library = c_library.kept_library(*_LIBRARY)
+        ffi, self._library = c_library.kept_library(*_LIBRARY, "problem.h", MACROS, (), _FLAGS)
         self._structs, self._slides = Structs(ffi, c_library.declarations("problem.h")), slides
         self._c, self._ffi, self._double = ffi.new("Problem *"), ffi, ffi.typeof("double[]")
         size, columns = members["dofs"], members["columns"] + members.get("auxiliaries", 0)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from fx_beam import c_library
-from fx_beam.errors import SceneError
 from fx_beam.fem import ffcx_api
 from fx_beam.results.state import MACROS
 
@@ -58,17 +56,10 @@ def _asked(features: str, derivatives: str) -> tuple[str, list[str], list[str]]:
     return _WHAT[derivatives], macros, [*_FLAGS, *([] if derivatives == "JVP" else _QUICKLY)]
 
 
-@functools.cache
 def begin_to_build(features: str, derivatives: str = "") -> None:
     """Compile the same library beside all else, if the cache lacks it."""
     what, macros, flags = _asked(features, derivatives)
-    source = c_library.with_macros("loop.c", *MACROS, *macros)
-
-    def build() -> None:
-        with suppress(c_library.CannotBuild, SceneError):  # who loads it is told why
-            c_library.load(what, source, lambda: source, lambda _: True, flags)
-
-    threading.Thread(target=build).start()
+    c_library.begin_to_build(what, "loop.c", (*MACROS, *macros), tuple(flags))
 
 
 def load_batches(

@@ -4,7 +4,7 @@ import cffi
 import numpy as np
 import pytest
 
-from fx_beam.c_library import Structs
+from fx_beam.c_library import Structs, declared
 
 DECLARED = """
 typedef double Law(double);
@@ -46,3 +46,8 @@ def test_a_pointer_that_is_not_set_is_named(frame):
     structs.set(c, dofs=[0])
     with pytest.raises(ValueError, match="Frame: not set: mass"):
         structs.check(c)
+
+
+def test_threads_that_ask_at_once_for_declarations_get_the_same_ones():
+    read = declared.__wrapped__  # as threads that find nothing in the cache of the process
+    assert read("sparse_rows.h", ()) is read("sparse_rows.h", ())

@@ -64,6 +64,12 @@ typedef struct {
   double place, distance;
 } NearPlace;
 
+/* A node of a member, and its place along an axis. */
+typedef struct {
+  double place;
+  int node;
+} SortedNode;
+
 typedef struct {
   int contacts, conditions;
   MemberContact *of;
@@ -79,9 +85,7 @@ typedef struct {
   struct { ContactPoint *contact_point; };
   int contact_points, near_places, near_room;
   struct { NearPlace *near; }; /* [near_room] places of the last search */
-  /* The cells of a search: where the nodes in each begin, the nodes, and their places. */
-  struct { int *cell_start, *cell_node, *cell_of; };
-  struct { double *node_at; };
+  struct { SortedNode *sorted; };
 } MemberContacts;
 
 /* What is wrong at the end of a step: nothing, points have moved further than was expected, a point has passed through

@@ -1,4 +1,4 @@
-/* Finds the points that are near members, by cells, and evaluates the laws of their contact. */
+/* Finds the points that are near members, among their sorted nodes, and evaluates the laws of their contact. */
 
 #pragma once
 
@@ -20,7 +20,7 @@ enum { MOST_PIECES = 4 };
 
 void fx_free_members(MemberContacts *m) {
   free(m->searched_at), free(m->start), free(m->v), free(m->product), free(m->contact_point), free(m->has_slot);
-  free(m->memory), free(m->near), free(m->cell_start), free(m->cell_node), free(m->cell_of), free(m->node_at);
+  free(m->memory), free(m->near), free(m->sorted);
 }
 
 /* Positions of all degrees of freedom in a configuration. */
@@ -70,84 +70,59 @@ static void add_near(MemberContacts *m, int contact, int point, int piece, const
   m->near[m->near_places++] = (NearPlace){contact, point, piece, nearest->place, nearest->distance};
 }
 
-/* The cells of the nodes of a member. */
-typedef struct {
-  double low[2], size;
-  int count[2];
-} Grid;
+static int by_place(const void *a, const void *b) {
+  const SortedNode *one = a, *other = b;
+  return (one->place > other->place) - (one->place < other->place);
+}
 
-static Grid make_grid(MemberContacts *m, const MemberContact *c, const double *x, double reach) {
-  Grid g = {{HUGE_VAL, HUGE_VAL}, 0, {1, 1}};
-  double high[2] = {-HUGE_VAL, -HUGE_VAL}, longest = 0, extent = 0;
-  ROOM(m->cell_node, c->nodes), ROOM(m->cell_of, c->nodes), ROOM(m->node_at, 2 * c->nodes);
+/* Sorts the nodes of a member along the axis of its larger extent, which is returned; sets the length of the longest piece. */
+static int sort_nodes(MemberContacts *m, const MemberContact *c, const double *x, double *longest) {
+  double low[2] = {HUGE_VAL, HUGE_VAL}, high[2] = {-HUGE_VAL, -HUGE_VAL}, node[2], previous[2];
+  *longest = 0;
   for (int i = 0; i < c->nodes; ++i) {
-    double *node = m->node_at + 2 * i;
-    pair_of(x, c->node_dof + 2 * i, node);
-    for (int a = 0; a < 2; ++a) g.low[a] = fmin(g.low[a], node[a]), high[a] = fmax(high[a], node[a]);
-    if (i) longest = fmax(longest, hypot(node[0] - node[-2], node[1] - node[-1]));
-    extent += fabs(node[0]) + fabs(node[1]);
+    pair_of(x, c->node_dof + 2 * i, node), pair_of(x, c->node_dof + 2 * (i > 0 ? i - 1 : i), previous);
+    for (int a = 0; a < 2; ++a) low[a] = fmin(low[a], node[a]), high[a] = fmax(high[a], node[a]);
+    *longest = fmax(*longest, hypot(node[0] - previous[0], node[1] - previous[1]));
   }
-  g.size = reach + longest / 2;
-  if (!isfinite(extent + g.size)) { /* a lost motion: no cells, in which nothing is found */
-    g.count[0] = g.count[1] = 0;
-    return g;
-  }
-  /* No more cells than about four for each node. */
-  for (double most = 4.0 * c->nodes + 4; (high[0] - g.low[0]) / g.size * ((high[1] - g.low[1]) / g.size) > most;)
-    g.size *= 1.4;
-  for (int a = 0; a < 2; ++a) g.count[a] = 1 + (int)((high[a] - g.low[a]) / g.size);
-  long cells = (long)g.count[0] * g.count[1];
-  ROOM(m->cell_start, cells);
-  memset(m->cell_start, 0, (cells + 1) * sizeof(int));
-  for (int i = 0; i < c->nodes; ++i) {
-    const double *node = m->node_at + 2 * i;
-    int column = (int)((node[0] - g.low[0]) / g.size), row = (int)((node[1] - g.low[1]) / g.size);
-    m->cell_of[i] = row * g.count[0] + column;
-    ++m->cell_start[m->cell_of[i] + 1];
-  }
-  for (long k = 0; k < cells; ++k) m->cell_start[k + 1] += m->cell_start[k];
-  for (int i = c->nodes - 1; i >= 0; --i) m->cell_node[--m->cell_start[m->cell_of[i] + 1]] = i;
-  return g;
+  int axis = high[1] - low[1] > high[0] - low[0];
+  ROOM(m->sorted, c->nodes);
+  for (int i = 0; i < c->nodes; ++i) m->sorted[i] = (SortedNode){x[c->node_dof[2 * i + axis]], i};
+  qsort(m->sorted, c->nodes, sizeof *m->sorted, by_place);
+  return axis;
 }
 
 /* Adds a point where the piece about a node is nearest to it, among the pieces next to it. */
-static void add_if_near(MemberContacts *m, int number, int i, const double *point, int node, double reach) {
+static void add_if_near(MemberContacts *m, int number, int i, const double *x, const double *point, int node, double reach) {
   const MemberContact *c = m->of + number;
-  double r[3][2];
   int begins = node == 0, ends = node == c->nodes - 1;
-  for (int k = begins; k < 3 - ends; ++k)
-    for (int a = 0; a < 2; ++a) r[k][a] = m->node_at[2 * (node - 1 + k) + a] - point[a];
+  double arms[4][2], (*r)[2] = arms + ends;
+  arms_at(c, node - ends, point, x, arms);
   if (!begins && grows_at_joint(r[0], r[1])) return;
   if (!ends && !grows_at_joint(r[1], r[2])) return;
   if (c->apart > 0 && fabs(c->arc[i] - c->arc[node]) < c->apart) return;
-  for (int a = 0; a < 2; ++a) {
-    if (begins) r[0][a] = 2 * r[1][a] - r[2][a];
-    if (ends) r[2][a] = 2 * r[1][a] - r[0][a];
-  }
   NearPoint nearest = nearest_on(r, 0, begins, ends);
   if (nearest.distance < reach) add_near(m, number, i, node, &nearest);
 }
 
-/* Finds all points within a margin of their radii from a member: at each nearest place of its own. */
+/* Finds all points within a margin of their radii from a member: at each nearest place of its own. Nothing in a lost motion,
+   whose margin is not finite. */
 static void search(MemberContacts *m, const double *x, double margin) {
   m->near_places = 0;
-  for (int number = 0; number < m->contacts; ++number) {
+  for (int number = 0; isfinite(margin) && number < m->contacts; ++number) {
     const MemberContact *c = m->of + number;
-    double most = 0, point[2];
-    for (int i = 0; i < c->points; ++i) most = fmax(most, c->number[i * c->numbers]);
-    Grid g = make_grid(m, c, x, most + margin);
+    double longest, point[2];
+    int axis = sort_nodes(m, c, x, &longest);
     for (int i = 0; i < c->points; ++i) {
       pair_of(x, c->point_dof + 2 * i, point);
-      double u = floor((point[0] - g.low[0]) / g.size), v = floor((point[1] - g.low[1]) / g.size);
-      if (!(u >= -1 && v >= -1 && u <= g.count[0] && v <= g.count[1])) continue;
-      double reach = c->number[i * c->numbers] + margin;
-      for (int row = fmax(0, v - 1); row <= fmin(g.count[1] - 1, v + 1); ++row)
-        for (int column = fmax(0, u - 1); column <= fmin(g.count[0] - 1, u + 1); ++column) {
-          int cell = row * g.count[0] + column;
-          int end = cell + 1 < g.count[0] * g.count[1] ? m->cell_start[cell + 2] : c->nodes;
-          for (int k = m->cell_start[cell + 1]; k < end; ++k)
-            add_if_near(m, number, i, point, m->cell_node[k], reach);
-        }
+      double reach = c->number[i * c->numbers] + margin, wide = reach + longest / 2;
+      int first = 0;
+      for (int left = c->nodes, half; left; left = half) { /* bisection */
+        half = left / 2;
+        if (m->sorted[first + half].place < point[axis] - wide) first += half + 1, half = left - half - 1;
+      }
+      for (const SortedNode *k = m->sorted + first; k < m->sorted + c->nodes && k->place <= point[axis] + wide; ++k)
+        if (fabs(x[c->node_dof[2 * k->node + !axis]] - point[!axis]) <= wide)
+          add_if_near(m, number, i, x, point, k->node, reach);
     }
   }
 }
@@ -473,34 +448,22 @@ static int has_passed(const MemberContacts *m, const ContactPoint *e) {
   return dot2(first, last) < 0;
 }
 
-/* Whether a point touches its member at the end of a step, beyond the pieces of its contact point as well. */
-static int contact_points_beyond(const MemberContacts *m, ContactPoint *e, const double *end) {
-  double r[5][2];
-  int piece;
-  return follow(m, e, end, &piece, r).distance < *number_of(m->of + e->contact, e->point);
-}
-
 int fx_check_members(MemberContacts *m, const double *D) {
   int state = MEMBERS_FINE;
-  double *end = m->product;
+  double *end = m->product, r[5][2];
   m->step = largest_motion(m, D, 0, 1);
   if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
   for (int i = 0; i < m->dofs; ++i) end[i] = m->start[i] + D[i];
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
+    int piece;
     if (move_contact_point(m, e, D) && has_passed(m, e)) return MEMBERS_PASSED;
-    if (!e->left || !(e->closed || contact_points_beyond(m, e, end))) continue;
+    if (!e->left) continue;
+    /* It may touch beyond the pieces of its contact point as well. */
+    if (!e->closed && follow(m, e, end, &piece, r).distance >= *number_of(m->of + e->contact, e->point)) continue;
     if (!can_lean(e->first.place, e->left)) return MEMBERS_SLID;
     e->leans = e->left, state = MEMBERS_MOVED;
   }
   return state;
-}
-
-/* What the law of a point is given at a distance, with its internal variables. */
-static void give_distance(const MemberContact *c, int point, double distance, const double *internal, double *given) {
-  memset(given, 0, CONTACT_POINT_GIVEN * sizeof(double));
-  given[0] = distance, given[3 * c->sums + 1] = 1;
-  if (internal) memcpy(given + internal_at(c), internal, c->internal * sizeof(double));
-  memcpy(given + numbers_at(c), number_of(c, point), c->numbers * sizeof(double));
 }
 
 /* The stored energy, and its derivatives if there are functions `by` of all contacts (fx_energy_by_members). */
@@ -513,8 +476,10 @@ typedef struct {
 static void add_energy_at(const MemberContacts *m, Energy *to, int contact, int point, double distance,
                           const double *internal, double *slopes) {
   const MemberContact *c = m->of + contact;
-  double given[CONTACT_POINT_GIVEN];
-  give_distance(c, point, distance, internal, given);
+  double given[CONTACT_POINT_GIVEN] = {distance};
+  given[3 * c->sums + 1] = 1;
+  if (internal) memcpy(given + internal_at(c), internal, c->internal * sizeof(double));
+  memcpy(given + numbers_at(c), number_of(c, point), c->numbers * sizeof(double));
   if (!to->by) {
     double energy;
     call(c->energy, given, &energy, 1), to->sum += energy;
