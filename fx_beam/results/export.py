@@ -6,21 +6,22 @@ import csv
 import importlib.util
 import json
 import zipfile
-from dataclasses import asdict, fields
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
+from typing import Any
 
 import numpy as np
 
 from fx_beam.errors import is_name, shown
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
-from fx_beam.scene.contacts import Contact
 
+from .audit import BeamResultants
 from .files import of_numpy, replacing
 from .state import HISTORIES
 
 #: Format of saved files.
-FORMAT = "fx_beam solution 2"
-# What is written of a contact as it is.
-_OF_CONTACTS = "stiffness", "restitution", "speed", "radius", "along", "number"
+FORMAT = "fx_beam solution 3"
 
 
 def save(solution, path) -> None:
@@ -33,46 +34,9 @@ def save(solution, path) -> None:
     path : str or path
         File to write, in NumPy's npz format: arrays and a JSON text, no pickled objects.
     """
-    arrays = {name: getattr(solution, name) for name in ("X", *HISTORIES)}
-    arrays |= {f"energy_{name}": value for name, value in vars(solution.energy).items()}
-    if solution.end is not None:
-        known = {name: value for name, value in vars(solution.end).items() if value is not None}
-        past = known.pop("past", None)
-        arrays |= {f"end_{name}": value for name, value in known.items()}
-        arrays |= {f"past_{name}": value for name, value in vars(past).items()} if past else {}
-    if solution.stats.static:
-        arrays |= _stability(solution)
-    beams: list[dict] = []
-    if solution.beams:
-        arrays |= _of_all_beams(solution)
-    for name, beam in solution.beams.items():
-        internal = solution.variables_of_beam.get(name, {})
-        arrays |= {
-            f"beam{len(beams)}_internal{i}": rows for i, rows in enumerate(internal.values())
-        }
-        item = {"name": name, "degree": beam.degree, "s": beam.s.tolist()}
-        if beam.fractions is not None:
-            item["fractions"] = beam.fractions.tolist()
-        beams.append({**item, "internal": list(internal)})
-    joints = {number: list(variables) for number, variables in solution.variables_of_joint.items()}
-    for number, variables in solution.variables_of_joint.items():
-        arrays |= {f"joint{number}_internal{i}": rows for i, rows in enumerate(variables.values())}
-    for number, variables in solution.variables_of_contact.items():
-        arrays[f"contact{number}_friction"] = variables
-    stats = asdict(solution.stats)
-    bodies = [
-        {
-            **{name: getattr(body, name) for name in ("name", "mass", "inertia")},
-            "centre": body.centre.number,
-            "points": {name: node.number for name, node in body.points.items()},
-        }
-        for body in solution.bodies.values()
-    ]
-    meta = {"format": FORMAT, "stats": stats, "beams": beams, "joints": joints, "bodies": bodies}
-    meta["parameters"] = solution.names_of_parameters
-    meta["contacts"] = [_described(contact) for contact in solution.contacts]
-    text = json.dumps(meta, default=of_numpy)
-    arrays = {"meta": np.array(text), **arrays}
+    arrays = dict[str, np.ndarray]()
+    meta = {name: _packed(part, name, arrays) for name, part in _parts(solution).items()}
+    arrays = {"meta": np.array(json.dumps(meta, default=of_numpy)), **arrays}
     with replacing(path) as new, open(new, "wb") as raw:
         file = zipfile.ZipFile(raw, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
         try:
@@ -85,38 +49,55 @@ def save(solution, path) -> None:
             raise
 
 
-def _of_all_beams(solution) -> dict[str, np.ndarray]:
-    """Nodes and resultants, those of each beam after those of the one before: few arrays."""
-    arrays = {"nodes": [solution.nodes_of_beam[name] for name in solution.beams]}
-    if solution.has_motion:
-        parts = [vars(solution.resultants(name)) for name in solution.beams]
-        arrays |= {name: [resultants[name] for resultants in parts] for name in parts[0]}
-    return {f"beams_{name}": np.concatenate(parts, axis=-1) for name, parts in arrays.items()}
+def _parts(solution) -> dict[str, Any]:
+    """All that a file has of a solution, by name; of all beams one after the other: few arrays."""
+    beams = solution.beams.values()
+    parts = {"format": FORMAT, "X": solution.X}
+    parts |= {name: getattr(solution, name) for name in HISTORIES}
+    attributes = "energy", "end", "stats", "bodies", "contacts", "names_of_parameters"
+    variables = (f"variables_of_{what}" for what in ("beam", "joint", "contact"))
+    parts |= {name: getattr(solution, name) for name in (*attributes, *variables)}
+    parts["beams"] = [
+        {
+            "name": beam.name,
+            "degree": beam.degree,
+            "s": beam.s.tolist(),
+            "fractions": None if beam.fractions is None else beam.fractions.tolist(),
+        }
+        for beam in beams
+    ]
+    if beams:
+        nodes = [solution.nodes_of_beam[name] for name in solution.beams]
+        parts["beams_nodes"] = np.concatenate(nodes)
+    if beams and solution.has_motion:
+        of_beams = [vars(solution.resultants(beam)).values() for beam in solution.beams]
+        along = (np.concatenate(rows, axis=-1) for rows in zip(*of_beams, strict=True))
+        parts["resultants"] = BeamResultants(*along)
+    with suppress(ValueError):  # none are known, or they are not those of equilibria
+        parts["unstable_modes"] = solution.unstable_modes
+    return parts
 
 
-def _stability(solution) -> dict[str, np.ndarray]:
-    """Numbers of unstable modes, if they can be found."""
-    try:
-        return {"unstable_modes": solution.unstable_modes}
-    except ValueError:
-        return {}
-
-
-def _described(contact: Contact) -> dict:
-    """A contact in plain values; a node by its number, a beam by its name."""
-    target, shape = contact.target, contact.shape
-    parts: dict = {"beam": shape.name} if isinstance(shape, Beam) else {}
-    if not parts:
-        parts = {field.name: getattr(shape, field.name) for field in fields(shape)}
-    return {
-        "on": target.name if isinstance(target, Beam) else target.number,
-        "kind": type(contact.shape).__name__,
-        "shape": {
-            name: part.number if isinstance(part, Node) else part for name, part in parts.items()
-        },
-        **{name: getattr(contact, name) for name in _OF_CONTACTS},
-        "friction": None if contact.friction is None else asdict(contact.friction),
-    }
+def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
+    """A value as JSON has it. Arrays go to `arrays`; nodes and beams are known otherwise."""
+    if isinstance(value, np.ndarray):
+        arrays[name] = value
+        return {"array": name}
+    if isinstance(value, Node):
+        return {"node": value.number}
+    if isinstance(value, Beam):
+        return {"beam": value.name}
+    if is_dataclass(value):
+        parts = {field.name: getattr(value, field.name) for field in fields(value)}
+        known = {part: _packed(of, f"{name}_{part}", arrays) for part, of in parts.items()}
+        return {"kind": type(value).__name__, **known}
+    if isinstance(value, Mapping):  # whose keys may be numbers, and any text
+        parts = enumerate(value.values())
+        return {"keys": [*value], "values": [_packed(of, f"{name}{i}", arrays) for i, of in parts]}
+    if isinstance(value, list | tuple):
+        packed = [_packed(of, f"{name}{i}", arrays) for i, of in enumerate(value)]
+        return packed if isinstance(value, list) else {"tuple": packed}
+    return None if callable(value) else value
 
 
 def to_csv(solution, path, nodes: dict[str, Node] | None = None) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, fields
+from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -19,7 +19,7 @@ from .audit import BeamResultants, Energy, Stability, Stats
 from .export import FORMAT
 from .files import named
 from .solution import Solution
-from .state import ARRAYS, AT_NODES, HISTORIES, NUMBERS, Past, State
+from .state import ARRAYS, AT_NODES, HISTORIES, Past, State
 
 # Lengths by name; those of rows that may be missing begin with "n?".
 _SHAPES: dict[str, tuple] = {
@@ -29,11 +29,10 @@ _SHAPES: dict[str, tuple] = {
         for name, history in HISTORIES.items()
     },
     **{f"energy_{part.name}": ("n",) for part in fields(Energy)},
-    **{"beams_nodes": ("beam nodes",), "beams_s": ("all points",)},
-    **{f"beams_{part}": ("n", "all points") for part in "NQM"},
-    **{f"end_{name}": () for name in NUMBERS},
+    **{"beams_nodes": ("beam nodes",), "resultants_s": ("all points",)},
+    **{f"resultants_{part}": ("n", "all points") for part in "NQM"},
     **{f"end_{p.name}": p.metadata["shape"] for p in fields(State) if "shape" in p.metadata},
-    **{f"past_{part.name}": part.metadata["shape"] for part in fields(Past)},
+    **{f"end_past_{part.name}": part.metadata["shape"] for part in fields(Past)},
 }
 for _name, _array in ARRAYS.items():
     _shape = ("nodes", 3) if _name in AT_NODES else _array.shape
@@ -41,12 +40,20 @@ for _name, _array in ARRAYS.items():
     _shape = tuple("end " + s if s in ("contacts", "parameters") else s for s in _shape)
     _SHAPES[f"end_{_name}"] = _shape
 # What numbers are not floats.
-_KINDS = dict.fromkeys(("end_owners", "end_constraints"), "U")
-_KINDS |= dict.fromkeys(("beams_nodes", "end_negative_eigenvalues", "past_orders"), "i")
+_DTYPES = dict.fromkeys(("end_owners", "end_constraints"), "U")
+_DTYPES |= dict.fromkeys(("beams_nodes", "end_past_orders"), "i")
 # A lost motion may have infinite rates, forces and energies, but not these.
-_FINITE = {"t", "X", "q", "past_ages", "past_differences", "past_slides"}
-_FINITE |= {f"end_{name}" for name in ("t", "motors", "q", "slides", "parts", "inputs", "length")}
-_FINITE |= {f"end_{name}" for name in ("q_previous", "internal", "spring_internal", "natural")}
+_FINITE = {"t", "X", "q", "end_past_ages", "end_past_differences", "end_past_slides"}
+_FINITE |= {f"end_{name}" for name in ("motors", "q", "slides", "parts", "inputs", "q_previous")}
+_FINITE |= {f"end_{name}" for name in ("internal", "spring_internal", "natural")}
+#: What JSON has by its kind.
+_KINDS: dict[str, Any] = {
+    kind.__name__: kind
+    for kind in (
+        *(Body, Contact, *Shape.__subclasses__(), Coulomb),
+        *(BeamResultants, Energy, State, Past, Stats, Failure),
+    )
+}
 
 
 def _check_arrays(data: Mapping[str, np.ndarray], points: list[int]) -> None:
@@ -54,22 +61,22 @@ def _check_arrays(data: Mapping[str, np.ndarray], points: list[int]) -> None:
     sizes = {"n": len(data["t"]), "nodes": len(data["X"])}
     sizes |= {"all points": sum(points), "beam nodes": sum(points) + len(points)}
     shapes = {name: shape for name, shape in _SHAPES.items() if name in data}
-    if not data.get("past_ages", np.ones(1)).size:
-        del shapes["past_differences"]  # of no steps, in another form
+    if not data.get("end_past_ages", np.ones(1)).size:
+        del shapes["end_past_differences"]  # of no steps, in another form
     for name, shape in shapes.items():
         _check(name, data[name], shape, sizes)
     nodes = data.get("beams_nodes", np.zeros(0))
     if ((nodes < 0) | (nodes >= len(data["X"]))).any():
         raise ValueError("a node of a beam is missing")
-    orders = data.get("past_orders", np.zeros(0))
-    if ((orders < 0) | (orders > len(data.get("past_ages", [])))).any():
-        raise ValueError("past_orders are above the number of configurations")
+    orders = data.get("end_past_orders", np.zeros(0))
+    if ((orders < 0) | (orders > len(data.get("end_past_ages", [])))).any():
+        raise ValueError("end_past_orders are above the number of configurations")
 
 
 def _check(name: str, array: np.ndarray, shape: tuple, sizes: dict[str, int]) -> None:
     """Refuse an array of another shape or kind; `sizes` are those known by names so far."""
     missing = shape[:1] == ("n?",) and len(array) == 0
-    fits = array.ndim == len(shape) and array.dtype.kind == _KINDS.get(name, "f")
+    fits = array.ndim == len(shape) and array.dtype.kind == _DTYPES.get(name, "f")
     for size, length in list(zip(shape, array.shape, strict=False))[missing:]:
         wanted = sizes.setdefault(size.rstrip("?"), length) if isinstance(size, str) else size
         fits &= wanted == length
@@ -129,108 +136,73 @@ def load(path) -> Solution:
 
 def _read(raw: BinaryIO) -> Solution:
     with np.load(raw, allow_pickle=False) as file:
-        data = dict(file)
-    meta = json.loads(str(data["meta"]))
-    if meta["format"] != FORMAT:
+        arrays = dict(file)
+    meta = json.loads(str(arrays.pop("meta")))
+    if meta.pop("format") != FORMAT:
         raise KeyError("format")
-    counts = [_points(beam) for beam in meta["beams"]]
-    _check_arrays(data, counts)
-
-    def node(number: int) -> Node:
-        if not 0 <= number < len(data["X"]):
-            raise IndexError(number)
-        return Node(int(number), *map(float, data["X"][number]))
-
-    names = [item["name"] for item in meta["beams"]]
-    beams, internal, resultants = dict[str, Beam](), dict[str, Any](), dict[str, BeamResultants]()
-    nodes_of_beam = _of_beams(data, "nodes", names, [count + 1 for count in counts])
-    for i, item in enumerate(meta["beams"]):
-        name, degree, variables = item["name"], item["degree"], item["internal"]
-        ends = tuple(node(n) for n in nodes_of_beam[name][::degree])
-        fractions = np.array(item["fractions"]) if "fractions" in item else None
-        beams[name] = Beam(name, ends, degree, np.array(item["s"]), fractions=fractions)
-        if variables:
-            of_beam = (data[f"beam{i}_internal{k}"] for k in range(len(variables)))
-            internal[name] = dict(zip(variables, of_beam, strict=True))
-    if len(data["q"]) == len(data["t"]):  # else there was no motion recorded to compute them of
-        parts = {part: _of_beams(data, part, names, counts) for part in "sNQM"}
-        resultants = {
-            name: BeamResultants(*(of_beams[name] for of_beams in parts.values())) for name in names
-        }
-    bodies = {}
-    for item in meta["bodies"]:
-        points = {name: node(number) for name, number in item["points"].items()}
-        bodies[item["name"]] = Body(
-            item["name"], node(item["centre"]), points, item["mass"], item["inertia"]
-        )
-    springs = {
-        int(number): {name: data[f"joint{number}_internal{i}"] for i, name in enumerate(names)}
-        for number, names in meta["joints"].items()
-    }
-    energies: dict[str, Any] = {f.name: data[f"energy_{f.name}"] for f in fields(Energy)}
-    end = None
-    if "end_t" in data:
-        needed = [*NUMBERS, "impact", *(f.name for f in fields(State) if f.default is MISSING)]
-        state: dict[str, Any] = {f.name: data.get(f"end_{f.name}") for f in fields(State)}
-        state |= {name: data[f"end_{name}"] for name in needed}
-        state |= {name: float(state[name]) for name in (*NUMBERS, "impact")}
-        if "past_ages" in data:  # that of a motion
-            state["past"] = Past(**{f.name: data[f"past_{f.name}"] for f in fields(Past)})
-        end = State(**state)
-    contacts = _contacts(meta["contacts"], beams, node)
-    friction = {o.number: data.get(f"contact{o.number}_friction") for o in contacts}
+    parts = _Parts(arrays)
+    members = parts.read(meta.pop("beams"))
+    counts = [_points(member) for member in members]
+    _check_arrays(arrays, counts)
+    ends, nodes_of_beam = np.cumsum(counts)[:-1], dict[str, np.ndarray]()
+    if members:
+        nodes = parts.read(meta.pop("beams_nodes"))
+        pieces = np.split(nodes, ends + np.arange(1, len(members)))
+        for member, of_beam in zip(members, pieces, strict=True):
+            name, degree, s, fractions = member.values()
+            at = None if fractions is None else np.array(fractions)
+            corners = tuple(map(parts.node, of_beam[::degree]))
+            parts.beams[name] = Beam(name, corners, degree, np.array(s), fractions=at)
+            nodes_of_beam[name] = of_beam
+    resultants = dict[str, BeamResultants]()
+    known = {name: parts.read(part) for name, part in meta.items()}
+    if (along := known.pop("resultants", None)) is not None:
+        rows = zip(*(np.split(of, ends, axis=-1) for of in vars(along).values()), strict=True)
+        resultants = {n: BeamResultants(*of) for n, of in zip(nodes_of_beam, rows, strict=True)}
+    end = known["end"]
+    if arrays or end is not None and not np.isfinite([end.t, end.length]).all():
+        raise ValueError(f"{[*arrays]} belong to nothing, or the last state has no time")
     return Solution(
-        {name: data[name] for name in HISTORIES},
-        X=data["X"],
-        energy=Energy(**energies),
-        stats=_stats(meta["stats"]),
-        beams=beams,
+        {name: known.pop(name) for name in HISTORIES},
+        beams=parts.beams,
         nodes_of_beam=nodes_of_beam,
         resultants_of_beam=resultants.__getitem__,
-        variables_of_beam=internal,
-        variables_of_joint=springs,
-        bodies=bodies,
-        contacts=contacts,
-        end=end,
-        names_of_parameters=meta.get("parameters", []),
-        variables_of_contact={n: rows for n, rows in friction.items() if rows is not None},
-        stability=Stability(counted=data.get("unstable_modes")),
+        stability=Stability(counted=known.pop("unstable_modes", None)),
+        **known,
     )
 
 
-def _of_beams(
-    data: Mapping[str, np.ndarray], part: str, names: list[str], counts: list[int]
-) -> dict[str, np.ndarray]:
-    """What each beam has, by its name, of those of all beams one after the other."""
-    if not names:
-        return {}
-    rows = np.split(data[f"beams_{part}"], np.cumsum(counts)[:-1], axis=-1)
-    return dict(zip(names, rows, strict=True))
+class _Parts:
+    """Makes of JSON what `save` has packed; each array belongs to one part."""
 
+    def __init__(self, arrays: dict[str, np.ndarray]):
+        self._arrays, self._X = arrays, arrays["X"]
+        #: Beams by their names, of those read so far.
+        self.beams = dict[str, Beam]()
 
-def _contacts(
-    saved: list[dict], beams: dict[str, Beam], node: Callable[[int], Node]
-) -> list[Contact]:
-    contacts = []
-    kinds: dict[str, Any] = {kind.__name__: kind for kind in Shape.__subclasses__()}
+    def node(self, number: int) -> Node:
+        """A node by its number."""
+        if not 0 <= number < len(self._X):
+            raise IndexError(number)
+        return Node(int(number), *map(float, self._X[number]))
 
-    def made(kind: str, shape: dict) -> Shape | Beam:
-        if kind == "Beam":
-            return beams[shape["beam"]]
-        place, *others = shape.values()
-        return kinds[kind](node(place) if isinstance(place, int) else place, *others)
-
-    for number, item in enumerate(saved):
-        on, shape, kind = item.pop("on"), item.pop("shape"), item.pop("kind")
-        target = beams[on] if isinstance(on, str) else node(on)
-        if isinstance(item.get("radius"), list):
-            item["radius"] = tuple(item["radius"])
-        if item.get("friction") is not None:
-            item["friction"] = Coulomb(**item["friction"])
-        contacts.append(Contact(target, made(kind, shape), **{"number": number} | item))
-    return contacts
-
-
-def _stats(saved: dict[str, Any]) -> Stats:
-    failure = saved.pop("failure")
-    return Stats(**saved, failure=Failure(**failure) if failure else None)
+    def read(self, packed: Any) -> Any:
+        """A value of this package, or of Python."""
+        if isinstance(packed, list):
+            return [self.read(part) for part in packed]
+        if not isinstance(packed, dict):
+            return packed
+        match [*packed.items()]:
+            case [("array", name)]:
+                return self._arrays.pop(name)
+            case [("node", number)]:
+                return self.node(number)
+            case [("beam", name)]:
+                return self.beams[name]
+            case [("tuple", values)]:
+                return tuple(self.read(values))
+            case [("keys", keys), ("values", values)]:
+                return dict(zip(keys, self.read(values), strict=True))
+            case [("kind", kind), *named]:
+                return _KINDS[kind](**{name: self.read(part) for name, part in named})
+        raise ValueError(f"{packed} is nothing known")

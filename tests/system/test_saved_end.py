@@ -34,7 +34,7 @@ ARRAYS = "motors q v a slides spring_internal parts owners constraints".split()
     [(f"end_{name}", damage) for name in ARRAYS for damage in ("text", "scalar")]
     + [(f"end_{name}", "longer") for name in ("q", "v", "a", "slides", "parts", "owners")]
     + [(f"end_{name}", "nan") for name in ("t", "q", "spring_internal", "parts", "length")]
-    + [("past_differences", "nan"), ("past_orders", "longer"), ("end_fitted", "longer")],
+    + [("end_past_differences", "nan"), ("end_past_orders", "longer"), ("end_fitted", "longer")],
 )
 def test_a_damaged_last_state_is_refused(name, damage, rope, tmp_path):
     rope[1].save(tmp_path / "run.npz")
