@@ -12,7 +12,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.results.fields import RESULTANTS
 from fx_beam.results.files import replacing, writable
-from fx_beam.results.paraview import Fields, Piece, write_collection, write_pieces
+from fx_beam.results.paraview import Fields, Grid, write_collection, write_pieces
 from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
@@ -63,7 +63,7 @@ class RowFiles:
             self._nodes.append(of_process)
             local = local.reshape(-1, mesh.elements.shape[1])
             self._arguments.append((mesh.X[of_process], local, mesh.beam_of_cell[elements]))
-        self._crew = _Alone(self._arguments) if make is None else make(Piece, self._arguments)
+        self._crew = _Alone(self._arguments) if make is None else make(Grid, self._arguments)
 
     # -- Writing ------------------------------------------------------------------------------
 
@@ -162,7 +162,7 @@ class _Alone:
     """In the place of a crew: this process writes all."""
 
     def __init__(self, arguments: list[tuple]):
-        self._pieces = [Piece(*given) for given in arguments]
+        self._pieces = [Grid(*given) for given in arguments]
 
     def __call__(self, method: str, given: list[tuple]) -> list[Any]:
         pairs = zip(self._pieces, given, strict=True)

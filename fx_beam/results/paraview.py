@@ -10,11 +10,15 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 
+from fx_beam.scene.beam import gauss_rule
+
 from .fields import RESULTANTS, along_all, at_ends, nodes_of_elements
 from .files import replacing, writable
 
 #: VTK's numbers of the line, and of the curves of degree 2 and 3.
 _CELLS = {1: 3, 2: 21, 3: 35}
+# Names of the motion of nodes in the plane and of their rotations, and of their rates.
+_MOTION, _RATES = ("displacement", "rotation"), ("velocity", "spin")
 _TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
 _LITTLE = {"byte_order": "LittleEndian", "header_type": "UInt64"}
 
@@ -29,13 +33,13 @@ class Fields(NamedTuple):
 class Grid:
     """Elements, each with nodes of its own, at which fields may jump.
 
-    `X` are the positions (elements, degree + 1, 2) of the nodes in order along each element, `beam`
-    (elements,) the numbers of their beams.
+    `X` (n, 2) are the positions of nodes, `nodes` (elements, degree + 1) those of the elements in
+    order along each, `beam` (elements,) the numbers of their beams.
     """
 
-    def __init__(self, X: np.ndarray, beam: np.ndarray):
-        self._count, per_element = X.shape[:2]
-        self._points, self._beam = in_space(X.reshape(-1, 2)), beam.astype(int)
+    def __init__(self, X: np.ndarray, nodes: np.ndarray, beam: np.ndarray):
+        self._nodes, (self._count, per_element) = nodes.ravel(), nodes.shape
+        self._points, self._beam = _in_space(X[self._nodes]), beam.astype(int)
         # The ends of an element come before the nodes inside it.
         order = np.r_[0, per_element - 1, 1 : per_element - 1]
         first = per_element * np.arange(self._count)[:, None]
@@ -45,11 +49,19 @@ class Grid:
             "types": np.full(self._count, _CELLS[per_element - 1], dtype=np.uint8),
         }
 
-    def write(self, path: Path | str, fields: Mapping[str, np.ndarray]) -> Fields:
-        """Write the grid with fields, (points,) or (points, 3) each; their kinds.
+    def write(
+        self, path: Path, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
+    ) -> Fields:
+        """Write a row: q and v (n, 3) of nodes, others (elements, degree) at Gauss points.
 
         Arrays follow each other as they are in memory, behind the text that says where each begins.
         """
+        fields = {}
+        for rows, (of_place, of_turn) in (q, _MOTION), (v, _RATES):
+            if rows is not None:
+                rows = rows[self._nodes]
+                fields |= {of_place: _in_space(rows[:, :2]), of_turn: rows[:, 2]}
+        fields |= {name: at_ends(values).ravel() for name, values in along.items()}
         root = xml.Element("VTKFile", {"type": "UnstructuredGrid", "version": "1.0", **_LITTLE})
         piece = xml.SubElement(
             xml.SubElement(root, "UnstructuredGrid"),
@@ -74,10 +86,13 @@ class Grid:
                 blocks += [np.array(little.nbytes, "<u8").tobytes(), little.data]
                 at += 8 + little.nbytes
         text = xml.tostring(root).removesuffix(b"</VTKFile>")
-        with open(path, "wb") as file:
+        with replacing(path, durable=False) as new, open(new, "wb") as file:
             file.writelines([text, b'<AppendedData encoding="raw">_', *blocks])
             file.write(b"</AppendedData></VTKFile>")
         return Fields(kinds["PointData"], kinds["CellData"])
+
+    def destroy(self) -> None:
+        """Nothing: its memory is Python's."""
 
 
 def write_pieces(path: Path, pieces: Sequence[str], fields: Fields) -> None:
@@ -104,13 +119,7 @@ def write_collection(path: Path, times: Iterable[float], names: Sequence[str]) -
     xml.ElementTree(root).write(path)
 
 
-def node_fields(q: np.ndarray, v: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Displacement, rotation, and their rates if there are any, from values (points, 3)."""
-    fields = {"displacement": in_space(q[:, :2]), "rotation": q[:, 2]}
-    return fields if v is None else fields | {"velocity": in_space(v[:, :2]), "spin": v[:, 2]}
-
-
-def in_space(plane: np.ndarray) -> np.ndarray:
+def _in_space(plane: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) of vectors (n, 2) in the plane."""
     return np.column_stack([plane, np.zeros(len(plane))])
 
@@ -159,57 +168,22 @@ def to_paraview(solution, path) -> None:
 
 def _write(solution, path: Path, folder: Path) -> None:
     """Write all grids of a folder, and their collection; all replace earlier ones at the end."""
-    names, count = [*solution.beams], [beam.elements for beam in solution.beams.values()]
-    nodes = np.concatenate([nodes_of_elements(solution, name) for name in names])
-    grid = Grid(solution.X[nodes], np.repeat(np.arange(len(count)), count))
-    fields = _along(solution, nodes.shape[1])
-    v = solution.v if solution.has_rates else None
+    count = [beam.elements for beam in solution.beams.values()]
+    nodes = np.concatenate([nodes_of_elements(solution, name) for name in solution.beams])
+    grid = Grid(solution.X, nodes, np.repeat(np.arange(len(count)), count))
+    # Internal variables that a beam lacks are zero there.
+    internal = (name for variables in solution.variables_of_beam.values() for name in variables)
+    rows, points = range(len(solution.t)), gauss_rule(nodes.shape[1] - 1)[0]
+    kinds = dict.fromkeys([*RESULTANTS, *internal])
+    fields = {kind: along_all(solution, kind, rows, points) for kind in kinds}
     # A static path may come to a load factor again: its rows are counted.
     times = solution.t if (np.diff(solution.t) > 0).all() else np.arange(len(solution.t))
-    files = [folder / f"{folder.name}_{k:05d}.vtu" for k in range(len(times))]
+    files = [folder / f"{folder.name}_{k:05d}.vtu" for k in rows]
     with ExitStack() as new:
         for k, file in enumerate(files):
-            rates = None if v is None else v[k][nodes.ravel()]
-            values = {kind: of[k] for kind, of in fields.items()}
-            values = node_fields(solution.q[k][nodes.ravel()], rates) | values
-            grid.write(new.enter_context(replacing(file, durable=False)), values)
+            v = solution.v[k] if solution.has_rates else None
+            of_row = {kind: values[k] for kind, values in fields.items()}
+            grid.write(new.enter_context(replacing(file, durable=False)), solution.q[k], v, of_row)
         collection = new.enter_context(replacing(path, durable=False))
-        write_collection(
-            collection, times.tolist(), [f"{folder.name}/{file.name}" for file in files]
-        )
-
-
-def _along(solution, nodes: int) -> dict[str, np.ndarray]:
-    """Resultants and internal variables (n, points) at so many nodes of each element.
-
-    Those that a beam lacks are zero there.
-    """
-    rows, places = range(len(solution.t)), np.linspace(0, 1, nodes)
-    internal = (name for variables in solution.variables_of_beam.values() for name in variables)
-    return {
-        kind: along_all(solution, kind, rows, places).reshape(len(solution.t), -1)
-        for kind in dict.fromkeys([*RESULTANTS, *internal])
-    }
-
-
-class Piece:
-    """Elements by the places (n, 2) of their nodes, and their nodes (elements, degree + 1).
-
-    `beam` (elements,) are the numbers of their beams.
-    """
-
-    def __init__(self, X: np.ndarray, nodes: np.ndarray, beam: np.ndarray):
-        self._grid, self._nodes = Grid(X[nodes], beam), nodes.ravel()
-
-    def write(
-        self, path: Path, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
-    ) -> Fields:
-        """Write a row: q and v (n, 3) of its nodes, others (elements, degree) at Gauss points."""
-        rates = None if v is None else v[self._nodes]
-        fields = node_fields(q[self._nodes], rates)
-        fields |= {name: at_ends(values).ravel() for name, values in along.items()}
-        with replacing(path, durable=False) as new:
-            return self._grid.write(new, fields)
-
-    def destroy(self) -> None:
-        """Nothing: its memory is Python's."""
+        names = [f"{folder.name}/{file.name}" for file in files]
+        write_collection(collection, times.tolist(), names)
