@@ -352,6 +352,7 @@ class Motion:
         newton: NewtonOptions | None = None,
         max_halvings: int = 12,
     ):
+        given = {name: of for name, of in locals().items() if name not in ("self", "start")}
         clock, self._alone = perf_counter(), RLock()
         check_scene(scene, "Motion")
         self._dt = positive(dt, "Motion: dt")
@@ -362,15 +363,7 @@ class Motion:
             raise SceneError("Motion: a record to a file is not possible; use simulate")
         outputs = {} if outputs is None else dict(outputs)
         check_outputs(scene, outputs, "Motion: outputs")
-        self._arguments = {
-            "scene": scene,
-            "scheme": options.scheme,
-            "dt": self._dt,
-            "outputs": outputs,
-            "record": record,
-            "newton": newton,
-            "max_halvings": max_halvings,
-        }
+        self._arguments = given | {"scheme": options.scheme, "dt": self._dt, "outputs": outputs}
         held = HeldInputs(scene)
         self._prepared = prepared = Prepared(held.scene, options, waiting_team(held.scene))
         if start is not None:

@@ -15,7 +15,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
-from fx_beam.scene.joints import JointKey, constraints_of, joints_in, key_of
+from fx_beam.scene.joints import Constraints, JointKey, constraints_of, key_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
 
@@ -46,7 +46,7 @@ def has_changed(model: Model, start: Solution) -> bool:
         return True
     if end.constraints is None:  # a solution that is no run
         return len(end.slides) != scene.joint_count or len(end.motors) != len(model.motors)
-    return not np.array_equal(end.constraints, constraints_of(scene))
+    return end.constraints != constraints_of(scene)
 
 
 def transferred_state(model: Model, start: Solution) -> State:
@@ -145,10 +145,8 @@ def _check_new_beams(model: Model, start: Solution, q: np.ndarray) -> None:
 
 def _joints_before(model: Model, start: Solution, rows: np.ndarray) -> dict[int, JointKey]:
     """Joints of the solution by the numbers of the same joints of the scene."""
-    end = end_of(start)
-    texts = [] if end.constraints is None else end.constraints.tolist()
     keys: dict[tuple, list[JointKey]] = {}
-    for key in joints_in(texts):
+    for key in (end_of(start).constraints or Constraints()).joints:
         keys.setdefault((key.kind, key.a, key.b), []).append(key)
     same = {}
     for joint in model.scene.joints:
@@ -167,8 +165,8 @@ def _joints_before(model: Model, start: Solution, rows: np.ndarray) -> dict[int,
 def _motors(model: Model, start: Solution, theirs: dict[int, JointKey], slides, at) -> np.ndarray:
     """How far motors have moved; new ones are where their joints are."""
     end, moved = end_of(start), np.zeros(len(model.motors))
-    texts = [] if end.constraints is None else end.constraints.tolist()
-    places = [(key.number, name) for key in joints_in(texts) for name in key.motors]
+    joints = (end.constraints or Constraints()).joints
+    places = [(key.number, name) for key in joints for name in key.motors]
     for i, (joint, name) in enumerate(model.motors):
         old, number = theirs.get(joint.number), joint.number
         if old is not None and (old.number, name) in places:

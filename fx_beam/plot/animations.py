@@ -170,12 +170,18 @@ def animate(
     draw_outlines(ax, drawing.obstacles)
     heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
+    members: Members
+    lines: Any
     if colour is None:
-        lines, move = _members_in_own_colours(drawing, thickness)
+        members = Members(drawing, thickness)
+        lines = members.collection(2.5)
+        shades = itertools.islice(itertools.cycle(_COLOURS), len(solution.beams))
+        lines.set_color(members.per_piece(list(shades)))
     else:
-        colouring = Colouring(drawing, colour, scene_unit, colour_limits, colour_scale, thickness)
+        look_of = scene_unit, colour_limits, colour_scale, thickness
+        members = colouring = Colouring(drawing, colour, *look_of)
         plane.draw_bar(colouring.scale, **colouring.bar)
-        lines, move = colouring.lines(2.5), colouring.paint
+        lines = members.collection(2.5)
     moving = [heading, past, ax.add_collection(lines)]
     for artist in moving:
         artist.set_animated(True)  # left out of the static part of a frame
@@ -189,7 +195,7 @@ def animate(
     def frames() -> Iterator[np.ndarray]:
         for k, words in zip(shown, headings, strict=True):
             heading.set_text(words)
-            move(lines, k)
+            members.move(lines, k)
             if trace is not None:
                 past.set_data(*drawing.positions(trace.number, slice(shown[0], k + 1)).T)
             drawn = [*draw_moving(ax, drawing, k), *draw_joints(ax, drawing, k)]
@@ -221,13 +227,3 @@ def _plane(drawing: Drawing, scene_unit: str, bar: bool, size: Any) -> Plane:
     plane = Plane(drawing, scene_unit, bar, ((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi))
     plane.figure.set_dpi(dpi)
     return plane
-
-
-def _members_in_own_colours(drawing: Drawing, thickness: float | None) -> tuple[Any, Callable]:
-    """Members, each in its own colour, and what moves them to a row."""
-    members = Members(drawing, thickness)
-    shades = list(itertools.islice(itertools.cycle(_COLOURS), len(drawing.solution.beams)))
-    look: dict[str, Any] = {
-        "colors" if thickness is None else "facecolors": members.per_piece(shades)
-    }
-    return members.collection(2.5, **look), members.move

@@ -131,7 +131,7 @@ def interactive(
         ],
         "between": _between(drawing),
         "forces": [
-            {"points": _points(drawing, [drawing.arrow(*load, k) for k in drawing.rows])}
+            {"points": _points(drawing, [drawing.arrow(load, k) for k in drawing.rows])}
             for load in drawing.forces
         ],
         "traces": _traces(drawing, trace),

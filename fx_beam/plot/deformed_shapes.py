@@ -98,7 +98,7 @@ def shapes(
         shades = ["0.35"] * len(shown)
         colouring = Colouring(drawing, colour, scene_unit, colour_limits, colour_scale, thickness)
         for order, k in enumerate(shown):
-            ax.add_collection(colouring.paint(colouring.lines(2.2, 2 + 1e-4 * order), k))
+            colouring.move(ax.add_collection(colouring.collection(2.2, 2 + 1e-4 * order)), k)
         plane.draw_bar(colouring.scale, **colouring.bar)
     for k, shade in zip(shown, shades, strict=True):
         draw_moving(ax, drawing, k, shade, small=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,10 +15,9 @@ from fx_beam.errors import SceneError, is_whole, numbers, positive, require
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.solution import Solution, scene_of
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
-from fx_beam.scene.contacts import Contact, Shape, arc_of
+from fx_beam.scene.contacts import Shape, arc_of
 from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.joints import GROUND
-from fx_beam.scene.loads import Load
 
 _log = logging.getLogger("fx_beam")
 
@@ -46,18 +45,6 @@ def _turn(angle: float) -> np.ndarray:
     """Matrix (2, 2) that turns rows by an angle."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, s], [-s, c]])
-
-
-def outlines(obstacles: Iterable[Contact], positions: np.ndarray, size: float) -> Iterator[Outline]:
-    """Outlines of the fixed shapes that are near.
-
-    Circles up to the size in radius are whole, larger ones and lines reach past the positions.
-    """
-    for shape in dict.fromkeys(obstacle.shape for obstacle in obstacles):
-        if isinstance(shape, Beam) or shape.carrier is not None:
-            continue
-        if abs(shape.gap(positions)).min() <= size:
-            yield outline(shape, positions, size)
 
 
 def outline(shape: Shape, positions: np.ndarray, size: float) -> Outline:
@@ -185,7 +172,13 @@ class Drawing:
     @cached_property
     def obstacles(self) -> list[Outline]:
         """Outlines of the fixed obstacles that are near."""
-        return list(outlines(self.solution.contacts, self.points, self.reach))
+        shapes = dict.fromkeys(obstacle.shape for obstacle in self.solution.contacts)
+        return [
+            outline(shape, self.points, self.reach)
+            for shape in shapes
+            if not isinstance(shape, Beam) and shape.carrier is None
+            if abs(shape.gap(self.points)).min() <= self.reach
+        ]
 
     @cached_property
     def _carried(self) -> list[tuple[int, Outline]]:
@@ -221,7 +214,7 @@ class Drawing:
         """Lower left and upper right corner of the drawing, with a margin."""
         between = self.of_scene("forces_between")
         fixed = [force.b for force in between if not isinstance(force.b, Node)]
-        arrows = [self.arrow(*load, k) for load in self.forces for k in self.rows]
+        arrows = [self.arrow(load, k) for load in self.forces for k in self.rows]
         lines = [of.line for of in self.obstacles]
         lines += [of.line for k in self.rows for of in self.carried(k)]
         seen = np.concatenate([self.points, np.reshape(fixed, (-1, 2)), *arrows, *lines])
@@ -296,29 +289,27 @@ class Drawing:
         b = self.positions(force.b.number, rows) if isinstance(force.b, Node) else force.b
         return np.stack([a, np.broadcast_to(b, a.shape)], axis=-2)
 
-    def force(self, load: Load, node: Node, k: int) -> np.ndarray:
-        """A force (2,) on a node in row k [N]."""
+    def force(self, load: Any, k: int) -> np.ndarray:
+        """A force (2,) in row k [N]."""
         t = self.solution.t[k]
         force = np.asarray(load.value(0.0) * t if self.solution.stats.static else load.value(t))
-        return self.turned(node, k, force) if load.follower else force
+        return self.turned(load.target, k, force) if load.follower else force
 
-    def arrow(self, load: Load, node: Node, k: int) -> np.ndarray:
+    def arrow(self, load: Any, k: int) -> np.ndarray:
         """Tail and tip (2, 2) of the arrow of a force in row k, with its tip at the node."""
-        tip, scale = self.positions(node.number, k), _LONGEST_FORCE * self.reach
-        return np.array(
-            [tip - scale * self.force(load, node, k) / (self.largest_force or 1.0), tip]
-        )
+        tip, scale = self.positions(load.target.number, k), _LONGEST_FORCE * self.reach
+        return np.array([tip - scale * self.force(load, k) / (self.largest_force or 1.0), tip])
 
     @cached_property
-    def forces(self) -> list[tuple[Load, Node]]:
-        """The forces on nodes, and the nodes, of a solution."""
+    def forces(self) -> list[Any]:
+        """The forces on nodes of a solution."""
         loads = self.of_scene("loads") if isinstance(self.solution, Solution) else []
-        return [(load, load.target) for load in loads if load.kind == "force"]
+        return [load for load in loads if load.kind == "force"]
 
     @cached_property
     def largest_force(self) -> float:
         """The largest force in the rows that are drawn [N]."""
-        sizes = [np.hypot(*self.force(*load, k)) for load in self.forces for k in self.rows]
+        sizes = [np.hypot(*self.force(load, k)) for load in self.forces for k in self.rows]
         return max(sizes, default=0.0)
 
     # -- Words ----------------------------------------------------------------------------------

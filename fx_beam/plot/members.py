@@ -144,7 +144,7 @@ def hexadecimal(scale, count: int) -> list[str]:
     return [to_hex(shade) for shade in scale(np.linspace(0, 1, count))]
 
 
-class Colouring:
+class Colouring(Members):
     """Colours of the members for one quantity, on the same scale in all rows of a drawing.
 
     Attributes
@@ -171,8 +171,8 @@ class Colouring:
             known = ", ".join(repr(name) for name in [*QUANTITIES, *sorted(internal)])
             raise ValueError(f"colour = {shown(quantity)} must be one of {known}, or None")
         require(is_one_of(scale, _SCALES), "colour_scale", scale, "'linear' or 'log'")
-        self._members = Members(drawing, thickness)
-        middles = (np.arange(self._members.pieces) + 0.5) / self._members.pieces
+        super().__init__(drawing, thickness)
+        middles = (np.arange(self.pieces) + 0.5) / self.pieces
         values = along_all(drawing.solution, quantity, drawing.rows, middles)
         rows = values.reshape(len(drawing.rows), -1)
         signed = is_signed(quantity)
@@ -188,15 +188,14 @@ class Colouring:
         if scale == "linear":
             self.bar["format"] = "%.3g"
 
-    def lines(self, width: float, zorder: float = 2) -> LineCollection | PolyCollection:
-        """Lines or bands for the members, which `paint` colours."""
-        return self._members.collection(width, zorder, norm=self.scale.norm, cmap=self.scale.cmap)
+    def collection(self, width: float, zorder: float = 2, **look) -> Any:
+        """What shows the members, in the colours that `move` gives it."""
+        return super().collection(width, zorder, norm=self.scale.norm, cmap=self.scale.cmap, **look)
 
-    def paint(self, lines: Any, k: int) -> Any:
-        """Move the lines to the members' positions in row k, and colour them."""
-        self._members.move(lines, k)
-        lines.set_array(self._values[k])
-        return lines
+    def move(self, collection: Any, k: int) -> None:
+        """Move what shows the members to their positions in row k, in the colours of its values."""
+        super().move(collection, k)
+        collection.set_array(self._values[k])
 
 
 def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool):

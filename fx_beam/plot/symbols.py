@@ -270,9 +270,9 @@ def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
     Forces below a fiftieth of the largest one are left out.
     """
     arrows = [
-        drawing.arrow(load, node, k)
-        for load, node in drawing.forces
-        if np.hypot(*drawing.force(load, node, k)) > 0.02 * drawing.largest_force
+        drawing.arrow(load, k)
+        for load in drawing.forces
+        if np.hypot(*drawing.force(load, k)) > 0.02 * drawing.largest_force
     ]
     if not arrows:
         return []

@@ -90,10 +90,9 @@ def _packed(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
     if is_dataclass(value):
         parts = {field.name: getattr(value, field.name) for field in fields(value)}
         known = {part: _packed(of, f"{name}_{part}", arrays) for part, of in parts.items()}
-        return {"kind": type(value).__name__, **known}
+        return {"is": type(value).__name__, **known}
     if isinstance(value, Mapping):  # whose keys may be numbers, and any text
-        parts = enumerate(value.values())
-        return {"keys": [*value], "values": [_packed(of, f"{name}{i}", arrays) for i, of in parts]}
+        return {"keys": [*value], "values": _packed([*value.values()], name, arrays)}
     if isinstance(value, list | tuple):
         packed = [_packed(of, f"{name}{i}", arrays) for i, of in enumerate(value)]
         return packed if isinstance(value, list) else {"tuple": packed}

@@ -56,7 +56,7 @@ class Grid:
 
         Arrays follow each other as they are in memory, behind the text that says where each begins.
         """
-        fields = {}
+        fields = dict[str, np.ndarray]()
         for rows, (of_place, of_turn) in (q, _MOTION), (v, _RATES):
             if rows is not None:
                 rows = rows[self._nodes]

@@ -14,6 +14,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.body import Body
 from fx_beam.scene.contacts import Contact, Shape
 from fx_beam.scene.coordinate import Coulomb
+from fx_beam.scene.joints import Constraints, JointKey
 
 from .audit import BeamResultants, Energy, Stability, Stats
 from .export import FORMAT
@@ -40,8 +41,7 @@ for _name, _array in ARRAYS.items():
     _shape = tuple("end " + s if s in ("contacts", "parameters") else s for s in _shape)
     _SHAPES[f"end_{_name}"] = _shape
 # What numbers are not floats.
-_DTYPES = dict.fromkeys(("end_owners", "end_constraints"), "U")
-_DTYPES |= dict.fromkeys(("beams_nodes", "end_past_orders"), "i")
+_DTYPES = {"end_owners": "U", "beams_nodes": "i", "end_past_orders": "i"}
 # A lost motion may have infinite rates, forces and energies, but not these.
 _FINITE = {"t", "X", "q", "end_past_ages", "end_past_differences", "end_past_slides"}
 _FINITE |= {f"end_{name}" for name in ("motors", "q", "slides", "parts", "inputs", "q_previous")}
@@ -50,7 +50,7 @@ _FINITE |= {f"end_{name}" for name in ("internal", "spring_internal", "natural")
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (
-        *(Body, Contact, *Shape.__subclasses__(), Coulomb),
+        *(Body, Contact, *Shape.__subclasses__(), Coulomb, Constraints, JointKey),
         *(BeamResultants, Energy, State, Past, Stats, Failure),
     )
 }
@@ -203,6 +203,6 @@ class _Parts:
                 return tuple(self.read(values))
             case [("keys", keys), ("values", values)]:
                 return dict(zip(keys, self.read(values), strict=True))
-            case [("kind", kind), *named]:
+            case [("is", kind), *named]:
                 return _KINDS[kind](**{name: self.read(part) for name, part in named})
         raise ValueError(f"{packed} is nothing known")

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.scene.joints import Constraints
+
 
 def _kept(*shape: str | int, **options: Any) -> Any:
     """An array that only Python has, with its lengths, by their names in files."""
@@ -126,7 +128,7 @@ class State:
     #: Set at the end of a run: rates (size,) that fit the joints, if those of steps do not, and the
     #: joints and supports of the scene, as `constraints_of` gives them.
     fitted: np.ndarray | None = _kept("nodes", 3, default=None)
-    constraints: np.ndarray | None = _kept("texts", default=None)
+    constraints: Constraints | None = None
     #: Set at the end of a run: what the variables of `spring_internal` belong to, as texts.
     owners: np.ndarray | None = _kept("spring variables", default=None)
     #: Of an equilibrium: the number of negative eigenvalues of the tangent, if the factors of its

@@ -22,7 +22,7 @@ from fx_beam.errors import (
 )
 
 from .beam import Beam, Node, gauss_rule, lagrange, position_of, reference_positions
-from .coordinate import Coulomb, checked_impact, loss_of
+from .coordinate import Coulomb, check_impact, loss_of
 from .joints import GROUND
 from .law import Energy, check_energy
 from .loads import label
@@ -328,9 +328,7 @@ class Contact:
         what, along, friction = f"contact of {label(self.target)}", self.along, self.friction
         if self.energy is not None:
             check_energy(self.energy, None, what, ("d",), "energy")
-        stiffness, restitution, speed = checked_impact(
-            what, self.stiffness, self.restitution, self.speed
-        )
+        check_impact(self, what)
         if isinstance(self.shape, Beam):
             radius: Any = _checked_radii(what, self.radius)
         else:
@@ -347,9 +345,7 @@ class Contact:
             raise SceneError(
                 f"{what}: friction has the radius of a pin, {friction.radius:g}; omit it"
             )
-        checked = {"stiffness": stiffness, "restitution": restitution, "speed": speed}
-        for name, value in (checked | {"radius": radius, "along": along}).items():
-            object.__setattr__(self, name, value)
+        vars(self).update(radius=radius, along=along)
 
     def __repr__(self):
         law = f"stiffness {self.stiffness:g} N/m" if self.energy is None else "energy of its own"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -24,7 +23,7 @@ from fx_beam.errors import (
 
 from .inputs import Input, time_function
 from .law import Energy, InternalVariables, check_energy, check_internal, functions_of_energy
-from .parameters import SCALARS, scalar_of
+from .parameters import SCALARS, scalar_of, value_of
 
 # With less a contact opens without a force, and Newton's method has no slope: of 1000 steps of an
 # elastic ring on a plane 94 had to be halved with 0, none with 0.02.
@@ -95,9 +94,7 @@ class Stop:
                 f"Stop: lower = {self.lower!r} must be below upper = {self.upper!r}; the order is "
                 "(lower, upper, stiffness)"
             )
-        impact = checked_impact("Stop", self.stiffness, self.restitution, self.speed)
-        for name, value in zip(("stiffness", "restitution", "speed"), impact, strict=True):
-            object.__setattr__(self, name, value)
+        check_impact(self, "Stop")
 
     def check_start(self, place: float, tolerance: float, what: str) -> None:
         """Refuse a start of the coordinate beyond a limit.
@@ -147,10 +144,11 @@ def loss_of(restitution: float) -> float:
     return (1 - e**2) / (1 + e**2)
 
 
-def checked_impact(what: str, stiffness, restitution, speed) -> tuple[float, float, float | None]:
-    """Stiffness, restitution and speed of a contact; SceneError if one is out of range."""
-    k, e = finite(stiffness, f"{what}: stiffness", "positive"), as_float(restitution)
-    require(0 <= e <= 1, f"{what}: restitution", restitution, "a number from 0 to 1")
+def check_impact(part: Any, what: str) -> None:
+    """Make stiffness, restitution and speed of a contact floats; SceneError if out of range."""
+    k, e, speed = part.stiffness, as_float(part.restitution), part.speed
+    k = finite(k, f"{what}: stiffness", "positive")
+    require(0 <= e <= 1, f"{what}: restitution", part.restitution, "a number from 0 to 1")
     if speed is not None:
         speed = finite(speed, f"{what}: speed", "positive")
     elif e < 1:
@@ -158,7 +156,7 @@ def checked_impact(what: str, stiffness, restitution, speed) -> tuple[float, flo
             f"{what}: a restitution below 1 needs a speed, the rate below which the loss is "
             "viscous. Try a hundredth of the speed of the impacts"
         )
-    return k, e, speed
+    vars(part).update(stiffness=k, restitution=e, speed=speed)
 
 
 @dataclass(frozen=True)
@@ -479,7 +477,7 @@ def _check_magnitude(force: Callable[[Any], Any]) -> None:
     call = "SmoothFriction: force"
     scalar_of(force, [0.1], f"{call}(rate)")
     for rate in _RATES:
-        value = _value(force, rate, f"{call}(rate)")
+        value = value_of(force, [rate], f"{call}(rate)")
         if isinstance(value, complex) or not value >= 0:
             raise SceneError(f"{call}({rate:g}) = {value:g} must not be negative, and finite")
 
@@ -494,7 +492,7 @@ def _check_law(law: Callable[[Any], Any]) -> None:
             "not math.tanh"
         )
     for rate in _RATES:
-        force = _value(law, rate, f"{call}(rate)")
+        force = value_of(law, [rate], f"{call}(rate)")
         if isinstance(force, complex):
             raise SceneError(f"{call}({rate:g}) is complex. Write abs(rate) in roots and powers")
         if force * rate < 0:
@@ -502,14 +500,6 @@ def _check_law(law: Callable[[Any], Any]) -> None:
                 f"{call}({rate:g}) = {force:g} adds energy: the force must have the sign of the "
                 "rate, and be zero at the rate 0. Subtract law(0), or change its sign"
             )
-
-
-def _value(law: Callable[[Any], Any], rate: float, call: str) -> Any:
-    """A law's force at a rate; not a number where it is not finite."""
-    try:
-        return scalar_of(law, [rate], call)[0](())
-    except (ArithmeticError, ValueError):
-        return math.nan
 
 
 def functions_of(on: Coordinate) -> Iterator[tuple[str, Any]]:

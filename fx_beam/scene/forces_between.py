@@ -16,7 +16,7 @@ from fx_beam.errors import SceneError, vector
 from .beam import Node
 from .coordinate import Coordinate, Coulomb, functions_of
 from .notebook import html_table
-from .parameters import SCALARS, Parameter, scalar_of
+from .parameters import SCALARS, Parameter, value_of
 
 #: ``force(distance, rate, t)`` in UFL.
 Pull = Callable[[Any, Any, Any], Any]
@@ -127,10 +127,6 @@ def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size
 
 def _check(function: Callable, at: tuple[float, ...], what: ForceBetween, call: str) -> None:
     """Refuse a function that is no scalar UFL expression, or not finite at the start."""
-    expression, _ = scalar_of(function, at, f"{what}: {call}")
-    try:
-        value = expression(())
-    except (ArithmeticError, ValueError):
-        value = math.nan
+    value = value_of(function, at, f"{what}: {call}")
     if isinstance(value, complex) or not math.isfinite(value):
         raise SceneError(f"{what}: {call} is {value} at the start, at {at[0]:.6g}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, NamedTuple
 
@@ -541,8 +540,9 @@ def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
     return joint
 
 
-class JointKey(NamedTuple):
-    """A joint that a scene had."""
+@dataclass(frozen=True)
+class JointKey:
+    """A joint that a scene had; equal if it couples the same way."""
 
     number: int
     kind: str
@@ -550,6 +550,19 @@ class JointKey(NamedTuple):
     b: int
     #: Names of its coordinates with a motor.
     motors: tuple[str, ...]
+    #: Its offset and axis, where it was made if not in the reference, and the beam that carries b.
+    place: tuple[float, ...]
+    beam: str
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """The joints, supports and driven motions of a scene."""
+
+    joints: tuple[JointKey, ...] = ()
+    #: Numbers of nodes, and of components.
+    fixed: tuple[tuple[int, int], ...] = ()
+    driven: tuple[tuple[int, int], ...] = ()
 
 
 def joints_by_number(scene: Any) -> dict[int, Joint]:
@@ -565,36 +578,16 @@ def slides_at_start(scene: Any) -> np.ndarray:
     return slides
 
 
-def constraints_of(scene: Any) -> np.ndarray:
-    """Texts (m,), one of each joint and support, in order; equal if these couple the same way."""
-    texts = [_text(joint) for joint in scene.joints]
-    for name, keys in (("fixed", scene.fixed), ("driven", scene.prescribed)):
-        texts += [f"{name} {node} {component}" for node, component in sorted(keys)]
-    return np.array(texts, dtype=str)
-
-
-def joints_in(texts: Sequence[str]) -> list[JointKey]:
-    """The joints in texts of `constraints_of`."""
-    keys = []
-    for text in texts:
-        name, *words = text.split(" ")
-        if name == "joint":
-            number, kind, a, b, motors = words[:5]
-            known = tuple(filter(None, motors.split(",")))
-            keys.append(JointKey(int(number), kind, int(a), int(b), known))
-    return keys
+def constraints_of(scene: Any) -> Constraints:
+    """The joints and supports of a scene, in order."""
+    joints = tuple(map(key_of, scene.joints))
+    return Constraints(joints, tuple(sorted(scene.fixed)), tuple(sorted(scene.prescribed)))
 
 
 def key_of(joint: Joint) -> JointKey:
-    """The same of a joint."""
-    ends = joint.a.number, joint.b.number
-    return JointKey(joint.number, joint.kind, *ends, tuple(joint.driven))
-
-
-def _text(joint: Joint) -> str:
-    number, kind, a, b, driven = key_of(joint)
+    """What stays of a joint when the scene has changed."""
     place = [*joint.offset.tolist(), *([] if joint.axis is None else joint.axis.tolist())]
-    on = getattr(joint, "beam", None)
     place += [] if joint.place is None else [*joint.place.apart, joint.place.turn]
-    words = [",".join(driven), *map(repr, place), "" if on is None else on.name]
-    return " ".join(["joint", str(number), kind, str(a), str(b), *words])
+    beam, ends = getattr(joint, "beam", None), (joint.a.number, joint.b.number)
+    of_beam = "" if beam is None else beam.name
+    return JointKey(joint.number, joint.kind, *ends, tuple(joint.driven), tuple(place), of_beam)

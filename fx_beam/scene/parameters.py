@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -257,6 +258,15 @@ def scalar_of(function: Callable, values: Sequence[float], call: str) -> tuple[A
     if expression.ufl_shape != ():
         raise SceneError(f"{call} must be a scalar, not of shape {expression.ufl_shape}")
     return expression, variables
+
+
+def value_of(function: Callable, values: Sequence[float], call: str) -> Any:
+    """What a user's function gives for numbers; nan where it is not defined."""
+    expression, _ = scalar_of(function, values, call)
+    try:
+        return expression(())
+    except (ArithmeticError, ValueError):
+        return math.nan
 
 
 def parameters_of(functions: Iterable[tuple[str, Any]]) -> list[Parameter]:

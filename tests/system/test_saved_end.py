@@ -26,7 +26,7 @@ DAMAGES = {
     "scalar": lambda values: np.array(1.0),
     "longer": lambda values: np.append(values, 0.0),
 }
-ARRAYS = "motors q v a slides spring_internal parts owners constraints".split()
+ARRAYS = "motors q v a slides spring_internal parts owners".split()
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_a_damaged_last_state_is_refused(name, damage, rope, tmp_path):
     with np.load(tmp_path / "run.npz") as file:
         arrays = dict(file)
     arrays[name] = DAMAGES[damage](arrays.get(name, np.zeros(3)))
-    if name in ("end_owners", "end_constraints") and damage == "text":
+    if name == "end_owners" and damage == "text":
         arrays[name] = np.zeros(arrays[name].shape)
     np.savez(tmp_path / "other.npz", **arrays)
     with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
