@@ -14,6 +14,7 @@ from fx_beam.linear.modal import lowest_modes
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
+from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.undamped_modes import count_below
 
 from .differentiable import one_call
@@ -27,6 +28,9 @@ _EQUAL = 1e-7
 _MORE = 10
 # Least square of the cosine between two shapes of the same mode.
 _SAME = 0.5
+# Asymmetry of damping that is round-off; distance from a root, relative to it, at which inverse
+# iteration finds its left vector, and number of iterations.
+_SYMMETRIC, _BESIDE, _ITERATIONS = 1e-12, 1e-13, 2
 _REPEATED = (
     "ModalResponse.jacobian: %d modes have the same frequency, %.6g rad/s. Each column has the "
     "derivatives of their group, in rising order: directional derivatives by this number alone, "
@@ -41,8 +45,10 @@ class ModalResponse(TangentResponse):
     without damping. Their derivatives need no further modes: with :math:`\phi.M \phi = 1`,
     :math:`d\omega^2/dx = \phi.(K_x - \omega^2 M_x) \phi`, and about a static state also what this
     changes with the numbers, :math:`-\eta.r_x`, where :math:`K \eta` is the derivative of
-    :math:`\phi.K \phi` by the state, and r the residual. Those along :math:`\phi` are differences
-    of order six, with an error of about 1e-8; all others are exact but for differences of `build`.
+    :math:`\phi.K \phi` by the state, and r the residual. With damping, or in a steady turn, the
+    vector on the left is that of the transposed equations. Derivatives along :math:`\phi` are
+    differences of order six, with an error of about 1e-8, within which no contact opens or closes;
+    all others are exact but for differences of `build`.
 
     From the second call on modes keep their places: each is the one whose shape is most like that
     before (MAC, with the mass), also where frequencies cross.
@@ -55,7 +61,8 @@ class ModalResponse(TangentResponse):
         Number of modes.
     state : callable, optional
         ``state(scene)`` computes the equilibrium about which the scene vibrates, such as
-        ``lambda scene: fb.static(scene)``; by default the reference configuration without loads.
+        ``lambda scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``;
+        by default the reference configuration without loads.
     damped : bool
         Whether damping counts: then ``w`` is (n, 2), with the damping ratios beside the
         frequencies, as in `modes`.
@@ -70,8 +77,8 @@ class ModalResponse(TangentResponse):
     SceneError
         If `build` or `state` is no function of its argument; in a call if x are not finite numbers,
         if `build` does not give a scene, or `state` no static solution of it, and as of `modes`. In
-        derivatives for scenes with closed loops, nodes that slide on beams, contact with members,
-        friction that sticks or a spin; or if the tangent of the state is singular.
+        derivatives for friction that sticks, internal variables in a turn, contact with members
+        beside nodes that slide on beams, or if the tangent of the state is singular.
 
     Examples
     --------
@@ -135,6 +142,7 @@ class ModalResponse(TangentResponse):
         """
         given = self._begin_call(x)
         about = self._linearised(given)
+        self._by_rates = about.by_rates(self._asked, self._damped)
         more = 2 if self._damped else 0  # copies above are seen without damping only
         if self._take_modes(self._n + more) < _SAME:
             self._take_modes(2 * self._n + _MORE)
@@ -147,7 +155,7 @@ class ModalResponse(TangentResponse):
 
     def _take_modes(self, count: int) -> float:
         """Have the lowest modes in their places; how much the least is like the last one there."""
-        omega, _, ratios, roots, vectors = lowest_modes(self._about, count, self._damped)
+        omega, _, ratios, roots, vectors = lowest_modes(self._about, self._by_rates, count)
         order, alike = self._places(vectors)
         self._omega, self._ratios, self._roots = omega[order], ratios[order], roots[order]
         self._vectors = vectors[:, order]
@@ -258,7 +266,7 @@ class ModalResponse(TangentResponse):
 
     def _copies_above(self) -> bool:
         """Whether modes may have the frequency of the highest one and are not among these."""
-        if self._damped:
+        if self._damped or self._by_rates is not None:
             return False
         highest = self._omega.max()
         bound = highest * abs(highest) + 2 * _EQUAL * highest**2
@@ -276,7 +284,8 @@ class ModalResponse(TangentResponse):
     def _square(self, mode: int, weights: np.ndarray) -> Product:
         """Its derivatives are those of weights times frequency and damping ratio of a mode.
 
-        With root s and shape x, ds = -x.(s^2 dM + s dC + dK) x / x.(2 s M + C) x.
+        With root s and left and right vectors l and x, ds = -l.(s^2 dM + s dC + dK) x
+        / l.(2 s M + C) x.
         """
         s, x, w = self._roots[mode], self._vectors[:, mode], abs(self._omega[mode])
         if s.real and not s.imag and self._damped:
@@ -284,12 +293,30 @@ class ModalResponse(TangentResponse):
                 f"ModalResponse: mode {mode} does not vibrate: it is overdamped, or grows, and has "
                 "no derivatives with damped=True"
             )
-        m, k = x @ (self._about.M @ x), x @ (self._about.K @ x)
+        left = self._left(s, x)
+        m, k = left @ (self._about.M @ x), left @ (self._about.K @ x)
         of_root = weights[0] * np.conj(s) / w if s.imag else -weights[0]
         if self._damped:
             of_root += weights[1] * (s.real * np.conj(s) / w**2 - 1) / w
         factor = -of_root / (s * m - k / s)  # as s^2 m + s c + k = 0
-        return Product(x, None, factor, factor * s, factor * s**2, 1 / w)
+        lefts = None if left is x else left[None]
+        return Product(x, lefts, factor, factor * s, factor * s**2, 1 / w)
+
+    def _left(self, root: complex, x: np.ndarray) -> np.ndarray:
+        """The left vector of a mode with right vector x, which it is if all is symmetric.
+
+        By inverse iteration at the root.
+        """
+        K, C, M = self._about.K, self._by_rates, self._about.M
+        if C is None or abs(C - C.T).max() <= _SYMMETRIC * abs(C).max():
+            return x
+        s = root * (1 + _BESIDE)
+        factors = pivoted_lu((K + s * C + s**2 * M).astype(complex))
+        left = np.conj(x)
+        for _ in range(_ITERATIONS):
+            left = factors.solve(left, "T")
+            left /= np.linalg.norm(left)
+        return left
 
     def _sums_of(self, group: np.ndarray) -> Iterator[list[Product]]:
         """Of a mode those for its frequency and damping ratio; of more those of their matrix.
@@ -300,10 +327,10 @@ class ModalResponse(TangentResponse):
             for weights in np.eye(1 + self._damped):
                 yield [self._square(group[0], weights)]
             return
-        if self._damped:
+        if self._damped or self._by_rates is not None:
             raise SceneError(
-                f"ModalResponse: the damped modes {group.tolist()} have the same root, and no "
-                "derivatives. Leave damping out, or let them differ"
+                f"ModalResponse: the modes {group.tolist()} have the same root, and no "
+                "derivatives. Let them differ, or leave damping out"
             )
         _log.warning(_REPEATED, len(group), self._omega[group[0]])
         unit = self._square(group[0], np.ones(1))

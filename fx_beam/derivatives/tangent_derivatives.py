@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
@@ -34,6 +35,8 @@ from .static_derivatives import StateChange
 _FIRST = np.array([-3, -2, -1, 1, 2, 3]), np.array([-1, 9, -45, 45, -9, 1]) / 60
 _SECOND = np.arange(-3, 4), np.array([2, -27, 270, -490, 270, -27, 2]) / 180
 _DISTANCE = 4e-3
+# It is halved down to this one where a contact opens or closes on the way.
+_NEAREST = 1e-8
 # Numbers of a state that follow from the load steps before, where something flows.
 _OF_STATE = {"q", "slides", "internal", "spring internal"}
 # What is left of a direction of length 1 that is a sum of others.
@@ -102,8 +105,10 @@ class TangentDerivatives:
 
     def __init__(self, what: str, damped: bool = False):
         self._what, self.damped = what, damped
-        # The model of the steps, with problem and derivatives; that of other scenes' numbers.
+        # The model of the steps, with problem and derivatives, and whether it has a frame that
+        # turns; the model of other scenes' numbers.
         self._model: Model | None = None
+        self._turns = False
         self._problem: Problem
         self._derivatives: TapeDerivatives
         self._slides = list[float]()
@@ -111,28 +116,31 @@ class TangentDerivatives:
 
     def begin(self, about: Linearisation, state: Solution | None) -> None:
         """Take the tangent about a state, or about the reference."""
-        if reason := _why_not(about):
-            raise SceneError(f"{self._what}: no derivatives: {reason}")
+        if about.model.points.any_have("sticks"):
+            raise SceneError(f"{self._what}: no derivatives: friction that sticks has none")
         # Where something flows, the state follows from all load steps before.
         self._flows, self._start = about.model.flows, about.start
         self._follows = state is not None and not self._flows
         self._factor, self._inputs = 0.0, None
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
-        last = self._model
-        self._model = model = self._refilled(last, about.scene, OtherStructureError)
-        slides = slides_at_start(model.scene).tolist()
-        if model is last:
+        last, turns = (self._model, self._turns), about.frame is not None
+        self._model = model = self._refilled(self._model, about.scene, OtherStructureError)
+        self._turns, slides = turns, slides_at_start(model.scene).tolist()
+        is_known = (model, turns) == last
+        if is_known:
             self._problem.refill()
         else:
-            self._problem, self._other = Problem(model, NewtonOptions()), None
-        if model is not last or slides != self._slides:
+            self._problem, self._other = Problem(model, NewtonOptions(), turns), None
+        self._problem.hand_over_frame(about.frame)
+        if not is_known or slides != self._slides:
             self._derivatives, self._slides = TapeDerivatives(self._problem), slides
-        # Whether the motions of the nodes depend on more than the unknowns.
-        self._turns = self._problem.c.entries > self._problem.c.equal
+        # Whether motions of the nodes for those of the unknowns depend on the state.
+        p = self._problem.c
+        self._couples = p.entries > p.equal or p.closures or p.sliders
         self._problem.c.at_rest = 1  # forces that depend on rates, without inertia
         self._forcing = LoadForcing(model, about.start.t)
-        self._scene = about.scene
+        self._scene, self._unknowns = about.scene, about.unknowns
 
     def _refilled(self, model: Model | None, scene: Scene, instead_of: type[Exception]) -> Model:
         """A model of steps that tell the tangent, for another scene; a new one after an error."""
@@ -190,7 +198,7 @@ class TangentDerivatives:
         if self._follows:
             weighted += self.forces(-self._solved(about, by_state))
         else:
-            unknowns = self._derivatives.layout.at["Y"][: by_state.shape[1]]
+            unknowns = self._derivatives.layout.at["Y"][self._unknowns]
             weighted.by_vector[:, unknowns] = by_state
         return self.along(weighted, changes)
 
@@ -221,21 +229,30 @@ class TangentDerivatives:
         """
         mass, rights, lefts, by_mass = about.model.mass, list[_Along](), list[_Along](), 0.0
         rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
+        turning = self._turning(about)
         for of in products:
             left = of.right[None] if of.left is None else of.left
             moved, by = (about.T @ left.T).T, about.T @ of.right
-            by_mass = by_mass + (of.mass * moved[:, rows] * by[mass.indices]).real
-            on_right = of.mass * (mass @ moved.T).T + of.on_right
-            on_left = of.mass * (mass @ by) + of.on_left
+            by = of.mass * by + of.damping * (turning @ by)
+            by_mass = by_mass + (moved[:, rows] * by[mass.indices]).real
+            on_nodes = (mass @ moved.T).T
+            on_right = of.mass * on_nodes + of.damping * (on_nodes @ turning) + of.on_right
+            on_left = mass @ by + of.on_left
             if of.left is None:
                 on_right = on_right + on_left
-            elif self._turns:
+            elif self._couples:
                 ends = np.eye(len(left))[..., None] * on_left
                 none = np.zeros((*ends.shape[:2], left.shape[1]))
                 lefts.append(_Along(left, none, none, ends))
             forces = of.stiffness * left, of.damping * left
             rights.append(_Along(*(part[None] for part in (of.right, *forces, on_right))))
         return rights, lefts, np.asarray(by_mass)
+
+    def _turning(self, about: Linearisation) -> scipy.sparse.csr_matrix:
+        """Matrix (size, size) whose product with the mass has the Coriolis forces by rates."""
+        if about.frame is None:
+            return scipy.sparse.csr_matrix((about.T.shape[0],) * 2)
+        return 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
 
     def forces(self, weights: np.ndarray) -> Weighted:
         """Derivatives of weights (n, free) times the residual by numbers in the state."""
@@ -262,7 +279,9 @@ class TangentDerivatives:
         basis, parts = _basis(directions / unit)
         if curved:  # which is not linear in the directions
             basis, parts = directions.real / unit, np.eye(len(directions))
-        sizes = _DISTANCE / abs(basis).max(axis=1)[:, None]
+        largest = abs(basis).max(axis=1)[:, None]
+        distances = [self._distance(about, of) for of in basis / largest * unit]
+        sizes = np.array(distances)[:, None] / largest
         moves = ((sizes * points)[..., None] * (basis * unit)[:, None]).reshape(-1, len(unit))
         of = (weights / sizes ** (1 + curved))[..., None]
         every = (of * np.einsum("dr,dni->nri", parts, by).real[:, :, None] for by in factors)
@@ -274,6 +293,25 @@ class TangentDerivatives:
         lengths = np.full(len(moves), time)
         short = _Steps(moves, lengths, 2 * time * c - 2 * k, e)
         return _joined([short, _Steps(moves, 2 * lengths, 4 * k - 2 * time * c, 0 * e)])
+
+    def _distance(self, about: Linearisation, direction: np.ndarray) -> float:
+        """Distance of steps along a direction (free,), within which no contact opens or closes."""
+        model, start, distance = about.model, about.start, _DISTANCE
+        if not model.points.conditions:
+            return distance
+        move = _FIRST[0][-1] * direction
+        columns, slides = about.columns @ move, np.zeros_like(start.slides)
+        for joint, column in model.couplings.slides.items():
+            slides[joint] = columns[column]
+        nodes, at_start = about.T @ move, model.switches(start)
+
+        def switches(by: float) -> bool:
+            there = model.points.switches(start.q + by * nodes, start.slides + by * slides)
+            return bool((there * at_start < 0).any())
+
+        while distance > _NEAREST and (switches(distance) or switches(-distance)):
+            distance /= 2
+        return distance
 
     def _followed(self, steps: list[_Steps]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of all sums by the vector of `Layout`, numbers of the step, and the state.
@@ -288,14 +326,20 @@ class TangentDerivatives:
             for of in steps
             for weights in zip(of.of_equations, of.of_ends, strict=True)
         ]
-        moves, lengths, *weights = map(np.concatenate, zip(*rows, strict=True))
+        moves, lengths, of_equations, of_ends = map(np.concatenate, zip(*rows, strict=True))
+        unknowns, free = self._unknowns, self._problem.c.free
+        if len(unknowns) < free:  # others follow them
+            moves, of_equations = (_spread(of, unknowns, free) for of in (moves, of_equations))
         tape.repeat(moves, lengths)
         counts = [len(row[0]) for row in rows]
         ends = np.cumsum(counts)
-        x, of_steps, by_unknowns = self._derivatives.vjp_of_equations(tape, ends.tolist(), *weights)
+        x, of_steps, by_unknowns = self._derivatives.vjp_of_equations(
+            tape, ends.tolist(), of_equations, of_ends
+        )
         first = ends - counts
-        x[:, self._derivatives.layout.at["Y"][: by_unknowns.shape[1]]] = 0.0
-        return x, np.add.reduceat(of_steps, first), np.add.reduceat(by_unknowns, first)
+        x[:, self._derivatives.layout.at["Y"][:free]] = 0.0
+        by_state = np.add.reduceat(by_unknowns, first)[:, unknowns]
+        return x, np.add.reduceat(of_steps, first), by_state
 
     def _solved(self, about: Linearisation, by_state: np.ndarray) -> np.ndarray:
         """Weights (n, free) of forces whose derivatives by the state are these."""
@@ -339,15 +383,8 @@ def _basis(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return q[:, :count].T, sizes * (real + 1j * imaginary)
 
 
-def _why_not(about: Linearisation) -> str:
-    """Why there are none; empty if there are."""
-    model = about.model
-    if about.coriolis is not None:
-        return "a frame that turns (spin) has none"
-    if len(about.unknowns) != model.reduction.free:
-        return "scenes with closed loops have none. Close them by stiff springs"
-    if model.couplings.sliding or model.points.members is not None:
-        return "nodes that slide on beams and contact with members have none"
-    if model.points.any_have("sticks"):
-        return "friction that sticks has none"
-    return ""
+def _spread(rows: np.ndarray, columns: np.ndarray, count: int) -> np.ndarray:
+    """Rows (n, count) with some columns, and zeros in the others."""
+    wide = np.zeros((len(rows), count))
+    wide[:, columns] = rows
+    return wide

@@ -98,11 +98,10 @@ class Vibration:
     def __init__(self, about: Linearisation, what: str):
         #: Whether anything is damped.
         self._what, self.damped = what, about.may_be_damped
-        C = about.damping(what) if self.damped else 0 * about.K
-        if about.coriolis is not None:
-            C = C + about.coriolis
+        C = about.by_rates(what)
         self._diagonals = about.K.diagonal(), about.M.diagonal()
         # The values of all three in the columns of a common pattern.
+        C = 0 * about.K if C is None else C
         parts, n = [of.tocoo() for of in (about.K, C, about.M)], about.K.shape[0]
         places = [of.col.astype(np.int64) * n + of.row for of in parts]
         pattern = np.unique(np.concatenate(places))

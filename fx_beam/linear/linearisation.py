@@ -49,7 +49,8 @@ class Linearisation:
     #: unit motion of the scene [J].
     unbalanced: np.ndarray
     largest: float
-    #: Coriolis forces by rates (free, free), for a frame that turns; None for one at rest.
+    #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
+    frame: TurningFrame | None = None
     coriolis: scipy.sparse.csr_matrix | None = None
 
     @property
@@ -67,8 +68,16 @@ class Linearisation:
             or (beams is not None and beams.needs_rates)  # in statics: of added virtual works
         )
 
-    def damping(self, what: str) -> scipy.sparse.csr_matrix:
-        """Derivative (free, free) of the forces by the rates, at rest; errors say `what` asks."""
+    def by_rates(self, what: str, damped: bool = True) -> scipy.sparse.csr_matrix | None:
+        """Derivative (free, free) of all forces by the rates, with damping if that counts.
+
+        None without any; errors say `what` asks.
+        """
+        parts = [self._damping(what)] if damped and self.may_be_damped else []
+        parts += [] if self.coriolis is None else [self.coriolis]
+        return sum(parts) if parts else None
+
+    def _damping(self, what: str) -> scipy.sparse.csr_matrix:
         # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
         model = recent_model(self.model.scene, EnergyMomentum(), instant=True)
         equations, tangents, start = Equations(model, inert=False), [], self.start
@@ -132,7 +141,7 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
     columns = reduction.completion()[:, unknowns]
     rest = balance.residual[unknowns]
     largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
-    about = Linearisation(scene, model, K, M, T, unknowns, columns, start, rest, largest, G)
+    about = Linearisation(scene, model, K, M, T, unknowns, columns, start, rest, largest, frame, G)
     model.needed_by(about)
     return about
 

@@ -296,13 +296,16 @@ def modes(scene: Scene, state: Solution | None = None, n: int = 6, damping: bool
     require(is_flag(damping), "modes: damping", damping, "True or False")
     about = linearised(scene, state, "modes")
     check_equilibrium(about, state, "modes")
-    omega, rigid, ratios, roots, vectors = lowest_modes(about, n, damping)
+    omega, rigid, ratios, roots, vectors = lowest_modes(about, about.by_rates("modes", damping), n)
     start = about.start.q
     return modes_of(about.model, start, about.T @ vectors, omega, rigid, ratios, roots)
 
 
-def lowest_modes(about: Linearisation, n: int, damping: bool):
-    """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes."""
+def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int):
+    """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes.
+
+    C is that of the forces by the rates; None for none.
+    """
     model, K, M = about.model, about.K, about.M
     if not M.data.any():
         raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
@@ -313,9 +316,6 @@ def lowest_modes(about: Linearisation, n: int, damping: bool):
             "linearise it, or remove this load or friction"
         )
     K = _symmetric(K)
-    C = about.damping("modes") if damping and about.may_be_damped else None
-    if about.coriolis is not None:
-        C = about.coriolis if C is None else C + about.coriolis
     if C is None or not abs(C).max():
         omega, rigid, vectors = lowest(K, M, n)
         return omega, rigid, np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega), vectors

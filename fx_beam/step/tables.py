@@ -410,6 +410,10 @@ class Problem:
         """Let C read natural strains at the end of a step, and a frame that turns or None."""
         if self.model.natural:
             self._set(strains_at_end=self.strains)
+        self.hand_over_frame(frame)
+
+    def hand_over_frame(self, frame: TurningFrame | None) -> None:
+        """Let C read a frame that turns, or None."""
         if frame is not None:
             self._set(arm=frame.arms(np.zeros(self.model.size)), spin_squared=frame.spin**2)
 

@@ -127,19 +127,31 @@ static int vjp_followed(Problem *p, Work *w, const Derivatives *a, Linear *l, co
   return 1;
 }
 
+/* The derivatives by the closures of loops, as many as make those by the unknowns that follow zero: in `trial` these are
+   found without, by columns Y at the end where the closures have the derivatives G. */
+static void vjp_closures(const Problem *p, const Work *w, int Y, const double *trial, double *closures) {
+  factorise_closures(p, w, w->G, 1, w->part_virtual, w->order_virtual);
+  for (int i = 0; i < p->closures; ++i) closures[i] = -trial[Y + p->loop_column[p->following[i]]];
+  solve_closures(p, w, 1, w->part_virtual, w->order_virtual, closures);
+}
+
 /* Takes the derivatives from the end of a sub-step to its start; returns 0 if its tangent is singular. */
 static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const Tape *tape, long number) {
   const Layout *at = &l->at;
   const double *row = tape->row + number * tape->size;
   long k = tape->first + number, steps = at->Y1 - at->loads;
   int forces = !a->by_unknowns && (a->forces.at[k] >= 0 || p->friction_follows);
-  int whole = forces || (!a->by_unknowns && (p->cell_internal || p->spring_width));
-  double *x = a->x;
+  int closes = HAS(LOOPS) && a->by_unknowns && p->closures;
+  int whole = forces || closes || (!a->by_unknowns && (p->cell_internal || p->spring_width));
+  double *x = a->x, *trial = l->trial;
+  long size = (at->size - at->Y) * sizeof(double);
   if (!begin_linearised(p, w, a, l, row, forces, k == 0 || a->by_unknowns, whole)) return 0;
   begin_vjp(p, w, a, at, k, x);
   begin_forces(a, at, k, x);
   if (!a->by_unknowns)
     if (!(p->friction_follows ? vjp_followed(p, w, a, l, row, k, x) : vjp_solution(p, w, a, l, whole, x))) return 0;
+  if (closes) memcpy(trial + at->Y, x + at->Y, size), vjp_laws(p, w, a, l, trial, 0);
+  if (closes) vjp_closures(p, w, at->Y1, trial, x + at->closures);
   vjp_laws(p, w, a, l, x, 1);
   for (int i = 0; i < l->following.size; ++i) x[a->followed[i]] = 0; /* but a first trial */
   memcpy(a->of_steps + k * steps, x + at->loads, steps * sizeof(double));
@@ -147,6 +159,9 @@ static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const 
   if (k && !a->by_unknowns) return 1;
   if (k == 0) add_given(&a->states, 0, x);
   memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(double));
+  memset(x + at->closures, 0, p->closures * sizeof(double));
+  if (closes) memcpy(trial + at->Y, x + at->Y, size), vjp(l->of + BEGUN, trial);
+  if (closes && begin_loops(p, w)) vjp_closures(p, w, at->Y, trial, x + at->closures);
   vjp(l->of + BEGUN, x);
   if (!a->by_unknowns) return 1;
   for (int i = 0; i < p->free; ++i) a->by_unknowns[k * p->free + i] = x[at->Y + i] + x[at->Y1 + i];

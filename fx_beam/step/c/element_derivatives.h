@@ -119,13 +119,17 @@ HOT void vjp_elements(const Problem *p, const Work *w, const Derivatives *a, con
 /* The derivatives of the forces of elements and of inertia, and of internal variables; with `last` also by numbers. */
 HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, double *x, int last) {
   const Layout *at = &l->at;
-  double per_dt = rates_per_path(p, w->dt);
+  double per_dt = rates_per_path(p, w->dt), turning = p->at_rest ? -p->ratio * p->spin_squared : 0;
   for (int i = 0; i < p->cells * p->cell_internal; ++i) x[at->internal + i] += x[at->internal1 + i];
   vjp_elements(p, w, a, l, last, x);
   times_mass(p, x + at->r, w->scratch);
   for (int i = 0; i < p->dofs; ++i) {
     double by_increment = per_dt * per_dt / 2 * w->slope[i] * w->scratch[i];
     x[at->q1 + i] += by_increment, x[at->q + i] -= by_increment, x[at->v + i] -= per_dt * w->scratch[i];
+  }
+  for (int i = 0; turning < 0 && i < p->dofs; ++i) { /* in a frame that turns */
+    double by_place = turning * w->scratch[i];
+    x[at->q1 + i] += p->level * by_place, x[at->q + i] += (1 - p->level) * by_place, x[at->member_places + i] += by_place;
   }
   for (int i = 0; last && i < p->dofs; ++i) {
     double weight = x[at->r + i];

@@ -48,7 +48,7 @@ static void take_values(const Problem *p, const Work *w, int first, double *to) 
 static void acceleration(const Problem *p, const Work *w, double dt) {
   if (p->at_rest) { /* in a frame that turns */
     for (int i = 0; p->spin_squared > 0 && i < p->dofs; ++i)
-      w->acc[i] = -p->ratio * p->spin_squared * (p->arm[i] + p->q[i] + w->D[i]);
+      w->acc[i] = -p->ratio * p->spin_squared * (p->arm[i] + p->q[i] + p->level * w->D[i]);
     return;
   }
   if (p->rules) {
@@ -69,7 +69,7 @@ static void acceleration(const Problem *p, const Work *w, double dt) {
 
 /* Derivative of the acceleration with respect to the increment of `work_increment`. */
 static double steepness(const Problem *p, double dt) {
-  if (p->at_rest) return -p->ratio * p->spin_squared;
+  if (p->at_rest) return -p->ratio * p->spin_squared * p->level;
   return (p->rule == 0 ? 2 : (1 - p->alpha_m) / p->beta) / (dt * dt);
 }
 
