@@ -13,7 +13,7 @@ from fx_beam.errors import SceneError, is_number, shown
 from fx_beam.results.state import Past, State
 from fx_beam.step.recorder import NullRecorder, Recorder
 
-from .measurement import FittedState, Grid, reading
+from .measurement import FittedState, Grid, readings
 from .prepared import Prepared
 
 # Accuracy of the time of the end, relative to the step, and to the time.
@@ -48,10 +48,7 @@ class Ending:
         self._step = _Step(start, Grid(start.t, 0, 0.0))
         self._now = FittedState(prepared.model, prepared.forcing, self._step)
         turns = prepared.turn_counter.removed
-        self._readings = {
-            name: reading(prepared.model, self._now, turns, output)
-            for name, output in outputs.items()
-        }
+        self._readings = readings(prepared.model, self._now, turns, outputs)
         forces = any(output.quantity == "force" for output in outputs.values())
         if forces and prepared.loop is not None:
             prepared.loop.problem.c.keeps_joint_forces = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -136,8 +136,14 @@ class FittedState:
         return np.where(self._inputs, instant.inputs, rates)
 
 
-def reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:
-    """A function that reads an output; `turns` (size,) are missing in the rotations [rad]."""
+def readings(
+    model: Model, now: FittedState, turns: np.ndarray, outputs: Mapping[str, Output]
+) -> dict[str, Reading]:
+    """Functions that read outputs; `turns` (size,) are missing in the rotations [rad]."""
+    return {name: _reading(model, now, turns, output) for name, output in outputs.items()}
+
+
+def _reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:
     defined = definition(output)
     if defined.quantity.law is not None:
         return _by_law(model, now, defined)

@@ -27,7 +27,7 @@ from fx_beam.step.recorder import NullRecorder, Record, Recorder, Rows
 from fx_beam.step.single_steps import CompiledSingleSteps
 
 from .evaluation import solution_of
-from .measurement import FittedState, Grid, reading
+from .measurement import FittedState, Grid, readings
 from .options import MOST_STEPS, Options, check_scene
 from .prepared import Prepared, state_of
 from .surroundings import waiting_team
@@ -372,10 +372,7 @@ class Motion:
         forces = any(output.quantity == "force" for output in outputs.values())
         self._open = OpenMotion(prepared, held, self._dt, record, forces)
         turns = prepared.turn_counter.removed
-        self._readings = {
-            name: reading(prepared.model, self._open.shown, turns, output)
-            for name, output in outputs.items()
-        }
+        self._readings = readings(prepared.model, self._open.shown, turns, outputs)
         state = prepared.first_state(self._dt, start)
         self._open.begin(state, np.zeros(prepared.model.size), Grid(state.t, 0, self._dt))
         prepared.stats.setup_seconds = perf_counter() - clock

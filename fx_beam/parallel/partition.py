@@ -19,12 +19,11 @@ from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Drag, Mass, NaturalStrain, StrainPart
 from fx_beam.scene.parameters import Parameter
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.section import Section
 from fx_beam.step.model import Model
 
 from .linear_system import BLOCK
 
-_DATA = "EA", "GA", "EI", "rhoA", "rhoI"
+_DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
 _AT_REST = Constant(np.zeros(1))
 
 
@@ -285,10 +284,7 @@ def _trees(scene: Scene) -> np.ndarray:
 
 def _may_be_cut(beam: Beam) -> bool:
     """Whether a part of the beam has the same section: data are no functions along it."""
-    section: Section = beam.section
-    return all(not callable(getattr(section, name)) for name in _DATA) and (
-        section.constants(("retardation",)) is not None
-    )
+    return beam.section.constants(_DATA) is not None
 
 
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:

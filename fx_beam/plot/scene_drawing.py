@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from fx_beam.errors import Constant, SceneError, is_flag, is_name, require, shown
-from fx_beam.scene.beam import Beam, Node, inner_positions
+from fx_beam.scene.beam import Beam, Node, reference_positions
 from fx_beam.scene.contacts import arc_of
 from fx_beam.scene.coordinate import Held
 from fx_beam.scene.inputs import InputSlot
@@ -63,14 +64,20 @@ def _largest(load: Load) -> tuple[float, np.ndarray]:
     return samples[int(np.nanargmax(sizes))]
 
 
+def _arguments(of: Load | StrainPart, place: str) -> str:
+    """Of what its value is a function; empty for a constant."""
+    if of.along is not None:
+        return f"({place})"
+    if isinstance(of.value, PlaceTimeFunction):
+        return f"({place}, t)"
+    return "" if isinstance(of.value, Constant) else "(t)"
+
+
 def _words(symbol: str, load: Load, value: float, unit: str, si: bool) -> str:
     if isinstance(load.value, InputSlot):
         return load.value.name + ", follower" * load.follower
-    constant = isinstance(load.value, Constant) and load.along is None
-    of = "(s, t)" if isinstance(load.value, PlaceTimeFunction) else "(t)"
-    of = of if load.along is None else "(s)"
     value_and_unit = f" = {three_digits(value)}{f' {unit}' if si else ''}"
-    return symbol + (value_and_unit if constant else of) + ", follower" * load.follower
+    return symbol + (_arguments(load, "s") or value_and_unit) + ", follower" * load.follower
 
 
 def _force(sheet: Sheet, load: Load, si: bool) -> None:
@@ -91,8 +98,8 @@ def _moment(sheet: Sheet, load: Load, si: bool) -> None:
 
 
 def _line_load(sheet: Sheet, load: Load, si: bool) -> None:
-    assert isinstance(load.target, Beam)
-    beam, factor = load.target, _shown(load)
+    beam: Any = load.target
+    factor = _shown(load)
     arc = np.linspace(0, beam.length, _ARROWS + 1)
     positions = np.array([[node.x, node.y] for node in beam.nodes])
     tips = interpolated(arc, beam.s, positions)
@@ -139,49 +146,38 @@ def _of_part(name: str, part: StrainPart, si: bool) -> str:
     symbol, value = _STRAINS[name], part.value
     if isinstance(value, InputSlot):
         return f"{symbol}: {value.name}"
-    if part.along is not None:
-        return f"{symbol}(f)"
-    if isinstance(value, PlaceTimeFunction):
-        return f"{symbol}(f, t)"
-    if not isinstance(value, Constant):
-        return f"{symbol}(t)"
     unit = " 1/m" if si and name == "curvature" else ""
-    return f"{symbol} = {three_digits(float(value(0.0)[0]))}{unit}"
+    words = _arguments(part, "f") or f" = {three_digits(float(value(0.0)[0]))}{unit}"
+    return symbol + words
 
 
 def _prescribed(sheet: Sheet, scene: Scene) -> None:
     for number, component in scene.prescribed:
-        position = _position(scene.nodes[number])
-        if component == 2:
-            _double_turn(sheet, position, r"$\psi$(t)")
-        else:
-            _double_arrow(sheet, position, np.eye(2)[component], "xy"[component] + "(t)")
+        text = ("x(t)", "y(t)", r"$\psi$(t)")[component]
+        direction = None if component == 2 else np.eye(2)[component]
+        _driven(sheet, _position(scene.nodes[number]), text, direction)
 
 
 def _motors(sheet: Sheet, scene: Scene) -> None:
     for joint in scene.joints:
-        position = _position(node_of(joint))
         for name in joint.driven:
-            locked = isinstance(joint.coordinates[name].motor, Held)
-            if name == "slide":
-                text = "locked" if locked else "motor d(t)"
-                _double_arrow(sheet, position, joint.direction, text)
-            else:
-                _double_turn(sheet, position, "locked" if locked else r"motor $\psi$(t)")
+            text = {"slide": "motor d(t)", "rotation": r"motor $\psi$(t)"}[name]
+            text = "locked" if isinstance(joint.coordinates[name].motor, Held) else text
+            direction = joint.direction if name == "slide" else None
+            _driven(sheet, _position(node_of(joint)), text, direction)
 
 
-def _double_arrow(sheet: Sheet, position, direction, text: str) -> None:
-    """An arrow with two heads along a direction, beside a point."""
-    beside = position + 0.04 * sheet.size * left_of(direction)
-    ends = beside + _MOTION * sheet.size * np.outer((-1, 1), direction)
-    sheet.arrow([ends[0], beside, ends[1]], "<-|>", color=_DRIVEN, linewidth=1.4)
-    sheet.label(text, [ends[1], beside, ends[0]], _DRIVEN)
-
-
-def _double_turn(sheet: Sheet, position, text: str) -> None:
-    points = _turn(position, sheet.size, 1.0)
+def _driven(sheet: Sheet, position, text: str, direction: np.ndarray | None) -> None:
+    """An arrow with two heads: along a direction, beside a point, or around the point."""
+    if direction is None:
+        points = _turn(position, sheet.size, 1.0)
+        places = points[::4]
+    else:
+        beside = position + 0.04 * sheet.size * left_of(direction)
+        points = beside + _MOTION * sheet.size * np.outer((-1, 0, 1), direction)
+        places = points[::-1]
     sheet.arrow(points, "<-|>", color=_DRIVEN, linewidth=1.4)
-    sheet.label(text, points[::4], _DRIVEN)
+    sheet.label(text, places, _DRIVEN)
 
 
 def _velocities(sheet: Sheet, scene: Scene) -> None:
@@ -217,8 +213,7 @@ def _turn(position, size: float, sense: float) -> np.ndarray:
     return position + _TURN * size * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def _position(node: Node | Beam) -> np.ndarray:
-    assert isinstance(node, Node)
+def _position(node: Any) -> np.ndarray:
     return np.array([node.x, node.y])
 
 
@@ -285,10 +280,10 @@ def scene(
     axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
     sheet = Sheet(drawing.reach)
     _members(sheet, scene, axes, drawing.thinness)
-    sheet.see(draw_outlines(sheet.ax, drawing.obstacles))
-    sheet.see(Supports(drawing).draw(sheet.ax, 0))
-    sheet.see(draw_moving(sheet.ax, drawing, 0))
-    sheet.see(draw_joints(sheet.ax, drawing, 0))
+    draw_outlines(sheet.ax, drawing.obstacles)
+    Supports(drawing).draw(sheet.ax, 0)
+    draw_moving(sheet.ax, drawing, 0)
+    draw_joints(sheet.ax, drawing, 0)
     draw_actions(sheet, scene, si=scene_unit == "m")
     _names(sheet, scene, axes, {} if marks is None else marks, si=scene_unit == "m")
     if dimensions:
@@ -303,19 +298,14 @@ class Reference:
         self.beams = {beam.name: beam for beam in scene.beams}
         self.bodies = {body.name: body for body in scene.bodies}
         self.contacts = scene.contacts
-        #: Rows of `X` with the nodes of each beam in order, including those inside elements.
+        #: Rows of `X` with the nodes of each beam in order, including those inside elements: they
+        #: are there once more.
         self.nodes_of_beam = dict[str, np.ndarray]()
-        free = len(scene.nodes)
+        free, rows = len(scene.nodes), [np.array([(node.x, node.y) for node in scene.nodes])]
         for beam in scene.beams:
-            inside = beam.elements * (beam.degree - 1)
-            of_beam = np.empty(beam.elements * beam.degree + 1, dtype=int)
-            ends = np.arange(len(of_beam)) % beam.degree == 0
-            of_beam[ends] = [node.number for node in beam.nodes]
-            of_beam[~ends] = np.arange(free, free + inside)
-            self.nodes_of_beam[beam.name] = of_beam
-            free += inside
-        places = np.array([(node.x, node.y) for node in scene.nodes])
-        self.X = np.concatenate([places, *map(inner_positions, scene.beams)])
+            rows.append(reference_positions(beam))
+            self.nodes_of_beam[beam.name] = np.arange(free, free := free + len(rows[-1]))
+        self.X = np.concatenate(rows)
         self.q = np.zeros((1, len(self.X), 3))
 
     def rotation(self, node: Node) -> np.ndarray:
@@ -330,7 +320,7 @@ def _members(sheet: Sheet, scene: Scene, axes: dict[str, np.ndarray], width: flo
     for beam in scene.beams:
         sheet.line(axes[beam.name], color=_MEMBER, linewidth=2.5, zorder=2)
         ends = [(node.x, node.y) for node in beam.nodes]
-        sheet.dots(ends, ".", color=_MEMBER, markersize=6, zorder=2)
+        sheet.ax.plot(*np.transpose(ends), ".", color=_MEMBER, markersize=6, zorder=2)
 
 
 def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -> None:
@@ -339,7 +329,7 @@ def _names(sheet: Sheet, scene: Scene, axes, marks: dict[str, Node], si: bool) -
     for name, node in marks.items():
         if getattr(node, "scene", None) is not scene:
             raise SceneError(f"mark {name!r}: {shown(node)} is not a node of the scene")
-        sheet.dots([(node.x, node.y)], ".", color="black", markersize=5, zorder=4)
+        sheet.ax.plot(node.x, node.y, ".", color="black", markersize=5, zorder=4)
         sheet.label(name, (node.x, node.y))
     for number, mass, inertia in scene.masses:
         node = scene.nodes[number]
@@ -370,5 +360,6 @@ def _dimensions(sheet: Sheet, scene: Scene, points: np.ndarray) -> None:
         for a, b in zip(values[:-1], values[1:], strict=True):
             tail, tip = (level + value * np.eye(2)[i] for value in (a, b))
             sheet.arrow([tail, (tail + tip) / 2, tip], "<-|>", **_DIMENSION)
-            sheet.strokes(np.array([tail, tip]) - tick, np.array([tail, tip]) + tick, **_DIMENSION)
+            ticks = np.array([[point - tick, point + tick] for point in (tail, tip)])
+            sheet.line(apart(ticks), **_DIMENSION)
             sheet.label(three_digits(b - a), (tail + tip) / 2, "0.3")

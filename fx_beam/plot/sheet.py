@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from fx_beam.errors import is_name, require
 from fx_beam.results.files import replacing, writable
 
-from .drawing import Drawing, apart
+from .drawing import Drawing
 
 #: Endings of files.
 PICTURES = sorted(FigureCanvasAgg.filetypes)
@@ -149,23 +149,11 @@ class Sheet:
         self.size = size
         self.figure = Figure(dpi=100)
         self.ax: Any = self.figure.add_axes((0, 0, 1, 1), aspect="equal")
-        self._lines: list[np.ndarray] = []
-        self._dots: list[np.ndarray] = []
         self._labels: list[tuple[str, np.ndarray, str, float]] = []
 
     def line(self, points, **look) -> None:
         """A line through points (n, 2)."""
-        self._lines.append(np.reshape(np.asarray(points, dtype=float), (-1, 2)))
         self.ax.plot(*np.transpose(points), **{"color": "black", "linewidth": 1.0} | look)
-
-    def strokes(self, starts, ends, **look) -> None:
-        """Lines from points (n, 2) to others (n, 2)."""
-        self.line(apart(np.stack([starts, ends], axis=1)), **look)
-
-    def dots(self, positions, marker: str, **look) -> None:
-        """A marker at each of some points (n, 2)."""
-        self._dots.append(np.asarray(positions, dtype=float))
-        self.ax.plot(*np.transpose(positions), marker, **look)
 
     def arrow(self, points, style: str = "-|>", **look) -> None:
         """An arrow along points (n, 2), with its head at the last of them."""
@@ -183,15 +171,14 @@ class Sheet:
             near = tip + (tail - tip) * min(1.0, head * self.size / np.hypot(*(tail - tip)))
             self.ax.annotate("", tip, near, arrowprops=shape, annotation_clip=False, zorder=4)
 
-    def see(self, lines) -> None:
-        """Let labels avoid lines and markers that were drawn on the axes; areas may have labels."""
-        for line in (one for one in lines if hasattr(one, "get_xydata")):
-            marked = line.get_marker() not in ("None", None, "")
-            (self._dots if marked else self._lines).append(line.get_xydata())
+    def drawn(self, marks: bool) -> list[np.ndarray]:
+        """Points (n, 2) of all markers so far, or of all lines."""
+        lines = [of for of in self.ax.lines if (of.get_marker() not in ("None", "")) == marks]
+        return [line.get_xydata() for line in lines]
 
     def corner(self) -> np.ndarray:
-        """A point (2,) to the upper right of everything drawn so far."""
-        return np.nanmax(np.concatenate(self._lines), axis=0) + 0.08 * self.size
+        """A point (2,) to the upper right of all lines so far."""
+        return np.nanmax(np.concatenate(self.drawn(marks=False)), axis=0) + 0.08 * self.size
 
     def label(self, text: str, positions, colour: str = "black", size: float = 9.0) -> None:
         """A text near one of some points (n, 2); its position is chosen at the end."""
@@ -199,7 +186,7 @@ class Sheet:
 
     def finish(self, scene_unit: str) -> Figure:
         """Frame the drawing, and write the labels."""
-        points = np.concatenate([*self._lines, *self._dots])
+        points = np.concatenate([*self.drawn(marks=False), *self.drawn(marks=True)])
         low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
         # Space for labels; a straight member needs more beside it.
         margin = np.maximum(0.1 * self.size, (0.35 * self.size - (high - low)) / 2)
@@ -262,15 +249,14 @@ class Sheet:
         low, high = self._cells(self.ax.bbox.get_points())
         covered = np.full(self._cells([self.figure.bbox.size])[0] + 1, 1e3)
         covered[low[0] : high[0], low[1] : high[1]] = 0.0
-        for line in self._lines:
-            line = self.ax.transData.transform(line)
+        for line in map(self.ax.transData.transform, self.drawn(marks=False)):
             points = [line[~np.isnan(line[:, 0])]]
             for a, b in zip(line[:-1], line[1:], strict=True):
                 length = np.hypot(*(b - a))
                 if length > _CELL:
                     points.append(a + np.arange(_CELL, length, _CELL)[:, None] / length * (b - a))
             covered[tuple(self._cells(np.concatenate(points)).T)] += 1.0
-        for dots in self._dots:
+        for dots in self.drawn(marks=True):
             for dot in self.ax.transData.transform(dots):
                 low, high = self._cells([dot - _DOT, dot + _DOT])
                 covered[low[0] : high[0] + 1, low[1] : high[1] + 1] += 1.0

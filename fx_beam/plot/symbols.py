@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ from .drawing import Drawing, Outline, apart
 _HEIGHT, _WALL, _STROKE, _GUIDE, _MORE = 0.032, 0.08, 0.016, 0.12, 0.04
 _MARKER = 0.016  # size of a marker, as a fraction of the longer side of the axes
 _WHITE: dict[str, Any] = {"color": "white", "markeredgecolor": "black", "zorder": 6}
+_THIN: dict[str, Any] = {"linewidth": 0.7, "zorder": 3}
+_RAIL: dict[str, Any] = {"linewidth": 1.2, "linestyle": ":", "zorder": 1}
 _SIDES = np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
 
 
@@ -64,34 +67,23 @@ class Supports:
 
     def draw(self, ax, k: int) -> list:
         """Draw the supports in row k, and the guides; returns the artists."""
-        drawing, thick, thin = self._drawing, list[np.ndarray](), list[np.ndarray]()
-        nodes: dict[str, list[int]] = {"o": [], "s": []}
-        unit = drawing.size * drawing.thinness
-        for number, symbol in self.symbols.items():
-            strokes = symbol.at(drawing.positions(number, k), unit)
-            thick += strokes.thick
-            thin += strokes.thin
-            if strokes.marker:
-                nodes[strokes.marker].append(number)
-        dotted = []
-        for joint in self._guides:
-            guide, wall = self._guide(joint)
-            dotted.append(guide)
-            thick += wall.thick
-            thin += wall.thin
+        drawing, symbols = self._drawing, self.symbols
+        unit, guides = drawing.size * drawing.thinness, [*map(self._guide, self._guides)]
+        strokes = [of.at(drawing.positions(number, k), unit) for number, of in symbols.items()]
+        strokes += [wall for _, wall in guides]
+        thick = [line for of in strokes for line in of.thick]
         drawn = draw_lines(ax, thick, linewidth=1.2, zorder=3)
-        drawn += draw_lines(ax, thin, linewidth=0.7, zorder=3)
-        drawn += draw_lines(ax, dotted, linewidth=1.2, linestyle=":", zorder=1)
-        for marker, of in nodes.items():
-            if of:
+        drawn += draw_lines(ax, [line for of in strokes for line in of.thin], **_THIN)
+        drawn += draw_lines(ax, [guide for guide, _ in guides], **_RAIL)
+        for marker in "os":
+            if nodes := [number for number, of in symbols.items() if of.marker == marker]:
                 size = marker_size(ax, drawing)
-                drawn += ax.plot(*drawing.positions(of, k).T, marker, markersize=size, **_WHITE)
+                drawn += ax.plot(*drawing.positions(nodes, k).T, marker, markersize=size, **_WHITE)
         return drawn
 
-    def _guide(self, joint: Joint) -> tuple[np.ndarray, Strokes]:
+    def _guide(self, joint: Any) -> tuple[np.ndarray, Strokes]:
         """A guide along an axis, as long as the path on it, and its wall."""
         drawing, axis, size = self._drawing, joint.direction, self._drawing.size
-        assert axis is not None
         number = node_of(joint).number
         start = drawing.solution.X[number]
         slides = (drawing.positions(number, list(drawing.rows)) - start) @ axis
@@ -143,19 +135,14 @@ def _leaving(drawing: Drawing, numbers: set[int]) -> dict[int, list[np.ndarray]]
     """Directions (2,) in which members leave each of some nodes at the start."""
     directions: dict[int, list[np.ndarray]] = {number: [] for number in numbers}
     X = drawing.solution.X
-    for beam in drawing.solution.beams.values():
-        for k, node in enumerate(beam.nodes):
-            for other in (k - 1, k + 1) if node.number in numbers else ():
-                if 0 <= other <= beam.elements:
-                    along = X[beam.nodes[other].number] - X[node.number]
-                    directions[node.number].append(along / np.hypot(*along))
-    for body in drawing.solution.bodies.values():
-        centre = X[body.centre.number]
-        for node in body.points.values():
-            along = X[node.number] - centre
-            for number, side in ((node.number, -1.0), (body.centre.number, 1.0)):
-                if number in numbers and along.any():
-                    directions[number].append(side * along / np.hypot(*along))
+    segments = [ends for beam in drawing.solution.beams.values() for ends in pairwise(beam.nodes)]
+    bodies = drawing.solution.bodies.values()
+    segments += [(body.centre, node) for body in bodies for node in body.points.values()]
+    for first, last in segments:
+        along = X[last.number] - X[first.number]
+        for node, side in ((first, 1.0), (last, -1.0)):
+            if node.number in numbers and along.any():
+                directions[node.number].append(side * along / np.hypot(*along))
     return {number: parts or [np.array([0.0, 1.0])] for number, parts in directions.items()}
 
 
@@ -288,7 +275,7 @@ def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
     for joint in drawing.of_scene("joints"):
         of_body = joint.is_rigid and joint.a in centres
         if joint.offset.any() and not (of_body or is_grounded(joint)):
-            ends = drawing.positions(joint.a.number, k), _position_on_a(drawing, joint, k)
+            ends = drawing.positions(joint.a.number, k), _origin(drawing, joint, k)
             arms.append(np.array(ends))
     return draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
 
@@ -321,9 +308,13 @@ def draw_joints(ax, drawing: Drawing, k: int) -> list:
     lines = {"guide": _guides(drawing, joints, k), "fine": [], "friction": [], "stop": []}
     for joint in joints:
         for name, on in joint.coordinates.items():
-            drawn_part = _along_slide if name == "slide" else _around
             for part in (part for part in _AROUND if getattr(on, part) is not None):
-                lines[_LOOK_OF.get(part, part)].append(drawn_part(drawing, joint, part, k))
+                if name == "slide":
+                    symbol = _along_slide(drawing, joint, part, k)
+                else:
+                    around = _SPRING_WIDTH * drawing.size * _AROUND[part]
+                    symbol = _position_of(drawing, joint, k) + around
+                lines[_LOOK_OF.get(part, part)].append(symbol)
     return _drawn(ax, lines) + draw_between(ax, drawing, k) + draw_hinges(ax, drawing, k)
 
 
@@ -381,7 +372,7 @@ def _guides(drawing: Drawing, joints: list[Joint], k: int) -> list[np.ndarray]:
     guides = []
     for joint in joints:
         if joint.axis is not None and not is_grounded(joint):
-            start, end = _position_on_a(drawing, joint, k), drawing.positions(joint.b.number, k)
+            start, end = _origin(drawing, joint, k), drawing.positions(joint.b.number, k)
             along = slide_direction(drawing, joint, k)
             slide, more = (end - start) @ along, _BEYOND * drawing.size
             ends = min(slide, 0.0) - more, max(slide, 0.0) + more
@@ -389,14 +380,15 @@ def _guides(drawing: Drawing, joints: list[Joint], k: int) -> list[np.ndarray]:
     return guides
 
 
-def _position_on_a(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
-    """Position of a joint on its node a, in row k."""
+def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
+    """Where the slide of a joint is zero: on its node a in row k, or on the ground."""
+    if is_grounded(joint):
+        return drawing.solution.X[node_of(joint).number]
     return drawing.positions(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
 
 
-def _along_slide(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarray:
+def _along_slide(drawing: Drawing, joint: Any, part: str, k: int) -> np.ndarray:
     """A part of a slide: a zigzag, a dashpot, shoes of a brake beside it, or bars at its stops."""
-    assert joint.slide is not None
     if part == "stop":
         return _bars(drawing, joint, k)
     ends, along = _spring_ends(drawing, joint, k), slide_direction(drawing, joint, k)
@@ -413,25 +405,15 @@ def _straight(part: str, on: Coordinate, ends, middle, along, size: float) -> np
     return _stretched(_STRAIGHT[part] + aside, a, b, size)
 
 
-def _around(drawing: Drawing, joint: Joint, part: str, k: int) -> np.ndarray:
-    """A part of a hinge: a spiral, a curved dashpot, the shoes of a brake, or an arc that ends."""
-    return _position_of(drawing, joint, k) + _SPRING_WIDTH * drawing.size * _AROUND[part]
-
-
-def _bars(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
+def _bars(drawing: Drawing, joint: Any, k: int) -> np.ndarray:
     """Bars across a straight slide at its limits; none on a beam."""
-    assert joint.slide is not None and joint.slide.stop is not None
     bars, stop = [np.empty((0, 2))], joint.slide.stop
     if joint.axis is None:
         return bars[0]
     along = slide_direction(drawing, joint, k)
-    if is_grounded(joint):
-        origin = drawing.solution.X[node_of(joint).number] - joint.start()[0] * along
-    else:
-        origin = _position_on_a(drawing, joint, k)
     for limit in (stop.lower, stop.upper):
         if limit is not None:
-            at = origin + limit * along
+            at = _origin(drawing, joint, k) + limit * along
             bars += [at + _SPRING_WIDTH * drawing.size * _along(_BAR, along), _GAP]
     return np.concatenate(bars)
 
@@ -441,16 +423,13 @@ def _position_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
     return drawing.positions(node_of(joint).number, k)
 
 
-def _spring_ends(drawing: Drawing, joint: Joint, k: int) -> tuple[np.ndarray, np.ndarray]:
+def _spring_ends(drawing: Drawing, joint: Any, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Ends of the spring on a slide: its node, and its point on node a or on the ground."""
+    position, short = _position_of(drawing, joint, k), _SPRING_END * drawing.size
     if joint.axis is None:  # on a beam: a short one, from the side of its start
-        position = drawing.positions(joint.b.number, k)
-        return position - _SPRING_END * drawing.size * slide_direction(drawing, joint, k), position
-    if not is_grounded(joint):
-        return _position_on_a(drawing, joint, k), drawing.positions(joint.b.number, k)
-    far = -_SPRING_END * drawing.size * joint.kinematics.tangent(joint.start()[0])
-    number = node_of(joint).number
-    return drawing.solution.X[number] + far, drawing.positions(number, k)
+        return position - short * slide_direction(drawing, joint, k), position
+    start = _origin(drawing, joint, k)
+    return start - short * joint.direction if is_grounded(joint) else start, position
 
 
 def _stretched(points: np.ndarray, a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from fx_beam.errors import SceneError, as_float, is_number, require, set_finite
 
 from .joints import Joint
 from .outputs import Output
-from .removal import locked, own_joint
+from .removal import joint_of, locked
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,8 @@ def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:
     wanted = "a dictionary of fx_beam.Latch and fx_beam.Fuse by names"
     require(fits, "simulate: changes", changes, wanted)
     for name, change in changes.items():
-        joint, what = own_joint(scene, change.joint), f"simulate: changes[{name!r}]"
-        wanted = "a joint that add_joint of this scene returned, and that was not removed"
-        require(joint is not None, f"{what}: joint", str(change.joint), wanted)
-        assert joint is not None
+        what = f"simulate: changes[{name!r}]"
+        joint = joint_of(scene, change.joint, f"{what}: joint")
         if isinstance(change, Latch):
             try:
                 locked(joint, change.coordinate)

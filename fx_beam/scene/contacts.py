@@ -326,8 +326,7 @@ class Contact:
                 "fx_beam.Circle(body.centre, radius)"
             )
         what, along, friction = f"contact of {label(self.target)}", self.along, self.friction
-        if self.energy is not None:
-            check_energy(self.energy, None, what, ("d",), "energy")
+        check_energy(self.energy, None, what, ("d",), "energy")
         check_impact(self, what)
         if isinstance(self.shape, Beam):
             radius: Any = _checked_radii(what, self.radius)

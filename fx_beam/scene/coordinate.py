@@ -22,7 +22,7 @@ from fx_beam.errors import (
 )
 
 from .inputs import Input, time_function
-from .law import Energy, InternalVariables, check_energy, check_internal, functions_of_energy
+from .law import Energy, InternalVariables, check_energy, functions_of_energy
 from .parameters import SCALARS, scalar_of, value_of
 
 # With less a contact opens without a force, and Newton's method has no slope: of 1000 steps of an
@@ -306,10 +306,7 @@ class Spring:
     def __post_init__(self):
         set_finite(self, "stiffness", "not negative")
         set_finite(self, "rest")
-        if self.internal is not None:
-            check_internal(self.internal, self.strain_energy, "Spring", "x")
-        if self.strain_energy is not None:
-            check_energy(self.strain_energy, self.internal, "Spring", ("x",))
+        check_energy(self.strain_energy, self.internal, "Spring", ("x",))
 
 
 @dataclass(frozen=True)

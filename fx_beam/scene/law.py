@@ -162,13 +162,25 @@ def has_pieces(energy: Energy) -> bool:
 
 
 def check_energy(
-    strain_energy: Energy,
-    internal: InternalVariables | None,
+    strain_energy: Energy | None,
+    internal: Any,
     part: str = "Section",
     strains: tuple[str, ...] = ("eps", "gamma", "kappa"),
     name: str = "strain_energy",
 ) -> None:
-    """Refuse a stored energy that is no scalar UFL expression of all its arguments."""
+    """Refuse a stored energy that is no scalar UFL expression of all its arguments.
+
+    Refuse internal variables of another type, or without a stored energy.
+    """
+    fits = internal is None or isinstance(internal, InternalVariables)
+    require(fits, f"{part}: internal", internal, "an fx_beam.InternalVariables")
+    if strain_energy is None:
+        if internal is not None:
+            raise SceneError(
+                f"{part}: internal variables need a strain_energy({', '.join(strains)}, a), which "
+                "depends on them"
+            )
+        return
     count, variables = len(strains), () if internal is None else internal.names
 
     def of_all(*given: Any) -> Any:
@@ -228,17 +240,6 @@ def functions_of_energy(
 @functools.cache
 def _vector(size: int) -> Any:
     return ufl.as_vector([Symbol() for _ in range(size)])
-
-
-def check_internal(internal: Any, strain_energy: Energy | None, part: str, arguments: str) -> None:
-    """Refuse internal variables of another type, or without a stored energy."""
-    fits = isinstance(internal, InternalVariables)
-    require(fits, f"{part}: internal", internal, "an fx_beam.InternalVariables")
-    if strain_energy is None:
-        raise SceneError(
-            f"{part}: internal variables need a strain_energy({arguments}, a), which depends on "
-            "them"
-        )
 
 
 @dataclass(frozen=True)

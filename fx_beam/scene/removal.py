@@ -34,6 +34,17 @@ def own_joint(scene: Any, joint: Joint) -> Joint | None:
     return known if same and all(n.scene in (scene, None) for n in (joint.a, joint.b)) else None
 
 
+def joint_of(scene: Any, joint: Any, what: str) -> Joint:
+    """The same; SceneError if the scene does not have it."""
+    known = own_joint(scene, joint) if isinstance(joint, Joint) else None
+    if known is None:
+        raise SceneError(
+            f"{what} = {shown(joint)} must be a joint that add_joint of this scene returned, and "
+            "that was not removed"
+        )
+    return known
+
+
 def position_in(known: Sequence, part: Any, what: str, kind: str) -> int:
     """Index of a part in a list of a scene; SceneError if it is not there."""
     for i, one in enumerate(known):

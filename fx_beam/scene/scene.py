@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, overload
+from typing import Any, TypeVar, overload
 
 from fx_beam.dual import have_slopes
 from fx_beam.errors import (
@@ -42,9 +42,11 @@ from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .notebook import facts, html_table, sketch
 from .parameters import STEP, Parameter, Parameters
-from .removal import locked, own_joint, position_in, remove_part, unlocked
+from .removal import joint_of, locked, position_in, remove_part, unlocked
 from .section import Section
 from .sliders import SlidingJoint
+
+_Part = TypeVar("_Part")
 
 
 class Scene:
@@ -195,9 +197,9 @@ class Scene:
         law = section.strain_energy, section.internal
         self.parameters.add(functions_of_energy(*law, 3), "add_beam: section")
         ends, s, inner = layout(points, elements, degree, name)
-        self.beams.append(Beam(name, self._nodes_at(ends, name), degree, s, section, inner))
+        nodes = self._nodes_at(ends, name)
         self._names.add(name)
-        return self.beams[-1]
+        return _added(self.beams, Beam(name, nodes, degree, s, section, inner))
 
     def add_body(
         self,
@@ -271,9 +273,8 @@ class Scene:
         if m or J:
             self.add_mass(centre, m, J)
         named = dict(zip(points or {}, nodes, strict=True))
-        self.bodies.append(Body(name, centre, named, m, J))
         self._names_of_bodies.add(name)
-        return self.bodies[-1]
+        return _added(self.bodies, Body(name, centre, named, m, J))
 
     # -- Supports and joints ------------------------------------------------------------------
 
@@ -635,8 +636,7 @@ class Scene:
         loads.check_node(self, node, "mass")
         given = (("mass", mass), ("inertia", inertia))
         m, J = (loads.not_negative(value, f"{name} of {node}") for name, value in given)
-        self.masses.append(loads.Mass(node.number, m, J))
-        return self.masses[-1]
+        return _added(self.masses, loads.Mass(node.number, m, J))
 
     def add_force(self, node: Node, force, follower: bool = False) -> loads.Load:
         """Add a force.
@@ -657,8 +657,7 @@ class Scene:
             The load, which `change` and `remove` know.
         """
         loads.check_node(self, node, "force")
-        self.loads.append(loads.nodal_force(node, force, follower))
-        return self.loads[-1]
+        return _added(self.loads, loads.nodal_force(node, force, follower))
 
     def add_moment(self, node: Node, moment) -> loads.Load:
         """Add a moment.
@@ -678,8 +677,8 @@ class Scene:
             The load, which `change` and `remove` know.
         """
         loads.check_node(self, node, "moment")
-        self.loads.append(loads.Load("moment", node, time_function(moment, 1, f"moment on {node}")))
-        return self.loads[-1]
+        value = time_function(moment, 1, f"moment on {node}")
+        return _added(self.loads, loads.Load("moment", node, value))
 
     def add_line_load(self, beam: Beam, load, of: str = "time") -> loads.Load:
         """Add a dead load along a beam.
@@ -723,8 +722,7 @@ class Scene:
         [ 0. 75.  0.]
         """
         loads.check_beam(self, beam, "line load")
-        self.loads.append(loads.line_load(beam, load, of))
-        return self.loads[-1]
+        return _added(self.loads, loads.line_load(beam, load, of))
 
     def add_natural_strain(
         self, beam: Beam, *, axial=None, shear=None, curvature=None
@@ -777,8 +775,7 @@ class Scene:
         """
         loads.check_beam(self, beam, "natural strain")
         given = {"axial": axial, "shear": shear, "curvature": curvature}
-        self.natural_strains.append(natural_strain(beam, given))
-        return self.natural_strains[-1]
+        return _added(self.natural_strains, natural_strain(beam, given))
 
     def add_drag(self, on: Beam | Node, linear=0.0, quadratic=0.0, rotation=0.0) -> loads.Drag:
         """Add a drag, a force against the velocity, as in a fluid at rest.
@@ -824,8 +821,7 @@ class Scene:
         1.500 m/s
         """
         loads.check_target(self, on, "drag")
-        self.drags.append(loads.Drag(on, linear, quadratic, rotation))
-        return self.drags[-1]
+        return _added(self.drags, loads.Drag(on, linear, quadratic, rotation))
 
     def add_virtual_work(
         self, term: Callable[[Any], Any], beam: Beam | None = None
@@ -1051,11 +1047,8 @@ class Scene:
 
     def _replaced(self, joint: Joint, what: str, change: Callable[[Joint], Joint]) -> Joint:
         """A changed joint in the place of the one before."""
-        known = own_joint(self, joint) if isinstance(joint, Joint) else None
-        wanted = "a joint that add_joint of this scene returned, and that was not removed"
-        require(known is not None, what, joint, wanted)
-        assert known is not None
-        at = position_in(self.joints, known, what, "a joint")
+        known = joint_of(self, joint, what)
+        at = self.joints.index(known)
         self.joints[at] = change(known)
         self._couplings[known.coupling] = self.joints[at]
         self.changes += 1
@@ -1105,3 +1098,9 @@ class Scene:
         if key in self.fixed or key in self.prescribed:
             raise SceneError(f"{component} of {node} is supported twice; remove one support")
         return key
+
+
+def _added(parts: list[_Part], part: _Part) -> _Part:
+    """A part, added to those of a scene."""
+    parts.append(part)
+    return part

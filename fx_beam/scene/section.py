@@ -28,7 +28,7 @@ from fx_beam.errors import (
     shown,
 )
 
-from .law import Energy, InternalVariables, check_energy, check_internal
+from .law import Energy, InternalVariables, check_energy
 
 #: A number, or a function of the fraction of the arc length.
 Datum = float | Callable[[float], Any]
@@ -127,10 +127,7 @@ class Section:
             value = _value(name, datum, 0.5)
             if not callable(datum):
                 object.__setattr__(self, name, value)
-        if self.internal is not None:
-            check_internal(self.internal, self.strain_energy, "Section", "eps, gamma, kappa")
-        if self.strain_energy is not None:
-            check_energy(self.strain_energy, self.internal)
+        check_energy(self.strain_energy, self.internal)
 
     def values(self, name: str, fractions: np.ndarray) -> np.ndarray:
         """Values of a stiffness, inertia or retardation time along a beam.
@@ -178,17 +175,15 @@ class Section:
             The values; for "retardation" those of axial, shear and bending strains. None if one is
             a function.
         """
-        values = [
-            self._times if name == "retardation" else getattr(self, name) or 0.0 for name in names
-        ]
-        for i, value in enumerate(values):
-            if type(value) is tuple:
-                values[i] = None if any(map(callable, value)) else [*map(as_float, value)]
-            elif callable(value):
-                values[i] = None
-        if None in values:
+        data = [self._data(name) for name in names]
+        if any(callable(datum) for of_name in data for datum in of_name):
             return None
+        values = [[as_float(x or 0.0) for x in of] if len(of) > 1 else of[0] or 0.0 for of in data]
         return values if len(names) > 1 else values[0]
+
+    def _data(self, name: str) -> tuple[Datum | None, ...]:
+        """A stiffness or an inertia, or three retardation times."""
+        return self._times if name == "retardation" else (getattr(self, name),)
 
     @property
     def _times(self) -> tuple[Datum, ...]:
@@ -222,8 +217,7 @@ class Section:
             True for a function, False for a number.
         """
         _check_name(name, "varies")
-        data = self._times if name == "retardation" else (getattr(self, name),)
-        return any(map(callable, data))
+        return any(map(callable, self._data(name)))
 
     @classmethod
     def rectangle(
