@@ -32,7 +32,7 @@ _SHOWN = 200
 # Types of real numbers, for which a look is enough.
 _PLAIN = frozenset({float, np.float64})
 #: Immutable types of values.
-_IMMUTABLE = float, tuple, int
+_IMMUTABLE = float, tuple, int, np.float64
 
 
 class SceneError(ValueError):
@@ -450,7 +450,10 @@ class _CheckedFunction:
         """Refuse to call the function while this thread is calling it: it would never end."""
         frame: FrameType | None = sys._getframe(2)
         while frame is not None:
-            if frame.f_code in _CALLING and frame.f_locals["self"].function is self.function:
+            code = frame.f_code  # `in` a tuple of codes would compare what they do
+            if (code is _CALL or code is _COLLECT) and frame.f_locals["self"].function is (
+                self.function
+            ):
                 raise _EndlessError(
                     f"{self._what}: the function runs an analysis of the scene to which it "
                     "belongs, and would be called for ever. Let it use a scene without this "
@@ -463,7 +466,7 @@ class _CheckedFunction:
 
 
 #: Code that calls a function of the user.
-_CALLING = _CheckedFunction.__call__.__code__, _CheckedFunction.collect.__code__
+_CALL, _COLLECT = _CheckedFunction.__call__.__code__, _CheckedFunction.collect.__code__
 CheckedFunction = Constant | _CheckedFunction
 
 

@@ -347,7 +347,8 @@ class Reduction:
 
     def spread(self, z: np.ndarray) -> np.ndarray:
         """Small change of all degrees of freedom from a small change of all columns: T z."""
-        return self._map(False) @ np.append(self.completed(z), np.zeros(len(self.auxiliaries)))
+        z, more = self.completed(z), len(self.auxiliaries)
+        return self._map(False) @ (np.append(z, np.zeros(more)) if more else z)
 
     def coupling(self, closed: bool = True) -> scipy.sparse.csr_matrix:
         """The matrix T (size, columns) of `spread`; or with loops that are not `closed`."""

@@ -15,8 +15,9 @@ from fx_beam.results.state import HISTORIES
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.outputs import CRITICAL_LOAD, PERIOD, Output, definition
 from fx_beam.scene.scene import Scene
+from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
-from fx_beam.step.recorder import Record
+from fx_beam.step.recorder import Record, Recorder
 
 #: An output: a quantity of a node, joint, beam or scene, or a function of the solution.
 Wanted = Output | Callable[[Solution], Any]
@@ -71,9 +72,12 @@ def values_of(solution: Solution, output: Wanted, name: str) -> np.ndarray:
     return history(solution, output)
 
 
-def is_in_rows(output: Wanted, model: Model) -> bool:
-    """Whether an output is in the rows of the states of a motion, as they are recorded."""
+def row_values(model: Model, recorder: Recorder, output: Wanted) -> np.ndarray | None:
+    """Values (n, ...) of an output of a node, if rows have it as it is; other rows leave them."""
     if not isinstance(output, Output) or not isinstance(output.of, Node):
-        return False
-    of = definition(output).quantity.of
-    return of == "q" or (of == "v" and not model.fits_rates)
+        return None
+    of = measured(model, output)
+    if of.array not in ("q", "v") or not recorder.has_as_it_is(of.array):
+        return None
+    values = of.of(recorder.arrays[of.array][: recorder.rows])
+    return values if values.base is None else values.copy()

@@ -20,13 +20,13 @@ from fx_beam.motions.motion_series import MotionSeries
 from fx_beam.motions.numbers import numbers_of, numbers_of_state, observed_numbers_of
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
+from fx_beam.motions.run import Run
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import Output, check_output
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import ElsewhereError
-from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
@@ -39,7 +39,7 @@ from .gradient import Gradient, along
 from .local_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, summed
-from .output_values import Recording, Wanted, is_in_rows, values_of
+from .output_values import Recording, Wanted, row_values, values_of
 from .static_derivatives import StateChange, change_of_end, why_no_sums, why_not
 
 _log = logging.getLogger("fx_beam")
@@ -169,6 +169,8 @@ class Response(Differentiable):
         self._series = MotionSeries(self._memory, reads_at_once=True, alone=True)
         self._calls = self._series.calls
         self._of_tape: tuple[Any, list, TapeDerivatives] | None = None
+        # The last run whose rows only this object has.
+        self._last_run: Run | None = None
         # What has the numbers of other scenes.
         self._other: Prepared | None = None
         # The equilibrium from which the last motion started, if it was computed for it.
@@ -232,37 +234,31 @@ class Response(Differentiable):
         scene, series, record = self._scene, self._series, self._recording.of(self._outputs)
         if record != self._options.record:
             self._options = replace(self._options, record=record)
-        if (rows := self._rows_of(scene)) is not None:
-            return rows
-        solution = series.motion(scene, self._options, self._start_of(scene))
-        self.stats, self._t = solution.stats, solution.t
+        run = series.begun(scene, self._options, self._start_of(scene), self._last_run)
+        self._last_run = None
+        read = run.take_steps(lambda: self._rows_of(run) or run.solution())
+        self.stats, self._end = run.prepared.stats, run.recorder.end
         if self.stats.setup_reason:
             self._other = None
-        if series.tapes and series.prepared is not None and (end := solution.end) is not None:
-            self._end = end.reshaped(-1)
-        return solution.t, self._read_all(solution)
+        if isinstance(read, Solution):
+            self._t = read.t
+            return self._t, self._read_all(read)
+        series.keep(run)
+        self._last_run, self._t = run, run.recorder.t
+        self._shapes = {name: rows.shape for name, rows in read.items()}
+        return self._t.copy(), read
 
-    def _rows_of(self, scene: Scene) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
-        """The same as the last motion was taken, if its rows have all outputs; None if not."""
-        series, prepared = self._series, self._series.prepared
-        if self._start is not None or prepared is None or not series.repeats(self._options):
-            return None
-        if scene.contacts or len(scene.nodes) != len(prepared.model.scene.nodes):
-            return None  # what lies deep in them is told; outputs may be of other nodes
-        if not all(is_in_rows(of, prepared.model) for of in self._outputs.values()):
-            return None
-        if (repeated := series.rows(scene)) is None:
-            return None
-        self.stats, recorder, end = repeated
-        if series.tapes:
-            self._end = end()
-        self._t, y = recorder.t, dict[str, np.ndarray]()
+    def _rows_of(self, run: Run) -> dict[str, np.ndarray]:
+        """The outputs from the rows of a run; empty if these are not all, or places need a look."""
+        options, looks = self._options, self._scene.contacts or run.prepared.model.has_contact
+        if looks or options.tolerance is not None or options.record.times is not None:
+            return {}
+        model, recorder, y = run.prepared.model, run.recorder, dict[str, np.ndarray]()
         for name, output in self._outputs.items():
-            assert isinstance(output, Output)  # by `is_in_rows`
-            of = measured(prepared.model, output)
-            y[name] = of.of(recorder.arrays[of.array][: recorder.rows])
-        self._shapes = {name: rows.shape for name, rows in y.items()}
-        return self._t.copy(), y
+            if (rows := row_values(model, recorder, output)) is None:
+                return {}
+            y[name] = rows
+        return y
 
     def _read_all(self, solution: Solution) -> dict[str, np.ndarray]:
         y = {name: self._values_of(solution, of, name) for name, of in self._outputs.items()}

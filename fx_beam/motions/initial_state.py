@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse.linalg
 
 from fx_beam.coupling.rate_equations import arms_and_axes
-from fx_beam.dual import Dual, plain, with_slopes
+from fx_beam.dual import Dual, have_slopes, plain, with_slopes
 from fx_beam.errors import SceneError, all_of, any_of
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.results.state import Past, State
@@ -139,8 +139,8 @@ class Starts:
         """The state with rates and accelerations, and whether massless parts are unbalanced."""
         model, (rates, accelerations) = self.model, self._begin(state)
         if state.fitted is None:
-            w = initial_rates(model, state, rates)
-            state = state.changed(v=model.reduction.spread(w))
+            w, v = initial_rates(model, state, rates)
+            state = state.changed(v=v)
         else:
             w = projected_rates(model, state, state.fitted, rates)
             v = model.reduction.spread(w)
@@ -285,21 +285,22 @@ def _second_difference(model: Model, w: np.ndarray, k: float) -> np.ndarray:
     return (ahead + back) / k**2
 
 
-def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
-    """Rates (columns,) from the initial velocities of the scene and from driven motion.
+def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rates (columns,), and (size,), from the scene's initial velocities and from driven motion.
 
     SceneError if they violate a support or a joint and the scene does not project them.
     """
     scene = model.scene
     if not (any_of(state.v) or scene.velocities or any_of(driven)):
-        return np.zeros(model.reduction.columns)
+        return np.zeros(model.reduction.columns), np.zeros(model.size)
     v = state.v.copy() if any_of(state.v) else plain(given_velocity(model))
     if scene.projects_velocities:
-        return projected_rates(model, state, v, driven)
+        w = projected_rates(model, state, v, driven)
+        return w, model.reduction.spread(w)
     w = rates_of_columns(model, state, v, driven)
     compatible = model.reduction.spread(w)
     if not scene.prescribed and all_of(compatible == v):
-        return w
+        return w, compatible
     unit = [1.0, 1.0, 1 / model.mesh.size]
     gap = abs(compatible - v).reshape(-1, 3) / unit
     # Prescribed motion overrides an initial velocity at its own degree of freedom.
@@ -315,7 +316,7 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> np.ndarray:
         _check_joints(model, state, v, driven, tolerance)
         node, component = np.unravel_index(np.argmax(gap), gap.shape)
         raise SceneError(_message(model, int(node), int(component), v, compatible))
-    return w
+    return w, compatible
 
 
 def projected_rates(model: Model, state: State, v: np.ndarray, driven: np.ndarray) -> np.ndarray:
@@ -328,11 +329,12 @@ def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarr
     """Rates (columns,) of rates v (size,) that fit the joints, with those of driven motion."""
     v, slides = v.copy(), np.zeros(len(state.slides))
     v[model.prescribed] = driven[: len(model.prescribed)]
-    at = model.motion(q=state.q[None], v=v[None])
-    for joint in model.scene.joints:
-        if joint.axis is not None or joint.slide is not None:
-            number = [joint.number]
-            slides[number] = joint.kinematics.rate(at, state.slides[number])
+    joints = [j for j in model.scene.joints if j.axis is not None or j.slide is not None]
+    if joints:
+        at = model.motion(q=state.q[None], v=v[None])
+    for joint in joints:
+        number = [joint.number]
+        slides[number] = joint.kinematics.rate(at, state.slides[number])
     w = _driven_rates(model, driven)
     w[: model.reduction.free] = model.couplings.unknowns(v, slides)
     return model.reduction.completed(w)
@@ -349,17 +351,19 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
 def given_velocity(model: Model) -> Any:
     """Initial rates (size,) as given, with slopes that the scene has; zero elsewhere."""
     mesh, scene, X = model.mesh, model.scene, model.mesh.places(model.scene)
-    v, known = with_slopes(np.zeros((len(X), 3))), np.zeros(len(X), dtype=bool)
+    v: Any = with_slopes(np.zeros((len(X), 3))) if have_slopes() else np.zeros((len(X), 3))
+    values, known = plain(v), np.zeros(len(X), dtype=bool)
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
-        before, twice, places = v.values[nodes], known[nodes], X[nodes]
-        rates: Any = np.hstack([item.value.each(places), item.spin.each(places)])
+        before, twice, places = values[nodes], known[nodes], X[nodes]
+        rates: Any = np.concatenate([item.value.each(places), item.spin.each(places)], axis=1)
         known[nodes], given = True, plain(rates)
-        v.values[nodes] = given
-        v.slopes[nodes] = rates.slopes if isinstance(rates, Dual) else 0.0
+        values[nodes] = given
+        if v is not values:
+            v.slopes[nodes] = rates.slopes if isinstance(rates, Dual) else 0.0
         if any_of(twice) or not all_of(np.isfinite(given)):
             _check_velocities(model, mesh.X[nodes], given, before, twice)
-    return (v if any_of(v.slopes) else v.values).reshape(-1)
+    return (v if v is not values and any_of(v.slopes) else values).reshape(-1)
 
 
 def rates_with_slopes(

@@ -2,47 +2,31 @@
 
 from __future__ import annotations
 
-import functools
 import time
 import weakref
 from collections.abc import Callable
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from fx_beam.array_calls import ArrayCalls
-from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import State
-from fx_beam.scene.inputs import values_at, with_functions
+from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.step.recorder import Recorder
 from fx_beam.step.tape import LIMIT, Tape
 
-from .contact_check import warn_of_places
-from .evaluation import solution_of
 from .options import Options
 from .prepared import Prepared
-from .run import Run, warn_of_damping
+from .run import Run
 from .surroundings import SMALL, waiting_team, warn_of_equal_work
 from .transferred_state import end_of
-
-
-class _Plan(NamedTuple):
-    """A motion whose steps C takes at once: what is asked, their ends, and a recorder of them."""
-
-    options: Options
-    ends: np.ndarray
-    recorder: Recorder
 
 
 class MotionSeries:
     """Simulates scenes. `Response` and each worker of a sweep own one, `simulate` has recent ones.
 
     With `reads_at_once` solutions are read before anything else happens; `alone` motions are not
-    divided among processes. A `brief` one keeps small scenes only, and no plans.
+    divided among processes. A `brief` one keeps small scenes only.
     """
 
     def __init__(
@@ -56,7 +40,6 @@ class MotionSeries:
         self._brief = brief
         #: The prepared scene of the last motion, for the next one; None while a motion has it.
         self.prepared: Prepared | None = None
-        self._plan: _Plan | None = None
         # The last solution, as long as it is in use: it reads the model.
         self._solution: Callable[[], Any] = lambda: None
         #: Why the last scene was prepared anew; empty if it was not.
@@ -69,22 +52,33 @@ class MotionSeries:
 
     def motion(self, scene: Scene, options: Options, start: Solution | None = None) -> Solution:
         """The motion of a scene, from its reference configuration or the end of a solution."""
-        if start is None and self.repeats(options):
-            solution = self._repeated(scene)
-            if solution is not None:
-                return solution
-        grid = options.grid(0.0 if start is None else end_of(start).t, start is not None)
+        return self.begun(scene, options, start).complete()
+
+    def begun(
+        self,
+        scene: Scene,
+        options: Options,
+        start: Solution | None = None,
+        over: Run | None = None,
+    ) -> Run:
+        """A run that is to take its steps; it may overwrite the rows of another one."""
+        clock = time.perf_counter()
+        if start is not None or (over is not None and over.options != options):
+            over = None
+        if over is None:
+            grid = options.grid(0.0 if start is None else end_of(start).t, start is not None)
+        else:
+            grid = over.grid
         if options.until:
             check_outputs(scene, options.outputs or {}, f"{options.what}: outputs")
         connected = with_functions(scene, options.inputs, f"{options.what}: inputs")
         warn_of_equal_work()
-        clock = time.perf_counter()
         prepared = self.prepare(connected, options)
-        run = Run(prepared, scene, start, grid, self._keep, self._reads_at_once)
+        run = Run(prepared, scene, start, grid, self.keep, self._reads_at_once, over)
         self._begin_tape(prepared)
         prepared.stats.setup_seconds = time.perf_counter() - clock
         prepared.stats.setup_reason = self.reason
-        return run.complete()
+        return run
 
     @property
     def is_free(self) -> bool:
@@ -93,7 +87,7 @@ class MotionSeries:
 
     def prepare(self, scene: Scene, options: Options) -> Prepared:
         """A prepared scene, which others may take for their motions once it is given back."""
-        self._plan, last = None, self.prepared
+        last = self.prepared
         if last is not None and not options.scheme.built_in:
             self._leave("the scheme has functions of your own, which may have changed")
         elif last is not None and (options.scheme, options.newton) != (
@@ -131,76 +125,11 @@ class MotionSeries:
         if (loop := prepared.loop) is not None:
             loop.tape = self.tape = Tape(loop.problem, self._memory) if self.tapes else None
 
-    def _keep(self, run: Run, solution: Solution) -> None:
+    def keep(self, run: Run, solution: Solution | None = None) -> None:
         """Keep what a run was made with. As long as its solution lives, this needs it."""
         prepared = run.prepared
         if self._brief and (prepared.loop is None or prepared.model.size > SMALL):
             return
-        self.prepared, self._solution = prepared, weakref.ref(solution.resultants_of_beam)
-        if run.is_repeatable and not self._brief:
-            self._plan = _Plan(run.prepared.options, run.times[1:], run.recorder.again())
-
-    # -- Motions whose steps are taken at once ---------------------------------------------------
-
-    def repeats(self, options: Options) -> bool:
-        """Whether the last motion was asked for by the same options, and C took it at once."""
-        plan = self._plan
-        return plan is not None and options.is_plain and options == plan.options
-
-    def _repeated(self, scene: Scene) -> Solution | None:
-        """The planned motion for another scene; None if it has another structure, or fails."""
-        plan = self._plan
-        assert plan is not None  # `repeats` says so
-        recorder = plan.recorder.again()
-        prepared = self._at_once(scene, plan, recorder)
-        if prepared is None or prepared.loop is None:
-            return None
-        loop, halving = prepared.loop, prepared.stepper.halving
-
-        def end() -> State:
-            held, state = values_at(scene, None, 0.0), loop.state(plan.options.t_end)
-            return state.changed(parts=halving.memory, past=loop.past, inputs=held)
-
-        solution = solution_of(
-            *(prepared.model, recorder, prepared.stats, end),
-            ended=True,
-            scene_stays=self._reads_at_once,
-        )
-        self._solution = weakref.ref(solution.resultants_of_beam)
-        if plan.options.record.motion:
-            warn_of_places(solution, scene.joints)
-        return solution
-
-    def rows(self, scene: Scene) -> tuple[Stats, Recorder, Callable[[], State]] | None:
-        """Statistics of the same, its record, whose rows the next motion overwrites, and its end.
-
-        The end is that of the loop, until this takes other steps.
-        """
-        plan = self._plan
-        assert plan is not None  # `repeats` says so
-        plan.recorder.restart()
-        prepared = self._at_once(scene, plan, plan.recorder)
-        if prepared is None or prepared.loop is None:
-            return None
-        end = functools.partial(prepared.loop.state, plan.options.t_end)
-        return prepared.stats, plan.recorder, end
-
-    def _at_once(self, scene: Scene, plan: _Plan, recorder: Recorder) -> Prepared | None:
-        """What has taken all steps by one call of C, without what only others need."""
-        clock, dt = time.perf_counter(), float(plan.ends[0])
-        prepared = self._refilled(scene, plan.options)
-        if prepared is None:
-            return None
-        self.prepared, loop = prepared, prepared.loop
-        if prepared.model is not recorder.model or loop is None:
-            return None  # differences of a derivative left another one
-        stats, state = prepared.stats, prepared.recorded_state(recorder, dt, None)
-        self._begin_tape(prepared)
-        began = time.perf_counter()
-        stats.setup_seconds = began - clock
-        if not loop.run(state, plan.ends, recorder):
-            return None
-        stats.steps += prepared.stepper.halving.take(len(plan.ends))
-        stats.seconds = time.perf_counter() - began
-        warn_of_damping(stats, dt)
-        return prepared
+        self.prepared, self._solution = prepared, lambda: None
+        if solution is not None:
+            self._solution = weakref.ref(solution.resultants_of_beam)

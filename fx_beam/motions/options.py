@@ -160,13 +160,6 @@ class Options(CommonOptions):
             raise SceneError(text)
 
     @property
-    def is_plain(self) -> bool:
-        """Whether a motion from the reference takes equal steps, and nothing else is asked."""
-        record, others = self.record, (self.tolerance, self.inputs, self.until)
-        plain = others == (None, None, None) and not self.progress
-        return plain and record.times is None and record.file is None
-
-    @property
     def halving(self) -> Halving:
         """Control of the length of sub-steps, at the start of a run."""
         return Halving(self.max_halvings, self.dt if self.tolerance is None else None)

@@ -6,11 +6,12 @@ import functools
 import logging
 import time
 from collections.abc import Callable
-from typing import Any
+from contextlib import nullcontext
+from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam.errors import StepError
+from fx_beam.errors import StepError, any_of
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -20,7 +21,6 @@ from fx_beam.step.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.step_control import order_and_constant
-from fx_beam.step.stepper import equal_steps
 from fx_beam.step.substeps import LARGE_TURN
 
 from .contact_check import warn_of_places, warn_of_sharp_bends
@@ -30,6 +30,7 @@ from .prepared import Prepared
 from .progress import attach, failure_of, progress_bar
 
 _log = logging.getLogger("fx_beam")
+_T = TypeVar("_T")
 
 #: Steps times degrees of freedom between two updates of the progress bar and checks for Ctrl-C.
 _BLOCK = 500_000
@@ -78,7 +79,8 @@ class Run:
     """The motion of a prepared scene by the steps of a grid, from its first state on.
 
     `scene` has its inputs still. `keep` takes the run with each of its solutions, and the scene
-    stays as it is until these are read if it `stays`.
+    stays as it is until these are read if it `stays`. Its rows are written `over` those of a run on
+    the same grid, which nothing needs.
     """
 
     def __init__(
@@ -89,14 +91,21 @@ class Run:
         grid: tuple[np.ndarray, Tolerance | None],
         keep: Callable[[Run, Solution], None],
         stays: bool,
+        over: Run | None = None,
     ):
         self.prepared, self._scene, self._keep, self._stays = prepared, scene, keep, stays
-        #: Ends of steps [s], without a tolerance.
+        #: What was asked for, and with it the ends of steps [s] or what controls them.
+        self.options, self.grid = prepared.options, grid
         self.times, self._control = grid
-        self._starts_anew = start is None
         model, record, control = prepared.model, prepared.options.record, self._control
         to_file = record.file is not None
-        self.recorder = recorder = Recorder(model, self.times[: 1 if to_file else None], record)
+        self.recorder: Recorder
+        if over is not None and over.recorder.model is model:
+            self.recorder = over.recorder
+            self.recorder.restart()
+        else:
+            self.recorder = Recorder(model, self.times[: 1 if to_file else None], record)
+        recorder = self.recorder
         self._files: Any = None
         if to_file:
             from .row_files import RowFiles
@@ -112,14 +121,18 @@ class Run:
         self._clock = time.perf_counter()
 
     def complete(self) -> Solution:
-        """The motion after all steps. Any exception has the solution of those before it."""
+        """The motion after all steps."""
+        return self.take_steps(self.solution)
+
+    def take_steps(self, then: Callable[[], _T]) -> _T:
+        """Take all steps; gives what comes `then`. Exceptions have the solution of those before."""
         prepared, recorder, control = self.prepared, self.recorder, self._control
         options, stats = prepared.options, prepared.stats
-        places_known = options.record.motion and self._files is None
         self._clock = time.perf_counter()
         try:
             advance, span = self._advance(), options.t_end - recorder.end.t
-            with progress_bar(span, options.progress, **_BAR) as bar, ctrl_c_between_blocks():
+            waits = nullcontext() if self._is_one_block else ctrl_c_between_blocks()
+            with progress_bar(span, options.progress, **_BAR) as bar, waits:
                 while recorder.end.t < options.t_end and not stats.until:
                     t = recorder.end.t
                     self._count_turns()
@@ -131,31 +144,25 @@ class Run:
             if control is None:
                 warn_of_parts(stats, self._first)
             warn_of_damping(stats, None if control is not None else self._first)
-            solution = self._solution()
-            if places_known:
-                warn_of_places(solution, self._scene.joints)
-            return solution
+            stats.seconds = time.perf_counter() - self._clock
+            return then()
         except BaseException as error:
             recorder.settle_at_end()
             stats.failure = failure_of(error, recorder.end.t)
             attach(error, self._solution)
-            if places_known and isinstance(error, StepError):
+            if self._knows_places and isinstance(error, StepError):
                 warn_of_sharp_bends(error.solution)
             raise
-
-    @property
-    def is_repeatable(self) -> bool:
-        """Whether it took equal steps, all compiled and at once, and nothing else was asked."""
-        prepared, times = self.prepared, self.times
-        if self._starts_anew and prepared.options.is_plain and prepared.loop is not None:
-            steps, stats = len(times) - 1, prepared.stats
-            fits = steps <= self._most_steps() and not (stats.halvings or stats.failure)
-            return fits and equal_steps(times[0], times[1:]) == steps
-        return False
 
     def _most_steps(self, most: int = 1000) -> int:
         """Number of steps that are taken at once."""
         return max(1, min(most, _BLOCK // self.prepared.model.size))
+
+    @property
+    def _is_one_block(self) -> bool:
+        """Whether all steps are taken at once."""
+        given = self._control is None and not self.options.until
+        return given and len(self.times) - 1 <= self._most_steps()
 
     def _advance(self) -> Callable[[State], None]:
         """A function that takes the next steps from a state."""
@@ -195,6 +202,8 @@ class Run:
     def _count_turns(self) -> None:
         """Count full turns separately, so that they do not add to rounding errors."""
         counter, recorder = self.prepared.turn_counter, self.recorder
+        if not any_of(recorder.end.q):
+            return
         turns = counter.turns_of(recorder.end)
         if turns.any():
             with uninterrupted:
@@ -203,6 +212,17 @@ class Run:
                 recorder.miss(counter.removed)
 
     # -- The solution -----------------------------------------------------------------------------
+
+    def solution(self) -> Solution:
+        """The solution of all steps, with warnings of contact where its forces say little."""
+        solution = self._solution()
+        if self._knows_places:
+            warn_of_places(solution, self._scene.joints)
+        return solution
+
+    @property
+    def _knows_places(self) -> bool:
+        return self.options.record.motion and self._files is None
 
     def _solution(self) -> Solution:
         """The solution of the steps so far."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -121,21 +121,27 @@ class Structure:
 
 def _difference(one: Any, two: Any, alike: _Alike) -> str:
     """Where two values differ in more than numbers, and how; empty if they do not."""
-    kind = type(one)
+    kind: Any = type(one)
     if kind is not type(two) and not (isinstance(one, float) and isinstance(two, float)):
         return " is of another kind"
+    return _comparison(kind)(one, two, alike)
+
+
+@functools.cache
+def _comparison(kind: type) -> Callable[[Any, Any, _Alike], str]:
+    """How two values of a kind are compared."""
     if kind in _PLAIN:
-        return "" if one == two else " differs"
+        return lambda one, two, _: "" if one == two else " differs"
     if issubclass(kind, Node):
-        return "" if one.number == two.number else " differs"
+        return lambda one, two, _: "" if one.number == two.number else " differs"
     if is_dataclass(kind):
-        return _difference_of_fields(one, two, alike)
-    if isinstance(one, list | tuple | dict):
-        return _difference_of_items(one, two, alike)
+        return _difference_of_fields
+    if issubclass(kind, list | tuple | dict):
+        return _difference_of_items
     if kind is np.ndarray:
-        return "" if np.array_equal(one, two) else " differs"
+        return lambda one, two, _: "" if np.array_equal(one, two) else " differs"
     # A function that is not listed is always another one.
-    return " differs" if callable(one) or one != two else ""
+    return lambda one, two, _: " differs" if callable(one) or one != two else ""
 
 
 def _difference_of_items(one: Any, two: Any, alike: _Alike) -> str:

@@ -12,7 +12,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.dual import plain
 from fx_beam.laws.interval import divided
 from fx_beam.results.audit import Stats
-from fx_beam.results.state import ARRAYS, NUMBERS, ROWS, Past, State
+from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, ROWS, Past, State
 
 from .forcing import Forcing
 from .interrupts import uninterrupted
@@ -54,6 +54,12 @@ class CompiledLoop:
         )
         #: Shapes of the arrays of a state.
         self.shapes = {name: array.lengths(self.model.sizes) for name, array in ARRAYS.items()}
+        # Those that a state has in any case.
+        self._shaped = {
+            name: self._state_arrays[name].reshape(self.shapes[name])
+            for name, quantity in ARRAYS.items()
+            if not quantity.mean and (quantity.required or self._state_arrays[name].size)
+        }
         #: Where C has what is recorded, by the names of rows and of starts of sub-steps.
         self._sources = {name: getattr(problem.c, name) for name in ROWS}
         self._sources |= {f"start_{name}": self._sources[name] for name in ("q", "v", "a")}
@@ -147,29 +153,14 @@ class CompiledLoop:
             error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
         )
 
-    def record_start(self, state: State, recorder: Recorder, steps: int = 0) -> Any:
-        """Record the state at the start of a run, as C records the ends of steps.
-
-        Returns the rows of the recorder for C, with room for a number of steps.
-        """
+    def record_start(self, state: State, recorder: Recorder) -> None:
+        """Record the state at the start of a run, as C records the ends of steps."""
         self.model.forms.parameters.use(state.parameters)
         self.problem.load(state)
         recorder.begin(state)
-        to = self.c_record(recorder, Steps(0), steps)
+        to = self.c_record(recorder, Steps(0), 0)
         self._library.fx_record_start(self._problem, to)
         recorder.count(to.rows, to.starts)
-        return to
-
-    def run(self, state: State, ends: np.ndarray, recorder: Recorder) -> bool:
-        """Record a start and take all steps of a run, of equal length; whether they succeed.
-
-        The state is left in C, for `state`.
-        """
-        number = len(ends)
-        to, inputs = self.record_start(state, recorder, number), self.inputs(state.t, ends)
-        to.first = 1
-        taken = self._take_loaded(inputs, (ends[-1] - state.t) / number, recorder, to)
-        return inputs.error is None and taken == number
 
     def _run(
         self, state: State, ends: np.ndarray, inputs: StepInputs, steps: Steps, recorder: Rows
@@ -177,10 +168,6 @@ class CompiledLoop:
         """Number of steps or parts of equal length that succeeded."""
         self.problem.load(state)
         dt, to = (ends[-1] - state.t) / len(ends), self.c_record(recorder, steps, len(ends))
-        return self._take_loaded(inputs, dt, recorder, to)
-
-    def _take_loaded(self, inputs: StepInputs, dt: float, recorder: Rows, to: Any) -> int:
-        """The same from the state in C, for steps or parts of length dt [s]."""
         if self.tape is not None and not isinstance(recorder, NullRecorder):
             taken = self._run_taped(self.tape, inputs, dt, to)
         else:
@@ -375,13 +362,12 @@ class CompiledLoop:
     def state(self, t: float, within: bool = False) -> State:
         """The state in the memory of C, at the time t [s]; `within` a step that is in parts."""
         p = self._problem
-        taken, arrays = p.steps_done > 0, dict[str, Any]()
-        for name, quantity in ARRAYS.items():
-            # Forces of joints and obstacles are not computed in steps that are not recorded.
-            known = name == "constraint_forces" or p.keeps_joint_forces or within
-            array = self._state_arrays[name]
-            if (taken and known) if quantity.mean else (quantity.required or array.size):
-                arrays[name] = array.reshape(self.shapes[name]).copy()
+        taken = p.steps_done > 0
+        arrays: dict[str, Any] = {name: of.copy() for name, of in self._shaped.items()}
+        for name in FORCES:
+            # Those of joints and obstacles are not computed in steps that are not recorded.
+            if taken and (name == "constraint_forces" or p.keeps_joint_forces or within):
+                arrays[name] = self._state_arrays[name].reshape(self.shapes[name]).copy()
         numbers = {name: getattr(p, name) for name in NUMBERS} | {"t": t}
         motors = self._state_arrays["driven_now"][len(self.model.prescribed) :].copy()
         return State(**numbers, **arrays, motors=motors)

@@ -185,16 +185,6 @@ class Recorder:
         self.arrays = {name: np.zeros((rows, model.widths[name])) for name in names}
         self.arrays["up_to_row"] = np.zeros(rows, dtype=np.int32)
 
-    def again(self) -> Recorder:
-        """One for another run of the same steps, without rows."""
-        new = object.__new__(Recorder)
-        new.__dict__.update(self.__dict__)  # far quicker than `copy.copy`
-        for name in ("arrays", "arrays_of_starts"):
-            arrays = getattr(self, name)
-            setattr(new, name, {key: np.zeros(of.shape, of.dtype) for key, of in arrays.items()})
-        new.restart()
-        return new
-
     def restart(self) -> None:
         """Have no rows: those of another run of the same steps overwrite the present ones."""
         self.rows, self.turns, self.late_accelerations, self._begins = 0, {}, None, True
@@ -204,6 +194,11 @@ class Recorder:
     def t(self) -> np.ndarray:
         """Times (n,) of the rows so far [s]."""
         return self._times[self._steps[: self.rows]]
+
+    def has_as_it_is(self, name: str) -> bool:
+        """Whether a solution has the rows of a name as they are here."""
+        fitted = name == "v" and self.model.fits_rates
+        return name in self.arrays.keys() - self._serving and not (fitted or self.turns)
 
     def plan(self, first: int, ends: np.ndarray, last: bool) -> None:
         """Make room for steps from number `first` on that end at times (n,); step 0 is the start.

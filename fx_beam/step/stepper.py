@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.errors import StepError
+from fx_beam.errors import StepError, any_of
 from fx_beam.results.state import State
 
 from .loop import CompiledLoop, StepInputs
@@ -66,7 +66,9 @@ class Stepper:
             if result.failed and not self._halve():
                 end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
                 raise self._error(result.state, end)
-            state, done, inputs = result.state, done + steps, inputs.after(steps)
+            state, done = result.state, done + steps
+            if done < len(times):
+                inputs = inputs.after(steps)
             if result.error is not None:
                 raise result.error
         return state
@@ -173,6 +175,5 @@ class Stepper:
 
 def equal_steps(t: float, times: np.ndarray) -> int:
     """Number of steps from the first on that have equal length, up to rounding."""
-    steps = times - np.concatenate([[t], times[:-1]])
-    different = abs(steps / steps[0] - 1) > 1e-6
-    return int(np.argmax(different)) if different.any() else len(steps)
+    different = abs((times[1:] - times[:-1]) / (times[0] - t) - 1) > 1e-6
+    return int(np.argmax(different)) + 1 if any_of(different) else len(times)

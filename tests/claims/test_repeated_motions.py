@@ -109,6 +109,20 @@ def test_a_velocity_that_is_not_finite_somewhere_is_named():
     assert np.isfinite(run((1.0, 1.2))[1]["end"]).all()
 
 
+def test_outputs_stay_what_they_are_in_the_next_motions():
+    def build(x):
+        scene, beam = bar(x, (0.0, 1.0))
+        outputs = {f"{name}, {on}": fb.Output(name, beam.end, on) for name in parts for on in "xy"}
+        return scene, outputs | {name: fb.Output(name, beam.end) for name in QUANTITIES}
+
+    parts = "position", "displacement", "velocity"
+    run = fb.Response(build, **STEPS)
+    motions = [run(x)[1] for x in NUMBERS]
+    for x, y in zip(NUMBERS, motions, strict=True):
+        again = run(x)[1]
+        assert all(np.array_equal(y[name], again[name]) for name in y)
+
+
 def test_steps_that_fail_are_halved_as_in_a_motion_by_itself():
     """The first motion needs no halved steps; the others do."""
     force = dict(zip(NUMBERS, (10.0, 1e4, 1.1e4), strict=True))
