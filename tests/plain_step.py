@@ -75,11 +75,11 @@ class PlainStep:
     def acceleration(self):
         """Acceleration (size,) in the equation of motion, by the rule of the scheme."""
         model, state, rates, dt = self.model, self.state, self.rates, self.interval.length
-        if (rules := model.nodal_rules) is not None:
+        if rules := model.nodal_rules:
             past = state.q - (state.q if state.q_previous is None else state.q_previous)
             given = (x[model.mesh.dofs] for x in (self.D, state.v, state.a, past))
             rows = np.hstack([*given, np.full((len(model.mesh.dofs), 1), dt)])
-            return np.concatenate([rules.functions[0](row)[:3] for row in rows])
+            return np.concatenate([rules[0](row)[:3] for row in rows])
         if rates.by_mean:
             return 2 / dt * (rates.work_increment(self.D, model.turns)[0] / dt - state.v)
         if rates.at_rest:

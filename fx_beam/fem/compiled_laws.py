@@ -16,12 +16,10 @@ from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.fem import elements, ffcx_api
-from fx_beam.fem.sparsity import positions_in
 from fx_beam.laws.point_laws import Motion, PointLaw, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
 from fx_beam.scene.parameters import names_of, parameters_in, replaced, symbols_only
@@ -274,22 +272,7 @@ def compiled_laws(laws: Sequence[PointLaw], rule: StepRule) -> list[CompiledLaw]
     return [compiled[id(law)] for law in laws]
 
 
-class NodalRules:
-    """The rules of `NodalRates`, compiled, and where the tangent has what they make of the mass."""
-
-    def __init__(self, rates: NodalRates, mass: scipy.sparse.csr_matrix):
-        self.functions = [_compiled(rates, rule) for rule in rates.rules]
-        rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
-        #: Nonzero entries (n,) of the mass, and (n, 3) of the tangent to which they contribute.
-        self.heavy = np.flatnonzero(mass.data)
-        #: Those of their columns.
-        self.columns = mass.indices[self.heavy]
-        of_nodes = 3 * (self.columns // 3)[:, None] + np.arange(3)
-        at = np.repeat(rows[self.heavy], 3), of_nodes.ravel()
-        self.value_at = positions_in(mass.indptr, mass.indices, *at).reshape(-1, 3)
-
-
-def _compiled(rates: NodalRates, rule) -> PointFunction:
+def compiled_rule(rates: NodalRates, rule) -> PointFunction:
     """From four vectors and dt the acceleration, its slopes by the increment, rates, and theirs."""
 
     def values(numbers):

@@ -25,6 +25,22 @@ def places_of_cells(dofs: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -
     return positions_in(indptr, indices, *at).reshape(len(dofs), n * n)
 
 
+@cached_by_content
+def blocks_with(
+    wanted: np.ndarray, indptr: np.ndarray, indices: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Blocks of 3 x 3 that have some of the entries: starts of their rows, columns, and positions.
+
+    The latter (n, 3, 3) are those of all entries.
+    """
+    nodes, size = (len(indptr) - 1) // 3, len(indptr) - 1
+    rows = np.repeat(np.arange(size), np.diff(indptr))
+    row, column = np.divmod(np.unique(rows[wanted] // 3 * nodes + indices[wanted] // 3), nodes)
+    block = 3 * np.stack([row, column])[:, :, None, None] + np.indices((3, 3))[:, None]
+    starts = np.searchsorted(row, np.arange(nodes + 1))
+    return starts, column, positions_in(indptr, indices, *block)
+
+
 def matrix_between(elements: np.ndarray, nodes: int) -> scipy.sparse.csr_matrix:
     """A zero matrix with a block of 3 x 3 for each node, and for each two nodes of an element."""
     indptr, indices = _rows_between(elements, nodes)

@@ -23,13 +23,14 @@ def aligned(array: np.ndarray) -> np.ndarray:
 def in_lanes(rows: np.ndarray, lanes: int, behind: int | None = None) -> np.ndarray:
     """Rows in blocks of `lanes`, column by column (blocks, columns, lanes).
 
-    The last block is padded with copies of the last row, or with indices from `behind` on.
+    The last block is padded with copies of the last row, or with indices from `behind` on, which
+    lie apart: the processor waits where what is stored overlaps.
     """
     missing = -len(rows) % lanes
     if missing:
         more = np.repeat(rows[-1:], missing, axis=0)
         if behind is not None:
-            more[:] = behind + np.arange(missing)[:, None]
+            more[:] = behind + 4 * np.arange(missing)[:, None]
         rows = np.concatenate([rows, more])
     blocks = rows.reshape(len(rows) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
     return aligned(blocks.astype(np.float64 if rows.dtype == np.float64 else np.int32))

@@ -102,16 +102,12 @@ class FormTables:
         lanes: int,
     ):
         self._forms, self._stored_at, self._problem, self._lanes = forms, stored_at, problem, lanes
-        #: Rows of each cell by their names in C; the first index for lanes without a cell.
-        self._rows: dict[str, tuple[np.ndarray, int | None]] = {
-            "dofs": (dofs, None),
-            "to": (dofs, problem.dofs),
-            "coordinates": (coordinates, None),
-        }
-        if inside := problem.cell_internal:
-            self._rows["internal"] = np.arange(len(dofs) * inside).reshape(-1, inside), None
-        if strains := problem.cell_natural:
-            self._rows["natural"] = np.arange(len(dofs) * strains).reshape(-1, strains), None
+        #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
+        self.rows = {"dofs": dofs}
+        for name, n in ("internal", problem.cell_internal), ("natural", problem.cell_natural):
+            if n:
+                self.rows[name] = np.arange(len(dofs) * n).reshape(-1, n)
+        self._places = coordinates
         #: Number of changes of data that are packed here.
         self._changes = forms.changes
         #: Data of cells by cells, since forms have them in common.
@@ -120,11 +116,6 @@ class FormTables:
         #: coefficients of its integrals and constants.
         self._coordinates: list[tuple[np.ndarray, np.ndarray]] = []
         self._packed: list[tuple[BoundForm, dict[int, np.ndarray], np.ndarray]] = []
-
-    @property
-    def rows(self) -> dict[str, np.ndarray]:
-        """Degrees of freedom, internal variables and the like (cells, n) of each cell."""
-        return {name: rows for name, (rows, _) in self._rows.items()}
 
     def move(self, coordinates: np.ndarray) -> None:
         """Set the coordinates of the cells."""
@@ -200,7 +191,13 @@ class FormTables:
         )
         if key in self._shared:
             return self._shared[key]
-        data = {name: self._blocks(rows[cells], at) for name, (rows, at) in self._rows.items()}
+        data = {name: self._blocks(rows[cells]) for name, rows in self.rows.items()}
+        rotations = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :]
+        data |= {
+            "dofs": self._blocks(rotations - 2),
+            "to": self._blocks(rotations - 2, self._problem.dofs),
+        }
+        data["coordinates"] = self._blocks(self._places[cells])
         self._coordinates.append((cells, data["coordinates"]))
         if self._problem.chain:
             rows = rows_of_nodes(stored_at, behind, self._lanes)

@@ -23,7 +23,7 @@ from fx_beam.coupling.reduction import Reduction
 from fx_beam.coupling.redundancy import check_loops
 from fx_beam.coupling.sliders import Sliders
 from fx_beam.errors import SceneError
-from fx_beam.fem.compiled_laws import NodalRules
+from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
 from fx_beam.fem.forms import Forms
 from fx_beam.fem.loads import Loads, NaturalStrains
 from fx_beam.fem.mass import Mass
@@ -46,7 +46,7 @@ from .fitted_rates import FittedRates
 from .sparse_lu import LU, sparse_lu
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
-_OF_MASSES = "nodal_rules", "rate_fit", "masses"
+_OF_MASSES = ("rate_fit",)
 _OF_POSITIONS = (
     "unit",
     "unit_of_unknowns",
@@ -244,12 +244,6 @@ class Model:
         """How often masses were computed."""
         return self._mass.changes
 
-    @cached_property
-    def masses(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Entries of the mass that are not zero: positions in the tangent, values and columns."""
-        at = np.flatnonzero(self.mass.data)
-        return at, self.mass.data[at], self.mass.indices[at]
-
     @property
     def may_overshoot(self) -> bool:
         """Whether corrections of Newton's method may be far too long.
@@ -332,12 +326,12 @@ class Model:
         return {name: math.prod(quantity.lengths(sizes)) for name, quantity in ROWS.items()}
 
     @cached_property
-    def nodal_rules(self) -> NodalRules | None:
+    def nodal_rules(self) -> list[PointFunction]:
         """The nodal rules of the rates, if they are those of a user."""
         rates = self.scheme.rates
-        if isinstance(rates, NodalRates):
-            return NodalRules(rates, self.mass)
-        return None
+        return (
+            [compiled_rule(rates, r) for r in rates.rules] if isinstance(rates, NodalRates) else []
+        )
 
     @property
     def keeps_previous(self) -> bool:

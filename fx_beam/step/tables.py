@@ -16,6 +16,7 @@ import scipy.sparse
 from fx_beam.c_library import Structs, declarations, declared
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
+from fx_beam.fem.sparsity import blocks_with
 from fx_beam.laws.schemes import MOST_SUB_STEPS
 from fx_beam.results.state import ARRAYS, MACROS, NUMBERS, State
 from fx_beam.scene.beam import Node
@@ -139,7 +140,7 @@ class Problem:
 
     def _hand_over_mesh(self, stored_at: np.ndarray) -> None:
         model, p = self.model, self.c
-        mesh, K, mass = model.mesh, model.forms.stiffness, self._mass
+        mesh, K = model.mesh, model.forms.stiffness
         dofs, coordinates = mesh.unknowns.dofs, mesh.coordinates
         massless = np.flatnonzero(model.massless) if self._moves else np.empty(0, int)
         self._set(
@@ -158,29 +159,21 @@ class Problem:
                 natural_at=strains.indices,
                 natural_value=strains.data,
             )
-        turns = np.arange(model.size) % 3 == 2
-        heavy = (mass.data != 0) & self._moves
-        if self._frame_turns:
-            heavy = (mass.data != 0) & ~turns[mass.indices]
+        starts, nodes, _ = self._mass_blocks
         columns = model.loads.unit_loads
         self._set(
-            turning=len(model.turns),
-            turns=model.turns,
             massless_count=len(massless),
             massless=massless,
             row_start=K.indptr,
             column_of=K.indices,
             stored_at=stored_at,
-            mass_start=np.concatenate([[0], np.cumsum(heavy)])[mass.indptr],
-            mass_column=mass.indices[heavy],
-            mass_stored_at=stored_at[heavy],
+            mass_start=starts,
+            mass_dof=3 * nodes,
+            mass_stored_at=stored_at[self.heavy],
             loads=columns.shape[1],
             load_start=columns.indptr,
             load_dof=columns.indices,
         )
-        #: Entries of the mass matrix that C has.
-        self.heavy = heavy
-        self._turns = turns
         #: Tables of the forms of beams, None without any.
         self.tables: FormTables | None = None
         if (beams := model.forms.beams) is not None:
@@ -195,11 +188,16 @@ class Problem:
     def _moves(self) -> bool:
         return not self.model.scheme.rates.at_rest
 
-    @property
-    def _mass(self) -> scipy.sparse.csr_matrix:
-        """The mass matrix, or one of its sparsity where there is no inertia."""
-        inert = self._moves or self._frame_turns
-        return self.model.mass if inert else self.model.forms.stiffness
+    @cached_property
+    def _mass_blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        inert, K = self._moves or self._frame_turns, self.model.forms.stiffness
+        has_mass = self.model.mass.data != 0 if inert else np.zeros(K.nnz, bool)
+        return blocks_with(has_mass, K.indptr, K.indices)
+
+    @cached_property
+    def heavy(self) -> np.ndarray:
+        """Entries (pairs, 3) of the tangent that C has as masses and rotary inertias."""
+        return np.ascontiguousarray(self._mass_blocks[2].reshape(-1, 9)[:, ::4])
 
     def _positions(self) -> dict[str, np.ndarray]:
         """The members that change where nodes move."""
@@ -207,15 +205,17 @@ class Problem:
         return {
             "position": model.mesh.X,
             "per_unit": 1 / model.unit,
-            "per_displacement": np.where(self._turns, 0, 1 / model.unit),
+            "per_displacement": np.where(np.arange(model.size) % 3 == 2, 0, 1 / model.unit),
         }
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
-        model, mass, loads = self.model, self._mass.data, self.model.loads.unit_loads
+        model, loads = self.model, self.model.loads.unit_loads
         numbers = {**model.reduction.offsets_and_axes, "load_force": loads.data}
         if masses:
-            numbers |= {"mass": mass[self.heavy]}
+            turning = 0 if self._frame_turns else 1  # centrifugal forces have no moments
+            values = model.mass.data[self.heavy] * [1, 1, turning] if len(self.heavy) else 0
+            numbers |= {"mass": np.append(values, 0.0)}
         if model.weight is not None:
             numbers["weight"] = model.weight
         if model.natural:
@@ -286,13 +286,12 @@ class Problem:
     def _hand_over_rates(self, stored_at: np.ndarray) -> None:
         rates, fractions = self.model.scheme.rates, self.model.scheme.fractions
         self._set(level=rates.level, at_rest=rates.at_rest, **rates.constants)
-        if (rules := self.model.nodal_rules) is not None:
-            addresses = np.array([function.address for function in rules.functions], np.uintp)
+        if rules := self.model.nodal_rules:
+            addresses = np.array([function.address for function in rules], np.uintp)
             self._set(
                 rules=len(addresses),
                 nodal_rule=addresses,
-                column_at_node=rules.columns,
-                rule_stored_at=stored_at[rules.value_at],
+                rule_stored_at=stored_at[self._mass_blocks[2]],
             )
         assert self.constants.SUB_STEPS == MOST_SUB_STEPS
         self._set(sub_steps=len(fractions), fractions=fractions)

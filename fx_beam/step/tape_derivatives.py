@@ -193,7 +193,7 @@ class TapeDerivatives:
             "q": Numbers(at_q, of_q, p.dofs),
             "slides": Numbers(at["Y"][of_slides], joints, model.scene.joint_count),
             "motors": all_of(driven[first:]),
-            "mass": Numbers(at["mass"], np.flatnonzero(self.problem.heavy), model.mass.nnz),
+            "mass": Numbers(at["mass"], self.problem.heavy.ravel(), model.mass.nnz),
             "X": Numbers(at_X, of_X, X.size),
         }
 

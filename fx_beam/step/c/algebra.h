@@ -66,16 +66,12 @@ static double largest_size(int n, const double *x) {
 }
 
 HOT void times_mass(const Problem *p, const double *restrict x, double *restrict out) {
-  const int *restrict start = p->mass_start, *restrict column = p->mass_column;
+  const int *restrict end = p->mass_start + 1, *restrict dof = p->mass_dof;
   const double *restrict mass = p->mass;
-  for (int i = 0; i < p->dofs; ++i) {
-    int k = start[i], end = start[i + 1];
-    double sum = 0;
-    if (end - k == 3) /* most rows of beams of degree 1 */
-      sum = mass[k] * x[column[k]] + mass[k + 1] * x[column[k + 1]] + mass[k + 2] * x[column[k + 2]];
-    else
-      for (; k < end; ++k) sum += mass[k] * x[column[k]];
-    out[i] = sum;
+  for (int i = 0, k = 0; i < p->nodes; ++i) {
+    Four sum = {0};
+    for (; k < end[i]; ++k) sum += load(mass + 3 * k) * load(x + dof[k]);
+    put_three(sum, out + 3 * i);
   }
 }
 

@@ -12,17 +12,34 @@ INLINED Lanes lanes_of(const double *x, const int *at) {
   return (Lanes){x[at[0]], x[at[1]], x[at[2]], x[at[3]], x[at[4]], x[at[5]], x[at[6]], x[at[7]]};
 }
 
+INLINED void put_lanes(Four a, Four b, double *to) {
+#if defined __AVX512F__ && __has_builtin(__builtin_shufflevector)
+  *(Lanes *)to = PICK(a, b, 0, 1, 2, 3, 4, 5, 6, 7);
+#else
+  *(Four *)to = a, *(Four *)(to + 4) = b;
+#endif
+}
+
+/* Displacements of the nodes of LANES elements, then rotations. */
+INLINED void pack_nodes(int nodes, const double *x, const int *at, double *to) {
+  for (int node = 0; node < nodes; ++node, at += LANES) {
+    Four a[4], b[4];
+    transpose(load(x + at[0]), load(x + at[1]), load(x + at[2]), load(x + at[3]), a);
+    transpose(load(x + at[4]), load(x + at[5]), load(x + at[6]), load(x + at[7]), b);
+    put_lanes(a[0], b[0], to + 2 * node * LANES), put_lanes(a[1], b[1], to + (2 * node + 1) * LANES);
+    put_lanes(a[2], b[2], to + (2 * nodes + node) * LANES);
+  }
+}
+
 static void pack(const Problem *p, const Integral *of, const Form *form, long block,
                  const double *const *fields, int first, int end) {
   for (int m = first; m < end; ++m) {
-    int kind = form->kind[m], entries = p->cell_dofs * LANES;
-    const int *dofs = of->dofs;
-    if (kind == INTERNAL) entries = p->cell_internal * LANES, dofs = of->internal;
-    if (kind == NATURAL || kind == NATURAL_END) entries = p->cell_natural * LANES, dofs = of->natural;
-    dofs += block * entries;
-    const double *field = fields[kind];
+    int kind = form->kind[m], nodes = p->cell_dofs / 3, entries = kind == INTERNAL ? p->cell_internal : p->cell_natural;
     double *to = of->packed + (block * form->width + form->offset[m]) * LANES;
-    for (int j = 0; j < entries; j += LANES) *(Lanes *)(to + j) = lanes_of(field, dofs + j);
+    const int *at = (kind == INTERNAL ? of->internal : of->natural) + block * entries * LANES;
+    if (kind < INTERNAL) pack_nodes(nodes, fields[kind], of->dofs + block * nodes * LANES, to);
+    else
+      for (int j = 0; j < entries * LANES; j += LANES) *(Lanes *)(to + j) = lanes_of(fields[kind], at + j);
   }
 }
 
@@ -79,18 +96,32 @@ INLINED void add(int entries, const int *to, const double *tensors, double *out)
     for (int l = 0; l < LANES; ++l) out[to[j + l]] += tensors[j + l];
 }
 
+/* The same of forces on nodes, two at once. */
+INLINED void add_forces(int nodes, const int *to, const double *tensors, double *out) {
+  for (int node = 0; node < nodes; ++node)
+    for (int half = 0; half < LANES; half += 4, to += 4) {
+      const double *x = tensors + 2 * node * LANES + half, *turn = tensors + (2 * nodes + node) * LANES + half;
+      Four even = PICK(load(x), load(x + LANES), 0, 4, 2, 6), odd = PICK(load(x), load(x + LANES), 1, 5, 3, 7);
+      *(Two *)(out + to[0]) += (Two){even[0], even[1]}, *(Two *)(out + to[1]) += (Two){odd[0], odd[1]};
+      *(Two *)(out + to[2]) += (Two){even[2], even[3]}, *(Two *)(out + to[3]) += (Two){odd[2], odd[3]};
+#pragma GCC unroll 4
+      for (int l = 0; l < 4; ++l) out[to[l] + 2] += turn[l];
+    }
+}
+
 /* Adds the element tangents of a block to a chain. Three entries of a node are added at once, with a zero
    for the free place behind them. */
 INLINED void add_to_chain(int n, const Integral *of, long block, const double *tensors, double *K) {
   const int *run = of->run + block * n * (n / 3) * LANES;
   for (int i = 0; i < n; ++i)
-    for (int node = 0; node < n / 3; ++node, run += LANES) {
-      const double *row = tensors + i * n * LANES;
-      const double *x = row + 2 * node * LANES, *turn = row + (2 * n / 3 + node) * LANES;
-#pragma GCC unroll 8
-      for (int l = 0; l < LANES; ++l)
-        *(Four *)(K + run[l]) += (Four){x[l], x[LANES + l], turn[l], 0};
-    }
+    for (int node = 0; node < n / 3; ++node)
+      for (int half = 0; half < LANES; half += 4, run += 4) {
+        const double *row = tensors + i * n * LANES + half, *x = row + 2 * node * LANES;
+        Four rows[4];
+        transpose(load(x), load(x + LANES), load(row + (2 * n / 3 + node) * LANES), (Four){0}, rows);
+#pragma GCC unroll 4
+        for (int l = 0; l < 4; ++l) *(Four *)(K + run[l]) += rows[l];
+      }
   for (int k = of->single_start[block]; k < of->single_start[block + 1]; ++k)
     K[of->single_to[k]] += tensors[of->single_from[k]];
 }
@@ -110,7 +141,7 @@ static void assemble_forces(const Problem *p, const Form *form, const double *co
   for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
     for (long block = 0; block * LANES < of->cells; ++block) {
       evaluate(p, form, of, block, fields, A);
-      add(n, of->to + block * n * LANES, A, f);
+      add_forces(n / 3, of->to + block * n / 3 * LANES, A, f);
       if (K && HAS(CHAIN) && of->run)
         add_to_chain(n, of, block, A + n * LANES, K);
       else if (K)

@@ -104,7 +104,7 @@ OF_DERIVATIVES Layout fx_layout(const Problem *p, const Derivatives *a) {
     points += a->numbers[k], followed += e->load >= 0;
   }
 #define ARRAY(name, size) l.name = next, next += size
-  ARRAY(mass, p->mass_start[n]), ARRAY(weight, n), ARRAY(columns, p->load_start[p->loads]), ARRAY(points, points);
+  ARRAY(mass, 3 * p->mass_start[p->nodes]), ARRAY(weight, n), ARRAY(columns, p->load_start[p->loads]), ARRAY(points, points);
   ARRAY(natural_columns, p->naturals ? p->natural_start[p->naturals] : 0), ARRAY(offset, 2 * joints);
   ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, path_start(p, p->sliders));
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
@@ -119,7 +119,7 @@ OF_DERIVATIVES Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(closures, p->closures), ARRAY(closing, p->closures);
   ARRAY(pushed, p->carried ? columns : 0), ARRAY(carried, p->carried ? n : 0);
   ARRAY(moments, p->scene_joints), ARRAY(forces, 3 * p->scene_joints), ARRAY(axes, 2 * p->sliders);
-  ARRAY(followed, followed), ARRAY(nowhere, LANES), ARRAY(size, 0);
+  ARRAY(followed, followed), ARRAY(nowhere, 4 * LANES), ARRAY(size, 0);
 #undef ARRAY
   return l;
 }

@@ -10,8 +10,6 @@
    followed by a free place. */
 enum { BEFORE = 0, OWN = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW };
 
-INLINED Four load(const double *from) { return *(const Four *)from; }
-
 /* Solves the equations of a group, with these own rows and right sides, for its unknowns. They depend on
    those of the group with these couplings: its factors, and behind them the part without it, take the
    place of the couplings and are returned in u. They are not finite if a pivot is zero. */

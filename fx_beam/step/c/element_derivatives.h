@@ -134,7 +134,8 @@ HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const
   for (int i = 0; last && i < p->dofs; ++i) {
     double weight = x[at->r + i];
     x[at->weight + i] -= acting(p) * weight;
-    for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k) x[at->mass + k] += weight * w->acc[p->mass_column[k]];
+    for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k)
+      x[at->mass + 3 * k + i % 3] += weight * w->acc[p->mass_dof[k] + i % 3];
   }
 }
 
@@ -149,9 +150,11 @@ HOT void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int chan
   }
   for (int i = 0; i < p->dofs; ++i) {
     Changes sum = x[at->r + i];
-    for (int k = p->mass_start[i]; k < p->mass_start[i + 1]; ++k) sum += p->mass[k] * moving[p->mass_column[k]];
-    for (int k = p->mass_start[i]; changes_mass && k < p->mass_start[i + 1]; ++k)
-      sum += x[at->mass + k] * w->acc[p->mass_column[k]];
+    for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k) {
+      int entry = 3 * k + i % 3, column = p->mass_dof[k] + i % 3;
+      sum += p->mass[entry] * moving[column];
+      if (changes_mass) sum += x[at->mass + entry] * w->acc[column];
+    }
     x[at->r + i] = changes_mass ? sum - acting(p) * x[at->weight + i] : sum;
   }
 }

@@ -87,7 +87,7 @@ static const double SHARE = 0.1;
 
 static double widest_turn(const Problem *p, const double *D) {
   double widest = 0;
-  for (int i = 0; i < p->turning; ++i) widest = larger(fabs(D[p->turns[i]]), widest);
+  for (int i = 0; i < p->nodes; ++i) widest = larger(fabs(D[3 * i + 2]), widest);
   return widest;
 }
 

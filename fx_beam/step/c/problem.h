@@ -53,8 +53,7 @@ typedef void Batch(double *, const double *, const double *, const double *);
 typedef struct {
   Batch *batch;
   int cells;
-  int *dofs;           /* [block][cell dof][lane] */
-  int *to;             /* [block][cell dof][lane]: indices in a vector */
+  int *dofs, *to;      /* first degree of freedom of each node, where it is read and added to: [block][cell node][lane] */
   struct { int *stored_at; }; /* [block][cell dof, cell dof][lane]: indices in the tangent */
   /* In a chain instead, for rows of three entries, those of a node: [block][cell dof, node][lane] index
      of the first. Entries that do not lie in a row: where those of each block begin, their indices
@@ -127,7 +126,6 @@ typedef struct {
 
 typedef struct {
   int dofs, cells, cell_dofs, cell_coordinates, columns, free, driven;
-  int *turns, turning;  /* rotations */
   int *massless, massless_count;
   double *per_unit;     /* 1 / size of a unit correction of each degree of freedom */
 
@@ -157,8 +155,9 @@ typedef struct {
   int stored_values;
   int *row_start, *column_of, *stored_at;
   int reacting, *reacts; /* rows with forces of supports and joints */
-  /* Nonzero entries of the mass matrix. */
-  int *mass_start, *mass_column, *mass_stored_at;
+  /* The mass matrix, in compressed rows of nodes: the first degree of freedom of each column's node; mass, the same, and
+     rotary inertia of each pair of nodes, with a number behind all; where the tangent has these [pair][3]. */
+  int *mass_start, *mass_dof, *mass_stored_at;
   double *mass;
 
   /* Coupling: displacements and rotations x = g(z) of the columns z, which are unknowns, then driven and fixed ones, with
@@ -261,10 +260,9 @@ typedef struct {
   double ratio_before, spin_squared, viscosity;
   int sub_steps;
   double fractions[SUB_STEPS];
-  /* Rules of a user, of which the sub-steps take turns. For each entry of the mass: 3 times the node
-     of its column, plus its component, and the entries of the tangent (3). */
+  /* Rules of a user, of which the sub-steps take turns; where the tangent has all entries of a pair of nodes [pair][3][3]. */
   struct {
-    int rules, *column_at_node, *rule_stored_at;
+    int rules, *rule_stored_at;
     Law **nodal_rule;
   };
   int sub_step;

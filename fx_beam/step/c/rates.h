@@ -9,15 +9,12 @@ static void work_increment(const Problem *p, const Work *w) {
   memcpy(path, D, p->dofs * sizeof *D);
   for (int i = 0; i < p->dofs; ++i) slope[i] = 1;
   if (p->rule != 0) return;
-  int whole = (p->turning + LANES - 1) / LANES * LANES;
+  int whole = (p->nodes + LANES - 1) / LANES * LANES;
   memset(tangent, 0, whole * sizeof *tangent);
-  for (int i = 0; i < p->turning; ++i) tangent[i] = D[p->turns[i]] / 2;
+  for (int i = 0; i < p->nodes; ++i) tangent[i] = D[3 * i + 2] / 2;
   /* A separate loop in full lanes without indirect addressing, so that it is vectorised. */
   for (int i = 0; i < whole; ++i) tangent[i] = tan(tangent[i]);
-  for (int i = 0; i < p->turning; ++i) {
-    int k = p->turns[i];
-    path[k] = 2 * tangent[i], slope[k] = 1 + tangent[i] * tangent[i];
-  }
+  for (int i = 0; i < p->nodes; ++i) path[3 * i + 2] = 2 * tangent[i], slope[3 * i + 2] = 1 + tangent[i] * tangent[i];
 }
 
 static double newmark_end(const Problem *p, double D, double v0, double a0, double dt) {
@@ -48,7 +45,7 @@ static void take_values(const Problem *p, const Work *w, int first, double *to) 
 static void acceleration(const Problem *p, const Work *w, double dt) {
   if (p->at_rest) { /* in a frame that turns */
     for (int i = 0; p->spin_squared > 0 && i < p->dofs; ++i)
-      w->acc[i] = -p->ratio * p->spin_squared * (p->arm[i] + p->q[i] + p->level * w->D[i]);
+      w->acc[i] = i % 3 == 2 ? 0 : -p->ratio * p->spin_squared * (p->arm[i] + p->q[i] + p->level * w->D[i]);
     return;
   }
   if (p->rules) {
@@ -75,15 +72,15 @@ static double steepness(const Problem *p, double dt) {
 
 /* Forces r of the masses, for an `acceleration`, and their derivatives by the increment in the tangent K. */
 HOT void inertia(const Problem *p, const Work *w, double *r, double *K) {
-  const int *column = p->mass_column, *at = p->mass_stored_at, entries = p->mass_start[p->dofs];
-  const double *mass = p->mass, *slope = w->slope;
+  const int *dof = p->mass_dof, *at = p->mass_stored_at, pairs = p->mass_start[p->nodes];
   double steep = p->rules ? 0 : steepness(p, w->dt);
   times_mass(p, w->acc, r);
-  for (int k = 0; k < entries; ++k) K[at[k]] = mass[k] * steep * slope[column[k]];
-  for (int k = 0; p->rules && k < 3 * entries; ++k) {
-    int of = p->column_at_node[k / 3];
-    K[p->rule_stored_at[k]] += mass[k / 3] * w->rule[RULE_VALUES * (of / 3) + 3 + 3 * (of % 3) + k % 3];
+  for (int k = 0; k < pairs; ++k, at += 3) {
+    const double *mass = p->mass + 3 * k;
+    K[at[0]] = K[at[1]] = steep * mass[0], K[at[2]] = steep * mass[2] * w->slope[dof[k] + 2];
   }
+  for (int k = 0; p->rules && k < 9 * pairs; ++k)
+    K[p->rule_stored_at[k]] += p->mass[k / 3] * w->rule[RULE_VALUES / 3 * dof[k / 9] + 3 + k % 9];
 }
 
 static void advance_rates(Problem *p, const Work *w, double dt) {

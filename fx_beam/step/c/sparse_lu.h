@@ -14,8 +14,6 @@ static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
 /* Three numbers, those of a node. */
 INLINED Four three(const double *x) { return (Four){x[0], x[1], x[2], 0}; }
 
-INLINED void put_three(Four v, double *x) { x[0] = v[0], x[1] = v[1], x[2] = v[2]; }
-
 /* Subtracts multiples of three rows from three others. */
 INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, double *const *to) {
   const double *restrict a = from[0], *restrict b = from[1], *restrict c = from[2];

@@ -10,6 +10,28 @@
 #define INLINED static inline __attribute__((always_inline))
 /* Four numbers side by side. */
 typedef double Four __attribute__((vector_size(32), aligned(8)));
+
+typedef double Two __attribute__((vector_size(16), aligned(8)));
+
+/* Numbers with these places in a and b behind it. */
+#if __has_builtin(__builtin_shufflevector)
+#define PICK(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else /* GCC before 12 */
+typedef int64_t Places __attribute__((vector_size(32)));
+#define PICK(a, b, ...) __builtin_shuffle(a, b, (Places){__VA_ARGS__})
+#endif
+
+INLINED Four load(const double *from) { return *(const Four *)from; }
+
+INLINED void transpose(Four a, Four b, Four c, Four d, Four *columns) {
+  Four p = PICK(a, b, 0, 4, 2, 6), q = PICK(c, d, 0, 4, 2, 6), r = PICK(a, b, 1, 5, 3, 7), s = PICK(c, d, 1, 5, 3, 7);
+  columns[0] = PICK(p, q, 0, 1, 4, 5), columns[1] = PICK(r, s, 0, 1, 4, 5);
+  columns[2] = PICK(p, q, 2, 3, 6, 7), columns[3] = PICK(r, s, 2, 3, 6, 7);
+}
+
+/* Stores three of them, those of a node. */
+INLINED void put_three(Four v, double *x) { x[0] = v[0], x[1] = v[1], x[2] = v[2]; }
+
 /* For what takes the time of steps: all else is compiled in half the time, and as fast (build.py). */
 #define HOT static __attribute__((optimize("O3")))
 /* For large functions with several callers, each copy of which would take its time to compile. */
