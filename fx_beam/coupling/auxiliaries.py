@@ -44,20 +44,15 @@ class Auxiliaries:
     def __len__(self):
         return self._count
 
-    def entries(self, values: np.ndarray, virtual_map: np.ndarray) -> np.ndarray:
-        """Values of the entries at `rows` and `columns`, for the values of T and Tv."""
-        of = self._entries.at(self._moves)
-        both = (-of.sign * each[of.value_at] for each in (values, virtual_map))
-        return np.concatenate([np.ones(2 * self._count), *both])
-
     def entries_of(self, auxiliaries: np.ndarray) -> np.ndarray:
         """Numbers of the entries of some, the latest first: others depend on earlier ones only."""
         of = np.flatnonzero(np.isin(self._entries.row, auxiliaries))
         return of[np.argsort(-self._entries.row[of], kind="stable")]
 
-    def sums(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Derivatives (auxiliaries, columns) by all columns, for the values of T or Tv."""
-        return self._entries.matrix(values, self._shape)
+    def equations(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
+        """Rows (auxiliaries, columns) whose products with all columns are zero, by values of T."""
+        own = scipy.sparse.eye(*self._shape, k=self._shape[1] - self._count)
+        return (self._entries.matrix(values, self._shape) - own).tocsr()
 
     def members(self) -> dict[str, Any]:
         """Their sums, by the names in problem.h; empty without any."""

@@ -64,9 +64,10 @@ class Loops:
     ):
         self.unit, self._couplings = unit, couplings
         self._entries = Entries.of((k, one.entries) for k, one in enumerate(couplings.closures))
-        dependence, values = _dependence(couplings, auxiliaries, slides)
-        count = len(auxiliaries)
-        by_others, passed = dependence.collected_rows(self.derivatives(values).tocsr())
+        values, *dependence = _dependence(couplings, auxiliaries, slides)
+        count, shape = len(auxiliaries), (len(couplings.closures), dependence[0].shape[1])
+        of_closures = ColumnMap(self._entries.weights(values), shape, *dependence)
+        by_others, passed = of_closures.matrix, of_closures.by_dependent()
         by_others.data[abs(by_others.data) < _ROUNDING] = 0.0
         by_others.eliminate_zeros()
         blocks = blocks_of(by_others[:, : couplings.free])
@@ -169,16 +170,6 @@ class Loops:
             "carried_closure": self._carried,
         }
 
-    def border(self, at: np.ndarray, values: np.ndarray) -> scipy.sparse.csr_matrix:
-        """Gv or G (closures, unknowns) of the linear system with auxiliary unknowns.
-
-        `at` are its rows or its unknowns (`Couplings.system`), `values` those of Tv or T.
-        """
-        G = self.derivatives(values)
-        on = at[G.col] >= 0
-        shape = len(self), self._couplings.unknown_count
-        return scipy.sparse.csr_matrix((G.data[on], (G.row[on], at[G.col[on]])), shape)
-
     def system(self, pattern: Pattern) -> ClosedSystem:
         """The linear system in which the forces are unknowns behind the others."""
         closure = self._entries.row
@@ -229,8 +220,8 @@ class Loops:
 
 def _dependence(
     couplings: Couplings, auxiliaries: Auxiliaries, slides: list[Slide]
-) -> tuple[ColumnMap, np.ndarray]:
-    """How columns depend on others, with numbers that do not cancel by chance, and values of T.
+) -> tuple[np.ndarray, scipy.sparse.csr_matrix, np.ndarray]:
+    """Values of T that do not cancel by chance, equations of dependent columns, and the latter.
 
     A node on a beam may be at all places of it.
     """
@@ -238,15 +229,14 @@ def _dependence(
     values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.moving))
     values[0] = 1.0
     size = couplings.columns + len(auxiliaries)
-    rows, dependent = [auxiliaries.sums(values)], [np.arange(couplings.columns, size)]
+    rows, dependent = [auxiliaries.equations(values)], [np.arange(couplings.columns, size)]
     for slide in slides:
         near = np.append(slide.near, slide.column)
         weights = scipy.sparse.csr_matrix(random.uniform(1.0, 2.0, (len(slide.columns), len(near))))
-        rows.append(weights @ scipy.sparse.identity(size, format="csr")[near])
+        every = scipy.sparse.identity(size, format="csr")
+        rows.append(weights @ every[near] - every[slide.columns])
         dependent.append(slide.columns)
-    none = np.empty(0, dtype=int)
-    B = scipy.sparse.vstack(rows, "csr")
-    return ColumnMap((none, none, none), (0, size), B, np.concatenate(dependent)), values
+    return values, scipy.sparse.vstack(rows, "csr"), np.concatenate(dependent)
 
 
 def blocks_of(depends: scipy.sparse.csr_matrix) -> list[tuple[np.ndarray, np.ndarray]]:

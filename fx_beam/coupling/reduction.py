@@ -275,12 +275,12 @@ class Reduction:
     def _values(self, virtual: bool) -> np.ndarray:
         return np.ones(1) if self.equates else self._configuration.values[virtual]
 
-    def _map(self, virtual: bool, complete: bool = True) -> ColumnMap:
-        """T or Tv; only what slides on beams is dependent in it if it is not `complete`."""
-        if (key := (virtual, complete)) not in self._maps:
-            values, shape = self._values(virtual), self._shape
-            dependence = self._dependence(values, virtual, complete)
-            self._maps[key] = ColumnMap(self._entries.weights(values), shape, *dependence)
+    def _map(self, virtual: bool, auxiliaries: bool = True, closed: bool = True) -> ColumnMap:
+        """T or Tv, with dependent columns of what slides, `auxiliaries`, and of `closed` loops."""
+        if (key := (virtual, auxiliaries, closed)) not in self._maps:
+            values = self._values(virtual)
+            dependence = self._dependence(values, virtual, auxiliaries, closed)
+            self._maps[key] = ColumnMap(self._entries.weights(values), self._shape, *dependence)
         return self._maps[key]
 
     @property
@@ -288,100 +288,68 @@ class Reduction:
         return self._size, self.columns + len(self.auxiliaries)
 
     def _dependence(
-        self, values: np.ndarray, virtual: bool, complete: bool
-    ) -> tuple[scipy.sparse.csr_matrix | np.ndarray | None, np.ndarray]:
-        """Dependent columns by all columns, and which these are; None without any."""
-        columns = self._shape[1]
-        relations = self._configuration.relations(virtual) if self._slides else []
-        rows = [
-            slide.by_columns(of, first, values, columns)
-            for slide, (of, first) in zip(self._slides, relations, strict=True)
-        ]
-        dependent = np.concatenate([np.empty(0, int), *(slide.columns for slide in self._slides)])
-        if not complete or not len(self.auxiliaries):
-            return np.concatenate(rows) if rows else None, dependent
-        sparse = [scipy.sparse.csr_matrix(of_node) for of_node in rows]
-        B = scipy.sparse.vstack([*sparse, self.auxiliaries.sums(values)], "csr")
-        return B, np.append(dependent, np.arange(self.columns, columns))
+        self, values: np.ndarray, virtual: bool, auxiliaries: bool, closed: bool
+    ) -> tuple[scipy.sparse.csr_matrix | np.ndarray, np.ndarray]:
+        """Equations (dependent, columns) of dependent columns, and which these are."""
+        columns, slides = self._shape[1], self._slides
+        relations = self._configuration.relations(virtual) if slides else []
+        rows: list[Any] = [np.empty((0, columns))]
+        for slide, (relation, first) in zip(slides, relations, strict=True):
+            rows.append(slide.equations(relation, first, values, columns))
+        dependent = [np.empty(0, int), *(slide.columns for slide in slides)]
+        if closed and self.loops is not None:
+            rows.append(self.loops.derivatives(values).toarray())
+            dependent.append(self._following)
+        if not auxiliaries or not len(self.auxiliaries):
+            return np.concatenate(rows), np.concatenate(dependent)
+        rows.append(self.auxiliaries.equations(values))
+        dependent.append(np.arange(self.columns, columns))
+        C = scipy.sparse.vstack([scipy.sparse.csr_matrix(of) for of in rows], "csr")
+        return C, np.concatenate(dependent)
 
-    def closure_derivatives(self, virtual: bool = False) -> np.ndarray:
-        """G or Gv (closures, columns): of the closures of loops by other columns."""
-        if (key := ("G", virtual)) not in self._maps:
-            assert self.loops is not None
-            G = self.loops.derivatives(self._values(virtual))
-            if self._slides or len(self.auxiliaries):
-                G = self._map(virtual).collected_rows(G.tocsr())[0]
-            self._maps[key] = G.toarray()[:, : self.columns]
-        return self._maps[key]
-
-    def _ratios(self, virtual: bool = False) -> np.ndarray:
-        """Changes (following, columns) of the unknowns that close loops, by the other columns."""
-        if (key := ("W", virtual)) not in self._maps:
-            G, d = self.closure_derivatives(virtual), self._following
-            try:
-                W = -np.linalg.solve(G[:, d], G)
-            except np.linalg.LinAlgError:
-                W = np.full_like(G, np.nan)
-            W[:, d] = 0.0
-            self._maps[key] = W
-        return self._maps[key]
+    def closure_derivatives(self) -> np.ndarray:
+        """G (closures, columns): derivatives of the closures of loops by other columns."""
+        assert self.loops is not None
+        G = self.loops.derivatives(self._values(False)).tocsr()
+        return (G @ self._map(False, closed=False).completion).toarray()
 
     def completion(self) -> scipy.sparse.csr_matrix:
         """Matrix (columns, columns) that gives all rates from those of independent columns."""
-        if self.loops is None:
-            return scipy.sparse.identity(self.columns, format="csr")
-        W, d = self._ratios(), self._following
-        rows = np.setdiff1d(np.arange(self.columns), d)
-        k, columns = np.nonzero(W)
-        entries = np.append(np.ones(len(rows)), W[k, columns])
-        at = np.append(rows, d[k]), np.append(rows, columns)
-        return scipy.sparse.csr_matrix((entries, at), (self.columns,) * 2)
+        return self._map(False).completion[: self.columns, : self.columns]
+
+    def _with_auxiliaries(self, z: np.ndarray) -> np.ndarray:
+        return np.append(z, np.zeros(more)) if (more := len(self.auxiliaries)) else z
 
     def completed(self, z: np.ndarray) -> np.ndarray:
         """All rates from those of independent columns: completion() z."""
-        if self.loops is None:
-            return z
-        z = z.copy()
-        z[self._following] = self._ratios() @ z
-        return z
+        return self._map(False).completed(self._with_auxiliaries(z))[: self.columns]
 
     def spread(self, z: np.ndarray) -> np.ndarray:
         """Small change of all degrees of freedom from a small change of all columns: T z."""
-        z, more = self.completed(z), len(self.auxiliaries)
-        return self._map(False) @ (np.append(z, np.zeros(more)) if more else z)
+        return self._map(False) @ self._with_auxiliaries(z)
 
     def coupling(self, closed: bool = True) -> scipy.sparse.csr_matrix:
         """The matrix T (size, columns) of `spread`; or with loops that are not `closed`."""
-        T = self._map(False).matrix[:, : self.columns]
-        return (T @ self.completion()).tocsr() if closed and self.loops is not None else T
+        return self._map(False, closed=closed).matrix[:, : self.columns]
 
     def gather(self, r: np.ndarray) -> np.ndarray:
         """Forces on all columns without Tv and springs: T^T r."""
-        return self._gathered(r, False, np.zeros(self.columns + len(self.auxiliaries)))
+        return self._map(False).collected(r, np.zeros(self._shape[1]))[: self.columns]
 
     def project(self, r: np.ndarray) -> np.ndarray:
         """Generalised forces of all columns: Tv^T r, with springs and dampers."""
-        on_slides = np.zeros(self.columns + len(self.auxiliaries))
+        on_slides = np.zeros(self._shape[1])
         np.add.at(on_slides, self._points.columns, self._points.on_slides(0))
-        return self._gathered(r, True, on_slides)
-
-    def _gathered(self, r: np.ndarray, virtual: bool, on_columns: np.ndarray) -> np.ndarray:
-        R, d = self._map(virtual).collected(r, on_columns)[: self.columns], self._following
-        if len(d):
-            R += self._ratios(virtual).T @ R[d]
-            R[d] = 0.0
-        return R
+        return self._map(True).collected(r, on_slides)[: self.columns]
 
     def moves(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) moves one of some degrees of freedom (size,), or a loop."""
-        values = self._values(False)
-        row, column, weights = self._entries.weights(values)
-        B, dependent = self._dependence(values, False, True)
-        size = (row, column, abs(weights)), self._shape, None if B is None else abs(B), dependent
-        moving = ColumnMap(*size).collected(1.0 * dofs, np.zeros(self._shape[1]))[: self.free] > 0
+        some = np.random.default_rng(0).random(self._size) * dofs  # which do not cancel
+        of_columns = self._map(False, closed=False).collected(some, np.zeros(self._shape[1]))
+        moves = of_columns[: self.free] != 0
         if self.loops is not None:
-            moving[self.loops.unknowns] = True
-        return moving
+            moves[self.loops.unknowns] = True
+        return moves
 
     def moves_alone(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) equals one of some degrees of freedom (size,).
@@ -396,27 +364,20 @@ class Reduction:
         return np.bincount(equal, minlength=self.columns)[: self.free] > 0
 
     def normal(self, weight: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-        """T^T W T for a matrix W (size, size), as the system with auxiliaries and loops.
+        """T^T W T for a matrix W (size, size), as a system with equations of dependent columns.
 
         Its first unknowns x solve T^T W T x = b, if b is followed by zeros.
         """
-        values, auxiliaries = self._values(False), self.auxiliaries
-        at = auxiliaries.rows, auxiliaries.columns
-        of_auxiliaries = auxiliaries.entries(values, values), at
-        matrix = self.reduced(weight, False)
-        matrix = matrix + scipy.sparse.csr_matrix(of_auxiliaries, matrix.shape)
-        if self.loops is None:
-            return matrix
-        sides = zip(self.couplings.system, (self._values(True), values), strict=True)
-        columns, rows = (self.loops.border(*side) for side in sides)
-        return scipy.sparse.bmat([[matrix, columns.T], [rows, None]], "csr")
+        values = self._values(False)
+        C = scipy.sparse.csr_matrix(self._dependence(values, False, True, True)[0])
+        moving = np.append(np.arange(self.free), np.arange(self.columns, self._shape[1]))
+        A, C = self._entries.matrix(values, self._shape)[:, moving], C[:, moving]
+        return scipy.sparse.bmat([[A.T @ weight @ A, C.T], [C, None]], "csr")
 
-    def reduced(
-        self, matrix: scipy.sparse.csr_matrix, virtual: bool = True
-    ) -> scipy.sparse.csr_matrix:
+    def reduced(self, matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """The part Tv^T A T of the linear system for a matrix A of any sparsity, without loops."""
         (row_of, unknown_of), n = self.couplings.system, self.couplings.unknown_count
-        T, Tv = (self._map(of, complete=False).matrix for of in (False, virtual))
+        T, Tv = (self._map(of, False, False).matrix for of in (False, True))
         A = (Tv.T @ matrix @ T).tocoo()
         row, column = row_of[A.row], unknown_of[A.col]
         on = (row >= 0) & (column >= 0) & (row < n) & (column < n)

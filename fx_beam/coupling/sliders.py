@@ -79,12 +79,13 @@ class Slide:
         on = [np.flatnonzero(every.column == column) for column in self.columns]
         self._entries, self._entry_start = every.at(np.concatenate(on)), starts_of([*map(len, on)])
 
-    def by_columns(
+    def equations(
         self, relation: np.ndarray, first: int, values: np.ndarray, count: int
     ) -> np.ndarray:
-        """The node's columns by all columns (components, count), for values and relation of T.
+        """Rows (components, columns) whose products with all columns are zero, by values of T.
 
-        The latter or that of Tv, of a window that begins with a node (c/slider.h).
+        By the relation of T, or values and relation of Tv, of a window that begins with a node
+        (c/slider.h).
         """
         by_dofs = np.zeros((len(relation), *self.dofs.shape))
         window = relation[:, :-1].reshape(len(relation), len(relation), self.path.width)
@@ -93,6 +94,7 @@ class Slide:
         of_parts = by_dofs.reshape(len(relation), -1)[:, row] * weights
         rows = np.array([np.bincount(column, of, count) for of in of_parts])
         rows[:, self.column] += relation[:, -1]
+        rows[:, self.columns] -= np.eye(len(rows))
         return rows
 
     @property
