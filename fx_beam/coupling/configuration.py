@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from fx_beam import c_library
 from fx_beam.c_library import Structs
 from fx_beam.results.state import MACROS
 
-from .sliders import Slide
+if TYPE_CHECKING:
+    from .sliders import Slide
 
 _LIBRARY = "joints", "joints.c"
 _FLAGS = "-O1", "-fwhole-program"

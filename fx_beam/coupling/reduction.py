@@ -8,7 +8,7 @@ tangent is Tv^T K T + (dTv/dz)^T r.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -21,11 +21,13 @@ from fx_beam.scene.joints import Joint
 
 from .auxiliaries import Auxiliaries
 from .column_map import ColumnMap
-from .configuration import Configuration
 from .graph import Couplings
-from .loops import ClosedSystem, Loops
-from .sliders import Slide, Sliders
 from .tables import Pattern, sparsity
+
+if TYPE_CHECKING:
+    from .configuration import Configuration
+    from .loops import ClosedSystem, Loops
+    from .sliders import Slide, Sliders
 
 
 class ReducedTangent(NamedTuple):
@@ -209,6 +211,8 @@ class Reduction:
 
     @cached_property
     def _configuration(self) -> Configuration:
+        from .configuration import Configuration
+
         slides = self._slides
         sliders = {"sliders": len(slides), "slider": [slide.members() for slide in slides]}
         rule = {"level": self._rates.level, **self._rates.constants}

@@ -401,3 +401,25 @@ def _checked(scheme: str, name: str, value, low: float, high: float, low_open=Fa
             f"{scheme}: {name} = {shown(value)} must lie in {bracket}{low:.4g}, {high}]"
         )
     return number
+
+
+def order_and_constant(scheme: Scheme) -> tuple[int, float]:
+    """Order p of a scheme, and its local error as a fraction of what is not predicted.
+
+    SceneError for a scheme of order 1.
+    """
+    rates, advice = scheme.rates, None
+    if isinstance(rates, NewmarkRates):
+        second = 0.5 - rates.alpha_m + rates.alpha_f
+        advice = f"gamma = {second:g}" if abs(rates.gamma - second) > 1e-9 else None
+    elif getattr(scheme.resultants, "order", 2) == 1:
+        advice = "order=2"
+    if advice:
+        raise SceneError(
+            f"tolerance: {scheme.name} is of order 1; its local errors are not known. Use "
+            f"{advice}, or another scheme"
+        )
+    cubes = abs(sum(fraction**3 for fraction in scheme.fractions))
+    if cubes > 1e-9:
+        return 2, cubes / 12
+    return 4, abs(sum(fraction**5 for fraction in scheme.fractions)) / 80

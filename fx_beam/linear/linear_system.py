@@ -11,16 +11,15 @@ import numpy as np
 import scipy.linalg
 
 from fx_beam.errors import SceneError, is_whole, require
+from fx_beam.motions.initial_state import end_of
 from fx_beam.motions.motion import Motion
 from fx_beam.motions.options import check_scene
-from fx_beam.motions.prepared import end_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
-from fx_beam.scene.inputs import check_names, widths
+from fx_beam.scene.inputs import Ramp, check_names, widths
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
 from fx_beam.scene.scene import Scene
-from fx_beam.step.held_inputs import Ramp
 from fx_beam.step.measured import measured
 from fx_beam.step.recorded_histories import driven_of
 

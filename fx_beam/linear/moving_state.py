@@ -10,15 +10,16 @@ import numpy as np
 from fx_beam.errors import Constant, SceneError
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum
-from fx_beam.motions.initial_state import reference_state
-from fx_beam.motions.prepared import end_of, state_of
+from fx_beam.motions.initial_state import end_of, reference_state
+from fx_beam.motions.prepared import state_of
 from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
+from fx_beam.scene.inputs import Hold, Ramp
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import acceleration_of
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.held_inputs import HeldInputs, Hold, Ramp
+from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame
 

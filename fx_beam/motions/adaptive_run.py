@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
+from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.audit import uncounted
 from fx_beam.results.state import State
 from fx_beam.step.events import end_behind_event
+from fx_beam.step.loop import StepsResult
 from fx_beam.step.recorder import NullRecorder, Recorder, Rows
-from fx_beam.step.step_control import AVERAGED, StepControl, order_and_constant
+from fx_beam.step.step_control import AVERAGED, StepControl
 from fx_beam.step.stepper import Stepper, Trial
-from fx_beam.step.steps_result import StepsResult
 
 from .options import Tolerance
 

@@ -5,22 +5,23 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse.linalg
 
-from fx_beam.coupling.rate_equations import arms_and_axes
 from fx_beam.dual import Dual, have_slopes, plain, with_slopes
-from fx_beam.errors import SceneError, all_of, any_of
+from fx_beam.errors import SceneError, all_of, any_of, shown
 from fx_beam.laws.interval import Interval, instant
+from fx_beam.results.solution import Solution
 from fx_beam.results.state import Past, State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.scene.joints import slides_at_start
-from fx_beam.step.accelerations import accelerations as accelerations_of
-from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
+
+if TYPE_CHECKING:
+    from fx_beam.step.equations import Balance
 
 _log = logging.getLogger("fx_beam")
 
@@ -47,6 +48,8 @@ class _Settling:
     """
 
     def __init__(self, model: Model, force: np.ndarray, dt: float):
+        from fx_beam.step.equations import Equations
+
         self._model, self._force, self._length = model, force, 1e-9 * dt
         self._equations = Equations(model)
 
@@ -192,6 +195,8 @@ class Starts:
         self, state: State, w: np.ndarray, driven: np.ndarray, loads: tuple[np.ndarray, np.ndarray]
     ) -> tuple[np.ndarray, bool]:
         """Accelerations from T^T M a = T^T (F - f), zero without mass; whether forces are left."""
+        from fx_beam.step.accelerations import accelerations
+
         model, reduction, dt = self.model, self.model.reduction, self._dt
         h = 1e-9 * dt
         # Forces may depend on velocity: they see it as the increment over a very short step.
@@ -217,7 +222,7 @@ class Starts:
         force -= mass @ (reduction.spread(a) + curved)
         model.points.evaluate_slides(h * w)
         b = -reduction.project(-force)[:free]
-        a[:free], rest = accelerations_of(model, b)
+        a[:free], rest = accelerations(model, b)
         # A load that grows from zero has a little of its first step already.
         largest = max(abs(part).max(initial=0.0) for part in (force, b, *loads))
         return reduction.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
@@ -231,6 +236,15 @@ def _past_of_rates(model: Model, v: np.ndarray, w: np.ndarray) -> Past:
     slides = model.couplings.free_slides(w[None, : model.reduction.free], model.scene.joint_count)
     orders = np.ones(len(model.scheme.fractions), dtype=int)
     return Past(np.zeros(1), orders, v[None], slides)
+
+
+def end_of(start: Solution) -> State:
+    """Last state of a solution, with vectors numbered by nodes."""
+    if not isinstance(start, Solution):
+        raise SceneError(f"start must be a Solution, not {shown(start)}")
+    if start.end is None:
+        raise SceneError("start: the solution has no last state. Start from another solution")
+    return start.end
 
 
 def reference_state(model: Model) -> State:
@@ -378,7 +392,7 @@ def rates_with_slopes(
     if model.scene.joints or driven.size:
         for of, to in ((driven.values, given.values), (driven.slopes, given.slopes)):
             to[model.prescribed] = of[: len(model.prescribed)]
-        arms, axes = arms_and_axes(model.scene, model.sliding)
+        arms, axes = model.arms_and_axes
         numbers = numbers | {"arms of joints": arms, "axes of joints": axes}
         of_state = {"q": state.q, "v": given, "slides": state.slides, "driven rates": driven}
         duals = {name: with_slopes(values) for name, values in (numbers | of_state).items()}

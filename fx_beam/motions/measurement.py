@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fx_beam.results.state import State
+from fx_beam.scene.inputs import Ramp
 from fx_beam.scene.joint_kinematics import NodalMotion
 from fx_beam.scene.outputs import Defined, Output, definition
 from fx_beam.step.forcing import Forcing
-from fx_beam.step.held_inputs import Ramp
 from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
-from fx_beam.step.rate_solver import Fit
 from fx_beam.step.recorded_histories import driven_ways
+
+if TYPE_CHECKING:
+    from fx_beam.step.rate_solver import Fit
 
 Reading = Callable[[], Any]
 #: Means over a step, by the parts of a fit that change in it.

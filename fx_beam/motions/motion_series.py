@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import weakref
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fx_beam.array_calls import ArrayCalls
 from fx_beam.results.solution import Solution
@@ -13,25 +13,28 @@ from fx_beam.scene.inputs import with_functions
 from fx_beam.scene.outputs import check_outputs
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
-from fx_beam.step.tape import LIMIT, Tape
 
+from .initial_state import end_of
 from .options import Options
 from .prepared import Prepared
 from .run import Run
 from .surroundings import SMALL, waiting_team, warn_of_equal_work
-from .transferred_state import end_of
+
+if TYPE_CHECKING:
+    from fx_beam.step.tape import Tape
 
 
 class MotionSeries:
     """Simulates scenes. `Response` and each worker of a sweep own one, `simulate` has recent ones.
 
     With `reads_at_once` solutions are read before anything else happens; `alone` motions are not
-    divided among processes. A `brief` one keeps small scenes only.
+    divided among processes. A `brief` one keeps small scenes only. Tapes may have so much `memory`
+    [bytes].
     """
 
     def __init__(
         self,
-        memory: float = LIMIT,
+        memory: float = 0.0,
         reads_at_once: bool = False,
         alone: bool = False,
         brief: bool = False,
@@ -123,7 +126,11 @@ class MotionSeries:
     def _begin_tape(self, prepared: Prepared) -> None:
         self.tape = None
         if (loop := prepared.loop) is not None:
-            loop.tape = self.tape = Tape(loop.problem, self._memory) if self.tapes else None
+            if self.tapes:
+                from fx_beam.step.tape import Tape
+
+                self.tape = Tape(loop.problem, self._memory)
+            loop.tape = self.tape
 
     def keep(self, run: Run, solution: Solution | None = None) -> None:
         """Keep what a run was made with. As long as its solution lives, this needs it."""

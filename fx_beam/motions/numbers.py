@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.coupling.rate_equations import arms_and_axes
 from fx_beam.dual import stacked
 from fx_beam.results.state import State
 from fx_beam.scene.joints import joints_by_number
@@ -82,7 +81,7 @@ def observed_numbers_of(
     for name, rows in (("axes of slides", axes), ("offsets of slides", offsets)):
         observed[name] = stacked(rows).reshape(-1, 2)
     if model.fitted_rates is not None:
-        arms, axes = arms_and_axes(model.scene, model.sliding)
+        arms, axes = model.arms_and_axes
         observed |= {"arms of joints": arms, "axes of joints": axes}
         observed["driven rates"] = prepared.forcing.end_rates(times, lengths)
     return _arrays(observed)

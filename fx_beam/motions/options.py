@@ -21,12 +21,11 @@ from fx_beam.errors import (
     require,
     shown,
 )
-from fx_beam.laws.schemes import EnergyMomentum, Scheme
+from fx_beam.laws.schemes import EnergyMomentum, Scheme, order_and_constant
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
-from fx_beam.step.step_control import order_and_constant
 from fx_beam.step.substeps import MOST_HALVINGS, Halving
 
 # Limits of the tolerance. Newton's method and rounding disturb smaller errors.

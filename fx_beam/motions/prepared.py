@@ -22,9 +22,8 @@ from fx_beam.step.model import Model
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper
 
-from .initial_state import Starts, check_joints
+from .initial_state import Starts, check_joints, end_of
 from .options import Options
-from .transferred_state import end_of, has_changed, transferred_state
 
 
 class Prepared:
@@ -158,6 +157,8 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
 
 def state_of(model: Model, start: Solution) -> State:
     """Last state of a solution as vectors; SceneError if it does not fit."""
+    from .transferred_state import has_changed, transferred_state
+
     state = transferred_state(model, start) if has_changed(model, start) else _same(model, start)
     check_joints(model, state)
     return state

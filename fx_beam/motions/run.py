@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from fx_beam.errors import StepError, any_of
+from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -20,7 +21,6 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.interrupts import ctrl_c_between_blocks, uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
 from fx_beam.step.recorder import Recorder
-from fx_beam.step.step_control import order_and_constant
 from fx_beam.step.substeps import LARGE_TURN
 
 from .contact_check import warn_of_places, warn_of_sharp_bends

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.dual import plain
-from fx_beam.errors import SceneError, shown
+from fx_beam.errors import SceneError
 from fx_beam.fem.parameter_values import before
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -19,18 +19,9 @@ from fx_beam.scene.joints import Constraints, JointKey, constraints_of, key_of
 from fx_beam.scene.loads import NAMES
 from fx_beam.step.model import Model
 
-from .initial_state import given_velocity, reference_state
+from .initial_state import end_of, given_velocity, reference_state
 
 _GROUND = -1
-
-
-def end_of(start: Solution) -> State:
-    """Last state of a solution, with vectors numbered by nodes."""
-    if not isinstance(start, Solution):
-        raise SceneError(f"start must be a Solution, not {shown(start)}")
-    if start.end is None:
-        raise SceneError("start: the solution has no last state. Start from another solution")
-    return start.end
 
 
 def has_changed(model: Model, start: Solution) -> bool:

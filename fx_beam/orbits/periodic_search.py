@@ -17,7 +17,7 @@ from fx_beam.errors import (
     shown,
 )
 from fx_beam.laws.schemes import Scheme
-from fx_beam.motions.prepared import end_of
+from fx_beam.motions.initial_state import end_of
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion

@@ -22,11 +22,10 @@ from fx_beam.scene.sliders import sliding_joints
 from fx_beam.step.equations import Equations
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.loop import CompiledLoop, StepInputs, no_inputs
+from fx_beam.step.loop import CompiledLoop, StepInputs, Steps, StepsResult, no_inputs
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NEGLIGIBLE, NewtonOptions
 from fx_beam.step.recorder import Rows
-from fx_beam.step.steps_result import Steps, StepsResult
 from fx_beam.step.tables import Problem
 
 from .linear_system import LinearSystem, Solved

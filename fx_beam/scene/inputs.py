@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -207,3 +208,49 @@ def values_at(scene, given: Mapping | None, t: float) -> np.ndarray | None:
         for name, width in widths(scene).items()
     ]
     return np.concatenate(parts) if parts else None
+
+
+class Hold:
+    """Values (size,) of a load, constant over the step."""
+
+    def __init__(self, slot: InputSlot):
+        self.name, self.value = slot.name, slot(0.0)
+        #: Values are these times the input; an input of two numbers is the value itself.
+        self._factor = slot.factor[:, 0] if slot.width == 1 else 1.0
+
+    def set(self, value: np.ndarray) -> None:
+        """Set the input (width,) for the next steps."""
+        np.multiply(self._factor, value, out=self.value)
+
+    def of(self, value: np.ndarray) -> np.ndarray:
+        """The values of an input (width,), which is not set."""
+        return self._factor * value
+
+    def __call__(self, t: float) -> np.ndarray:
+        """The values, at any time."""
+        return self.value
+
+
+class Ramp:
+    """A driven motion, parameter or natural strain: straight over a step from its start."""
+
+    def __init__(self, slot: InputSlot):
+        self.name, self.factor = slot.name, float(slot.factor[0, 0])
+        self._t0, self._t1 = -math.inf, math.inf
+        #: Places at the start and at the end of the step [m or rad].
+        self.start = self.end = 0.0
+
+    def set(self, value: np.ndarray) -> None:
+        """Set the input (1,) at the end of the next step."""
+        self.end = self.factor * float(value[0])
+
+    def begin(self, t0: float, t1: float) -> None:
+        """Set the times of a step [s]."""
+        self._t0, self._t1 = t0, t1
+
+    def __call__(self, t: float) -> np.ndarray:
+        """The position (1,) in the step; outside it that of its start or end."""
+        if self.start == self.end:
+            return np.array([self.end])
+        part = (t - self._t0) / (self._t1 - self._t0)
+        return np.array([self.start + min(max(part, 0.0), 1.0) * (self.end - self.start)])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.dual import plain
 from fx_beam.laws.interval import divided
+from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, ROWS, Past, State
 
@@ -20,11 +21,12 @@ from .inverted_sections import InversionCheck
 from .model import Model
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, Rows
-from .step_control import order_and_constant
 from .step_failures import StepFailed, StepFailures
-from .steps_result import Steps, StepsResult
 from .tables import Problem
-from .tape import TakenSteps, Tape
+
+if TYPE_CHECKING:
+    from .step_control import StepControl
+    from .tape import Tape
 
 
 class CompiledLoop:
@@ -190,6 +192,8 @@ class CompiledLoop:
 
     def _run_taped(self, tape: Tape, inputs: StepInputs, dt: float, to: Any) -> int:
         """The same on a tape, which keeps the state before every so many steps."""
+        from .tape import TakenSteps
+
         p, fractions = self._problem, np.array(self.model.scheme.fractions)
         taken, total = 0, len(inputs.driven) // self._problem.sub_steps
         while taken < total:
@@ -371,6 +375,38 @@ class CompiledLoop:
         numbers = {name: getattr(p, name) for name in NUMBERS} | {"t": t}
         motors = self._state_arrays["driven_now"][len(self.model.prescribed) :].copy()
         return State(**numbers, **arrays, motors=motors)
+
+
+class Steps(NamedTuple):
+    """Steps that are tried."""
+
+    #: Number of the first one; parts of it that are taken already, and parts of a step.
+    first: int
+    done: int = 0
+    parts: int = 1
+    #: Limits of their local errors, if these are controlled.
+    control: StepControl | None = None
+    #: Whether they end before one in which a contact or a law switches.
+    watch: bool = False
+
+
+class StepsResult(NamedTuple):
+    """What came of steps of equal length."""
+
+    #: State at the end of the steps that succeeded, and their number.
+    state: State
+    taken: int
+    #: Ratios of error and limit in the last step but one and in the last one, if they are known.
+    before: float | None = None
+    ratio: float | None = None
+    #: Whether Newton's method failed in the step after them; a ratio above 1 rejects the last one.
+    failed: bool = False
+    #: Whether a contact or a law switches in the step after them; the switches at its end if they
+    #: are watched.
+    switched: bool = False
+    switches: np.ndarray | None = None
+    #: Error of a function of time in the step after them.
+    error: BaseException | None = None
 
 
 class StepInputs(NamedTuple):

@@ -7,21 +7,15 @@ import math
 import weakref
 from collections.abc import Callable
 from threading import RLock
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.coupling import configuration
 from fx_beam.coupling.auxiliaries import Auxiliaries
 from fx_beam.coupling.graph import couple, motors
-from fx_beam.coupling.loops import Loops
-from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
-from fx_beam.coupling.rate_equations import RateEquations, rigid_points
 from fx_beam.coupling.reduction import Reduction
-from fx_beam.coupling.redundancy import check_loops
-from fx_beam.coupling.sliders import Sliders
 from fx_beam.errors import SceneError
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
 from fx_beam.fem.forms import Forms
@@ -42,8 +36,12 @@ from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structure
 
 from .build import begin_to_build
-from .fitted_rates import FittedRates
-from .sparse_lu import LU, sparse_lu
+
+if TYPE_CHECKING:
+    from fx_beam.coupling.rate_equations import RateEquations
+
+    from .fitted_rates import FittedRates
+    from .sparse_lu import LU
 
 # Cached properties that depend on masses, and on the positions of nodes and joints.
 _OF_MASSES = ("rate_fit",)
@@ -80,6 +78,8 @@ class Model:
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_index for joint in scene.joints):
+            from fx_beam.coupling import configuration
+
             configuration.begin_to_build()
         self.forms = Forms(scene, scheme, self.mesh, instant)
         #: The forces at points.
@@ -127,6 +127,8 @@ class Model:
         heavy = not self._weightless and not self.massless.any()
         if self.scene.virtual_works or heavy:
             return
+        from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
+
         mass = None if self._weightless else self.mass
         try:
             check_no_massless_mechanism(self.scene, self.mesh, self.forms.of_members, mass)
@@ -341,6 +343,8 @@ class Model:
     @cached_property
     def factors_of_mass(self) -> LU:
         """Factors for matrices of the reduced pattern, in which the mass of unknowns is one."""
+        from .sparse_lu import sparse_lu
+
         return sparse_lu(self.reduction.factored)
 
     @cached_property
@@ -393,6 +397,8 @@ class Model:
     @cached_property
     def rate_fit(self) -> FittedRates:
         """Finds rates that fit joints and driven motions, in the norm of the mass."""
+        from .fitted_rates import FittedRates
+
         return FittedRates(self._rate_equations, self.mass, self.unit)
 
     @property
@@ -401,9 +407,18 @@ class Model:
         joints = {joint.number: joint for joint in sliding_joints(self.scene.joints)}
         return [joints[joint.number] for joint in self.couplings.sliding]
 
+    @property
+    def arms_and_axes(self) -> tuple[Any, Any]:
+        """Arms of joints and axes of slides in the reference, with slopes if the scene has them."""
+        from fx_beam.coupling.rate_equations import arms_and_axes
+
+        return arms_and_axes(self.scene, self.sliding)
+
     @cached_property
     def _rate_equations(self) -> Callable[[bool], RateEquations]:
         """Equations of rates, without or with those of rigid points; each is built once."""
+        from fx_beam.coupling.rate_equations import RateEquations, rigid_points
+
         scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
         motored = {joint.number: driven + i for i, (joint, _) in enumerate(self.motors)}
         constrained = self.reduction.columns - self.reduction.free
@@ -441,16 +456,22 @@ class Model:
             )
         sliders = None
         if self.couplings.sliding:
+            from fx_beam.coupling.sliders import Sliders
+
             sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
         used = self.used_entries()
         auxiliaries = Auxiliaries(self.couplings)
         parts = self.couplings, auxiliaries, self.points, self.scheme.rates, matrix, used
         loops = None
         if self.couplings.closures:
+            from fx_beam.coupling.loops import Loops
+
             slides = [] if sliders is None else sliders.all
             loops = Loops(self.couplings, auxiliaries, self.unit_of_unknowns, slides)
         self.reduction = Reduction(*parts, sliders, loops)
         if loops is not None and all(joint.place is None for joint in scene.joints):
+            from fx_beam.coupling.redundancy import check_loops
+
             self.reduction.begin(np.zeros(self.size), slides_at_start(scene))
             check_loops(scene, self.reduction, loops)
         if not self.reduction.equates:

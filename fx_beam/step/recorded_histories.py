@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,12 +16,14 @@ from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.audit import Energy
 from fx_beam.results.state import HISTORIES, ROWS
+from fx_beam.scene.inputs import Ramp
 from fx_beam.scene.sliders import sliding_joints
 
 from .forcing import Forcing
-from .held_inputs import Ramp
 from .model import Model
-from .rate_solver import Fit
+
+if TYPE_CHECKING:
+    from .rate_solver import Fit
 
 # What a solution has besides.
 _OTHERS = "energy", "internal", "spring_internal", "natural"
@@ -165,7 +167,7 @@ def fitted(
     histories, slides = dict(rows), rows.get("slides", np.empty((len(steps), 0)))
     now = _fit(model, grid, rows["q"], rows["v"], slides, starts is None, driven)
     if starts is None:
-        before = Fit(*(values[:-1] for values in now))
+        before = type(now)(*(values[:-1] for values in now))
     else:
         near = _slides_near(model, starts[0], slides[1:])
         before = _fit(model, (times, steps[1:] - 1), *starts, near, in_turn=False)

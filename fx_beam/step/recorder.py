@@ -15,8 +15,8 @@ from fx_beam.errors import SceneError, is_flag, is_whole, numbers, require
 from fx_beam.laws.interval import Parts
 from fx_beam.results.files import writable
 from fx_beam.results.state import ROWS, State
+from fx_beam.scene.inputs import Ramp
 
-from .held_inputs import Ramp
 from .model import Model
 from .recorded_histories import RecordedHistories, fitted, sums_of
 

@@ -9,11 +9,10 @@ import numpy as np
 
 from fx_beam.errors import Constant, StepError
 from fx_beam.results.state import ARRAYS, State
+from fx_beam.scene.inputs import Hold, Ramp
 
-from .held_inputs import Hold, Ramp
-from .loop import CompiledLoop, StepInputs, no_inputs
+from .loop import CompiledLoop, StepInputs, Steps, no_inputs
 from .recorder import NullRecorder, Recorder, Rows
-from .steps_result import Steps
 
 # Steps whose functions of time are evaluated at once.
 _BLOCK = 64

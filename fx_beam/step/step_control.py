@@ -16,10 +16,6 @@ import math
 
 import numpy as np
 
-from fx_beam.errors import SceneError
-from fx_beam.laws.rates import NewmarkRates
-from fx_beam.laws.schemes import Scheme
-
 #: Differences that are averaged with the weights 1/4, 1/2, 1/4.
 AVERAGED = 3
 # Largest single local error, relative to the tolerance.
@@ -152,25 +148,3 @@ class StepControl:
     def _change(self, levels: int) -> None:
         """Change the length by levels, each of which changes the ratio by a factor of two."""
         self.length = min(self.length * 2 ** (levels / self._power), self._longest)
-
-
-def order_and_constant(scheme: Scheme) -> tuple[int, float]:
-    """Order p of a scheme, and its local error as a fraction of what is not predicted.
-
-    SceneError for a scheme of order 1.
-    """
-    rates, advice = scheme.rates, None
-    if isinstance(rates, NewmarkRates):
-        second = 0.5 - rates.alpha_m + rates.alpha_f
-        advice = f"gamma = {second:g}" if abs(rates.gamma - second) > 1e-9 else None
-    elif getattr(scheme.resultants, "order", 2) == 1:
-        advice = "order=2"
-    if advice:
-        raise SceneError(
-            f"tolerance: {scheme.name} is of order 1; its local errors are not known. Use "
-            f"{advice}, or another scheme"
-        )
-    cubes = abs(sum(fraction**3 for fraction in scheme.fractions))
-    if cubes > 1e-9:
-        return 2, cubes / 12
-    return 4, abs(sum(fraction**5 for fraction in scheme.fractions)) / 80

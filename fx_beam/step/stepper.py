@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from fx_beam.errors import StepError, any_of
 from fx_beam.results.state import State
 
-from .loop import CompiledLoop, StepInputs
+from .loop import CompiledLoop, StepInputs, Steps, StepsResult
 from .recorder import NullRecorder, Rows
-from .step_control import StepControl
 from .step_failures import StepFailed
-from .steps_result import Steps, StepsResult
 from .substeps import Halving
+
+if TYPE_CHECKING:
+    from .step_control import StepControl
 
 
 class Trial(NamedTuple):
