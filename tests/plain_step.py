@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 import fx_beam as fb
-from fx_beam.fem.member_contacts import FINE
 from fx_beam.laws.interval import Interval
 from fx_beam.motions.options import Options
 from fx_beam.motions.prepared import Prepared
@@ -64,7 +63,8 @@ class PlainStep:
             model.forms.beams.natural.set(None, strains)
         for _ in range(8):  # until all members are known that a point touches
             inner = model.forms.internal_force(self.D)
-            if model.points.members is None or model.points.members.check(self.D) == FINE:
+            members = model.points.members
+            if members is None or members.check(self.D) == members.FINE:
                 break
         model.points.evaluate_slides(self.z)
         added = self.mean(self.forcing.forces(interval))

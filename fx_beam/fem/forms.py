@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import scipy.sparse
 
@@ -15,12 +17,13 @@ from fx_beam.scene.scene import Scene
 
 from .beam_forms import BeamForms
 from .loads import Followers
-from .member_contacts import MemberContacts, member_pairs
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .point_forces import PointForce, PointForces
-from .scene_forces import may_have_forces, point_forces
 from .sparsity import matrix_between, places_of_cells, with_pairs
+
+if TYPE_CHECKING:
+    from .member_contacts import MemberContacts
 
 
 class Forms:
@@ -84,11 +87,15 @@ class Forms:
         if mobility is None:
             mobility = np.zeros(self.size + scene.joint_count)
         scene = resting(scene) if self._rates.at_rest else scene
-        forces = point_forces(scene, self._mesh, mobility)
-        members, pairs = None, member_pairs(scene, self._mesh, mobility)
-        if pairs:
-            slots = sum(len(o.points.lengths) for o in scene.contacts if isinstance(o.shape, Beam))
-            members = MemberContacts(pairs, self._rule, self._mesh, slots)
+        forces, members = [], None
+        if may_have_forces(scene):
+            from .scene_forces import point_forces
+
+            forces = point_forces(scene, self._mesh, mobility)
+        if any(isinstance(obstacle.shape, Beam) for obstacle in scene.contacts):
+            from .member_contacts import MemberContacts
+
+            members = MemberContacts(scene, self._rule, self._mesh, mobility)
         return forces, Followers(scene, self._rates.level), members
 
     @property
@@ -170,3 +177,9 @@ class Forms:
     ) -> float:
         """Stored energy [J] of q (size,), internal variables and natural strains of beams."""
         return 0.0 if self.beams is None else self.beams.strain_energy(q, internal, natural)
+
+
+def may_have_forces(scene: Scene) -> bool:
+    """Whether a scene has anything that may exert forces at points; some numbers may be zero."""
+    parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
+    return any(parts)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,8 +30,6 @@ from .mesh import Mesh
 # Entries of a contact point, slots of memory of a point's friction, and numbers in each
 # (member_contact.h).
 _ENTRIES, _SLOTS, _IN_SLOT = 10, 2, 3
-# What `MemberContacts.check` finds.
-FINE, MOVED, PASSED, SLID = range(4)
 
 
 class MemberPair(NamedTuple):
@@ -55,20 +52,6 @@ class MemberPair(NamedTuple):
     #: Number of the contact; -1 for the points of its second member. The contact as text.
     number: int = -1
     owner: str = ""
-
-
-def member_pairs(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[MemberPair]:
-    """All contacts with members of a scene, both directions between two members.
-
-    By the `mobility` of degrees of freedom, 1 / mass, the friction on nodes has critical damping.
-    """
-    pairs: list[MemberPair] = []
-    first = 0
-    for contact in scene.contacts:
-        if isinstance(contact.shape, Beam):
-            pairs += _both_directions(contact, scene, mesh, mobility, first)
-            first += len(contact.points.lengths)
-    return pairs
 
 
 def _both_directions(
@@ -102,18 +85,32 @@ def _both_directions(
 
 
 class MemberContacts:
-    """All contact with members of a scene. Its data lie in C, for both kinds of steps."""
+    """All contact with members of a scene. Its data lie in C, for both kinds of steps.
 
-    def __init__(self, pairs: Sequence[MemberPair], rule: StepRule, mesh: Mesh, slots: int):
-        self._pairs, self._mesh, self._rule = pairs, mesh, rule
+    By the `mobility` of degrees of freedom, 1 / mass, the friction on nodes has critical damping.
+    """
+
+    #: What `check` finds.
+    FINE, MOVED, PASSED, SLID = range(4)
+
+    def __init__(self, scene: Scene, rule: StepRule, mesh: Mesh, mobility: np.ndarray):
+        self._mesh, self._rule = mesh, rule
+        #: Number of points whose forces are recorded.
+        self.slots = 0
+        self._pairs: list[MemberPair] = []
+        for contact in scene.contacts:
+            if isinstance(contact.shape, Beam):
+                self._pairs += _both_directions(contact, scene, mesh, mobility, self.slots)
+                self.slots += len(contact.points.lengths)
+        pairs = self._pairs
         self.laws = compiled_laws([one.law for one in pairs], rule)
         if named := [law for law in self.laws if law.parameters]:
             raise SceneError(
                 f"contact with a member: its energy has the parameter {named[0].parameters[0]!r}. "
                 "Write the number in its place"
             )
-        #: Number of points whose forces are recorded, and of all that may touch.
-        self.slots, self.conditions = slots, sum(len(one.points) for one in pairs)
+        #: Number of all points that may touch.
+        self.conditions = sum(len(one.points) for one in pairs)
         counts = [_SLOTS * len(one.points) * bool(one.law.internal) for one in pairs]
         #: First slot of memory of each; all their internal variables.
         self._first_slots, self.width = np.cumsum([0, *counts]), _IN_SLOT * sum(counts)

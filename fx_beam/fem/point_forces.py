@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import functools
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
@@ -19,9 +19,11 @@ from fx_beam.scene.structure import OtherStructureError
 
 from .compiled_laws import CompiledLaw, compiled_laws
 from .loads import Followers
-from .member_contacts import MemberContacts
 from .parameter_values import ParameterValues
 from .sparsity import positions_in
+
+if TYPE_CHECKING:
+    from .member_contacts import MemberContacts
 
 _NONE = np.empty(0)
 _HEADER = "point_force.h"

@@ -46,12 +46,6 @@ def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointFo
     ]
 
 
-def may_have_forces(scene: Scene) -> bool:
-    """Whether a scene has anything that may exert forces at points; some numbers may be zero."""
-    parts = scene.joints, scene.forces_between, scene.loads, scene.contacts, scene.drags
-    return any(parts)
-
-
 def _contacts(
     obstacle: Contact, scene: Scene, mesh: Mesh, mobility: np.ndarray
 ) -> Iterator[PointForce]:

@@ -21,14 +21,16 @@ from fx_beam.laws.resultants import (
     viscous,
     viscous_loss,
 )
-from fx_beam.laws.scalar_laws import evolution_loss, evolved, law_of_step
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import gauss_rule
 from fx_beam.scene.law import (
     Energy,
     InternalVariables,
     Law,
+    evolution_loss,
+    evolved,
     functions_of_energy,
+    law_of_step,
     own_law,
     quadratic_law,
 )

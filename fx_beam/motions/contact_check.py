@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from fx_beam.results.contact import ContactMotion
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Circle, Contact, arc_of, nearest
@@ -67,7 +66,7 @@ def _first_in_depth(
     shape, q = obstacle.shape, solution.recorded("q")
     if not isinstance(shape, Circle) or shape.inside:
         return None
-    nodes = ContactMotion(solution, obstacle).nodes
+    nodes = solution.contact(obstacle).nodes
     rows = max(2, _AT_ONCE // len(nodes))
     for first in range(0, len(q), rows - 1):
         now = q[first : first + rows]
@@ -138,7 +137,7 @@ def _with_losses(
     """What can hit with a loss: as text, its law, and gaps (n, m)."""
     for obstacle in solution.contacts:
         if obstacle.restitution < 1:
-            yield str(obstacle), obstacle, ContactMotion(solution, obstacle).gap
+            yield str(obstacle), obstacle, solution.contact(obstacle).gap
     for joint in joints:
         for coordinate, on in joint.coordinates.items():
             name, stop = "slide" if coordinate == "slide" else "angle", on.stop

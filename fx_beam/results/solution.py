@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import itertools
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,17 +20,34 @@ from fx_beam.scene.loads import NAMES
 from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import Output, definition
 
-from . import export, joined, paraview
 from .audit import BeamResultants, Energy, Stability, Stats, facts, read_only
-from .contact import ContactMotion
-from .joint_motion import JointMotion, motion_of
 from .state import HISTORIES, State
+
+if TYPE_CHECKING:
+    from . import export, joined, paraview
+    from .contact import ContactMotion
+    from .joint_motion import JointMotion
 
 # Histories that a `Record` may omit, with its name for them.
 _KINDS = {name: of.record for name, of in HISTORIES.items() if of.record != "always"}
 
 # What is set when it is first read.
 _LATER = {*HISTORIES, "energy", "end"}
+
+
+class _Elsewhere:
+    """A method that stands in another file, which is loaded when it is first asked for."""
+
+    def __init__(self, file: str):
+        self._file = file
+
+    def __set_name__(self, owner: type, name: str):
+        self._name = name
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        module = importlib.import_module(f".{self._file}", __package__)
+        setattr(owner, self._name, getattr(module, self._name))
+        return getattr(owner if instance is None else instance, self._name)
 
 
 class Solution:
@@ -353,6 +371,8 @@ class Solution:
             With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`.
         """
         _joint_number(self, joint)  # refuses one of another scene
+        from .joint_motion import JointMotion
+
         return JointMotion(self, joint)
 
     # -- Parameters -----------------------------------------------------------------------------
@@ -391,6 +411,8 @@ class Solution:
         ContactMotion
             With `gap`, `force` and its parts, `slip`, and `nodes`.
         """
+        from .contact import ContactMotion
+
         return ContactMotion(self, _contact_of(self, contact))
 
     # -- Beams ----------------------------------------------------------------------------------
@@ -468,13 +490,14 @@ class Solution:
 
     # -- Files and tables -----------------------------------------------------------------------
 
-    save = export.save
-    to_csv = export.to_csv
-    to_pandas = export.to_pandas
-    to_paraview = paraview.to_paraview
-    to_xarray = export.to_xarray
-
-    then = joined.then
+    if TYPE_CHECKING:
+        save, to_csv = export.save, export.to_csv
+        to_pandas, to_xarray = export.to_pandas, export.to_xarray
+        then, to_paraview = joined.then, paraview.to_paraview
+    else:
+        save, to_csv = _Elsewhere("export"), _Elsewhere("export")
+        to_pandas, to_xarray = _Elsewhere("export"), _Elsewhere("export")
+        then, to_paraview = _Elsewhere("joined"), _Elsewhere("paraview")
 
     def recorded(self, name: str) -> np.ndarray:
         """A history that the `Record` may have omitted.
@@ -507,6 +530,8 @@ def history(solution: Solution, output: Output) -> np.ndarray:
     of = definition(output)
     quantity, number, columns = of.quantity, of.number, of.columns
     if quantity.law is not None:
+        from .joint_motion import motion_of
+
         slide = solution.slides[:, number] if isinstance(output.of, Joint) else 0.0
         return of.by_law(motion_of(solution), slide)
     if quantity.of == "slides":

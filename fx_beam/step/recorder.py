@@ -13,7 +13,6 @@ import numpy as np
 
 from fx_beam.errors import SceneError, is_flag, is_whole, numbers, require
 from fx_beam.laws.interval import Parts
-from fx_beam.results.files import writable
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.inputs import Ramp
 
@@ -115,6 +114,8 @@ class Record:
             value = getattr(self, name)
             require(is_flag(value), f"Record: {name}", value, "True or False")
         if self.file is not None:
+            from fx_beam.results.files import writable
+
             writable(self.file, ("pvd",))
             if not self.motion or self.times is not None:
                 raise SceneError("Record: a file needs motion=True, and no times")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
-from fx_beam.fem.member_contacts import FINE, MOVED, PASSED, SLID
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
@@ -65,10 +64,10 @@ class StepFailures:
     def check_members(self, D: np.ndarray, residuals: list[float]) -> None:
         """Reject a step in which a point passes a member, or comes near more than were found."""
         members = self.model.points.members
-        state = FINE if members is None else members.check(D)
-        if state in (MOVED, SLID):
+        state = None if members is None else members.check(D)
+        if members and state in (members.MOVED, members.SLID):
             raise StepFailed("members", _MOVED, D, residuals)
-        if state == PASSED:
+        if members and state == members.PASSED:
             raise StepFailed("members", _PASSED, D, residuals)
 
     def check_slides(self, D: np.ndarray, residuals: list[float]) -> None:
