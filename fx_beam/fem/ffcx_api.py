@@ -24,7 +24,6 @@ from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.algorithms.check_arities import ArityMismatch
 
 import cffi
-import numpy as np
 
 from fx_beam import c_library, library_cache
 
@@ -260,18 +259,6 @@ def element_functions(form) -> tuple[str, list[str], int]:
         # Function names derive from the module's name, so they are the same again.
         source = _generated(form.together, Path(module).name.partition(".")[0])
     return source, names, len(_FFI.typeof(functions[0]).args)
-
-
-def element_tensors(form, w: np.ndarray, points: Sequence, size: int) -> np.ndarray:
-    """Matrices (n, size, size) of a bilinear form for coefficients w (n, width) of one element."""
-    (_, integral), *_ = _integrals(form)
-    tabulate = integral.tabulate_tensor_float64
-    rest = [_FFI.NULL] * (len(_FFI.typeof(tabulate).args) - 4)
-    x, A = np.array(points, float), np.zeros((len(w), size, size))
-    for values, tensor in zip(w, A, strict=True):
-        given = (_FFI.from_buffer("double[]", array) for array in (tensor, values))
-        tabulate(*given, _FFI.NULL, _FFI.from_buffer("double[]", x), *rest)
-    return A
 
 
 def expression_function(compiled) -> int:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import functools
 from typing import Any
 
-import ufl
-
 import numpy as np
 import scipy.sparse
 
@@ -15,8 +13,7 @@ from fx_beam.dual import DualFloat, have_slopes, plain, stacked
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.structure import OtherStructureError
 
-from . import ffcx_api
-from .fields import distinct, fields_of, section_data
+from .fields import distinct, section_data
 from .forms import Forms
 from .loads import element_rule
 from .mesh import Mesh
@@ -166,13 +163,13 @@ def _unit_masses(degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     Of an element of unit length, whose rhoA or rhoI is one at one Gauss point, and zero elsewhere.
     Degrees of freedom are numbered as in forms: displacements at nodes, then rotations.
     """
-    fields = fields_of(degree, curved=False)
-    points = fields.full_rule
-    density = fields.data((points, (2,)))
-    (u, psi), (virtual_u, virtual_psi) = ufl.split(fields.trial), ufl.split(fields.test)
-    work = density[0] * ufl.dot(virtual_u, u) + density[1] * virtual_psi * psi
-    form = ffcx_api.compile_form(work * fields.measure(points), "mass")
-    units = np.eye(2 * points)
-    masses = ffcx_api.element_tensors(form, units, [[0, 0, 0], [1, 0, 0]], 3 * (degree + 1))
+    n = degree + 1
+    weights, shape, _ = element_rule(degree, n)
+    shape = shape[:, [0, degree, *range(1, degree)]]  # in forms ends come before other nodes
+    products = weights[:, None, None] * shape[:, :, None] * shape[:, None]
+    masses = np.zeros((n, 2, 3 * n, 3 * n))
+    masses[:, 0, : 2 * n, : 2 * n] = np.kron(products, np.eye(2))
+    masses[:, 1, 2 * n :, 2 * n :] = products
+    masses = masses.reshape(2 * n, 3 * n, 3 * n)
     rows, columns = np.nonzero(masses.any(axis=0))
     return rows, columns, masses[:, rows, columns]
