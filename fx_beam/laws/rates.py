@@ -36,13 +36,10 @@ class UpdateRule(Protocol):
     #: Whether derivatives of whole motions follow its steps.
     has_derivatives: ClassVar[bool] = False
 
-    @property
-    def constants(self) -> dict[str, float]:
-        """Members of ``Problem`` in c/problem.h: the rule of rates (0: mean, 1: Newmark's)."""
-
-    @property
-    def level(self) -> float:
-        """Level of the step at which forces are evaluated: 0 is its start, 1 its end."""
+    #: Members of ``Problem`` in c/problem.h: the rule of rates (0: mean, 1: Newmark's).
+    constants: Any
+    #: Level of the step at which forces are evaluated: 0 is its start, 1 its end.
+    level: Any
 
     @property
     def turning(self) -> bool:
@@ -109,15 +106,8 @@ class MidPointRates(UpdateRule):
     by_mean: ClassVar[bool] = True
     has_derivatives: ClassVar[bool] = True
 
-    @property
-    def constants(self) -> dict[str, float]:
-        """The mean rule has none."""
-        return {"rule": 0}
-
-    @property
-    def level(self) -> float:
-        """The middle of the step."""
-        return 0.5
+    constants = {"rule": 0}
+    level = 0.5
 
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Mean velocity Du/dt and mean spin 2 tan(Dpsi/2)/dt."""
@@ -198,15 +188,9 @@ class AtRest(UpdateRule):
     at_rest: ClassVar[bool] = True
     has_derivatives: ClassVar[bool] = True
 
-    @property
-    def constants(self) -> dict[str, float]:
-        """Those of a rule whose increments do work as they are; there is no mass."""
-        return {"rule": 1, "beta": 1.0}
-
-    @property
-    def level(self) -> float:
-        """The end of the step."""
-        return 1.0
+    #: Those of a rule whose increments do work as they are; there is no mass.
+    constants = {"rule": 1, "beta": 1.0}
+    level = 1.0
 
     def fields(self, Du, Dpsi, v0, a0, dt):
         """Rates of the start, which are zero."""
