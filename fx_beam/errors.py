@@ -7,7 +7,7 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from numbers import Integral, Real
 from types import FrameType
@@ -231,15 +231,31 @@ def finite(value, what: str, sign: str = "", more: str = "") -> float:
     return number
 
 
-def set_finite(part, name: str, sign: str = "", optional: bool = False) -> None:
-    """Make a number of a frozen dataclass a float; see `finite`."""
-    value = getattr(part, name)
-    if type(value) is float and 0 < value <= LARGEST:  # quickly, as in scenes of many springs
-        return
-    if value is not None or not optional:
-        more = ", or None" if optional else ""
-        number = finite(value, f"{type(part).__name__}: {name}", sign, more)
-        object.__setattr__(part, name, number)
+#: Of a field of a part of a scene: scenes that differ in such fields only have one structure.
+NUMBER = {"number": True}
+
+
+def number(sign: str = "", optional: bool = False, **default: Any) -> Any:
+    """A field that is a number, with a sign as of `finite`; or None, if it is optional."""
+    return field(metadata={**NUMBER, "check": (sign, optional)}, **default)
+
+
+@functools.cache
+def _checks(kind: Any) -> list[tuple[str, tuple[str, bool]]]:
+    return [(f.name, f.metadata["check"]) for f in fields(kind) if "check" in f.metadata]
+
+
+def check_numbers(part) -> None:
+    """Make what a frozen dataclass has by `number` floats; SceneError for what is none."""
+    kind: Any = type(part)
+    for name, (sign, optional) in _checks(kind):
+        value = getattr(part, name)
+        if type(value) is float and 0 < value <= LARGEST:  # quickly, as in scenes of many springs
+            continue
+        if value is not None or not optional:
+            more = ", or None" if optional else ""
+            checked = finite(value, f"{kind.__name__}: {name}", sign, more)
+            object.__setattr__(part, name, checked)
 
 
 def array_of(value, what: str) -> np.ndarray:
@@ -315,16 +331,16 @@ def fields_in(expression) -> list:
     return [*extract_coefficients(expression), *extract_constants(expression)]
 
 
-def refuse_fields(fields: Iterable, what: str, known: Iterable = ()) -> None:
+def refuse_fields(symbols: Iterable, what: str, known: Iterable = ()) -> None:
     """Refuse functions and constants of the user in a UFL expression, unless `known`.
 
     They would be read once, before the run; later changes would be ignored.
     """
-    ours = {id(field) for field in known}
-    for field in fields:
-        if id(field) not in ours:
+    ours = {id(symbol) for symbol in known}
+    for symbol in symbols:
+        if id(symbol) not in ours:
             raise SceneError(
-                f"{what}: it contains {field}, a {type(field).__name__} of your own. It would be "
+                f"{what}: it contains {symbol}, a {type(symbol).__name__} of your own. It would be "
                 "read only once; later changes would be ignored. Use numbers and UFL expressions "
                 "of the function's arguments: the strains in a stored energy; step.t (time) and "
                 "step.X (position) elsewhere, for example ufl.sin(3 * step.t). For a number that "

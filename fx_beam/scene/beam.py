@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.dual import plain, stacked
-from fx_beam.errors import LARGEST, SceneError, as_float, is_whole, numbers, require, shown
+from fx_beam.errors import LARGEST, NUMBER, SceneError, as_float, is_whole, numbers, require, shown
 
 #: Components of a node's motion, in the order used in all arrays.
 COMPONENTS = ("x", "y", "rotation")
@@ -92,9 +92,9 @@ class Beam:
     name: str
     nodes: tuple[Node, ...]
     degree: int
-    s: np.ndarray = field(compare=False)
+    s: np.ndarray = field(compare=False, metadata=NUMBER)
     section: Any = None
-    inner: np.ndarray | None = field(compare=False, default=None)
+    inner: np.ndarray | None = field(compare=False, default=None, metadata=NUMBER)
     fractions: np.ndarray | None = field(compare=False, default=None)
 
     def __repr__(self):

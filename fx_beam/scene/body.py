@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
 
-from fx_beam.errors import SceneError, is_name, require
+from fx_beam.errors import NUMBER, SceneError, is_name, require
 
 from . import loads
 from .beam import Beam, Node
@@ -46,8 +46,8 @@ class Body:
     name: str
     centre: Node
     points: dict[str, Node]
-    mass: float
-    inertia: float
+    mass: float = field(metadata=NUMBER)
+    inertia: float = field(metadata=NUMBER)
 
     def __getitem__(self, name: str) -> Node:
         if not isinstance(name, str) or name not in self.points:

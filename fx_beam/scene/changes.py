@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fx_beam.errors import SceneError, as_float, is_number, require, set_finite
+from fx_beam.errors import SceneError, as_float, check_numbers, is_number, number, require
 
 from .joints import Joint
 from .outputs import Output
@@ -99,11 +99,11 @@ class Fuse:
     """
 
     joint: Joint
-    force: float
+    force: float = number("positive")
 
     def __post_init__(self):
         require(isinstance(self.joint, Joint), "Fuse: joint", self.joint, "a joint of the scene")
-        set_finite(self, "force", "positive")
+        check_numbers(self)
 
 
 def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:

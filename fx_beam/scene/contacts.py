@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from fx_beam.errors import (
+    NUMBER,
     SceneError,
     as_float,
+    check_numbers,
     finite,
     is_flag,
     is_number,
     is_whole,
+    number,
     numbers,
     require,
-    set_finite,
     shown,
     vector,
 )
@@ -62,8 +64,6 @@ class Shape:
     by its name.
     """
 
-    #: Fields that are numbers: scenes that differ in these only have one structure.
-    NUMBERS: ClassVar[tuple[str, ...]]
     #: -1 where points stay inside.
     side: ClassVar[float] = 1.0
 
@@ -161,10 +161,8 @@ class Line(Shape):
     1.5
     """
 
-    NUMBERS = "point", "normal"
-
-    point: Any
-    normal: Any
+    point: Any = field(metadata=NUMBER)
+    normal: Any = field(metadata=NUMBER)
 
     def __post_init__(self):
         super().__post_init__()
@@ -221,15 +219,13 @@ class Circle(Shape):
     array([ 1., -1.])
     """
 
-    NUMBERS = "centre", "radius"
-
-    centre: Any
-    radius: float
+    centre: Any = field(metadata=NUMBER)
+    radius: float = number("positive")
     inside: bool = False
 
     def __post_init__(self):
         super().__post_init__()
-        set_finite(self, "radius", "positive")
+        check_numbers(self)
         require(is_flag(self.inside), "Circle: inside", self.inside, "True or False")
 
     @property
@@ -309,12 +305,12 @@ class Contact:
 
     target: Node | Beam
     shape: Shape | Beam
-    stiffness: float
-    restitution: float = 1.0
-    speed: float | None = None
+    stiffness: float = field(metadata=NUMBER)
+    restitution: float = field(default=1.0, metadata=NUMBER)
+    speed: float | None = field(default=None, metadata=NUMBER)
     number: int = -1
-    energy: Energy | None = None
-    radius: float | tuple[float, float] = 0.0
+    energy: Energy | None = field(default=None, metadata=NUMBER)
+    radius: float | tuple[float, float] = field(default=0.0, metadata=NUMBER)
     along: int | None = None
     friction: Coulomb | None = None
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import ufl
@@ -12,12 +12,14 @@ from ufl.corealg.traversal import unique_pre_traversal
 import numpy as np
 
 from fx_beam.errors import (
+    NUMBER,
     SceneError,
     as_float,
+    check_numbers,
     finite,
     is_number,
+    number,
     require,
-    set_finite,
     shown,
 )
 
@@ -78,15 +80,14 @@ class Stop:
     True
     """
 
-    lower: float | None
-    upper: float | None
-    stiffness: float
-    restitution: float = 1.0
-    speed: float | None = None
+    lower: float | None = number(optional=True)
+    upper: float | None = number(optional=True)
+    stiffness: float = number("positive")
+    restitution: float = field(default=1.0, metadata=NUMBER)
+    speed: float | None = field(default=None, metadata=NUMBER)
 
     def __post_init__(self):
-        for name in ("lower", "upper"):
-            set_finite(self, name, optional=True)
+        check_numbers(self)
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
@@ -216,16 +217,13 @@ class Coulomb:
     0.1
     """
 
-    mu: float
-    stiffness: float
-    radius: float | None = None
-    damping: float | None = None
+    mu: float = number("not negative")
+    stiffness: float = number("positive")
+    radius: float | None = number("positive", optional=True, default=None)
+    damping: float | None = number("not negative", optional=True, default=None)
 
     def __post_init__(self):
-        set_finite(self, "mu", "not negative")
-        set_finite(self, "stiffness", "positive")
-        set_finite(self, "radius", "positive", optional=True)
-        set_finite(self, "damping", "not negative", optional=True)
+        check_numbers(self)
 
 
 def bristle(friction: Coulomb, share: Any, mobility: Any) -> list[Any]:
@@ -298,14 +296,13 @@ class Spring:
     (0.1, 0.1004)
     """
 
-    stiffness: float = 0.0
-    rest: float = 0.0
-    strain_energy: Energy | None = None
+    stiffness: float = number("not negative", default=0.0)
+    rest: float = number(default=0.0)
+    strain_energy: Energy | None = field(default=None, metadata=NUMBER)
     internal: InternalVariables | None = None
 
     def __post_init__(self):
-        set_finite(self, "stiffness", "not negative")
-        set_finite(self, "rest")
+        check_numbers(self)
         check_energy(self.strain_energy, self.internal, "Spring", ("x",))
 
 
@@ -338,11 +335,11 @@ class Damper:
     >>> damper = fb.Damper(law=lambda rate: 0.3 * abs(rate) * rate)
     """
 
-    viscosity: float = 0.0
-    law: Callable[[Any], Any] | None = None
+    viscosity: float = number("not negative", default=0.0)
+    law: Callable[[Any], Any] | None = field(default=None, metadata=NUMBER)
 
     def __post_init__(self):
-        set_finite(self, "viscosity", "not negative")
+        check_numbers(self)
         if self.law is not None:
             _check_law(self.law)
 
@@ -384,15 +381,16 @@ class SmoothFriction:
     1.0
     """
 
-    force: float | Callable[[Any], Any]
-    speed: float
+    force: float | Callable[[Any], Any] = field(metadata=NUMBER)
+    speed: float = number("not negative")
 
     def __post_init__(self):
         if callable(self.force):
             _check_magnitude(self.force)
         else:
-            set_finite(self, "force", "not negative")
-        set_finite(self, "speed", "not negative")
+            force = finite(self.force, "SmoothFriction: force", "not negative")
+            object.__setattr__(self, "force", force)
+        check_numbers(self)
         if not self.speed:
             raise SceneError(
                 "SmoothFriction: speed = 0 must be positive. It is the rate below which friction "
@@ -435,7 +433,7 @@ class Coordinate:
 
     spring: Spring | None = None
     damper: Damper | None = None
-    motor: Callable[[float], np.ndarray] | None = None
+    motor: Callable[[float], np.ndarray] | None = field(default=None, metadata=NUMBER)
     friction: SmoothFriction | Coulomb | None = None
     stop: Stop | None = None
 

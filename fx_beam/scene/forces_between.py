@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import ufl
 
 import numpy as np
 
-from fx_beam.errors import SceneError, vector
+from fx_beam.errors import NUMBER, SceneError, vector
 
 from .beam import Node
 from .coordinate import Coordinate, Coulomb, functions_of
@@ -60,9 +60,9 @@ class ForceBetween:
     """
 
     a: Node
-    b: Any
+    b: Any = field(metadata=NUMBER)
     on: Coordinate
-    force: Pull | None = None
+    force: Pull | None = field(default=None, metadata=NUMBER)
     number: int = -1
 
     def __repr__(self):

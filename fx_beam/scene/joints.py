@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from fx_beam.dual import dual_of, in_scene
-from fx_beam.errors import SceneError, numbers, require, shown, vector
+from fx_beam.errors import NUMBER, SceneError, numbers, require, shown, vector
 
 from .beam import Node
 from .coordinate import (
@@ -92,8 +92,8 @@ class Joint:
     kind: str
     a: Node
     b: Node
-    offset: np.ndarray
-    axis: np.ndarray | None = None
+    offset: np.ndarray = field(metadata=NUMBER)
+    axis: np.ndarray | None = field(default=None, metadata=NUMBER)
     slide: Coordinate | None = None
     rotation: Coordinate | None = None
     number: int = field(default=-1)

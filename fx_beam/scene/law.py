@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import ufl
@@ -15,7 +15,7 @@ from ufl.classes import EQ, GE, GT, LE, LT, NE, Abs, Conditional, MaxValue, MinV
 from ufl.constantvalue import Zero
 from ufl.corealg.traversal import unique_pre_traversal
 
-from fx_beam.errors import SceneError, as_float, fields_in, refuse_fields, require
+from fx_beam.errors import NUMBER, SceneError, as_float, fields_in, refuse_fields, require
 
 from .parameters import SCALARS, Symbol, parameters_in, scalar_of, symbols_only
 
@@ -311,7 +311,7 @@ class InternalVariables:
     """
 
     names: tuple[str, ...]
-    update: Callable[[Any, Any, Any, Any], Sequence]
+    update: Callable[[Any, Any, Any, Any], Sequence] = field(metadata=NUMBER)
     level: float = None  # type: ignore[assignment]  # it is set below
 
     def __post_init__(self):

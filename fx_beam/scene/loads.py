@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import ufl
@@ -14,6 +14,7 @@ import numpy as np
 from fx_beam.dual import stacked
 from fx_beam.errors import (
     LARGEST,
+    NUMBER,
     CheckedFunction,
     Constant,
     SceneError,
@@ -130,11 +131,11 @@ class Load:
     target: Node | Beam
     #: ``value(t)``: [fx, fy] in N, [moment] in N m, or [qx, qy] in N per metre of reference length;
     #: a `PlaceTimeFunction` of arc length and time.
-    value: TimeFunction
+    value: TimeFunction = field(metadata=NUMBER)
     #: Whether a force turns with the section of its node.
     follower: bool = False
     #: ``along(s)``: line load [qx, qy] at the arc length s; then ``value(t)`` is its factor.
-    along: Callable[[float], np.ndarray] | None = None
+    along: Callable[[float], np.ndarray] | None = field(default=None, metadata=NUMBER)
 
     def __str__(self):
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
@@ -190,30 +191,30 @@ class Drag:
 
     target: Node | Beam
     #: Force per speed [N s/m] and per its square [N s^2/m^2].
-    linear: np.ndarray
-    quadratic: np.ndarray
+    linear: np.ndarray = field(metadata=NUMBER)
+    quadratic: np.ndarray = field(metadata=NUMBER)
     #: Moment per spin [N m s/rad].
-    rotation: np.ndarray
+    rotation: np.ndarray = field(metadata=NUMBER)
 
     def __post_init__(self):
         what, values = f"drag on {label(self.target)}", []
-        for field in fields(self)[1:]:
-            given = getattr(self, field.name)
+        for name in [part.name for part in fields(self)[1:]]:
+            given = getattr(self, name)
             pair = isinstance(given, list | tuple | np.ndarray) and numbers(given).shape == (2,)
-            if pair and field.name == "rotation":
+            if pair and name == "rotation":
                 raise SceneError(f"{what}: rotation = {given!r} must be one number")
             if pair and not isinstance(self.target, Beam):
                 raise SceneError(
-                    f"{what}: {field.name} = {given!r} must be one number; only a beam has "
+                    f"{what}: {name} = {given!r} must be one number; only a beam has "
                     "directions along and across it"
                 )
-            values.append(vector(given, 2 if pair else 1, f"{what}: {field.name}"))
+            values.append(vector(given, 2 if pair else 1, f"{what}: {name}"))
             if values[-1].min() < 0:
                 raise SceneError(
-                    f"{what}: {field.name} = {given!r} must be zero or positive. For a force "
+                    f"{what}: {name} = {given!r} must be zero or positive. For a force "
                     "along the motion use add_force or add_virtual_work"
                 )
-            object.__setattr__(self, field.name, values[-1])
+            object.__setattr__(self, name, values[-1])
         if not any(value.any() for value in values):
             raise SceneError(f"{what}: give linear, quadratic or rotation, not all zero")
 
@@ -223,8 +224,8 @@ class Velocity:
     """Initial velocity (2,) [m/s] and spin [rad/s] of a node, or of all nodes of a beam."""
 
     target: Node | Beam
-    value: CheckedFunction
-    spin: CheckedFunction
+    value: CheckedFunction = field(metadata=NUMBER)
+    spin: CheckedFunction = field(metadata=NUMBER)
 
 
 def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
@@ -242,7 +243,7 @@ def initial_velocity(target: Node | Beam, velocity, spin) -> Velocity:
 class VirtualWork:
     """Virtual work per length of a user's force, on one beam or on all."""
 
-    term: Callable[[Any], Any]
+    term: Callable[[Any], Any] = field(metadata=NUMBER)
     beam: Beam | None
 
     def __post_init__(self):
@@ -300,9 +301,9 @@ class StrainPart:
     """A component of a natural strain."""
 
     #: ``value(t)`` (1,), or a `PlaceTimeFunction` of fraction and time.
-    value: TimeFunction
+    value: TimeFunction = field(metadata=NUMBER)
     #: ``along(f)`` (1,), by the fraction of the arc length; then ``value(t)`` is its factor.
-    along: CheckedFunction | None = None
+    along: CheckedFunction | None = field(default=None, metadata=NUMBER)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import functools
 import math
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import ufl
@@ -16,6 +16,7 @@ import numpy as np
 from fx_beam.array_calls import array_calls
 from fx_beam.dual import stacked
 from fx_beam.errors import (
+    NUMBER,
     SceneError,
     as_float,
     fields_in,
@@ -100,13 +101,13 @@ class Section:
     ... )
     """
 
-    EA: Datum | None = None
-    GA: Datum | None = None
-    EI: Datum | None = None
-    rhoA: Datum = 0.0
-    rhoI: Datum = 0.0
-    strain_energy: Energy | None = None
-    retardation: Datum | tuple[Datum, Datum, Datum] = 0.0
+    EA: Datum | None = field(default=None, metadata=NUMBER)
+    GA: Datum | None = field(default=None, metadata=NUMBER)
+    EI: Datum | None = field(default=None, metadata=NUMBER)
+    rhoA: Datum = field(default=0.0, metadata=NUMBER)
+    rhoI: Datum = field(default=0.0, metadata=NUMBER)
+    strain_energy: Energy | None = field(default=None, metadata=NUMBER)
+    retardation: Datum | tuple[Datum, Datum, Datum] = field(default=0.0, metadata=NUMBER)
     internal: InternalVariables | None = None
 
     def __post_init__(self):

@@ -15,17 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from .beam import Beam, Node
-from .body import Body
-from .contacts import Contact
-from .coordinate import Coordinate, Coulomb, Damper, SmoothFriction, Spring, Stop, functions_of
-from .forces_between import ForceBetween
-from .joints import Joint
-from .law import InternalVariables, functions_of_energy
-from .loads import Drag, Load, StrainPart, Velocity, VirtualWork
+from .beam import Node
+from .coordinate import functions_of
+from .law import functions_of_energy
 from .parameters import STEP
 from .scene import Scene
-from .section import Section
 
 
 def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
@@ -49,30 +43,10 @@ def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
     return expressions + [("virtual work", work) for work in works]
 
 
-#: Attributes of which only the kind must be the same, besides those that shapes name themselves: an
-#: array keeps its shape, a function of time or place stays one or becomes a number, and None stays
-#: None. Functions of a user in UFL are among them, as what they give is compared.
-NUMBERS: dict[type, tuple[str, ...]] = {
-    Scene: ("gravity", "prescribed", "masses", "parameters"),
-    Beam: ("s", "inner"),
-    Section: ("EA", "GA", "EI", "rhoA", "rhoI", "retardation", "strain_energy"),
-    InternalVariables: ("update",),
-    Body: ("mass", "inertia"),
-    Joint: ("offset", "axis"),
-    Coordinate: ("motor",),
-    Spring: ("stiffness", "rest", "strain_energy"),
-    Damper: ("viscosity", "law"),
-    SmoothFriction: ("force", "speed"),
-    Coulomb: ("mu", "stiffness", "radius", "damping"),
-    Stop: ("lower", "upper", "stiffness", "restitution", "speed"),
-    Contact: ("stiffness", "restitution", "speed", "radius", "energy"),
-    ForceBetween: ("b", "force"),
-    VirtualWork: ("term",),
-    Load: ("value", "along"),
-    StrainPart: ("value", "along"),
-    Drag: ("linear", "quadratic", "rotation"),
-    Velocity: ("value", "spin"),
-}
+# Attributes of a scene of which only the kind must be the same, as of fields that are marked by
+# `NUMBER`: an array keeps its shape, a function of time or place stays one or becomes a number, and
+# None stays None. Functions of a user in UFL are among them, as what they give is compared.
+_NUMBERS = "gravity", "prescribed", "masses", "parameters"
 # Kinds of values that are compared as they are.
 _PLAIN = {float, int, bool, str, set, type(None)}
 # What follows from the rest of a scene.
@@ -109,7 +83,7 @@ class Structure:
             other = getattr(scene, name)
             if isinstance(part, list | dict) and not (part or other):
                 continue  # quickly, as most are empty
-            compare = _difference_of_numbers if name in NUMBERS[Scene] else _difference
+            compare = _difference_of_numbers if name in _NUMBERS else _difference
             if difference := compare(part, other, alike):
                 raise OtherStructureError(f"scene.{name}{difference}")
         functions = expressions_of(scene)
@@ -182,9 +156,7 @@ def _difference_of_fields(one: Any, two: Any, alike: _Alike) -> str:
 @functools.cache
 def _fields(kind: type) -> list[tuple[str, bool]]:
     """Names of the attributes of a kind of parts, and whether they are numbers."""
-    numbers = {*getattr(kind, "NUMBERS", ())}
-    numbers |= {name for of, names in NUMBERS.items() if issubclass(kind, of) for name in names}
-    return [(field.name, field.name in numbers) for field in fields(kind)]
+    return [(field.name, "number" in field.metadata) for field in fields(kind)]
 
 
 def _difference_of_numbers(one: Any, two: Any, alike: _Alike) -> str:
