@@ -173,8 +173,7 @@ class HarmonicResponse(TangentResponse):
         given = array_of(np.real(weights), what) + 1j * array_of(np.imag(weights), what)
         fits = given.shape == values.shape and np.isfinite(given).all()
         require(bool(fits), what, weights, f"{values.shape} finite numbers")
-        rows = zip(*self._solutions, given[:, None], strict=True)
-        return self._of_sums([[self._product(*row) for row in rows]])[0]
+        return self._of_sums([self._products(*self._solutions, given[:, None])])[0]
 
     @one_call
     def jacobian(self) -> np.ndarray:
@@ -193,7 +192,9 @@ class HarmonicResponse(TangentResponse):
         self._check_has_run("jacobian")
         values = self.response.values
         parts = np.vstack([np.eye(values.shape[1]) * part for part in (1, -1j)])
-        sums = [[self._product(*of, parts)] for of in zip(*self._solutions, strict=True)]
+        f, motions, adjoints = (part[:, None] for part in self._solutions)
+        of_each = zip(f, motions, adjoints, strict=True)
+        sums = [self._products(*of, parts) for of in of_each]
         rows = self._of_sums(sums).reshape(len(values), 2, -1, len(self._x))
         return rows[:, 0] + 1j * rows[:, 1]
 
@@ -241,7 +242,8 @@ class HarmonicResponse(TangentResponse):
             motion, adjoints = self._solved(found.x)
             value = row @ motion
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
-            gradient = self._of_sums([[self._product(found.x, motion, adjoints, weights[None])]])[0]
+            given = np.array([found.x]), motion[None], adjoints[None], weights[None]
+            gradient = self._of_sums([self._products(*given)])[0]
             peaks.append(Peak(float(found.x), float(abs(value)), gradient))
         return peaks
 
@@ -263,17 +265,21 @@ class HarmonicResponse(TangentResponse):
         filled = np.concatenate([flat, np.zeros(6 - len(flat))])
         return super()._numbers_of(scene, change) | {_LOAD: filled}
 
-    def _product(
-        self, frequency: float, motion: np.ndarray, adjoints: np.ndarray, weights: np.ndarray
+    def _products(
+        self,
+        frequencies: np.ndarray,
+        motions: np.ndarray,
+        adjoints: np.ndarray,
+        weights: np.ndarray,
     ) -> Product:
-        """Its derivatives are those of weights (n, c) times amplitudes, but by the load."""
-        w, of_nodes = 2 * np.pi * frequency, weights @ self._measured.of_nodes
-        factors = (-1.0, -1j * w, w**2, 1 / w if w else 1.0)
-        return Product(motion, weights @ adjoints, *factors, self._force, of_nodes)
+        """Its derivatives are those of weights (., n, c) times amplitudes, but by the load."""
+        w, of_nodes = 2 * np.pi * frequencies, weights @ self._measured.of_nodes
+        factors = (-1.0, -1j * w, w**2, 1 / np.where(w > 0, w, 1.0))
+        return Product(motions, weights @ adjoints, *factors, self._force, of_nodes)
 
-    def _of_sums(self, sums: Sequence[Sequence[Product]]) -> np.ndarray:
+    def _of_sums(self, sums: Sequence[Product]) -> np.ndarray:
         by_x, node = super()._of_sums(sums), self._given[self._scene][0][0]
         at_node = self._about.T[self._about.model.mesh.dofs[node.number]]
-        lefts = [sum(of.left for of in products) for products in sums]
-        by_load = np.concatenate(lefts) @ at_node.T @ self._load_changes.T
+        lefts = np.concatenate([of.left.sum(axis=0) for of in sums])
+        by_load = lefts @ at_node.T @ self._load_changes.T
         return by_x + by_load.real

@@ -201,7 +201,7 @@ class ModalResponse(TangentResponse):
         outputs = 1 + self._damped
         jacobian = np.zeros((len(self._omega), outputs, len(self._x)))
         groups = [*self._groups()]
-        sums = [part for group in groups for part in self._sums_of(group)]
+        sums = [of_sum for group in groups for of_sum in self._sums_of(group)]
         rows = iter(self._of_sums(sums))
         for group in groups:
             if len(group) == 1:
@@ -242,7 +242,7 @@ class ModalResponse(TangentResponse):
         require(bool(fits), what, weights, f"{shape} finite numbers")
         every = np.zeros((len(self._omega), 1 + self._damped))
         every[: len(given)] = given.reshape(len(given), -1)
-        squares = list[Product]()
+        modes = list[np.ndarray]()
         for group in self._groups():
             if np.ptp(every[group], axis=0).any():
                 raise SceneError(
@@ -250,9 +250,11 @@ class ModalResponse(TangentResponse):
                     f"that only their sum has a gradient, but the weights {every[group].tolist()}. "
                     "Give equal weights, or all modes of the group by a larger n, or use jacobian"
                 )
-            for mode in group[every[group].any(axis=1)]:
-                squares.append(self._square(mode, every[mode]))
-        return self._of_sums([squares])[0] if squares else np.zeros(len(self._x))
+            modes.append(group[every[group].any(axis=1)])
+        if not sum(map(len, modes)):
+            return np.zeros(len(self._x))
+        chosen = np.concatenate(modes)
+        return self._of_sums([self._squares(chosen, every[chosen])])[0]
 
     @property
     def _is_damped(self) -> bool:
@@ -281,36 +283,34 @@ class ModalResponse(TangentResponse):
             if len(group) and group.min() < self._n:
                 yield np.sort(group)
 
-    def _square(self, mode: int, weights: np.ndarray) -> Product:
-        """Its derivatives are those of weights times frequency and damping ratio of a mode.
+    def _squares(self, modes: np.ndarray, weights: np.ndarray) -> Product:
+        """Its derivatives are those of weights (n, .) times frequencies and damping ratios.
 
         With root s and left and right vectors l and x, ds = -l.(s^2 dM + s dC + dK) x
         / l.(2 s M + C) x.
         """
-        s, x, w = self._roots[mode], self._vectors[:, mode], abs(self._omega[mode])
-        if s.real and not s.imag and self._damped:
+        s, x, w = self._roots[modes], self._vectors[:, modes], abs(self._omega[modes])
+        if self._damped and not s.imag.all():
             raise SceneError(
-                f"ModalResponse: mode {mode} does not vibrate: it is overdamped, or grows, and has "
-                "no derivatives with damped=True"
+                f"ModalResponse: mode {modes[int(np.argmin(abs(s.imag)))]} does not vibrate: it is "
+                "overdamped, or grows, and has no derivatives with damped=True"
             )
-        left = self._left(s, x)
-        m, k = left @ (self._about.M @ x), left @ (self._about.K @ x)
-        of_root = weights[0] * np.conj(s) / w if s.imag else -weights[0]
+        of_root = np.where(s.imag, weights[:, 0] * np.conj(s) / w, -weights[:, 0])
         if self._damped:
-            of_root += weights[1] * (s.real * np.conj(s) / w**2 - 1) / w
-        factor = -of_root / (s * m - k / s)  # as s^2 m + s c + k = 0
-        lefts = None if left is x else left[None]
-        return Product(x, lefts, factor, factor * s, factor * s**2, 1 / w)
+            of_root = of_root + weights[:, 1] * (s.real * np.conj(s) / w**2 - 1) / w
+        C, M, left, slope = self._by_rates, self._about.M, None, 2 * s
+        if C is not None:
+            if abs(C - C.T).max() > _SYMMETRIC * abs(C).max():
+                left = np.array([*map(self._left, s, x.T)])
+            slope = ((x.T if left is None else left) * (2 * s * (M @ x) + C @ x).T).sum(axis=1)
+        factor, lefts = -of_root / slope, None if left is None else left[:, None]
+        return Product(x.T, lefts, factor, factor * s, factor * s**2, 1 / w)
 
     def _left(self, root: complex, x: np.ndarray) -> np.ndarray:
-        """The left vector of a mode with right vector x, which it is if all is symmetric.
-
-        By inverse iteration at the root.
-        """
+        """The left vector of a mode, by inverse iteration at its root; x is the right one."""
         K, C, M = self._about.K, self._by_rates, self._about.M
-        if C is None or abs(C - C.T).max() <= _SYMMETRIC * abs(C).max():
-            return x
         s = root * (1 + _BESIDE)
+        assert C is not None  # else it is x
         factors = pivoted_lu((K + s * C + s**2 * M).astype(complex))
         left = np.conj(x)
         for _ in range(_ITERATIONS):
@@ -318,14 +318,14 @@ class ModalResponse(TangentResponse):
             left /= np.linalg.norm(left)
         return left
 
-    def _sums_of(self, group: np.ndarray) -> Iterator[list[Product]]:
+    def _sums_of(self, group: np.ndarray) -> Iterator[Product]:
         """Of a mode those for its frequency and damping ratio; of more those of their matrix.
 
         This has a lower triangle, row by row.
         """
         if len(group) == 1:
             for weights in np.eye(1 + self._damped):
-                yield [self._square(group[0], weights)]
+                yield self._squares(group, weights[None])
             return
         if self._damped or self._by_rates is not None:
             raise SceneError(
@@ -333,7 +333,6 @@ class ModalResponse(TangentResponse):
                 "derivatives. Let them differ, or leave damping out"
             )
         _log.warning(_REPEATED, len(group), self._omega[group[0]])
-        unit = self._square(group[0], np.ones(1))
+        unit, vectors = self._squares(group[:1], np.ones((1, 1))), self._vectors[:, group].T
         for i, j in zip(*np.tril_indices(len(group)), strict=True):
-            left, right = self._vectors[:, group[[i]]].T, self._vectors[:, group[j]]
-            yield [unit._replace(left=left, right=right)]
+            yield unit._replace(left=vectors[[i], None], right=vectors[[j]])

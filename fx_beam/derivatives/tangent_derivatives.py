@@ -18,7 +18,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import ElsewhereError, OtherStructureError
+from fx_beam.scene.structure import ElsewhereError
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
@@ -46,20 +46,21 @@ _SOLVED = 1e-6
 
 
 class Product(NamedTuple):
-    """Real parts (n,) of k l.K r + c l.C r + m l.M r, for a motion r (free,) and n motions l.
+    """Real parts (n,) of sums of k l.K r + c l.C r + m l.M r over motions r, each with n motions l.
 
     And of forces times the motions T l and T r of the nodes. All may be complex. The steps that
-    tell damping have a `time` [s] like that of the vibration.
+    tell damping have `times` [s] like those of the vibrations.
     """
 
+    #: Motions r (p, free), and l (p, n, free); None for r itself.
     right: np.ndarray
-    #: Motions l (n, free); None for r itself.
     left: Any
-    stiffness: complex
-    damping: complex = 0.0
-    mass: complex = 0.0
-    time: float = 1.0
-    #: Forces (size,) times T l, and (n, size) times T r.
+    #: Factors k, c and m, each one number or (p,).
+    stiffness: Any
+    damping: Any = 0.0
+    mass: Any = 0.0
+    times: Any = 1.0
+    #: Forces (size,) times T l, and (p, n, size) times T r.
     on_left: Any = 0.0
     on_right: Any = 0.0
 
@@ -103,57 +104,52 @@ class TangentDerivatives:
     states beside the equilibrium by the same laws, blocks and Jacobians of elements as of motions.
     """
 
-    def __init__(self, what: str, damped: bool = False):
-        self._what, self.damped = what, damped
-        # The model of the steps, with problem and derivatives, and whether it has a frame that
-        # turns; the model of other scenes' numbers.
-        self._model: Model | None = None
-        self._turns = False
-        self._problem: Problem
+    def __init__(self, what: str):
+        self._what = what
+        # The model of other scenes' numbers.
+        self._other: Model | None = None
+        # The problem of the steps, and their derivatives.
+        self._problem: Any = None
         self._derivatives: TapeDerivatives
         self._slides = list[float]()
-        self._other: Model | None = None
 
-    def begin(self, about: Linearisation, state: Solution | None) -> None:
+    def begin(self, about: Linearisation, state: Solution | None, damped: bool = False) -> None:
         """Take the tangent about a state, or about the reference."""
         if about.model.points.any_have("sticks"):
             raise SceneError(f"{self._what}: no derivatives: friction that sticks has none")
         # Where something flows, the state follows from all load steps before.
-        self._flows, self._start = about.model.flows, about.start
-        self._follows = state is not None and not self._flows
+        flows, self._start = about.model.flows, about.start
+        self._follows = state is not None and not flows
+        # Steps that tell damping hold what flows, too.
+        self._damped = damped or flows
         self._factor, self._inputs = 0.0, None
         if state is not None and state.end is not None:
             self._factor, self._inputs = float(state.t[-1]), state.end.inputs
-        last, turns = (self._model, self._turns), about.frame is not None
-        self._model = model = self._refilled(self._model, about.scene, OtherStructureError)
-        self._turns, slides = turns, slides_at_start(model.scene).tolist()
-        is_known = (model, turns) == last
-        if is_known:
-            self._problem.refill()
-        else:
-            self._problem, self._other = Problem(model, NewtonOptions(), turns), None
-        self._problem.hand_over_frame(about.frame)
-        if not is_known or slides != self._slides:
-            self._derivatives, self._slides = TapeDerivatives(self._problem), slides
+        model = about.damped_model if self._damped else about.model
+        problem = Problem.of(model, NewtonOptions(), about.frame is not None)
+        problem.hand_over_frame(about.frame)
+        slides = slides_at_start(model.scene).tolist()
+        if problem is not self._problem or slides != self._slides:
+            self._derivatives, self._slides, self._other = TapeDerivatives(problem), slides, None
+        self._problem, p = problem, problem.c
         # Whether motions of the nodes for those of the unknowns depend on the state.
-        p = self._problem.c
         self._couples = p.entries > p.equal or p.closures or p.sliders
-        self._problem.c.at_rest = 1  # forces that depend on rates, without inertia
+        p.at_rest = 1  # forces that depend on rates, without inertia
         self._forcing = LoadForcing(model, about.start.t)
         self._scene, self._unknowns = about.scene, about.unknowns
 
-    def _refilled(self, model: Model | None, scene: Scene, instead_of: type[Exception]) -> Model:
-        """A model of steps that tell the tangent, for another scene; a new one after an error."""
+    def _model_of(self, scene: Scene, known: Model | None = None) -> Model:
+        """A model of the steps of another scene: a known one, or one of joints elsewhere."""
         scene = with_values(scene, self._inputs)
         try:
-            if model is not None:
-                model.refill(scene)
-                return model
-        except instead_of:
+            if known is not None:
+                known.refill(scene)
+                return known
+        except ElsewhereError:
             pass
-        if self.damped:
+        if self._damped:
             return Model(scene, EnergyMomentum(), instant=True)
-        return Model(scene, Equilibrium(), mobile=True, instant=self._flows)
+        return Model(scene, Equilibrium(), mobile=True)
 
     def numbers_of(
         self, scene: Scene, moved: tuple[StateChange, Any] | None = None
@@ -162,11 +158,10 @@ class TangentDerivatives:
 
         With those of its state if this has `moved`, by a change of x.
         """
-        known = self._other or self._refilled(None, self._scene, ElsewhereError)
-        self._other = self._refilled(known, scene, ElsewhereError)
+        self._other = self._model_of(scene, self._other or self._model_of(self._scene))
         model, forcing = self._other, LoadForcing(self._other, self._forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
-        if self.damped and model.natural:  # a step that tells damping also begins in the state
+        if self._damped and model.natural:  # a step that tells damping also begins in the state
             columns, factors = model.natural.unit_loads, numbers["naturals"][0]
             of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
             values = numbers["natural columns"] * factors[of]
@@ -179,7 +174,8 @@ class TangentDerivatives:
 
     def by_factor(self) -> dict[str, np.ndarray]:
         """Derivatives of the numbers by the load factor, of the names that depend on it."""
-        model, forcing, factor = self._problem.model, self._forcing, self._factor
+        forcing, factor = self._forcing, self._factor
+        model = forcing.model
         rows = static_numbers_of(model, forcing, np.array([factor - 1, factor + 1]))
         names = {"loads", "driven", "naturals"} & rows.keys()
         numbers = {name: (rows[name][1:] - rows[name][:1]) / 2 for name in names}
@@ -190,10 +186,10 @@ class TangentDerivatives:
     def of_sums(
         self,
         about: Linearisation,
-        sums: Sequence[Sequence[Product]],
+        sums: Sequence[Product],
         changes: Mapping[str, np.ndarray],
     ) -> np.ndarray:
-        """Derivatives (n, m) of sums of products by x, with which numbers change (m, ...)."""
+        """Derivatives (n, m) of sums by x, with which numbers change (m, ...)."""
         weighted, by_state = self.products(about, sums)
         if self._follows:
             weighted += self.forces(-self._solved(about, by_state))
@@ -203,56 +199,48 @@ class TangentDerivatives:
         return self.along(weighted, changes)
 
     def products(
-        self, about: Linearisation, sums: Sequence[Sequence[Product]], curved: bool = False
+        self, about: Linearisation, sums: Sequence[Product], curved: bool = False
     ) -> tuple[Weighted, np.ndarray]:
-        """Derivatives of sums of products by numbers in a fixed state, and by the state (., free).
+        """Derivatives of sums by numbers in a fixed state, and by the state (., free).
 
         The n rows of each sum after those of the one before. If `curved` those of the second
         derivatives of the sums along the directions r, twice.
         """
         by_mass, steps = list[np.ndarray](), list[_Steps]()
-        for products in sums:
-            rights, lefts, of_mass = self._directions(about, products)
+        for of in sums:
+            directions, of_mass = self._directions(about, of)
             by_mass.append(of_mass)
-            time = float(np.exp(np.mean([np.log(of.time) for of in products])))
-            parts = [self._steps(about, of, time, curved) for of in (rights, lefts) if of]
-            steps.append(_joined(parts))
+            time = float(np.exp(np.mean(np.log(of.times))))
+            steps.append(_joined([self._steps(about, one, time, curved) for one in directions]))
         by_vector, of_step, by_state = self._followed(steps)
         return Weighted(by_vector, of_step, np.concatenate(by_mass)), by_state
 
-    def _directions(
-        self, about: Linearisation, products: Sequence[Product]
-    ) -> tuple[list[_Along], list[_Along], np.ndarray]:
-        """Directions r of products, those l on which motions of the nodes depend, and by the mass.
+    def _directions(self, about: Linearisation, of: Product) -> tuple[list[_Along], np.ndarray]:
+        """Directions r, those l on which motions of the nodes depend, and derivatives by the mass.
 
-        The latter are derivatives (n, entries).
+        The latter (n, entries).
         """
-        mass, rights, lefts, by_mass = about.model.mass, list[_Along](), list[_Along](), 0.0
+        mass, right = about.model.mass, of.right[:, None]
+        left = right if of.left is None else of.left
+        k, c, m = (np.reshape(by, (-1, 1, 1)) for by in (of.stiffness, of.damping, of.mass))
+        moved, motion = _times(about.T, left), _times(about.T, right)
+        of_nodes = _times(mass, moved)
+        by, on_right = m * motion, m * of_nodes + of.on_right
+        if about.frame is not None:  # Coriolis forces are the mass times these
+            turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
+            by, on_right = by + c * _times(turn, motion), on_right + c * _times(turn.T, of_nodes)
         rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
-        turning = self._turning(about)
-        for of in products:
-            left = of.right[None] if of.left is None else of.left
-            moved, by = (about.T @ left.T).T, about.T @ of.right
-            by = of.mass * by + of.damping * (turning @ by)
-            by_mass = by_mass + (moved[:, rows] * by[mass.indices]).real
-            on_nodes = (mass @ moved.T).T
-            on_right = of.mass * on_nodes + of.damping * (on_nodes @ turning) + of.on_right
-            on_left = mass @ by + of.on_left
-            if of.left is None:
-                on_right = on_right + on_left
-            elif self._couples:
-                ends = np.eye(len(left))[..., None] * on_left
-                none = np.zeros((*ends.shape[:2], left.shape[1]))
-                lefts.append(_Along(left, none, none, ends))
-            forces = of.stiffness * left, of.damping * left
-            rights.append(_Along(*(part[None] for part in (of.right, *forces, on_right))))
-        return rights, lefts, np.asarray(by_mass)
-
-    def _turning(self, about: Linearisation) -> scipy.sparse.csr_matrix:
-        """Matrix (size, size) whose product with the mass has the Coriolis forces by rates."""
-        if about.frame is None:
-            return scipy.sparse.csr_matrix((about.T.shape[0],) * 2)
-        return 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
+        by_mass = (moved[..., rows] * by[..., mass.indices]).real.sum(axis=0)
+        on_left = _times(mass, by) + of.on_left
+        if of.left is None:
+            on_right = on_right + on_left
+        along = [_Along(of.right, k * left, c * left, on_right)]
+        if of.left is not None and self._couples:
+            count, free = left.shape[1:]
+            ends = (np.eye(count)[..., None] * on_left[:, None]).reshape(-1, count, mass.shape[0])
+            none = np.zeros((len(ends), count, free))
+            along.append(_Along(left.reshape(-1, free), none, none, ends))
+        return along, by_mass
 
     def forces(self, weights: np.ndarray) -> Weighted:
         """Derivatives of weights (n, free) times the residual by numbers in the state."""
@@ -269,13 +257,11 @@ class TangentDerivatives:
         by_x = self._derivatives.along(changes, by_vector, of_step)
         return by_x + (by_mass @ masses.T if by_mass.any() else 0.0)
 
-    def _steps(
-        self, about: Linearisation, group: list[_Along], time: float, curved: bool
-    ) -> _Steps:
-        """Steps along all directions of a group, and the sums of their weights."""
+    def _steps(self, about: Linearisation, along: _Along, time: float, curved: bool) -> _Steps:
+        """Steps along directions, and the sums of their weights."""
         unit = about.model.unit_of_unknowns[about.unknowns]
         points, weights = _SECOND if curved else _FIRST
-        directions, *factors = (np.concatenate(parts) for parts in zip(*group, strict=True))
+        directions, *factors = along
         basis, parts = _basis(directions / unit)
         if curved:  # which is not linear in the directions
             basis, parts = directions.real / unit, np.eye(len(directions))
@@ -286,7 +272,7 @@ class TangentDerivatives:
         of = (weights / sizes ** (1 + curved))[..., None]
         every = (of * np.einsum("dr,dni->nri", parts, by).real[:, :, None] for by in factors)
         k, c, e = (by.reshape(len(by), len(moves), -1) for by in every)
-        if not self.damped:
+        if not self._damped:
             return _Steps(moves, np.zeros(len(moves)), k, e)
         # The force of a step with an increment D is K D / 2 + C D / length, that of a length
         # less that of its double C D / (2 length).
@@ -381,6 +367,12 @@ def _basis(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     parts[order] = factors[:count].T
     real, imaginary = np.split(parts, 2)
     return q[:, :count].T, sizes * (real + 1j * imaginary)
+
+
+def _times(matrix: scipy.sparse.csr_matrix, vectors: np.ndarray) -> np.ndarray:
+    """A matrix times vectors (p, n, columns)."""
+    rows = vectors.reshape(-1, vectors.shape[-1])
+    return (matrix @ rows.T).T.reshape(*vectors.shape[:2], -1)
 
 
 def _spread(rows: np.ndarray, columns: np.ndarray, count: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.errors import check_takes, require
-from fx_beam.linear.linearisation import Linearisation, check_equilibrium, linearised
+from fx_beam.linear.linearisation import Linearisation, Models, check_equilibrium, linearised
 from fx_beam.results.audit import Stats
 from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
@@ -37,18 +37,17 @@ class TangentResponse(Differentiable):
     def _begin(self) -> None:
         super()._begin()
         self._about: Linearisation
-        self._tangent: TangentDerivatives | None = None
+        self._models, self._tangent = Models(), TangentDerivatives(self._what)
 
     def _linearised(self, x: np.ndarray) -> Linearisation:
         """Linearise about the equilibrium of the scene of numbers."""
-        vars(self).pop("_about", None)  # so that its model serves again
         self._scene = scene = self._scene_at(x)
         self._end = self._state and self._state(scene)
         self._path = path = getattr(self._end, "_load_path", None)
         fits = self._state is None or (path is not None and path.scene is scene)
         wanted = "a solution of fx_beam.static(scene)"
         require(fits, f"{self._what}: state(scene)", self._end, wanted)
-        self._about = about = linearised(scene, self._end, self._asked)
+        self._about = about = linearised(scene, self._end, self._asked, self._models)
         check_equilibrium(about, self._end, self._asked)
         scheme, unknowns = about.model.scheme, len(about.unknowns)
         self.stats = Stats(scheme.name, scheme.rates.level, "", unknowns, static=True)
@@ -60,21 +59,17 @@ class TangentResponse(Differentiable):
         raise NotImplementedError
 
     def _changes_by_x(self) -> dict[str, np.ndarray]:
-        if self._tangent is None or self._tangent.damped != self._is_damped:
-            self._tangent = TangentDerivatives(self._what, self._is_damped)
-        self._tangent.begin(self._about, self._end)
+        self._tangent.begin(self._about, self._end, self._is_damped)
         self._start: StateChange | None = None
         if self._path is not None and self._about.model.flows:
             self._start = change_of_end(self._path, self._derivatives, self._what)
         return self._derivatives(self._numbers_of)
 
     def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:
-        assert self._tangent is not None  # by `_changes_by_x`
         moved = None if self._start is None else (self._start, change)
         return self._tangent.numbers_of(scene, moved)
 
-    def _of_sums(self, sums: Sequence[Sequence[Product]]) -> np.ndarray:
-        """Derivatives (n, m) of sums of products."""
+    def _of_sums(self, sums: Sequence[Product]) -> np.ndarray:
+        """Derivatives (n, m) of sums."""
         changes = self._changes()
-        assert self._tangent is not None  # by `_changes_by_x`
         return self._tangent.of_sums(self._about, sums, changes)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, require
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
@@ -25,6 +26,14 @@ from fx_beam.step.turning_frame import TurningFrame, check_turns
 
 # Length of the steps whose tangents give the damping: so short that stiffness has no part in them.
 INSTANT = 1e-30
+
+
+@dataclass
+class Models:
+    """Models of a scene, and of one whose steps tell damping."""
+
+    plain: Model | None = None
+    damped: Model | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +61,7 @@ class Linearisation:
     #: A frame that turns, and Coriolis forces by rates in it (free, free); None for one at rest.
     frame: TurningFrame | None = None
     coriolis: scipy.sparse.csr_matrix | None = None
+    models: Models = field(default_factory=Models)
 
     @property
     def may_be_damped(self) -> bool:
@@ -77,11 +87,17 @@ class Linearisation:
         parts += [] if self.coriolis is None else [self.coriolis]
         return sum(parts) if parts else None
 
+    @cached_property
+    def damped_model(self) -> Model:
+        """A model whose steps tell damping: their tangent is stiffness/2 + damping/dt."""
+        kind = EnergyMomentum(), self.models.damped
+        self.models.damped = model = recent_model(self.model.scene, *kind, instant=True)
+        model.needed_by(self)
+        return model
+
     def _damping(self, what: str) -> scipy.sparse.csr_matrix:
-        # A step's tangent is stiffness/2 + damping/dt: the same forms as those of the motion.
-        model = recent_model(self.model.scene, EnergyMomentum(), instant=True)
+        model = self.damped_model
         equations, tangents, start = Equations(model, inert=False), [], self.start
-        model.needed_by(equations)
         for dt in (INSTANT, 2 * INSTANT):
             equations.begin(instant(start.t, dt), start)
             equations.at_start(np.zeros(model.size))
@@ -110,16 +126,19 @@ def check_damping(values: np.ndarray, which: str) -> None:
         )
 
 
-def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation:
+def linearised(
+    scene: Scene, state: Solution | None, what: str, models: Models | None = None
+) -> Linearisation:
     """Linearise about the last row of a state, or about the reference without loads.
 
-    Errors say `what` asks.
+    Errors say `what` asks. Models of an earlier scene serve again.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"{what} needs an fx_beam.Scene, not {scene!r}")
     end = state.end if isinstance(state, Solution) else None
     held = with_values(scene, None if end is None else end.inputs)
-    model = recent_model(held, Equilibrium(), mobile=True)
+    models = models or Models()
+    models.plain = model = recent_model(held, Equilibrium(), models.plain, mobile=True)
     factor, start = 0.0, reference_state(model)  # an equilibrium without loads
     if state is not None:
         factor, start = _last(model, start, state, what)
@@ -141,7 +160,9 @@ def linearised(scene: Scene, state: Solution | None, what: str) -> Linearisation
     columns = reduction.completion()[:, unknowns]
     rest = balance.residual[unknowns]
     largest = max(abs(part * model.unit).max() for part in (balance.f, balance.r, force))
-    about = Linearisation(scene, model, K, M, T, unknowns, columns, start, rest, largest, frame, G)
+    about = Linearisation(
+        scene, model, K, M, T, unknowns, columns, start, rest, largest, frame, G, models
+    )
     model.needed_by(about)
     return about
 

@@ -99,7 +99,8 @@ def take_recent(scene: Scene, kind: Any) -> tuple[Any, Any]:
     It is taken out until it is kept again.
     """
     key = kind, len(scene.nodes), len(scene.beams), len(scene.joints), len(scene.bodies)
-    free = (entry for entry in _THREAD.recent if entry[0] == key and entry[1].is_free)
+    last_first = reversed(_THREAD.recent)
+    free = (entry for entry in last_first if entry[0] == key and entry[1].is_free)
     entry = next(free, (key, None))
     _THREAD.recent = [other for other in _THREAD.recent if other is not entry]
     return entry[1], key
@@ -110,15 +111,25 @@ def keep(what: Any, key: Any) -> None:
     _THREAD.recent = [*_THREAD.recent, (key, what)][-_MOST:]
 
 
-def recent_model(scene: Scene, scheme: Scheme, **kind: bool) -> Model:
-    """The model of a scene, which others take as soon as nothing needs it."""
+def recent_model(scene: Scene, scheme: Scheme, known: Model | None = None, **kind: bool) -> Model:
+    """The model of a scene, which others take as soon as nothing needs it.
+
+    It is the `known` one if this is of the same kind and structure; whoever gives it has it.
+    """
+    if known is not None and _refilled(known, scene):
+        return known
     model, key = take_recent(scene, (type(scheme), *kind))
-    try:
-        if model is not None:
-            model.refill(scene)
-    except OtherStructureError:
-        model = None
-    model = model or Model(scene, scheme, **kind)
+    if model is None or not _refilled(model, scene):
+        model = Model(scene, scheme, **kind)
     if model.size <= SMALL:
         keep(model, key)
     return model
+
+
+def _refilled(model: Model, scene: Scene) -> bool:
+    """Whether a model could take the numbers of a scene."""
+    try:
+        model.refill(scene)
+    except OtherStructureError:
+        return False
+    return True
