@@ -246,9 +246,7 @@ class Drawing:
 
     @cached_property
     def _nodes_of_elements(self) -> np.ndarray:
-        beams = self.solution.beams
-        of_beams = [nodes_of_elements(self.solution, name) for name in beams]
-        return np.concatenate(of_beams or [np.empty((0, 2), dtype=int)])
+        return nodes_of_elements(self.solution)
 
     def axis(self, beam: str, rows) -> np.ndarray:
         """Points (..., points, 2) of a beam's axis in some rows."""

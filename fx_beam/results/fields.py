@@ -20,21 +20,6 @@ QUANTITIES = dict(
 )
 
 
-def along(solution: Any, name: str, quantity: str, rows, places: np.ndarray) -> np.ndarray:
-    """Values of one of the `QUANTITIES` or internal variables along a beam, at places of elements.
-
-    But for the speed, they are polynomials through the values at the Gauss points, and may jump.
-    """
-    rows, beam = list(rows), solution.beams[name]
-    if quantity == "strain energy":
-        return _energies(solution, [name], rows, places)
-    if quantity == "speed":
-        return _speeds(solution, [name], rows, places)
-    values = _at_points(solution, name, quantity)[rows]
-    values = values.reshape(len(rows), beam.elements, beam.degree)
-    return values @ lagrange(gauss_rule(beam.degree)[0], places).T
-
-
 def at_ends(values: np.ndarray) -> np.ndarray:
     """Values (..., degree + 1) at the nodes of elements of those (..., degree) at Gauss points."""
     degree = values.shape[-1]
@@ -42,49 +27,46 @@ def at_ends(values: np.ndarray) -> np.ndarray:
 
 
 def along_all(solution: Any, quantity: str, rows, places: np.ndarray) -> np.ndarray:
-    """The same for all beams of a solution (rows, elements, places)."""
-    names = list(solution.beams)
-    if quantity in ("strain energy", "speed"):  # at once, quickly for frames
-        evaluate = _energies if quantity == "strain energy" else _speeds
-        return evaluate(solution, names, list(rows), places)
-    return np.concatenate([along(solution, name, quantity, rows, places) for name in names], axis=1)
+    """Values (rows, elements, places) of a quantity or internal variable, at places of elements.
+
+    But for the speed, they are polynomials through the values at the Gauss points, and may jump.
+    """
+    rows = list(rows)
+    if quantity == "speed":
+        nodes = nodes_of_elements(solution)
+        values = lagrange(np.linspace(0, 1, nodes.shape[1]), places)
+        v = np.einsum("pn,renc->repc", values, solution.recorded("v")[rows][:, nodes, :2])
+        return np.hypot(v[..., 0], v[..., 1])
+    energies = quantity == "strain energy"
+    values = energy_density(solution, rows) if energies else _at_points(solution, quantity, rows)
+    return values @ lagrange(gauss_rule(values.shape[-1])[0], places).T
 
 
-def _at_points(solution: Any, name: str, quantity: str) -> np.ndarray:
-    """Values (n, points) of a resultant, or of an internal variable: zero if a beam lacks it."""
-    resultants = solution.resultants(name)
-    if quantity in RESULTANTS:
-        return getattr(resultants, quantity)
-    return solution.variables_of_beam.get(name, {}).get(quantity, np.zeros_like(resultants.N))
+def _at_points(solution: Any, quantity: str, rows: list[int]) -> np.ndarray:
+    """Resultants or internal variables (rows, elements, degree): zero on a beam that lacks them."""
+    of_beams = []
+    for name, beam in solution.beams.items():
+        if quantity in RESULTANTS:
+            values = getattr(solution.resultants(name), quantity)
+        else:
+            values = solution.variables_of_beam.get(name, {}).get(quantity)
+        shape = len(rows), beam.elements, beam.degree
+        of_beams.append(np.zeros(shape) if values is None else values[rows].reshape(shape))
+    return np.concatenate(of_beams, axis=1)
 
 
-def _speeds(solution: Any, names: list[str], rows, places: np.ndarray) -> np.ndarray:
-    nodes = np.concatenate([nodes_of_elements(solution, name) for name in names])
-    values = lagrange(np.linspace(0, 1, nodes.shape[1]), places)
-    v = np.einsum("pn,renc->repc", values, solution.recorded("v")[rows][:, nodes, :2])
-    return np.hypot(v[..., 0], v[..., 1])
-
-
-def _energies(solution: Any, names: list[str], rows, places: np.ndarray) -> np.ndarray:
-    degree = solution.beams[names[0]].degree
-    return energy_density(solution, names, rows) @ lagrange(gauss_rule(degree)[0], places).T
-
-
-def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
+def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
     """Stored energy per length (rows, elements, degree) of beams at their Gauss points [J/m]."""
-    beams = [solution.beams[name] for name in names]
+    beams, constant = [*solution.beams.values()], dict[int, np.ndarray]()
     if any(beam.section is None for beam in beams):
         raise ValueError(
             "the strain energy along a member needs its section, which a saved file does not hold; "
             "take the solution as simulate gave it, or N, Q, M or speed"
         )
-    nodes = np.concatenate([nodes_of_elements(solution, name) for name in names])
-    strains = _strains(solution, nodes, beams[0].degree, list(rows))
-    natural = np.concatenate([_natural(solution, beam, rows) for beam in beams], axis=2)
-    strains = strains - natural
-    stiffness, constant = np.empty((3, *strains.shape[2:])), dict[int, np.ndarray]()
-    ends = np.cumsum([beam.elements for beam in beams]).tolist()
-    of_beams = [slice(end - beam.elements, end) for beam, end in zip(beams, ends, strict=True)]
+    natural = np.stack([_at_points(solution, name, rows) for name in NAMES.values()])
+    strains = _strains(solution, nodes_of_elements(solution), rows) - natural
+    stiffness, end = np.empty((3, *strains.shape[2:])), 0
+    of_beams = [slice(end, end := end + beam.elements) for beam in beams]
     for beam, cells in zip(beams, of_beams, strict=True):
         stiffness[:, cells] = _stiffness(beam, constant)
     density = np.einsum("kep,krep->rep", stiffness, strains**2) / 2
@@ -96,7 +78,7 @@ def energy_density(solution: Any, names: list[str], rows) -> np.ndarray:
             points = np.column_stack(columns).reshape(len(strains[0]), -1, len(columns))
             energies = [
                 _stored(beam.section.strain_energy, values, *point)
-                for values, of_row in zip(_parameters(solution, list(rows)), points, strict=True)
+                for values, of_row in zip(_parameters(solution, rows), points, strict=True)
                 for point in of_row
             ]
             density[:, cells] = np.reshape(energies, density[:, cells].shape)
@@ -117,9 +99,10 @@ def _stiffness(beam: Any, constant: dict[int, np.ndarray]) -> np.ndarray:
 
 # In NumPy, beside laws/kinematics.py: pictures are also drawn of solutions that come from
 # another process or a copy, without the compiled forms.
-def _strains(solution: Any, nodes: np.ndarray, degree: int, rows: list[int]) -> np.ndarray:
+def _strains(solution: Any, nodes: np.ndarray, rows: list[int]) -> np.ndarray:
     """Axial strain, shear strain and curvature (3, rows, elements, degree) (eqs 9 and 10)."""
-    values, slopes = lagrange_and_slopes(np.linspace(0, 1, degree + 1), gauss_rule(degree)[0])
+    count = nodes.shape[1]
+    values, slopes = lagrange_and_slopes(np.linspace(0, 1, count), gauss_rule(count - 1)[0])
     X, q = solution.X[nodes], solution.recorded("q")[rows][:, nodes]
     (X, Y), (u, v, psi) = np.moveaxis(X, -1, 0), np.moveaxis(q, -1, 0)
     x, y, dx, dy, curvature = (f @ slopes.T for f in (X, Y, X + u, Y + v, psi))
@@ -129,21 +112,13 @@ def _strains(solution: Any, nodes: np.ndarray, degree: int, rows: list[int]) -> 
     return np.stack([(dx * tx + dy * ty) / J - 1, (dy * tx - dx * ty) / J, curvature / J])
 
 
-def _natural(solution: Any, beam: Any, rows) -> np.ndarray:
-    """Natural strains (3, rows, elements, degree) of a beam."""
-    shape, variables = (-1, beam.elements, beam.degree), solution.variables_of_beam
-    of_beam = variables.get(beam.name, {})
-    none = np.zeros((len(rows), beam.elements * beam.degree))
-    return np.stack(
-        [(of_beam[n][list(rows)] if n in of_beam else none).reshape(shape) for n in NAMES.values()]
-    )
-
-
-def nodes_of_elements(solution: Any, name: str) -> np.ndarray:
-    """Numbers (elements, degree + 1) of the nodes of each element, in order along it."""
-    beam, nodes = solution.beams[name], solution.nodes_of_beam[name]
-    first = beam.degree * np.arange(beam.elements)
-    return nodes[first[:, None] + np.arange(beam.degree + 1)]
+def nodes_of_elements(solution: Any) -> np.ndarray:
+    """Numbers (elements, degree + 1) of the nodes of each element, in order along its beam."""
+    of_beams = [np.empty((0, 2), dtype=int)]
+    for name, beam in solution.beams.items():
+        first = beam.degree * np.arange(beam.elements)[:, None]
+        of_beams.append(solution.nodes_of_beam[name][first + np.arange(beam.degree + 1)])
+    return np.concatenate(of_beams[1:] or of_beams)
 
 
 def _parameters(solution: Any, rows: list[int]) -> list[dict[str, float]]:

@@ -169,7 +169,7 @@ def to_paraview(solution, path) -> None:
 def _write(solution, path: Path, folder: Path) -> None:
     """Write all grids of a folder, and their collection; all replace earlier ones at the end."""
     count = [beam.elements for beam in solution.beams.values()]
-    nodes = np.concatenate([nodes_of_elements(solution, name) for name in solution.beams])
+    nodes = nodes_of_elements(solution)
     grid = Grid(solution.X, nodes, np.repeat(np.arange(len(count)), count))
     # Internal variables that a beam lacks are zero there.
     internal = (name for variables in solution.variables_of_beam.values() for name in variables)
