@@ -75,22 +75,15 @@ class Scheme:
         return self._call or f"Scheme({self.name!r}, {function}, {self.rates!r}{rest})"
 
     def __post_init__(self):
-        for name, fits, wanted in (
-            ("name", isinstance(self.name, str), "a string"),
-            ("resultants", callable(self.resultants), "a function of step and law"),
-            (
-                "rates",
-                type(self.rates) in (MidPointRates, NewmarkRates, NodalRates, AtRest),
-                "MidPointRates(), NewmarkRates(...), AtRest(), or NodalRates(rule) of your own",
-            ),
-            (
-                "fractions",
-                _divide_a_step(self.fractions),
-                f"a tuple of at most {MOST_SUB_STEPS} numbers with the sum 1 and partial sums "
-                "between 0 and 1",
-            ),
-        ):
-            require(fits, f"Scheme: {name}", getattr(self, name), wanted)
+        require(isinstance(self.name, str), "Scheme: name", self.name, "a string")
+        fits, wanted = callable(self.resultants), "a function of step and law"
+        require(fits, "Scheme: resultants", self.resultants, wanted)
+        fits = type(self.rates) in (MidPointRates, NewmarkRates, NodalRates, AtRest)
+        wanted = "MidPointRates(), NewmarkRates(...), AtRest(), or NodalRates(rule) of your own"
+        require(fits, "Scheme: rates", self.rates, wanted)
+        wanted = f"a tuple of at most {MOST_SUB_STEPS} numbers with the sum 1 and partial sums "
+        wanted += "between 0 and 1"
+        require(_divide_a_step(self.fractions), "Scheme: fractions", self.fractions, wanted)
         if isinstance(self.rates, NodalRates):
             if len(self.rates.rules) not in (1, len(self.fractions)):
                 raise SceneError(

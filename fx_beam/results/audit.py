@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,6 +29,12 @@ def read_only(values: np.ndarray) -> np.ndarray:
     view = np.asarray(values).view()
     view.setflags(write=False)
     return view
+
+
+def lock(histories: Any, **others: np.ndarray) -> None:
+    """Make the arrays of a frozen dataclass read-only, and set others."""
+    arrays = vars(histories) | others
+    vars(histories).update({name: read_only(values) for name, values in arrays.items()})
 
 
 @dataclass(frozen=True)
@@ -83,10 +89,8 @@ class Energy:
     impact: Any = None
 
     def __post_init__(self):
-        for name in ("springs", "dissipated", "algorithmic", "numerical", "impact"):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros_like(self.kinetic))
-        _lock(self)
+        known = {name: np.zeros_like(self.kinetic) for name, of in vars(self).items() if of is None}
+        lock(self, **known)
 
     def __repr__(self):
         total, error = self.total, abs(self.balance_error).max()
@@ -339,12 +343,7 @@ class BeamResultants:
         return f"<BeamResultants: {rows} rows, {points} points, {', '.join(peaks)}>"
 
     def __post_init__(self):
-        _lock(self)
-
-
-def _lock(histories: Energy | BeamResultants) -> None:
-    for name, values in vars(histories).items():
-        object.__setattr__(histories, name, read_only(values))
+        lock(self)
 
 
 def facts(solution: Any) -> dict[str, str]:
@@ -376,36 +375,28 @@ class Stability:
         locate: Callable[[], list[Any]] | None = None,
         counted: np.ndarray | None = None,
     ):
-        self._count, self._locate = count, locate
-        self._counted = counted
-        self._points: list[Any] | None = None
+        self._find = {"unstable_modes": count, "critical_points": locate}
+        self._known: dict[str, Any] = {} if counted is None else {"unstable_modes": counted}
 
     def __getstate__(self):
-        try:
-            counted: np.ndarray | None = self.unstable_modes()
-        except ValueError:
-            counted = None
-        return {"_count": None, "_locate": None, "_counted": counted, "_points": self._points}
+        with suppress(ValueError):
+            self.unstable_modes()
+        return {"_find": {}, "_known": self._known}
 
     def unstable_modes(self) -> np.ndarray:
         """Numbers of modes (n,) that grow."""
-        if self._counted is None:
-            if self._count is None:
-                raise _unknown("unstable_modes")
-            self._counted = self._count()
-        return read_only(self._counted)
+        return read_only(self._of("unstable_modes"))
 
     def critical_points(self) -> list[Any]:
         """The critical points of the path."""
-        if self._points is None:
-            if self._locate is None:
-                raise _unknown("critical_points")
-            self._points = self._locate()
-        return list(self._points)
+        return list(self._of("critical_points"))
 
-
-def _unknown(name: str) -> ValueError:
-    return ValueError(
-        f"{name}: a solution from a file has none, nor has a copy of one in which they were not "
-        "read before. Compute the path again by static"
-    )
+    def _of(self, name: str) -> Any:
+        if name not in self._known:
+            if (find := self._find.get(name)) is None:
+                raise ValueError(
+                    f"{name}: a solution from a file has none, nor has a copy of one in which they "
+                    "were not read before. Compute the path again by static"
+                )
+            self._known[name] = find()
+        return self._known[name]

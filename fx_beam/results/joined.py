@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -98,13 +98,15 @@ class _Joined:
         self._every_contact = [*{contact.number: contact for contact in every}.values()]
         names = second.names_of_parameters
         self._parameters = [*names, *(n for n in first.names_of_parameters if n not in names)]
+        joints = first.slides.shape[1], second.slides.shape[1]
+        contacts = self._every_contact, self._contacts.values(), second.contacts
         #: Columns of rows in the joined motion, by what they are of: those of the first motion,
         #: those of the second one, and the number of all.
         self._columns: dict[Any, tuple[np.ndarray, np.ndarray, int]] = {
             "nodes": (self._nodes, np.arange(len(second.X)), len(self.X)),
-            "joints": _in_order(first.slides.shape[1], second.slides.shape[1]),
-            "contacts": self._columns_of_contacts(),
-            "parameters": self._columns_of_parameters(),
+            "joints": _places(range(max(joints)), *map(range, joints)),
+            "contacts": _places(*map(_keys, contacts)),
+            "parameters": _places(self._parameters, first.names_of_parameters, names),
         }
 
     def solution(self):
@@ -153,21 +155,6 @@ class _Joined:
                 two[:, self._gone] = one[-1, self._gone]
             histories[name] = np.concatenate([one, two[1:]])
         return histories
-
-    def _columns_of_contacts(self) -> tuple[np.ndarray, np.ndarray, int]:
-        places = {number: np.r_[of] for number, of in columns_of(self._every_contact).items()}
-        first, second = (
-            np.concatenate([np.empty(0, int), *(places[number] for number in columns_of(contacts))])
-            for contacts in (self._contacts.values(), self._second.contacts)
-        )
-        return first, second, sum(map(len, places.values()))
-
-    def _columns_of_parameters(self) -> tuple[np.ndarray, np.ndarray, int]:
-        first, second = (
-            np.array([self._parameters.index(name) for name in motion.names_of_parameters], int)
-            for motion in (self._first, self._second)
-        )
-        return first, second, len(self._parameters)
 
     def _beam(self, beam: Beam) -> Beam:
         """A beam of the first motion with the numbers of the joined one."""
@@ -239,8 +226,17 @@ def _nodes_of_first(first, second) -> np.ndarray:
     return nodes
 
 
-def _in_order(first: int, second: int) -> tuple[np.ndarray, np.ndarray, int]:
-    return np.arange(first), np.arange(second), max(first, second)
+def _keys(contacts: Iterable[Contact]) -> list[tuple[int, int]]:
+    """Numbers of contacts and of their points, in the order of the columns of forces."""
+    columns = columns_of(contacts).items()
+    return [(number, i) for number, of in columns for i in range(of.stop - of.start)]
+
+
+def _places(keys: Iterable, *motions: Iterable) -> tuple[Any, Any, int]:
+    """Places of the columns of two motions among those with these keys, and their number."""
+    place = {key: i for i, key in enumerate(keys)}
+    first, second = (np.array([place[key] for key in of], dtype=int) for of in motions)
+    return first, second, len(place)
 
 
 def _spread(rows: np.ndarray, at: np.ndarray, count: int, nothing: float = 0.0) -> np.ndarray:

@@ -456,8 +456,7 @@ class Coordinate:
     @property
     def acts(self) -> bool:
         """Whether it has a spring, a damper, friction or stops."""
-        parts = self.spring, self.damper, self.friction, self.stop
-        return any(part is not None for part in parts)
+        return any((self.spring, self.damper, self.friction, self.stop))
 
 
 def checked_coordinate(what: str, spring, damper, motor, friction=None, stop=None) -> Coordinate:

@@ -83,13 +83,10 @@ OF_JOINTS: dict[str, Quantity] = {
     "force": Quantity("N, N m", _FORCE, "joint_forces"),
     "motor_force": Quantity("N or N m", of="motor_forces"),
 }
-OF_SCENES: dict[str, Quantity] = {
-    name: Quantity("J")
-    for name in (
-        *("kinetic_energy", "strain_energy", "potential_energy", "spring_energy", "total_energy"),
-        *("dissipated_energy", "work"),
-    )
-} | {CRITICAL_LOAD: Quantity("1"), PERIOD: Quantity("s")}
+_ENERGIES = """kinetic_energy strain_energy potential_energy spring_energy total_energy
+    dissipated_energy work""".split()
+OF_SCENES: dict[str, Quantity] = dict.fromkeys(_ENERGIES, Quantity("J"))
+OF_SCENES |= {CRITICAL_LOAD: Quantity("1"), PERIOD: Quantity("s")}
 OF_BEAMS: dict[str, Quantity] = {
     "N": Quantity("N", of="resultants"),
     "Q": Quantity("N", of="resultants"),

@@ -86,18 +86,11 @@ def expression_of(function: Callable, arguments: Sequence, call: str) -> Any:
         return ufl.as_ufl(function(*arguments))
 
 
-_VECTORS = (
-    *("u0", "Du", "u", "v", "virtual_u", "X", "t0", "u_before"),
-    *("director0", "director1", "director"),
-)
-_STRAINS = (
-    *("strains0", "strains1", "strain_increments", "strains_before"),
-    *("total_strains0", "total_strains1", "natural0", "natural1", "natural_increments"),
-)
-_SCALARS = (
-    *("psi0", "Dpsi", "psi", "omega", "virtual_psi", "h", "t", "dt", "load_factor"),
-    *("psi_before", "memory"),
-)
+# Fields of a step, by their shapes.
+_VECTORS = "u0 Du u v virtual_u X t0 u_before director0 director1 director".split()
+_STRAINS = """strains0 strains1 strain_increments strains_before
+    total_strains0 total_strains1 natural0 natural1 natural_increments""".split()
+_SCALARS = "psi0 Dpsi psi omega virtual_psi h t dt load_factor psi_before memory".split()
 
 
 class Symbol(ufl.Constant):

@@ -7,7 +7,7 @@ import pytest
 from scenes import FLYING
 
 import fx_beam as fb
-from fx_beam.results.fields import along, energy_density
+from fx_beam.results.fields import along_all, energy_density
 
 
 def frame(degree=2):
@@ -39,7 +39,7 @@ def test_the_stored_energy_along_the_members_adds_up_to_that_of_the_solution(cur
     solution, rows = fb.simulate(scene, dt=0.02, t_end=0.2), [4, 10]
     # Of a curve the lengths along it are taken, which those of its elements come near to.
     weights = np.outer(np.diff(beam.s), np.polynomial.legendre.leggauss(degree)[1] / 2)
-    total = np.einsum("rep,ep->r", energy_density(solution, ["arm"], rows), weights)
+    total = np.einsum("rep,ep->r", energy_density(solution, rows), weights)
     assert (total > 1e-3).all()
     assert total == pytest.approx(solution.energy.strain[rows], rel=off)
 
@@ -55,25 +55,26 @@ def test_an_own_stored_energy_is_evaluated_along_the_members():
         arm = scene.add_beam([(0, 0), (1, 0)], section, 3, name="arm")
         scene.clamp(arm.start)
         solution = fb.simulate(scene, dt=0.02, t_end=0.1)
-        found.append(along(solution, "arm", "strain energy", [5], np.array([0.5])))
+        found.append(along_all(solution, "strain energy", [5], np.array([0.5])))
     assert found[0] == pytest.approx(found[1], rel=1e-6)
 
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_fields_pass_through_the_nodes_and_the_gauss_points(degree):
     solution, rows = fall(degree), range(11)
-    ends = along(solution, "leg", "speed", rows, np.array([0.0, 1.0]))
+    leg = slice(4, None)  # its elements follow those of the arm
+    ends = along_all(solution, "speed", rows, np.array([0.0, 1.0]))[:, leg]
     tip = np.hypot(*solution.velocity(solution.beams["leg"].end).T)
     assert ends[:, -1, 1] == pytest.approx(tip, abs=1e-14)
     gauss = (np.polynomial.legendre.leggauss(degree)[0] + 1) / 2
-    found = along(solution, "leg", "M", rows, gauss).reshape(11, -1)
+    found = along_all(solution, "M", rows, gauss)[:, leg].reshape(11, -1)
     assert found == pytest.approx(solution.resultants("leg").M, abs=1e-9)
 
 
 def test_the_energy_along_members_of_a_saved_solution_is_refused(tmp_path):
     fall().save(tmp_path / "run.npz")
     with pytest.raises(ValueError, match="needs its section, which a saved file does not hold"):
-        along(fb.load(tmp_path / "run.npz"), "leg", "strain energy", [0], np.array([0.5]))
+        along_all(fb.load(tmp_path / "run.npz"), "strain energy", [0], np.array([0.5]))
 
 
 # -- ParaView ----------------------------------------------------------------------------------

@@ -151,10 +151,9 @@ def _fronts(ax, study: Precision, quantity: str, kind: Callable[[Run], str]) -> 
     kinds: dict[str, list[Run]] = {}
     for run in study.runs:
         kinds.setdefault(kind(run), []).append(run)
-    lines = {name: front(study, quantity, runs) for name, runs in kinds.items()}
-    lines = {name: points for name, points in lines.items() if len(points)}
-    lost = {name: [run for run in runs if run.lost] for name, runs in kinds.items()}
-    lost = {name: runs for name, runs in lost.items() if runs}
+    fronts = {name: front(study, quantity, runs) for name, runs in kinds.items()}
+    lines = {name: points for name, points in fronts.items() if len(points)}
+    lost = {n: bad for n, runs in kinds.items() if (bad := [run for run in runs if run.lost])}
     known = floor(study, quantity) if study.references[quantity] is not None else None
     looks = dict(zip(kinds, _LOOKS * (1 + len(kinds) // len(_LOOKS)), strict=False))
 
