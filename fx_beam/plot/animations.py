@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,6 @@ from .drawing import Drawing, checked_drawing, clock, say_if_too_small, three_di
 from .members import Colouring, Members
 from .sheet import LARGEST, Plane
 from .symbols import Supports, draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
-
-_SAMPLES = 40_000  # pixels of a frame from which the palette is chosen
 
 
 def check_frames(path: Path | str) -> Path:
@@ -55,38 +52,17 @@ def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
 
 
 def _write_gif(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
-    """Frames with one palette of 256 colours: one palette per frame would take most of the time.
-
-    The palette is chosen from samples of all frames; until then they are compressed, as 200 frames
-    in full HD would take 1.6 GB.
-    """
-    packed, samples, size = [], [], (0, 0)
-    for k, frame in enumerate(frames):
-        size = frame.shape[1], frame.shape[0]
-        apart = max(3, round((size[0] * size[1] / _SAMPLES) ** 0.5))
-        samples.append(frame[k % apart :: apart, ::apart].reshape(1, -1, 4))
-        packed.append(zlib.compress(frame.tobytes(), 1))
-    palette = _palette(np.concatenate(samples, axis=1))
-    plain = Image.Dither.NONE
-    first, *others = (
-        Image.frombytes("RGBA", size, zlib.decompress(one))
-        .convert("RGB")
-        .quantize(palette=palette, dither=plain)
-        for one in packed
-    )
+    """Frames, each with a palette of its own, in which the background stays white."""
+    images = []
+    for frame in frames:
+        image = Image.fromarray(frame).convert("RGB")
+        image = image.quantize(method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+        colours = np.array(image.getpalette()).reshape(-1, 3)
+        colours[colours.min(axis=1) >= 245] = 255
+        image.putpalette(colours.ravel().tolist())
+        images.append(image)
+    first, *others = images
     first.save(path, save_all=True, append_images=others, duration=1000 // fps, loop=0)
-
-
-def _palette(pixels: np.ndarray) -> Image.Image:
-    """A palette of 256 colours, in which rare ones have the same weight, and white."""
-    palette = (
-        Image.fromarray(pixels).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE)
-    )
-    # Keep the background white: colours are matched approximately.
-    colours = np.array(palette.getpalette()).reshape(-1, 3)
-    colours[colours.min(axis=1) >= 245] = 255
-    palette.putpalette(colours.ravel().tolist())
-    return palette
 
 
 _BESIDE = 4.0  # width of the axes over which the time and the title are side by side [inch]
