@@ -111,7 +111,7 @@ def measured(build, dt, steps, tries):
     tape, problem, model = case.tape, case.loop.problem, case.prepared.model
     case.run(tape)
     derivatives, ends = TapeDerivatives(problem), tape.boundaries(case.times)
-    none = np.empty(0, dtype=int)
+    none, names = np.empty(0, dtype=int), derivatives.names - {"X"}
 
     def weights_of(part):
         rows = ends[part.own(ends)]
@@ -126,7 +126,7 @@ def measured(build, dt, steps, tries):
     rows = []
     for _ in range(tries + 1):
         alone, taped, in_parts = case.run(), case.run(tape), case.run(few)
-        back, back_few = (seconds(derivatives.vjp, own, weights_of, False) for own in (tape, few))
+        back, back_few = (seconds(derivatives.vjp, own, weights_of, names) for own in (tape, few))
         push = [seconds(derivatives.jvp, tape, change, ends[-1:]) for change in changes]
         rows.append(np.array([taped, taped + back, in_parts + back_few, *push]) / alone)
     assert not few.is_whole

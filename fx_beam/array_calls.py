@@ -92,7 +92,8 @@ def _at_once(function: Callable, size: int, arguments: np.ndarray) -> np.ndarray
             alone = isinstance(result, Dual) and not result.ndim
             alone = alone or not hasattr(result, "__len__") or len(result) != size
             parts: Sequence = (result,) if alone else result
-            values = np.hstack([np.broadcast_to(stacked(part), shape) for part in parts])
+            columns = [np.broadcast_to(stacked(part), shape) for part in parts]
+            values = np.concatenate(columns, axis=1)
     except Exception:  # noqa: BLE001  # whatever a function does that takes single numbers
         return None
     return values if values.shape[1] == size and np.isfinite(values).all() else None

@@ -7,6 +7,7 @@ import inspect
 import math
 import sys
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
 from numbers import Integral, Real
@@ -31,6 +32,7 @@ _REAL = Real, Decimal, RealValue, Zero
 _SHOWN = 200
 # Types of real numbers, for which a look is enough.
 _PLAIN = frozenset({float, np.float64})
+_SCALARS = _PLAIN | {int}
 #: Immutable types of values.
 _IMMUTABLE = float, tuple, int, np.float64
 
@@ -306,8 +308,9 @@ def numbers(value) -> np.ndarray:
     """
     if type(value) is np.ndarray and value.dtype.kind in "iuf":
         return np.array(value, dtype=float)
-    if type(value) in (list, tuple) and all(type(part) is float for part in value):
-        return np.array(value)
+    if type(value) in (list, tuple) and {*map(type, value)} <= _SCALARS:
+        with suppress(OverflowError):  # an integer too large for a float
+            return np.array(value, dtype=float)
     if (dual := dual_of(value)) is not None:
         return in_scene(dual if dual.ndim else dual.reshape(1))
     parts = value if isinstance(value, list | tuple) else [value]

@@ -65,6 +65,8 @@ class BuiltScenes:
         self.reasons: dict[int, str] = {}
         # Names of the only numbers, which steps do not read, that have differences by some of x.
         self._names: dict[int, list[str]] = {}
+        #: Names of the numbers of which the last derivatives are not all zero.
+        self.changing: set[str] = set()
         # Shapes of all numbers, by name, for which slopes were checked.
         self._checked: list[dict[str, tuple[int, ...]]] = []
 
@@ -84,6 +86,7 @@ class BuiltScenes:
             self._check(x, here, by_name, numbers_of)
         for i in sorted(self.reasons):
             differences = self._derivative(x, i, here, numbers_of)
+            self.changing |= differences.keys()
             for name in self._names.get(i, by_name.keys()):
                 by_name[name] = rows = by_name[name].copy()  # which others may read
                 rows[i] = differences.get(name, 0.0)
@@ -105,9 +108,10 @@ class BuiltScenes:
                 self._learn(error, {*range(len(x))} - lost)
         else:
             numbers = numbers_of(self._at(x), np.zeros(len(x)))
+        self.changing = {name for name, of in numbers.items() if isinstance(of, Dual)}
         by_name = {
             name: np.moveaxis(values.slopes, -1, 0)
-            if isinstance(values, Dual)
+            if name in self.changing
             else np.zeros((len(x), *values.shape))
             for name, values in numbers.items()
         }

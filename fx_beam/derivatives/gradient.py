@@ -43,7 +43,8 @@ def of_entries(
 ) -> Block:
     """Derivatives (k,), or the same one, of rows (k,) of components by one entry each."""
     entries, parts = np.atleast_1d(entries), np.atleast_1d(parts)
-    values = np.broadcast_to(np.reshape(derivatives, (-1, 1)), (len(rows), len(entries)))
+    values = np.empty((len(rows), len(entries)))
+    values[:] = np.reshape(derivatives, (-1, 1))
     return Block(name, entries, rows, values, places, parts)
 
 
@@ -175,4 +176,5 @@ class Gradient:
 
 def along(changes: np.ndarray, gradient: np.ndarray) -> np.ndarray:
     """Products (m,) of changes (m, ...) and a gradient."""
-    return changes.reshape(len(changes), -1) @ np.ravel(gradient)
+    # Without a copy where slopes are side by side, as of dual numbers.
+    return np.ravel(gradient) @ np.moveaxis(changes, 0, -1).reshape(-1, len(changes))

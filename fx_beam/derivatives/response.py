@@ -328,14 +328,12 @@ class Response(Differentiable):
             direct.append(gradient)
             return of_state, observed.boundaries, observed.sub_steps
 
-        moves_nodes = bool(np.any(changes.get("X", 0.0)))
-        by_numbers = derivatives.vjp(tape, weights_of, by_places=moves_nodes)
+        by_numbers = derivatives.vjp(tape, weights_of, self._scenes.changing)
         self.stats.gradient_growth = growth = derivatives.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        refuse_others(changes, by_numbers.keys(), "Response")
-        known = changes.keys() & by_numbers.keys()
-        parts = [along(changes[name], by_numbers[name]) for name in known]
+        refuse_others(changes, derivatives.names, "Response")
+        parts = [along(changes[name], of) for name, of in by_numbers.items()]
         parts += [gradient.along(changes) for gradient in direct]
         return sum(parts, np.zeros(len(self._x)))
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse
 
-from fx_beam.errors import Constant, TimeFunction, evaluate, series
+from fx_beam.errors import Constant, TimeFunction, any_of, evaluate, series
 from fx_beam.laws.interval import Interval, just_inside
 from fx_beam.scene.beam import Beam, Node, arc_lengths, gauss_rule, lagrange_and_slopes
 from fx_beam.scene.loads import NAMES, Load, PlaceTimeFunction, StrainPart, label, values_along
@@ -88,7 +88,8 @@ class SumOfLoads:
             return
         values, rows, starts = self._read(loads)
         known = self.unit_loads
-        if not (np.array_equal(rows, known.indices) and np.array_equal(starts, known.indptr)):
+        same = len(rows) == len(known.indices) and len(starts) == len(known.indptr)
+        if not same or any_of(rows != known.indices) or any_of(starts != known.indptr):
             raise OtherStructureError("loads act on other degrees of freedom")
         known.data = values
 
@@ -108,7 +109,7 @@ class SumOfLoads:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
         pairs = zip(self.functions, self._whats, strict=True)
         values = [series(function, times, what) for (_, function), what in pairs]
-        return np.hstack([np.empty((len(times), 0)), *values])
+        return np.concatenate([np.empty((len(times), 0)), *values], axis=1)
 
 
 class Loads(SumOfLoads):

@@ -124,12 +124,15 @@ class MotionSeries:
         self.prepared, self.reason = None, reason
 
     def _begin_tape(self, prepared: Prepared) -> None:
-        self.tape = None
-        if (loop := prepared.loop) is not None:
-            if self.tapes:
-                from fx_beam.step.tape import Tape
+        if (loop := prepared.loop) is None or not self.tapes:
+            self.tape = None
+        elif self.tape is None or self.tape.problem is not loop.problem:
+            from fx_beam.step.tape import Tape
 
-                self.tape = Tape(loop.problem, self._memory)
+            self.tape = Tape(loop.problem, self._memory)
+        else:
+            self.tape.clear()
+        if loop is not None:
             loop.tape = self.tape
 
     def keep(self, run: Run, solution: Solution | None = None) -> None:

@@ -107,13 +107,13 @@ class Forcing:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
         if not self.model.loads.unit_loads.shape[1]:
             return np.empty((len(t0), 2, 0))
-        ends = self.model.loads.series(np.concatenate(just_inside(t0, t1)))  # both at once
-        return np.stack([ends[: len(t0)], ends[len(t0) :]], axis=1)
+        both_ends = np.stack(just_inside(t0, t1), axis=1)
+        return self.model.loads.series(both_ends.ravel()).reshape(len(t0), 2, -1)
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
         positions = [series(function, times, what) for function, what in self._driven]
-        return np.hstack([np.empty((len(times), 0)), *positions])
+        return np.concatenate([np.empty((len(times), 0)), *positions], axis=1)
 
     def current(self, state: State) -> np.ndarray:
         """Prescribed motions and positions of motors (driven,) in a state [m, rad]."""

@@ -40,8 +40,9 @@ class Measured(NamedTuple):
         """Components, their entries and the sign of all that counts."""
         for entries, sign in ((self.plus, 1.0), (self.minus, -1.0)):
             if entries is not None:
-                missing = self.missing is not None and self.missing
-                parts = np.flatnonzero(~np.broadcast_to(missing, np.shape(entries)))
+                parts = np.arange(np.size(entries))
+                if self.missing is not None:
+                    parts = parts[~self.missing]
                 yield parts, np.atleast_1d(entries)[parts], sign
 
 

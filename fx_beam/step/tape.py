@@ -96,12 +96,12 @@ class Tape:
     """
 
     def __init__(self, problem: Problem, limit: float = LIMIT):
-        self._ffi, self._limit, self._problem = problem.ffi, limit, problem.c
+        self._ffi, self._limit, self.problem = problem.ffi, limit, problem
         #: The C struct Tape.
         self.c: Any = problem.ffi.new("Tape *")
         self.c.size = problem.library.fx_tape_size(problem.c)
         self._sub_steps = int(problem.c.sub_steps)
-        self._set_rows(np.empty((0, self.c.size)))
+        self._rows = np.empty((0, self.c.size))
         self.clear()
 
     def _set_rows(self, rows: np.ndarray) -> None:
@@ -110,6 +110,8 @@ class Tape:
 
     def clear(self) -> None:
         """Forget all sub-steps; the memory is kept."""
+        self._set_rows(self._rows)
+        self._read_increments(None)
         self.c.rows = self.c.first = 0
         self._checkpoints: list[_Checkpoint] = []
         self._count = 0
@@ -131,7 +133,7 @@ class Tape:
         rows = np.repeat(self._rows, len(moves), axis=0)
         rows[:, 0] += rows[:, 1] - lengths
         rows[:, 1] = lengths
-        first = self.c.size - self._problem.columns
+        first = self.c.size - self.problem.c.columns
         rows[:, first : first + moves.shape[1]] += moves
         self.write(rows)
 
@@ -287,7 +289,7 @@ class Tape:
 
         Not that at the end of the run.
         """
-        states, first, p = {}, TAPED_NUMBERS, self._problem
+        states, first, p = {}, TAPED_NUMBERS, self.problem.c
         n, back = p.dofs, p.dofs * p.keeps_previous
         internal = p.cells * p.cell_internal
         sizes = {"q": n, "v": n, "q_previous": back, "slides": p.scene_joints, "internal": internal}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -123,9 +123,9 @@ class TapeDerivatives:
         return x, of_steps[:-1], by_unknowns
 
     def vjp(
-        self, tape: Tape, weights_of: Callable[[Part], Weights], by_places: bool = True
+        self, tape: Tape, weights_of: Callable[[Part], Weights], names: Set[str] | None = None
     ) -> dict[str, Any]:
-        """Derivatives by all numbers, or by all but places of nodes, "X".
+        """Derivatives by all numbers of the scene, or by those of some `names`.
 
         `weights_of` gives the weights of each part of the tape, the last one first, whose state is
         then on the tape: derivatives by "q" and "v" (m, size), "slides" (m, joints), "internal" and
@@ -133,7 +133,8 @@ class TapeDerivatives:
         (m,); and by the forces in some `sub_steps` (k,):
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
-        self._hand_over_slopes(by_places)
+        names = self.names if names is None else names
+        self._hand_over_slopes("X" in names)
         every, states, forces = len(tape), self.layout.states, self.layout.forces
         x = aligned(np.zeros(self.layout.size))
         of_steps = np.zeros((every + 1, self.layout.step_size))
@@ -166,10 +167,11 @@ class TapeDerivatives:
             )
             left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
             _check_followed(left, tape, part.first + left - 1)
-        of_numbers = {name: numbers.sums(x) for name, numbers in self.numbers.items()}
-        if not by_places:
-            of_numbers.pop("X")
-        return of_numbers | {name: of_steps[:-1, at] for name, at in self.layout.steps.items()}
+        by_steps = {
+            name: of_steps[:-1, self.layout.steps[name]]
+            for name in self.layout.steps.keys() & names
+        }
+        return by_steps | {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
 
     def _named_numbers(self) -> dict[str, Numbers]:
         """The numbers of the scene by name."""

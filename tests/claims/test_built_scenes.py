@@ -30,7 +30,7 @@ def test_derivative_by_a_frequency_is_exact_for_many_periods(periods, caplog):
     frequency = 2 * np.pi * periods / 1e3
     run([frequency])
     J = run.jacobian()["speed"][:, 0]
-    times = next(t for t in asked if np.size(t) == 10000).reshape(2, -1)  # just inside the steps
+    times = next(t for t in asked if np.size(t) == 10000).reshape(-1, 2).T  # just inside the steps
     exact = np.append(0.0, 0.1 * np.cumsum((times * np.cos(frequency * times)).sum(axis=0)))
     assert run.stats.difference_reason == ""
     largest = abs(np.cumsum(exact)).max() + 0.2 * times.max()  # of positions, and of a step
