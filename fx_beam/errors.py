@@ -388,11 +388,6 @@ def check_takes_time(function, what: str) -> None:
         )
 
 
-def time_function(value, size: int, what: str) -> TimeFunction:
-    """A function of time with values of shape (size,), from a constant or a user's function."""
-    return checked_function(value, size, what, 0.0)
-
-
 def checked_function(value, size: int, what: str, *sample: float) -> CheckedFunction:
     """A function with values of shape (size,), from a constant or a user's function.
 
@@ -428,25 +423,35 @@ class _CheckedFunction:
         except Exception as error:
             raise self._failure(arguments, error) from error
 
-    def each(self, arguments: np.ndarray) -> np.ndarray:
-        """Values (n, size) for arguments (n, k)."""
-        if (calls := array_calls()) is not None:
-            return calls.values(self.function, self.size, arguments, self._what, self._each)
-        return self._each(arguments)
+    def each(self, arguments: np.ndarray, run: str = "") -> np.ndarray:
+        """Values (n, size) for arguments (n, k); of a run, at times (n, 1), they must be finite.
 
-    def _each(self, rows: np.ndarray) -> np.ndarray:
+        What is wrong is a SceneError, or of a run, with this text, a StepError.
+        """
+        one_by_one = functools.partial(self._each, run=run)
+        if (calls := array_calls()) is not None:
+            return calls.values(self.function, self.size, arguments, run or self._what, one_by_one)
+        return one_by_one(arguments)
+
+    def _each(self, rows: np.ndarray, run: str) -> np.ndarray:
         """The same, called with one after the other."""
         arguments: list = rows.tolist()
         collected: list = []
         try:
             values = self.collect(collected, arguments)
-        except SceneError:
+        except BaseException as error:
+            known = len(collected)
+            one = arguments[min(known, len(arguments) - 1)]
+            if isinstance(error, Exception) and run:
+                raise _failed(one[0], error, run) from error
+            if isinstance(error, Exception) and not isinstance(error, SceneError):
+                raise self._failure(one, error) from error
+            error.time = math.inf if known == len(arguments) else one[0]  # type: ignore[attr-defined]
             raise
-        except Exception as error:
-            one = arguments[min(len(collected), len(arguments) - 1)]
-            raise self._failure(one, error) from error
-        # Else the line below finds the arguments whose value is wrong.
-        return stacked([self(*one) for one in arguments]) if values is None else values
+        if values is not None and (not run or np.isfinite(values).all()):
+            return values
+        # The arguments whose value is wrong are found.
+        return stacked([evaluate(self, one[0], run) if run else self(*one) for one in arguments])
 
     def collect(self, collected: list, arguments) -> np.ndarray | None:
         """Call the function, with its values in `collected`; gives them (n, size), if all fit.
@@ -503,28 +508,8 @@ def series(function: TimeFunction, times: np.ndarray, what: str) -> np.ndarray:
     """
     if isinstance(function, Constant):
         return stacked(function.each(times))
-    if isinstance(function, _CheckedFunction) and (calls := array_calls()) is not None:
-        one_by_one = functools.partial(_series, function, what=what)
-        return calls.values(function.function, function.size, times[:, None], what, one_by_one)
-    return _series(function, times[:, None], what)
-
-
-def _series(function: TimeFunction, arguments: np.ndarray, what: str) -> np.ndarray:
-    """The same at times (n, 1), called with one after the other."""
-    times = arguments[:, 0]
     if isinstance(function, _CheckedFunction):
-        collected: list = []
-        try:
-            values = function.collect(collected, zip(times.tolist()))
-        except Exception as error:
-            raise _failed(float(times[min(len(collected), len(times) - 1)]), error, what) from error
-        except BaseException as stop:
-            all_known = len(collected) == len(times)
-            stop.time = math.inf if all_known else times[len(collected)]  # type: ignore[attr-defined]
-            raise
-        if values is not None and np.isfinite(values).all():
-            return values
-        # Else the line below finds the time of the failure.
+        return function.each(times[:, None], what)
     return stacked([evaluate(function, float(t), what) for t in times])
 
 

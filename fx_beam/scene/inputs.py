@@ -96,7 +96,7 @@ def time_function(value, size: int, what: str) -> TimeFunction:
     """A function of time with values (size,): from a constant, a function or an `Input`."""
     if isinstance(value, Input):
         return InputSlot(value, size, what)
-    return errors.time_function(value, size, what)
+    return checked_function(value, size, what, 0.0)
 
 
 def input_slots(scene) -> Iterator[tuple[InputSlot, str]]:

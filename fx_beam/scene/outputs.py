@@ -218,11 +218,8 @@ class Output:
 
     @property
     def _known(self) -> dict[str, Quantity]:
-        if isinstance(self.of, Scene):
-            return OF_SCENES
-        if isinstance(self.of, Beam):
-            return OF_BEAMS
-        return OF_JOINTS if isinstance(self.of, Joint) else OF_NODES
+        kinds = {Scene: OF_SCENES, Beam: OF_BEAMS, Joint: OF_JOINTS, Node: OF_NODES}
+        return next(known for kind, known in kinds.items() if isinstance(self.of, kind))
 
     @property
     def components(self) -> tuple[str, ...]:

@@ -58,33 +58,36 @@ def draw_summary(path: Path, questions: Mapping[str, list[Cell]]) -> None:
     # Imported here: a study without pictures needs neither matplotlib nor pyvista.
     from fx_beam import plot
 
-    schemes = list(grouped([cell for cells in questions.values() for cell in cells], "scheme"))
+    every = [cell for cells in questions.values() for cell in cells]
+    schemes, kinds = list(grouped(every, "scheme")), list(_in_order(every))
     figure, axes = plot.figure(1, 1, height=0.9 + 0.3 * len(schemes))
     figure.set_figwidth(2.6 + 0.95 * len(questions))
-    for x, cells in enumerate(questions.values()):
-        for scheme, of_scheme in grouped(cells, "scheme").items():
-            end, y = x - 0.46, schemes.index(scheme)
-            for kind, of_kind in _in_order(of_scheme).items():
-                width = 0.92 * len(of_kind) / len(of_scheme)
-                axes[0, 0].barh(y, width, 0.8, end, color=COLOURS[kind])
-                end += width
-    names = [
-        textwrap.fill(name, 16) + f"\n{len(grouped(cells, 'case.name'))} cases"
-        for name, cells in questions.items()
-    ]
-    axes[0, 0].set_xticks(range(len(names)), names, fontsize=8)
-    axes[0, 0].xaxis.tick_top()
-    axes[0, 0].set_yticks(range(len(schemes)), schemes, fontsize=9)
-    axes[0, 0].set(xlim=(-0.52, len(names) - 0.48), ylim=(len(schemes) - 0.5, -0.5))
-    axes[0, 0].tick_params(length=0)
-    axes[0, 0].spines[:].set_visible(False)
-    axes[0, 0].grid(visible=False)
-    every = [cell for cells in questions.values() for cell in cells]
-    for kind in _in_order(every):
-        axes[0, 0].barh(0, 0, color=COLOURS[kind], label=_WORDS.get(kind, kind).split(":")[0])
+    ax, names = axes[0, 0], []
+    for x, (name, cells) in enumerate(questions.items()):
+        names.append(textwrap.fill(name, 16) + f"\n{len(grouped(cells, 'case.name'))} cases")
+        parts = Counter((cell.scheme, cell.verdict.kind) for cell in cells)
+        totals = Counter(cell.scheme for cell in cells)
+        ends = np.full(len(schemes), x - 0.46)
+        for kind in kinds:
+            widths = np.array([0.92 * parts[s, kind] / max(totals[s], 1) for s in schemes])
+            label = "" if x else _WORDS.get(kind, kind).split(":")[0]
+            ax.barh(range(len(schemes)), widths, 0.8, ends, color=COLOURS[kind], label=label)
+            ends = ends + widths
+    ax.set_xticks(range(len(names)), names, fontsize=8)
+    ax.xaxis.tick_top()
+    ax.set(xlim=(-0.52, len(names) - 0.48), ylim=(len(schemes) - 0.5, -0.5))
+    _bare(ax, schemes, 9)
     figure.legend(ncols=6, loc="outside lower center", frameon=False, fontsize=9)
     with replacing(path) as new:
         figure.savefig(new, dpi=150)
+
+
+def _bare(ax, schemes: list[str], fontsize: float) -> None:
+    """Name the rows of axes by schemes, and draw no lines."""
+    ax.set_yticks(range(len(schemes)), schemes, fontsize=fontsize)
+    ax.tick_params(length=0)
+    ax.spines[:].set_visible(False)
+    ax.grid(visible=False)
 
 
 def _in_order(cells: list[Cell]) -> dict[str, list[Cell]]:
@@ -141,11 +144,9 @@ def _draw_band(ax, band: dict[int, list[Cell]], schemes: list[str]) -> None:
             for cell in case:
                 _draw_cell(ax, x, schemes.index(cell.scheme), cell)
     ax.set_xticks(list(labels), list(labels.values()), fontsize=6.5, linespacing=0.95)
-    ax.set_yticks(range(len(schemes)), schemes, fontsize=7)
     ax.set_ylim(len(schemes) - 0.45, -0.55)
-    ax.tick_params(length=0, pad=2)
-    ax.spines[:].set_visible(False)
-    ax.grid(visible=False)
+    ax.tick_params(pad=2)
+    _bare(ax, schemes, 7)
 
 
 def _draw_cell(ax, x: int, y: int, cell: Cell) -> None:
