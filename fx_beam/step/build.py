@@ -17,7 +17,7 @@ from fx_beam.results.state import MACROS
 _FLAGS = ["-fwhole-program"]
 # Half the time of compilation, and the same speed: functions marked as HOT are optimised in full.
 # Not for derivatives forwards, whose time is spent in many places.
-_QUICKLY = ["-O1", "-ftree-vectorize", "-fvect-cost-model=dynamic", "-fstrict-aliasing"]
+_QUICKLY = ["-O1", "-fstrict-aliasing"]
 _WHAT = {
     "": "the loop over time steps",
     "VJP": "derivatives of time steps, backwards",

@@ -14,7 +14,7 @@ static inline double sum_of(const double *lanes) {
 }
 
 /* Multiplies a vector by a factor; by zero also if it is not finite. */
-static void scale(long n, double factor, double *x) {
+HOT void scale(long n, double factor, double *x) {
   if (factor == 0) memset(x, 0, n * sizeof(double));
   for (long i = 0; i < n && factor != 0 && factor != 1; ++i) x[i] *= factor;
 }
@@ -28,10 +28,10 @@ INLINED double product_of_all(int n, const double *x, const double *y, int sizes
   return rest + sum_of(sum);
 }
 
-static double dot(int n, const double *x, const double *y) { return product_of_all(n, x, y, 0); }
+HOT double dot(int n, const double *x, const double *y) { return product_of_all(n, x, y, 0); }
 
 /* Sum of |x| |y|. */
-static double dot_of_sizes(int n, const double *x, const double *y) { return product_of_all(n, x, y, 1); }
+HOT double dot_of_sizes(int n, const double *x, const double *y) { return product_of_all(n, x, y, 1); }
 
 static double double_of(int64_t bits) {
   double value;
@@ -47,7 +47,7 @@ static int64_t bits_of(double value) {
 
 /* Largest |x| / unit; not finite if an x is not finite. The bits of sizes are compared as integers, as
    the compiler vectorises that: they are in the same order, and NaN is above all numbers. */
-static double largest(int n, const double *x, const double *per_unit) {
+HOT double largest(int n, const double *x, const double *per_unit) {
   int64_t top = 0;
   for (int i = 0; i < n; ++i) {
     int64_t bits = bits_of(fabs(x[i] * per_unit[i]));
@@ -56,7 +56,7 @@ static double largest(int n, const double *x, const double *per_unit) {
   return double_of(top);
 }
 
-static double largest_size(int n, const double *x) {
+HOT double largest_size(int n, const double *x) {
   int64_t top = 0;
   for (int i = 0; i < n; ++i) {
     int64_t bits = bits_of(fabs(x[i]));

@@ -85,7 +85,7 @@ INLINED void sum_columns(const Problem *p, const Work *w) {
 }
 
 /* Increment of all degrees of freedom for the columns z, and the values of T and Tv for it. */
-static void expand_columns(const Problem *p, const Work *w) {
+HOT void expand_columns(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
   if (p->auxiliaries) increase_auxiliaries(p, w); /* first those of rotations, on which the arms depend */
   sum_columns(p, w);
@@ -158,7 +158,7 @@ static void spread_columns(const Problem *p, const double *values, double *z, do
 }
 
 /* The columns of sliding nodes in z are set. */
-static void spread(const Problem *p, const Work *w, double *z, double *out) {
+HOT void spread(const Problem *p, const Work *w, double *z, double *out) {
   complete(p, w, z);
   spread_columns(p, w->values, z, out);
   for (const Slider *a = p->slider; HAS(SLIDERS) && a < p->slider + p->sliders; ++a) {

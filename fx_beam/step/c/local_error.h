@@ -23,7 +23,7 @@ static double unpredicted(Problem *p, const Work *w, double dt) {
 
 /* Ratio of the error of a step of length dt to what is allowed, from the configurations at its start,
    which is in `saved`, and at its end; negative in the first steps. */
-static double local_error(Problem *p, const Work *w, double dt) {
+HOT double local_error(Problem *p, const Work *w, double dt) {
   int n = p->dofs;
   double product = unpredicted(p, w, dt), *now = w->scratch;
   double raw = largest(n, now, p->per_unit), *last = p->error_highest, *before = last + n;

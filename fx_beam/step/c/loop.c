@@ -104,7 +104,7 @@ static void audit(Problem *p, const Work *w, const double *change) {
     p->work += mid(p, w->columns[p->free + i], p->constraint_forces[i]) * along;
   }
   scale(constrained, p->earlier, p->constraint_forces);
-  for (int i = 0; i < constrained; ++i) p->constraint_forces[i] += p->share * w->columns[p->free + i];
+  add_times(constrained, p->share, w->columns + p->free, p->constraint_forces);
   if (p->has_added) {
     memset(w->f, 0, n * sizeof(double));
     assemble_forces(p, &p->added, w->fields, w->f, 0);
@@ -198,7 +198,7 @@ static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   evolve_points(p->points, w->D, w->z, p->spring_internal);
   advance_rates(p, w, w->dt);
   if (p->keeps_previous) memcpy(p->q_previous, p->q, p->dofs * sizeof(double)), p->length = w->dt;
-  for (int i = 0; i < p->dofs; ++i) p->q[i] += w->D[i];
+  add_times(p->dofs, 1, w->D, p->q);
   for (int j = 0; j < p->joints; ++j)
     if (p->slide_column[j] >= 0) p->slides[p->slide_of[j]] += w->z[p->slide_column[j]];
   for (int i = 0; i < p->sliders; ++i) p->slides[p->slider[i].joint] += w->z[p->slider[i].column];

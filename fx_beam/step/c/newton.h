@@ -53,7 +53,7 @@ static void update_reactions(const Problem *p, const Work *w) {
 }
 
 /* x becomes (x - old) / age, and old becomes x. */
-static void difference(int n, double age, double *restrict x, double *restrict old) {
+HOT void difference(int n, double age, double *restrict x, double *restrict old) {
   double per_age = 1 / age;
   for (int i = 0; i < n; ++i) {
     double now = x[i];
@@ -141,11 +141,11 @@ static void balance(const Problem *p, const Work *w) {
   work_increment(p, w);
   acceleration(p, w, w->dt);
   memset(w->f, 0, p->dofs * sizeof(double));
-  for (int k = 0; k < p->stored_values; ++k) K[k] = 0;
+  clear(p->stored_values, K);
   for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
   inertia(p, w, w->r, K);
   assemble(p, w, K);
-  for (int i = 0; i < p->dofs; ++i) w->r[i] += w->f[i] - w->force[i];
+  add_times(p->dofs, 1, w->f, w->r), add_times(p->dofs, -1, w->force, w->r);
   if (p->viscosity > 0) resist(p, w);
   project(p, w, w->r, w->reduced);
   hold(p, w);
@@ -157,7 +157,7 @@ static double along_step(const Problem *p, const Work *w) {
 
 /* Takes another part of the last correction. */
 static void retake(const Problem *p, const Work *w, double *taken, double part) {
-  for (int i = 0; i < p->free; ++i) w->z[i] += (*taken - part) * w->step[i];
+  add_times(p->free, *taken - part, w->step, w->z);
   *taken = part;
   expand(p, w);
   balance(p, w);
@@ -212,8 +212,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   if (order > 0) {
     double factor = dt;
-    for (int k = 0; k < order; factor *= dt + p->ages[k++])
-      for (int i = 0; i < free; ++i) w->z[i] += factor * p->past_y[k * free + i];
+    for (int k = 0; k < order; factor *= dt + p->ages[k++]) add_times(free, factor, p->past_y + k * free, w->z);
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
   if (!begin_couplings(p, w)) {
@@ -248,9 +247,8 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     double size = largest(n, w->correction, p->per_unit);
     if (!isfinite(size)) return SINGULAR;
     double widest = size > p->longest_turn ? widest_turn(p, w->correction) : 0;
-    if (widest > p->longest_turn)
-      for (int i = 0; i < free; ++i) w->step[i] *= p->longest_turn / widest;
-    for (int i = 0; i < free; ++i) w->z[i] -= w->step[i];
+    if (widest > p->longest_turn) scale(free, p->longest_turn / widest, w->step);
+    add_times(free, -1, w->step, w->z);
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
     double energy_error = gained = along_step(p, w);
     /* A correction that was shortened is far from the solution, whatever its work. */

@@ -4,7 +4,7 @@
 
 #include "algebra.h"
 
-static void work_increment(const Problem *p, const Work *w) {
+HOT void work_increment(const Problem *p, const Work *w) {
   double *D = w->D, *path = w->path, *slope = w->slope, *tangent = w->scratch;
   memcpy(path, D, p->dofs * sizeof *D);
   for (int i = 0; i < p->dofs; ++i) slope[i] = 1;
@@ -42,7 +42,7 @@ static void take_values(const Problem *p, const Work *w, int first, double *to) 
     for (int c = 0; c < 3; ++c) to[3 * i + c] = w->rule[RULE_VALUES * i + first + c];
 }
 
-static void acceleration(const Problem *p, const Work *w, double dt) {
+HOT void acceleration(const Problem *p, const Work *w, double dt) {
   if (p->at_rest) { /* in a frame that turns */
     for (int i = 0; p->spin_squared > 0 && i < p->dofs; ++i)
       w->acc[i] = i % 3 == 2 ? 0 : -p->ratio * p->spin_squared * (p->arm[i] + p->q[i] + p->level * w->D[i]);

@@ -38,7 +38,7 @@ static void add_joint_forces(const Problem *p, const Work *w) {
   long n = 3 * p->scene_joints;
   find_joint_forces(p, w);
   scale(n, p->earlier, p->joint_forces);
-  for (int i = 0; i < n; ++i) p->joint_forces[i] += p->share * w->joint_forces[i];
+  add_times(n, p->share, w->joint_forces, p->joint_forces);
 }
 
 /* Adds the forces of contact of a sub-step to their mean over the step. */
