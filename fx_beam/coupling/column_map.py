@@ -26,12 +26,12 @@ class ColumnMap:
         dependent: np.ndarray,
     ):
         self._weights, self._shape, self._dependent = weights, shape, dependent
-        others = np.ones(shape[1])
-        others[dependent] = 0.0
         #: C without the dependent columns.
         self._C: Any = None
         if not len(dependent):
             return
+        others = np.ones(shape[1])
+        others[dependent] = 0.0
         try:
             if isinstance(C, np.ndarray):
                 inverse = np.linalg.inv(C[:, dependent])

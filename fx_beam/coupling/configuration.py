@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,13 +21,6 @@ _FLAGS = "-O1", "-fwhole-program"
 def begin_to_build() -> None:
     """Compile what evaluates joints beside all else, if the cache lacks it."""
     c_library.begin_to_build(*_LIBRARY, MACROS, _FLAGS)
-
-
-class Relation(NamedTuple):
-    """That of a node on a beam: the columns of T, or Tv, and where its window begins."""
-
-    by_columns: np.ndarray
-    first: int
 
 
 class Configuration:
@@ -75,16 +68,13 @@ class Configuration:
         y[:] = self.z[:free]
         return closed
 
-    def relations(self, virtual: bool) -> list[Relation]:
-        """Those of the nodes on beams."""
-        relations = []
+    def relations(self, virtual: bool) -> Iterator[tuple[np.ndarray, int]]:
+        """Of the nodes on beams the columns of T, or Tv, and where their windows begin."""
         for i, slide in enumerate(self._slides):
             c = self._c.slider[i]
-            rows = np.frombuffer(self._ffi.buffer(c.virtual_map if virtual else c.T))
+            rows = np.frombuffer(self._ffi.buffer(c.virtual_map if virtual else c.T)).reshape(3, -1)
             width, components = slide.path.width, len(slide.columns)
-            of = rows.reshape(3, -1)[:components, : components * width + 1].copy()
-            relations.append(Relation(of, c.first))
-        return relations
+            yield rows[:components, : components * width + 1].copy(), c.first
 
     @property
     def arcs(self) -> list[tuple[float, float]]:

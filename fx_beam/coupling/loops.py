@@ -113,12 +113,10 @@ class Loops:
             "line, from which the motion may go on in several ways"
         )
 
-    def derivatives(self, values: np.ndarray) -> scipy.sparse.coo_matrix:
+    def derivatives(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
         """Those of the closures (closures, columns) by all columns, for the values of T or Tv."""
-        couplings = self._couplings
-        shape = len(couplings.closures), couplings.columns + len(couplings.auxiliaries)
-        row, column, weights = self._entries.weights(values)
-        return scipy.sparse.coo_matrix((weights, (row, column)), shape)
+        columns = self._couplings.columns + len(self._couplings.auxiliaries)
+        return self._entries.matrix(values, (len(self._couplings.closures), columns))
 
     def members(self) -> dict[str, Any]:
         """The loops by the names in problem.h, without positions in the tangent."""

@@ -30,6 +30,11 @@ from .sliders import members_of
 # Kinds of plain equations, and the component of each: the last slides.
 _ALONG_X, _ALONG_Y, _SLOT, _TURN, _SUPPORT = range(5)
 _COMPONENTS = np.array([0, 1, -1, 2])
+# Members of RateFit in C by the names that they have here.
+_MEMBERS = (
+    *("size", "joints", "columns", "count", "plain", "all_entries", "b", "a", "direction"),
+    *("free", "joint", "column", "turning", "entry", "row", "dof"),
+)
 
 
 class RateEquations:
@@ -138,32 +143,11 @@ class RateEquations:
 
     def tables(self) -> dict[str, Any]:
         """The equations by the names of RateFit in C."""
-        joint = self.joint[: self.plain]
-        return self._tables | {
-            "size": self.size,
-            "joints": self.joints,
-            "columns": self.columns,
-            "count": self.count,
-            "plain": self.plain,
-            "all_entries": self.all_entries,
-            "b": self.b,
-            "a": self.a,
-            "apart": self.apart[joint],
-            "axis": self.axis[joint],
-            "track": self.track[joint],
-            "direction": self.direction,
-            "constant": self._given,
-            "free": self.free,
-            "joint": self.joint,
-            "column": self.column,
-            "turning": self.turning,
-            "beams": len(self.on_beams),
-            "beam": [one.tables() for one in self.on_beams],
-            "entries": len(self.entry),
-            "entry": self.entry,
-            "row": self.row,
-            "dof": self.dof,
-        }
+        joint, numbers = self.joint[: self.plain], {name: getattr(self, name) for name in _MEMBERS}
+        of_joints = {name: getattr(self, name)[joint] for name in ("apart", "axis", "track")}
+        beams = {"beams": len(self.on_beams), "beam": [one.tables() for one in self.on_beams]}
+        entries = {"constant": self._given, "entries": len(self.entry)}
+        return self._tables | numbers | of_joints | beams | entries
 
 
 class OnBeam:

@@ -314,7 +314,7 @@ class Reduction:
     def closure_derivatives(self) -> np.ndarray:
         """G (closures, columns): derivatives of the closures of loops by other columns."""
         assert self.loops is not None
-        G = self.loops.derivatives(self._values(False)).tocsr()
+        G = self.loops.derivatives(self._values(False))
         return (G @ self._map(False, closed=False).completion).toarray()
 
     def completion(self) -> scipy.sparse.csr_matrix:
