@@ -16,7 +16,7 @@ typedef struct {
 
 /* Slowest convergence at which factors are good enough to judge an error by them, and bounds of the
    wanted error of a solution, relative to it. */
-static const double SLOWEST = 0.2, MOST = 1e-3, LEAST = 1e-12;
+static const double SLOWEST = 0.3, MOST = 1e-3, LEAST = 1e-12;
 
 /* Largest correction of a degree of freedom, for corrections x of the unknowns. */
 static double size_of(const Problem *p, const Work *w, const double *x) {
@@ -26,20 +26,20 @@ static double size_of(const Problem *p, const Work *w, const double *x) {
   return largest(p->dofs, w->scratch, p->per_unit);
 }
 
-/* The product of the tangent and d, which the factors propose for r, after `size_of`, which leaves the motion of nodes
-   in `scratch`. With bordering rows, whose columns are not there any more: r, and the product with what A has changed
-   by since its factorisation. */
-static void times_tangent(const Problem *p, const Work *w, const double *d, const double *r, double *out) {
+/* Subtracts from r the product of the tangent and the correction x that the factors propose for r, after `size_of`, which
+   leaves the motion of nodes in `scratch`. With bordering rows, whose columns are not there any more, that is r, and the
+   product with what A has changed by since its factorisation. */
+static void subtract_product(const Problem *p, const Work *w, const double *x, double *r) {
   for (int i = 0; i < p->free; ++i) {
-    double sum = p->bordering_rows ? r[i] : 0;
+    double rest = p->bordering_rows ? 0 : r[i];
     for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k)
-      sum += (p->bordering_rows ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * d[p->tangent_column[k]];
-    out[i] = sum;
+      rest -= (p->bordering_rows ? w->tangent[k] - w->factorised[k] : w->tangent[k]) * x[p->tangent_column[k]];
+    r[i] = rest;
   }
   if (!HAS(MEMBERS) || !p->changing) return;
   memset(w->columns, 0, p->columns * sizeof(double));
   add_rows(p, w, times_members(p, w->scratch), w->columns);
-  add_times(p->free, 1, w->columns, out);
+  add_times(p->free, -1, w->columns, r);
 }
 
 /* Right sides and solutions of the bordering rows; zero except for what slides. */
@@ -122,48 +122,35 @@ static double allowed(double per_square, double size, double negligible) {
   return fmax(negligible, fmin(MOST, fmax(per_square * size, LEAST)) * size);
 }
 
-/* Solution by generalised conjugate residuals: each direction is the correction that the factors
-   propose, and the residual becomes the least one for all directions. The error is what the factors
-   propose next, and, whatever the factors are worth, the work of the residual in the step. Returns 0 if
-   a factorisation is better. `rest` is the error relative to the correction, in size and root of work. */
-static int iterate(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
+/* Solution by iterative refinement: the sum of the corrections that the factors propose, each for what the ones before leave.
+   The error is what the factors propose next, and, whatever the factors are worth, the work of the residual in the step.
+   Returns 0 if a factorisation is better. `rest` is the error relative to the correction, in size and root of work. */
+static int refine(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   int n = p->free;
-  double first_size = 0, first_error = 0, last = 0, residual = 0, *x = w->guess, *r = w->residual;
+  double first_size = 0, first_error = 0, last_excess = 0, last_length = 0;
+  double *x = w->step, *r = w->residual, *proposed = w->proposed;
   memset(x, 0, n * sizeof(double));
   memcpy(r, w->reduced, n * sizeof(double));
   for (int k = 0; k <= p->kept.worth; ++k) {
-    int newest = k % DIRECTIONS;
-    double *d = w->direction + (long)newest * n, *image = w->image + (long)newest * n;
-    by_factors(p, w, r, d);
+    by_factors(p, w, r, proposed);
     ++p->kept.now;
-    double size = size_of(p, w, d), error = sqrt(fabs(dot(n, r, d)));
+    double size = size_of(p, w, proposed), error = sqrt(fabs(dot(n, r, proposed))), length = sqrt(dot(n, r, r));
     if (!isfinite(size)) return 0;
     if (k == 0) first_size = size, first_error = error;
     double fine = allowed(wanted->size, first_size, wanted->least_size);
     double exact = allowed(wanted->error, first_error, wanted->least_error);
     double excess = fmax(fmax(size / fine, error / exact),
                          fabs(dot(n, r, w->z) - dot(n, r, x)) / (exact * wanted->energy));
-    double slowness = fmax(excess / last, sqrt(dot(n, r, r)) / residual);
+    double slowness = fmax(excess / last_excess, length / last_length);
     if (k > 0 && slowness > SLOWEST) return 0;
+    add_times(n, 1, proposed, x);
     if (k > 0 && excess <= 1) {
-      for (int i = 0; i < n; ++i) w->step[i] = x[i] + d[i];
       rest[0] = size / first_size, rest[1] = error / first_error;
       return 1;
     }
     if (k > 0 && k + log(excess) / -log(slowness) > p->kept.worth) return 0;
-    last = excess, residual = sqrt(dot(n, r, r));
-    times_tangent(p, w, d, r, image);
-    for (int j = 0; j < DIRECTIONS && j < k; ++j)
-      if (j != newest) {
-        double along = -dot(n, image, w->image + (long)j * n);
-        add_times(n, along, w->image + (long)j * n, image);
-        add_times(n, along, w->direction + (long)j * n, d);
-      }
-    double scale = 1 / sqrt(dot(n, image, image));
-    for (int i = 0; i < n; ++i) d[i] *= scale, image[i] *= scale;
-    double part = dot(n, image, r);
-    add_times(n, part, d, x);
-    add_times(n, -part, image, r);
+    last_excess = excess, last_length = length;
+    subtract_product(p, w, proposed, r);
   }
   return 0;
 }
@@ -260,7 +247,7 @@ static int solve_raised(Problem *p, const Work *w) {
 }
 
 /* The correction `step` of the unknowns for the residual `reduced`; returns 0 if the tangent is
-   singular. `rest` is as in `iterate`. */
+   singular. `rest` is as in `refine`. */
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
@@ -274,7 +261,7 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
   p->old_factors = p->raised = 0;
   if (p->kept.worth && p->kept.present && !p->kept.exact) {
     if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
-    if (iterate(p, w, wanted, rest)) return p->old_factors = 1;
+    if (refine(p, w, wanted, rest)) return p->old_factors = 1;
     if (HAS(SLIDERS) && p->bordering_rows) fill_bordering_rows(p, w);
   }
   if (!factorise(p, w)) {

@@ -16,7 +16,6 @@ enum {
   MAX_ORDER = 4,    /* largest order of a scheme */
   AVERAGED = 3,     /* differences that are averaged in a local error */
   RESIDUALS = 8,    /* last residuals of Newton's method that are stored */
-  DIRECTIONS = 12,  /* directions of an iteration with factors of an earlier tangent */
   GROUP_SIZE = 4    /* directions in which derivatives forwards are followed at once */
 };
 

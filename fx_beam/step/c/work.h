@@ -19,7 +19,7 @@
   OF(passing, 2 * j) OF(joint_forces, 3 * p->scene_joints)                                                  \
   OF(y, p->positions) OF(row, p->rows ? 3 * u : 0) OF(tangent, p->stored_values + 4 * LANES)                \
   OF(factorised, p->kept.worth && b ? p->tangent_start[p->free] : 0)                                        \
-  OF(residual, k) OF(guess, k) OF(direction, d * k) OF(image, d * k)                                        \
+  OF(residual, k) OF(proposed, k)                                                                           \
   OF(G, g) OF(G_virtual, g) OF(part, p->part_size) OF(part_virtual, p->part_size) OF(closure, m)            \
   OF(closure0, m) OF(closure_row, m ? c : 0) OF(pivoting, p->pivoting_size) OF(closing, m)                  \
   OF(closed, m ? n : 0)                                                                                     \
@@ -50,7 +50,7 @@ static double *allocate(double **at, long n) {
 static long lay_out(const Problem *p, Work *w, double *at) {
   double *begin = at;
   long n = p->dofs, c = p->columns + p->auxiliaries, j = p->joints, u = p->unknowns, m = p->closures, b = p->bordering_rows;
-  long d = p->kept.worth || p->changing ? DIRECTIONS : 0, k = p->rows ? p->free : 0, g = m ? p->closure_start[m] : 0;
+  long k = p->rows ? p->free : 0, g = m ? p->closure_start[m] : 0;
 #define ALLOCATE(name, size) w->name = (void *)allocate(&at, size);
   ARRAYS(ALLOCATE)
   INTEGERS(ALLOCATE)
