@@ -13,12 +13,12 @@ import scipy.sparse
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.fem.mesh import Mesh, rotation_of
+from fx_beam.fem.sparsity import starts_of
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 
 from .forest import Branch, grown_forests
-from .tables import starts_of
 
 #: An entry of a coupling: column, position of its value (0 is the constant 1), and sign.
 Entry = tuple[int, int, float]

@@ -24,11 +24,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse
 
+from fx_beam.fem.sparsity import Pattern, sparsity, starts_of
+
 from .auxiliaries import Auxiliaries
 from .column_map import ColumnMap
 from .graph import Couplings, Entries
 from .sliders import Slide
-from .tables import Pattern, sparsity, starts_of
 
 # Closure that is left, relative to the size of the scene.
 _CLOSED = 1e-15

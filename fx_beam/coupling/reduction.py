@@ -16,13 +16,13 @@ import scipy.sparse
 from fx_beam.content_cache import cached_by_content, cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.fem.point_forces import PointForces
+from fx_beam.fem.sparsity import Pattern, sparsity
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.joints import Joint
 
 from .auxiliaries import Auxiliaries
 from .column_map import ColumnMap
 from .graph import Couplings
-from .tables import Pattern, sparsity
 
 if TYPE_CHECKING:
     from .configuration import Configuration

@@ -29,13 +29,13 @@ import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import Mesh
+from fx_beam.fem.sparsity import Pattern, sparsity, starts_of
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.scene.path import Path
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
 from .graph import Couplings, Entries
-from .tables import Pattern, sparsity, starts_of
 
 # A node at rest on the end of a beam may be beyond it, by this part of the length.
 _BEYOND = 1e-9

@@ -12,6 +12,7 @@ from scipy.sparse.linalg import splu
 from fx_beam import c_library
 from fx_beam.c_library import Structs
 from fx_beam.content_cache import cached_by_content
+from fx_beam.fem.sparsity import starts_of
 
 # Rows in a group: the degrees of freedom of a node.
 _GROUP = 3
@@ -228,7 +229,7 @@ def groups_of(
         "groups": count,
         "forces": len(last),
         "group_of": group_of,
-        "first_unknown": np.concatenate([[0], np.cumsum(np.bincount(group_of))]),
+        "first_unknown": starts_of(np.bincount(group_of)),
         "unknown": np.argsort(group_of, kind="stable"),
         "graph_start": np.searchsorted(row, np.arange(count + 1)),
         "graph": column,
@@ -259,8 +260,8 @@ def _one_by_one(order: np.ndarray) -> dict[str, np.ndarray]:
     """Which groups wait in this order of all: each for the one before."""
     waits, waiting = np.ones(len(order), int), np.ones(len(order), int)
     waits[order[0]] = waiting[order[-1]] = 0
-    starts = np.concatenate([[0], np.cumsum(waiting)])
-    return {"waits": waits, "waiting_start": starts, "waiting": order[1:][np.argsort(order[:-1])]}
+    waiting, starts = order[1:][np.argsort(order[:-1])], starts_of(waiting)
+    return {"waits": waits, "waiting_start": starts, "waiting": waiting}
 
 
 def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -> Factors:

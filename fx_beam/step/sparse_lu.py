@@ -9,10 +9,9 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from fx_beam import c_library
 from fx_beam.c_library import Structs
+from fx_beam.fem.sparsity import Pattern
 
 from .lu_layout import factors_of
-
-Pattern = tuple[np.ndarray, np.ndarray]
 
 
 def sparse_lu(pattern: Pattern, dependent: np.ndarray | None = None) -> LU:

@@ -142,12 +142,3 @@ static void change_rows(Problem *p) {
   p->kept.present = 0;
   if (c->keep) p->kept.worth = worth_of(p, c);
 }
-
-/* The product of the tangent of contact with members and a vector; 0 without any. */
-static const double *times_members(const Problem *p, const double *x) {
-  MemberContacts *m = p->points->members;
-  if (!HAS(MEMBERS) || !m) return 0;
-  memset(m->product, 0, p->dofs * sizeof(double));
-  multiply_members(m, x, m->product);
-  return m->product;
-}

@@ -46,7 +46,7 @@ OF_STEPS int fx_negative_pivots(const Problem *p) {
 OF_STEPS void fx_change(const Problem *p, const double *x, int sizes, double *out) {
   Work w;
   lay_out(p, &w, p->scratch);
-  const double *of_members = times_members(p, x);
+  const double *of_members = times_members(p->points->members, x);
   for (int i = 0; i < p->dofs; ++i) {
     out[i] = of_members ? of_members[i] : 0;
     for (int k = p->row_start[i]; k < p->row_start[i + 1]; ++k) {

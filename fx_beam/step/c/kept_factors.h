@@ -38,7 +38,7 @@ static void subtract_product(const Problem *p, const Work *w, const double *x, d
   }
   if (!HAS(MEMBERS) || !p->changing) return;
   memset(w->columns, 0, p->columns * sizeof(double));
-  add_rows(p, w, times_members(p, w->scratch), w->columns);
+  add_rows(p, w, times_members(p->points->members, w->scratch), w->columns);
   add_times(p->free, -1, w->columns, r);
 }
 

@@ -427,14 +427,17 @@ void fx_add_members(const MemberContacts *m, double *f) {
   }
 }
 
-/* Adds the product of their tangent and x. */
-static void multiply_members(const MemberContacts *m, const double *x, double *out) {
+/* The product of their tangent and x; 0 without any members. */
+static const double *times_members(MemberContacts *m, const double *x) {
+  if (!HAS(MEMBERS) || !m) return 0;
+  memset(m->product, 0, m->dofs * sizeof(double));
   for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e)
     for (int i = 0; e->closed && i < CONTACT_POINT_DOFS; ++i) {
       double sum = 0;
       for (int j = 0; j < CONTACT_POINT_DOFS; ++j) sum += e->tangent[i * CONTACT_POINT_DOFS + j] * x[e->dof[j]];
-      out[e->dof[i]] += sum;
+      m->product[e->dof[i]] += sum;
     }
+  return m->product;
 }
 
 /* Whether a point has passed through a member, after `move_contact_point`. */

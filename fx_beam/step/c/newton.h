@@ -35,7 +35,7 @@ static void assemble(const Problem *p, const Work *w, double *K) {
 
 /* The forces r less their change with the last correction, in `scratch`: of some rows, or of all; zero elsewhere. */
 static void corrected_forces(const Problem *p, const Work *w, int rows, const int *some) {
-  const double *of_members = times_members(p, w->correction);
+  const double *of_members = times_members(p->points->members, w->correction);
   double *out = w->scratch;
   memset(out, 0, p->dofs * sizeof(double));
   if (p->team.change) p->team.change(w->correction, out);
