@@ -53,7 +53,7 @@ class InputColumns:
         first = dict(zip(held.widths, np.cumsum([0, *held.widths.values()]), strict=False))
         inside = [*model.forms.parameters.functions, *(of for _, of in model.natural.functions)]
         for name in names:
-            parts, width, number = held.parts_of(name), held.widths[name], len(forces)
+            parts, width, number = held.parts[name], held.widths[name], len(forces)
             labels = [name] if width == 1 else [f"{name}.{part}" for part in "xy"]
             if any(part is of for of in inside for part in parts):
                 force, of_rate = forces_inside(about, name)

@@ -40,7 +40,8 @@ class HeldInputs:
         }
         #: The scene with the held functions in the place of its inputs.
         self.scene = connected(scene, lambda slot: self._parts[id(slot)])
-        self._of = {
+        #: All loads and motions that take the values of each input.
+        self.parts = {
             name: [part for part in self._parts.values() if part.name == name]
             for name in self.widths
         }
@@ -77,12 +78,8 @@ class HeldInputs:
         new = {name: np.array(value, float, ndmin=1) for name, value in values.items()}
         self.values = self.values | new
         for name, value in new.items():
-            for part in self._of[name]:
+            for part in self.parts[name]:
                 part.set(value)
-
-    def parts_of(self, name: str) -> list[Hold | Ramp]:
-        """All loads and motions that take the values of an input."""
-        return self._of[name]
 
     def begin(self, t0: float, t1: float) -> None:
         """Set the times of a step [s]."""

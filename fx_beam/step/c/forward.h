@@ -13,12 +13,9 @@ static int any(long n, const double *values) {
   return 0;
 }
 
-/* Position in the elimination about which a chain or a band is eliminated. */
-static int middle_of_tangent(const Problem *p) { return HAS(SLIDERS) && p->bordering_rows ? middle_of_elimination(p) : p->positions / 2; }
-
 /* Factors of the tangent with its bordering rows; returns 0 if it is singular. */
 static int factorise_tangent(Problem *p, const Work *w) {
-  int middle = middle_of_tangent(p);
+  int middle = middle_of_elimination(p);
   Ends of = ends_around(p->unknowns, p->band, middle);
   memset(w->y, 0, p->positions * sizeof(double));
   for (int i = 0; HAS(SLIDERS) && p->bordering_rows && i < p->positions; ++i) reach(p, w, i);
@@ -49,7 +46,7 @@ static void change_bordering_rows(const Problem *p, const Work *w, const Linear 
 
 /* Solves for the right sides of the block, by the tangent's factors. */
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
-  int middle = middle_of_tangent(p);
+  int middle = middle_of_elimination(p);
   Work own = *w;
   own.block = (double *)l->block, own.reached = l->reached;
   if (HAS(CHAIN)) solve_chain_columns(p, &own, middle / 3, 0, 1);

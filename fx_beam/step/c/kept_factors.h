@@ -213,12 +213,11 @@ static const double NO_PIVOT = 1e-14;
    gives the solution from those for r and all e_i. Returns 0 if the matrix is singular. */
 static int solve_raised(Problem *p, const Work *w) {
   int n = p->unknowns, at[RAISED], row[RAISED], many = 0, regular = 0;
-  double b = 0, most = 0, least = HUGE_VAL, S[RAISED * RAISED], x[RAISED];
+  double most = 0, least = HUGE_VAL, S[RAISED * RAISED], x[RAISED];
   const SparseRows *rows = p->rows;
   const int *order = p->order;
   if (p->bordering_rows || p->band) return 0;
-  for (int i = 0; i < n; ++i)
-    for (int k = p->tangent_start[i]; k < p->tangent_start[i + 1]; ++k) b = fmax(b, fabs(w->tangent[k]));
+  double b = largest_size(p->tangent_start[n], w->tangent);
   while (!regular && many < RAISED && b > 0) {
     at[many++] = w->row[0];
     fill_factors(p, w);
