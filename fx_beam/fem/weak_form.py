@@ -108,10 +108,8 @@ class WeakForm:
         what = f"rates of {self.scheme.name}"
         self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
         resultants = self._of_step()
-        exact = ExactResultants, DecayingResultants
-        if self.step.degree > 1 and any(
-            isinstance(r, exact) for parts in resultants for r in parts
-        ):
+        every = [r for parts in resultants for r in parts]
+        if self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in every):
             self.fields = self.fields.with_nodal_rotations
             self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
             resultants = self._of_step()

@@ -290,12 +290,9 @@ def discrete_gradient(law: Law, e0, e1, length):
     return tuple(r + factor * w for r, w in zip(mean, weighted, strict=True))
 
 
-@dataclass(frozen=True)
-class DecayingResultants:
-    """Resultants of a step, and the energies of its scheme."""
+class DecayingResultants(ExactResultants):
+    """Resultants whose work is that of the stored energy, plus what the scheme takes."""
 
-    #: Resultants whose work is that of the stored energy, plus what the scheme takes.
-    exact: ExactResultants
     #: Those of the stored energy alone.
     mean: Resultants
     #: Energy per length that the scheme takes in the step, and that it holds for the next one;
@@ -303,26 +300,7 @@ class DecayingResultants:
     loss: Any
     held: Any
     #: What it held at the start, with the stiffness of this step; None likewise.
-    held_before: Any = None
-
-    @property
-    def N(self):
-        """Axial force [N]."""
-        return self.exact.N
-
-    @property
-    def Q(self):
-        """Shear force [N]."""
-        return self.exact.Q
-
-    @property
-    def M(self):
-        """Bending moment [N m]."""
-        return self.exact.M
-
-    def virtual_work(self, step: Step):
-        """Internal virtual work per length of the resultants."""
-        return self.exact.virtual_work(step)
+    held_before: Any
 
 
 @dataclass(frozen=True)
@@ -356,7 +334,9 @@ class Decaying:
         loss = self.damping / 4 * (share * work_of(forces, rest) + lost_before)
         mean = averaged(step, law)
         total = mean._replace(N=mean.N + N, Q=mean.Q + Q, M=mean.M + M)
-        return DecayingResultants(with_exact_work(step, total), mean, loss, held, held_before)
+        r = DecayingResultants(*with_exact_work(step, total))
+        r.mean, r.loss, r.held, r.held_before = mean, loss, held, held_before
+        return r
 
 
 def viscous(step: Step, law: Law, tau, level: float) -> Resultants | ExactResultants:

@@ -16,7 +16,6 @@ from .rates import AtRest, MidPointRates, NewmarkRates, NodalRates
 from .resultants import (
     AtEnds,
     Decaying,
-    DecayingResultants,
     Resultants,
     WeightedResultants,
     at_mid_step,
@@ -63,7 +62,7 @@ class Scheme:
     """
 
     name: str
-    resultants: Callable[[Step, Law], Resultants | WeightedResultants | DecayingResultants]
+    resultants: Callable[[Step, Law], Resultants | WeightedResultants]
     rates: MidPointRates | NewmarkRates | NodalRates | AtRest
     fractions: tuple[float, ...] = (1.0,)
     #: The call that made it, if it was one of those below; `replace` forgets it.

@@ -131,11 +131,11 @@ def animate(
     require(is_whole(fps, 1, 1000), "fps", fps, "a whole number from 1 to 1000")
     fits = scenery is None or callable(scenery)
     require(fits, "scenery", scenery, "a function of axes and row")
-    drawing = checked_drawing(solution, magnify, 100, rows, times, count)
+    drawing = checked_drawing(solution, magnify, scene_unit, 100, rows, times, count)
     shown = drawing.rows
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
-    plane = _plane(drawing, scene_unit, colour is not None, size)
+    plane = _plane(drawing, colour is not None, size)
     say_if_too_small(drawing)
     ax = plane.ax
     look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
@@ -154,8 +154,8 @@ def animate(
         shades = itertools.islice(itertools.cycle(_COLOURS), len(solution.beams))
         lines.set_color(members.per_piece(list(shades)))
     else:
-        look_of = scene_unit, colour_limits, colour_scale, thickness
-        members = colouring = Colouring(drawing, colour, *look_of)
+        colouring = Colouring(drawing, colour, colour_limits, colour_scale, thickness)
+        members = colouring
         plane.draw_bar(colouring.scale, **colouring.bar)
         lines = members.collection(2.5)
     moving = [heading, past, ax.add_collection(lines)]
@@ -174,10 +174,15 @@ def animate(
             members.move(lines, k)
             if trace is not None:
                 past.set_data(*drawing.positions(trace.number, slice(shown[0], k + 1)).T)
-            drawn = [*draw_moving(ax, drawing, k), *draw_joints(ax, drawing, k)]
-            drawn += [*draw_forces(ax, drawing, k), *supports.draw(ax, k)]
-            drawn += draw_marks(ax, drawing, k, {} if marks is None else marks)
-            drawn += scenery(ax, k) if scenery else []
+            before = {*ax.get_children()}
+            draw_moving(ax, drawing, k)
+            draw_joints(ax, drawing, k)
+            draw_forces(ax, drawing, k)
+            supports.draw(ax, k)
+            draw_marks(ax, drawing, k, marks)
+            more = scenery(ax, k) if scenery else []
+            new = [artist for artist in ax.get_children() if artist not in before]
+            drawn = list(dict.fromkeys([*new, *more]))
             canvas.restore_region(still)
             for artist in sorted([*moving, *drawn], key=lambda artist: artist.get_zorder()):
                 ax.draw_artist(artist)
@@ -186,20 +191,20 @@ def animate(
                 artist.remove()
 
     write = _write_mp4 if path.suffix.lower() == ".mp4" else _write_gif
-    with replacing(path) as new:
-        write(frames(), new, fps)
+    with replacing(path) as file:
+        write(frames(), file, fps)
 
 
-def _plane(drawing: Drawing, scene_unit: str, bar: bool, size: Any) -> Plane:
+def _plane(drawing: Drawing, bar: bool, size: Any) -> Plane:
     """Axes of frames of a size [pixels], in which letters are as large as in other pictures."""
     if size is None:
-        return Plane(drawing, scene_unit, bar)
+        return Plane(drawing, bar)
     fits = (
         isinstance(size, Sequence) and len(size) == 2 and all(is_whole(n, 100, 4096) for n in size)
     )
     require(fits, "size", size, "width and height [pixels], such as (1920, 1080)")
     dpi = min(size[0] / LARGEST[0], size[1] / (0.75 * LARGEST[1]))
     # A little more, as a fraction of a pixel is cut off.
-    plane = Plane(drawing, scene_unit, bar, ((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi))
+    plane = Plane(drawing, bar, ((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi))
     plane.figure.set_dpi(dpi)
     return plane

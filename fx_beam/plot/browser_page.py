@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import is_name, numbers, require
+from fx_beam.errors import numbers, require
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
@@ -105,8 +105,7 @@ def interactive(
     True
     """
     path = None if path is None else writable(path, ("html", "htm"))
-    require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
-    drawing = checked_drawing(solution, magnify, _ROWS, rows)
+    drawing = checked_drawing(solution, magnify, scene_unit, _ROWS, rows)
     factor, unit = time_unit(solution.t[-1])
     heavy = nodes_with_mass(drawing)
     data = {
@@ -118,7 +117,7 @@ def interactive(
         "window": [corner.tolist() for corner in drawing.window],
         "thinness": drawing.thinness,
         "finest": _FINEST,
-        **_members(drawing, scene_unit),
+        **_members(drawing),
         "bodies": _bodies(drawing),
         "obstacles": [
             {"line": of.line.tolist(), "strokes": of.strokes.tolist()} for of in drawing.obstacles
@@ -135,7 +134,7 @@ def interactive(
             for load in drawing.forces
         ],
         "traces": _traces(drawing, trace),
-        "series": _series(drawing, series, scene_unit),
+        "series": _series(drawing, series),
     }
     # No text of the user's may end the element that holds the data.
     text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
@@ -146,7 +145,7 @@ def interactive(
     return page
 
 
-def _members(drawing: Drawing, scene_unit: str) -> dict[str, Any]:
+def _members(drawing: Drawing) -> dict[str, Any]:
     """Points of the axes of all beams in all rows, and values of their pieces."""
     solution = drawing.solution
     beams = solution.beams
@@ -171,7 +170,7 @@ def _members(drawing: Drawing, scene_unit: str) -> dict[str, Any]:
         "points": _points(drawing, np.concatenate(positions, axis=1)),
         "nodes": _text(np.concatenate(nodes).astype(np.int32)),
         "s": _text(np.concatenate(s).astype(np.float32)),
-        "quantities": [_quantity(drawing, name, middles, scene_unit) for name in _known(solution)],
+        "quantities": [_quantity(drawing, name, middles) for name in _known(solution)],
     }
 
 
@@ -185,9 +184,7 @@ def _known(solution: Any) -> list[str]:
     return known + sorted({name for names in solution.variables_of_beam.values() for name in names})
 
 
-def _quantity(
-    drawing: Drawing, name: str, fractions: np.ndarray, scene_unit: str
-) -> dict[str, Any]:
+def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, Any]:
     values = along_all(drawing.solution, name, drawing.rows, fractions)
     values = values.reshape(len(drawing.rows), -1)
     largest = float(abs(values).max()) or 1.0
@@ -195,7 +192,7 @@ def _quantity(
     scale = SIGNED if signed else SEQUENTIAL
     return {
         "name": WORDS.get(name, name).replace("$", ""),
-        "unit": unit_of(name, scene_unit),
+        "unit": unit_of(name, drawing.unit),
         "largest": largest,
         "signed": signed,
         "colours": hexadecimal(scale, _SHADES),
@@ -255,16 +252,14 @@ def _points_of(drawing: Drawing, nodes: list[int]) -> str:
     return _points(drawing, drawing.positions(nodes, list(drawing.rows)))
 
 
-def _series(
-    drawing: Drawing, series: dict[str, np.ndarray] | None, scene_unit: str
-) -> list[dict[str, Any]]:
+def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict[str, Any]]:
     solution = drawing.solution
     if series is None:
         energy = solution.energy
         stored = {"strain": energy.strain, "potential": energy.potential, "springs": energy.springs}
         kinetic = {} if solution.stats.static else {"kinetic": energy.kinetic}
         series = {
-            f"{name} energy{' [J]' if scene_unit == 'm' else ''}": values
+            f"{name} energy{' [J]' if drawing.unit == 'm' else ''}": values
             for name, values in (kinetic | stored | {"total": energy.total}).items()
             if name == "total" or np.any(values)
         }

@@ -84,9 +84,9 @@ def shapes(
         The picture.
     """
     path = picture(path)
-    drawing = checked_drawing(solution, magnify, 8, rows, times, count)
+    drawing = checked_drawing(solution, magnify, scene_unit, 8, rows, times, count)
     shown = drawing.rows
-    plane = Plane(drawing, scene_unit, bar=True)
+    plane = Plane(drawing, bar=True)
     say_if_too_small(drawing)
     ax = plane.ax
     ax.set_title(drawing.title(), fontsize="medium")
@@ -96,7 +96,7 @@ def shapes(
         shades = _by_time(plane, drawing, thickness)
     else:
         shades = ["0.35"] * len(shown)
-        colouring = Colouring(drawing, colour, scene_unit, colour_limits, colour_scale, thickness)
+        colouring = Colouring(drawing, colour, colour_limits, colour_scale, thickness)
         for order, k in enumerate(shown):
             colouring.move(ax.add_collection(colouring.collection(2.2, 2 + 1e-4 * order)), k)
         plane.draw_bar(colouring.scale, **colouring.bar)
@@ -105,7 +105,7 @@ def shapes(
         draw_forces(ax, drawing, k, shade)
     draw_joints(ax, drawing, shown[-1])
     Supports(drawing).draw(ax, shown[-1])
-    draw_marks(ax, drawing, shown[0], {} if marks is None else marks)
+    draw_marks(ax, drawing, shown[0], marks)
     return written(plane.figure, path)
 
 

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.errors import SceneError, is_whole, numbers, positive, require
+from fx_beam.errors import SceneError, is_name, is_whole, numbers, positive, require
 from fx_beam.results.fields import nodes_of_elements
 from fx_beam.results.solution import Solution, scene_of
 from fx_beam.scene.beam import Beam, Node, lagrange, lagrange_and_slopes
@@ -137,6 +137,11 @@ class Drawing:
     solution: Any
     rows: Sequence[int]
     magnify: float = 1.0
+    #: Unit of lengths.
+    unit: str = "m"
+
+    def __post_init__(self):
+        require(is_name(self.unit), "scene_unit", self.unit, "a text")
 
     @property
     def scene(self):
@@ -328,6 +333,7 @@ class Drawing:
 def checked_drawing(
     solution: Solution,
     magnify: float,
+    unit: str,
     usual: int = 1,
     rows: Any = None,
     times: Any = None,
@@ -353,7 +359,7 @@ def checked_drawing(
     fits = numbers(rows).ndim == 1 and all(is_whole(k, 0, last) for k in rows)
     wanted = f"rows of the solution, such as range(0, {last + 1}, {max(1, last // 10)})"
     require(fits and len(rows) > 0, "rows", rows, wanted)
-    return Drawing(solution, list(rows), positive(magnify, "magnify"))
+    return Drawing(solution, list(rows), positive(magnify, "magnify"), unit)
 
 
 def say_if_too_small(drawing: Drawing) -> None:

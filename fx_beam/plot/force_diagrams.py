@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Area
 
-from fx_beam.errors import is_flag, is_name, is_one_of, require, shown
+from fx_beam.errors import is_flag, is_one_of, require, shown
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.solution import Solution
 
@@ -73,7 +73,7 @@ def diagrams(
     path = picture(path)
     if row is None and isinstance(solution, Solution):
         row = len(solution.t) - 1
-    (row,) = checked_drawing(solution, 1.0, rows=[row]).rows
+    (row,) = checked_drawing(solution, 1.0, scene_unit, rows=[row]).rows
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
     names = list(quantities) if isinstance(quantities, Iterable) else []
@@ -84,8 +84,7 @@ def diagrams(
             f"quantities = {shown(quantities)} must be some of {', '.join(RESULTANTS)}"
         )
     require(is_flag(deformed), "deformed", deformed, "True or False")
-    require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
-    drawing = Drawing(solution, [row], 1.0 if deformed else 0.0)
+    drawing = Drawing(solution, [row], 1.0 if deformed else 0.0, scene_unit)
     tallest = min(_TALLEST * drawing.size, _OVER * drawing.spacing)
     low, high = drawing.window
     margin = 1.3 * tallest + _BESIDE_TIP * drawing.size

@@ -159,7 +159,6 @@ class Colouring(Members):
         self,
         drawing: Drawing,
         quantity: str,
-        scene_unit: str,
         limits: tuple[float, float] | None = None,
         scale: str = "linear",
         thickness: float | None = None,
@@ -183,7 +182,7 @@ class Colouring(Members):
         self._values = dict(zip(drawing.rows, rows, strict=True))
         self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
         beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
-        self.bar: dict[str, Any] = {"label": words_for(quantity, scene_unit)}
+        self.bar: dict[str, Any] = {"label": words_for(quantity, drawing.unit)}
         self.bar["extend"] = beyond.get((low, high), "neither")
         if scale == "linear":
             self.bar["format"] = "%.3g"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fx_beam.errors import Constant, SceneError, is_flag, is_name, require, shown
+from fx_beam.errors import Constant, SceneError, is_flag, require, shown
 from fx_beam.scene.beam import Beam, Node, reference_positions
 from fx_beam.scene.contacts import arc_of
 from fx_beam.scene.coordinate import Held
@@ -275,8 +275,7 @@ def scene(
         raise SceneError("plot.scene: the scene has no beams; add one with scene.add_beam")
     path = picture(path)
     require(is_flag(dimensions), "dimensions", dimensions, "True or False")
-    require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
-    drawing = Drawing(Reference(scene), [0])
+    drawing = Drawing(Reference(scene), [0], unit=scene_unit)
     axes = {beam.name: drawing.axis(beam.name, 0) for beam in scene.beams}
     sheet = Sheet(drawing.reach)
     _members(sheet, scene, axes, drawing.thinness)

@@ -11,7 +11,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from fx_beam.errors import is_name, require
 from fx_beam.results.files import replacing, writable
 
 from .drawing import Drawing
@@ -44,11 +43,9 @@ class Plane:
     def __init__(
         self,
         drawing: Drawing,
-        scene_unit: str,
         bar: bool,
         size: tuple[float, float] | None = None,
     ):
-        require(is_name(scene_unit), "scene_unit", scene_unit, "a text")
         (low, high), whole = drawing.window, np.array(LARGEST if size is None else size)
         extent = high - low
         for below in (False, True) if bar else (False,):
@@ -68,7 +65,7 @@ class Plane:
         corner = np.array([left, bottom])
         self.ax: Any = self.figure.add_axes((*(corner / whole), *(inner / whole)))
         self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        self.ax.set(xlabel=f"$x$ [{scene_unit}]", ylabel=f"$y$ [{scene_unit}]")
+        self.ax.set(xlabel=f"$x$ [{drawing.unit}]", ylabel=f"$y$ [{drawing.unit}]")
         self.ax.locator_params(axis="x", nbins=max(2, int(inner[0] / 0.7)))
         self.ax.locator_params(axis="y", nbins=max(2, int(inner[1] / 0.5)))
         #: Low and high corner of the axes.

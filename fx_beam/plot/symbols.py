@@ -65,21 +65,20 @@ class Supports:
         leaving = _leaving(drawing, set(held))
         self.symbols = {n: _support(held[n], np.array(leaving[n])) for n in sorted(held)}
 
-    def draw(self, ax, k: int) -> list:
-        """Draw the supports in row k, and the guides; returns the artists."""
+    def draw(self, ax, k: int) -> None:
+        """Draw the supports in row k, and the guides."""
         drawing, symbols = self._drawing, self.symbols
         unit, guides = drawing.size * drawing.thinness, [*map(self._guide, self._guides)]
         strokes = [of.at(drawing.positions(number, k), unit) for number, of in symbols.items()]
         strokes += [wall for _, wall in guides]
         thick = [line for of in strokes for line in of.thick]
-        drawn = draw_lines(ax, thick, linewidth=1.2, zorder=3)
-        drawn += draw_lines(ax, [line for of in strokes for line in of.thin], **_THIN)
-        drawn += draw_lines(ax, [guide for guide, _ in guides], **_RAIL)
+        draw_lines(ax, thick, linewidth=1.2, zorder=3)
+        draw_lines(ax, [line for of in strokes for line in of.thin], **_THIN)
+        draw_lines(ax, [guide for guide, _ in guides], **_RAIL)
         for marker in "os":
             if nodes := [number for number, of in symbols.items() if of.marker == marker]:
                 size = marker_size(ax, drawing)
-                drawn += ax.plot(*drawing.positions(nodes, k).T, marker, markersize=size, **_WHITE)
-        return drawn
+                ax.plot(*drawing.positions(nodes, k).T, marker, markersize=size, **_WHITE)
 
     def _guide(self, joint: Any) -> tuple[np.ndarray, Strokes]:
         """A guide along an axis, as long as the path on it, and its wall."""
@@ -96,9 +95,10 @@ class Supports:
         return start + np.outer(ends, axis), wall
 
 
-def draw_lines(ax, lines: list[np.ndarray], **look) -> list:
-    """Draw lines (n, 2) as one, black if no colour is given; returns the artists."""
-    return ax.plot(*apart(lines).T, **{"color": "black"} | look) if lines else []
+def draw_lines(ax, lines: list[np.ndarray], **look) -> None:
+    """Draw lines (n, 2) as one, black if no colour is given."""
+    if lines:
+        ax.plot(*apart(lines).T, **{"color": "black"} | look)
 
 
 def marker_size(ax, drawing: Drawing) -> float:
@@ -227,23 +227,23 @@ _STRAIGHT = {"spring": _ZIGZAG, "damper": np.concatenate([_ROD, _CUP])}
 # -- In every row ----------------------------------------------------------------------------------
 
 
-def draw_moving(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> list:
-    """Draw rigid arms, bodies, masses and carried obstacles of row k; returns the artists."""
-    drawn = _draw_arms(ax, drawing, k, colour) + draw_bodies(ax, drawing, k, colour, small)
-    drawn += draw_outlines(ax, drawing.carried(k), colour if small else "0.35")
+def draw_moving(ax, drawing: Drawing, k: int, colour: Any = "black", small: bool = False) -> None:
+    """Draw rigid arms, bodies, masses and carried obstacles of row k."""
+    _draw_arms(ax, drawing, k, colour)
+    draw_bodies(ax, drawing, k, colour, small)
+    draw_outlines(ax, drawing.carried(k), colour if small else "0.35")
     heavy = nodes_with_mass(drawing)
     if heavy:
         look = {"color": colour if small else "#D55E00", "markersize": 5 if small else 9}
-        drawn += ax.plot(*drawing.positions(heavy, k).T, "o", **look, zorder=3)
-    return drawn
+        ax.plot(*drawing.positions(heavy, k).T, "o", **look, zorder=3)
 
 
-def draw_outlines(ax, outlines: Sequence[Outline], colour: Any = "0.35") -> list:
-    """Draw obstacles as lines with strokes on one side; returns the artists."""
+def draw_outlines(ax, outlines: Sequence[Outline], colour: Any = "0.35") -> None:
+    """Draw obstacles as lines with strokes on one side."""
     look: dict[str, Any] = {"color": colour, "zorder": 1}
-    thick = draw_lines(ax, [of.line for of in outlines], linewidth=1.4, **look)
+    draw_lines(ax, [of.line for of in outlines], linewidth=1.4, **look)
     strokes = [pair for of in outlines for pair in of.strokes]
-    return thick + draw_lines(ax, strokes, linewidth=0.7, **look)
+    draw_lines(ax, strokes, linewidth=0.7, **look)
 
 
 def nodes_with_mass(drawing: Drawing) -> list[int]:
@@ -251,8 +251,8 @@ def nodes_with_mass(drawing: Drawing) -> list[int]:
     return sorted({node for node, mass, _ in drawing.of_scene("masses") if mass})
 
 
-def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
-    """Draw arrows of forces, with their heads at the nodes and lengths in proportion; the artists.
+def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> None:
+    """Draw arrows of forces, with their heads at the nodes and lengths in proportion.
 
     Forces below a fiftieth of the largest one are left out.
     """
@@ -262,13 +262,13 @@ def draw_forces(ax, drawing: Drawing, k: int, colour: Any = "black") -> list:
         if np.hypot(*drawing.force(load, k)) > 0.02 * drawing.largest_force
     ]
     if not arrows:
-        return []
+        return
     tails, tips = np.moveaxis(np.array(arrows), 1, 0)
     look = _ARROW | {"width": 0.018, "headwidth": 6, "headlength": 8, "headaxislength": 8}
-    return [ax.quiver(*tails.T, *(tips - tails).T, color=colour, **look, zorder=4)]
+    ax.quiver(*tails.T, *(tips - tails).T, color=colour, **look, zorder=4)
 
 
-def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
+def _draw_arms(ax, drawing: Drawing, k: int, colour) -> None:
     """Rigid arms from nodes to joints with an offset."""
     arms = []
     centres = {body.centre for body in drawing.solution.bodies.values()}
@@ -277,11 +277,11 @@ def _draw_arms(ax, drawing: Drawing, k: int, colour) -> list:
         if joint.offset.any() and not (of_body or is_grounded(joint)):
             ends = drawing.positions(joint.a.number, k), _origin(drawing, joint, k)
             arms.append(np.array(ends))
-    return draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
+    draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
 
 
-def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
-    """Draw bodies of row k: arms from centre to points, and the area between; the artists."""
+def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> None:
+    """Draw bodies of row k: arms from centre to points, and the area between."""
     arms, areas, centres = [], [], []
     for body in drawing.solution.bodies.values():
         around = drawing.positions([node.number for node in body.nodes], k)
@@ -290,20 +290,19 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> list:
             about = around - around.mean(axis=0)
             areas.append(around[np.argsort(np.arctan2(about[:, 1], about[:, 0]))])
         centres.append(around[0])
-    drawn = draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
+    draw_lines(ax, arms, color=colour, linewidth=2.0, zorder=2)
     if areas:
         look = {"facecolor": colour, "alpha": 0.03 if small else 0.15, "linewidth": 0}
-        drawn.append(ax.add_collection(PolyCollection(areas, **look, zorder=1)))
+        ax.add_collection(PolyCollection(areas, **look, zorder=1))
     if centres:
-        drawn += ax.plot(*np.transpose(centres), "+", color=colour, markersize=6, zorder=4)
-    return drawn
+        ax.plot(*np.transpose(centres), "+", color=colour, markersize=6, zorder=4)
 
 
 # -- Joints and forces between points --------------------------------------------------------------
 
 
-def draw_joints(ax, drawing: Drawing, k: int) -> list:
-    """Draw joints, springs, dampers, stops, forces between points of row k; the artists."""
+def draw_joints(ax, drawing: Drawing, k: int) -> None:
+    """Draw joints, springs, dampers, stops, forces between points of row k."""
     joints: list[Joint] = list(drawing.of_scene("joints"))
     lines = {"guide": _guides(drawing, joints, k), "fine": [], "friction": [], "stop": []}
     for joint in joints:
@@ -315,11 +314,13 @@ def draw_joints(ax, drawing: Drawing, k: int) -> list:
                     around = _SPRING_WIDTH * drawing.size * _AROUND[part]
                     symbol = _position_of(drawing, joint, k) + around
                 lines[_LOOK_OF.get(part, part)].append(symbol)
-    return _drawn(ax, lines) + draw_between(ax, drawing, k) + draw_hinges(ax, drawing, k)
+    _draw_by_looks(ax, lines)
+    draw_between(ax, drawing, k)
+    draw_hinges(ax, drawing, k)
 
 
-def draw_between(ax, drawing: Drawing, k: int) -> list:
-    """Draw forces between points of row k, with walls at points; returns the artists."""
+def draw_between(ax, drawing: Drawing, k: int) -> None:
+    """Draw forces between points of row k, with walls at points."""
     lines: dict[str, list[np.ndarray]] = {"fine": [], "pull": [], "friction": []}
     size = drawing.size
     for force in drawing.of_scene("forces_between"):
@@ -334,21 +335,21 @@ def draw_between(ax, drawing: Drawing, k: int) -> list:
         if not isinstance(force.b, Node):
             wall = wall_strokes(-force.apart / np.hypot(*force.apart), _SHORT_WALL).at(b, size)
             lines["fine"] += wall.thick + wall.thin
-    return _drawn(ax, lines)
+    _draw_by_looks(ax, lines)
 
 
-def _drawn(ax, lines: dict[str, list[np.ndarray]]) -> list:
-    """Draw lines by their looks; returns the artists."""
-    return [artist for look, of in lines.items() for artist in draw_lines(ax, of, **_LOOKS[look])]
+def _draw_by_looks(ax, lines: dict[str, list[np.ndarray]]) -> None:
+    """Draw lines by their looks."""
+    for look, of in lines.items():
+        draw_lines(ax, of, **_LOOKS[look])
 
 
-def draw_hinges(ax, drawing: Drawing, k: int) -> list:
-    """Draw a ring at each hinge of row k, and a square at each slide; returns the artists."""
-    drawn, size = [], 0.8 * marker_size(ax, drawing)
+def draw_hinges(ax, drawing: Drawing, k: int) -> None:
+    """Draw a ring at each hinge of row k, and a square at each slide."""
+    size = 0.8 * marker_size(ax, drawing)
     look = {"color": "white", "markeredgecolor": "black", "markersize": size, "zorder": 5}
     for marker, nodes in nodes_of_joints(drawing).items():
-        drawn += ax.plot(*drawing.positions(nodes, k).T, marker, **look)
-    return drawn
+        ax.plot(*drawing.positions(nodes, k).T, marker, **look)
 
 
 def nodes_of_joints(drawing: Drawing) -> dict[str, list[int]]:
@@ -441,17 +442,16 @@ def _stretched(points: np.ndarray, a: np.ndarray, b: np.ndarray, size: float) ->
 # -- Names -----------------------------------------------------------------------------------------
 
 
-def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node]) -> list:
-    """Write names beside nodes in row k; returns the artists."""
-    drawn: list = []
+def draw_marks(ax, drawing: Drawing, k: int, marks: dict[str, Node] | None) -> None:
+    """Write names beside nodes in row k."""
+    marks = {} if marks is None else marks
     require(isinstance(marks, dict), "marks", marks, "a dict of nodes by the names to write")
     for name, node in marks.items():
         drawing.solution.position(node)  # raises an error if it is not a node of the solution
         position = drawing.positions(node.number, k)
-        drawn += ax.plot(*position, ".", color="black", markersize=5, zorder=6)
+        ax.plot(*position, ".", color="black", markersize=5, zorder=6)
         # Towards the middle, where there is room for long names.
         left = position[0] > np.mean(ax.get_xlim())
         offset = {"xytext": (-5 if left else 5, 5), "ha": "right" if left else "left"}
         look = {"textcoords": "offset points", "fontsize": "small", "zorder": 7}
-        drawn.append(ax.annotate(name, position, **offset, **look))
-    return drawn
+        ax.annotate(name, position, **offset, **look)

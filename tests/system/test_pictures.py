@@ -478,7 +478,7 @@ def test_films_have_all_rows_their_speed_and_the_size_that_is_asked_for(swing, t
 
 
 def test_rows_are_those_next_to_times_or_evenly_spaced(swing):
-    t, shown = swing[2].t, lambda **of: checked_drawing(swing[2], 1.0, 8, **of).rows
+    t, shown = swing[2].t, lambda **of: checked_drawing(swing[2], 1.0, "m", 8, **of).rows
     assert shown(times=[t[3] + 1e-6, t[9]]) == [3, 9] and shown(count=3) == [
         0,
         (len(t) - 1) // 2,
