@@ -32,7 +32,7 @@ from .fields import (
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .vjp_form import ResultantDerivatives
-from .weak_form import Material, WeakForm, inverted_sections, weak_form
+from .weak_form import LOSSES, Material, WeakForm, weak_form
 
 Given = np.ndarray | None
 
@@ -65,8 +65,6 @@ class BeamForms:
         self.changes = 0
         #: Forms on the mesh by name.
         self.bound: dict[str, BoundForm] = {}
-        #: Their names, in order.
-        self.names: list[str] = []
         self._weak = weak = self._weak_form(scene)
         #: UFL's fields, and what they stand for on this mesh.
         self.fields = weak.fields
@@ -77,16 +75,20 @@ class BeamForms:
         self._start, *self._start_rates = self.moving[1:4]
         if weak.added is not None:
             self._added = self._bind(weak.added)
+        unknowns = mesh.unknowns
+        #: Field of the internal variables; None without any.
+        self._internal: Any = self._data.get(weak.internal)
+        for name, form in weak.compiled.items():
+            of_internal = name == "internal variables"
+            self._bind(form, self._data[weak.internal].space if of_internal else unknowns)
+        bound = self.bound
         #: Those of forces and of their tangents: the internal ones, and drag.
-        self._forces, self._tangents = [self._bind(weak.force)], [self._bind(weak.tangent)]
-        self._energy = self._bind(weak.energy)
-        #: Forms of `WeakForm.losses`; None where there is none.
-        self.of_loss = [form and self._bind(form) for form in weak.losses]
-        for form in (weak.held_before, weak.actuation):
-            if form:
-                self._bind(form)
-        if weak.evolution is not None:
-            self._bind_evolution(weak.evolution)
+        self._forces, self._tangents = [bound["internal forces"]], [bound["tangent"]]
+        self._energy, self._inversion = bound["strain energy"], bound["inverted sections"]
+        #: Forms of `LOSSES`; None where there is none.
+        self.of_loss = [bound.get(name) for name in LOSSES]
+        #: Weights (degree,) of the Gauss points, relative to the element's length.
+        self.point_weights = gauss_rule(self.fields.degree)[1]
         #: Whether the forces depend on the start of the last step, and on rates at the start of a
         #: step.
         self.needs_previous, self.needs_rates = weak.needs_previous, weak.needs_rates
@@ -376,16 +378,8 @@ class BeamForms:
         """Bind a form of a step, of the unknowns or in another space, and keep it by its name."""
         spaces = [space or self._mesh.unknowns] * len(compiled.form.arguments())
         form = BoundForm(compiled, self._mesh, data or self._data, spaces, self._tags)
-        if compiled.name not in self.bound:
-            self.names.append(compiled.name)
         self.bound[compiled.name] = form
         return form
-
-    def _bind_evolution(self, compiled: CompiledForm) -> None:
-        self._internal = self._data[self._weak.internal]
-        self._bind(compiled, self._internal.space)
-        #: Weights (degree,) of the Gauss points, relative to the element's length.
-        self.point_weights = gauss_rule(self.fields.degree)[1]
 
     # -- Evaluation -----------------------------------------------------------------------------
 
@@ -454,11 +448,6 @@ class BeamForms:
         self._set_internal(internal)
         self.natural.set(natural)
         return self._energy.total()
-
-    def bind_inversion(self) -> None:
-        """Bind the form that `is_inverted` takes."""
-        if "inverted sections" not in self.bound:
-            self._inversion = self._bind(inverted_sections(self.fields.plain))
 
     def is_inverted(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""

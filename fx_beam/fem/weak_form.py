@@ -41,6 +41,8 @@ from . import elements, ffcx_api
 from .ffcx_api import REFUSALS, CompiledForm
 from .fields import DataShape, Fields
 
+#: Energies that the material and the scheme take in a step, and that the scheme holds for the next.
+LOSSES = "lost energy", "scheme's loss", "scheme's energy"
 #: Stored energy of a section, None for the quadratic one, and its internal variables.
 Material = tuple[Energy | None, InternalVariables | None]
 
@@ -183,7 +185,7 @@ class WeakForm:
                 lost += evolution_loss(stored, *ends, *strains, at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
-        self._losses = {"lost energy": lost, "scheme's loss": of_scheme, "scheme's energy": held}
+        self._losses = dict(zip(LOSSES, (lost, of_scheme, held), strict=True))
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
@@ -227,23 +229,21 @@ class WeakForm:
 
     def _compile(self) -> None:
         fields, residual = self.fields, self._residual
-        tangent = ufl.derivative(residual, fields.increment, fields.trial)
-        forms = {"internal forces": residual, "tangent": tangent}
-        self.force, self.tangent = ffcx_api.compile_together(forms)
-        self.energy = ffcx_api.compile_form(self._stored, "strain energy")
-        #: Energies that the material and the scheme take in a step, and that the scheme holds for
-        #: the next one; None where there is none.
-        self.losses = [_compiled(energy, name) for name, energy in self._losses.items()]
-        #: The energy that the scheme held at the start, with the parameters of the step; None if it
-        #: holds none, or if no stored energy has parameters.
-        held = self._held_before if self.names_in_energies else None
-        self.held_before = _compiled(held, "scheme's energy at the start")
-        #: Work of natural strains that change in a step; None without any.
-        self.actuation = _compiled(self._actuation, "work of natural strains")
-        #: Increments of the internal variables at the Gauss points, each times its weight; None
-        #: without any.
-        grown = self._increments() if self.width else None
-        self.evolution = _compiled(grown, "internal variables")
+        forms = {
+            "internal forces": residual,
+            "tangent": ufl.derivative(residual, fields.increment, fields.trial),
+            "strain energy": self._stored,
+            "inverted sections": _inverted_sections(fields.plain),
+            **self._losses,
+            # With the parameters of the step.
+            "scheme's energy at the start": self._held_before if self.names_in_energies else 0,
+            "work of natural strains": self._actuation,
+            # Increments at the Gauss points, each times its weight.
+            "internal variables": self._increments() if self.width else 0,
+        }
+        forms = {name: form for name, form in forms.items() if form}
+        #: Compiled forms by name, those that there are.
+        self.compiled = dict(zip(forms, ffcx_api.compile_together(forms), strict=True))
         #: Whether the forces depend on the start of the last step.
         self.needs_previous = fields.q_previous in residual.coefficients()
         if self.needs_previous and len(self.scheme.fractions) > 1:
@@ -299,10 +299,6 @@ class WeakForm:
         return ffcx_api.compile_together(numbered)
 
 
-def _compiled(form: Any, name: str) -> CompiledForm | None:
-    return ffcx_api.compile_form(form, name) if form else None
-
-
 def weak_form(
     fields: Fields,
     scheme: Scheme,
@@ -333,12 +329,10 @@ def _cached(kind: Any, *arguments: Any) -> Any:
     return kind(*first, [_ELASTIC], stiffness, times, (), natural)
 
 
-@functools.cache
-def inverted_sections(fields: Fields) -> CompiledForm:
+def _inverted_sections(fields: Fields) -> Any:
     """A functional of the start of a step, positive where t . phi' > 0 (eq. 4) is violated."""
     # The derivative along the element's own coordinate has the same sign and is cheaper.
     X = fields.jacobian
     u0, psi0 = ufl.split(fields.start)
     along = ufl.dot(director(psi0, X), X + arc_derivative(u0, X))
-    inverted = (abs(along) - along) * fields.measure(fields.degree)
-    return ffcx_api.compile_form(inverted, "inverted sections")
+    return (abs(along) - along) * fields.measure(fields.degree)

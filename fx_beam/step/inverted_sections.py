@@ -19,8 +19,6 @@ class InversionCheck:
 
     def __init__(self, model: Model, stats: Stats):
         self._model, self._stats, self._beams = model, stats, model.forms.beams
-        if self._beams is not None:
-            self._beams.bind_inversion()
         self.least_energy = _least_energy(model)
 
     def check(self, t: float, q: np.ndarray) -> None:

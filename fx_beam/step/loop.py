@@ -44,8 +44,6 @@ class CompiledLoop:
         alone: bool = True,
     ):
         self.model, self._options = model, options
-        if model.forms.beams is not None:
-            model.forms.beams.bind_inversion()  # C has its form as well
         #: Owns the arrays to which C points.
         self.problem = problem = Problem.of(model, options, forcing.turning is not None, alone)
         self._ffi, self._library = problem.ffi, problem.library

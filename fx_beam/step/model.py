@@ -93,7 +93,7 @@ class Model:
         #: Held by the thread that makes what solutions have only when it is read.
         self.reading = RLock()
         #: Names of the compiled forms and of the assembled matrices and vectors.
-        self.compiled = [] if self.forms.beams is None else self.forms.beams.names
+        self.compiled = [] if self.forms.beams is None else [*self.forms.beams.bound]
         self.assembled = self._mass.assembled
         self.loads = Loads(scene, self.mesh)
         self.natural = NaturalStrains(scene, self.mesh)
