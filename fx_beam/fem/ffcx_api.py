@@ -23,14 +23,11 @@ from ffcx.ir.analysis.valuenumbering import ValueNumberer
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from ufl.algorithms.check_arities import ArityMismatch
 
-import cffi
-
 from fx_beam import c_library, library_cache
 
 T = TypeVar("T")
 
 _log = logging.getLogger("fx_beam")
-_FFI = cffi.FFI()
 # What later versions call options.
 _OPTIONS = "parameters" if find_spec("ffcx.parameters") else "options"
 _options = getattr(ffcx, f"get_{_OPTIONS}")
@@ -231,12 +228,14 @@ def integrals(form) -> list[int]:
 
 def integral_functions(form) -> list[int]:
     """Address of the C function of each integral."""
-    return [_address(integral.tabulate_tensor_float64) for _, integral in _integrals(form)]
+    return [_address(form, integral) for _, integral in _integrals(form)]
 
 
 def signature(form) -> str:
     """Identifier of a compiled form, with the version of its compiler."""
-    return _FFI.string(form.ufcx.signature).decode() + ffcx.codegeneration.get_signature()
+    return (
+        form.module.ffi.string(form.ufcx.signature).decode() + ffcx.codegeneration.get_signature()
+    )
 
 
 def ufcx_folder() -> str:
@@ -249,25 +248,22 @@ def element_functions(form) -> tuple[str, list[str], int]:
 
     Raises LookupError if the compiled form does not give these names.
     """
-    functions = [integral.tabulate_tensor_float64 for _, integral in _integrals(form)]
-    module, names = "", []
-    for function in functions:
-        module, name = _symbol(_address(function))
-        names.append(name)
+    modules, names = zip(*map(_symbol, integral_functions(form)), strict=True)
     _, source = form.code  # empty unless it has just been compiled
     if not source:
         # Function names derive from the module's name, so they are the same again.
-        source = _generated(form.together, Path(module).name.partition(".")[0])
-    return source, names, len(_FFI.typeof(functions[0]).args)
+        source = _generated(form.together, Path(modules[0]).name.partition(".")[0])
+    function = form.module.ffi.typeof("ufcx_tabulate_tensor_float64 *")
+    return source, [*names], len(function.args)
 
 
 def expression_function(compiled) -> int:
     """Address of the C function of a compiled expression."""
-    return _address(compiled.ufcx.tabulate_tensor_float64)
+    return _address(compiled, compiled.ufcx)
 
 
-def _address(function) -> int:
-    return int(_FFI.cast("uintptr_t", function))
+def _address(form, ufcx) -> int:
+    return int(form.module.ffi.cast("uintptr_t", ufcx.tabulate_tensor_float64))
 
 
 class _Symbol(ctypes.Structure):
