@@ -43,7 +43,6 @@ class RowFiles:
         self._times: list[float] = []
         self._names: list[str] = []
         self._small: list[dict[str, np.ndarray]] = []
-        self._levels: list[np.ndarray] = []
         #: Rates that fit the joints at the last row, if those of steps do not.
         self._fitted: np.ndarray | None = None
         self._saved, self._took = time.monotonic(), 0.0
@@ -86,8 +85,7 @@ class RowFiles:
         with uninterrupted:
             self._times += times
             self._names += names
-            self._small.append(histories.small_rows(new))
-            self._levels.append(histories["t_level"][new:])
+            self._small.append(histories.small_rows(new) | {"t_level": histories["t_level"][new:]})
             self._fitted = histories.fitted_at(times[-1])
             recorder.forget()
 
@@ -150,9 +148,7 @@ class RowFiles:
             name: np.concatenate([of[name][parts] for of in self._small[parts]])
             for name in self._small[0]
         }
-        t = np.array(self._times[parts])
-        levels = np.concatenate([of[parts] for of in self._levels[parts]])
-        rates = self._fitted
+        t, levels, rates = np.array(self._times[parts]), small.pop("t_level"), self._fitted
         fitted = None if rates is None else lambda: small | {"v": rates[None]}
         impact = self._recorder.impact
         return RecordedHistories(self._model, small, fitted, {}, t, lambda: levels, impact)

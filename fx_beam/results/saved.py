@@ -192,17 +192,11 @@ class _Parts:
             return [self.read(part) for part in packed]
         if not isinstance(packed, dict):
             return packed
-        match [*packed.items()]:
-            case [("array", name)]:
-                return self._arrays.pop(name)
-            case [("node", number)]:
-                return self.node(number)
-            case [("beam", name)]:
-                return self.beams[name]
-            case [("tuple", values)]:
-                return tuple(self.read(values))
-            case [("keys", keys), ("values", values)]:
-                return dict(zip(keys, self.read(values), strict=True))
-            case [("is", kind), *named]:
-                return _KINDS[kind](**{name: self.read(part) for name, part in named})
-        raise ValueError(f"{packed} is nothing known")
+        (how, given), *others = packed.items()
+        if how == "is":
+            return _KINDS[given](**{name: self.read(part) for name, part in others})
+        if how == "keys":
+            return dict(zip(given, self.read(packed["values"]), strict=True))
+        made: dict[str, Any] = {"array": self._arrays.pop, "node": self.node}
+        made |= {"beam": self.beams.__getitem__, "tuple": lambda of: tuple(self.read(of))}
+        return made[how](given)

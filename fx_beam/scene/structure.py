@@ -1,7 +1,7 @@
 """Whether two scenes differ in numbers only: what is set up for one then serves the other.
 
-All that a scene has is structure, and must be equal, except what is listed here as a number. So
-what is added to a scene later counts as structure until it is listed.
+All that a scene has is structure, and must be equal, except fields that are marked as numbers, by
+`NUMBER` or `number`. So what is added to a scene later counts as structure until it is marked.
 """
 
 from __future__ import annotations
