@@ -24,7 +24,7 @@ from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.tables import Problem
-from fx_beam.step.tape import static_tape
+from fx_beam.step.tape import Tape, static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
@@ -43,6 +43,8 @@ _OF_STATE = {"q", "slides", "internal", "spring internal"}
 _ALIKE = 1e-11
 # Forces that remain of a system that is solved, relative to its right side.
 _SOLVED = 1e-6
+# Numbers that are followed forwards at once, and memory [bytes] of what is found in steps.
+_GROUP, _MEMORY = 4, 1e8
 
 
 class Product(NamedTuple):
@@ -83,6 +85,18 @@ class _Along(NamedTuple):
     stiffness: np.ndarray
     damping: np.ndarray
     ends: np.ndarray
+
+    def weights(self, parts: np.ndarray) -> list[np.ndarray]:
+        """Weights (n, r, ...) along r directions, of which these are parts (d, r)."""
+        return [np.einsum("dr,dni->nri", parts, by).real for by in self[1:]]
+
+
+class _Directions(NamedTuple):
+    """Those of a sum, its derivatives by the mass (n, entries), and a time [s] like those of it."""
+
+    along: list[_Along]
+    by_mass: np.ndarray
+    time: float
 
 
 class _Steps(NamedTuple):
@@ -189,10 +203,22 @@ class TangentDerivatives:
         sums: Sequence[Product],
         changes: Mapping[str, np.ndarray],
     ) -> np.ndarray:
-        """Derivatives (n, m) of sums by x, with which numbers change (m, ...)."""
-        weighted, by_state = self.products(about, sums)
+        """Derivatives (n, m) of sums by x, with which numbers change (m, ...).
+
+        Forwards if the sums are so many that these are fewer steps.
+        """
+        refuse_others(changes, self._derivatives.names, self._what)
+        products = [self._directions(about, of) for of in sums]
+        if len(sums) > 1 and not self._problem.c.closures:
+            every = [one.directions for along, _, _ in products for one in along]
+            unit = about.model.unit_of_unknowns
+            basis, parts = _basis(np.concatenate(every) / unit)
+            steps = sum(len(by_mass) * len(along[0].directions) for along, by_mass, _ in products)
+            if steps > len(basis) * np.ceil(len(changes["X"]) / _GROUP):
+                return self._forwards(about, products, changes, basis * unit, parts)
+        weighted, by_state = self._backwards(about, products)
         if self._follows:
-            weighted += self.forces(-self._solved(about, by_state))
+            weighted += self.forces(-self._solved(about.K.T, by_state))
         else:
             unknowns = self._derivatives.layout.at["Y"][self._unknowns]
             weighted.by_vector[:, unknowns] = by_state
@@ -206,20 +232,65 @@ class TangentDerivatives:
         The n rows of each sum after those of the one before. If `curved` those of the second
         derivatives of the sums along the directions r, twice.
         """
-        by_mass, steps = list[np.ndarray](), list[_Steps]()
-        for of in sums:
-            directions, of_mass = self._directions(about, of)
-            by_mass.append(of_mass)
-            time = float(np.exp(np.mean(np.log(of.times))))
-            steps.append(_joined([self._steps(about, one, time, curved) for one in directions]))
+        return self._backwards(about, [self._directions(about, of) for of in sums], curved)
+
+    def _backwards(
+        self, about: Linearisation, products: Sequence[_Directions], curved: bool = False
+    ) -> tuple[Weighted, np.ndarray]:
+        """The same of directions."""
+        steps = [
+            _joined([self._steps(about, one, time, curved) for one in along])
+            for along, _, time in products
+        ]
         by_vector, of_step, by_state = self._followed(steps)
-        return Weighted(by_vector, of_step, np.concatenate(by_mass)), by_state
+        by_mass = np.concatenate([of_mass for _, of_mass, _ in products])
+        return Weighted(by_vector, of_step, by_mass), by_state
 
-    def _directions(self, about: Linearisation, of: Product) -> tuple[list[_Along], np.ndarray]:
-        """Directions r, those l on which motions of the nodes depend, and derivatives by the mass.
+    def _forwards(
+        self,
+        about: Linearisation,
+        products: Sequence[_Directions],
+        changes: Mapping[str, np.ndarray],
+        basis: np.ndarray,
+        parts: np.ndarray,
+    ) -> np.ndarray:
+        """Derivatives (n, m) by changes of K, C and T along a basis (r, free), with all numbers."""
+        time = float(np.exp(np.mean([np.log(time) for _, _, time in products])))
+        lengths, by_state = np.array([time, 2 * time] if self._damped else [0.0]), None
+        count, free = len(changes["X"]), basis.shape[1]
+        if self._follows:
+            tape = self._tape()
+            tape.repeat(np.zeros((1, free)), np.ones(1))
+            held = np.zeros((count, free))
+            changed = self._derivatives.jvp_of_equations(tape, changes, held)
+            by_state = -self._solved(about.K, changed["equations"][0])
+        moves, sizes = self._moves(about, basis, _FIRST[0])
+        most = max(1, int(_MEMORY / (8 * len(lengths) * moves[0].size * count)))
+        of_basis = list[list[np.ndarray]]()
+        for some in (slice(k, k + most) for k in range(0, len(basis), most)):
+            tape, steps = self._tape(), moves[some].reshape(-1, free)
+            tape.repeat(np.tile(steps, (len(lengths), 1)), lengths.repeat(len(steps)))
+            changed = self._derivatives.jvp_of_equations(tape, changes, by_state)
+            shape = len(lengths), len(moves[some]), moves.shape[1], count, -1
+            rows = (changed[name].reshape(shape) for name in ("equations", "q"))
+            weights = _FIRST[1] / sizes[some]
+            forces, ends = (np.einsum("dp,ldpmi->lmdi", weights, of) for of in rows)
+            K, C = forces[0], 0 * forces[0]
+            if self._damped:  # as of `_steps`
+                K, C = 4 * forces[1] - 2 * forces[0], 2 * time * (forces[0] - forces[1])
+            of_basis.append([K, C, ends[0]])
+        slopes = [np.hstack(of).reshape(count, -1) for of in zip(*of_basis, strict=True)]
+        masses, of_sums = changes["mass"].reshape(count, -1), list[np.ndarray]()
+        for along, by_mass, _ in products:
+            of_sums.append(by_mass @ masses.T)
+            for one in along:
+                its_parts, parts = np.split(parts, [len(one.directions)])
+                for by, of in zip(one.weights(its_parts), slopes, strict=True):
+                    of_sums[-1] += by.reshape(len(by), -1) @ of.T
+        return np.concatenate(of_sums)
 
-        The latter (n, entries).
-        """
+    def _directions(self, about: Linearisation, of: Product) -> _Directions:
+        """Directions r, and those l on which motions of the nodes depend."""
         mass, right = about.model.mass, of.right[:, None]
         left = right if of.left is None else of.left
         k, c, m = (np.reshape(by, (-1, 1, 1)) for by in (of.stiffness, of.damping, of.mass))
@@ -240,7 +311,7 @@ class TangentDerivatives:
             ends = (np.eye(count)[..., None] * on_left[:, None]).reshape(-1, count, mass.shape[0])
             none = np.zeros((len(ends), count, free))
             along.append(_Along(left.reshape(-1, free), none, none, ends))
-        return along, by_mass
+        return _Directions(along, by_mass, float(np.exp(np.mean(np.log(of.times)))))
 
     def forces(self, weights: np.ndarray) -> Weighted:
         """Derivatives of weights (n, free) times the residual by numbers in the state."""
@@ -251,7 +322,6 @@ class TangentDerivatives:
 
     def along(self, weighted: Weighted, changes: Mapping[str, np.ndarray]) -> np.ndarray:
         """Derivatives (n, m) by x, with which numbers change (m, ...), of what is weighted."""
-        refuse_others(changes, self._derivatives.names, self._what)
         by_vector, of_step, by_mass = weighted
         masses = changes["mass"].reshape(len(changes["mass"]), -1)
         by_x = self._derivatives.along(changes, by_vector, of_step)
@@ -261,16 +331,13 @@ class TangentDerivatives:
         """Steps along directions, and the sums of their weights."""
         unit = about.model.unit_of_unknowns[about.unknowns]
         points, weights = _SECOND if curved else _FIRST
-        directions, *factors = along
-        basis, parts = _basis(directions / unit)
+        basis, parts = _basis(along.directions / unit)
         if curved:  # which is not linear in the directions
-            basis, parts = directions.real / unit, np.eye(len(directions))
-        largest = abs(basis).max(axis=1)[:, None]
-        distances = [self._distance(about, of) for of in basis / largest * unit]
-        sizes = np.array(distances)[:, None] / largest
-        moves = ((sizes * points)[..., None] * (basis * unit)[:, None]).reshape(-1, len(unit))
+            basis, parts = along.directions.real / unit, np.eye(len(along.directions))
+        moves, sizes = self._moves(about, basis * unit, points)
+        moves = moves.reshape(-1, len(unit))
         of = (weights / sizes ** (1 + curved))[..., None]
-        every = (of * np.einsum("dr,dni->nri", parts, by).real[:, :, None] for by in factors)
+        every = (of * by[:, :, None] for by in along.weights(parts))
         k, c, e = (by.reshape(len(by), len(moves), -1) for by in every)
         if not self._damped:
             return _Steps(moves, np.zeros(len(moves)), k, e)
@@ -279,6 +346,15 @@ class TangentDerivatives:
         lengths = np.full(len(moves), time)
         short = _Steps(moves, lengths, 2 * time * c - 2 * k, e)
         return _joined([short, _Steps(moves, 2 * lengths, 4 * k - 2 * time * c, 0 * e)])
+
+    def _moves(
+        self, about: Linearisation, directions: np.ndarray, points: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Increments (d, k, free) at points along directions, whose unit has the sizes (d, 1)."""
+        largest = abs(directions / about.model.unit_of_unknowns[about.unknowns]).max(axis=1)
+        distances = [self._distance(about, of) for of in directions / largest[:, None]]
+        sizes = (distances / largest)[:, None]
+        return (sizes * points)[..., None] * directions[:, None], sizes
 
     def _distance(self, about: Linearisation, direction: np.ndarray) -> float:
         """Distance of steps along a direction (free,), within which no contact opens or closes."""
@@ -304,9 +380,7 @@ class TangentDerivatives:
 
         The first ones in a fixed state.
         """
-        state = replace(self._start, t=self._factor)
-        tape = static_tape(self._problem, state, [state], self._forcing)
-        tape.c.apart = True
+        tape = self._tape()
         rows = [
             (of.moves, of.lengths, *weights)
             for of in steps
@@ -323,13 +397,19 @@ class TangentDerivatives:
             tape, ends.tolist(), of_equations, of_ends
         )
         first = ends - counts
-        x[:, self._derivatives.layout.at["Y"][:free]] = 0.0
+        x[:, self._derivatives.layout.at["Y"]] = 0.0
         by_state = np.add.reduceat(by_unknowns, first)[:, unknowns]
         return x, np.add.reduceat(of_steps, first), by_state
 
-    def _solved(self, about: Linearisation, by_state: np.ndarray) -> np.ndarray:
-        """Weights (n, free) of forces whose derivatives by the state are these."""
-        K = about.K.T
+    def _tape(self) -> Tape:
+        """The state as a step from itself."""
+        state = replace(self._start, t=self._factor)
+        tape = static_tape(self._problem, state, [state], self._forcing)
+        tape.c.apart = True
+        return tape
+
+    def _solved(self, K: scipy.sparse.csr_matrix, by_state: np.ndarray) -> np.ndarray:
+        """Solutions (n, free) of the tangent K, or of its transpose, for right sides."""
         try:
             weights = pivoted_lu(K).solve(by_state.T)
         except RuntimeError:

@@ -53,10 +53,11 @@ class Layout:
         slides = np.full(model.scene.joint_count, starts["nowhere"])
         for joint, column in model.couplings.slides.items():
             slides[joint] = starts["Y"] + column
-        #: Rows of states, of forces, and of the forces on unknowns.
+        #: Rows of states, of forces, of configurations at ends, and of forces on unknowns.
         of_state = {name: self.at[name] for name in ("q", "v", "internal", "spring internal")}
         constrained = self.at["R"][p.free : p.columns]
         self.states = Rows(of_state | {"slides": slides})
+        self.ends = Rows({"q": self.at["q1"]})
         self.forces = Rows({"constraints": constrained, "joints": self.at["forces"]})
         self.equations = Rows({"equations": self.at["R"][: p.free]})
 

@@ -12,7 +12,7 @@ from fx_beam.errors import SceneError
 from fx_beam.scene.joints import joints_by_number
 
 from .element_data import aligned
-from .layout import Layout, Numbers, all_of, never_empty
+from .layout import Layout, Numbers, Rows, all_of, never_empty
 from .model import Model
 from .tables import Problem
 from .tape import Part, Tape
@@ -241,41 +241,68 @@ class TapeDerivatives:
 
         These are asked for when the part is on the tape.
         """
-        structs = Structs(self._ffi, declarations("problem.h"))
         count = len(next(iter(changes.values())))
-        library, layout = self.problem.derivatives("JVP"), self.layout
-        group_size = library.GROUP_SIZE
-        of_steps = self._of_steps(changes, count, len(tape))
-        x = _side_by_side(self._vector(changes, count), group_size)
-        masses = x[:, np.append(layout.at["mass"], layout.at["weight"])]
-        self._hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
-        structs.set(
-            self.c,
-            directions=count,
-            changes_mass=masses.any(axis=(1, 2)),
-            of_steps=never_empty(_side_by_side(of_steps, group_size)),
-            x=x,
-        )
+        given = self._vector(changes, count), self._of_steps(changes, count, len(tape))
+        _kept, x = self._begin_jvp(changes, *given, by_unknowns=0)
+        layout = self.layout
         for part in tape.parts(self.problem):
-            at, of = rows_of(part)
-            of_states, of_forces = (
-                layout.states.empty(len(at), count),
-                layout.forces.empty(len(of), count),
-            )
-            # C keeps the addresses of the results until the next part.
-            own = Structs(self._ffi, declarations("problem.h"))
-            own.set(
-                self.c,
-                states=layout.states.members(at, len(tape) + 1, of_states),
-                forces=layout.forces.members(of, len(tape), of_forces),
-            )
-            left = library.fx_jvp(self._p, tape.c, self.c)
-            _check_followed(left, tape, part.end - left)
-            yield layout.states.parts(of_states) | layout.forces.parts(of_forces)
+            rows = layout.states, layout.forces
+            yield self._jvp(tape, part, count, rows, rows_of(part))
         at_end = _one_by_one(x, count)
         names = {"motors": "motors", "internal": "internal", "spring_internal": "spring internal"}
         #: Changes of the rest of the state at the end of the tape.
         self.at_end = {name: at_end[:, self.numbers[of].at] for name, of in names.items()}
+
+    def jvp_of_equations(
+        self, tape: Tape, changes: Mapping[str, np.ndarray], by_unknowns: np.ndarray | None
+    ) -> dict[str, np.ndarray]:
+        """Changes of "equations" (n, m, free) and "q" (n, m, size) at ends of load steps.
+
+        Both ends of these have the changes of the unknowns (m, free), if these are given.
+        """
+        p, count, every = self._p, len(changes["X"]), np.arange(len(tape) + 1)
+        x, columns = self._vector(changes, count), self.layout.at["Y"]
+        x[:, columns[p.free : p.free + p.driven]] = changes["driven"].reshape(count, -1)
+        if by_unknowns is not None:
+            x[:, columns[: p.free]] = by_unknowns
+        of_steps = np.tile(self._of_steps(changes, count, 1), len(tape))
+        _kept = self._begin_jvp(changes, x, of_steps, by_unknowns=np.zeros(1))
+        rows = self.layout.ends, self.layout.equations
+        return self._jvp(tape, tape.present, count, rows, (every[1:], every[:-1]))
+
+    def _begin_jvp(
+        self, changes: Mapping[str, np.ndarray], x: np.ndarray, of_steps: np.ndarray, **more: Any
+    ) -> tuple[Structs, np.ndarray]:
+        """Hand over changes of all numbers; returns what keeps them, and those in groups."""
+        structs, layout = Structs(self._ffi, declarations("problem.h")), self.layout
+        size, count = self.problem.derivatives("JVP").GROUP_SIZE, len(x)
+        self._hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
+        x, of_steps = (_side_by_side(of, size) for of in (x, of_steps))
+        masses = x[:, np.append(layout.at["mass"], layout.at["weight"])].any(axis=(1, 2))
+        arrays = {"of_steps": never_empty(of_steps), "x": x, "changes_mass": masses}
+        structs.set(self.c, directions=count, **arrays, **more)
+        return structs, x
+
+    def _jvp(
+        self,
+        tape: Tape,
+        part: Part,
+        count: int,
+        rows: tuple[Rows, Rows],
+        numbers: tuple[np.ndarray, np.ndarray],
+    ) -> dict[str, np.ndarray]:
+        """Changes of states and forces in rows with these numbers, of a part of a tape."""
+        (states, forces), (at, of) = rows, numbers
+        of_states, of_forces = states.empty(len(at), count), forces.empty(len(of), count)
+        structs = Structs(self._ffi, declarations("problem.h"))
+        structs.set(
+            self.c,
+            states=states.members(at, len(tape) + 1, of_states),
+            forces=forces.members(of, len(tape), of_forces),
+        )
+        left = self.problem.derivatives("JVP").fx_jvp(self._p, tape.c, self.c)
+        _check_followed(left, tape, part.end - left)
+        return states.parts(of_states) | forces.parts(of_forces)
 
     def _vector(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """Changes (count, size) of the numbers of the scene and of its state."""

@@ -6,7 +6,7 @@ import weakref
 
 import numpy as np
 import pytest
-from test_modal_response import damped, loaded
+from test_modal_response import beaded, damped, loaded, rotor, turning
 from test_static_response import DATA, X, bending, chain, driven, motors, slide
 
 import fx_beam as fb
@@ -116,6 +116,8 @@ def test_an_oscillator_has_the_derivatives_of_its_closed_form():
             for build in (bending, chain, driven, motors, slide, damped, relaxed)
         ),
         *((build, {}) for build in (slide, damped, relaxed)),
+        (beaded, {"state": loaded}),
+        *((build, {"state": turning}) for build in (beaded, rotor)),
     ],
 )
 def test_what_is_left_of_the_linear_change_is_of_second_order(build, options, monkeypatch):

@@ -116,10 +116,13 @@ HOT void vjp_elements(const Problem *p, const Work *w, const Derivatives *a, con
   }
 }
 
+/* Accelerations by places in a frame that turns. */
+static double by_places_in_turn(const Problem *p) { return p->at_rest ? -p->ratio * p->spin_squared : 0; }
+
 /* The derivatives of the forces of elements and of inertia, and of internal variables; with `last` also by numbers. */
 HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, double *x, int last) {
   const Layout *at = &l->at;
-  double per_dt = rates_per_path(p, w->dt), turning = p->at_rest ? -p->ratio * p->spin_squared : 0;
+  double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
   for (int i = 0; i < p->cells * p->cell_internal; ++i) x[at->internal + i] += x[at->internal1 + i];
   vjp_elements(p, w, a, l, last, x);
   times_mass(p, x + at->r, w->scratch);
@@ -141,13 +144,14 @@ HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const
 
 /* Adds the changes of the forces of inertia and weight. */
 HOT void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
-  double per_dt = rates_per_path(p, w->dt);
-  const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v;
+  double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
+  const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v, *X = x + at->member_places;
   Changes *moving = x + at->R; /* which begins afterwards */
   for (int i = 0; i < p->dofs; ++i) {
     Changes increment = held ? -q[i] : end[i] - q[i];
     moving[i] = per_dt * (per_dt / 2 * w->slope[i] * increment - v[i]);
   }
+  for (int i = 0; turning < 0 && i < p->dofs; ++i) moving[i] += turning * (X[i] + (1 - p->level) * q[i] + p->level * end[i]);
   for (int i = 0; i < p->dofs; ++i) {
     Changes sum = x[at->r + i];
     for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k) {

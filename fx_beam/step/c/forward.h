@@ -127,6 +127,13 @@ static int change_followed(const Derivatives *a, Linear *l, Changes *x) {
   return changed;
 }
 
+/* The changes of the forces on unknowns where both ends of a sub-step change by the columns at its start. */
+static void jvp_equations(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, int changes_mass, Changes *x) {
+  for (int i = 0; i < p->free; ++i) l->block[p->order[i]] = -x[l->at.Y + i];
+  set_ends(p, l, 0, l->block, x);
+  jvp_forces(p, w, a, l, changes_mass, 0, x);
+}
+
 /* The changes of the state at the end, from the solution. */
 static void change_state(const Problem *p, const Work *w, const Derivatives *a, const Linear *l, Changes *x) {
   const Layout *at = &l->at;
@@ -186,19 +193,21 @@ OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   }
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
-    if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, a->forces.at[k] >= 0, !k, 1)) break;
-    if (!factorise_tangent(p, w)) break;
+    int forces = !a->by_unknowns && a->forces.at[k] >= 0;
+    if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, forces, !k, 1)) break;
+    if (!a->by_unknowns && !factorise_tangent(p, w)) break;
     for (long i = 0; i < groups; ++i) {
       Changes *x = (Changes *)a->x + i * at->size;
       int count = a->directions - i * GROUP_SIZE < GROUP_SIZE ? a->directions - i * GROUP_SIZE : GROUP_SIZE;
-      if (tape->apart) memset(x + at->Y, 0, of_state * sizeof(Changes));
+      if (tape->apart && !a->by_unknowns) memset(x + at->Y, 0, of_state * sizeof(Changes));
       if (k == 0) {
         memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(Changes));
         memset(x + at->q, 0, p->dofs * sizeof(Changes)), jvp(l.of + BEGUN, x);
       }
       if (row == 0) store_row(a, &a->states, k, x, i * GROUP_SIZE, count);
       memcpy(x + at->loads, (Changes *)a->of_steps + (i * tape->all + k) * steps, steps * sizeof(Changes));
-      jvp_group(p, w, a, &l, a->changes_mass[i], a->forces.at[k] >= 0, x);
+      if (a->by_unknowns) jvp_equations(p, w, a, &l, a->changes_mass[i], x);
+      else jvp_group(p, w, a, &l, a->changes_mass[i], forces, x);
       store_row(a, &a->forces, k, x, i * GROUP_SIZE, count), store_row(a, &a->states, k + 1, x, i * GROUP_SIZE, count);
     }
   }
