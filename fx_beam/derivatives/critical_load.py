@@ -155,7 +155,8 @@ class CriticalLoad:
     ) -> tuple[float, float]:
         """A_2, or 0 if it is round-off, and A_3."""
         product = Product(self.phi[None], self.psi[None, None], 1.0)
-        _, (curved,) = self._tangent.products(self._about, [product], curved=True)
+        directions = self._tangent.directions(self._about, product)
+        _, (curved,) = self._tangent.products(self._about, [directions], curved=True)
         curvature = float(self.phi @ curved - 3 * by_state @ weights)
         slope, size = self.phi @ by_state, abs(by_factor * self._point.load_factor)
         return (slope if abs(slope) > _ASYMMETRIC * (size + abs(curvature)) else 0.0), curvature
@@ -166,7 +167,8 @@ class CriticalLoad:
         And those by the state, with the weights of forces that belong to these.
         """
         product = Product(self.phi[None], self.psi[None, None], 1.0, mass=-self._square)
-        weighted, (by_state,) = self._tangent.products(self._about, [product])
+        directions = self._tangent.directions(self._about, product)
+        weighted, (by_state,) = self._tangent.products(self._about, [directions])
         weights = self._solved(by_state)
         weighted += self._tangent.forces(-weights[None])
         return self._tangent.along(weighted, self._changes)[0], by_state, weights

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.equilibria.statics import LoadPath
 from fx_beam.errors import SceneError
-from fx_beam.laws.schemes import Equilibrium
+from fx_beam.laws.schemes import Equilibrium, Scheme
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.numbers import static_numbers_of
 from fx_beam.results.state import State
@@ -69,6 +69,24 @@ def why_no_sums(path: LoadPath | None) -> dict[str, str]:
     return {quantity: f"{before} {reason}" for quantity, reason in reasons.items() if reason}
 
 
+class OtherScenes:
+    """The models of scenes that have the structure of one, of a scheme and a kind: mostly one."""
+
+    def __init__(self, scene: Scene, scheme: Scheme, **kind: bool):
+        self._model: Model | None = None
+        self._scene, self._made_of = scene, lambda of: Model(of, scheme, **kind)
+
+    def model_of(self, scene: Scene) -> Model:
+        """The model of a scene; OtherStructureError if it differs."""
+        model = self._model or self._made_of(self._scene)
+        try:
+            model.refill(scene)
+        except ElsewhereError:  # of joints that close loops, for example
+            model = self._made_of(scene)
+        self._model = model
+        return model
+
+
 class StaticDerivatives:
     """The load steps of a path on a tape, and their derivatives."""
 
@@ -85,7 +103,8 @@ class StaticDerivatives:
         problem = Problem(path.model, NewtonOptions())
         self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
-        self._other: Model | None = None
+        kind = {"settles": bool(path.model.mechanism)}
+        self._others = OtherScenes(path.model.scene, Equilibrium(), **kind)
 
     @property
     def names(self) -> set[str]:
@@ -95,15 +114,9 @@ class StaticDerivatives:
     def numbers_of(self, scene: Scene, change: Any = None) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
         scene = with_functions(scene, self.path.options.inputs, "static: inputs")
-        settles = bool(self.model.mechanism)
-        if self._other is None:
-            self._other = Model(self.model.scene, Equilibrium(), settles=settles)
-        try:
-            self._other.refill(scene)
-        except ElsewhereError:
-            self._other = Model(scene, Equilibrium(), settles=settles)
-        forcing = LoadForcing(self._other, self.path.forcing.time)
-        return static_numbers_of(self._other, forcing, self.factors)
+        model = self._others.model_of(scene)
+        forcing = LoadForcing(model, self.path.forcing.time)
+        return static_numbers_of(model, forcing, self.factors)
 
     def change_of_end(self, changes: Mapping[str, np.ndarray]) -> StateChange:
         """Changes of the last state with those (m, ...) of the numbers."""

@@ -11,16 +11,13 @@ import scipy.linalg
 import scipy.sparse
 
 from fx_beam.errors import SceneError
-from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
 from fx_beam.linear.linearisation import Linearisation
 from fx_beam.motions.numbers import numbers_of_state, static_numbers_of
 from fx_beam.results.solution import Solution
 from fx_beam.scene.inputs import with_values
 from fx_beam.scene.joints import slides_at_start
 from fx_beam.scene.scene import Scene
-from fx_beam.scene.structure import ElsewhereError
 from fx_beam.step.forcing import LoadForcing
-from fx_beam.step.model import Model
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.tables import Problem
@@ -28,7 +25,7 @@ from fx_beam.step.tape import Tape, static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
-from .static_derivatives import StateChange
+from .static_derivatives import OtherScenes, StateChange
 
 # Differences of order six along a direction, and second ones: points, and weights over the distance
 # or its square. The distance is relative to a motion of the size of the scene, or of a radian.
@@ -120,11 +117,10 @@ class TangentDerivatives:
 
     def __init__(self, what: str):
         self._what = what
-        # The model of other scenes' numbers.
-        self._other: Model | None = None
-        # The problem of the steps, and their derivatives.
+        # The problem of the steps, their derivatives, and other scenes with their numbers.
         self._problem: Any = None
         self._derivatives: TapeDerivatives
+        self._others: OtherScenes
         self._slides = list[float]()
 
     def begin(self, about: Linearisation, state: Solution | None, damped: bool = False) -> None:
@@ -144,26 +140,15 @@ class TangentDerivatives:
         problem.hand_over_frame(about.frame)
         slides = slides_at_start(model.scene).tolist()
         if problem is not self._problem or slides != self._slides:
-            self._derivatives, self._slides, self._other = TapeDerivatives(problem), slides, None
+            self._derivatives, self._slides = TapeDerivatives(problem), slides
+            kind = {"instant" if self._damped else "mobile": True}
+            self._others = OtherScenes(model.scene, model.scheme, **kind)
         self._problem, p = problem, problem.c
         # Whether motions of the nodes for those of the unknowns depend on the state.
         self._couples = p.entries > p.equal or p.closures or p.sliders
         p.at_rest = 1  # forces that depend on rates, without inertia
         self._forcing = LoadForcing(model, about.start.t)
-        self._scene, self._unknowns = about.scene, about.unknowns
-
-    def _model_of(self, scene: Scene, known: Model | None = None) -> Model:
-        """A model of the steps of another scene: a known one, or one of joints elsewhere."""
-        scene = with_values(scene, self._inputs)
-        try:
-            if known is not None:
-                known.refill(scene)
-                return known
-        except ElsewhereError:
-            pass
-        if self._damped:
-            return Model(scene, EnergyMomentum(), instant=True)
-        return Model(scene, Equilibrium(), mobile=True)
+        self._unknowns = about.unknowns
 
     def numbers_of(
         self, scene: Scene, moved: tuple[StateChange, Any] | None = None
@@ -172,8 +157,8 @@ class TangentDerivatives:
 
         With those of its state if this has `moved`, by a change of x.
         """
-        self._other = self._model_of(scene, self._other or self._model_of(self._scene))
-        model, forcing = self._other, LoadForcing(self._other, self._forcing.time)
+        model = self._others.model_of(with_values(scene, self._inputs))
+        forcing = LoadForcing(model, self._forcing.time)
         numbers = static_numbers_of(model, forcing, np.array([self._factor]))
         if self._damped and model.natural:  # a step that tells damping also begins in the state
             columns, factors = model.natural.unit_loads, numbers["naturals"][0]
@@ -208,7 +193,7 @@ class TangentDerivatives:
         Forwards if the sums are so many that these are fewer steps.
         """
         refuse_others(changes, self._derivatives.names, self._what)
-        products = [self._directions(about, of) for of in sums]
+        products = [self.directions(about, of) for of in sums]
         if len(sums) > 1 and not self._problem.c.closures:
             every = [one.directions for along, _, _ in products for one in along]
             unit = about.model.unit_of_unknowns
@@ -216,7 +201,7 @@ class TangentDerivatives:
             steps = sum(len(by_mass) * len(along[0].directions) for along, by_mass, _ in products)
             if steps > len(basis) * np.ceil(len(changes["X"]) / _GROUP):
                 return self._forwards(about, products, changes, basis * unit, parts)
-        weighted, by_state = self._backwards(about, products)
+        weighted, by_state = self.products(about, products)
         if self._follows:
             weighted += self.forces(-self._solved(about.K.T, by_state))
         else:
@@ -225,19 +210,13 @@ class TangentDerivatives:
         return self.along(weighted, changes)
 
     def products(
-        self, about: Linearisation, sums: Sequence[Product], curved: bool = False
+        self, about: Linearisation, products: Sequence[_Directions], curved: bool = False
     ) -> tuple[Weighted, np.ndarray]:
         """Derivatives of sums by numbers in a fixed state, and by the state (., free).
 
         The n rows of each sum after those of the one before. If `curved` those of the second
         derivatives of the sums along the directions r, twice.
         """
-        return self._backwards(about, [self._directions(about, of) for of in sums], curved)
-
-    def _backwards(
-        self, about: Linearisation, products: Sequence[_Directions], curved: bool = False
-    ) -> tuple[Weighted, np.ndarray]:
-        """The same of directions."""
         steps = [
             _joined([self._steps(about, one, time, curved) for one in along])
             for along, _, time in products
@@ -289,7 +268,7 @@ class TangentDerivatives:
                     of_sums[-1] += by.reshape(len(by), -1) @ of.T
         return np.concatenate(of_sums)
 
-    def _directions(self, about: Linearisation, of: Product) -> _Directions:
+    def directions(self, about: Linearisation, of: Product) -> _Directions:
         """Directions r, and those l on which motions of the nodes depend."""
         mass, right = about.model.mass, of.right[:, None]
         left = right if of.left is None else of.left

@@ -18,8 +18,8 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.model import Model
-from fx_beam.step.sparse_lu import Pattern, pivoted_lu, sparse_lu
-from fx_beam.step.undamped_modes import lowest
+from fx_beam.step.sparse_lu import pivoted_lu, sparse_lu
+from fx_beam.step.undamped_modes import Symmetry, lowest
 
 from .path_equations import BorderedLU
 
@@ -28,8 +28,6 @@ from .path_equations import BorderedLU
 _LOWEST, _FULL = 12, 100
 # Change of a tangent that is singular, relative to its largest stiffness.
 _SHIFT = 1e-12
-# Largest difference of two entries across the diagonal, relative to the largest ones of their rows.
-_ROUNDING = 1e-12
 # Part of a square of a frequency beside the real axis that is a rounding error.
 _BESIDE = 1e-6
 
@@ -177,34 +175,3 @@ class Inertia:
             if factors.values is None or not symmetry.holds(factors.values):
                 return None
         return factors.negative_eigenvalues()
-
-
-class Symmetry:
-    """Whether sparse matrices of one pattern are symmetric; `unit` (n,) are sizes of unknowns."""
-
-    def __init__(self, pattern: Pattern, unit: np.ndarray):
-        indptr, indices = pattern
-        n = len(indptr) - 1
-        numbered = scipy.sparse.csr_matrix(
-            (np.arange(1, len(indices) + 1), indices, indptr), (n, n)
-        )
-        numbered.sort_indices()
-        other = numbered.T.tocsr()
-        rows = np.repeat(np.arange(n), np.diff(indptr))
-        above = rows < numbered.indices
-        #: Entries above the diagonal, and those across from them.
-        self._above, self._below = numbered.data[above] - 1, other.data[above] - 1
-        self._starts, self._rows, self._columns = indptr[:-1], rows[above], numbered.indices[above]
-        self._units, self._unit = unit[rows] * unit[indices], unit
-
-    def holds(self, values: np.ndarray) -> bool:
-        """Whether the matrix with these values is symmetric up to rounding errors."""
-        gaps = abs(values[self._above] - values[self._below])
-        if not gaps.any():
-            return True
-        sizes = abs(values * self._units)
-        if (gaps * self._units[self._above] > _ROUNDING * sizes.max()).any():
-            return False  # whatever the largest ones of their rows are
-        largest = np.sqrt(np.maximum.reduceat(sizes, self._starts))
-        largest /= self._unit
-        return bool((gaps <= _ROUNDING * largest[self._rows] * largest[self._columns]).all())

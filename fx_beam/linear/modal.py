@@ -14,7 +14,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
-from fx_beam.step.undamped_modes import lowest
+from fx_beam.step.undamped_modes import Symmetry, lowest
 
 from .linearisation import Linearisation, check_equilibrium, linearised
 
@@ -309,7 +309,7 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
     model, K, M = about.model, about.K, about.M
     if not M.data.any():
         raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
-    if _asymmetry(K, model.unit_of_unknowns[about.unknowns]) > 1e-12:
+    if not Symmetry((K.indptr, K.indices), model.unit_of_unknowns[about.unknowns]).holds(K.data):
         raise SceneError(
             "modes: the stiffness is not symmetric, since a load or an added virtual work depends "
             "on the motion and has no potential, or friction slips. Simulate the scene instead, "
@@ -329,13 +329,3 @@ def _symmetric(K):
         other.data = (K.data + other.data) / 2
         return other
     return (K + other) / 2
-
-
-def _asymmetry(K, unit: np.ndarray) -> float:
-    """Largest asymmetry of a stiffness, relative to its rows, independent of the user's units."""
-    gap, row = (K - K.T).tocoo(), np.repeat(np.arange(len(unit)), np.diff(K.indptr))
-    work = abs(K.data) * unit[row] * unit[K.indices]
-    largest = scipy.sparse.csr_matrix((work, K.indices, K.indptr)).max(axis=1).toarray()[:, 0]
-    sizes = np.sqrt(largest[gap.row] * largest[gap.col])
-    gaps = abs(gap.data) * unit[gap.row] * unit[gap.col]
-    return float((gaps[sizes > 0] / sizes[sizes > 0]).max(initial=0.0))

@@ -12,12 +12,45 @@ import scipy.sparse
 
 from fx_beam.errors import SceneError
 
-from .sparse_lu import sparse_lu
+from .sparse_lu import Pattern, sparse_lu
 
 # Largest error of a vector in its iteration.
 _EXACT = 1e-12
 # Share of a vector that is left of it where a basis is complete: more than its rounding errors.
 _ROUNDING = 1e-10
+# Largest difference of two entries across the diagonal, relative to the largest ones of their rows.
+_ACROSS = 1e-12
+
+
+class Symmetry:
+    """Whether sparse matrices of one pattern are symmetric; `unit` (n,) are sizes of unknowns."""
+
+    def __init__(self, pattern: Pattern, unit: np.ndarray):
+        indptr, indices = pattern
+        n = len(indptr) - 1
+        numbered = scipy.sparse.csr_matrix(
+            (np.arange(1, len(indices) + 1), indices, indptr), (n, n)
+        )
+        numbered.sort_indices()
+        other = numbered.T.tocsr()
+        rows = np.repeat(np.arange(n), np.diff(indptr))
+        above = rows < numbered.indices
+        #: Entries above the diagonal, and those across from them.
+        self._above, self._below = numbered.data[above] - 1, other.data[above] - 1
+        self._starts, self._rows, self._columns = indptr[:-1], rows[above], numbered.indices[above]
+        self._units, self._unit = unit[rows] * unit[indices], unit
+
+    def holds(self, values: np.ndarray) -> bool:
+        """Whether the matrix with these values is symmetric up to rounding errors."""
+        gaps = abs(values[self._above] - values[self._below])
+        if not gaps.any():
+            return True
+        sizes = abs(values * self._units)
+        if (gaps * self._units[self._above] > _ACROSS * sizes.max()).any():
+            return False  # whatever the largest ones of their rows are
+        largest = np.sqrt(np.maximum.reduceat(sizes, self._starts))
+        largest /= self._unit
+        return bool((gaps <= _ACROSS * largest[self._rows] * largest[self._columns]).all())
 
 
 def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
