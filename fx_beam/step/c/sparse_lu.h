@@ -6,28 +6,13 @@
 #include "sparse_rows.h"
 #include "vectors.h"
 
-/* Most columns of a run that are treated node by node. */
-enum { SHORT = 9 };
-
 static inline int is_pivot(double x) { return fabs(x) > 1e-300; }
 
 /* Three numbers, those of a node. */
 INLINED Four three(const double *x) { return (Four){x[0], x[1], x[2], 0}; }
 
-/* Subtracts multiples of three rows from three others. */
+/* Subtracts multiples of three rows from three others, of which most columns are those of nodes. */
 INLINED void subtract_rows(int n, double (*f)[3], const double *const *from, double *const *to) {
-  const double *restrict a = from[0], *restrict b = from[1], *restrict c = from[2];
-  double *restrict x = to[0], *restrict y = to[1], *restrict z = to[2];
-  for (int k = 0; k < n; ++k) {
-    double p = a[k], q = b[k], r = c[k];
-    x[k] -= f[0][0] * p + f[0][1] * q + f[0][2] * r;
-    y[k] -= f[1][0] * p + f[1][1] * q + f[1][2] * r;
-    z[k] -= f[2][0] * p + f[2][1] * q + f[2][2] * r;
-  }
-}
-
-/* The same for few columns, mostly those of nodes. */
-INLINED void subtract_nodes(int n, double (*f)[3], const double *const *from, double *const *to) {
   int k = 0;
   for (; k + 3 <= n; k += 3) {
     Four a = three(from[0] + k), b = three(from[1] + k), c = three(from[2] + k);
@@ -113,8 +98,7 @@ INLINED void eliminate_source(const SparseRows *p, double *A, int g, int h, int 
     int length = p->run_length[k];
     double *to[3];
     for (int x = 0; x < 3; ++x) to[x] = row[x] + p->run_column[k];
-    if (length <= SHORT) subtract_nodes(length, f, from, to);
-    else subtract_rows(length, f, from, to);
+    subtract_rows(length, f, from, to);
     for (int y = 0; y < 3; ++y) from[y] += length;
   }
 }
