@@ -14,8 +14,6 @@ from .model import Model
 
 # Up to so many rows matrices are arrays: an operation on sparse ones costs 0.1 ms.
 _SMALL = 200
-# Up to so many rows products of arrays are faster than those of a sparse matrix and an array.
-_TINY = 40
 # From so many unknowns on a mass matrix is not factorised.
 _LARGE = 5000
 # Largest error of a solution, relative to the right side, that tells a singular matrix.
@@ -38,7 +36,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
         T = reduction.coupling()
         T = T.toarray() if T.shape[0] <= _SMALL else T
         n, gather = reduction.free, T.T.__matmul__
-        a = acceleration_of(_reduced(T, mass)[:n, :n], force)
+        a = acceleration_of((T.T @ (mass @ T))[:n, :n], force)
     w = np.append(a, np.zeros(reduction.columns - reduction.free))
     return a, force - gather(mass @ reduction.spread(w))[: reduction.free]
 
@@ -84,15 +82,6 @@ def _with_auxiliaries(
     w = np.append(a, np.zeros(reduction.columns - n))
     error = reduction.gather(mass @ reduction.spread(w))[:n] - b[:n]
     return a if abs(error).max() <= _SINGULAR * abs(b).max(initial=0.0) else None
-
-
-def _reduced(T, mass: scipy.sparse.csr_matrix):
-    """T^T M T, an array if T is one."""
-    if not isinstance(T, np.ndarray):
-        return T.T @ mass @ T
-    if T.shape[0] > _TINY:
-        return (T.T @ (mass.T @ T)).T
-    return T.T @ mass.toarray() @ T
 
 
 def acceleration_of(mass, force: np.ndarray) -> np.ndarray:

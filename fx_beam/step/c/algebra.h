@@ -45,25 +45,20 @@ static int64_t bits_of(double value) {
   return bits;
 }
 
-/* Largest |x| / unit; not finite if an x is not finite. The bits of sizes are compared as integers, as
+/* Largest |x| / unit, or |x| without units; not finite if an x is not finite. The bits of sizes are compared as integers, as
    the compiler vectorises that: they are in the same order, and NaN is above all numbers. */
-HOT double largest(int n, const double *x, const double *per_unit) {
+INLINED double largest_of_all(int n, const double *x, const double *per_unit) {
   int64_t top = 0;
   for (int i = 0; i < n; ++i) {
-    int64_t bits = bits_of(fabs(x[i] * per_unit[i]));
+    int64_t bits = bits_of(fabs(per_unit ? x[i] * per_unit[i] : x[i]));
     top = bits > top ? bits : top;
   }
   return double_of(top);
 }
 
-HOT double largest_size(int n, const double *x) {
-  int64_t top = 0;
-  for (int i = 0; i < n; ++i) {
-    int64_t bits = bits_of(fabs(x[i]));
-    top = bits > top ? bits : top;
-  }
-  return double_of(top);
-}
+HOT double largest(int n, const double *x, const double *per_unit) { return largest_of_all(n, x, per_unit); }
+
+HOT double largest_size(int n, const double *x) { return largest_of_all(n, x, 0); }
 
 HOT void times_mass(const Problem *p, const double *restrict x, double *restrict out) {
   const int *restrict end = p->mass_start + 1, *restrict dof = p->mass_dof;
