@@ -52,7 +52,8 @@ class HarmonicResponse(TangentResponse):
         Frequencies of the load [Hz], zero or positive.
     state : callable, optional
         ``state(scene)`` computes the equilibrium about which the scene vibrates, such as
-        ``lambda scene: fb.static(scene)``; by default the reference configuration without loads.
+        ``lambda scene: fb.static(scene)``, also in a steady turn, ``fb.static(scene, spin=...)``;
+        by default the reference configuration without loads.
 
     Attributes
     ----------

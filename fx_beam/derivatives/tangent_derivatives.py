@@ -341,9 +341,7 @@ class TangentDerivatives:
         if not model.points.conditions:
             return distance
         move = _FIRST[0][-1] * direction
-        columns, slides = about.columns @ move, np.zeros_like(start.slides)
-        for joint, column in model.couplings.slides.items():
-            slides[joint] = columns[column]
+        slides = model.couplings.free_slides(about.columns @ move, len(start.slides))
         nodes, at_start = about.T @ move, model.switches(start)
 
         def switches(by: float) -> bool:

@@ -81,12 +81,7 @@ def mode_start(shooting: Shooting, scene: Scene, state: Solution | None, mode: i
         raise SceneError(
             f"{what}: mode {mode} does not vibrate: fx_beam.modes(scene) shows which do"
         )
-    moved = about.T @ vectors[:, mode]
-    slides = np.zeros(about.model.scene.joint_count)
-    for joint in about.model.scene.joints:
-        if joint.slide is not None:
-            row = about.columns[about.model.couplings.slides[joint.number]]
-            slides[joint.number] = (row @ vectors[:, mode]).item()
+    moved, columns = about.T @ vectors[:, mode], about.columns @ vectors[:, mode]
     model = shooting.model
     period = 2 * np.pi / float(omega[mode])
     rest = shooting.first_state(state, period / shooting.steps)
@@ -94,7 +89,7 @@ def mode_start(shooting: Shooting, scene: Scene, state: Solution | None, mode: i
     sizes = abs(moved / model.unit)
     sizes[model.turns] *= _MOVES  # rotations count if nothing else moves
     most = first_of_largest(sizes)
-    vector = model.couplings.unknowns(moved, slides) / moved[most]
+    vector = columns[: model.couplings.free] / moved[most]
     return ModeStart(shooting, rest, period, vector, most)
 
 
