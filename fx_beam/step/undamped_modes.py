@@ -28,21 +28,20 @@ class Symmetry:
     def __init__(self, pattern: Pattern, unit: np.ndarray):
         indptr, indices = pattern
         n = len(indptr) - 1
-        numbered = scipy.sparse.csr_matrix(
-            (np.arange(1, len(indices) + 1), indices, indptr), (n, n)
-        )
-        numbered.sort_indices()
-        other = numbered.T.tocsr()
         rows = np.repeat(np.arange(n), np.diff(indptr))
-        above = rows < numbered.indices
-        #: Entries above the diagonal, and those across from them.
-        self._above, self._below = numbered.data[above] - 1, other.data[above] - 1
-        self._starts, self._rows, self._columns = indptr[:-1], rows[above], numbered.indices[above]
+        keys, across = rows * n + indices, indices.astype(np.int64) * n + rows
+        order = np.argsort(keys)
+        other = order[np.searchsorted(keys, across, sorter=order) % max(len(keys), 1)]
+        other = np.where(keys[other] == across, other, -1)
+        above = (rows < indices) | (other < 0)
+        #: Entries above the diagonal, and those across from them: -1 where the pattern has none.
+        self._above, self._below = np.flatnonzero(above), other[above]
+        self._starts, self._rows, self._columns = indptr[:-1], rows[above], indices[above]
         self._units, self._unit = unit[rows] * unit[indices], unit
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether the matrix with these values is symmetric up to rounding errors."""
-        gaps = abs(values[self._above] - values[self._below])
+        gaps = abs(values[self._above] - np.append(values, 0.0)[self._below])
         if not gaps.any():
             return True
         sizes = abs(values * self._units)

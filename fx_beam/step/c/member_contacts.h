@@ -206,15 +206,6 @@ static int slot_of(MemberContacts *m, const ContactPoint *e) {
   return best;
 }
 
-/* Internal variables of a contact point at the start of a step; without a slot it has no friction. */
-static void begin_friction(MemberContacts *m, ContactPoint *e, double *internal, double *numbers) {
-  const MemberContact *c = m->of + e->contact;
-  e->slot = slot_of(m, e);
-  if (e->slot >= 0) m->has_slot[e->slot] = 1;
-  else numbers[c->numbers - 2] = 0;
-  for (int i = 0; i < c->internal; ++i) internal[i] = e->slot < 0 ? 0 : m->memory[IN_SLOT * e->slot + 1 + i];
-}
-
 /* Differences of a vector at the nodes of a contact point and at its point, images included. */
 static inline void differences(const ContactPoint *e, const double *x, double r[4][2]) {
   for (int k = 0; k < 4; ++k)
@@ -279,11 +270,14 @@ static int place_contact_points(MemberContacts *m, const double *x, const double
 static void begin_contact_point(MemberContacts *m, ContactPoint *e, double t, double dt) {
   const MemberContact *c = m->of + e->contact;
   double *to = e->given + 3 * c->sums, *numbers = e->given + numbers_at(c);
-  e->slot = -1;
+  e->slot = c->internal ? slot_of(m, e) : -1;
   to[0] = t, to[1] = dt;
   memset(to + 2, 0, (c->internal + c->remembered) * sizeof(double));
   memcpy(numbers, number_of(c, e->point), c->numbers * sizeof(double));
-  if (c->internal) begin_friction(m, e, to + 2, numbers);
+  if (e->slot >= 0) {
+    m->has_slot[e->slot] = 1;
+    memcpy(to + 2, m->memory + IN_SLOT * e->slot + 1, c->internal * sizeof(double));
+  } else if (c->internal) numbers[c->numbers - 2] = 0; /* no friction */
 }
 
 /* The start of a step: contact points, and what does not change in it. */
