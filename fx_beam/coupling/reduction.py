@@ -190,7 +190,6 @@ class Reduction:
             "driven": self.driven,
             "entries": len(equal),
             "equal": np.count_nonzero(equal),
-            "alone": equal.all() and np.array_equal(entries.row, np.arange(self._size)),
             "entry_row": entries.row,
             **entries.members("entry"),
             "joints": len(moving),
@@ -354,6 +353,16 @@ class Reduction:
         if self.loops is not None:
             moves[self.loops.unknowns] = True
         return moves
+
+    @property
+    def only_copies(self) -> bool:
+        """Whether each degree of freedom equals a column, without arms, slides and loops."""
+        of, (row, _, value_at, sign) = self.couplings, self._entries
+        if of.closures or of.sliding or of.moving or len(self.auxiliaries):
+            return False
+        return (
+            np.array_equal(row, np.arange(self._size)) and (sign == 1).all() and not value_at.any()
+        )
 
     def moves_alone(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) equals one of some degrees of freedom (size,).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import platform
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +19,8 @@ _FLAGS = ["-fwhole-program"]
 # Half the time of compilation, and the same speed: functions marked as HOT are optimised in full.
 # Not for derivatives forwards, whose time is spent in many places.
 _QUICKLY = ["-O1", "-fstrict-aliasing"]
+# Vectors of steps are short: many are read soon after their numbers were stored one by one.
+_SHORT = ["-mprefer-vector-width=256"] if platform.machine() == "x86_64" else []
 _WHAT = {
     "": "the loop over time steps",
     "VJP": "derivatives of time steps, backwards",
@@ -53,7 +56,8 @@ def _reuse_memory() -> None:
 def _asked(features: str, derivatives: str) -> tuple[str, list[str], list[str]]:
     """What a library is, its macros, and its flags."""
     macros = [f"FEATURES {features}", *filter(None, [derivatives])]
-    return _WHAT[derivatives], macros, [*_FLAGS, *([] if derivatives == "JVP" else _QUICKLY)]
+    flags = {"": [*_QUICKLY, *_SHORT], "VJP": _QUICKLY, "JVP": []}[derivatives]
+    return _WHAT[derivatives], macros, [*_FLAGS, *flags]
 
 
 def begin_to_build(features: str, derivatives: str = "") -> None:

@@ -118,6 +118,7 @@ class Problem:
         has = {
             "CHAIN": factors.chain,
             "BAND": factors.band and not factors.chain,
+            "COUPLED": not self.model.reduction.only_copies,
             "LOOPS": couplings.closures,
             "SLIDERS": couplings.sliding,
             "MEMBERS": self.model.points.members is not None,

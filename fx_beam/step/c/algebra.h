@@ -60,15 +60,25 @@ HOT double largest(int n, const double *x, const double *per_unit) { return larg
 
 HOT double largest_size(int n, const double *x) { return largest_of_all(n, x, 0); }
 
-HOT void times_mass(const Problem *p, const double *restrict x, double *restrict out) {
-  const int *restrict end = p->mass_start + 1, *restrict dof = p->mass_dof;
-  const double *restrict mass = p->mass;
-  for (int i = 0, k = 0; i < p->nodes; ++i) {
+/* Product of the mass matrix and x. With a tangent K, the matrix times `steep` and the slopes of its columns is stored there. */
+INLINED void multiply_mass(const Problem *p, const double *restrict x, double *restrict out, double *K, double steep,
+                           const double *restrict slope) {
+  const int *end = p->mass_start + 1, *dof = p->mass_dof, *at = p->mass_stored_at;
+  const double *mass = p->mass;
+  for (int i = 0; i < p->nodes; ++i, out += 3) {
     Four sum = {0};
-    for (; k < end[i]; ++k) sum += load(mass + 3 * k) * load(x + dof[k]);
-    put_three(sum, out + 3 * i);
+    for (const int *last = p->mass_dof + end[i]; dof < last; ++dof, mass += 3, at += 3) {
+      Four of_pair = load(mass);
+      sum += of_pair * load(x + *dof);
+      if (!K) continue;
+      of_pair *= steep * load(slope + *dof);
+      K[at[0]] = of_pair[0], K[at[1]] = of_pair[1], K[at[2]] = of_pair[2];
+    }
+    put_three(sum, out);
   }
 }
+
+HOT void times_mass(const Problem *p, const double *x, double *out) { multiply_mass(p, x, out, 0, 0, 0); }
 
 /* Product of a row of the full tangent and a vector. */
 static double row_times(const Problem *p, const double *tangent, int row, const double *x) {

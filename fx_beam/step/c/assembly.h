@@ -133,10 +133,8 @@ static void evaluate(const Problem *p, const Form *form, const Integral *of, lon
             of->coordinates + block * p->cell_coordinates * LANES);
 }
 
-/* Adds forces to a vector and, unless K is 0, their tangent to matrix entries. */
-static void assemble_forces(const Problem *p, const Form *form, const double *const *fields, double *f,
-                            double *K) {
-  int n = p->cell_dofs;
+/* Adds forces of elements with n degrees of freedom to a vector and, unless K is 0, their tangent to matrix entries. */
+INLINED void assemble_elements(const Problem *p, int n, const Form *form, const double *const *fields, double *f, double *K) {
   double A[(12 + 12 * 12) * LANES];
   for (const Integral *of = form->of; of < form->of + form->integrals; ++of)
     for (long block = 0; block * LANES < of->cells; ++block) {
@@ -147,6 +145,11 @@ static void assemble_forces(const Problem *p, const Form *form, const double *co
       else if (K)
         add(n * n, of->stored_at + block * n * n * LANES, A + n * LANES, K);
     }
+}
+
+HOT void assemble_forces(const Problem *p, const Form *form, const double *const *fields, double *f, double *K) {
+  if (p->cell_dofs == 6) assemble_elements(p, 6, form, fields, f, K); /* whose loops are unrolled */
+  else assemble_elements(p, p->cell_dofs, form, fields, f, K);
 }
 
 static double assemble_scalar(const Problem *p, const Form *form, const double *const *fields) {

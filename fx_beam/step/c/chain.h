@@ -15,7 +15,7 @@ enum { BEFORE = 0, OWN = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW };
    place of the couplings and are returned in u. They are not finite if a pivot is zero. */
 INLINED void eliminate_group(const Four *own, double *couplings, Four *u) {
   Four a = own[0], b = own[1], c = own[2], row[3];
-  for (int i = 0; i < 3; ++i) row[i] = load(couplings + i * ROW), row[i][3] = own[i][3];
+  for (int i = 0; i < 3; ++i) row[i] = PICK(load(couplings + i * ROW), own[i], 0, 1, 2, 7);
   double first = 1 / a[0], in_b = b[0] * first, in_c = c[0] * first;
   double b1 = b[1] - in_b * a[1], b2 = b[2] - in_b * a[2];
   double c1 = c[1] - in_c * a[1], c2 = c[2] - in_c * a[2];
@@ -38,7 +38,8 @@ INLINED void subtract_group(Four *own, const double *couplings, const Four *u) {
 
 /* Own rows of a group, with their right sides. */
 INLINED void own_rows(const Work *w, int k, Four *own) {
-  for (int i = 0; i < 3; ++i) own[i] = load(w->tangent + k * GROUP + OWN + i * ROW) + (Four){0, 0, 0, w->y[3 * k + i]};
+  const double *y = w->y + 3 * k;
+  for (int i = 0; i < 3; ++i) own[i] = PICK(load(w->tangent + k * GROUP + OWN + i * ROW), four(y[i]), 0, 1, 2, 7);
 }
 
 /* Stores the rows of a group for further right sides, in its own place. */

@@ -56,24 +56,19 @@ static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, dou
 
 /* Returns 0 in a singular position. */
 static int begin_couplings(const Problem *p, const Work *w) {
-  w->virtual_map[0] = 1;
+  w->values[0] = w->virtual_map[0] = 1;
   begin_points(p, w);
-  for (int j = 0; j < p->joints; ++j) {
+  for (int j = 0; HAS(COUPLED) && j < p->joints; ++j) {
     double d = at(p->slides, p->slide_of[j]);
     set_arm(p, j, w->frame + 4 * j, at(p->q, p->carrier[j]), d, w->rho0, w->t0);
   }
   return begin_loops(p, w);
 }
 
-/* What degrees of freedom have of columns that they are equal to; each of them is, where nothing is coupled. */
-INLINED void copy_columns(const Problem *p, const double *restrict z, double *restrict D) {
-  const int *row = p->entry_row, *column = p->entry_column;
-  if (p->alone)
-    for (int k = 0; k < p->dofs; ++k) D[k] = z[column[k]];
-  else {
-    memset(D, 0, p->dofs * sizeof *D);
-    for (int k = 0; k < p->equal; ++k) D[row[k]] += z[column[k]];
-  }
+/* What degrees of freedom have of columns that they are equal to. */
+INLINED void copy_columns(const Problem *p, const double *z, double *D) {
+  memset(D, 0, p->dofs * sizeof *D);
+  for (int k = 0; k < p->equal; ++k) D[p->entry_row[k]] += z[p->entry_column[k]];
 }
 
 /* Increments without the arms of the joints. */
@@ -87,6 +82,7 @@ INLINED void sum_columns(const Problem *p, const Work *w) {
 /* Increment of all degrees of freedom for the columns z, and the values of T and Tv for it. */
 HOT void expand_columns(const Problem *p, const Work *w) {
   double *D = w->D, level = p->level;
+  if (!HAS(COUPLED)) return gather(p->dofs, w->z, p->entry_column, D);
   if (p->auxiliaries) increase_auxiliaries(p, w); /* first those of rotations, on which the arms depend */
   sum_columns(p, w);
   for (int j = 0; j < p->joints; ++j) {
@@ -151,6 +147,7 @@ static int expand(const Problem *p, const Work *w) {
 }
 
 static void spread_columns(const Problem *p, const double *values, double *z, double *out) {
+  if (!HAS(COUPLED)) return gather(p->dofs, z, p->entry_column, out);
   if (p->auxiliaries) change_auxiliaries(p, values, z);
   copy_columns(p, z, out);
   for (int k = p->equal; k < p->entries; ++k)
@@ -159,7 +156,7 @@ static void spread_columns(const Problem *p, const double *values, double *z, do
 
 /* The columns of sliding nodes in z are set. */
 HOT void spread(const Problem *p, const Work *w, double *z, double *out) {
-  complete(p, w, z);
+  if (HAS(LOOPS)) complete(p, w, z);
   spread_columns(p, w->values, z, out);
   for (const Slider *a = p->slider; HAS(SLIDERS) && a < p->slider + p->sliders; ++a) {
     spread_slider(a, a->T, out, z);
@@ -169,8 +166,10 @@ HOT void spread(const Problem *p, const Work *w, double *z, double *out) {
 
 /* Adds Tv^T r. */
 INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *out) {
-  for (int k = 0; k < p->equal; ++k) out[p->entry_column[k]] += r[p->entry_row[k]];
-  for (int k = p->equal; k < p->entries; ++k)
+  const int *row = p->entry_row, *column = p->entry_column;
+#pragma GCC unroll 4
+  for (int k = 0; k < p->equal; ++k) out[column[k]] += r[row[k]];
+  for (int k = p->equal; HAS(COUPLED) && k < p->entries; ++k)
     out[p->entry_column[k]] += p->entry_sign[k] * w->virtual_map[p->entry_value[k]] * r[p->entry_row[k]];
 }
 
@@ -184,8 +183,8 @@ static void project(const Problem *p, const Work *w, const double *r, double *ou
     r = w->loaded;
   }
   add_rows(p, w, r, out);
-  if (!p->sliders) push_columns(p, out);
-  if (p->auxiliaries) collect_auxiliaries(p, w->virtual_map, out);
+  if (!HAS(SLIDERS) || !p->sliders) push_columns(p, out);
+  if (HAS(COUPLED) && p->auxiliaries) collect_auxiliaries(p, w->virtual_map, out);
   if (HAS(LOOPS) && p->closures) close_residual(p, w, out);
   if (HAS(SLIDERS) && HAS(LOOPS) && p->carried) carry_in_loops(p, w, on_nodes);
 }
@@ -217,6 +216,7 @@ HOT void reduce_tangent(const Problem *p, const Work *w, const double *r) {
   double *K = w->tangent, slopes[2][4];
   if (HAS(SLIDERS)) turn_beams(p, w);
   for (int k = 0; k < p->direct; ++k) K[p->direct_to[k]] += K[p->direct_from[k]];
+  if (!HAS(COUPLED)) return;
   for (int k = 0; k < p->coupled; ++k)
     K[p->coupled_to[k]] += K[p->coupled_from[k]] * w->virtual_map[p->coupled_virtual[k]] *
                          w->values[p->coupled_value[k]] * p->coupled_sign[k];

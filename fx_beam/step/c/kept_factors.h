@@ -197,7 +197,7 @@ static int solve_bordered(const Problem *p, const Work *w) {
       if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
     substitute_tangent(p, w, n, of, w->reached);
   }
-  for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
+  gather(p->free, w->y, p->order, w->step);
   end_bordering_rows(p, w, w->step);
   return 1;
 }
@@ -254,7 +254,7 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
   if (HAS(CHAIN | BAND)) {
     for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
     if (!(HAS(CHAIN) ? solve_chain(p, w) : solve_band(p, w))) return 0;
-    for (int i = 0; i < p->free; ++i) w->step[i] = w->y[p->order[i]];
+    gather(p->free, w->y, p->order, w->step);
     return 1;
   }
   p->old_factors = p->raised = 0;

@@ -147,7 +147,7 @@ static int find_increment(Problem *p, const Work *w, const double *driven, int o
 /* Takes the increment of the columns that is known, and the forces with it. */
 static int take_increment(Problem *p, const Work *w, const double *known) {
   memcpy(w->z, known, p->columns * sizeof(double));
-  if (!(begin_couplings(p, w) || choose_ahead(p, w)) || !expand(p, w)) return SINGULAR;
+  if (!(begin_couplings(p, w) || (HAS(LOOPS) && choose_ahead(p, w))) || !expand(p, w)) return SINGULAR;
   if (!p->known_forces) return OK;
   memcpy(w->r, p->known_forces + p->sub_step * p->dofs, p->dofs * sizeof(double));
   evaluate_nodes(p, w);
@@ -199,9 +199,9 @@ static void advance(Problem *p, const Work *w, const Inputs *inputs, long k) {
   advance_rates(p, w, w->dt);
   if (p->keeps_previous) memcpy(p->q_previous, p->q, p->dofs * sizeof(double)), p->length = w->dt;
   add_times(p->dofs, 1, w->D, p->q);
-  for (int j = 0; j < p->joints; ++j)
+  for (int j = 0; HAS(COUPLED) && j < p->joints; ++j)
     if (p->slide_column[j] >= 0) p->slides[p->slide_of[j]] += w->z[p->slide_column[j]];
-  for (int i = 0; i < p->sliders; ++i) p->slides[p->slider[i].joint] += w->z[p->slider[i].column];
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) p->slides[p->slider[i].joint] += w->z[p->slider[i].column];
   memcpy(p->driven_now, driven, p->driven * sizeof(double));
   p->t += w->dt;
   p->steps_done += 1;
@@ -241,16 +241,11 @@ static void undo(Problem *p, const Work *w, Problem before) {
   memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
 }
 
-/* Values of Model.switches in the present state. */
-static void find_sides(const Problem *p, double *out) {
-  fx_find_switches(p->points, p->q, p->slides, out);
-}
-
 /* Whether a value changed its sign since the sub-step before; those now are in the second half. */
 static int switched(const Problem *p) {
   double *before = p->sides, *now = before + p->switches;
   int any = 0;
-  find_sides(p, now);
+  fx_find_switches(p->points, p->q, p->slides, now);
   for (int i = 0; i < p->switches; ++i) any |= (before[i] < 0) != (now[i] < 0), before[i] = now[i];
   return any;
 }
@@ -267,7 +262,7 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
   lay_out(p, w, p->scratch);
   w->dt = 0;
   p->failure = p->stopped = 0;  // also where no step is to be taken
-  if (p->watches) find_sides(p, p->sides);
+  if (p->watches) fx_find_switches(p->points, p->q, p->slides, p->sides);
   int unchecked = 0;
   for (int k = 0; k < steps; ++k) {
     int part = (to->part + k) % to->parts, step = to->first + (to->part + k) / to->parts;

@@ -169,22 +169,18 @@ static void begin_deviation(const Problem *p, const Work *w) {
   spread(p, w, w->step, w->correction);
 }
 
-static double deviation(const Problem *p, const Work *w, double part) {
-  return point_deviation(p->points, w->correction, w->step, part);
-}
-
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
    regula falsi. `gained` is the work at its start. */
 static void line_search(const Problem *p, const Work *w, double gained) {
   int springs = !p->cell_internal;
   if (springs) begin_deviation(p, w);
-  double at_high = springs ? deviation(p, w, 1) : along_step(p, w);
+  double at_high = springs ? point_deviation(p->points, w->correction, w->step, 1) : along_step(p, w);
   double low = 0, high = 1, at_low = gained, taken = 1, part = 1, work;
   if (gained <= 0 || -at_high <= p->overshoot * gained) return;
   for (int k = 0; k < p->searches; ++k) {
     part = (low * at_high - high * at_low) / (at_high - at_low);
     if (springs)
-      work = gained * (1 - part) + deviation(p, w, part);
+      work = gained * (1 - part) + point_deviation(p->points, w->correction, w->step, part);
     else
       retake(p, w, &taken, part), work = along_step(p, w);
     if (fabs(work) <= p->overshoot * gained) break;
@@ -215,7 +211,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     for (int k = 0; k < order; factor *= dt + p->ages[k++]) add_times(free, factor, p->past_y + k * free, w->z);
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
-  if (!begin_couplings(p, w)) {
+  if (!begin_couplings(p, w) && HAS(LOOPS)) {
     if (!order) go_on(p, w);
     order = 1;
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
@@ -228,9 +224,10 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     if (p->may_overshoot) note_tangents(p->points);
     if (HAS(MEMBERS) && p->changing) change_rows(p);
     p->residuals[p->tried++ % RESIDUALS] = largest_size(free, w->reduced);
-    memset(w->step, 0, p->columns * sizeof(double));
+    for (int i = free; i < p->columns; ++i) w->step[i] = 0;
     if (!p->team.solve) reduce_tangent(p, w, w->r);
     if (iteration == 1 && drive > 0 && !order) {
+      memset(w->step, 0, free * sizeof(double));
       for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
       spread(p, w, w->step, w->correction);
       corrected_forces(p, w, n, 0);

@@ -164,7 +164,7 @@ typedef struct {
      the constant 1, and joint j has those from 1 + 4 j on. */
   int entries, *entry_row, *entry_column, *entry_value;
   double *entry_sign;
-  int equal, alone;     /* number of the first entries, which are 1; whether they are all, one of each row in turn */
+  int equal;            /* number of the first entries, which are 1: all, one of each row in turn, where nothing is COUPLED */
   /* Joints whose arms depend on the motion: rotation of the carrier (-1: ground), column of the slide (-1: none), number among
      all joints, kind of Track; offset and axis in the frame of the carrier; signs of the arm's components in what they move. */
   int joints, *carrier, *slide_column, *slide_of, *track;

@@ -9,10 +9,10 @@ HOT void work_increment(const Problem *p, const Work *w) {
   memcpy(path, D, p->dofs * sizeof *D);
   for (int i = 0; i < p->dofs; ++i) slope[i] = 1;
   if (p->rule != 0) return;
-  int whole = (p->nodes + LANES - 1) / LANES * LANES;
-  memset(tangent, 0, whole * sizeof *tangent);
+  int whole = (p->nodes + 3) / 4 * 4;
+  for (int i = p->nodes; i < whole; ++i) tangent[i] = 0;
   for (int i = 0; i < p->nodes; ++i) tangent[i] = D[3 * i + 2] / 2;
-  /* A separate loop in full lanes without indirect addressing, so that it is vectorised. */
+  /* A separate loop in full vectors without indirect addressing, so that it is vectorised. */
   for (int i = 0; i < whole; ++i) tangent[i] = tan(tangent[i]);
   for (int i = 0; i < p->nodes; ++i) path[3 * i + 2] = 2 * tangent[i], slope[3 * i + 2] = 1 + tangent[i] * tangent[i];
 }
@@ -72,36 +72,28 @@ static double steepness(const Problem *p, double dt) {
 
 /* Forces r of the masses, for an `acceleration`, and their derivatives by the increment in the tangent K. */
 HOT void inertia(const Problem *p, const Work *w, double *r, double *K) {
-  const int *dof = p->mass_dof, *at = p->mass_stored_at, pairs = p->mass_start[p->nodes];
-  double steep = p->rules ? 0 : steepness(p, w->dt);
-  times_mass(p, w->acc, r);
-  for (int k = 0; k < pairs; ++k, at += 3) {
-    const double *mass = p->mass + 3 * k;
-    K[at[0]] = K[at[1]] = steep * mass[0], K[at[2]] = steep * mass[2] * w->slope[dof[k] + 2];
-  }
-  for (int k = 0; p->rules && k < 9 * pairs; ++k)
-    K[p->rule_stored_at[k]] += p->mass[k / 3] * w->rule[RULE_VALUES / 3 * dof[k / 9] + 3 + k % 9];
+  multiply_mass(p, w->acc, r, K, p->rules ? 0 : steepness(p, w->dt), w->slope);
+  for (int k = 0; p->rules && k < 9 * p->mass_start[p->nodes]; ++k)
+    K[p->rule_stored_at[k]] += p->mass[k / 3] * w->rule[RULE_VALUES / 3 * p->mass_dof[k / 9] + 3 + k % 9];
 }
 
-static void advance_rates(Problem *p, const Work *w, double dt) {
+HOT void advance_rates(Problem *p, const Work *w, double dt) {
   if (p->at_rest) return;
+  const double *restrict path = w->path;
+  double *restrict v = p->v, *restrict a = p->a, *restrict v0 = w->scratch, per_dt = 1 / dt;
+  memcpy(v0, v, p->dofs * sizeof *v);
   if (p->rules) {
-    memcpy(w->scratch, p->v, p->dofs * sizeof(double));
     evaluate_rule(p, w, dt);
-    take_values(p, w, 12, p->v), take_values(p, w, 15, p->a);
-  }
-  for (int i = 0; i < p->dofs && !p->rules; ++i) {
-    double v0 = p->v[i];
-    if (p->rule == 0)
-      p->v[i] = 2 / dt * w->path[i] - v0, p->a[i] = (p->v[i] - v0) / dt;
-    else {
-      double a1 = newmark_end(p, w->D[i], v0, p->a[i], dt);
-      p->v[i] = v0 + dt * ((1 - p->gamma) * p->a[i] + p->gamma * a1), p->a[i] = a1;
+    take_values(p, w, 12, v), take_values(p, w, 15, a);
+  } else if (p->rule == 0)
+    for (int i = 0; i < p->dofs; ++i) v[i] = 2 * per_dt * path[i] - v0[i], a[i] = per_dt * (v[i] - v0[i]);
+  else
+    for (int i = 0; i < p->dofs; ++i) {
+      double a1 = newmark_end(p, w->D[i], v0[i], a[i], dt);
+      v[i] += dt * ((1 - p->gamma) * a[i] + p->gamma * a1), a[i] = a1;
     }
-    w->scratch[i] = v0;
-  }
   for (int k = 0; k < p->massless_count; ++k) {
     int i = p->massless[k];
-    p->v[i] = w->path[i] / dt, p->a[i] = (p->v[i] - w->scratch[i]) / dt;
+    v[i] = per_dt * path[i], a[i] = per_dt * (v[i] - v0[i]);
   }
 }

@@ -24,7 +24,7 @@ static void find_joint_forces(const Problem *p, const Work *w) {
   for (int k = 0; k < p->closures; ++k) on_joints[p->closure_force[k]] += w->closing[k];
   /* Joints with an offset or a slide exert a moment on their guiding node, which is no moment of another
      joint. */
-  for (int j = 0; j < p->joints; ++j) {
+  for (int j = 0; HAS(COUPLED) && j < p->joints; ++j) {
     const double *lever = w->virtual_map + 1 + 4 * j, *F = on_joints + 3 * p->slide_of[j];
     if (p->carrier[j] >= 0) on_nodes[p->carrier[j]] += lever[0] * F[0] + lever[1] * F[1];
   }

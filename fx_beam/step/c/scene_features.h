@@ -3,7 +3,7 @@
 
 #pragma once
 
-enum { CHAIN = 1, BAND = 2, LOOPS = 4, SLIDERS = 8, MEMBERS = 16 };
+enum { CHAIN = 1, BAND = 2, COUPLED = 4, LOOPS = 8, SLIDERS = 16, MEMBERS = 32 };
 
 #ifndef FEATURES
 #define FEATURES -1

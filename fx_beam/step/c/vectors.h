@@ -21,6 +21,8 @@ typedef int64_t Places __attribute__((vector_size(32)));
 #define PICK(a, b, ...) __builtin_shuffle(a, b, (Places){__VA_ARGS__})
 #endif
 
+INLINED Four four(double x) { return (Four){x, x, x, x}; }
+
 INLINED Four load(const double *from) { return *(const Four *)from; }
 
 INLINED void transpose(Four a, Four b, Four c, Four d, Four *columns) {
@@ -56,6 +58,12 @@ INLINED double smaller(double a, double b) { return a < b ? a : b; }
 
 /* Room for so many entries of an array, and for one more, so that it has an address. */
 #define ROOM(array, count) array = realloc(array, ((count) + 1) * sizeof *(array))
+
+/* The numbers at some places: one by one, as an instruction for many places takes longer. */
+INLINED void gather(int n, const double *x, const int *at, double *out) {
+#pragma GCC unroll 4
+  for (int i = 0; i < n; ++i) out[i] = x[at[i]];
+}
 
 /* Sum of the products of few numbers. */
 static inline double product_of(int n, const double *x, const double *y) {
