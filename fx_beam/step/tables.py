@@ -23,8 +23,7 @@ from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, joints_by_number
 
 from .build import begin_to_build, load_library
-from .element_data import aligned
-from .form_tables import FormTables
+from .form_tables import FormTables, aligned
 from .lu_layout import COSTS, Factors, factors_of, graph_of, groups_of
 from .model import Model
 from .newton import (

@@ -11,7 +11,7 @@ from fx_beam.c_library import Structs, declarations
 from fx_beam.errors import SceneError
 from fx_beam.scene.joints import joints_by_number
 
-from .element_data import aligned
+from .form_tables import aligned
 from .layout import Layout, Numbers, Rows, all_of, never_empty
 from .model import Model
 from .tables import Problem

@@ -11,8 +11,7 @@ import numpy as np
 from fx_beam.fem.beam_forms import BeamForms
 from fx_beam.fem.vjp_form import BoundVjp
 
-from .element_data import in_lanes
-from .form_tables import Kernel
+from .form_tables import Kernel, in_lanes
 from .layout import Layout
 from .tables import Problem
 
