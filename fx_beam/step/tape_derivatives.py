@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fx_beam.c_library import Structs, declarations
+from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.scene.joints import joints_by_number
 
@@ -33,6 +34,7 @@ class TapeDerivatives:
         _check(problem.model)
         self.problem, self._model = problem, problem.model
         problem.begin_derivatives(way)  # beside slopes of forms
+        self._way = way
         self._ffi, self._p = problem.ffi, problem.c
         self._structs = Structs(self._ffi, declarations("problem.h"))
         #: The C struct Derivatives.
@@ -42,7 +44,6 @@ class TapeDerivatives:
         self._has_places: bool | None = None
         self._hand_over_elements()
         self._hand_over_points()
-        self._library = problem.derivatives(way)
         members = self._model.points.members
         if members is not None:
             counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}
@@ -53,12 +54,19 @@ class TapeDerivatives:
         own = joints_by_number(self._model.scene)
         rest = [own[joint.number].start()[0] for joint in self._model.couplings.moving]
         self._structs.set(self.c, slide_at_rest=[*rest, 0.0])
-        #: Where the arrays of the derivatives are in this vector, and the numbers of the scene.
-        self.layout = Layout(problem, self._library.fx_layout(self._p, self.c))
-        self.numbers = self._named_numbers()
-        followed = self.layout.at["spring internal"][self._model.points.followed]
+
+    @cached_property
+    def _library(self) -> Any:
+        return self.problem.derivatives(self._way)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Where the arrays of the derivatives are in their vector."""
+        layout = Layout(self.problem, self._library.fx_layout(self._p, self.c))
+        followed = layout.at["spring internal"][self._model.points.followed]
         self._structs.set(self.c, followed=followed)
         self._make_room()
+        return layout
 
     def _make_room(self) -> None:
         room = self._library.fx_linear_scratch(self._p, self.c)
@@ -173,7 +181,8 @@ class TapeDerivatives:
         }
         return by_steps | {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
 
-    def _named_numbers(self) -> dict[str, Numbers]:
+    @cached_property
+    def numbers(self) -> dict[str, Numbers]:
         """The numbers of the scene by name."""
         model, p, at = self._model, self._p, self.layout.at
         others = {"Y", "member places", *(work.array for work in self._works)}
@@ -340,6 +349,8 @@ class TapeDerivatives:
         if self._has_places == by_places:
             return
         self._has_places = by_places
+        for work in self._works:
+            work.compiled(by_places)  # before the library is waited for
         for work in self._works:
             self._structs.set(self.c, **{work.name: work.members(self.layout, by_places)})
         self._make_room()

@@ -44,6 +44,7 @@ class VjpWork:
         nodal = dict.fromkeys(("increment", "start"), problem.c.cell_dofs)
         self._sizes = nodal | vjp.sizes
         self._own = {name: size for name, size in vjp.sizes.items() if name not in _IN_COMMON}
+        self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}
         self._members: dict[bool, dict[str, Any]] = {}
 
     def handed_over(self) -> dict[str, Any]:
@@ -56,15 +57,23 @@ class VjpWork:
             self._members[by_places] = self._made(layout, by_places)
         return self._members[by_places]
 
+    def compiled(self, by_places: bool) -> tuple[list[tuple[str, int]], Kernel, dict[str, Any]]:
+        """Names of derivatives, each by a weight, and their forms, also as a table for C."""
+        if by_places not in self._compiled:
+            tables = self._problem.tables
+            assert tables is not None
+            wanted = [name for name in self._vjp.sizes if by_places or name != "coordinates"]
+            slopes = self._vjp.slopes(wanted)
+            kernel = Kernel([*slopes.values()])
+            table = tables.of("slopes of forces", kernel)
+            table["changing"] = table["moving"]
+            self._compiled[by_places] = [*slopes][1:], kernel, table  # behind the work
+        return self._compiled[by_places]
+
     def _made(self, layout: Layout, by_places: bool) -> dict[str, Any]:
         tables, lanes = self._problem.tables, self._problem.constants.LANES
         assert tables is not None
-        wanted = [name for name in self._vjp.sizes if by_places or name != "coordinates"]
-        slopes = self._vjp.slopes(wanted)
-        kernel = Kernel([*slopes.values()])
-        table = tables.of("slopes of forces", kernel)
-        table["changing"] = table["moving"]
-        made = [*slopes][1:]  # behind the work
+        made, kernel, table = self.compiled(by_places)
         ends = {weight: i for i, (name, weight) in enumerate(made) if name == "increment"}
         pieces = made + [key for weight in ends if (key := ("start", weight)) not in made]
         numbers, weights = self._numbers(layout, tables.rows), self._weights(layout, tables.rows)
