@@ -35,6 +35,8 @@ class Mass:
         self.changes = 0
         #: What was assembled, in words.
         self.assembled: list[str] = []
+        #: What was computed of the scene at the last `refill`, with slopes that the scene has.
+        self._computed: dict[str, Any] = {}
 
     def _read(self, scene: Scene) -> None:
         """Keep what of it may be changed in the scene itself later."""
@@ -64,17 +66,19 @@ class Mass:
         anew = moved or given != self._given or masses != self._masses
         # Functions may give other values.
         anew |= any(callable(value) for pair in given for value in pair)
-        heavier = False
+        heavier, self._computed = False, {}
         if anew:
-            of_cells = self._of_cells()
-            entries, self.changes = plain(self._entries(of_cells)), self.changes + 1
+            of_cells, self.changes = self._of_cells(), self.changes + 1
+            self._computed["mass"] = self._entries(of_cells)
+            entries = plain(self._computed["mass"])
             if ((mass.data != 0) != (entries != 0)).any():
                 raise OtherStructureError("other nodes have mass")
             heavier = bool((mass.data != entries).any())
             mass.data[:] = entries
         # The mass may be assembled only here, and then differs from none.
         if scene.gravity is not None and (anew or (scene.gravity != gravity).any()):
-            self.weight = plain(self._weights(of_cells if anew else self._of_cells()))
+            self._computed["weight"] = self._weights(of_cells if anew else self._of_cells())
+            self.weight = plain(self._computed["weight"])
         return heavier
 
     @cached_property
@@ -92,10 +96,12 @@ class Mass:
         given += [] if self._gravity is None else [*self._gravity]
         moves = self._mesh.places(self._scene) is not self._mesh.X
         if have_slopes() and (moves or any(type(v) is DualFloat or callable(v) for v in given)):
-            of_cells = self._of_cells()
-            numbers["mass"] = self._entries(of_cells)
-            if self.weight is not None:
-                numbers["weight"] = self._weights(of_cells)
+            if "mass" not in self._computed:
+                of_cells = self._of_cells()
+                self._computed["mass"] = self._entries(of_cells)
+                if self.weight is not None:
+                    self._computed["weight"] = self._weights(of_cells)
+            numbers |= self._computed
         return numbers
 
     def _entries(self, of_cells: Any) -> Any:
