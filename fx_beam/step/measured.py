@@ -42,7 +42,7 @@ class Measured(NamedTuple):
             if entries is not None:
                 parts = np.arange(np.size(entries))
                 if self.missing is not None:
-                    parts = parts[~self.missing]
+                    parts = parts[~np.atleast_1d(self.missing)]
                 yield parts, np.atleast_1d(entries)[parts], sign
 
 
