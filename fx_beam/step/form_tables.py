@@ -212,14 +212,12 @@ class FormTables:
         return in_lanes(rows, self._lanes, behind)
 
 
-def aligned(array: np.ndarray) -> np.ndarray:
-    """A copy that begins with a cache line, as vectors of the processor are faster there."""
-    line = 64
-    space = np.empty(array.nbytes + line, dtype=np.int8)
+def aligned_zeros(*shape: int, dtype: type = np.float64) -> np.ndarray:
+    """Zeros that begin with a cache line, as vectors of the processor are faster there."""
+    line, size = 64, math.prod(shape) * np.dtype(dtype).itemsize
+    space = np.zeros(size + line, dtype=np.int8)
     begin = -space.ctypes.data % line
-    copy = space[begin : begin + array.nbytes].view(array.dtype).reshape(array.shape)
-    copy[...] = array
-    return copy
+    return space[begin : begin + size].view(dtype).reshape(shape)
 
 
 def in_lanes(rows: np.ndarray, lanes: int, behind: int | None = None) -> np.ndarray:
@@ -235,7 +233,10 @@ def in_lanes(rows: np.ndarray, lanes: int, behind: int | None = None) -> np.ndar
             more[:] = behind + 4 * np.arange(missing)[:, None]
         rows = np.concatenate([rows, more])
     blocks = rows.reshape(len(rows) // lanes, lanes, rows.shape[1]).swapaxes(1, 2)
-    return aligned(blocks.astype(np.float64 if rows.dtype == np.float64 else np.int32))
+    kind: type = np.float64 if rows.dtype == np.float64 else np.int32
+    placed = aligned_zeros(*blocks.shape, dtype=kind)
+    placed[...] = blocks
+    return placed
 
 
 class NodeRows(NamedTuple):

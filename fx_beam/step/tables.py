@@ -23,7 +23,7 @@ from fx_beam.scene.beam import Node
 from fx_beam.scene.joints import GROUND, joints_by_number
 
 from .build import begin_to_build, load_library
-from .form_tables import FormTables, aligned
+from .form_tables import FormTables, aligned_zeros
 from .lu_layout import COSTS, Factors, factors_of, graph_of, groups_of
 from .model import Model
 from .newton import (
@@ -550,7 +550,7 @@ class Problem:
         self.sides = np.zeros((2, switches))
         self._set(inverted_q=self.inverted_q, switches=switches, sides=self.sides)
         #: Work space of C.
-        self.scratch = aligned(np.zeros(self.library.fx_scratch(self.c)))
+        self.scratch = aligned_zeros(self.library.fx_scratch(self.c))
         self._set(scratch=self.scratch)
         #: What steps by the factors of earlier ones depend on, beside the state.
         self.work = [self.scratch, self._sparse_factors]

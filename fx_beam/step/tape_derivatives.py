@@ -12,7 +12,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
 from fx_beam.scene.joints import joints_by_number
 
-from .form_tables import aligned
+from .form_tables import aligned_zeros
 from .layout import Layout, Numbers, Rows, all_of, never_empty
 from .model import Model
 from .tables import Problem
@@ -70,7 +70,7 @@ class TapeDerivatives:
 
     def _make_room(self) -> None:
         room = self._library.fx_linear_scratch(self._p, self.c)
-        self._structs.set(self.c, scratch=aligned(np.zeros(room)))
+        self._structs.set(self.c, scratch=aligned_zeros(room))
 
     def _hand_over_elements(self) -> None:
         """How many numbers elements have; their derivatives are compiled when they are needed."""
@@ -108,7 +108,7 @@ class TapeDerivatives:
         self._hand_over_slopes(True)
         count, every = len(tape), np.arange(len(tape) + 1)
         stride = -(-self.layout.size // 8) * 8  # each row is aligned
-        x = aligned(np.zeros((len(ends), stride)))[:, : self.layout.size]
+        x = aligned_zeros(len(ends), stride)[:, : self.layout.size]
         of_steps = np.zeros((count + 1, self.layout.step_size))
         by_unknowns = np.zeros((count, self._p.free))
         self.sizes = np.zeros(count)
@@ -144,7 +144,7 @@ class TapeDerivatives:
         names = self.names if names is None else names
         self._hand_over_slopes("X" in names)
         every, states, forces = len(tape), self.layout.states, self.layout.forces
-        x = aligned(np.zeros(self.layout.size))
+        x = aligned_zeros(self.layout.size)
         of_steps = np.zeros((every + 1, self.layout.step_size))
         structs = Structs(self._ffi, declarations("problem.h"))
         #: Sizes of the derivatives by the rates at the starts of all sub-steps.
@@ -359,9 +359,10 @@ class TapeDerivatives:
 def _side_by_side(rows: np.ndarray, group_size: int) -> np.ndarray:
     """Rows (n, size) in groups (groups, size, group_size), the last one filled with zeros."""
     count, size = rows.shape
-    groups = aligned(np.zeros((-(-count // group_size), size, group_size)))
-    for i in range(count):
-        groups[i // group_size, :, i % group_size] = rows[i]
+    groups = aligned_zeros(-(-count // group_size), size, group_size)
+    for group, first in zip(groups, range(0, count, group_size), strict=True):
+        part = rows[first : first + group_size].T
+        group[:, : part.shape[1]] = part
     return groups
 
 

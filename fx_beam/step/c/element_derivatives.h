@@ -134,12 +134,10 @@ HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const
     double by_place = turning * w->scratch[i];
     x[at->q1 + i] += p->level * by_place, x[at->q + i] += (1 - p->level) * by_place, x[at->member_places + i] += by_place;
   }
-  for (int i = 0; last && i < p->dofs; ++i) {
-    double weight = x[at->r + i];
-    x[at->weight + i] -= acting(p) * weight;
-    for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k)
-      x[at->mass + 3 * k + i % 3] += weight * w->acc[p->mass_dof[k] + i % 3];
-  }
+  for (int i = 0; last && i < p->dofs; ++i) x[at->weight + i] -= acting(p) * x[at->r + i];
+  for (int node = 0; last && node < p->nodes; ++node)
+    for (int k = p->mass_start[node]; k < p->mass_start[node + 1]; ++k)
+      for (int i = 0; i < 3; ++i) x[at->mass + 3 * k + i] += x[at->r + 3 * node + i] * w->acc[p->mass_dof[k] + i];
 }
 
 /* Adds the changes of the forces of inertia and weight. */
@@ -152,13 +150,12 @@ HOT void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int chan
     moving[i] = per_dt * (per_dt / 2 * w->slope[i] * increment - v[i]);
   }
   for (int i = 0; turning < 0 && i < p->dofs; ++i) moving[i] += turning * (X[i] + (1 - p->level) * q[i] + p->level * end[i]);
-  for (int i = 0; i < p->dofs; ++i) {
-    Changes sum = x[at->r + i];
-    for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k) {
-      int entry = 3 * k + i % 3, column = p->mass_dof[k] + i % 3;
-      sum += p->mass[entry] * moving[column];
-      if (changes_mass) sum += x[at->mass + entry] * w->acc[column];
-    }
-    x[at->r + i] = changes_mass ? sum - acting(p) * x[at->weight + i] : sum;
+  for (int node = 0; node < p->nodes; ++node) {
+    Changes *r = x + at->r + 3 * node, sums[3] = {r[0], r[1], r[2]};
+    for (int k = p->mass_start[node]; k < p->mass_start[node + 1]; ++k)
+      for (int i = 0; i < 3; ++i) sums[i] += p->mass[3 * k + i] * moving[p->mass_dof[k] + i];
+    for (int k = p->mass_start[node]; changes_mass && k < p->mass_start[node + 1]; ++k)
+      for (int i = 0; i < 3; ++i) sums[i] += x[at->mass + 3 * k + i] * w->acc[p->mass_dof[k] + i];
+    for (int i = 0; i < 3; ++i) r[i] = changes_mass ? sums[i] - acting(p) * x[at->weight + 3 * node + i] : sums[i];
   }
 }

@@ -59,8 +59,10 @@ static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) 
 static void store_row(const Derivatives *a, const RowsOfRun *of, long k, const Changes *x, long first, int count) {
   if (of->at[k] < 0) return;
   double *row = of->rows + (of->at[k] * (long)a->directions + first) * of->size;
-  for (int j = 0; j < count; ++j, row += of->size)
-    for (int i = 0; i < of->size; ++i) row[i] = x[of->place[i]][j];
+  for (int i = 0; i < of->size; ++i) {
+    const double *values = (const double *)(x + of->place[i]);
+    for (int j = 0; j < count; ++j) row[(long)j * of->size + i] = values[j];
+  }
 }
 
 /* Whether the unknowns that are held, and nothing else, give the configuration at the end. */
