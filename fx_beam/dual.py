@@ -368,18 +368,24 @@ def _bincount(at, weights, size):
     return Dual(np.bincount(at, weights.values, size), slopes)
 
 
-def _concatenate(parts, axis=0) -> Dual:
-    count = next(part.slopes.shape[-1] for part in parts if isinstance(part, Dual))
-    duals = [with_slopes(part, count) for part in parts]
-    if axis is None:
-        axis, duals = 0, [dual.reshape(-1) for dual in duals]
-    axis %= duals[0].ndim
-    values = np.concatenate([dual.values for dual in duals], axis)
-    return Dual(values, np.concatenate([dual.slopes for dual in duals], axis))
+def _joining(function: Callable, axes: int = 0) -> Callable:
+    """A function that joins arrays, of which the result has so many more axes."""
+
+    def result(parts, axis=0) -> Dual:
+        count = next(part.slopes.shape[-1] for part in parts if isinstance(part, Dual))
+        duals = [with_slopes(part, count) for part in parts]
+        if axis is None:
+            axis, duals = 0, [dual.reshape(-1) for dual in duals]
+        axis %= duals[0].ndim + axes
+        values = function([dual.values for dual in duals], axis)
+        return Dual(values, function([dual.slopes for dual in duals], axis))
+
+    return result
 
 
 _FUNCTIONS: dict[Any, Callable] = {
-    np.concatenate: _concatenate,
+    np.concatenate: _joining(np.concatenate),
+    np.stack: _joining(np.stack, 1),
     np.sum: _sum,
     np.mean: _along(np.mean),
     np.cumsum: _along(np.cumsum),
@@ -397,7 +403,7 @@ _FUNCTIONS: dict[Any, Callable] = {
 }
 #: Functions that only place entries, and which arguments have these.
 _PLACING = dict.fromkeys(
-    (np.stack, np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
+    (np.hstack, np.vstack, np.column_stack, np.dstack, np.reshape)
     + (np.ravel, np.transpose, np.atleast_1d, np.atleast_2d, np.copy, np.repeat, np.tile, np.flip)
     + (np.roll, np.squeeze, np.expand_dims, np.swapaxes, np.moveaxis, np.take, np.diag),
     (0,),
