@@ -92,6 +92,12 @@ OF_BEAMS: dict[str, Quantity] = {
     "Q": Quantity("N", of="resultants"),
     "M": Quantity("N m", of="resultants"),
 }
+_OF_CLASSES: dict[type, dict[str, Quantity]] = {
+    Scene: OF_SCENES,
+    Beam: OF_BEAMS,
+    Joint: OF_JOINTS,
+    Node: OF_NODES,
+}
 
 
 @dataclass(frozen=True)
@@ -199,9 +205,9 @@ class Output:
         fits = isinstance(self.of, Node | Joint | Scene | Beam)
         require(fits, "Output: of", self.of, "a node, a joint, a scene or a beam")
         known = self._known
-        wanted = f"one of {list(known)} for {self._place}"
-        named = isinstance(self.quantity, str) and self.quantity in known
-        require(named, "Output: quantity", self.quantity, wanted)
+        if not isinstance(self.quantity, str) or self.quantity not in known:
+            wanted = f"one of {list(known)} for {self._place}"
+            require(False, "Output: quantity", self.quantity, wanted)
         parts = known[self.quantity].components
         fits = self.component is None or is_one_of(self.component, parts)
         wanted = f"one of {list(parts)}" if parts else "left out: it is a single number"
@@ -218,8 +224,8 @@ class Output:
 
     @property
     def _known(self) -> dict[str, Quantity]:
-        kinds = {Scene: OF_SCENES, Beam: OF_BEAMS, Joint: OF_JOINTS, Node: OF_NODES}
-        return next(known for kind, known in kinds.items() if isinstance(self.of, kind))
+        classes = type(self.of).__mro__
+        return next(_OF_CLASSES[each] for each in classes if each in _OF_CLASSES)
 
     @property
     def components(self) -> tuple[str, ...]:
