@@ -192,7 +192,6 @@ class TangentDerivatives:
 
         Forwards if the sums are so many that these are fewer steps.
         """
-        refuse_others(changes, self._derivatives.names, self._what)
         products = [self.directions(about, of) for of in sums]
         if len(sums) > 1 and not self._problem.c.closures:
             every = [one.directions for along, _, _ in products for one in along]
@@ -234,6 +233,7 @@ class TangentDerivatives:
         parts: np.ndarray,
     ) -> np.ndarray:
         """Derivatives (n, m) by changes of K, C and T along a basis (r, free), with all numbers."""
+        refuse_others(changes, self._derivatives.names, self._what)
         time = float(np.exp(np.mean([np.log(time) for _, _, time in products])))
         lengths, by_state = np.array([time, 2 * time] if self._damped else [0.0]), None
         count, free = len(changes["X"]), basis.shape[1]
@@ -301,6 +301,7 @@ class TangentDerivatives:
 
     def along(self, weighted: Weighted, changes: Mapping[str, np.ndarray]) -> np.ndarray:
         """Derivatives (n, m) by x, with which numbers change (m, ...), of what is weighted."""
+        refuse_others(changes, self._derivatives.names, self._what)
         by_vector, of_step, by_mass = weighted
         masses = changes["mass"].reshape(len(changes["mass"]), -1)
         by_x = self._derivatives.along(changes, by_vector, of_step)

@@ -192,12 +192,9 @@ class FormTables:
         )
         if key in self._shared:
             return self._shared[key]
-        data = {name: self._blocks(rows[cells]) for name, rows in self.rows.items()}
-        rotations = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :]
-        data |= {
-            "dofs": self._blocks(rotations - 2),
-            "to": self._blocks(rotations - 2, self._problem.dofs),
-        }
+        data = {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
+        nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
+        data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}
         data["coordinates"] = self._blocks(self._places[cells])
         self._coordinates.append((cells, data["coordinates"]))
         if self._problem.chain:

@@ -63,11 +63,12 @@ class StepFailures:
 
     def check_members(self, D: np.ndarray, residuals: list[float]) -> None:
         """Reject a step in which a point passes a member, or comes near more than were found."""
-        members = self.model.points.members
-        state = None if members is None else members.check(D)
-        if members and state in (members.MOVED, members.SLID):
+        if (members := self.model.points.members) is None:
+            return
+        state = members.check(D)
+        if state in (members.MOVED, members.SLID):
             raise StepFailed("members", _MOVED, D, residuals)
-        if members and state == members.PASSED:
+        if state == members.PASSED:
             raise StepFailed("members", _PASSED, D, residuals)
 
     def check_slides(self, D: np.ndarray, residuals: list[float]) -> None:
