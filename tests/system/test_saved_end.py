@@ -1,5 +1,7 @@
 """The last state of a solution in a file: what is damaged is refused, or ends with an error."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,18 @@ def test_a_damaged_last_state_is_refused(name, damage, rope, tmp_path):
     if name == "end_owners" and damage == "text":
         arrays[name] = np.zeros(arrays[name].shape)
     np.savez(tmp_path / "other.npz", **arrays)
+    with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
+        fb.load(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize("name", ["t", "length"])
+def test_a_last_state_without_its_time_is_refused(name, rope, tmp_path):
+    rope[1].save(tmp_path / "run.npz")
+    with np.load(tmp_path / "run.npz") as file:
+        arrays = dict(file)
+    meta = json.loads(str(arrays["meta"]))
+    meta["end"][name] = np.nan
+    np.savez(tmp_path / "other.npz", **arrays | {"meta": np.array(json.dumps(meta))})
     with pytest.raises(ValueError, match="other.npz is not a solution saved by fx_beam"):
         fb.load(tmp_path / "other.npz")
 
