@@ -338,8 +338,8 @@ _sum = _along(np.sum)
 def _interp(x, xp, fp) -> Any:
     """Interpolated on a line between points; its slopes at a point are those after it."""
     x, xp, fp = map(stacked, (x, xp, fp))
-    at, places = plain(x), plain(xp)
-    i = _clip(np.searchsorted(places, at, "right") - 1, 0, len(places) - 2)
+    at, points = plain(x), plain(xp)
+    i = _clip(np.searchsorted(points, at, "right") - 1, 0, len(points) - 2)
     w = _clip((x - xp[i]) / (xp[i + 1] - xp[i]), 0.0, 1.0)
     return (1 - w) * fp[i] + w * fp[i + 1]
 

@@ -68,7 +68,7 @@ class Auxiliaries:
             "auxiliary_arm": self._arms[1],
         }
 
-    def places(self, at: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    def storage(self, at: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Storage indices in the tangent by the names in problem.h, and of entries that are 1.
 
         `at` has those of the entries at `rows` and `columns`.

@@ -47,7 +47,7 @@ class ClosedSystem(NamedTuple):
     ones: np.ndarray
     #: Numbers, and positions of entries, by the names in problem.h.
     members: dict[str, Any]
-    places: dict[str, np.ndarray]
+    storage: dict[str, np.ndarray]
 
 
 class Loops:
@@ -203,13 +203,13 @@ class Loops:
             "scales": len(diagonal),
             "scale_unit": self.unit[row[diagonal]],
         }
-        places = {
+        storage = {
             "closure_equation": equation,
             "closure_balance": balance,
             "stiff_to": stiff_to,
             "scale_at": diagonal,
         }
-        return ClosedSystem((start, column), open_entries, ones, members, places)
+        return ClosedSystem((start, column), open_entries, ones, members, storage)
 
     @property
     def entries(self) -> int:
@@ -222,7 +222,7 @@ def _dependence(
 ) -> tuple[np.ndarray, scipy.sparse.csr_matrix, np.ndarray]:
     """Values of T that do not cancel by chance, equations of dependent columns, and the latter.
 
-    A node on a beam may be at all places of it.
+    A node on a beam may be anywhere on it.
     """
     random = np.random.default_rng(0)
     values = random.uniform(1.0, 2.0, 1 + 4 * len(couplings.moving))

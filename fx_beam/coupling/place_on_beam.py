@@ -70,18 +70,18 @@ def _weights_by_numbers(path: Path, s: np.ndarray) -> list[scipy.sparse.csr_matr
     nodes = path.degree * (e[:, None] - 1) + np.arange(width)
     known = (nodes >= 0) & (nodes < len(path))
     near, at = np.unique(nodes[known], return_inverse=True)
-    places, local = np.nonzero(known)
-    rows, c, cell = places * len(near) + at, path.coefficients[e][known], e[places]
+    of_point, local = np.nonzero(known)
+    rows, c, cell = of_point * len(near) + at, path.coefficients[e][known], e[of_point]
     first = len(path.s) + path.X.size + 4 * (cell * width + local)
     by_numbers = []
     for order, (value, slope) in enumerate(((powers[0], powers[1]), (powers[1], bends))):
         # A coefficient, and both ends of the element.
         by_begin = (slope * (x - 1) + order * value) / h ** (order + 1)
         by_end = -(slope * x + order * value) / h ** (order + 1)
-        parts = [(first + i, (value / h**order)[places, i]) for i in range(4)]
+        parts = [(first + i, (value / h**order)[of_point, i]) for i in range(4)]
         parts += [
-            (cell, (c * by_begin[places]).sum(1)),
-            (cell + 1, (c * by_end[places]).sum(1)),
+            (cell, (c * by_begin[of_point]).sum(1)),
+            (cell + 1, (c * by_end[of_point]).sum(1)),
         ]
         columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
         shape = len(s) * len(near), len(path.numbers)

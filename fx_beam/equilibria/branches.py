@@ -195,8 +195,8 @@ def _bend(beam: Beam, X: np.ndarray) -> None:
     """Set the positions (elements * degree + 1, 2) of all nodes of a beam in order."""
     p = beam.degree
     of_elements = X[p * np.arange(beam.elements)[:, None] + np.arange(p + 1)]
-    places, weights = np.polynomial.legendre.leggauss(6)
-    slopes = lagrange_and_slopes(np.linspace(-1, 1, p + 1), places)[1]
+    points, weights = np.polynomial.legendre.leggauss(6)
+    slopes = lagrange_and_slopes(np.linspace(-1, 1, p + 1), points)[1]
     along = np.linalg.norm(np.einsum("gi,eix->egx", slopes, of_elements), axis=2)
     fractions = beam.s / beam.length if beam.fractions is None else beam.fractions
     changes = {"s": np.concatenate([[0.0], np.cumsum(along @ weights)]), "fractions": fractions}

@@ -234,15 +234,15 @@ class PathStability:
         points: list[CriticalPoint] = []
         try:
             piece = Piece(self._arc, self._motions, *self._states[row : row + 2])
-            places = Growth(self._motions, piece).places(*counts)
+            brackets = Growth(self._motions, piece).brackets(*counts)
         except _FAILURES as failure:
             return points, str(failure)
-        reason, last = "" if places else "all modes stay as they are", -np.inf
-        for place in places:
+        reason, last = "" if brackets else "all modes stay as they are", -np.inf
+        for bracket in brackets:
             try:
-                root = root_of(piece, self._eigenvalue(piece, place.few), place)
+                root = root_of(piece, self._eigenvalue(piece, bracket.few), bracket)
                 if root.place - last > SAME * piece.length:  # else it is the same one, divided
-                    points.append(self._point(root, row, place.many - place.few, max(counts)))
+                    points.append(self._point(root, row, bracket.many - bracket.few, max(counts)))
                     last = root.place
             except _FAILURES as failure:
                 reason = str(failure)

@@ -285,10 +285,10 @@ class PathEquations:
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def root_near(places: np.ndarray, values: np.ndarray) -> float:
-    """Root near zero of the polynomial through values at places; not finite if it has none."""
+def root_near(points: np.ndarray, values: np.ndarray) -> float:
+    """Root near zero of the polynomial through values at points; not finite if it has none."""
     polynomial = np.polynomial.Polynomial(
-        np.linalg.solve(np.vander(places, increasing=True), values)
+        np.linalg.solve(np.vander(points, increasing=True), values)
     )
     slope, root = polynomial.deriv(), 0.0
     for _ in range(20):
@@ -296,10 +296,10 @@ def root_near(places: np.ndarray, values: np.ndarray) -> float:
     return root
 
 
-def weights(places: np.ndarray, place: float) -> np.ndarray:
-    """Weights of values at places in that of their polynomial at another place."""
-    powers = place ** np.arange(len(places), dtype=float)
-    return np.linalg.solve(np.vander(places, increasing=True).T, powers)
+def weights(points: np.ndarray, point: float) -> np.ndarray:
+    """Weights of values at points in that of their polynomial at another point."""
+    powers = point ** np.arange(len(points), dtype=float)
+    return np.linalg.solve(np.vander(points, increasing=True).T, powers)
 
 
 def combined(states: list[State], weights: np.ndarray) -> State:

@@ -136,8 +136,8 @@ class Piece:
                 break
         else:
             return None
-        places = [root_near(distances / h, column) for column in values[:, changed].T]
-        nearest = min(places, key=abs)
+        roots = [root_near(distances / h, column) for column in values[:, changed].T]
+        nearest = min(roots, key=abs)
         return combined(states, weights(distances / h, nearest)) if abs(nearest) < 2 else None
 
 
@@ -153,7 +153,7 @@ class Root:
     kind: str
 
 
-class Place(NamedTuple):
+class Bracket(NamedTuple):
     """An interval of distances in which modes become unstable, or stable again."""
 
     low: float
@@ -175,15 +175,15 @@ class Growth:
         self._piece = piece
         self._at = functools.cache(lambda x: motions.growing(piece.at(x), piece.stiffness(x)))
 
-    def places(self, before: int, after: int) -> list[Place]:
+    def brackets(self, before: int, after: int) -> list[Bracket]:
         """All of them, from the numbers of modes that grow in the rows before and after."""
         piece, length = self._piece, self._piece.length
-        low, high, places = piece.first, length, list[Place]()
+        low, high, brackets = piece.first, length, list[Bracket]()
         # A row may lie at a point.
         if (behind := sum(self._at(low))) != before:
             if piece.kinked:
                 few, many = sorted((before, behind))
-                places.append(Place(low, high, 0.0, few, many))
+                brackets.append(Bracket(low, high, 0.0, few, many))
             else:
                 low -= _BESIDE_STEP * length
         if sum(self._at(high)) != after and not piece.kinked:
@@ -200,8 +200,8 @@ class Growth:
                 which = 0 if flutter else 1
                 numbers = {first[which]: ends[0], last[which]: ends[1]}
                 few, many = min(numbers), max(numbers)
-                places.append(Place(*ends, apart, few, many, flutter, numbers[many]))
-        return places
+                brackets.append(Bracket(*ends, apart, few, many, flutter, numbers[many]))
+        return brackets
 
     def _intervals(self, low: float, high: float, exact: float) -> list[tuple[float, float]]:
         """Intervals in which the numbers change, by one mode if they are longer than SAME."""
@@ -214,15 +214,15 @@ class Growth:
         return [*self._intervals(low, middle, exact), *self._intervals(middle, high, exact)]
 
 
-def root_of(piece: Piece, measure: Callable[[float], float], place: Place) -> Root:
+def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -> Root:
     """Where a measure changes its sign."""
-    low, high = place.low, place.high
-    if place.flutter:
-        at = place.growing
+    low, high = bracket.low, bracket.high
+    if bracket.flutter:
+        at = bracket.growing
         return Root(at, piece.at(at), piece.stiffness(at), FLUTTER)
-    if not place.apart:
+    if not bracket.apart:
         return _jump(piece, measure, 0.0, low, high)
-    near, apart = (low + high) / 2, -place.apart
+    near, apart = (low + high) / 2, -bracket.apart
     if piece.model.flows and near + _STATES * apart < piece.first:
         apart = -apart  # nothing flows back
     if not piece.kinked:

@@ -430,7 +430,7 @@ class BeamForms:
             form.add_to(out)
 
     def add_tangent(self, values: np.ndarray, at: np.ndarray) -> None:
-        """Add their tangent (eq. 54), derived by UFL, to values of a matrix at places of cells."""
+        """Add their tangent (eq. 54), derived by UFL, to entries `at` of stored values."""
         for form in self._tangents:
             form.add_to(values, at)
 

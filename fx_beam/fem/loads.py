@@ -40,8 +40,8 @@ def line_forces(mesh: Mesh, number: int, rule: int) -> scipy.sparse.csc_matrix:
 @functools.cache
 def element_rule(degree: int, points: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights (points,), and polynomials of equidistant nodes (points, degree + 1), and slopes."""
-    places, weights = gauss_rule(points)
-    return weights, *lagrange_and_slopes(np.linspace(0.0, 1.0, degree + 1), places)
+    at, weights = gauss_rule(points)
+    return weights, *lagrange_and_slopes(np.linspace(0.0, 1.0, degree + 1), at)
 
 
 class UnitLoad(NamedTuple):
@@ -138,14 +138,14 @@ class Loads(SumOfLoads):
         """Loads at the Gauss points of the rule that integrates the interpolation exactly."""
         function, rule = load.value, beam.degree + 1
         unit = line_forces(self._mesh, scene.beams.index(beam), rule)
-        places = arc_lengths(beam, gauss_rule(rule)[0]).ravel()
+        points = arc_lengths(beam, gauss_rule(rule)[0]).ravel()
         if isinstance(function, PlaceTimeFunction):
-            function = function.over(places)
+            function = function.over(points)
         else:
-            each = np.tile(np.eye(2), (len(places), 1))
+            each = np.tile(np.eye(2), (len(points), 1))
             if load.along is not None:
                 what = f"line load on {label(beam)}"
-                each = values_along(load.along, 2, what, "s", places)[:, None]
+                each = values_along(load.along, 2, what, "s", points)[:, None]
             unit = scipy.sparse.csc_matrix(unit @ each)
         return UnitLoad(function, str(load), unit.data, unit.indices, np.diff(unit.indptr))
 
@@ -174,13 +174,13 @@ class NaturalStrains(SumOfLoads):
         cells = self._mesh.cells[scene.beams.index(beam)]
         points = degree * cells[:, None] + np.arange(degree)
         rows = 3 * points.ravel() + [*NAMES].index(name)
-        places = (arc_lengths(beam, gauss_rule(degree)[0]) / beam.length).ravel()
+        points = (arc_lengths(beam, gauss_rule(degree)[0]) / beam.length).ravel()
         values, counts = np.ones(len(rows)), np.array([len(rows)])
         what = f"{NAMES[name]} of beam {beam.name!r}"
         if isinstance(function, PlaceTimeFunction):
-            function, counts = function.over(places), np.ones(len(rows), dtype=int)
+            function, counts = function.over(points), np.ones(len(rows), dtype=int)
         elif part.along is not None:
-            values = values_along(part.along, 1, what, "f", places)
+            values = values_along(part.along, 1, what, "f", points)
         return UnitLoad(function, what, values, rows, counts)
 
     def __bool__(self):

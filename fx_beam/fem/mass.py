@@ -94,7 +94,7 @@ class Mass:
         numbers = {"mass": self.matrix.data, "weight": self.weight}
         given = [value for rows in (self._given, self._masses) for row in rows for value in row]
         given += [] if self._gravity is None else [*self._gravity]
-        moves = self._mesh.places(self._scene) is not self._mesh.X
+        moves = self._mesh.nodal_positions(self._scene) is not self._mesh.X
         if have_slopes() and (moves or any(type(v) is DualFloat or callable(v) for v in given)):
             if "mass" not in self._computed:
                 of_cells = self._of_cells()
@@ -105,15 +105,15 @@ class Mass:
         return numbers
 
     def _entries(self, of_cells: Any) -> Any:
-        places, values = [], []
+        at, values = [], []
         if self._masses:
-            places, values = [self._diagonal], [self.lumped]
+            at, values = [self._diagonal], [self.lumped]
         if of_cells is not None:
-            places, values = [*places, self._places], [*values, of_cells.reshape(-1)]
+            at, values = [*at, self._entries_of_cells], [*values, of_cells.reshape(-1)]
         size = len(self._forms.stiffness.data)
-        if not places:
+        if not at:
             return np.zeros(size)
-        return np.bincount(np.concatenate(places), np.concatenate(values), size)
+        return np.bincount(np.concatenate(at), np.concatenate(values), size)
 
     def _weights(self, of_cells: Any) -> Any:
         pull = np.append(stacked(self._scene.gravity), 0.0)
@@ -131,7 +131,9 @@ class Mass:
         if not self._has:
             return None
         mesh, degree, (_, _, masses) = self._mesh, self._degree, _unit_masses(self._degree)
-        along = element_rule(degree, degree + 1)[2] @ mesh.places(self._scene)[mesh.elements]
+        along = (
+            element_rule(degree, degree + 1)[2] @ mesh.nodal_positions(self._scene)[mesh.elements]
+        )
         lengths = np.hypot(along[..., 0], along[..., 1])
         density = section_data(mesh, self._scene, ("rhoA", "rhoI"), degree + 1).values
         of_points = lengths[..., None] * density
@@ -142,8 +144,8 @@ class Mass:
         return self._scene.beams[0].degree
 
     @cached_property
-    def _places(self) -> np.ndarray:
-        """Positions (cells * n,) of the entries of cells in the values of the stiffness."""
+    def _entries_of_cells(self) -> np.ndarray:
+        """Storage indices (cells * n,) of the entries of cells in the values of the stiffness."""
         rows, columns, _ = _unit_masses(self._degree)
         return self._forms.of_cells[:, 3 * (self._degree + 1) * rows + columns].ravel()
 

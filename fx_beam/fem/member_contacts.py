@@ -46,7 +46,7 @@ class MemberPair(NamedTuple):
     node_slots: np.ndarray
     #: Numbers (points, n): sum of the radii, then those of the law.
     numbers: np.ndarray
-    #: Of a member and itself: places of its nodes, and how far apart they must be to touch.
+    #: Of a member and itself: arc lengths of its nodes, and how far apart they must be to touch.
     arc: np.ndarray
     apart: float = 0.0
     #: Number of the contact; -1 for the points of its second member. The contact as text.
@@ -195,7 +195,7 @@ class MemberContacts:
     def friction(self, memory: np.ndarray) -> dict[int, np.ndarray]:
         """Stretch and slip (n, points, 2) of the first members, by the contact's number.
 
-        From internal variables (n, width). Of a node that touches two places: where its spring is
+        From internal variables (n, width). Of a node that touches two points: where its spring is
         stretched further.
         """
         of_contacts = {}
@@ -203,9 +203,9 @@ class MemberContacts:
             if one.number < 0 or not one.law.internal:
                 continue
             slots = slice(_IN_SLOT * first, _IN_SLOT * (first + _SLOTS * len(one.points)))
-            places = memory[:, slots].reshape(len(memory), len(one.points), _SLOTS, _IN_SLOT)
-            most = abs(places[..., 1]).argmax(axis=-1)
-            known = np.take_along_axis(places, most[..., None, None], axis=2)
+            points = memory[:, slots].reshape(len(memory), len(one.points), _SLOTS, _IN_SLOT)
+            most = abs(points[..., 1]).argmax(axis=-1)
+            known = np.take_along_axis(points, most[..., None, None], axis=2)
             of_contacts[one.number] = known[:, :, 0, 1:]
         return of_contacts
 
@@ -224,7 +224,7 @@ class MemberContacts:
 
     @property
     def arcs(self) -> np.ndarray:
-        """Places of the nodes along all members."""
+        """Arc lengths of the nodes along all members."""
         return np.concatenate([one.arc for one in self._pairs])
 
     def add_energy_by(
@@ -232,7 +232,7 @@ class MemberContacts:
     ) -> np.ndarray:
         """Add the derivatives of the stored energy by "q", "internal" and "members".
 
-        `internal` has all variables at points. Returns those by the places of nodes, (nodes, 2).
+        `internal` has all variables at points. Returns those by the positions of nodes, (nodes, 2).
         """
         of_q = np.zeros(len(q))
         by = [

@@ -70,7 +70,7 @@ class Mesh:
             self.__dict__.pop(name, None)
         return True
 
-    def places(self, scene: Scene) -> Any:
+    def nodal_positions(self, scene: Scene) -> Any:
         """`X`, with slopes if positions of a scene with these nodes have some."""
         ends = (x for node in scene.nodes for x in (node.x, node.y))
         if self.curved or not (have_slopes() and any(type(x) is DualFloat for x in ends)):
@@ -95,9 +95,9 @@ class Mesh:
     @cached_property
     def coordinates(self) -> np.ndarray:
         """Positions (cells, 3 m) of these nodes in space [m]."""
-        places = np.zeros((*self.points.shape, 3))
-        places[..., :2] = self.X[self.points]
-        return _rows(places)
+        positions = np.zeros((*self.points.shape, 3))
+        positions[..., :2] = self.X[self.points]
+        return _rows(positions)
 
     @cached_property
     def unknowns(self) -> Space:

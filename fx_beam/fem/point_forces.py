@@ -409,7 +409,7 @@ class PointForces:
     ) -> dict[str, np.ndarray]:
         """Derivatives of `energy` by "q", "slides", "internal", "numbers" and "parameters".
 
-        With contact of members also by "members", their numbers, and the places "X" of nodes.
+        With contact of members also by "members", their numbers, and the positions "X" of nodes.
         """
         self.energy(q, slides, internal)  # which places all forces
         sums = self._sums("energy", len(q), len(slides))

@@ -193,7 +193,7 @@ class ResultantForm(DerivedForm):
 
 
 def named(vectors: Mapping[str, tuple[Space, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Derivatives by name: those in `NODAL` (size,), by places "X" (n, 2), and "parameters" (n,).
+    """Derivatives by name: those in `NODAL` (size,), by positions "X" (n, 2), "parameters" (n,).
 
     Others, at Gauss points or on cells, (cells, points, numbers).
     """

@@ -37,8 +37,8 @@ def divided(t0: np.ndarray, t1: np.ndarray, fractions: Sequence[float]):
     if len(fractions) == 1:
         return t0, t1
     inner = t0[:, None] + (t1 - t0)[:, None] * np.cumsum(fractions)[:-1]
-    places = np.column_stack([t0, inner, t1])
-    return places[:, :-1].ravel(), places[:, 1:].ravel()
+    ends = np.column_stack([t0, inner, t1])
+    return ends[:, :-1].ravel(), ends[:, 1:].ravel()
 
 
 def just_inside(t0, t1):

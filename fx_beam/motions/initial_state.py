@@ -364,13 +364,13 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
 
 def given_velocity(model: Model) -> Any:
     """Initial rates (size,) as given, with slopes that the scene has; zero elsewhere."""
-    mesh, scene, X = model.mesh, model.scene, model.mesh.places(model.scene)
+    mesh, scene, X = model.mesh, model.scene, model.mesh.nodal_positions(model.scene)
     v: Any = with_slopes(np.zeros((len(X), 3))) if have_slopes() else np.zeros((len(X), 3))
     values, known = plain(v), np.zeros(len(X), dtype=bool)
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
-        before, twice, places = values[nodes], known[nodes], X[nodes]
-        rates: Any = np.concatenate([item.value.each(places), item.spin.each(places)], axis=1)
+        before, twice, x = values[nodes], known[nodes], X[nodes]
+        rates: Any = np.concatenate([item.value.each(x), item.spin.each(x)], axis=1)
         known[nodes], given = True, plain(rates)
         values[nodes] = given
         if v is not values:

@@ -115,7 +115,7 @@ def static_numbers_of(
 
 def _of_model(model: Model) -> dict[str, Any]:
     numbers: dict[str, Any] = {
-        "X": model.mesh.places(model.scene),
+        "X": model.mesh.nodal_positions(model.scene),
         "columns": model.loads.unit_loads.data,
         "points": model.points.numbers,
     }

@@ -209,11 +209,11 @@ class _Transfer:
         """How far motors have moved; new ones are where their joints are."""
         motors = self._model.motors
         moved = np.zeros(len(motors))
-        places = [(key.number, name) for key in self._had for name in key.motors]
+        moved_before = [(key.number, name) for key in self._had for name in key.motors]
         for i, (joint, name) in enumerate(motors):
             old, number = self._joints.get(joint.number), joint.number
-            if old is not None and (old.number, name) in places:
-                moved[i] = self._end.motors[places.index((old.number, name))]
+            if old is not None and (old.number, name) in moved_before:
+                moved[i] = self._end.motors[moved_before.index((old.number, name))]
             elif name == "slide":
                 moved[i] = slides[number] - joint.start()[0]
             else:
@@ -239,9 +239,9 @@ class _Transfer:
         points, end = self._model.points, self._end
         if not points.width:
             return None
-        values, places = np.zeros(points.width), dict[str, list[int]]()
+        values, columns_of = np.zeros(points.width), dict[str, list[int]]()
         for at, owner in enumerate([] if end.owners is None else end.owners.tolist()):
-            places.setdefault(owner, []).append(at)
+            columns_of.setdefault(owner, []).append(at)
         self._check_variables()
         contacts = self._contacts_before()
         for at, owner in enumerate(points.owners.tolist()):
@@ -250,7 +250,7 @@ class _Transfer:
                 key = self._joints.get(int(words[0]))
                 owner = "" if key is None else " ".join([of, str(key.number), *words[1:]])
             owner = contacts.get(owner, owner)
-            if end.spring_internal is not None and (columns := places.get(owner)):
+            if end.spring_internal is not None and (columns := columns_of.get(owner)):
                 values[at] = end.spring_internal[columns.pop(0)]
         return values
 

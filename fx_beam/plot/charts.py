@@ -388,9 +388,9 @@ def equilibrium_paths(
             else:  # on white: branches that coincide would fill the gaps of the dashes
                 ax.plot(*line, color="white", lw=2, zorder=1.5)
                 ax.plot(*line, **_UNSTABLE)
-    for kind, places in marks.items():
-        if places:
-            xs, ys = np.array(places).T
+    for kind, points in marks.items():
+        if points:
+            xs, ys = np.array(points).T
             look = {"color": "#D55E00", "markersize": 5, "zorder": 4, "linestyle": ""}
             ax.plot(xs, load * ys, marker=_MARKS[kind], label=kind, **look)
     ax.set(xlabel=label, ylabel=load_label)
@@ -411,17 +411,17 @@ def _with_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values and load factors (m,) of rows and points; whether lines between are stable."""
     values, factors, stable = _values(value, solution), solution.load_factor, solution.stable
-    places, lines = list[tuple[float, float]](), list[bool]()
+    curve, lines = list[tuple[float, float]](), list[bool]()
     points = [point for point in solution.critical_points if point.solution is not None]
     for row, place in enumerate(zip(values.tolist(), factors.tolist(), strict=True)):
-        places.append(place)
+        curve.append(place)
         inside = [point for point in points if point.row == row]
         for number, point in enumerate(inside):
-            places.append((_values(value, point.solution)[-1], point.load_factor))
-            marks[point.kind].append(places[-1])
+            curve.append((_values(value, point.solution)[-1], point.load_factor))
+            marks[point.kind].append(curve[-1])
             lines.append(number == 0 and bool(stable[row]))
         lines.append(bool(stable[row + 1] if inside else stable[row]))
-    x, y = np.array(places).T
+    x, y = np.array(curve).T
     return x, y, np.array(lines[:-1])
 
 

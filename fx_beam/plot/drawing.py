@@ -59,7 +59,7 @@ def outline(shape: Shape, positions: np.ndarray, size: float) -> Outline:
 
 
 def interpolated(at: np.ndarray, s: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (m, 2) at places (m,) between those (n, 2) at places s (n,)."""
+    """Values (m, 2) at arc lengths (m,) between those (n, 2) at s (n,)."""
     return np.column_stack([np.interp(at, s, of) for of in values.T])
 
 

@@ -171,13 +171,13 @@ def _driven(sheet: Sheet, position, text: str, direction: np.ndarray | None) -> 
     """An arrow with two heads: along a direction, beside a point, or around the point."""
     if direction is None:
         points = _turn(position, sheet.size, 1.0)
-        places = points[::4]
+        ends = points[::4]
     else:
         beside = position + 0.04 * sheet.size * left_of(direction)
         points = beside + _MOTION * sheet.size * np.outer((-1, 0, 1), direction)
-        places = points[::-1]
+        ends = points[::-1]
     sheet.arrow(points, "<-|>", color=_DRIVEN, linewidth=1.4)
-    sheet.label(text, places, _DRIVEN)
+    sheet.label(text, ends, _DRIVEN)
 
 
 def _velocities(sheet: Sheet, scene: Scene) -> None:

@@ -121,8 +121,8 @@ def panels(
     columns = max(range(1, count + 1), key=worth)
     rows, panel = -(-count // columns), size(columns)
     figure = Figure(tuple((columns, rows) * (panel + border)), layout="constrained")
-    places = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
-    for ax in list(places.flat)[count:]:
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
+    for ax in list(axes.flat)[count:]:
         ax.remove()
     return figure, columns, panel
 

@@ -65,8 +65,8 @@ class ContactMotion:
     def points(self) -> np.ndarray:
         """Positions (n, m, 2) of the points that touch [m]: nodes, or points along elements."""
         nodes = self.nodes
-        places = self.solution.X[nodes] + self.solution.recorded("q")[:, nodes, :2]
-        return self.contact.points.of(places)
+        positions = self.solution.X[nodes] + self.solution.recorded("q")[:, nodes, :2]
+        return self.contact.points.of(positions)
 
     @property
     def gap(self) -> np.ndarray:
@@ -149,14 +149,14 @@ class ContactMotion:
     def _from_member(
         self, q: np.ndarray, member: Beam
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        places = self.solution.X + q[:, :, :2]
+        positions = self.solution.X + q[:, :, :2]
         nodes = self.solution.nodes_of_beam[member.name]
         arc, apart = None, 0.0
         if member is self.contact.target:
             arc, apart = arc_of(self.solution.X[nodes]), self.contact.apart
-        rows = [nearest(row[self.nodes], row[nodes], apart, arc) for row in places]
+        rows = [nearest(row[self.nodes], row[nodes], apart, arc) for row in positions]
         distance, node, point = (np.stack(of) for of in zip(*rows, strict=True))
-        arms = places[:, self.nodes] - point
+        arms = positions[:, self.nodes] - point
         return distance - self.contact.radii, arms / np.maximum(distance, 1e-300)[..., None], node
 
     def _sides(self, member: Beam) -> np.ndarray:
@@ -164,8 +164,8 @@ class ContactMotion:
         _, directions, near = self._now
         assert near is not None
         nodes = self.solution.nodes_of_beam[member.name]
-        places = self.solution.X[nodes] + self.solution.recorded("q")[:, nodes, :2]
+        positions = self.solution.X[nodes] + self.solution.recorded("q")[:, nodes, :2]
         before, after = np.maximum(near - 1, 0), np.minimum(near + 1, len(nodes) - 1)
-        ends = (np.take_along_axis(places, at[..., None], axis=1) for at in (after, before))
+        ends = (np.take_along_axis(positions, at[..., None], axis=1) for at in (after, before))
         x, y = np.moveaxis(np.subtract(*ends), -1, 0)
         return np.where(x * directions[..., 1] > y * directions[..., 0], -1.0, 1.0)

@@ -26,20 +26,20 @@ def at_ends(values: np.ndarray) -> np.ndarray:
     return values @ lagrange(gauss_rule(degree)[0], np.linspace(0, 1, degree + 1)).T
 
 
-def along_all(solution: Any, quantity: str, rows, places: np.ndarray) -> np.ndarray:
-    """Values (rows, elements, places) of a quantity or internal variable, at places of elements.
+def along_all(solution: Any, quantity: str, rows, points: np.ndarray) -> np.ndarray:
+    """Values (rows, elements, points) of a quantity or internal variable, at points in [0, 1].
 
     But for the speed, they are polynomials through the values at the Gauss points, and may jump.
     """
     rows = list(rows)
     if quantity == "speed":
         nodes = nodes_of_elements(solution)
-        values = lagrange(np.linspace(0, 1, nodes.shape[1]), places)
+        values = lagrange(np.linspace(0, 1, nodes.shape[1]), points)
         v = np.einsum("pn,renc->repc", values, solution.recorded("v")[rows][:, nodes, :2])
         return np.hypot(v[..., 0], v[..., 1])
     energies = quantity == "strain energy"
     values = energy_density(solution, rows) if energies else _at_points(solution, quantity, rows)
-    return values @ lagrange(gauss_rule(values.shape[-1])[0], places).T
+    return values @ lagrange(gauss_rule(values.shape[-1])[0], points).T
 
 
 def _at_points(solution: Any, quantity: str, rows: list[int]) -> np.ndarray:

@@ -210,14 +210,14 @@ def gauss_rule(points: int) -> tuple[np.ndarray, np.ndarray]:
     return rule
 
 
-def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Values (places, nodes) of the Lagrange polynomials of `nodes` at `places`."""
-    return lagrange_and_slopes(nodes, places)[0]
+def lagrange(nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Values (points, nodes) of the Lagrange polynomials of `nodes` at `points`."""
+    return lagrange_and_slopes(nodes, points)[0]
 
 
-def lagrange_and_slopes(nodes: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same and their derivatives; the nodes (k,), or (n, k) for each of the places (n,)."""
-    nodes, x = np.atleast_2d(np.asarray(nodes, dtype=float)), np.asarray(places, dtype=float)
+def lagrange_and_slopes(nodes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same and their derivatives; the nodes (k,), or (n, k) for each of the points (n,)."""
+    nodes, x = np.atleast_2d(np.asarray(nodes, dtype=float)), np.asarray(points, dtype=float)
     count = nodes.shape[1]
     values, slopes = np.ones((len(x), count)), np.zeros((len(x), count))
     for i in range(count):
@@ -303,12 +303,12 @@ def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Lay
     counts = _spread(elements, lengths, name)
     if sum(counts) == len(counts):  # quickly, as in frames of many members
         return Layout(points, np.concatenate(([0.0], np.cumsum(lengths))))
-    ends, places, at = [points[0]], [corners[:1]], stacked(given)
+    ends, positions, at = [points[0]], [corners[:1]], stacked(given)
     for a, b, count, corner in zip(at[:-1], at[1:], counts, points[1:], strict=True):
         on_piece = np.linspace(a, b, count + 1)[1:]
         ends += [*map(tuple, on_piece[:-1].tolist()), corner]
-        places.append(plain(on_piece))
-    steps = np.diff(np.concatenate(places), axis=0)
+        positions.append(plain(on_piece))
+    steps = np.diff(np.concatenate(positions), axis=0)
     return Layout(ends, np.concatenate(([0.0], np.cumsum(np.hypot(*steps.T)))))
 
 

@@ -409,8 +409,8 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
         of_element = firsts[:, None] + np.arange(degree + 1)
         np.add.at(at_nodes, of_element, lengths[:, None] * _SHARES[degree])
         return Points(np.arange(len(at_nodes))[:, None], np.ones((len(at_nodes), 1)), at_nodes)
-    places, shares = gauss_rule(along)
-    values = lagrange(np.linspace(0, 1, degree + 1), places)
+    points, shares = gauss_rule(along)
+    values = lagrange(np.linspace(0, 1, degree + 1), points)
     nodes = np.repeat(firsts[:, None] + np.arange(degree + 1), along, axis=0)
     weights = np.tile(values, (target.elements, 1))
     return Points(nodes, weights, (lengths[:, None] * shares).ravel())
@@ -474,7 +474,7 @@ def nearest(
 ) -> Nearest:
     """The nearest points of a member with nodes (n, 2) to points (m, 2).
 
-    If these are its own nodes, with places `arc` (n,) along it, parts that are less than `apart`
+    If these are its own nodes, with arc lengths `arc` (n,), parts that are less than `apart`
     away along the member are left out.
     """
     square = ((points[:, None] - nodes) ** 2).sum(axis=-1)

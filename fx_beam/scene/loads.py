@@ -51,10 +51,10 @@ NAMES = {
 
 
 class PlaceTimeFunction:
-    """A function of the user, ``function(place, t)``, with values (size,).
+    """A function of the user, ``function(position, t)``, with values (size,).
 
-    It is called once for all places if it takes an array of them and gives numbers or arrays; one
-    by one otherwise. It is tried at time 0, so that errors show before the run.
+    It is called once for all positions if it takes an array of them and gives numbers or arrays;
+    one by one otherwise. It is tried at time 0, so that errors show before the run.
     """
 
     def __init__(self, function: Callable, size: int, what: str, length: float, name: str):
@@ -67,37 +67,37 @@ class PlaceTimeFunction:
         self._takes_arrays = at_once is not None and np.array_equal(at_once, one_by_one)
 
     def __call__(self, t: float) -> np.ndarray:
-        """The largest value (size,) at some places, as pictures show it."""
+        """The largest value (size,) at some positions, as pictures show it."""
         values = self.at(self._samples, t)
         return values[np.argmax(np.linalg.norm(values, axis=1))]
 
-    def over(self, places: np.ndarray) -> TimeFunction:
-        """The function of time that gives the values (n size,) at n places."""
-        return lambda t: self.at(places, t).ravel()
+    def over(self, positions: np.ndarray) -> TimeFunction:
+        """The function of time that gives the values (n size,) at n positions."""
+        return lambda t: self.at(positions, t).ravel()
 
-    def at(self, places: np.ndarray, t: float) -> np.ndarray:
-        """Finite values (n, size) at n places; SceneError otherwise."""
-        values = self._at_once(places, t) if self._takes_arrays else None
+    def at(self, positions: np.ndarray, t: float) -> np.ndarray:
+        """Finite values (n, size) at n positions; SceneError otherwise."""
+        values = self._at_once(positions, t) if self._takes_arrays else None
         if values is None or not (abs(values) <= LARGEST).all():
-            values = self._one_by_one(places, t)  # which names the place
+            values = self._one_by_one(positions, t)  # which names the place
         return values
 
-    def _at_once(self, places: np.ndarray, t: float) -> np.ndarray | None:
+    def _at_once(self, positions: np.ndarray, t: float) -> np.ndarray | None:
         """Values (n, size) of one call; None if they do not fit."""
         try:
-            result: Any = self._function(places.copy(), t)
+            result: Any = self._function(positions.copy(), t)
             parts: Sequence = (result,) if self._size == 1 else tuple(result)
-            columns = [np.broadcast_to(stacked(part), len(places)) for part in parts]
+            columns = [np.broadcast_to(stacked(part), len(positions)) for part in parts]
             return np.column_stack(columns) if len(columns) == self._size else None
-        except Exception:  # noqa: BLE001  # whatever a function does that takes single places
+        except Exception:  # noqa: BLE001  # whatever a function does that takes single positions
             return None
 
-    def _one_by_one(self, places: np.ndarray, t: float) -> np.ndarray:
-        values = np.empty((len(places), self._size))
-        for i, place in enumerate(places.tolist()):
-            what = f"{self._what} at {self._name} = {place:g}, t = {t:g}"
+    def _one_by_one(self, positions: np.ndarray, t: float) -> np.ndarray:
+        values = np.empty((len(positions), self._size))
+        for i, position in enumerate(positions.tolist()):
+            what = f"{self._what} at {self._name} = {position:g}, t = {t:g}"
             try:
-                value = self._function(place, t)
+                value = self._function(position, t)
             except Exception as error:
                 raise SceneError(f"{what}: calling it raised {error!r}") from error
             values[i] = shaped(value, self._size, what)
@@ -107,10 +107,10 @@ class PlaceTimeFunction:
 
 
 def values_along(
-    function: Callable[[float], np.ndarray], size: int, what: str, name: str, places: np.ndarray
+    function: Callable[[float], np.ndarray], size: int, what: str, name: str, positions: np.ndarray
 ) -> np.ndarray:
-    """Values (n * size,) of a function of place at n places."""
-    checked = [vector(function(x), size, f"{what} at {name} = {x:g}") for x in places.tolist()]
+    """Values (n * size,) of a function of position at n positions."""
+    checked = [vector(function(x), size, f"{what} at {name} = {x:g}") for x in positions.tolist()]
     return stacked(checked).ravel()
 
 

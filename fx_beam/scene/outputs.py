@@ -59,7 +59,7 @@ class Quantity(NamedTuple):
 
     @property
     def reads(self) -> str:
-        """What its law reads of nodes: places, or these and their rates."""
+        """What its law reads of nodes: positions, or these and their rates."""
         return "q" if self.of == "q" else "qv"
 
 

@@ -109,7 +109,7 @@ class Path:
         return self.over(self.X[None], np.array([s]), order)[0]
 
     def over(self, values: np.ndarray, s: np.ndarray, order: int = 0) -> np.ndarray:
-        """Values (n, ...) at places s (n,), or derivatives, of those (n, nodes, ...) at nodes."""
+        """Values (n, ...), or derivatives, at arc lengths s (n,), from those (n, nodes, ...)."""
         e = self.element(s)
         return self._over(values, e, (s - self.s[e]) / self.h[e], order)
 
@@ -135,7 +135,7 @@ class Path:
         return weights / self.h[e][:, None] ** order
 
     def weights_near(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (near,) with weights at places s (n,), and these, N, N' and N'' (3, n, near)."""
+        """Nodes (near,) with weights at lengths s (n,), and these, N, N' and N'' (3, n, near)."""
         e = self.element(s)
         x, nodes = (s - self.s[e]) / self.h[e], self._nodes(e)
         known = (nodes >= 0) & (nodes < len(self))
@@ -158,7 +158,7 @@ class Path:
         from_point = np.einsum("eak,eax->ekx", self.coefficients, self.X[nodes])
         from_point[:, 0] -= point
         slopes = np.arange(1, 4)[:, None] * from_point[:, 1:]
-        places = [self.s]
+        arcs = [self.s]
         for e in self._may_be_nearest(from_point):
             # The square of the distance, a polynomial of degree 6, is stationary.
             square: Any = sum(np.convolve(component, component) for component in from_point[e].T)
@@ -167,8 +167,8 @@ class Path:
             # A step of Gauss and Newton takes away what round-off has left.
             arm, along = powers @ from_point[e], powers[:, :3] @ slopes[e]
             x = powers[:, 1] - np.sum(arm * along, axis=1) / np.sum(along**2, axis=1)
-            places.append(self.s[e] + self.h[e] * np.clip(x, 0, 1))
-        s = np.concatenate(places)
+            arcs.append(self.s[e] + self.h[e] * np.clip(x, 0, 1))
+        s = np.concatenate(arcs)
         gaps = np.hypot(*(self.over(self.X[None], s) - point).T)
         best = np.argmax(gaps <= gaps.min() + 1e-15 * self.length)  # ends of elements come first
         return float(s[best]), float(gaps[best])

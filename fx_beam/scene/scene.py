@@ -1087,8 +1087,8 @@ class Scene:
             nodes.append(end)
         lowest, highest = self._corners
         for i, name in enumerate("xy"):
-            places = [getattr(node, name) for node in self.nodes[first:]]
-            lowest[i], highest[i] = min([lowest[i], *places]), max([highest[i], *places])
+            values = [getattr(node, name) for node in self.nodes[first:]]
+            lowest[i], highest[i] = min([lowest[i], *values]), max([highest[i], *values])
         return tuple(nodes)
 
     def _free_component(self, node: Node, component: str) -> tuple[int, int]:

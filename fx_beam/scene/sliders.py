@@ -99,7 +99,7 @@ class SlidingJoint(Joint):
         return along / np.hypot(*along)
 
     def turn(self, psi: np.ndarray, s: np.ndarray | float) -> np.ndarray:
-        """Rotation (n,) [rad] of a sleeve at places s (n,), for those (n, nodes) of the beam."""
+        """Rotation (n,) [rad] of a sleeve at arc lengths s (n,), for those (n, nodes) of a beam."""
         path = self.path
         return path.over(psi + path.angles(), np.atleast_1d(s)) - self.place_at_rest[2]
 

@@ -317,13 +317,13 @@ class Problem:
             self._set(rows=[factors.rows() | {"factors": self._sparse_factors}])
         padding = [factors.padding]
         if (closed := reduction.closed_system) is not None:
-            self._set(**closed.members, **{name: at[k] for name, k in closed.places.items()})
+            self._set(**closed.members, **{name: at[k] for name, k in closed.storage.items()})
             padding.append(at[closed.ones])
             at = at[closed.open_entries]
         at, stored, ones = storage_of(reduction, at, stored)
         tangent = reduction.tangent
-        places, of_auxiliaries = reduction.auxiliaries.places(at[tangent.auxiliary_to])
-        self._set(**places)
+        storage, of_auxiliaries = reduction.auxiliaries.storage(at[tangent.auxiliary_to])
+        self._set(**storage)
         K, alone = self.model.forms.stiffness, alone_in_column(reduction)
         stored_at, p.stored_values = storage_of_entries(tangent, K, alone, at, stored)
         if reduction.sliders is not None:

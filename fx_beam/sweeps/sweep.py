@@ -206,13 +206,13 @@ _START, _SUM = b'{"case": ', b', "checksum": '
 class Journal:
     """Rows of finished cases, a line of JSON each; without a path they are kept nowhere.
 
-    Of the rows in a file only places are in memory, by the hash of their case: 17 bytes for each.
+    Of the rows in a file only offsets are in memory, by the hash of their case: 17 bytes for each.
     """
 
     def __init__(self, path: Path | str | None):
         self._file = None
         self._hashes = np.empty(0, dtype=np.int64)
-        self._places = np.empty(0, dtype=np.int64)
+        self._offsets = np.empty(0, dtype=np.int64)
         self._given = np.empty(0, dtype=bool)
         if path is None:
             return
@@ -238,10 +238,10 @@ class Journal:
             pass
 
     def _read(self, path: Path | str) -> None:
-        """Places of rows by case. A last line that was cut off is taken away."""
+        """Offsets of rows by case. A last line that was cut off is taken away."""
         assert self._file is not None
         self._file.seek(0)
-        hashes, places, end, damaged = array("q"), array("q"), 0, list[int]()
+        hashes, offsets, end, damaged = array("q"), array("q"), 0, list[int]()
         for number, line in enumerate(self._file, 1):
             if not line.endswith(b"\n") and (line.startswith(_START) or _START.startswith(line)):
                 break
@@ -257,7 +257,7 @@ class Journal:
                 whole = False
             if whole:
                 hashes.append(of)
-                places.append(end)
+                offsets.append(end)
             else:
                 damaged.append(number)
             end += len(line)
@@ -269,7 +269,7 @@ class Journal:
         self._file.truncate(end)
         known = np.frombuffer(hashes, dtype=np.int64)
         order = np.argsort(known, kind="stable")
-        self._hashes, self._places = known[order], np.frombuffer(places, dtype=np.int64)[order]
+        self._hashes, self._offsets = known[order], np.frombuffer(offsets, dtype=np.int64)[order]
         self._given = np.zeros(len(known), dtype=bool)
 
     def finished(self, case: Mapping[str, Any]) -> dict | None:
@@ -283,7 +283,7 @@ class Journal:
         if k == stop:
             return None
         self._given[k] = True
-        self._file.seek(self._places[k])
+        self._file.seek(self._offsets[k])
         row = _VALUE(self._file.readline().decode())
         row.pop("checksum", None)
         return row if key(row["case"]) == text else None
