@@ -1,1 +1,1 @@
-"""Motions and equilibria as functions of numbers: values without set-up, and derivatives."""
+"""Motions and equilibria as functions of parameters: values without set-up, and derivatives."""

@@ -72,7 +72,7 @@ class BuiltScenes:
 
     @property
     def reason(self) -> str:
-        """By which numbers derivatives are differences of `build`, and why; empty if by none."""
+        """By which parameters derivatives are differences of `build`, and why; empty if by none."""
         return "; ".join(f"x[{i}]: {self.reasons[i]}" for i in sorted(self.reasons))
 
     def derivatives(
@@ -118,7 +118,7 @@ class BuiltScenes:
         return {name: plain(values) for name, values in numbers.items()}, by_name
 
     def _learn(self, error: BaseException | None, others: set[int]) -> None:
-        """Take differences by those numbers that an error says to have no slopes, or by all."""
+        """Take differences by those parameters that an error says to have no slopes, or by all."""
         text = repr(error)
         while error is not None and not isinstance(error, LostSlopesError):
             error = error.__cause__ or error.__context__
@@ -135,9 +135,9 @@ class BuiltScenes:
         by_name: dict[str, np.ndarray],
         numbers_of: NumbersOf,
     ) -> None:
-        """Take differences by numbers whose slopes are others, from now on.
+        """Take differences by parameters whose slopes are others, from now on.
 
-        One difference along a change of all numbers shows whether there are any.
+        One difference along a change of all parameters shows whether there are any.
         """
         steps = _CHECK_STEP * np.where(abs(x) > _ZERO, x, 1.0)
         others = sorted({*range(len(x))} - self.reasons.keys())

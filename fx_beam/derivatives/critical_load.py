@@ -58,12 +58,12 @@ class CriticalLoad:
         if point.kind not in (FLUTTER, "limit point", "bifurcation"):
             raise SceneError(
                 f"{_WHAT}: no derivatives: at load factor {point.load_factor:.6g} the stiffness "
-                f"jumps ({point.kind}), and there is no smooth function of the numbers"
+                f"jumps ({point.kind}), and there is no smooth function of the parameters"
             )
         if len(point.modes) > 1:
             raise SceneError(
                 f"{_WHAT}: no derivatives: {len(point.modes)} modes become unstable at once, at "
-                f"load factor {point.load_factor:.6g}. Let them differ, by other numbers"
+                f"load factor {point.load_factor:.6g}. Let them differ, by other parameters"
             )
         self._about = about = linearised(scene, state, _WHAT)
         beams = about.model.forms.beams
@@ -131,7 +131,7 @@ class CriticalLoad:
         return -totals[:-1] / totals[-1]
 
     def sensitivity(self) -> Sensitivity:
-        r"""How the load falls with numbers that are imperfections.
+        r"""How the load falls with parameters that are imperfections.
 
         On the mode, with the distance :math:`\xi`, :math:`A_2 \xi^2/2 + A_3 \xi^3/6 + B \xi
         \Delta\lambda + C \Delta x = 0` (Koiter): the path with C has a limit point.

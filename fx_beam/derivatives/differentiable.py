@@ -32,7 +32,7 @@ def one_call(method: _Method) -> _Method:
 
 
 class Differentiable:
-    """A function of the numbers of which scenes are built, with derivatives by them."""
+    """A function of the parameters of which scenes are built, with derivatives by them."""
 
     stats: Stats
     #: What a call gives, for messages.
@@ -59,11 +59,11 @@ class Differentiable:
         self._begin()
 
     def _scene_at(self, x: Any) -> Scene:
-        """The scene of numbers; SceneError if `build` gives something else."""
+        """The scene of parameters; SceneError if `build` gives something else."""
         raise NotImplementedError
 
     def _begin_call(self, x: Any) -> np.ndarray:
-        """The numbers of a call; there are no derivatives until it succeeds."""
+        """The parameters of a call; there are no derivatives until it succeeds."""
         self._x = self._known_changes = None
         values = numbers(x)
         fits = values.ndim == 1 and values.size > 0 and all_of(np.isfinite(values))

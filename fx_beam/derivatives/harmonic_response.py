@@ -1,4 +1,4 @@
-"""Steady vibrations under a harmonic load as a function of numbers, with derivatives."""
+"""Steady vibrations under a harmonic load as a function of parameters, with derivatives."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class Peak(NamedTuple):
 
 
 class HarmonicResponse(TangentResponse):
-    r"""Steady vibrations under a harmonic load as a function of numbers.
+    r"""Steady vibrations under a harmonic load as a function of parameters.
 
-    ``values = run(x)`` builds the scene of the numbers x and computes complex amplitudes as
+    ``values = run(x)`` builds the scene of the parameters x and computes complex amplitudes as
     `frequency_response` does. With :math:`D = K + i \omega C - \omega^2 M` and :math:`D \hat x =
     \hat F`, the derivative of a component :math:`r.\hat x` is :math:`\lambda.(\hat F_x - D_x \hat
     x) + r_x.\hat x`, with :math:`D^T \lambda = r`: one more substitution for each frequency and
@@ -117,7 +117,7 @@ class HarmonicResponse(TangentResponse):
         Parameters
         ----------
         x : (m,) float
-            The numbers that `build` takes.
+            The parameters that `build` takes.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Natural frequencies as a function of numbers, with derivatives."""
+"""Natural frequencies as a function of parameters, with derivatives."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ _SYMMETRIC, _BESIDE, _ITERATIONS = 1e-12, 1e-13, 2
 _REPEATED = (
     "ModalResponse.jacobian: %d modes have the same frequency, %.6g rad/s. Each column has the "
     "derivatives of their group, in rising order: directional derivatives by this number alone, "
-    "which do not add up over several numbers"
+    "which do not add up over several parameters"
 )
 
 
 class ModalResponse(TangentResponse):
-    r"""Natural frequencies of a scene as a function of numbers.
+    r"""Natural frequencies of a scene as a function of parameters.
 
-    ``w = run(x)`` builds the scene of the numbers x and computes its lowest modes, as `modes` does
-    without damping. Their derivatives need no further modes: with :math:`\phi.M \phi = 1`,
+    ``w = run(x)`` builds the scene of the parameters x and computes its lowest modes, as `modes`
+    does without damping. Their derivatives need no further modes: with :math:`\phi.M \phi = 1`,
     :math:`d\omega^2/dx = \phi.(K_x - \omega^2 M_x) \phi`, and about a static state also what this
-    changes with the numbers, :math:`-\eta.r_x`, where :math:`K \eta` is the derivative of
+    changes with the parameters, :math:`-\eta.r_x`, where :math:`K \eta` is the derivative of
     :math:`\phi.K \phi` by the state, and r the residual. With damping, or in a steady turn, the
     vector on the left is that of the transposed equations. Derivatives along :math:`\phi` are
     differences of order six, with an error of about 1e-8, within which no contact opens or closes;
@@ -131,7 +131,7 @@ class ModalResponse(TangentResponse):
         Parameters
         ----------
         x : (m,) float
-            The numbers that `build` takes.
+            The parameters that `build` takes.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Functions of the numbers of a response, with derivatives, for optimisation and least squares."""
+"""Costs and misfits as functions of parameters, with derivatives, for optimisers."""
 
 from __future__ import annotations
 

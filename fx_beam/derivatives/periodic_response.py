@@ -1,4 +1,4 @@
-"""Periodic motions as a function of numbers, with derivatives."""
+"""Periodic motions as a function of parameters, with derivatives."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _AT_START = "driven at the start"
 
 
 class _Slopes(NamedTuple):
-    """Derivatives by the numbers x of what is unknown of a periodic motion."""
+    """Derivatives by the parameters x of what is unknown of a periodic motion."""
 
     #: Those (m, n) of its start, in its directions, and (m,) of the logarithm of its period.
     start: np.ndarray
@@ -56,11 +56,11 @@ class _Slopes(NamedTuple):
 
 
 class PeriodicResponse(Response):
-    r"""A periodic motion as a function of numbers.
+    r"""A periodic motion as a function of parameters.
 
-    ``t, y = run(x)`` builds the scene of the numbers x and finds a motion that repeats itself. The
-    rows of the outputs are those at the ends of its steps, over one period. The output "period" of
-    the scene is a single number. Derivatives, by ``run.vjp(weights)``, ``run.jacobian()`` and
+    ``t, y = run(x)`` builds the scene of the parameters x and finds a motion that repeats itself.
+    The rows of the outputs are those at the ends of its steps, over one period. The output "period"
+    of the scene is a single number. Derivatives, by ``run.vjp(weights)``, ``run.jacobian()`` and
     ``run.multipliers()``, are those of the motion as it is found: with the state y at its start,
     its period T and the state S(y, T, x) after it, :math:`(S_y - 1) \mathrm{d}y + S_T \mathrm{d}T =
     -S_x \mathrm{d}x`, besides the phase, energy or amplitude that is given. No other motion is
@@ -90,7 +90,7 @@ class PeriodicResponse(Response):
     SceneError
         As of `Response` and `periodic`; if `motion` gives something else. In derivatives for
         motions that are not isolated, such as free ones whose energy or amplitude is not given,
-        and for those of a `backbone`; for numbers that change a period of loads; for resultants,
+        and for those of a `backbone`; for parameters that change a period of loads; for resultants,
         work and losses with a scheme whose forces depend on the step before (`EnergyDecaying`).
 
     Examples
@@ -131,7 +131,7 @@ class PeriodicResponse(Response):
         return self._build(x, self._frequency) if self._finds_frequency else self._build(x)
 
     def _scene_of(self, frequency: float) -> Scene:
-        """The scene of the last numbers for a frequency of its loads."""
+        """The scene of the last parameters for a frequency of its loads."""
         self._frequency = frequency
         return self._scene_at(self._given)
 
@@ -171,7 +171,7 @@ class PeriodicResponse(Response):
         Parameters
         ----------
         x : (m,) float
-            The numbers that `build` takes.
+            The parameters that `build` takes.
 
         Returns
         -------

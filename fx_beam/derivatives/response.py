@@ -1,4 +1,4 @@
-"""A motion as a function of numbers: a scene is built for each, and only its numbers are set."""
+"""A motion as a function of parameters: a scene is built for each, and only its data are set."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ _CHAOTIC = (
     "has vibrations that the step does not resolve. They are exact for these steps, but tell only "
     "of tiny changes. Use a shorter time, or EnergyDecaying"
 )
-#: A function of numbers (m,) that gives a scene and its outputs by name.
+#: A function of parameters (m,) that gives a scene and its outputs by name.
 Build = Callable[[np.ndarray], tuple[Scene, Mapping[str, Wanted]]]
 
 
 class Response(Differentiable):
-    """The motion of a scene as a function of numbers.
+    """The motion of a scene as a function of parameters.
 
-    ``t, y = run(x)`` builds the scene of the numbers x and simulates it. The first call sets the
-    scene up; the next ones only set the numbers: all that is given as a number, a position, or a
+    ``t, y = run(x)`` builds the scene of the parameters x and simulates it. The first call sets the
+    scene up; the next ones only set the data: all that is given as a number, a position, or a
     function of time or place. Results are those of `simulate`, to the last digit unless functions
     of time or place round otherwise for arrays. A scene with other beams, elements, joints,
     supports or kinds of loads is set up anew, and so is one whose functions in UFL give other
@@ -77,7 +77,7 @@ class Response(Differentiable):
     dt : float, optional
         Time step [s]; optional with a tolerance.
     tolerance, dt_max, breaks : optional
-        Steps that are chosen by their errors, as in `simulate`. Different numbers then have
+        Steps that are chosen by their errors, as in `simulate`. Different parameters then have
         different times; `record` with `times` gives the outputs at the same ones.
     start : Solution or callable, optional
         Solution whose end is the initial state; or ``start(scene)``, which computes it, such as
@@ -180,7 +180,7 @@ class Response(Differentiable):
         return self._build(x)
 
     def _at(self, x: Any) -> tuple[Scene, dict[str, Wanted]]:
-        """The scene of numbers, and its outputs; SceneError if `build` gives something else."""
+        """The scene of parameters, and its outputs; SceneError if `build` gives something else."""
         built = self._built(x)
         fits = isinstance(built, tuple) and len(built) == 2
         if not fits or not isinstance(built[0], Scene) or not isinstance(built[1], Mapping):
@@ -207,12 +207,12 @@ class Response(Differentiable):
 
     @one_call
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Simulate the scene of some numbers.
+        """Simulate the scene of some parameters.
 
         Parameters
         ----------
         x : (m,) float
-            The numbers that `build` takes.
+            The parameters that `build` takes.
 
         Returns
         -------
@@ -281,10 +281,10 @@ class Response(Differentiable):
 
     @one_call
     def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Derivatives of a sum of weights times outputs of the last call, by all numbers.
+        """Derivatives of a sum of weights times outputs of the last call, by all parameters.
 
         They are those of the steps as they were taken, to round-off (adjoint method), times those
-        of the scene's numbers, by one call of `build` with dual numbers, without a motion; see
+        of the scene's data, by one call of `build` with dual numbers, without a motion; see
         `stats.difference_reason`. The first call of `vjp` repeats the motion; later ones find what
         motions have left for them.
 
@@ -339,10 +339,10 @@ class Response(Differentiable):
 
     @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
-        """Derivatives of outputs of the last call by all numbers, at all times.
+        """Derivatives of outputs of the last call by all parameters, at all times.
 
         They are those of the steps as they were taken, to round-off (forward sensitivities), times
-        those of the scene's numbers, by one call of `build` with dual numbers, without a motion.
+        those of the scene's data, by one call of `build` with dual numbers, without a motion.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Equilibria as a function of numbers, with derivatives."""
+"""Equilibria as a function of parameters, with derivatives."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from .static_derivatives import StaticDerivatives
 
 
 class StaticResponse(Response):
-    """The equilibria of a scene as a function of numbers.
+    """The equilibria of a scene as a function of parameters.
 
-    ``factors, y = run(x)`` builds the scene of the numbers x and computes its equilibria by
+    ``factors, y = run(x)`` builds the scene of the parameters x and computes its equilibria by
     `static`. ``run.vjp(weights)`` and ``run.jacobian()`` are derivatives of the outputs at constant
     load factors. They are exact for the computed load steps, also if members or springs yield: no
     equilibrium is computed for them. With an arc length as well, the factors of the rows count as
@@ -63,8 +63,8 @@ class StaticResponse(Response):
     SceneError
         As of `Response`; if the path has no critical point, whose load is an output. In derivatives
         also if springs are under tension and change internal variables before the loads act; and of
-        the critical load, for several modes at once, where the stiffness jumps, by numbers that are
-        imperfections, and as of `ModalResponse`.
+        the critical load, for several modes at once, where the stiffness jumps, by parameters that
+        are imperfections, and as of `ModalResponse`.
 
     Examples
     --------
@@ -132,7 +132,7 @@ class StaticResponse(Response):
         Parameters
         ----------
         x : (m,) float
-            The numbers that `build` takes.
+            The parameters that `build` takes.
 
         Returns
         -------
@@ -176,7 +176,7 @@ class StaticResponse(Response):
 
     @one_call
     def imperfection_sensitivity(self) -> Sensitivity:
-        r"""How the critical load falls if numbers x of the last call make the scene imperfect.
+        r"""How the critical load falls if parameters x of the last call make the scene imperfect.
 
         Near a bifurcation the load is :math:`\lambda_c - c |\Delta x|^p` (Koiter 1945): p = 2/3 at
         a symmetric bifurcation, with c = 0 where the paths beyond it are stable; p = 1/2 at another
