@@ -43,8 +43,7 @@ from .orbits.periodic_search import (
     periodic as periodic,
 )
 from .results.audit import BeamResultants as BeamResultants, Energy as Energy, Stats as Stats
-from .results.contact import ContactMotion as ContactMotion
-from .results.joint_motion import JointMotion as JointMotion
+from .results.interactions import ContactMotion as ContactMotion, JointMotion as JointMotion
 from .results.saved import load as load
 from .results.solution import Solution as Solution
 from .results.vibrations import (

@@ -26,9 +26,8 @@ import scipy.sparse
 
 from fx_beam.fem.sparsity import Pattern, sparsity, starts_of
 
-from .auxiliaries import Auxiliaries
 from .column_map import ColumnMap
-from .graph import Couplings, Entries
+from .graph import Auxiliaries, Couplings, Entries
 from .sliders import Slide
 
 # Closure that is left, relative to the size of the scene.

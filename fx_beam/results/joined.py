@@ -13,7 +13,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 
 from .audit import BeamResultants, Energy, Stats
-from .contact import columns_of
+from .interactions import columns_of
 from .state import HISTORIES
 
 # Statistics that add up.

@@ -25,8 +25,7 @@ from .state import HISTORIES, State
 
 if TYPE_CHECKING:
     from . import export, joined, paraview
-    from .contact import ContactMotion
-    from .joint_motion import JointMotion
+    from .interactions import ContactMotion, JointMotion
 
 # Histories that a `Record` may omit, with its name for them.
 _KINDS = {name: of.record for name, of in HISTORIES.items() if of.record != "always"}
@@ -371,7 +370,7 @@ class Solution:
             With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`.
         """
         _joint_number(self, joint)  # refuses one of another scene
-        from .joint_motion import JointMotion
+        from .interactions import JointMotion
 
         return JointMotion(self, joint)
 
@@ -411,7 +410,7 @@ class Solution:
         ContactMotion
             With `gap`, `force` and its parts, `slip`, and `nodes`.
         """
-        from .contact import ContactMotion
+        from .interactions import ContactMotion
 
         return ContactMotion(self, _contact_of(self, contact))
 
@@ -530,7 +529,7 @@ def history(solution: Solution, output: Output) -> np.ndarray:
     of = definition(output)
     quantity, number, columns = of.quantity, of.number, of.columns
     if quantity.law is not None:
-        from .joint_motion import motion_of
+        from .interactions import motion_of
 
         slide = solution.slides[:, number] if isinstance(output.of, Joint) else 0.0
         return of.by_law(motion_of(solution), slide)

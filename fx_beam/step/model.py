@@ -13,9 +13,8 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.coupling.auxiliaries import Auxiliaries
-from fx_beam.coupling.graph import couple, motors
-from fx_beam.coupling.reduction import Reduction
+from fx_beam.coupling.graph import Auxiliaries, couple, motors
+from fx_beam.coupling.reduction import Reduction, begin_to_build_joints
 from fx_beam.errors import SceneError
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
 from fx_beam.fem.forms import Forms
@@ -78,9 +77,7 @@ class Model:
         if not sliding_joints(scene.joints):
             begin_to_build(_probable_features(scene, scheme))
         if not all(joint.is_index for joint in scene.joints):
-            from fx_beam.coupling import configuration
-
-            configuration.begin_to_build()
+            begin_to_build_joints()
         self.forms = Forms(scene, scheme, self.mesh, instant)
         #: The forces at points.
         self.points = self.forms.points
@@ -127,7 +124,7 @@ class Model:
         heavy = not self._weightless and not self.massless.any()
         if self.scene.virtual_works or heavy:
             return
-        from fx_beam.coupling.mechanism_check import check_no_massless_mechanism
+        from fx_beam.coupling.determinacy import check_no_massless_mechanism
 
         mass = None if self._weightless else self.mass
         try:
@@ -470,7 +467,7 @@ class Model:
             loops = Loops(self.couplings, auxiliaries, self.unit_of_unknowns, slides)
         self.reduction = Reduction(*parts, sliders, loops)
         if loops is not None and all(joint.place is None for joint in scene.joints):
-            from fx_beam.coupling.redundancy import check_loops
+            from fx_beam.coupling.determinacy import check_loops
 
             self.reduction.begin(np.zeros(self.size), slides_at_start(scene))
             check_loops(scene, self.reduction, loops)

@@ -1,4 +1,4 @@
-/* Degrees of freedom in long trees that are unknowns of the linear system (auxiliaries.py). */
+/* Degrees of freedom in long trees that are unknowns of the linear system (graph.py). */
 
 #pragma once
 

@@ -170,7 +170,7 @@ typedef struct {
   int joints, *carrier, *slide_column, *slide_of, *track;
   double *offset, *axis, *joint_sign;
   int followers, *follower, *through; /* degrees of freedom that arms move; 2 j + i of component i of arm j */
-  /* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (auxiliaries.py). Each
+  /* Auxiliary unknowns: degrees of freedom in long trees with columns of their own, behind all others (graph.py). Each
      is a sum of entries of T, and of arms; positions of an entry in the tangent: in the sum's equation, and in the balance of
      what its force acts on, -1 where it is no unknown. */
   struct {
