@@ -115,15 +115,15 @@ class Dual(NDArrayOperatorsMixin):
         if None in parts:
             raise LostSlopesError(type(given[parts.index(None)]).__name__, given)
         arguments = [values for values, _ in parts]
-        if ufunc in _OF_VALUES:
-            return ufunc(*arguments)
-        if ufunc is np.matmul:
-            return _matmul(*parts)
-        if ufunc not in _RULES and ufunc not in _ANALYTIC:
+        if (rules := _RULES.get(ufunc)) is None:
+            if ufunc is np.matmul:
+                return _matmul(*parts)
+            if ufunc in _OF_VALUES:
+                return ufunc(*arguments)
             raise LostSlopesError(f"numpy.{ufunc.__name__}", given)
         values = ufunc(*arguments)
         total: Any = None
-        for (_, slopes), rule in zip(parts, _RULES.get(ufunc, (_slope(ufunc),)), strict=True):
+        for (_, slopes), rule in zip(parts, rules, strict=True):
             if slopes is not None:
                 factor = rule(values, *arguments)
                 by = slopes if factor is _ONE else np.asarray(factor)[..., None] * slopes
@@ -213,13 +213,13 @@ def dual_of(value: Any) -> Dual | None:
         return dual_of(value.tolist())
     if not isinstance(value, list | tuple):
         return None
-    duals = [dual_of(part) for part in value]
-    if all(dual is None for dual in duals):
+    duals = {i: dual for i, part in enumerate(value) if (dual := dual_of(part)) is not None}
+    if not duals:
         return None
-    parts = [
-        with_slopes(part if dual is None else dual) for part, dual in zip(value, duals, strict=True)
-    ]
-    return Dual([part.values for part in parts], np.array([part.slopes for part in parts]))
+    slopes = np.zeros((len(value), *next(iter(duals.values())).slopes.shape))
+    for i, dual in duals.items():
+        slopes[i] = dual.slopes
+    return Dual([duals[i].values if i in duals else part for i, part in enumerate(value)], slopes)
 
 
 def stacked(values: Any) -> Any:
@@ -245,6 +245,8 @@ def _parts(value: Any) -> Any:
     if type(value) is Dual:
         return value.values, value.slopes
     if type(value) in (float, int):
+        return value, None
+    if type(value) is np.ndarray and value.dtype == float:
         return value, None
     if (dual := dual_of(value)) is not None:
         return dual.values, dual.slopes
@@ -298,10 +300,11 @@ _RULES: dict[Any, tuple[Callable[..., Any], ...]] = {
     np.sin: (lambda o, a: np.cos(a),),
     np.cos: (lambda o, a: -np.sin(a),),
 }
-_ANALYTIC = {
+_ANALYTIC = (
     *(np.sqrt, np.square, np.reciprocal, np.exp, np.exp2, np.expm1, np.log, np.log2, np.log10),
     *(np.log1p, np.tan, np.arcsin, np.arccos, np.arctan, np.sinh, np.cosh, np.tanh, np.arcsinh),
-}
+)
+_RULES |= {function: (_slope(function),) for function in _ANALYTIC}
 #: Functions that have no slopes.
 _OF_VALUES = {
     *(np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal),
@@ -313,13 +316,15 @@ _OF_VALUES = {
 
 def _matmul(a: tuple, b: tuple) -> Dual:
     (A, by_a), (B, by_b) = a, b
-    values, total = np.asarray(A @ B), np.zeros(())
+    total = np.zeros(())
     if by_a is not None:
-        total = total + np.moveaxis(np.moveaxis(by_a, -1, 0) @ B, 0, -1)
+        whole = B.ndim > 2
+        of_a = np.moveaxis(np.moveaxis(by_a, -1, 0) @ B, 0, -1) if whole else B.T @ by_a
+        total = total + of_a
     if by_b is not None:
         of_b = A @ by_b if B.ndim == 1 else np.moveaxis(A @ np.moveaxis(by_b, -1, 0), 0, -1)
         total = total + of_b
-    return Dual(values, total)
+    return Dual(A @ B, total)
 
 
 def _along(function: Callable) -> Callable:
@@ -341,7 +346,7 @@ def _interp(x, xp, fp) -> Any:
     at, points = plain(x), plain(xp)
     i = _clip(np.searchsorted(points, at, "right") - 1, 0, len(points) - 2)
     w = _clip((x - xp[i]) / (xp[i + 1] - xp[i]), 0.0, 1.0)
-    return (1 - w) * fp[i] + w * fp[i + 1]
+    return fp[i] + w * (fp[1:] - fp[:-1])[i]
 
 
 def _clip(a, low=None, high=None) -> Any:
@@ -363,8 +368,10 @@ def _broadcast_to(a, shape) -> Dual:
 
 def _bincount(at, weights, size):
     slopes = np.zeros((size, weights.slopes.shape[-1]))
-    for i in np.flatnonzero(weights.slopes.any(axis=0)):
-        slopes[:, i] = np.bincount(at, weights.slopes[:, i], size)
+    by = np.flatnonzero(weights.slopes.any(axis=0))
+    places = at[:, None] * len(by) + np.arange(len(by))
+    sums = np.bincount(places.ravel(), weights.slopes[:, by].ravel(), size * len(by))
+    slopes[:, by] = sums.reshape(size, -1)
     return Dual(np.bincount(at, weights.values, size), slopes)
 
 
@@ -436,7 +443,7 @@ def _placed(function: Callable, given: Any, options: dict) -> Dual:
     return Dual(values[at], slopes[at])
 
 
-_METHODS = {of.__name__: of for of in (*_RULES, *_ANALYTIC) if of.nin == 1}
+_METHODS = {of.__name__: of for of in _RULES if of.nin == 1}
 _METHODS |= {of.__name__: of for of in (np.sum, np.mean, np.cumsum, np.dot, np.clip, np.repeat)}
 _METHODS |= {of.__name__: of for of in (np.ravel, np.transpose, np.copy, np.squeeze, np.argsort)}
 _METHODS |= {"max": np.max, "min": np.min, "flatten": np.ravel}

@@ -13,7 +13,6 @@ from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.step.measured import measured
-from fx_beam.step.model import Model
 from fx_beam.step.row_jacobian import slope
 from fx_beam.step.tape import Steps
 
@@ -55,18 +54,16 @@ _OF_JOINTS = {"offset": "offsets of slides", "axis": "axes of slides"}
 
 
 class LocalOutput(RowOutput):
-    """An output of a node or a joint, at given states with "q", and "rates" if there are any."""
+    """An output of a node or a joint; rates that fit the joints are "rates" of the states."""
 
-    def __init__(
-        self, model: Model, output: Output, places: Places, states: Mapping[str, np.ndarray]
-    ):
-        self._model, self._output, self._places, self._states = model, output, places, states
-        self._of = of = definition(output)
+    def __init__(self, sub_steps: SubSteps, output: Output, places: Places):
+        self._model, self._output, self._places = sub_steps.model, output, places
+        self._sub_steps, self._of = sub_steps, (of := definition(output))
         #: Lengths of a row, and the name of the rates of nodes.
         self.shape = of.shape
-        self._rates = "v" if model.fitted_rates is None else "rates"
+        self._rates = "v" if self._model.fitted_rates is None else "rates"
         blocks = self._of_law if of.quantity.law is not None else self._linear
-        at_rest = model.scheme.rates.at_rest and of.quantity.of in ("v", "a")
+        at_rest = self._model.scheme.rates.at_rest and of.quantity.of in ("v", "a")
         self._blocks = [] if at_rest else [block for block in blocks() if len(block.rows)]
 
     def blocks(self, rows: np.ndarray) -> list[Block]:
@@ -120,7 +117,7 @@ class LocalOutput(RowOutput):
         names, number, slide = {"q": "q", "v": self._rates}, of.number, np.zeros(len(ends))
 
         def motion(name: str, node: Node) -> np.ndarray:
-            return self._states[names[name]][ends][:, dofs[node.number]].T
+            return self._sub_steps.states[names[name]][ends][:, dofs[node.number]].T
 
         #: Field and component of `Local`, and name and entry of what it is.
         inputs: list[tuple[str, Any, str, int]] = []
@@ -129,7 +126,7 @@ class LocalOutput(RowOutput):
                 field, of_node = f"{array}{'' if sign > 0 else '_a'}", dofs[node.number].tolist()
                 inputs += [(field, i, names[array], of_node[i]) for i in range(3)]
         if isinstance(of.of, Joint):
-            slide = self._states["slides"][ends, number]
+            slide = self._sub_steps.states["slides"][ends, number]
             inputs.append(("slide", ..., "slides", number))
             for field, name in _OF_JOINTS.items():
                 inputs += [(field, i, name, 2 * number + i) for i in range(2)]
@@ -152,8 +149,9 @@ class LocalOutput(RowOutput):
         ends, n, reduction = self._places.ends, joint.number, self._model.reduction
         assert reduction.sliders is not None
         slider = next(slide for slide in reduction.sliders.all if slide.joint.number == n)
-        q, v = self._states["q"][ends], self._states[self._rates][ends]
-        place = PlaceOnBeam(slider.path, slider.dofs, q, self._states["slides"][ends, n])
+        states = self._sub_steps.states
+        q, v = states["q"][ends], states[self._rates][ends]
+        place = PlaceOnBeam(slider.path, slider.dofs, q, states["slides"][ends, n])
         of_beam = v[:, place.dofs[:, :2]]
         beneath = np.einsum("na,nai->ni", place.weights[0], of_beam)
         apart = v[:, slider.node_dofs[:2]] - beneath

@@ -25,14 +25,12 @@ from .energy_outputs import (
 )
 from .gradient import Gradient, RowOutput
 from .local_outputs import LocalOutput, Places, ResultantOutput, needs_rates
-from .sub_steps import SubSteps
+from .sub_steps import StatesAt, SubSteps
 
 # Rates that fit the joints, and the impulses that make them fit, by their names as states.
 _FITTED = "rates", "impulses of joints", "impulses of columns"
 # Where no output needs the steps that end in its rows.
 _NO_STEPS = Steps(*[np.empty(0, dtype=int)] * 5)
-#: States (n, ...) before some sub-steps, by the names of the derivatives by them.
-StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 
 
 def check_outputs(
@@ -97,33 +95,33 @@ class Observation:
         starts = np.searchsorted(self.boundaries, steps.starts)
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
         self._places = Places(ends, starts, boundaries > 0, steps, forces_at)
-        self._states = states_at(self.boundaries)
+        self._of = of = SubSteps(model, tape, self.boundaries, states_at)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
         if model.fitted_rates is not None and needed:
             driven = Forcing(model).end_rates(*rates_at(tape, self.boundaries))
-            q, v, slides = (self._states[name] for name in ("q", "v", "slides"))
+            q, v, slides = (of.states[name] for name in ("q", "v", "slides"))
             self._fit = model.fitted_rates.derivatives(q, v, slides, driven)
-            self._states["rates"] = self._fit.rates
-        self._of = SubSteps(model, tape, self.boundaries, self._states)
+            of.states["rates"] = self._fit.rates
         self._outputs = {name: self._observed(output) for name, output in outputs.items()}
 
     def _observed(self, output: Output) -> RowOutput:
-        model, places, of = self._model, self._places, self._of
+        places, of = self._places, self._of
         if output.quantity in SINCE_START:
             return WorkOutput(of, output.quantity, places.ends, self._forces)
         if isinstance(output.of, Scene):
             return EnergyOutput(of, output.quantity, places.ends)
         if isinstance(output.of, Beam):
             return ResultantOutput(of, output.of, output.quantity, places)
-        return LocalOutput(model, output, places, self._states)
+        return LocalOutput(of, output, places)
 
     @property
-    def _sizes(self) -> dict[str, tuple[int, ...]]:
+    def _sizes(self) -> Mapping[str, tuple[int, int]]:
         model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
         columns, joints = model.reduction.columns - model.reduction.free, 3 * model.sizes["joints"]
-        sizes: dict[str, tuple[int, ...]] = {name: of.shape for name, of in self._states.items()}
-        sizes |= {"impulses of joints": (n, joints), "impulses of columns": (n, columns)}
+        sizes = {name: (n, width) for name, width in self._tape.widths.items()}
+        sizes |= {"rates": (n, model.size), "impulses of joints": (n, joints)}
+        sizes["impulses of columns"] = n, columns
         return sizes | {"constraints": (k, columns), "joints": (k, joints)}
 
     def vjp(self, weights: Mapping[str, np.ndarray], later: Mapping[str, float]) -> Gradient:

@@ -392,9 +392,9 @@ class PeriodicResponse(Response):
     def _energy_by_x(self, changes: dict[str, np.ndarray]) -> np.ndarray:
         """Derivatives (m,) of the energy of the state at the start, which is held."""
         model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
-        states = self._states(model, tape, none)
-        output = EnergyOutput(SubSteps(model, tape, none, states), "energy of steps", none)
-        held = {name: np.zeros((1, len(self._x), of.shape[1])) for name, of in states.items()}
+        of = SubSteps(model, tape, none, lambda at: self._states(model, tape, at))
+        output = EnergyOutput(of, "energy of steps", none)
+        held = {name: np.zeros((1, len(self._x), width)) for name, width in tape.widths.items()}
         by_x = jvp(output.blocks(none), (1,), held, changes)[0]
         if model.loads.constant and model.loads.functions:
             loads, q = model.loads.unit_loads, self._period.start.q

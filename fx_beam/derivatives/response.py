@@ -505,9 +505,10 @@ class Response(Differentiable):
         """States (n, ...) of the last call before some sub-steps, or at its end, by name."""
         states = tape.states(steps)
         for name, rows in states.items():
-            if (values := getattr(self._end, name)) is not None and rows.size:
+            values = getattr(self._end, name.replace(" ", "_"))
+            if values is not None and rows.size:
                 rows[steps == len(tape)] = np.ravel(values)
-        return {name.replace("_", " "): rows for name, rows in states.items()}
+        return states
 
     def _derivatives_of(self, prepared: Prepared, way: str) -> TapeDerivatives:
         """What follows the tape, which serves all scenes whose joints have the same slides."""
@@ -528,9 +529,9 @@ class Response(Differentiable):
             require(
                 values.shape == shape, f"{what}[{name!r}]", values.shape, f"of the shape {shape}"
             )
-            wrong = np.argwhere(~np.isfinite(values))
-            if len(wrong):
-                row, at = wrong[0][0], "".join(f"[{i}]" for i in wrong[0])
+            if not (is_finite := np.isfinite(values)).all():
+                wrong = np.argwhere(~is_finite)[0]
+                row, at = wrong[0], "".join(f"[{i}]" for i in wrong)
                 raise SceneError(
                     f"{what}[{name!r}]{at} is no finite number, at t = {self._t[row]:.6g}. Give "
                     "rows without one, such as those that were not measured, the weight 0"

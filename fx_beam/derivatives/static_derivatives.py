@@ -135,10 +135,9 @@ class StaticDerivatives:
         """Work and losses of all load steps, those that have derivatives, by names of `State`."""
         every, model = np.arange(len(self.tape) + 1), self.model
         works: dict[str, StepWork | StepLosses] = {}
-        states = {name.replace("_", " "): rows for name, rows in self.states_at(every).items()}
         if self.path.continues:
             return {}
-        of = SubSteps(model, self.tape, every, states)
+        of = SubSteps(model, self.tape, every, self.states_at)
         if not why_no_work(model):
             works["work"] = StepWork(of, self.derivatives.constraint_forces(self.tape))
         if model.forms.dissipate and not why_no_losses(model):
@@ -146,12 +145,12 @@ class StaticDerivatives:
         return works
 
     def states_at(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
-        """States (n, ...) before some load steps, or at the end, by the names of `State`."""
+        """States (n, ...) before some load steps, or at the end, by the names of `Tape.widths`."""
         states = self.tape.states(np.maximum(boundaries - 1, 0))
         for name, rows in states.items():
             for row, step in zip(rows, boundaries.tolist(), strict=True):
                 if row.size and step:
-                    row[:] = np.ravel(getattr(self.states[step - 1], name))
+                    row[:] = np.ravel(getattr(self.states[step - 1], name.replace(" ", "_")))
         return states
 
 

@@ -220,8 +220,7 @@ class StaticResponse(Response):
 
     def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
         assert self._load_steps is not None  # `_followed` comes first
-        states = self._load_steps.states_at(steps)
-        return {name.replace("_", " "): rows for name, rows in states.items()}
+        return self._load_steps.states_at(steps)
 
     def _changes_by_x(self) -> dict[str, np.ndarray]:
         assert self._load_steps is not None  # `_followed` comes first

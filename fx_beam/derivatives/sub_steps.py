@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 import scipy.sparse
 
+from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval, Part, StepStart, instant
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
@@ -14,6 +15,8 @@ from fx_beam.step.tape import Part as TapePart, Tape
 
 from .gradient import Block, of_row
 
+#: States (n, ...) before some sub-steps, by the names of the derivatives by them.
+StatesAt = Callable[[np.ndarray], dict[str, np.ndarray]]
 # Length of the short step for the resultants at the start, relative to the first step.
 _SHORT = 1e-9
 #: Of natural strains of a sub-step, that before which they are; -1 stands for the start of the run.
@@ -74,12 +77,10 @@ class NaturalRows:
 
 
 class SubSteps:
-    """The sub-steps of a tape; `states` (n, ...) are those before the sub-steps `boundaries`."""
+    """The sub-steps of a tape, with the states before some of them, `boundaries`."""
 
-    def __init__(
-        self, model: Model, tape: Tape, boundaries: np.ndarray, states: Mapping[str, np.ndarray]
-    ):
-        self.model, self.tape, self.states, self.boundaries = model, tape, states, boundaries
+    def __init__(self, model: Model, tape: Tape, boundaries: np.ndarray, states_at: StatesAt):
+        self.model, self.tape, self.boundaries, self._states_at = model, tape, boundaries, states_at
         of_scene, level, t0 = model.forms.parameters, model.scheme.rates.level, tape.starts
         #: Values of the parameters (sub-steps, 2, n) at the level of the scheme and at the ends.
         self._parameters = None
@@ -87,6 +88,11 @@ class SubSteps:
             self._parameters = of_scene.over_steps(t0, t0 + tape.lengths, level)
             self._at_start = of_scene.at(float(t0[0]))
         self.natural = NaturalRows(model, tape) if model.natural else None
+
+    @cached_property
+    def states(self) -> dict[str, np.ndarray]:
+        """The states (n, ...), which are read if an output is not linear in them."""
+        return self._states_at(self.boundaries)
 
     @property
     def present(self) -> TapePart:

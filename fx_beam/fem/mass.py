@@ -53,7 +53,7 @@ class Mass:
         if self._scene.masses:
             self.assembled.append("lumped mass")
         self.changes += 1
-        entries = plain(self._entries(self._of_cells())), K.indices, K.indptr
+        entries = plain(self._entries()), K.indices, K.indptr
         return scipy.sparse.csr_matrix(entries, K.shape, copy=False)
 
     def refill(self, scene: Scene, moved: bool) -> bool:
@@ -68,8 +68,8 @@ class Mass:
         anew |= any(callable(value) for pair in given for value in pair)
         heavier, self._computed = False, {}
         if anew:
-            of_cells, self.changes = self._of_cells(), self.changes + 1
-            self._computed["mass"] = self._entries(of_cells)
+            self.changes += 1
+            self._computed["mass"] = self._entries()
             entries = plain(self._computed["mass"])
             if ((mass.data != 0) != (entries != 0)).any():
                 raise OtherStructureError("other nodes have mass")
@@ -77,7 +77,7 @@ class Mass:
             mass.data[:] = entries
         # The mass may be assembled only here, and then differs from none.
         if scene.gravity is not None and (anew or (scene.gravity != gravity).any()):
-            self._computed["weight"] = self._weights(of_cells if anew else self._of_cells())
+            self._computed["weight"] = self._weights(self._computed.get("mass", mass.data))
             self.weight = plain(self._computed["weight"])
         return heavier
 
@@ -87,7 +87,7 @@ class Mass:
         if self._scene.gravity is None:
             return None
         self.assembled.append("gravity")
-        return plain(self._weights(self._of_cells()))
+        return plain(self._weights(self._entries()))
 
     def numbers(self) -> dict[str, Any]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has."""
@@ -97,14 +97,14 @@ class Mass:
         moves = self._mesh.nodal_positions(self._scene) is not self._mesh.X
         if have_slopes() and (moves or any(type(v) is DualFloat or callable(v) for v in given)):
             if "mass" not in self._computed:
-                of_cells = self._of_cells()
-                self._computed["mass"] = self._entries(of_cells)
+                self._computed["mass"] = entries = self._entries()
                 if self.weight is not None:
-                    self._computed["weight"] = self._weights(of_cells)
+                    self._computed["weight"] = self._weights(entries)
             numbers |= self._computed
         return numbers
 
-    def _entries(self, of_cells: Any) -> Any:
+    def _entries(self) -> Any:
+        of_cells = self._of_cells()
         at, values = [], []
         if self._masses:
             at, values = [self._diagonal], [self.lumped]
@@ -115,16 +115,11 @@ class Mass:
             return np.zeros(size)
         return np.bincount(np.concatenate(at), np.concatenate(values), size)
 
-    def _weights(self, of_cells: Any) -> Any:
-        pull = np.append(stacked(self._scene.gravity), 0.0)
-        weight = (self.lumped.reshape(-1, 3) * pull).reshape(-1)
-        if of_cells is not None:
-            rows, columns, _ = _unit_masses(self._degree)
-            count = self._degree + 1
-            components = np.array([0, 1] * count + [2] * count)[columns]
-            forces, at = of_cells * pull[components], self._mesh.unknowns.dofs[:, rows]
-            weight = weight + np.bincount(at.ravel(), forces.reshape(-1), len(weight))
-        return weight
+    def _weights(self, entries: Any) -> Any:
+        """Weight (size,) by entries of the mass: it resists the acceleration of a free fall."""
+        at, rows = self._of_translations
+        pull = stacked(self._scene.gravity)[rows % 3]
+        return np.bincount(rows, entries[at] * pull, self._mesh.dofs.size)
 
     def _of_cells(self) -> Any:
         """Entries (cells, n) of the mass matrices of cells, None without beams that have mass."""
@@ -148,6 +143,14 @@ class Mass:
         """Storage indices (cells * n,) of the entries of cells in the values of the stiffness."""
         rows, columns, _ = _unit_masses(self._degree)
         return self._forms.of_cells[:, 3 * (self._degree + 1) * rows + columns].ravel()
+
+    @cached_property
+    def _of_translations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Entries of equal displacements of two nodes in the values of the stiffness, and rows."""
+        K = self._forms.stiffness
+        rows = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
+        at = np.flatnonzero((rows % 3 == K.indices % 3) & (rows % 3 < 2))
+        return at, rows[at]
 
     @cached_property
     def _diagonal(self) -> np.ndarray:

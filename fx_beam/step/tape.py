@@ -284,24 +284,29 @@ class Tape:
         """Lengths of all sub-steps; some of schemes of order 4 go back in time [s]."""
         return self._known_times().lengths
 
+    @property
+    def widths(self) -> dict[str, int]:
+        """Numbers of the arrays of a state in a row, by the names of the derivatives by them."""
+        p = self.problem.c
+        n, back, internal = p.dofs, p.dofs * p.keeps_previous, p.cells * p.cell_internal
+        widths = {"q": n, "v": n, "q previous": back, "slides": p.scene_joints}
+        return widths | {"internal": internal, "spring internal": p.spring_width}
+
     def states(self, boundaries: np.ndarray) -> dict[str, np.ndarray]:
-        """States (n, ...) at some boundaries of the present part, by the names of `State`.
+        """States (n, ...) at some boundaries of the present part, by the names of `widths`.
 
         Not that at the end of the run.
         """
-        states, first, p = {}, TAPED_NUMBERS, self.problem.c
-        n, back = p.dofs, p.dofs * p.keeps_previous
-        internal = p.cells * p.cell_internal
-        sizes = {"q": n, "v": n, "q_previous": back, "slides": p.scene_joints, "internal": internal}
+        states, first = {}, TAPED_NUMBERS
         places = boundaries - self.c.first
         behind = (places == self.c.rows) & (boundaries < len(self))
-        for name, size in (sizes | {"spring_internal": p.spring_width}).items():
-            rows = np.minimum(places, self.c.rows - 1)
+        rows = np.minimum(places, self.c.rows - 1)
+        for name, size in self.widths.items():
             states[name] = self._rows[rows, first : first + size]
             first += size
             if behind.any():  # there is a part behind this one
                 assert self._after is not None
-                states[name][behind] = self._after.state[name][:size]
+                states[name][behind] = self._after.state[name.replace(" ", "_")][:size]
         return states
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:
