@@ -161,11 +161,3 @@ COMPILED_ONCE int eliminate_tangent(const Problem *p, const Work *w, int n, Ends
 COMPILED_ONCE void substitute_tangent(const Problem *p, const Work *w, int n, Ends of, const int *reached) {
   OF_BAND(p, substitute_band, n, of, w->tangent, w->y, reached);
 }
-
-HOT int solve_band(const Problem *p, const Work *w) {
-  int n = p->free, half = n > 4 * p->band ? n / 2 - p->band : 0;
-  Ends of = {half, half};
-  if (!eliminate_tangent(p, w, n, of)) return 0;
-  substitute_tangent(p, w, n, of, 0);
-  return 1;
-}

@@ -100,14 +100,6 @@ INLINED void substitute_chain(const Problem *p, const Work *w, int middle, const
   }
 }
 
-/* The solution for the right side y in its place; returns 0 if a pivot is zero. */
-HOT int solve_chain(const Problem *p, const Work *w) {
-  int middle = p->chain / 2;
-  if (!eliminate_chain(p, w, middle, 0)) return 0;
-  substitute_chain(p, w, middle, 0);
-  return 1;
-}
-
 /* Rows of n columns of a group: solves its own equations, which `store_own` kept. */
 INLINED void solve_group(int n, const double *group, Four *rows) {
   const double *a = group + OWN, *b = a + ROW, *c = b + ROW;

@@ -19,7 +19,7 @@ static int factorise_tangent(Problem *p, const Work *w) {
   Ends of = ends_around(p->unknowns, p->band, middle);
   memset(w->y, 0, p->positions * sizeof(double));
   for (int i = 0; HAS(SLIDERS) && p->bordering_rows && i < p->positions; ++i) reach(p, w, i);
-  if (HAS(CHAIN | BAND)) return eliminate_bordered(p, w, middle, of);
+  if (HAS(CHAIN | BAND)) return eliminate_bordered(p, w, middle, of, 1);
   if (!factorise(p, w)) return 0;
   if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
   return 1;

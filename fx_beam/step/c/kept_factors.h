@@ -172,33 +172,32 @@ static int middle_of_elimination(const Problem *p) {
   return p->positions / 2;
 }
 
-/* Factors of a chain or a band with those of its corner; returns 0 if it is singular. */
-HOT int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of) {
-  if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, 1) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
-  if (!p->bordering_rows) return 1;
+/* Factors of a chain or a band with those of its corner; returns 0 if it is singular. With `keep` for further right sides. */
+INLINED int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of, int keep) {
+  if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, keep) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
+  if (!HAS(SLIDERS) || !p->bordering_rows) return 1;
   if (HAS(CHAIN)) solve_chain_block(p, w, middle / 3);
   else solve_band_block(p, w, of);
   factorise_corner(p, w);
   return 1;
 }
 
-/* Solution of a chain or a band with bordering rows, for the right side `reduced`; returns 0 if it is singular. */
-static int solve_bordered(const Problem *p, const Work *w) {
-  int middle = middle_of_elimination(p), n = p->unknowns;
+/* Solution of a chain or a band, with bordering rows or without, for the right side `reduced`; returns 0 if it is singular. */
+HOT int solve_bordered(const Problem *p, const Work *w) {
+  int middle = middle_of_elimination(p), n = p->unknowns, bordered = HAS(SLIDERS) && p->bordering_rows;
   Ends of = ends_around(n, p->band, middle);
-  begin_right_sides(p, w, w->reduced);
-  for (int i = 0; i < n; ++i) w->y[p->order[i]] = i < p->free ? w->reduced[i] : 0;
-  if (!eliminate_bordered(p, w, middle, of)) return 0;
-  solve_bordering_rows(p, w);
-  if (HAS(CHAIN)) {
-    substitute_chain(p, w, middle / 3, w->reached);
-  } else {
-    for (int i = 0; i < n; ++i)
-      if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
-    substitute_tangent(p, w, n, of, w->reached);
-  }
+  if (bordered) begin_right_sides(p, w, w->reduced);
+#pragma GCC unroll 4
+  for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
+  for (int i = p->free; i < n; ++i) w->y[p->order[i]] = 0;
+  if (!eliminate_bordered(p, w, middle, of, bordered)) return 0;
+  if (bordered) solve_bordering_rows(p, w);
+  for (int i = 0; bordered && !HAS(CHAIN) && i < n; ++i)
+    if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
+  if (HAS(CHAIN)) substitute_chain(p, w, middle / 3, bordered ? w->reached : 0);
+  else substitute_tangent(p, w, n, of, bordered ? w->reached : 0);
   gather(p->free, w->y, p->order, w->step);
-  end_bordering_rows(p, w, w->step);
+  if (bordered) end_bordering_rows(p, w, w->step);
   return 1;
 }
 
@@ -250,13 +249,7 @@ static int solve_raised(Problem *p, const Work *w) {
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
-  if (HAS(SLIDERS) && HAS(CHAIN | BAND) && p->bordering_rows) return solve_bordered(p, w);
-  if (HAS(CHAIN | BAND)) {
-    for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
-    if (!(HAS(CHAIN) ? solve_chain(p, w) : solve_band(p, w))) return 0;
-    gather(p->free, w->y, p->order, w->step);
-    return 1;
-  }
+  if (HAS(CHAIN | BAND)) return solve_bordered(p, w);
   p->old_factors = p->raised = 0;
   if (p->kept.worth && p->kept.present && !p->kept.exact) {
     if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
