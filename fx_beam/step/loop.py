@@ -264,7 +264,8 @@ class CompiledLoop:
             ("follower", inputs.follower_force),
             ("natural", inputs.natural),
         ):
-            setattr(c_inputs, f"{name}_stride", rows.strides[0] // rows.itemsize)
+            stride = rows.strides[0] // rows.itemsize if rows.size else 0
+            setattr(c_inputs, f"{name}_stride", stride)
         return c_inputs
 
     def c_record(self, recorder: Rows, steps: Steps, number: int):

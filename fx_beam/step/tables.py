@@ -528,7 +528,7 @@ class Problem:
         sizes["driven_now"] = reduction.driven
         # Past of the predictor and of local errors: ages and divided differences.
         known, order = self.library.PAST, self.library.MAX_ORDER if self.c.sub_steps > 1 else 0
-        past = {"ages": 1, "past": model.size, "past_y": reduction.free}
+        past = {"ages": 1, "past": model.size + reduction.free}
         every = sizes | {name: known * n for name, n in past.items()}
         every |= {"error_ages": order, "error_past": order * model.size}
         every["error_highest"] = (self.library.AVERAGED - 1) * model.size
@@ -542,7 +542,8 @@ class Problem:
         self._filled = {name: array for name, array in self.state_arrays.items() if array.size}
         self._ages = arrays["ages"], arrays["error_ages"]
         #: Past of the predictor: ages, divided differences of nodes (size,) and unknowns (free,).
-        self.past = arrays["ages"], *(arrays[n].reshape(known, -1) for n in ("past", "past_y"))
+        differences = np.split(arrays["past"].reshape(known, -1), [model.size], axis=1)
+        self.past = arrays["ages"], *differences
         #: First configuration with inverted sections.
         self.inverted_q = np.zeros(model.size)
         switches = model.points.conditions

@@ -168,7 +168,7 @@ HOT void spread(const Problem *p, const Work *w, double *z, double *out) {
 INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *out) {
   const int *row = p->entry_row, *column = p->entry_column;
 #pragma GCC unroll 4
-  for (int k = 0; k < p->equal; ++k) out[column[k]] += r[row[k]];
+  for (int k = 0; k < p->equal; ++k) out[column[k]] += r[HAS(COUPLED) ? row[k] : k];
   for (int k = p->equal; HAS(COUPLED) && k < p->entries; ++k)
     out[p->entry_column[k]] += p->entry_sign[k] * w->virtual_map[p->entry_value[k]] * r[p->entry_row[k]];
 }

@@ -10,7 +10,7 @@ static double unpredicted(Problem *p, const Work *w, double dt) {
   int n = p->dofs, order = p->scheme_order;
   double ages[MAX_ORDER + 1] = {dt}, product = dt, *now = w->scratch;
   if (p->sub_steps == 1) {
-    memcpy(now, p->past + order * n, n * sizeof(double));
+    memcpy(now, p->past + order * (n + p->free), n * sizeof(double));
     for (int k = 1; k <= order; ++k) product *= p->ages[k];
     return product;
   }

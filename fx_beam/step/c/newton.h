@@ -61,22 +61,21 @@ HOT void difference(int n, double age, double *restrict x, double *restrict old)
   }
 }
 
-/* Adds an increment to the divided differences of the last configurations. Returns the order of
+/* Adds an increment to the divided differences of the last configurations and unknowns. Returns the order of
    extrapolation with the least error in this step. */
-static int update_predictor(Problem *p, const Work *w) {
-  int n = p->dofs, free = p->free, order = 0;
-  double dt = w->dt, ages[PAST + 1] = {dt}, product = dt, *left = w->scratch;
+HOT int update_predictor(Problem *p, const Work *w) {
+  int n = p->dofs, all = n + p->free, order = 0;
+  double dt = w->dt, per_dt = 1 / dt, ages[PAST + 1] = {dt}, product = dt, *left = w->scratch;
   double best = p->predictor_error * largest(n, w->D, p->per_unit);
-  for (int k = 0; k < PAST; ++k) ages[k + 1] = p->ages[k] + dt;
-  for (int i = 0; i < n; ++i) left[i] = w->D[i] / dt;
+  for (int i = 0; i < n; ++i) left[i] = per_dt * w->D[i];
+  for (int i = n; i < all; ++i) left[i] = per_dt * w->z[i - n];
   for (int k = 0; k < PAST; ++k) {
-    difference(n, ages[k + 1], left, p->past + k * n);
+    ages[k + 1] = p->ages[k] + dt;
+    difference(all, ages[k + 1], left, p->past + k * all);
     product *= ages[k + 1];
     double error = k < p->known_steps ? largest(n, left, p->per_unit) * fabs(product) : HUGE_VAL;
     if (error <= best) best = error, order = k + 1;
   }
-  for (int i = 0; i < free; ++i) left[i] = w->z[i] / dt;
-  for (int k = 0; k < PAST; ++k) difference(free, ages[k + 1], left, p->past_y + k * free);
   memcpy(p->ages, ages, PAST * sizeof(double));
   ++p->known_steps;
   return order;
@@ -145,7 +144,7 @@ static void balance(const Problem *p, const Work *w) {
   for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
   inertia(p, w, w->r, K);
   assemble(p, w, K);
-  add_times(p->dofs, 1, w->f, w->r), add_times(p->dofs, -1, w->force, w->r);
+  add_difference(p->dofs, w->f, w->force, w->r);
   if (p->viscosity > 0) resist(p, w);
   project(p, w, w->r, w->reduced);
   hold(p, w);
@@ -197,7 +196,7 @@ enum { GO_ON = -1 };
 
 /* `order` is that of the prediction; 0 for none. */
 static int iterations_of(Problem *p, const Work *w, const double *driven, int order) {
-  int n = p->dofs, free = p->free, small_corrections = 0;
+  int n = p->dofs, free = p->free, all = n + free, small_corrections = 0;
   Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
   double drive = 0, gained = 0, dt = w->dt, rest[2];
   Wanted wanted = {0};
@@ -208,7 +207,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
   if (order > 0) {
     double factor = dt;
-    for (int k = 0; k < order; factor *= dt + p->ages[k++]) add_times(free, factor, p->past_y + k * free, w->z);
+    for (int k = 0; k < order; factor *= dt + p->ages[k++]) add_times(free, factor, p->past + k * all + n, w->z);
     for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
   }
   if (!begin_couplings(p, w) && HAS(LOOPS)) {

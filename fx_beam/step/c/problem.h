@@ -308,7 +308,7 @@ typedef struct {
   double *ages;         /* [PAST] times since the configurations before the last one, the latest first */
   int known_steps;      /* number of previous sub-steps */
   int orders[SUB_STEPS]; /* of the prediction of each sub-step; 0: none */
-  double *past, *past_y;  /* [PAST] divided differences of configurations and unknowns, from order 1 on */
+  double *past;         /* [PAST] divided differences of configurations and then unknowns, from order 1 on */
 
   /* Local errors of whole steps, for controlled steps. */
   int controlled, scheme_order;

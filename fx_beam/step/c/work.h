@@ -9,8 +9,8 @@
    ends and over the step; of unknowns, which factors are made of; of loops, where `follows` has the closure that each of their
    columns follows, or -1; of bordering rows: rows of right sides by position, and which of these are not zero. */
 #define ARRAYS(OF)                                                                                          \
-  OF(D, n) OF(path, n) OF(slope, n) OF(acc, n) OF(f, n + 4 * LANES) OF(r, n) OF(correction, n) OF(force, n)     \
-  OF(dead, n) OF(scratch, n) OF(passed, n) OF(loaded, p->sliders ? n : 0)                                   \
+  OF(D, n + 9) OF(path, n + 9) OF(slope, n + 9) OF(acc, n) OF(f, n + 4 * LANES) OF(r, n) OF(correction, n)  \
+  OF(force, n) OF(dead, n) OF(scratch, n + p->free) OF(passed, n) OF(loaded, p->sliders ? n : 0)            \
   OF(rule, p->rules ? RULE_VALUES * (long)p->nodes : 0) OF(natural_end, (long)p->cells * p->cell_natural)   \
   OF(saved, p->memory_size)                                                                                 \
   OF(reduced, c) OF(step, c) OF(z, c) OF(columns, c) OF(start, c)                                           \
