@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import importlib.util
+import io
 import json
 import zipfile
 from collections.abc import Mapping
@@ -45,7 +46,7 @@ def save(solution, path) -> None:
                     np.lib.format.write_array(part, np.asarray(values), allow_pickle=False)
             file.close()
         except BaseException:
-            file.fp = None  # it would complain of a part that Ctrl-C has left open
+            file.fp = io.BytesIO()  # a part that Ctrl-C has left open is written to its end
             raise
 
 

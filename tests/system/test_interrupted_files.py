@@ -8,6 +8,7 @@ import pytest
 import fx_beam as fb
 
 
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")
 def test_ctrl_c_in_save_is_no_other_error_and_leaves_the_earlier_file(tmp_path, monkeypatch):
     scene = fb.Scene()
     scene.add_body((0, 0), mass=1.0, inertia=1.0)
