@@ -237,27 +237,63 @@ def finite(value, what: str, sign: str = "", more: str = "") -> float:
 NUMBER = {"number": True}
 
 
+Check = Callable[[Any, str], Any]
+
+
 def number(sign: str = "", optional: bool = False, **default: Any) -> Any:
     """A field that is a number, with a sign as of `finite`; or None, if it is optional."""
-    return field(metadata={**NUMBER, "check": (sign, optional)}, **default)
+
+    def check(value: Any, what: str) -> float | None:
+        more = ", or None" if optional else ""
+        return None if value is None and optional else finite(value, what, sign, more)
+
+    return field(metadata={**NUMBER, "check": check}, **default)
+
+
+def _field(fits: Callable[[Any], bool], wanted: str, kind: Callable, default: dict) -> Any:
+    """A field that fits, and is made of a kind."""
+
+    def check(value: Any, what: str) -> Any:
+        require(fits(value), what, value, wanted)
+        return kind(value)
+
+    return field(metadata={"check": check}, **default)
+
+
+def between(low: float, high: float, wanted: str = "", **default: Any) -> Any:
+    """A field that is a number between two others."""
+    wanted = wanted or f"a number between {low:g} and {high:g}"
+    return _field(lambda value: low < as_float(value) < high, wanted, as_float, default)
+
+
+def whole(least: int, most: float = 1e9, **default: Any) -> Any:
+    """A field that is a whole number in a range."""
+    wanted = f"a whole number from {least} {'on' if most == 1e9 else f'to {most:,}'}"
+    return _field(lambda value: is_whole(value, least, most), wanted, int, default)
+
+
+def flag(**default: Any) -> Any:
+    """A field that is True or False."""
+    return _field(is_flag, "True or False", bool, default)
 
 
 @functools.cache
-def _checks(kind: Any) -> list[tuple[str, tuple[str, bool]]]:
-    return [(f.name, f.metadata["check"]) for f in fields(kind) if "check" in f.metadata]
+def _checks(kind: Any) -> list[tuple[str, Check, bool]]:
+    checked = [f for f in fields(kind) if "check" in f.metadata]
+    return [(f.name, f.metadata["check"], "number" in f.metadata) for f in checked]
 
 
-def check_numbers(part) -> None:
-    """Make what a frozen dataclass has by `number` floats; SceneError for what is none."""
+def check_fields(part, what: str = "") -> None:
+    """Check the fields of a frozen dataclass that say how; SceneError for what does not fit.
+
+    Numbers become floats. Errors say what it is, by default by the name of its class.
+    """
     kind: Any = type(part)
-    for name, (sign, optional) in _checks(kind):
+    for name, check, is_a_number in _checks(kind):
         value = getattr(part, name)
-        if type(value) is float and 0 < value <= LARGEST:  # quickly, as in scenes of many springs
-            continue
-        if value is not None or not optional:
-            more = ", or None" if optional else ""
-            checked = finite(value, f"{kind.__name__}: {name}", sign, more)
-            object.__setattr__(part, name, checked)
+        # Quickly, as in scenes of many springs.
+        if not (is_a_number and type(value) is float and 0 < value <= LARGEST):
+            object.__setattr__(part, name, check(value, f"{what or kind.__name__}: {name}"))
 
 
 def array_of(value, what: str) -> np.ndarray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fx_beam.errors import StepError, as_float, is_number, is_one_of, is_whole, vector
+from fx_beam.errors import StepError, is_one_of, number, vector, whole
 from fx_beam.laws.interval import Interval
 from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import CommonOptions
@@ -55,31 +55,20 @@ class StaticOptions(CommonOptions):
     """Those of `static`; SceneError for all that can be refused without a scene."""
 
     what: str = "static"
-    load_steps: int = 10
-    t: float = 0.0
+    load_steps: int = whole(1, _MOST_STEPS, default=10)
+    t: float = number(default=0.0)
     continuation: str | None = None
-    max_cuts: int = 8
-    max_steps: int = 1000
-    spin: float = 0.0
+    max_cuts: int = whole(0, MOST_HALVINGS, default=8)
+    max_steps: int = whole(1, _MOST_STEPS, default=1000)
+    spin: float = number(default=0.0)
     pivot: Sequence[float] = (0.0, 0.0)
-    branches: int = 0
+    branches: int = whole(0, 10, default=0)
 
     def __post_init__(self):
         super().__post_init__()
-        for name, least, most in (
-            ("load_steps", 1, _MOST_STEPS),
-            ("max_steps", 1, _MOST_STEPS),
-            ("max_cuts", 0, MOST_HALVINGS),
-            ("branches", 0, 10),
-        ):
-            fits = is_whole(getattr(self, name), least, most)
-            self._require(name, fits, f"a whole number from {least} to {most:,}")
-        self._require("t", is_number(self.t), "a finite number")
         fits = self.continuation is None or is_one_of(self.continuation, ("arc-length",))
         self._require("continuation", fits, '"arc-length" or None')
-        self._require("spin", is_number(self.spin), "a finite number [rad/s]")
         vector(self.pivot, 2, "static: pivot")
-        self.__dict__.update({name: as_float(getattr(self, name)) for name in ("t", "spin")})
 
 
 class LoadStepper:

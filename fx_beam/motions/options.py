@@ -13,13 +13,14 @@ from fx_beam.errors import (
     LARGEST,
     SceneError,
     as_float,
+    check_fields,
     is_flag,
     is_number,
-    is_whole,
     numbers,
     positive,
     require,
     shown,
+    whole,
 )
 from fx_beam.laws.schemes import EnergyMomentum, Scheme, order_and_constant
 from fx_beam.scene.outputs import Output
@@ -41,7 +42,6 @@ Condition = Callable[[float, dict[str, Any]], Any]
 MOST_STEPS = 1e9
 # In the place of None.
 _DEFAULTS = {"scheme": EnergyMomentum(), "record": Record()}
-_HALVINGS = f"a whole number from 0 to {MOST_HALVINGS}"
 _CONDITIONS = "a function of time and outputs, or a dictionary of such functions by names"
 
 
@@ -106,6 +106,7 @@ class CommonOptions:
     def __post_init__(self):
         if self.newton is None:
             self.__dict__["newton"] = NewtonOptions()
+        check_fields(self, self.what)
         self._require("newton", isinstance(self.newton, NewtonOptions), "an fx_beam.NewtonOptions")
         fits = self.progress is None or is_flag(self.progress)
         self._require("progress", fits, "True, False or None")
@@ -126,7 +127,7 @@ class Options(CommonOptions):
     tolerance: Any = None
     dt_max: Any = None
     breaks: Sequence[float] = ()
-    max_halvings: int = 12
+    max_halvings: int = whole(0, MOST_HALVINGS, default=12)
     record: Any = None
     #: Conditions by name, also where a single one is given.
     until: Any = None
@@ -137,7 +138,6 @@ class Options(CommonOptions):
         values.update({name: of for name, of in _DEFAULTS.items() if values[name] is None})
         super().__post_init__()
         _check_scheme(self.scheme)
-        self._require("max_halvings", is_whole(self.max_halvings, 0, MOST_HALVINGS), _HALVINGS)
         self._require("record", isinstance(self.record, Record), "an fx_beam.Record")
         if self.tolerance is None:
             self._require("dt_max", self.dt_max is None, wanted)

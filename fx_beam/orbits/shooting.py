@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fx_beam.content_cache import cached_property
-from fx_beam.errors import SceneError, as_float, is_number, is_whole, positive
+from fx_beam.errors import SceneError, as_float, between, number, whole
 from fx_beam.laws.interval import Interval
 from fx_beam.laws.schemes import Scheme
 from fx_beam.linear.linearisation import check_unknowns
@@ -54,32 +54,23 @@ class PeriodicOptions(CommonOptions):
     """Those of periodic motions and their families."""
 
     scheme: Scheme | None = None
-    steps: int = 201
-    tolerance: float = 1e-9
-    amplitude: float | None = None
-    energy: float | None = None
+    steps: int = whole(9, default=201)
+    tolerance: float = between(0, 1, default=1e-9)
+    amplitude: float | None = number("positive", optional=True, default=None)
+    energy: float | None = number(optional=True, default=None)
     #: Longest step along a family, relative to the size of its motions, and most of these.
     step: float = STEP
-    most: int = 1
+    most: int = whole(1, default=1)
 
     def __post_init__(self):
         super().__post_init__()
-        fits = is_whole(self.steps, 9) and self.steps % 2 == 1
         wanted = "an odd whole number from 9 on: what alternates from step to step then fades"
-        self._require("steps", fits, wanted)
-        self._require("tolerance", 0 < as_float(self.tolerance) < 1, "a number between 0 and 1")
+        self._require("steps", self.steps % 2 == 1, wanted)
         self._require("step", 0 < as_float(self.step) <= 1, "a number between 0 and 1")
-        self._require("most", is_whole(self.most, 1), "a whole number from 1 on")
-        fits = self.energy is None or is_number(self.energy)
-        self._require("energy", fits, "a number of joules")
-        if self.amplitude is not None:
-            positive(self.amplitude, f"{self.what}: amplitude")
-            if self.energy is not None:
-                text = "give the amplitude or the energy: each sets the other"
-                raise SceneError(f"{self.what}: {text}")
-        for name in ("tolerance", "amplitude", "energy", "step"):
-            if (value := getattr(self, name)) is not None:
-                self.__dict__[name] = as_float(value)
+        if self.amplitude is not None and self.energy is not None:
+            text = "give the amplitude or the energy: each sets the other"
+            raise SceneError(f"{self.what}: {text}")
+        self.__dict__["step"] = as_float(self.step)
 
 
 class Directions(NamedTuple):

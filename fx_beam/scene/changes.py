@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fx_beam.errors import SceneError, as_float, check_numbers, is_number, number, require
+from fx_beam.errors import SceneError, as_float, check_fields, is_number, number, require
 
 from .joints import Joint
 from .outputs import Output
@@ -103,7 +103,7 @@ class Fuse:
 
     def __post_init__(self):
         require(isinstance(self.joint, Joint), "Fuse: joint", self.joint, "a joint of the scene")
-        check_numbers(self)
+        check_fields(self)
 
 
 def checked_changes(scene: Any, changes: Any) -> dict[str, Latch | Fuse]:

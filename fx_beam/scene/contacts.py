@@ -11,9 +11,9 @@ from fx_beam.errors import (
     NUMBER,
     SceneError,
     as_float,
-    check_numbers,
+    check_fields,
     finite,
-    is_flag,
+    flag,
     is_number,
     is_whole,
     number,
@@ -221,12 +221,11 @@ class Circle(Shape):
 
     centre: Any = field(metadata=NUMBER)
     radius: float = number("positive")
-    inside: bool = False
+    inside: bool = flag(default=False)
 
     def __post_init__(self):
         super().__post_init__()
-        check_numbers(self)
-        require(is_flag(self.inside), "Circle: inside", self.inside, "True or False")
+        check_fields(self)
 
     @property
     def side(self) -> float:  # type: ignore[override]

@@ -15,7 +15,7 @@ from fx_beam.errors import (
     NUMBER,
     SceneError,
     as_float,
-    check_numbers,
+    check_fields,
     finite,
     is_number,
     number,
@@ -87,7 +87,7 @@ class Stop:
     speed: float | None = field(default=None, metadata=NUMBER)
 
     def __post_init__(self):
-        check_numbers(self)
+        check_fields(self)
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
@@ -223,7 +223,7 @@ class Coulomb:
     damping: float | None = number("not negative", optional=True, default=None)
 
     def __post_init__(self):
-        check_numbers(self)
+        check_fields(self)
 
 
 def bristle(friction: Coulomb, share: Any, mobility: Any) -> list[Any]:
@@ -302,7 +302,7 @@ class Spring:
     internal: InternalVariables | None = None
 
     def __post_init__(self):
-        check_numbers(self)
+        check_fields(self)
         check_energy(self.strain_energy, self.internal, "Spring", ("x",))
 
 
@@ -339,7 +339,7 @@ class Damper:
     law: Callable[[Any], Any] | None = field(default=None, metadata=NUMBER)
 
     def __post_init__(self):
-        check_numbers(self)
+        check_fields(self)
         if self.law is not None:
             _check_law(self.law)
 
@@ -390,7 +390,7 @@ class SmoothFriction:
         else:
             force = finite(self.force, "SmoothFriction: force", "not negative")
             object.__setattr__(self, "force", force)
-        check_numbers(self)
+        check_fields(self)
         if not self.speed:
             raise SceneError(
                 "SmoothFriction: speed = 0 must be positive. It is the rate below which friction "

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from fx_beam.errors import as_float, is_whole, require
+from fx_beam.errors import between, check_fields, whole
 
 # A correction that rotates a node further than this [rad] is shortened to it. The first correction
 # overshoots if the axial force makes the tangent nearly singular. For the pinned beam at dt 0.02
@@ -26,6 +27,7 @@ SEARCHES = 8
 # A correction is too long if the residual does work against it at its end, by more than this part
 # of that at its start. At most so many shorter ones are tried.
 OVERSHOOT, SHORTENINGS = 0.1, 20
+_TURN = "a number between 0 and pi, a half turn [rad]"
 
 
 @dataclass(frozen=True)
@@ -60,18 +62,9 @@ class NewtonOptions:
     NewtonOptions(tolerance=1e-08, max_iterations=40, max_turn=2.0)
     """
 
-    tolerance: float = 1e-10
-    max_iterations: int = 40
-    max_turn: float = 2.0
+    tolerance: float = between(0, 1, default=1e-10)
+    max_iterations: int = whole(1, default=40)
+    max_turn: float = between(0, math.pi, _TURN, default=2.0)
 
     def __post_init__(self):
-        tolerance, turn = as_float(self.tolerance), as_float(self.max_turn)
-        for name, fits, wanted in (
-            ("tolerance", 0 < tolerance < 1, "a number between 0 and 1"),
-            ("max_iterations", is_whole(self.max_iterations, 1), "a whole number from 1 on"),
-            ("max_turn", 0 < turn < np.pi, "a number between 0 and pi, a half turn [rad]"),
-        ):
-            require(fits, f"NewtonOptions: {name}", getattr(self, name), wanted)
-        checked = (tolerance, int(self.max_iterations), turn)
-        for name, value in zip(("tolerance", "max_iterations", "max_turn"), checked, strict=True):
-            object.__setattr__(self, name, value)
+        check_fields(self)

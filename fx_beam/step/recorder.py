@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import SceneError, is_flag, is_whole, numbers, require
+from fx_beam.errors import SceneError, check_fields, flag, numbers, require, whole
 from fx_beam.laws.interval import Parts
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.inputs import Ramp
@@ -99,20 +99,15 @@ class Record:
     array([0.  , 0.25, 0.5 ])
     """
 
-    every: int = 1
-    motion: bool = True
-    rates: bool = True
-    forces: bool = True
+    every: int = whole(1, default=1)
+    motion: bool = flag(default=True)
+    rates: bool = flag(default=True)
+    forces: bool = flag(default=True)
     times: Sequence[float] | None = None
     file: str | Path | None = None
 
     def __post_init__(self):
-        fits = is_whole(self.every, 1)
-        require(fits, "Record: every", self.every, "a positive whole number, at most 1e9")
-        object.__setattr__(self, "every", int(self.every))
-        for name in _KINDS:
-            value = getattr(self, name)
-            require(is_flag(value), f"Record: {name}", value, "True or False")
+        check_fields(self)
         if self.file is not None:
             from fx_beam.results.files import writable
 

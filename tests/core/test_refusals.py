@@ -264,7 +264,7 @@ REFUSED = {
         (lambda p: fb.NewtonOptions(tolerance=1.0), "NewtonOptions: tolerance = .* be a number"),
         (lambda p: fb.NewtonOptions(max_iterations=2.0), "be a whole number from 1 on"),
         (lambda p: fb.NewtonOptions(max_turn=7), "NewtonOptions: max_turn = .* be a number betwe"),
-        (lambda p: fb.Record(every=0), "Record: every = 0 must be a positive whole number"),
+        (lambda p: fb.Record(every=0), "Record: every = 0 must be a whole number from 1 on"),
         (lambda p: fb.Record(motion="no"), "Record: motion = 'no' must be True or False"),
         (lambda p: fb.Record(times=[1.0, 0.5]), "times"),
         (lambda p: fb.Record(times=[0.5], motion=False), "times"),
