@@ -244,9 +244,7 @@ def _parts(value: Any) -> Any:
     """Values and slopes, which may be None, of an argument; None if it is no number."""
     if type(value) is Dual:
         return value.values, value.slopes
-    if type(value) in (float, int):
-        return value, None
-    if type(value) is np.ndarray and value.dtype == float:
+    if type(value) in (float, int) or (type(value) is np.ndarray and value.dtype == float):
         return value, None
     if (dual := dual_of(value)) is not None:
         return dual.values, dual.slopes
@@ -318,8 +316,7 @@ def _matmul(a: tuple, b: tuple) -> Dual:
     (A, by_a), (B, by_b) = a, b
     total = np.zeros(())
     if by_a is not None:
-        whole = B.ndim > 2
-        of_a = np.moveaxis(np.moveaxis(by_a, -1, 0) @ B, 0, -1) if whole else B.T @ by_a
+        of_a = B.T @ by_a if B.ndim < 3 else np.moveaxis(np.moveaxis(by_a, -1, 0) @ B, 0, -1)
         total = total + of_a
     if by_b is not None:
         of_b = A @ by_b if B.ndim == 1 else np.moveaxis(A @ np.moveaxis(by_b, -1, 0), 0, -1)

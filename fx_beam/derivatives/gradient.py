@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fx_beam.errors import any_of
+
 
 class Block(NamedTuple):
     """Derivatives (k, e) of an output in rows (k,) by entries of states, forces or numbers.
@@ -69,21 +71,24 @@ def jvp(
     for name, entries, rows, derivatives, places, part in blocks:
         if places is None:
             given = changes[name].reshape(count, -1)[:, entries]
+            if not any_of(given):
+                continue
         else:  # without states, numbers with a row for each sub-step
             given = of_state[name] if name in of_state else changes[name].swapaxes(0, 1)
             given = given.reshape(len(given), count, -1)[..., entries][places]
         if isinstance(rows, int):  # as of energies, in each of their rows
             total[rows, part] += given @ derivatives
             continue
-        at = first = np.flatnonzero(np.diff(rows, prepend=-1))
         if np.ndim(part):
             values = (given * derivatives[:, None]).swapaxes(1, 2)
-            at = first[:, None]
         elif places is None:
             values = (given @ derivatives.T).T
         else:
             values = (given @ derivatives[..., None])[..., 0]
-        total[rows[at], part] += np.add.reduceat(values, first)
+        if any_of(rows[1:] == rows[:-1]):
+            first = np.flatnonzero(np.diff(rows, prepend=-1))
+            rows, values = rows[first], np.add.reduceat(values, first)
+        total[rows[:, None] if np.ndim(part) else rows, part] += values
     return total.reshape(*shape, count)
 
 

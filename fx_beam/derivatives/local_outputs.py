@@ -56,7 +56,15 @@ _OF_JOINTS = {"offset": "offsets of slides", "axis": "axes of slides"}
 class LocalOutput(RowOutput):
     """An output of a node or a joint; rates that fit the joints are "rates" of the states."""
 
-    def __init__(self, sub_steps: SubSteps, output: Output, places: Places):
+    def __init__(
+        self,
+        sub_steps: SubSteps,
+        output: Output,
+        places: Places,
+        entries: Mapping[str, np.ndarray],
+    ):
+        #: The only entries that arrays of states have, by name.
+        self._entries = entries
         self._model, self._output, self._places = sub_steps.model, output, places
         self._sub_steps, self._of = sub_steps, (of := definition(output))
         #: Lengths of a row, and the name of the rates of nodes.
@@ -87,8 +95,12 @@ class LocalOutput(RowOutput):
                 yield self._at_ends(name, entries, parts, sign)
 
     def _at_ends(self, name: str, entries: Any, parts: Any = 0, factor: Any = 1.0) -> Block:
-        ends = self._places.ends
-        return of_entries(name, entries, parts, np.arange(len(ends)), factor, ends)
+        ends, at = self._places.ends, self._at(name, entries)
+        return of_entries(name, at, parts, np.arange(len(ends)), factor, ends)
+
+    def _at(self, name: str, entries: Any) -> Any:
+        known = self._entries.get(name)
+        return entries if known is None else np.searchsorted(known, entries)
 
     def _change(self, name: str, entries: Any, parts: Any) -> Iterator[Block]:
         """The change over the steps, by their lengths."""
@@ -230,6 +242,11 @@ class ResultantOutput(RowOutput):
             change = self._derivatives.jvp(of.part(k), read)[..., self._component]
             found[row] += share * change[:, self._cells].reshape(count, -1).T
         return found
+
+
+def is_linear(output: Output) -> bool:
+    """Whether an output is a sum of entries of states, or of forces."""
+    return isinstance(output.of, Node | Joint) and definition(output).quantity.law is None
 
 
 def needs_rates(output: Output) -> bool:

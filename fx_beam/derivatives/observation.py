@@ -11,6 +11,7 @@ from fx_beam.scene.beam import Beam
 from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
+from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Steps, Tape
 
@@ -24,7 +25,7 @@ from .energy_outputs import (
     sums_steps,
 )
 from .gradient import Gradient, RowOutput
-from .local_outputs import LocalOutput, Places, ResultantOutput, needs_rates
+from .local_outputs import LocalOutput, Places, ResultantOutput, is_linear, needs_rates
 from .sub_steps import StatesAt, SubSteps
 
 # Rates that fit the joints, and the impulses that make them fit, by their names as states.
@@ -51,6 +52,17 @@ def check_outputs(
             )
 
 
+def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.ndarray] | None:
+    """The only entries of states that outputs read, by name; None if they may read all."""
+    if any(observes_rates(model, of) or not is_linear(of) for of in outputs.values()):
+        return None
+    every = [measured(model, output) for output in outputs.values()]
+    entries: dict[str, set[int]] = {of.array: set() for of in every}
+    for of in every:
+        entries[of.array].update(*(at.tolist() for _, at, _ in of.terms()))
+    return {name: np.array(sorted(parts)) for name, parts in entries.items()}
+
+
 def summed(outputs: Mapping[str, Output]) -> list[str]:
     """Names of those that add up over the steps."""
     return [name for name, output in outputs.items() if output.quantity in SINCE_START]
@@ -70,7 +82,9 @@ class Observation:
         outputs: Mapping[str, Output],
         states_at: StatesAt,
         forces: Callable[[], np.ndarray],
+        entries: Mapping[str, np.ndarray] | None,
     ):
+        self._entries = entries or {}
         self._model, self._tape, self._rows = model, tape, len(boundaries)
         self._forces, self._part = forces, tape.present
         needed = any(observes_rates(model, output) for output in outputs.values())
@@ -113,13 +127,14 @@ class Observation:
             return EnergyOutput(of, output.quantity, places.ends)
         if isinstance(output.of, Beam):
             return ResultantOutput(of, output.of, output.quantity, places)
-        return LocalOutput(of, output, places)
+        return LocalOutput(of, output, places, self._entries)
 
     @property
     def _sizes(self) -> Mapping[str, tuple[int, int]]:
         model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
         columns, joints = model.reduction.columns - model.reduction.free, 3 * model.sizes["joints"]
         sizes = {name: (n, width) for name, width in self._tape.widths.items()}
+        sizes |= {name: (n, len(entries)) for name, entries in self._entries.items()}
         sizes |= {"rates": (n, model.size), "impulses of joints": (n, joints)}
         sizes["impulses of columns"] = n, columns
         return sizes | {"constraints": (k, columns), "joints": (k, joints)}

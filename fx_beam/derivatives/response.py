@@ -38,7 +38,14 @@ from .differentiable import Differentiable, one_call
 from .gradient import Gradient, along
 from .local_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
-from .observation import Observation, check_outputs, observes_rates, rates_at, summed
+from .observation import (
+    Observation,
+    check_outputs,
+    observes_rates,
+    rates_at,
+    read_entries,
+    summed,
+)
 from .output_values import Recording, Wanted, row_values, values_of
 from .static_derivatives import StateChange, change_of_end, why_no_sums, why_not
 
@@ -311,6 +318,7 @@ class Response(Differentiable):
         check_outputs(model, tape, outputs, why_no_sums(self._path))
         changes = self._changes()
         boundaries, direct = self._boundaries(tape), list[Gradient]()
+        entries = read_entries(model, outputs)
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
             counting |= values.reshape(len(values), -1).any(axis=1)
@@ -322,13 +330,13 @@ class Response(Differentiable):
             wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in later}
             if not (len(inside) or any(later.values())):
                 return {}, boundaries[:0], boundaries[:0]
-            observed = self._observed(model, tape, derivatives, wanted, boundaries[inside])
+            observed = self._observed(model, tape, derivatives, wanted, boundaries[inside], entries)
             gradient = observed.vjp({name: given[name][inside] for name in wanted}, later)
             of_state, gradient.of_state = gradient.of_state, {}  # not for longer than the part
             direct.append(gradient)
             return of_state, observed.boundaries, observed.sub_steps
 
-        by_numbers = derivatives.vjp(tape, weights_of, self._scenes.changing)
+        by_numbers = derivatives.vjp(tape, weights_of, self._scenes.changing, entries)
         self.stats.gradient_growth = growth = derivatives.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
@@ -366,6 +374,7 @@ class Response(Differentiable):
         changes = self._changes()
         refuse_others(changes, derivatives.names, "Response")
         boundaries, parts = self._boundaries(tape), list[dict[str, np.ndarray]]()
+        entries = read_entries(model, outputs)
         before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
         observed: Observation | None
 
@@ -376,10 +385,11 @@ class Response(Differentiable):
             if not wanted:
                 observed = None
                 return inside, inside
-            observed = self._observed(model, tape, derivatives, wanted, inside)
+            observed = self._observed(model, tape, derivatives, wanted, inside, entries)
             return observed.boundaries, observed.sub_steps
 
-        for of_state in derivatives.jvp_parts(tape, changes, rows_of):
+        changing = {name: changes[name] for name in changes.keys() & {"X", *self._scenes.changing}}
+        for of_state in derivatives.jvp_parts(tape, changing, rows_of, entries):
             if observed is not None:
                 rows = observed.jvp(of_state, changes, before)
                 if rows.keys() == outputs.keys():
@@ -476,11 +486,12 @@ class Response(Differentiable):
         derivatives: TapeDerivatives,
         outputs: Mapping[str, Output],
         boundaries: np.ndarray,
+        entries: Mapping[str, np.ndarray] | None,
     ) -> Observation:
         """Outputs at some boundaries of the part that is on the tape."""
         states_at = functools.partial(self._states, model, tape)
         forces = functools.partial(derivatives.constraint_forces, tape)
-        return Observation(model, tape, boundaries, outputs, states_at, forces)
+        return Observation(model, tape, boundaries, outputs, states_at, forces, entries)
 
     def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
         """The model of the last call, its tape, and the derivatives of this."""

@@ -70,6 +70,12 @@ class Rows:
         ends = itertools.accumulate([0, *map(len, parts.values())])
         self._of = dict(zip(parts, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
 
+    def only(self, entries: Mapping[str, np.ndarray] | None) -> Rows:
+        """The same with some entries of some parts, by name; the same of all if there are none."""
+        if entries is None:
+            return self
+        return Rows({name: self._places[self._of[name]][at] for name, at in entries.items()})
+
     def members(self, numbers: np.ndarray, every: int, rows: np.ndarray) -> dict[str, Any]:
         """Members for rows with these numbers, of so many."""
         at = np.full(every, -1)

@@ -131,19 +131,24 @@ class TapeDerivatives:
         return x, of_steps[:-1], by_unknowns
 
     def vjp(
-        self, tape: Tape, weights_of: Callable[[Part], Weights], names: Set[str] | None = None
+        self,
+        tape: Tape,
+        weights_of: Callable[[Part], Weights],
+        names: Set[str] | None = None,
+        entries: Mapping[str, np.ndarray] | None = None,
     ) -> dict[str, Any]:
         """Derivatives by all numbers of the scene, or by those of some `names`.
 
         `weights_of` gives the weights of each part of the tape, the last one first, whose state is
         then on the tape: derivatives by "q" and "v" (m, size), "slides" (m, joints), "internal" and
         "spring internal" (m, variables) at boundaries between sub-steps with the numbers `rows`
-        (m,); and by the forces in some `sub_steps` (k,):
+        (m,), or by some `entries` of these alone; and by the forces in some `sub_steps` (k,):
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
         names = self.names if names is None else names
         self._hand_over_slopes("X" in names)
-        every, states, forces = len(tape), self.layout.states, self.layout.forces
+        every, forces = len(tape), self.layout.forces
+        states = self.layout.states.only(entries)
         x = aligned_zeros(self.layout.size)
         of_steps = np.zeros((every + 1, self.layout.step_size))
         structs = Structs(self._ffi, declarations("problem.h"))
@@ -238,24 +243,25 @@ class TapeDerivatives:
         """
         count = len(changes["X"])
         of_numbers = self._of_steps(changes, count, 1)
-        return by_vector @ self._vector(changes, count).T + of_step @ of_numbers.T
+        return by_vector @ self._vector(changes, count) + of_step @ of_numbers
 
     def jvp_parts(
         self,
         tape: Tape,
         changes: Mapping[str, np.ndarray],
         rows_of: Callable[[Part], tuple[np.ndarray, np.ndarray]],
+        entries: Mapping[str, np.ndarray] | None = None,
     ) -> Iterator[dict[str, np.ndarray]]:
         """The same of each part of the tape, the first one first, with rows and sub-steps of each.
 
-        These are asked for when the part is on the tape.
+        These are asked for when the part is on the tape. With `entries` of states, of these alone.
         """
         count = len(next(iter(changes.values())))
         given = self._vector(changes, count), self._of_steps(changes, count, len(tape))
         _kept, x = self._begin_jvp(changes, *given, by_unknowns=0)
         layout = self.layout
         for part in tape.parts(self.problem):
-            rows = layout.states, layout.forces
+            rows = layout.states.only(entries), layout.forces
             yield self._jvp(tape, part, count, rows, rows_of(part))
         at_end = _one_by_one(x, count)
         names = {"motors": "motors", "internal": "internal", "spring_internal": "spring internal"}
@@ -271,10 +277,10 @@ class TapeDerivatives:
         """
         p, count, every = self._p, len(changes["X"]), np.arange(len(tape) + 1)
         x, columns = self._vector(changes, count), self.layout.at["Y"]
-        x[:, columns[p.free : p.free + p.driven]] = changes["driven"].reshape(count, -1)
+        x[columns[p.free : p.free + p.driven]] = changes["driven"].reshape(count, -1).T
         if by_unknowns is not None:
-            x[:, columns[: p.free]] = by_unknowns
-        of_steps = np.tile(self._of_steps(changes, count, 1), len(tape))
+            x[columns[: p.free]] = by_unknowns.T
+        of_steps = np.tile(self._of_steps(changes, count, 1), (len(tape), 1))
         _kept = self._begin_jvp(changes, x, of_steps, by_unknowns=np.zeros(1))
         rows = self.layout.ends, self.layout.equations
         return self._jvp(tape, tape.present, count, rows, (every[1:], every[:-1]))
@@ -284,7 +290,7 @@ class TapeDerivatives:
     ) -> tuple[Structs, np.ndarray]:
         """Hand over changes of all numbers; returns what keeps them, and those in groups."""
         structs, layout = Structs(self._ffi, declarations("problem.h")), self.layout
-        size, count = self.problem.derivatives("JVP").GROUP_SIZE, len(x)
+        size, count = self.problem.derivatives("JVP").GROUP_SIZE, x.shape[1]
         self._hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
         x, of_steps = (_side_by_side(of, size) for of in (x, of_steps))
         masses = x[:, np.append(layout.at["mass"], layout.at["weight"])].any(axis=(1, 2))
@@ -314,19 +320,20 @@ class TapeDerivatives:
         return states.parts(of_states) | forces.parts(of_forces)
 
     def _vector(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
-        """Changes (count, size) of the numbers of the scene and of its state."""
-        x = np.zeros((count, self.layout.size))
+        """Changes (size, count) of the numbers of the scene and of its state."""
+        x = np.zeros((self.layout.size, count))
         for name in changes.keys() & self.numbers.keys():
             at, of, _ = self.numbers[name]
-            x[:, at] = np.reshape(changes[name], (count, -1))[:, of]
+            x[at] = np.reshape(changes[name], (count, -1)).T[of]
         return x
 
     def _of_steps(self, changes: Mapping[str, np.ndarray], count: int, rows: int) -> np.ndarray:
-        """Changes (count, rows * step_size) of the numbers of sub-steps."""
-        steps = np.zeros((count, rows, self.layout.step_size))
+        """Changes (rows * step_size, count) of the numbers of sub-steps."""
+        steps = np.zeros((rows, self.layout.step_size, count))
         for name in changes.keys() & self.layout.steps.keys():
-            steps[:, :, self.layout.steps[name]] = np.reshape(changes[name], (count, rows, -1))
-        return steps.reshape(count, -1)
+            given = np.moveaxis(changes[name], 0, -1)
+            steps[:, self.layout.steps[name]] = given.reshape(rows, -1, count)
+        return steps.reshape(-1, count)
 
     @property
     def names(self) -> set[str]:
@@ -356,12 +363,12 @@ class TapeDerivatives:
         self._make_room()
 
 
-def _side_by_side(rows: np.ndarray, group_size: int) -> np.ndarray:
-    """Rows (n, size) in groups (groups, size, group_size), the last one filled with zeros."""
-    count, size = rows.shape
+def _side_by_side(columns: np.ndarray, group_size: int) -> np.ndarray:
+    """Columns (size, n) in groups (groups, size, group_size), the last one filled with zeros."""
+    size, count = columns.shape
     groups = aligned_zeros(-(-count // group_size), size, group_size)
     for group, first in zip(groups, range(0, count, group_size), strict=True):
-        part = rows[first : first + group_size].T
+        part = columns[:, first : first + group_size]
         group[:, : part.shape[1]] = part
     return groups
 
