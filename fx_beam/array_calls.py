@@ -45,7 +45,7 @@ class ArrayCalls:
             return known
         if have_slopes() and at_once is not None:
             return at_once  # the last motion has compared values
-        some = np.linspace(0, len(arguments) - 1, _SAMPLES).astype(int)
+        some = np.arange(_SAMPLES) * (len(arguments) - 1) // (_SAMPLES - 1)
         if at_once is None or not _agree(at_once[some], one_by_one(arguments[some])):
             return one_by_one(arguments)
         return at_once

@@ -32,6 +32,8 @@ class Places(NamedTuple):
     #: Those steps, and the places of their sub-steps among those of the forces.
     steps: Steps
     forces: np.ndarray
+    #: The only entries that the states have, by name; empty if they have all.
+    entries: Mapping[str, np.ndarray]
 
     @property
     def moved(self) -> np.ndarray:
@@ -56,15 +58,7 @@ _OF_JOINTS = {"offset": "offsets of slides", "axis": "axes of slides"}
 class LocalOutput(RowOutput):
     """An output of a node or a joint; rates that fit the joints are "rates" of the states."""
 
-    def __init__(
-        self,
-        sub_steps: SubSteps,
-        output: Output,
-        places: Places,
-        entries: Mapping[str, np.ndarray],
-    ):
-        #: The only entries that arrays of states have, by name.
-        self._entries = entries
+    def __init__(self, sub_steps: SubSteps, output: Output, places: Places):
         self._model, self._output, self._places = sub_steps.model, output, places
         self._sub_steps, self._of = sub_steps, (of := definition(output))
         #: Lengths of a row, and the name of the rates of nodes.
@@ -95,12 +89,9 @@ class LocalOutput(RowOutput):
                 yield self._at_ends(name, entries, parts, sign)
 
     def _at_ends(self, name: str, entries: Any, parts: Any = 0, factor: Any = 1.0) -> Block:
-        ends, at = self._places.ends, self._at(name, entries)
+        ends, known = self._places.ends, self._places.entries.get(name)
+        at = entries if known is None else np.searchsorted(known, entries)
         return of_entries(name, at, parts, np.arange(len(ends)), factor, ends)
-
-    def _at(self, name: str, entries: Any) -> Any:
-        known = self._entries.get(name)
-        return entries if known is None else np.searchsorted(known, entries)
 
     def _change(self, name: str, entries: Any, parts: Any) -> Iterator[Block]:
         """The change over the steps, by their lengths."""

@@ -52,10 +52,10 @@ def check_outputs(
             )
 
 
-def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.ndarray] | None:
-    """The only entries of states that outputs read, by name; None if they may read all."""
+def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.ndarray]:
+    """The only entries of states that outputs read, by name; empty if they may read all."""
     if any(observes_rates(model, of) or not is_linear(of) for of in outputs.values()):
-        return None
+        return {}
     every = [measured(model, output) for output in outputs.values()]
     entries: dict[str, set[int]] = {of.array: set() for of in every}
     for of in every:
@@ -78,13 +78,12 @@ class Observation:
         self,
         model: Model,
         tape: Tape,
-        boundaries: np.ndarray,
-        outputs: Mapping[str, Output],
         states_at: StatesAt,
         forces: Callable[[], np.ndarray],
-        entries: Mapping[str, np.ndarray] | None,
+        entries: Mapping[str, np.ndarray],
+        outputs: Mapping[str, Output],
+        boundaries: np.ndarray,
     ):
-        self._entries = entries or {}
         self._model, self._tape, self._rows = model, tape, len(boundaries)
         self._forces, self._part = forces, tape.present
         needed = any(observes_rates(model, output) for output in outputs.values())
@@ -108,7 +107,7 @@ class Observation:
         ends = np.searchsorted(self.boundaries, boundaries)
         starts = np.searchsorted(self.boundaries, steps.starts)
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
-        self._places = Places(ends, starts, boundaries > 0, steps, forces_at)
+        self._places = Places(ends, starts, boundaries > 0, steps, forces_at, entries)
         self._of = of = SubSteps(model, tape, self.boundaries, states_at)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
@@ -127,14 +126,14 @@ class Observation:
             return EnergyOutput(of, output.quantity, places.ends)
         if isinstance(output.of, Beam):
             return ResultantOutput(of, output.of, output.quantity, places)
-        return LocalOutput(of, output, places, self._entries)
+        return LocalOutput(of, output, places)
 
     @property
     def _sizes(self) -> Mapping[str, tuple[int, int]]:
         model, n, k = self._model, len(self.boundaries), len(self.sub_steps)
         columns, joints = model.reduction.columns - model.reduction.free, 3 * model.sizes["joints"]
         sizes = {name: (n, width) for name, width in self._tape.widths.items()}
-        sizes |= {name: (n, len(entries)) for name, entries in self._entries.items()}
+        sizes |= {name: (n, len(entries)) for name, entries in self._places.entries.items()}
         sizes |= {"rates": (n, model.size), "impulses of joints": (n, joints)}
         sizes["impulses of columns"] = n, columns
         return sizes | {"constraints": (k, columns), "joints": (k, joints)}

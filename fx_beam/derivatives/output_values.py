@@ -23,28 +23,18 @@ from fx_beam.step.recorder import Record, Recorder
 Wanted = Output | Callable[[Solution], Any]
 
 
-class Recording:
-    """What of a record is recorded: only what the outputs need."""
-
-    def __init__(self, given: Record):
-        self._given = given
-        #: The records so far, by whether they have rates and forces.
-        self._known: dict[tuple[bool, bool], Record] = {}
-
-    def of(self, outputs: Mapping[str, Wanted]) -> Record:
-        """The record for some outputs, the same one for those that need the same."""
-        given, kinds = self._given, set[str]()
-        for output in outputs.values():
-            if not isinstance(output, Output):
-                return given
-            kinds.add(record_of(output))
-            if isinstance(output.of, Beam):  # resultants may depend on rates
-                kinds.add("rates")
-        needs = given.rates and "rates" in kinds, "forces" in kinds
-        if needs not in self._known:
-            rates, forces = needs[0], given.forces and needs[1]
-            self._known[needs] = replace(given, rates=rates, forces=forces)
-        return self._known[needs]
+def recorded(given: Record, last: Record, outputs: Mapping[str, Wanted]) -> Record:
+    """What is recorded: of what is given only what the outputs need; the last one if that fits."""
+    kinds = set[str]()
+    for output in outputs.values():
+        if not isinstance(output, Output):
+            return given
+        kinds.add(record_of(output))
+        if isinstance(output.of, Beam):  # resultants may depend on rates
+            kinds.add("rates")
+    rates, forces = given.rates and "rates" in kinds, given.forces and "forces" in kinds
+    same = (last.rates, last.forces) == (rates, forces)
+    return last if same else replace(given, rates=rates, forces=forces)
 
 
 def record_of(output: Output) -> str:

@@ -392,7 +392,7 @@ class PeriodicResponse(Response):
     def _energy_by_x(self, changes: dict[str, np.ndarray]) -> np.ndarray:
         """Derivatives (m,) of the energy of the state at the start, which is held."""
         model, tape, none = self._shooting.model, self._shooting.tape, np.zeros(1, dtype=int)
-        of = SubSteps(model, tape, none, lambda at: self._states(model, tape, at))
+        of = SubSteps(model, tape, none, lambda at: self._states(tape, at))
         output = EnergyOutput(of, "energy of steps", none)
         held = {name: np.zeros((1, len(self._x), width)) for name, width in tape.widths.items()}
         by_x = jvp(output.blocks(none), (1,), held, changes)[0]

@@ -46,7 +46,7 @@ from .observation import (
     read_entries,
     summed,
 )
-from .output_values import Recording, Wanted, row_values, values_of
+from .output_values import Wanted, recorded, row_values, values_of
 from .static_derivatives import StateChange, change_of_end, why_no_sums, why_not
 
 _log = logging.getLogger("fx_beam")
@@ -169,7 +169,7 @@ class Response(Differentiable):
     def _begin(self) -> None:
         super()._begin()
         self._end: State | None
-        self._recording = Recording(self._options.record)
+        self._record = self._options.record
         #: Names of the outputs, from the first scene on.
         self._names: list[str] = []
         # Several processes have no derivatives.
@@ -238,8 +238,8 @@ class Response(Differentiable):
         return self._motion()
 
     def _motion(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        scene, series, record = self._scene, self._series, self._recording.of(self._outputs)
-        if record != self._options.record:
+        scene, series, last = self._scene, self._series, self._options.record
+        if (record := recorded(self._record, last, self._outputs)) is not last:
             self._options = replace(self._options, record=record)
         run = series.begun(scene, self._options, self._start_of(scene), self._last_run)
         self._last_run = None
@@ -260,12 +260,10 @@ class Response(Differentiable):
         options, looks = self._options, self._scene.contacts or run.prepared.model.has_contact
         if looks or options.tolerance is not None or options.record.times is not None:
             return {}
-        model, recorder, y = run.prepared.model, run.recorder, dict[str, np.ndarray]()
-        for name, output in self._outputs.items():
-            if (rows := row_values(model, recorder, output)) is None:
-                return {}
-            y[name] = rows
-        return y
+        of_run = run.prepared.model, run.recorder
+        every = {name: row_values(*of_run, output) for name, output in self._outputs.items()}
+        y = {name: rows for name, rows in every.items() if rows is not None}
+        return y if len(y) == len(every) else {}
 
     def _read_all(self, solution: Solution) -> dict[str, np.ndarray]:
         y = {name: self._values_of(solution, of, name) for name, of in self._outputs.items()}
@@ -314,11 +312,8 @@ class Response(Differentiable):
         self._check_has_run("vjp")
         given = self._checked_weights(weights)
         outputs = self._differentiable(given, "Response.vjp: weights")
-        model, tape, derivatives = self._followed("vjp")
-        check_outputs(model, tape, outputs, why_no_sums(self._path))
-        changes = self._changes()
+        tape, derivatives, changes, observe, entries = self._begin_derivatives("vjp", outputs)
         boundaries, direct = self._boundaries(tape), list[Gradient]()
-        entries = read_entries(model, outputs)
         counting = np.zeros(len(self._t), dtype=bool)  # others need no states, nor fitted rates
         for values in given.values():
             counting |= values.reshape(len(values), -1).any(axis=1)
@@ -330,7 +325,7 @@ class Response(Differentiable):
             wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in later}
             if not (len(inside) or any(later.values())):
                 return {}, boundaries[:0], boundaries[:0]
-            observed = self._observed(model, tape, derivatives, wanted, boundaries[inside], entries)
+            observed = observe(wanted, boundaries[inside])
             gradient = observed.vjp({name: given[name][inside] for name in wanted}, later)
             of_state, gradient.of_state = gradient.of_state, {}  # not for longer than the part
             direct.append(gradient)
@@ -340,7 +335,6 @@ class Response(Differentiable):
         self.stats.gradient_growth = growth = derivatives.growth
         if growth > _USEFUL_GROWTH:
             _log.warning(_CHAOTIC, growth)
-        refuse_others(changes, derivatives.names, "Response")
         parts = [along(changes[name], of) for name, of in by_numbers.items()]
         parts += [gradient.along(changes) for gradient in direct]
         return sum(parts, np.zeros(len(self._x)))
@@ -369,12 +363,8 @@ class Response(Differentiable):
         """
         self._check_has_run("jacobian")
         outputs = self._differentiable(names or self._names, "Response.jacobian: names")
-        model, tape, derivatives = self._followed("jacobian")
-        check_outputs(model, tape, outputs, why_no_sums(self._path))
-        changes = self._changes()
-        refuse_others(changes, derivatives.names, "Response")
+        tape, derivatives, changes, observe, entries = self._begin_derivatives("jacobian", outputs)
         boundaries, parts = self._boundaries(tape), list[dict[str, np.ndarray]]()
-        entries = read_entries(model, outputs)
         before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
         observed: Observation | None
 
@@ -385,11 +375,10 @@ class Response(Differentiable):
             if not wanted:
                 observed = None
                 return inside, inside
-            observed = self._observed(model, tape, derivatives, wanted, inside, entries)
+            observed = observe(wanted, inside)
             return observed.boundaries, observed.sub_steps
 
-        changing = {name: changes[name] for name in changes.keys() & {"X", *self._scenes.changing}}
-        for of_state in derivatives.jvp_parts(tape, changing, rows_of, entries):
+        for of_state in derivatives.jvp_parts(tape, changes, rows_of, entries):
             if observed is not None:
                 rows = observed.jvp(of_state, changes, before)
                 if rows.keys() == outputs.keys():
@@ -479,19 +468,19 @@ class Response(Differentiable):
         """
         return Misfit(self, measured, scatter)
 
-    def _observed(
-        self,
-        model: Model,
-        tape: Tape,
-        derivatives: TapeDerivatives,
-        outputs: Mapping[str, Output],
-        boundaries: np.ndarray,
-        entries: Mapping[str, np.ndarray] | None,
-    ) -> Observation:
-        """Outputs at some boundaries of the part that is on the tape."""
-        states_at = functools.partial(self._states, model, tape)
+    def _begin_derivatives(self, what: str, outputs: Mapping[str, Output]) -> tuple[Any, ...]:
+        """The tape of the last call, its derivatives, and those of all numbers by x.
+
+        And what observes outputs at boundaries, and the only entries of states that these read.
+        """
+        model, tape, derivatives = self._followed(what)
+        check_outputs(model, tape, outputs, why_no_sums(self._path))
+        changes, entries = self._changes(), read_entries(model, outputs)
+        refuse_others(changes, derivatives.names, "Response")
+        states_at = functools.partial(self._states, tape)
         forces = functools.partial(derivatives.constraint_forces, tape)
-        return Observation(model, tape, boundaries, outputs, states_at, forces, entries)
+        observe = functools.partial(Observation, model, tape, states_at, forces, entries)
+        return tape, derivatives, changes, observe, entries
 
     def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
         """The model of the last call, its tape, and the derivatives of this."""
@@ -512,7 +501,7 @@ class Response(Differentiable):
         """Numbers of sub-steps before the rows of the last call."""
         return tape.boundaries(self._t)
 
-    def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
+    def _states(self, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
         """States (n, ...) of the last call before some sub-steps, or at its end, by name."""
         states = tape.states(steps)
         for name, rows in states.items():

@@ -218,7 +218,7 @@ class StaticResponse(Response):
     def _boundaries(self, tape: Tape) -> np.ndarray:
         return np.arange(1, len(tape) + 1)
 
-    def _states(self, model: Model, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
+    def _states(self, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
         assert self._load_steps is not None  # `_followed` comes first
         return self._load_steps.states_at(steps)
 

@@ -123,7 +123,7 @@ def _of_model(model: Model) -> dict[str, Any]:
         numbers |= {"members": members.numbers, "arcs": members.arcs}
     if model.natural:
         numbers["natural columns"] = model.natural.unit_loads.data
-    numbers |= model.mass_and_weight
+    numbers |= model.masses.numbers()
     if model.forms.beams is not None:
         numbers |= model.forms.beams.numbers
     if model.couplings.moving:

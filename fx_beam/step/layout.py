@@ -72,9 +72,8 @@ class Rows:
 
     def only(self, entries: Mapping[str, np.ndarray] | None) -> Rows:
         """The same with some entries of some parts, by name; the same of all if there are none."""
-        if entries is None:
-            return self
-        return Rows({name: self._places[self._of[name]][at] for name, at in entries.items()})
+        parts = {name: self._places[self._of[name]][at] for name, at in (entries or {}).items()}
+        return Rows(parts) if parts else self
 
     def members(self, numbers: np.ndarray, every: int, rows: np.ndarray) -> dict[str, Any]:
         """Members for rows with these numbers, of so many."""

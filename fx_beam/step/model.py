@@ -83,7 +83,8 @@ class Model:
         self.points = self.forms.points
         #: Number of degrees of freedom, and those that are rotations.
         self.size, self.turns = self.forms.size, self.mesh.dofs[:, 2]
-        self._mass = Mass(scene, self.mesh, self.forms)
+        #: The mass of beams and lumped ones.
+        self.masses = Mass(scene, self.mesh, self.forms)
         numbers = {joint.number for joint in scene.joints}
         #: Numbers of joints that were removed, or are not there yet.
         self.removed_joints = [n for n in range(scene.joint_count) if n not in numbers]
@@ -91,12 +92,12 @@ class Model:
         self.reading = RLock()
         #: Names of the compiled forms and of the assembled matrices and vectors.
         self.compiled = [] if self.forms.beams is None else [*self.forms.beams.bound]
-        self.assembled = self._mass.assembled
+        self.assembled = self.masses.assembled
         self.loads = Loads(scene, self.mesh)
         self.natural = NaturalStrains(scene, self.mesh)
         self.assembled += [str(load) for load in scene.loads]
         #: Weight (size,) [N] of all masses; None without gravity.
-        self.weight = self._mass.weight
+        self.weight = self.masses.weight
         self._build_reduction()
         self._damp_friction()
         self._structure, self._joints = Structure(scene), scene.joints[:]
@@ -144,8 +145,8 @@ class Model:
         moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
         self.forms.refill(scene)
-        heavier = self._mass.refill(scene, moved)
-        self.weight = self._mass.weight
+        heavier = self.masses.refill(scene, moved)
+        self.weight = self.masses.weight
         self.loads.refill(scene)
         self.natural.refill(scene)
         self.motors = motors(scene)
@@ -231,17 +232,7 @@ class Model:
     @property
     def mass(self) -> scipy.sparse.csr_matrix:
         """The constant mass matrix, assembled at the first access."""
-        return self._mass.matrix
-
-    @property
-    def mass_and_weight(self) -> dict[str, Any]:
-        """Entries of the mass, and the weight if there is any; with slopes that the scene has."""
-        return self._mass.numbers()
-
-    @property
-    def mass_changes(self) -> int:
-        """How often masses were computed."""
-        return self._mass.changes
+        return self.masses.matrix
 
     @property
     def may_overshoot(self) -> bool:
@@ -485,7 +476,7 @@ class Model:
         if self.scheme.rates.of_user:  # they may couple the components at a node
             return np.ones_like(used)
         row = np.repeat(np.arange(self.size), np.diff(K.indptr))
-        used |= (row == K.indices) & (self._mass.lumped[row] != 0)
+        used |= (row == K.indices) & (self.masses.lumped[row] != 0)
         value_at = forms.points.value_at
         used[value_at[value_at >= 0]] = True
         return used

@@ -91,7 +91,7 @@ class Problem:
         self._hand_over_tolerances(options)
         numbers = self._numbers(masses=True) | self._positions()
         #: What some were made of: positions of nodes, and how often masses had changed.
-        self._X, self._mass_changes = model.mesh.X, model.mass_changes
+        self._X, self._mass_changes = model.mesh.X, model.masses.changes
         #: `Model.refills` at the last one.
         self.refills = model.refills
         #: Members that are numbers of the scene, which C reads here.
@@ -227,11 +227,11 @@ class Problem:
     def refill(self) -> None:
         """Set all numbers to those that the model has now, and all else to that before a run."""
         model = self.model
-        moved, heavier = model.mesh.X is not self._X, model.mass_changes != self._mass_changes
+        moved, heavier = model.mesh.X is not self._X, model.masses.changes != self._mass_changes
         numbers = self._numbers(heavier) | (self._positions() if moved else {})
         for name, values in numbers.items():
             self._own[name][...] = values
-        self._X, self._mass_changes = model.mesh.X, model.mass_changes
+        self._X, self._mass_changes = model.mesh.X, model.masses.changes
         self.refills = model.refills
         if self.tables is not None:
             if moved:
