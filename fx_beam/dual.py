@@ -236,7 +236,7 @@ def plain(values: Any) -> Any:
 def with_slopes(values: Any, count: int = 0) -> Dual:
     """Numbers as dual ones, perhaps without a slope that is not zero."""
     dual = stacked(values)
-    slopes = (*np.shape(dual), count or _COUNT.get())
+    slopes = (*dual.shape, count or _COUNT.get())
     return dual if isinstance(dual, Dual) else Dual(dual, np.zeros(slopes))
 
 

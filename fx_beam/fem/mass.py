@@ -104,16 +104,12 @@ class Mass:
         return numbers
 
     def _entries(self) -> Any:
-        of_cells = self._of_cells()
-        at, values = [], []
-        if self._masses:
-            at, values = [self._diagonal], [self.lumped]
-        if of_cells is not None:
-            at, values = [*at, self._entries_of_cells], [*values, of_cells.reshape(-1)]
+        at, values = self.lumped
+        if (of_cells := self._of_cells()) is not None:
+            at = np.concatenate([at, self._entries_of_cells])
+            values = np.concatenate([values, of_cells.reshape(-1)])
         size = len(self._forms.stiffness.data)
-        if not at:
-            return np.zeros(size)
-        return np.bincount(np.concatenate(at), np.concatenate(values), size)
+        return np.bincount(at, values, size) if at.size else np.zeros(size)
 
     def _weights(self, entries: Any) -> Any:
         """Weight (size,) by entries of the mass: it resists the acceleration of a free fall."""
@@ -160,11 +156,11 @@ class Mass:
         return positions_in(K.indptr, K.indices, every, every)
 
     @property
-    def lumped(self) -> Any:
-        """Lumped masses and inertias (size,) by the degrees of freedom that they resist."""
+    def lumped(self) -> tuple[np.ndarray, Any]:
+        """Entries (n,) of the stiffness where masses and inertias are lumped, and these."""
         given = stacked([(mass, mass, inertia) for _, mass, inertia in self._scene.masses])
-        at = 3 * np.array([row.node for row in self._scene.masses], int)[:, None] + np.arange(3)
-        return np.bincount(at.ravel(), given.reshape(-1), self._mesh.dofs.size)
+        nodes = np.array([row.node for row in self._scene.masses], int)
+        return self._diagonal.reshape(-1, 3)[nodes].ravel(), given.reshape(-1)
 
 
 @functools.cache

@@ -15,6 +15,7 @@ import scipy.sparse
 from fx_beam.content_cache import cached_property
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
 from fx_beam.coupling.reduction import Reduction, begin_to_build_joints
+from fx_beam.dual import plain
 from fx_beam.errors import SceneError
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
 from fx_beam.fem.forms import Forms
@@ -475,8 +476,8 @@ class Model:
         used[forms.of_cells] = True
         if self.scheme.rates.of_user:  # they may couple the components at a node
             return np.ones_like(used)
-        row = np.repeat(np.arange(self.size), np.diff(K.indptr))
-        used |= (row == K.indices) & (self.masses.lumped[row] != 0)
+        at, masses = self.masses.lumped
+        used[at[plain(masses) != 0]] = True
         value_at = forms.points.value_at
         used[value_at[value_at >= 0]] = True
         return used
