@@ -140,10 +140,6 @@ INLINED void solve_band_columns(const Problem *p, const Work *w, Ends of, int kn
     }
 }
 
-HOT void solve_band_block(const Problem *p, const Work *w, Ends of) {
-  solve_band_columns(p, w, of, 1, p->block / 4);
-}
-
 /* A function of a band matrix with constant bandwidths of beams, for which the compiler can unroll the
    loops. */
 #define OF_BAND(p, function, n, ...)                       \

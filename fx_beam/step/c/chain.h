@@ -10,21 +10,28 @@
    followed by a free place. */
 enum { BEFORE = 0, OWN = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW };
 
-/* Solves the equations of a group, with these own rows and right sides, for its unknowns. They depend on
-   those of the group with these couplings: its factors, and behind them the part without it, take the
-   place of the couplings and are returned in u. They are not finite if a pivot is zero. */
-INLINED void eliminate_group(const Four *own, double *couplings, Four *u) {
-  Four a = own[0], b = own[1], c = own[2], row[3];
-  for (int i = 0; i < 3; ++i) row[i] = PICK(load(couplings + i * ROW), own[i], 0, 1, 2, 7);
+/* Solves the equations of a group with these own rows, for three rows of n columns of right sides. The solution is not
+   finite if a pivot is zero. */
+INLINED void solve_group(const Four *own, int n, Four *rows) {
+  Four a = own[0], b = own[1], c = own[2], *x = rows, *y = rows + n, *z = rows + 2 * n;
   double first = 1 / a[0], in_b = b[0] * first, in_c = c[0] * first;
   double b1 = b[1] - in_b * a[1], b2 = b[2] - in_b * a[2];
   double c1 = c[1] - in_c * a[1], c2 = c[2] - in_c * a[2];
-  double second = 1 / b1, last = b1 * c2 - c1 * b2; /* b1 times the last pivot, to overlap the divisions */
-  row[1] -= in_b * row[0];
-  row[2] -= in_c * row[0] + c1 * second * row[1];
-  u[2] = row[2] * (b1 / last);
-  u[1] = row[1] * second - b2 * second * u[2];
-  u[0] = row[0] * first - a[2] * first * u[2] - a[1] * first * u[1];
+  double second = 1 / b1, last = b1 / (b1 * c2 - c1 * b2); /* in this way the divisions overlap */
+  for (int j = 0; j < n; ++j) {
+    y[j] -= in_b * x[j];
+    z[j] = (z[j] - in_c * x[j] - c1 * second * y[j]) * last;
+    y[j] = y[j] * second - b2 * second * z[j];
+    x[j] = x[j] * first - a[2] * first * z[j] - a[1] * first * y[j];
+  }
+}
+
+/* Solves the equations of a group, with these own rows and right sides, for its unknowns. They depend on
+   those of the group with these couplings: its factors, and behind them the part without it, take the
+   place of the couplings and are returned in u. */
+INLINED void eliminate_group(const Four *own, double *couplings, Four *u) {
+  for (int i = 0; i < 3; ++i) u[i] = PICK(load(couplings + i * ROW), own[i], 0, 1, 2, 7);
+  solve_group(own, 1, u);
   for (int i = 0; i < 3; ++i) *(Four *)(couplings + i * ROW) = u[i];
 }
 
@@ -100,22 +107,6 @@ INLINED void substitute_chain(const Problem *p, const Work *w, int middle, const
   }
 }
 
-/* Rows of n columns of a group: solves its own equations, which `store_own` kept. */
-INLINED void solve_group(int n, const double *group, Four *rows) {
-  const double *a = group + OWN, *b = a + ROW, *c = b + ROW;
-  double first = 1 / a[0], in_b = b[0] * first, in_c = c[0] * first;
-  double b1 = b[1] - in_b * a[1], b2 = b[2] - in_b * a[2];
-  double c1 = c[1] - in_c * a[1], c2 = c[2] - in_c * a[2];
-  double second = 1 / b1, b_in_c = c1 * second, last = 1 / (c2 - b_in_c * b2);
-  Four *x = rows, *y = rows + n, *z = rows + 2 * n;
-  for (int j = 0; j < n; ++j) {
-    Four q = y[j] - in_b * x[j];
-    z[j] = (z[j] - in_c * x[j] - b_in_c * q) * last;
-    y[j] = (q - b2 * z[j]) * second;
-    x[j] = (x[j] - a[2] * z[j] - a[1] * y[j]) * first;
-  }
-}
-
 /* Subtracts multiples of three rows of n columns, by couplings, from three others. */
 INLINED void subtract_coupled(int n, const double *couplings, const Four *from, Four *to) {
   for (int i = 0; i < 3; ++i) {
@@ -136,7 +127,7 @@ static int are_coupled(const double *one, const double *other) {
    `known` its first column is solved already. */
 INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, int known, int n) {
   double *A = w->tangent;
-  Four *block = (Four *)w->block;
+  Four *block = (Four *)w->block, own[3];
   int last = p->chain - 1, most = middle > last - middle ? middle : last - middle;
   long rows = 3 * (long)n;
   for (int i = 0; i < most; ++i)
@@ -144,14 +135,16 @@ INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, in
       int k = side ? last - i : i, way = side ? -1 : 1, to_middle = side ? BEFORE : AFTER, back = side ? AFTER : BEFORE;
       double *group = A + k * GROUP, *next = group + way * GROUP;
       if (way * (middle - k) <= 0 || !w->reached[3 * k]) continue;
-      solve_group(n, group, block + k * rows);
+      own_rows(w, k, own);
+      solve_group(own, n, block + k * rows);
       for (int x = 0; known && x < 3; ++x) block[k * rows + x * n][0] = group[to_middle + x * ROW + 3];
       if (known && !are_coupled(next + back, group + to_middle)) continue;
       reach(p, w, 3 * (k + way));
       subtract_coupled(n, next + back, block + k * rows, block + (k + way) * rows);
     }
   if (w->reached[3 * middle]) {
-    solve_group(n, A + middle * GROUP, block + middle * rows);
+    own_rows(w, middle, own);
+    solve_group(own, n, block + middle * rows);
     for (int x = 0; known && x < 3; ++x) block[middle * rows + x * n][0] = w->y[3 * middle + x];
   }
   for (int i = 1; i <= most; ++i)
@@ -160,8 +153,4 @@ INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, in
       if (k >= 0 && k <= last && w->reached[3 * k] && w->reached[3 * (k + way)])
         subtract_coupled(n, A + k * GROUP + (side ? BEFORE : AFTER), block + (k + way) * rows, block + k * rows);
     }
-}
-
-HOT void solve_chain_block(const Problem *p, const Work *w, int middle) {
-  solve_chain_columns(p, w, middle, 1, p->block / 4);
 }

@@ -176,8 +176,8 @@ static int middle_of_elimination(const Problem *p) {
 INLINED int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of, int keep) {
   if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, keep) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
   if (!HAS(SLIDERS) || !p->bordering_rows) return 1;
-  if (HAS(CHAIN)) solve_chain_block(p, w, middle / 3);
-  else solve_band_block(p, w, of);
+  if (HAS(CHAIN)) solve_chain_columns(p, w, middle / 3, 1, p->block / 4);
+  else solve_band_columns(p, w, of, 1, p->block / 4);
   factorise_corner(p, w);
   return 1;
 }
