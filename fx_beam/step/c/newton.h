@@ -21,7 +21,7 @@ static void evaluate_nodes(const Problem *p, const Work *w) {
 /* Adds the internal forces to f, and their tangent to K. */
 static void assemble(const Problem *p, const Work *w, double *K) {
   assemble_forces(p, &p->internal_forces, w->fields, w->f, K);
-  assemble_forces(p, &p->drag, w->fields, w->f, K);
+  if (p->drag.integrals) assemble_forces(p, &p->drag, w->fields, w->f, K);
   if (p->points->all) {
     evaluate_nodes(p, w);
     fx_add_points(p->points, 0, p->points->nodal, 1, w->f);
@@ -95,6 +95,12 @@ typedef struct {
   double last, slowest;
 } Sequence;
 
+/* What the corrections of a step tell of its convergence: their sizes, roots of their work, and how many were small. */
+typedef struct {
+  Sequence sizes, errors;
+  int small;
+} Convergence;
+
 /* Adds a value; returns a bound of the one after it. */
 static double next_after(Sequence *s, double value) {
   s->slowest = larger(value / (s->last * s->last), s->slowest);
@@ -108,10 +114,10 @@ static double energy_of_step(const Problem *p, const Work *w, double moving) {
 }
 
 /* The accuracy of the next correction: less than what Newton's method leaves by being quadratic. */
-static Wanted accuracy(const Problem *p, const Work *w, const Sequence *sizes, const Sequence *errors) {
+static Wanted accuracy(const Problem *p, const Work *w, const Convergence *c) {
   double energy = energy_of_step(p, w, kinetic(p, w));
-  return (Wanted){SHARE * fmax(sizes->slowest, p->kept.slowest_size),
-                  SHARE * fmax(errors->slowest, p->kept.slowest_error), SHARE * p->negligible,
+  return (Wanted){SHARE * fmax(c->sizes.slowest, p->kept.slowest_size),
+                  SHARE * fmax(c->errors.slowest, p->kept.slowest_error), SHARE * p->negligible,
                   SHARE * p->negligible * sqrt(energy), sqrt(energy)};
 }
 
@@ -191,49 +197,81 @@ static void line_search(const Problem *p, const Work *w, double gained) {
   if (springs) retake(p, w, &taken, part);
 }
 
+/* What comes after a correction: another one, or nothing, as it was small enough or as small as round-off. */
+enum { GOES_ON, CONVERGED, AT_ROUND_OFF };
+
+/* Judges a correction by its size, its work, and its errors `rest` (kept_factors.h). One that was shortened is far from the
+   solution, whatever its work. */
+static int judge(const Problem *p, const Work *w, Convergence *c, int iteration, double size, int shortened, double work,
+                 const double *rest) {
+  int small = size <= p->tolerance, stalled = size > 0.5 * c->sizes.last && !shortened;
+  double error = sqrt(fabs(work));
+  double next_size = larger(next_after(&c->sizes, size), rest[0] * size);
+  double next_error = larger(next_after(&c->errors, error), rest[1] * error);
+  /* An equilibrium may start a motion: its error would be an acceleration. */
+  int final = iteration > 2 && !p->at_rest && next_size <= p->negligible;
+  if (!small && !final && !stalled) return GOES_ON;
+  double moving = kinetic(p, w), energy = energy_of_step(p, w, moving);
+  final = final && next_error <= p->negligible * sqrt(energy);
+  /* In very stiff scenes the forces before the correction make the energy far too large. */
+  final = final && fabs(work) <= p->tolerance * moving;
+  if (!small && stalled && fabs(work) <= p->energy_floor * energy) return AT_ROUND_OFF;
+  if (small) small = ++c->small > 2 || fabs(work) <= p->energy_tolerance * energy;
+  return small || final ? CONVERGED : GOES_ON;
+}
+
 /* Instead of the order of a prediction: from the unknowns as they are. */
 enum { GO_ON = -1 };
 
-/* `order` is that of the prediction; 0 for none. */
+static void set_driven(const Problem *p, const double *driven, double factor, double *columns) {
+  for (int i = 0; i < p->driven; ++i) columns[p->free + i] = factor * driven[i];
+}
+
+/* Predicts the unknowns with an order, 0 for none, which loops may choose; returns why they give no configuration. */
+static int predict(Problem *p, const Work *w, const double *driven, int *order) {
+  int all = p->dofs + p->free;
+  double factor = w->dt;
+  if (*order != GO_ON) memset(w->z, 0, p->columns * sizeof(double));
+  for (int k = 0; k < *order; factor *= w->dt + p->ages[k++]) add_times(p->free, factor, p->past + k * all + p->dofs, w->z);
+  if (*order > 0) set_driven(p, driven, 1, w->z);
+  if (!begin_couplings(p, w) && HAS(LOOPS)) {
+    if (!*order) go_on(p, w);
+    *order = 1;
+    set_driven(p, driven, 1, w->z);
+    if (!choose_ahead(p, w)) return OUT_OF_LINE;
+  }
+  return expand(p, w) ? OK : OPEN_LOOP;
+}
+
+/* The residual that driven columns leave to the unknowns, which were not predicted. */
+static void drive(const Problem *p, const Work *w, const double *driven) {
+  memset(w->step, 0, p->free * sizeof(double));
+  set_driven(p, driven, -1, w->step);
+  spread(p, w, w->step, w->correction);
+  corrected_forces(p, w, p->dofs, 0);
+  project(p, w, w->scratch, w->reduced);
+  hold(p, w);
+}
+
 static int iterations_of(Problem *p, const Work *w, const double *driven, int order) {
-  int n = p->dofs, free = p->free, all = n + free, small_corrections = 0;
-  Sequence sizes = {HUGE_VAL, 0}, errors = {HUGE_VAL, 0};
-  double drive = 0, gained = 0, dt = w->dt, rest[2];
+  int n = p->dofs, free = p->free, failure;
+  Convergence convergence = {{HUGE_VAL, 0}, {HUGE_VAL, 0}, 0};
+  double work = 0, rest[2];
   Wanted wanted = {0};
   p->tried = 0;
   if (p->team.begin) p->team.begin(p->t, w->dt);
   if (p->kept.worth) begin_kept(&p->kept);
-  if (order != GO_ON) memset(w->z, 0, p->columns * sizeof(double));
-  for (int i = 0; i < p->driven; ++i) drive += fabs(driven[i]);
-  if (order > 0) {
-    double factor = dt;
-    for (int k = 0; k < order; factor *= dt + p->ages[k++]) add_times(free, factor, p->past + k * all + n, w->z);
-    for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
-  }
-  if (!begin_couplings(p, w) && HAS(LOOPS)) {
-    if (!order) go_on(p, w);
-    order = 1;
-    for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
-    if (!choose_ahead(p, w)) return OUT_OF_LINE;
-  }
-  if (!expand(p, w)) return OPEN_LOOP;
+  if ((failure = predict(p, w, driven, &order))) return failure;
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
-    if (iteration > 1 && p->may_overshoot) line_search(p, w, gained);
+    if (iteration > 1 && p->may_overshoot) line_search(p, w, work);
     if (p->may_overshoot) note_tangents(p->points);
     if (HAS(MEMBERS) && p->changing) change_rows(p);
     p->residuals[p->tried++ % RESIDUALS] = largest_size(free, w->reduced);
     for (int i = free; i < p->columns; ++i) w->step[i] = 0;
     if (!p->team.solve) reduce_tangent(p, w, w->r);
-    if (iteration == 1 && drive > 0 && !order) {
-      memset(w->step, 0, free * sizeof(double));
-      for (int i = 0; i < p->driven; ++i) w->step[free + i] = -driven[i];
-      spread(p, w, w->step, w->correction);
-      corrected_forces(p, w, n, 0);
-      project(p, w, w->scratch, w->reduced);
-      hold(p, w);
-    }
-    if (p->kept.worth) wanted = accuracy(p, w, &sizes, &errors);
+    if (iteration == 1 && !order && largest_size(p->driven, driven) > 0) drive(p, w, driven);
+    if (p->kept.worth) wanted = accuracy(p, w, &convergence);
     if (p->team.solve)
       rest[1] = 0, p->team.solve(w->reduced, energy_of_step(p, w, kinetic(p, w)), w->step, rest);
     else if (!solve_reduced(p, w, &wanted, rest))
@@ -243,37 +281,20 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     double size = largest(n, w->correction, p->per_unit);
     if (!isfinite(size)) return SINGULAR;
     double widest = size > p->longest_turn ? widest_turn(p, w->correction) : 0;
-    if (widest > p->longest_turn) scale(free, p->longest_turn / widest, w->step);
+    int shortened = widest > p->longest_turn;
+    if (shortened) scale(free, p->longest_turn / widest, w->step);
     add_times(free, -1, w->step, w->z);
-    for (int i = 0; i < p->driven; ++i) w->z[free + i] = driven[i];
-    double energy_error = gained = along_step(p, w);
-    /* A correction that was shortened is far from the solution, whatever its work. */
-    int small = size <= p->tolerance, floor = 0;
-    int stalled = size > 0.5 * sizes.last && widest <= p->longest_turn;
-    double error = sqrt(fabs(energy_error));
-    double next_size = larger(next_after(&sizes, size), rest[0] * size);
-    double next_error = larger(next_after(&errors, error), rest[1] * error);
-    /* An equilibrium may start a motion: its error would be an acceleration. */
-    int final = iteration > 2 && !p->at_rest && next_size <= p->negligible;
-    if (small || final || stalled) {
-      double moving = kinetic(p, w), energy = energy_of_step(p, w, moving);
-      final = final && next_error <= p->negligible * sqrt(energy);
-      /* In very stiff scenes the forces before the correction make the energy far too large. */
-      final = final && fabs(energy_error) <= p->tolerance * moving;
-      if (small)
-        small = ++small_corrections > 2 || fabs(energy_error) <= p->energy_tolerance * energy;
-      else
-        floor = stalled && fabs(energy_error) <= p->energy_floor * energy;
-    }
-    small = small || final;
-    if (small || floor) update_reactions(p, w);
+    set_driven(p, driven, 1, w->z);
+    work = along_step(p, w);
+    int end = judge(p, w, &convergence, iteration, size, shortened, work, rest);
+    if (end) update_reactions(p, w);
     if (!expand(p, w)) return OPEN_LOOP;
     if (widest_turn(p, w->D) > p->max_turn) return TURNED_TOO_FAR;
-    if (small || floor) {
+    if (end) {
       if (leaves_beam(p)) return SLID_TOO_FAR;
       p->iterations += iteration;
-      p->by_round_off += floor;
-      p->kept.slowest_size = sizes.slowest, p->kept.slowest_error = errors.slowest;
+      p->by_round_off += end == AT_ROUND_OFF;
+      p->kept.slowest_size = convergence.sizes.slowest, p->kept.slowest_error = convergence.errors.slowest;
       return OK;
     }
   }
