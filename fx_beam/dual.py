@@ -358,9 +358,8 @@ def _linspace(start, stop, num=50, endpoint=True):
 
 
 def _broadcast_to(a, shape) -> Dual:
-    shape = (shape,) if isinstance(shape, int) else tuple(shape)
-    slopes = np.broadcast_to(a.slopes, (*shape, a.slopes.shape[-1]))
-    return Dual(np.broadcast_to(a.values, shape), slopes)
+    values = np.broadcast_to(a.values, shape)
+    return Dual(values, np.broadcast_to(a.slopes, (*values.shape, a.slopes.shape[-1])))
 
 
 def _bincount(at, weights, size):
@@ -431,10 +430,8 @@ def _placed(function: Callable, given: Any, options: dict) -> Dual:
         numbers_of(part) if i in _PLACING[function] else plain(part) for i, part in enumerate(given)
     ]
     at = function(*chosen, **options)
-    values, slopes = entries[0].values, entries[0].slopes
-    if len(entries) > 1:
-        values = np.concatenate([part.values for part in entries])
-        slopes = np.concatenate([part.slopes for part in entries])
+    values = np.concatenate([part.values for part in entries])
+    slopes = np.concatenate([part.slopes for part in entries])
     if at.size == values.size and (np.diff(at.ravel()) == 1).all():  # in the same order
         return Dual(values.reshape(at.shape), slopes.reshape(*at.shape, -1))
     return Dual(values[at], slopes[at])

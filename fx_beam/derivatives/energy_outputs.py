@@ -122,7 +122,7 @@ class StepLosses:
         of, model = self._of, self._of.model
         # In statics the first step leads to the equilibrium without loads, which loses nothing.
         for row in rows[rows > int(model.scheme.rates.at_rest)].tolist():
-            k = of.present.first + row - 1
+            k = of.tape.present.first + row - 1
             part = of.part(k)
             if model.scheme.rates.at_rest:
                 model.forms.set_load(*of.load(k))
@@ -240,7 +240,7 @@ class WorkOutput(RowOutput):
     def __init__(
         self, of: SubSteps, quantity: str, places: np.ndarray, forces: Callable[[], np.ndarray]
     ):
-        model, parts, part = of.model, _parts(of.model, quantity), of.present
+        model, parts, part = of.model, _parts(of.model, quantity), of.tape.present
         #: Numbers of the sub-steps of the part before the rows, and of all.
         self._ends, self._count = of.boundaries[places] - part.first, part.end - part.first
         #: Energies with their signs, at the rows, and at the start of the run.
@@ -315,7 +315,7 @@ class StepWork:
     """
 
     def __init__(self, of: SubSteps, forces: np.ndarray):
-        model, part, columns = of.model, of.present, of.model.loads.unit_loads
+        model, part, columns = of.model, of.tape.present, of.model.loads.unit_loads
         self._own, self._first = np.arange(*part), len(of.boundaries) - 1 - (part.end - part.first)
         states = {name: of.states[name][self._first :] for name in ("q", "slides")}
         tape, self._at_rest = of.tape, model.scheme.rates.at_rest

@@ -17,7 +17,6 @@ from fx_beam.step.row_jacobian import slope
 from fx_beam.step.tape import Steps
 
 from .gradient import Block, Gradient, RowOutput, of_entries, vjp
-from .output_values import record_of
 from .sub_steps import NATURAL, OF_NUMBERS, SubSteps
 
 
@@ -233,16 +232,6 @@ class ResultantOutput(RowOutput):
             change = self._derivatives.jvp(of.part(k), read)[..., self._component]
             found[row] += share * change[:, self._cells].reshape(count, -1).T
         return found
-
-
-def is_linear(output: Output) -> bool:
-    """Whether an output is a sum of entries of states, or of forces."""
-    return isinstance(output.of, Node | Joint) and definition(output).quantity.law is None
-
-
-def needs_rates(output: Output) -> bool:
-    """Whether rates that fit the joints, or their impulses, are in an output."""
-    return record_of(output) in ("rates", "forces")
 
 
 def observes_start(output: Output) -> bool:

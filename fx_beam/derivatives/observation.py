@@ -7,8 +7,9 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.scene.beam import Beam
-from fx_beam.scene.outputs import Output
+from fx_beam.scene.beam import Beam, Node
+from fx_beam.scene.joints import Joint
+from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.measured import measured
@@ -25,7 +26,8 @@ from .energy_outputs import (
     sums_steps,
 )
 from .gradient import Gradient, RowOutput
-from .local_outputs import LocalOutput, Places, ResultantOutput, is_linear, needs_rates
+from .local_outputs import LocalOutput, Places, ResultantOutput
+from .output_values import record_of
 from .sub_steps import StatesAt, SubSteps
 
 # Rates that fit the joints, and the impulses that make them fit, by their names as states.
@@ -54,9 +56,11 @@ def check_outputs(
 
 def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.ndarray]:
     """The only entries of states that outputs read, by name; empty if they may read all."""
-    if any(observes_rates(model, of) or not is_linear(of) for of in outputs.values()):
+    given = outputs.values()
+    local = all(isinstance(of.of, Node | Joint) and not definition(of).quantity.law for of in given)
+    if not local or any(observes_rates(model, output) for output in given):
         return {}
-    every = [measured(model, output) for output in outputs.values()]
+    every = [measured(model, output) for output in given]
     entries: dict[str, set[int]] = {of.array: set() for of in every}
     for of in every:
         entries[of.array].update(*(at.tolist() for _, at, _ in of.terms()))
@@ -85,7 +89,7 @@ class Observation:
         boundaries: np.ndarray,
     ):
         self._model, self._tape, self._rows = model, tape, len(boundaries)
-        self._forces, self._part = forces, tape.present
+        self._forces, (first, end) = forces, tape.present
         needed = any(observes_rates(model, output) for output in outputs.values())
         of_beams = any(isinstance(output.of, Beam) for output in outputs.values())
         steps = tape.steps_to(boundaries) if needed or of_beams else _NO_STEPS
@@ -95,7 +99,6 @@ class Observation:
             within = steps.sub_steps if boundaries.all() else np.append(steps.sub_steps, 0)
             every += [within, within + 1, np.maximum(within - 1, 0)]
         self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
-        first, end = self._part
         if summed(outputs) and not first:
             every.append(np.zeros(1, dtype=int))
         if any(sums_steps(model, output) for output in outputs.values()):
@@ -190,7 +193,7 @@ def observes_rates(model: Model, output: Output) -> bool:
     """Whether rates that fit the joints, or forces, are in an output."""
     if isinstance(output.of, Scene):
         return output.quantity in ("kinetic_energy", "total_energy") or fits_rates(model, output)
-    return needs_rates(output)
+    return record_of(output) in ("rates", "forces")
 
 
 def rates_at(tape: Tape, boundaries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval, Part, StepStart, instant
 from fx_beam.step.full_turns import without_turns
 from fx_beam.step.model import Model
-from fx_beam.step.tape import Part as TapePart, Tape
+from fx_beam.step.tape import Tape
 
 from .gradient import Block, of_row
 
@@ -93,11 +93,6 @@ class SubSteps:
     def states(self) -> dict[str, np.ndarray]:
         """The states (n, ...), which are read if an output is not linear in them."""
         return self._states_at(self.boundaries)
-
-    @property
-    def present(self) -> TapePart:
-        """The sub-steps that are on the tape now."""
-        return self.tape.present
 
     def load(self, k: int) -> tuple[float, float]:
         """Load factor at the end of load step k, and its increment in it."""

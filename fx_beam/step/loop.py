@@ -332,13 +332,14 @@ class CompiledLoop:
     def inputs(self, t: float, times: np.ndarray) -> StepInputs:
         """Inputs of all sub-steps; if a function of time fails, only of the steps before."""
         p = self._problem
-        parts = p.sub_steps
+        inputs = no_inputs(p.sub_steps, len(times))
         if not (p.loads or p.driven or p.follower_forces or p.parameters_vary or p.naturals):
-            return no_inputs(parts, len(times))
+            return inputs
         starts = np.concatenate([[t], times[:-1]])
         t0, t1 = divided(starts, times, self.model.scheme.fractions)
-        model, forcing, no_rows = self.model, self.forcing, np.empty((len(t1), 0))
+        model, forcing, strains = self.model, self.forcing, self.model.natural
         follow, parameters = model.points.followers, model.forms.parameters
+        level = model.scheme.rates.level
 
         def rows(of: Callable[..., np.ndarray], constant: bool, *ends: np.ndarray) -> np.ndarray:
             """Rows of all sub-steps; a single row is repeated without copies."""
@@ -347,19 +348,17 @@ class CompiledLoop:
             return np.broadcast_to(values, shape) if values.size else np.empty(shape)
 
         try:
-            loads = rows(forcing.loads, model.loads.constant, t0, t1)
-            follower_force = rows(follow.series, follow.constant, t0, t1) if follow else no_rows
-            values = np.empty((len(t1), 2, 0))
+            given: dict[str, Any] = {"loads": rows(forcing.loads, model.loads.constant, t0, t1)}
+            if follow:
+                given["follower_force"] = rows(follow.series, follow.constant, t0, t1)
             if parameters.vary:
-                values = plain(parameters.over_steps(t0, t1, model.scheme.rates.level))
-            natural, strains = no_rows, model.natural
+                given["parameters"] = plain(parameters.over_steps(t0, t1, level))
             if strains:
-                natural = rows(forcing.naturals, strains.constant, t1)
-            driven = plain(forcing.series(t1))
-            return StepInputs(loads, driven, follower_force, values, natural, parts)
+                given["natural"] = rows(forcing.naturals, strains.constant, t1)
+            return inputs._replace(driven=plain(forcing.series(t1)), **given)
         except BaseException as raised:
             before = int(np.searchsorted(times, getattr(raised, "time", t)))
-            inputs = self.inputs(t, times[:before]) if before else no_inputs(parts)
+            inputs = self.inputs(t, times[:before]) if before else no_inputs(p.sub_steps)
             return inputs._replace(error=inputs.error or raised)
 
     def state(self, t: float, within: bool = False) -> State:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fx_beam.c_library import Structs, declarations
 from fx_beam.content_cache import cached_property
-from fx_beam.errors import SceneError
+from fx_beam.errors import SceneError, any_of
 from fx_beam.scene.joints import joints_by_number
 
 from .form_tables import aligned_zeros
@@ -291,9 +291,10 @@ class TapeDerivatives:
         """Hand over changes of all numbers; returns what keeps them, and those in groups."""
         structs, layout = Structs(self._ffi, declarations("problem.h")), self.layout
         size, count = self.problem.derivatives("JVP").GROUP_SIZE, x.shape[1]
-        self._hand_over_slopes("X" in changes and bool(np.any(changes["X"])))
+        self._hand_over_slopes("X" in changes and any_of(changes["X"]))
         x, of_steps = (_side_by_side(of, size) for of in (x, of_steps))
-        masses = x[:, np.append(layout.at["mass"], layout.at["weight"])].any(axis=(1, 2))
+        first = len(layout.at["mass"]) + len(layout.at["weight"])
+        masses = x[:, :first].any(axis=(1, 2))
         arrays = {"of_steps": never_empty(of_steps), "x": x, "changes_mass": masses}
         structs.set(self.c, directions=count, **arrays, **more)
         return structs, x
