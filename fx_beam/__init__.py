@@ -3,11 +3,7 @@
 import ast
 import importlib
 import importlib.util
-import sys
-from importlib import metadata
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 if importlib.util.find_spec("ffcx") is None:
     raise ImportError(
@@ -38,25 +34,8 @@ def __getattr__(name: str):
         return importlib.import_module(_ROOMS[name])
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    _import_compilers()
     value = globals()[name] = getattr(importlib.import_module(_HOMES[name]), name)
     return value
-
-
-def _import_compilers() -> None:
-    """Import UFL and FFCx, which ask pkg_resources for their versions alone in Debian 12.
-
-    Its own import takes longer than both of theirs.
-    """
-    if not {"ufl", "ffcx", "pkg_resources"} & set(sys.modules):
-        stand_in: Any = ModuleType("pkg_resources")
-        stand_in.get_distribution = metadata.distribution
-        sys.modules["pkg_resources"] = stand_in
-        try:
-            for name in ("ufl", "ffcx"):
-                importlib.import_module(name)
-        finally:
-            del sys.modules["pkg_resources"]
 
 
 def __dir__():

@@ -78,10 +78,10 @@ from .scene.joints import (
 from .scene.law import InternalVariables as InternalVariables, Law as Law
 from .scene.loads import thermal as thermal
 from .scene.outputs import Output as Output
-from .scene.parameters import Parameter as Parameter
 from .scene.scene import Scene as Scene
 from .scene.section import Section as Section
 from .scene.sliders import Sleeve as Sleeve, Slider as Slider
+from .scene.symbols import Parameter as Parameter
 from .step.newton import NewtonOptions as NewtonOptions
 from .step.recorder import Record as Record
 from .sweeps.convergence import Converged as Converged, converge as converge

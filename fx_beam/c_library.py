@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import hashlib
 import logging
@@ -11,7 +12,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import sysconfig
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -200,24 +200,31 @@ def load(
         ) from error
 
 
+def function_addresses(
+    what: str, key: str, source: Callable[[], str], names: Sequence[str], flags: Sequence[str]
+) -> list[int]:
+    """Addresses of some functions of a compiled library, which stays loaded; see `load`."""
+
+    def loader(path: Path) -> list[int]:
+        library = ctypes.CDLL(str(path))
+        return [ctypes.cast(library[name], ctypes.c_void_p).value or 0 for name in names]
+
+    return load(what, key, source, loader, flags)
+
+
 def compiler() -> list[str]:
     """Command of the C compiler; the same as FFCx uses."""
     return shlex.split(os.environ.get("CC") or "cc")
 
 
 def check_compiler() -> None:
-    """RuntimeError without a C compiler, or without Python's header, which FFCx's code includes."""
+    """RuntimeError without a C compiler."""
     command = compiler()[0]
     if shutil.which(command) is None:
         raise RuntimeError(
             f"there is no C compiler {command!r}, by which each new kind of scene is compiled. "
             "Install one, on Debian by apt-get install gcc libc6-dev, or name another in the "
             "environment variable CC"
-        ) from None
-    if not Path(sysconfig.get_path("include"), "Python.h").exists():
-        raise RuntimeError(
-            "the headers of Python are missing, without which no new kind of scene is compiled. "
-            "Install them, on Debian by apt-get install python3-dev"
         ) from None
 
 

@@ -14,20 +14,17 @@ from numbers import Integral, Real
 from types import FrameType
 from typing import Any
 
-from ufl.algorithms.analysis import extract_coefficients, extract_constants
-from ufl.constantvalue import RealValue, Zero
-
 import numpy as np
 
 from .array_calls import array_calls
 from .dual import Dual, DualFloat, dual_of, in_scene, stacked
+from .symbolic import ufl
 
 TimeFunction = Callable[[float], np.ndarray]
 # Parameter names, in lower case, that show a function of position instead of time.
 _PLACES = {"s", "x", "y", "xi", "place", "position", "point", "fraction", "arc_length"}
 #: Largest size of a number: products of a few such numbers are finite.
 LARGEST = 1e75
-_REAL = Real, Decimal, RealValue, Zero
 # Characters of a value in a message.
 _SHOWN = 200
 # Types of real numbers, for which a look is enough.
@@ -168,7 +165,14 @@ def _scalar(value):
 
 def _is_real(value) -> bool:
     """Whether a value is real; UFL functions of numbers may give numbers of UFL."""
-    return isinstance(value, _REAL) and not isinstance(value, bool | np.timedelta64)
+    is_number = isinstance(value, Real | Decimal) or _is_ufl_number(value)
+    return is_number and not isinstance(value, bool | np.timedelta64)
+
+
+def _is_ufl_number(value) -> bool:
+    if not type(value).__module__.startswith("ufl."):
+        return False
+    return isinstance(value, ufl.constantvalue.RealValue | ufl.constantvalue.Zero)
 
 
 def is_whole(value, least: int, most: float = 1e9) -> bool:
@@ -367,7 +371,8 @@ def numbers(value) -> np.ndarray:
 
 def fields_in(expression) -> list:
     """Functions and constants in a UFL expression, such as those of dolfinx."""
-    return [*extract_coefficients(expression), *extract_constants(expression)]
+    analysis = ufl.algorithms.analysis
+    return [*analysis.extract_coefficients(expression), *analysis.extract_constants(expression)]
 
 
 def refuse_fields(symbols: Iterable, what: str, known: Iterable = ()) -> None:

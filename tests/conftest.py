@@ -2,13 +2,9 @@
 
 import functools
 import gc
-import importlib.metadata
 import inspect
 import os
-import subprocess
 import sys
-import sysconfig
-import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,7 +21,6 @@ if _cache.name != "fx_beam_tests":  # not yet, as in the processes of pytest-xdi
     os.environ["XDG_CACHE_HOME"] = str(_cache / "fx_beam_tests")
 
 from fx_beam import c_library, library_cache  # noqa: E402
-from fx_beam.fem import ffcx_api  # noqa: E402
 from fx_beam.motions import motion, options, run  # noqa: E402
 from fx_beam.step import build  # noqa: E402
 
@@ -40,31 +35,6 @@ settings.load_profile("fx_beam")
 # UFL makes many small objects: with Python's own thresholds garbage collection takes an eighth of
 # the time.
 gc.set_threshold(20_000, 20, 50)
-
-# setuptools, by which cffi starts the compiler, asks for them several times for each form.
-importlib.metadata.entry_points = functools.cache(importlib.metadata.entry_points)
-
-
-def _compile_headers():
-    """What the C code of each form includes, compiled once; `quick_cc` adds it."""
-    header = library_cache.folder() / "headers_of_forms.h"
-    compiled = header.with_name(f"{header.name}.gch")
-    if not compiled.exists():
-        header.parent.mkdir(parents=True, exist_ok=True)
-        names = "Python.h", "ufcx.h", "math.h", "stdalign.h", "stdlib.h", "string.h"
-        header.write_text("".join(f"#include <{name}>\n" for name in names))
-        flags = [*sysconfig.get_config_var("CFLAGS").split(), "-fPIC"]
-        flags += ffcx_api.FLAGS
-        flags += [f"-I{sysconfig.get_path('include')}", f"-I{ffcx_api.ufcx_folder()}"]
-        with tempfile.TemporaryDirectory(dir=header.parent) as scratch:
-            out = Path(scratch, "headers")
-            subprocess.run([*c_library.compiler(), *flags, "-x", "c-header", header, "-o", out])
-            if out.exists():  # without it the compiler reads the header itself
-                out.replace(compiled)
-    os.environ["FX_BEAM_TEST_HEADERS"] = str(header)
-
-
-_compile_headers()
 
 # Another rounding of each motion: its step is multiplied by 1 + k 2e-15. What a test says about a
 # long motion must not depend on it. Tests of exact times, or of loads that jump with a step, are

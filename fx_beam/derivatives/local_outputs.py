@@ -190,7 +190,7 @@ class ResultantOutput(RowOutput):
         numbers = np.append(steps.sub_steps, -np.ones(len(start), dtype=int))
         #: Rows, numbers and shares of the sub-steps.
         self._parts = [*zip(rows.tolist(), numbers.tolist(), [*steps.shares, *ones], strict=True)]
-        indices = model.forms.beams.parameters[1]
+        indices = model.forms.beams.parameters
         self._parameters = np.array(indices, dtype=int)
 
     def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:

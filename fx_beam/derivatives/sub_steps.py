@@ -134,7 +134,7 @@ class SubSteps:
             return Part(instant(t, dt), self.moves * dt * states["v"][i[0]], start)
         D = without_turns(model, states["q"][i[1]] - q)
         beams = model.forms.beams
-        if beams is not None and beams.needs_previous:
+        if beams is not None and beams.facts.needs_previous:
             back = without_turns(model, q - states["q"][i[2]])
             start = start._replace(q_previous=q - back, memory=float(tape.memories[k]))
         return Part(Interval(t, t + dt), D, start)
@@ -148,7 +148,7 @@ class SubSteps:
     def moves(self) -> float:
         """1 if the resultants at the start depend on rates, else 0."""
         beams = self.model.forms.beams
-        return float(beams is not None and beams.resultants_move)
+        return float(beams is not None and beams.facts.resultants_move)
 
     # -- Derivatives of a row, from those by what belongs to a state or a sub-step -----------------
 

@@ -13,10 +13,11 @@ from fx_beam import c_library
 from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Parts
 
-from . import ffcx_api
-from .ffcx_api import CompiledForm
+from .form_library import CompiledForm
 
 _LIBRARY = "forms on elements", "expression_rows.c", "expression_rows.h"
+# Constants that change in the rows of `PointValues`.
+_CHANGING = "time", "dt", "memory", "parameters"
 # Values that are found at once, each by a few coefficients.
 _MOST = 2**17
 
@@ -51,7 +52,7 @@ class Field:
 class BoundForm:
     """A compiled form or expression on a mesh.
 
-    `data` has fields and arrays in the place of UFL's coefficients and constants. Arguments have a
+    `data` has fields and arrays by the names of coefficients and constants. Arguments have a
     `space` each. `tags` (cells,) number the subdomains.
     """
 
@@ -59,16 +60,15 @@ class BoundForm:
         self,
         compiled: CompiledForm,
         mesh: Any,
-        data: Mapping[Any, Any],
+        data: Mapping[str, Any],
         spaces: Sequence[Space] = (),
         tags: np.ndarray | None = None,
     ):
         self.compiled, self.spaces = compiled, spaces
         self._mesh, self._tags = mesh, tags
-        coefficients, constants = ffcx_api.symbols(compiled)
-        self.fields: list[Field] = [data[symbol] for symbol in coefficients]
-        #: Arrays by UFL's constants.
-        self.constants: dict[Any, np.ndarray] = {symbol: data[symbol] for symbol in constants}
+        self.fields: list[Field] = [data[name] for name in compiled.coefficients]
+        #: Arrays of its constants by name.
+        self.constants: dict[str, np.ndarray] = {name: data[name] for name in compiled.constants}
 
     @property
     def size(self) -> int:
@@ -84,12 +84,8 @@ class BoundForm:
     def cells(self) -> dict[int, np.ndarray]:
         """Cells of each integral by its subdomain; -1 is that of all cells."""
         every = np.arange(len(self._mesh.elements))
-        tags = ffcx_api.integrals(self.compiled)
+        tags = self.compiled.tags
         return {tag: every if tag < 0 else every[self._tags == tag] for tag in tags}
-
-    @cached_property
-    def _functions(self) -> list[int]:
-        return ffcx_api.integral_functions(self.compiled)
 
     def coefficients(self) -> dict[int, np.ndarray]:
         """Values (cells, width) of its fields for each subdomain, in the order of its code."""
@@ -108,8 +104,8 @@ class BoundForm:
         return _starts(self.fields, [field.space.width for field in self.fields])
 
     @property
-    def constant_starts(self) -> dict[Any, int]:
-        """Where those of each constant, by UFL's symbol, begin."""
+    def constant_starts(self) -> dict[str, int]:
+        """Where those of each constant begin, by name."""
         return _starts(self.constants, [array.size for array in self.constants.values()])
 
     def indices_in(self, other: BoundForm) -> tuple[list[int], list[int]]:
@@ -126,7 +122,7 @@ class BoundForm:
         """Cells of each integral, and their tensors (cells, size)."""
         constants, coordinates = self.values_of_constants()[None], self._mesh.coordinates
         packed = self.coefficients()
-        for (tag, cells), function in zip(self.cells.items(), self._functions, strict=True):
+        for (tag, cells), function in zip(self.cells.items(), self.compiled.addresses, strict=True):
             places = coordinates if tag < 0 else coordinates[cells]
             given = packed[tag][None], constants, places
             yield cells, tabulated(function, *given, self.size)[0]
@@ -161,8 +157,7 @@ class BoundForm:
 class PointValues:
     """Values of expressions at the Gauss points of elements, each of cells with its tag.
 
-    Fields that change are `Parts.moving`; constants that do, by their symbols, are the time, the
-    step, its memory and parameters.
+    Fields that change are `Parts.moving`; constants that do are those of `_CHANGING`.
     """
 
     def __init__(
@@ -171,9 +166,8 @@ class PointValues:
         tags: np.ndarray,
         mesh: Any,
         moving: Sequence[Field | None],
-        changing: Sequence[Any],
     ):
-        self._mesh, self._moving, self._changing = mesh, moving, changing
+        self._mesh, self._moving = mesh, moving
         self._expressions = [(of, np.flatnonzero(tags == i)) for i, of in enumerate(expressions)]
 
     def __call__(self, parts: Parts, parameters: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -187,8 +181,7 @@ class PointValues:
             for of, cells in self._expressions:
                 fields = self._coefficients(of, cells, given)
                 numbers = fields, self._constants(of, given, parameters[rows]), coordinates[cells]
-                function = ffcx_api.expression_function(of.compiled)
-                out = tabulated(function, *numbers, math.prod(shape))
+                out = tabulated(of.compiled.addresses[0], *numbers, math.prod(shape))
                 values[rows, cells] = out.reshape(*out.shape[:2], *shape)
         return values
 
@@ -209,10 +202,10 @@ class PointValues:
     def _constants(self, of: BoundForm, parts: Parts, parameters: np.ndarray) -> np.ndarray:
         """Constants (n, m) of an expression."""
         columns = parts.t[:, None], parts.dt[:, None], parts.memory[:, None], parameters
-        changing = dict(zip(self._changing, columns, strict=True))
+        changing = dict(zip(_CHANGING, columns, strict=True))
         constants = [np.empty((len(parts.t), 0))]
-        for symbol, array in of.constants.items():
-            value = changing.get(symbol)
+        for name, array in of.constants.items():
+            value = changing.get(name)
             constants.append(np.tile(array.ravel(), (len(parts.t), 1)) if value is None else value)
         return np.hstack(constants)
 

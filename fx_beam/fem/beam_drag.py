@@ -2,74 +2,72 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
-from typing import Any
-
-import ufl
+from typing import NamedTuple
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.laws.resultants import drag_loss, drag_work
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.loads import Drag
 from fx_beam.scene.scene import Scene
+from fx_beam.symbolic import Written, ufl
 
-from . import elements, ffcx_api
-from .ffcx_api import CompiledForm
-from .fields import Data, DataShape, Fields, cell_data
+from . import elements
+from .fields import Data, DataShape, cell_data, fields_of
 from .mesh import Mesh
-from .vjp_form import WorkOnWeights, compiled_derivatives, derivatives_of
+from .vjp_form import WorkOnWeights, derivatives_of
+
+
+class DragKind(NamedTuple):
+    """What forms of the drag depend on, on no particular mesh: also the shapes of coefficients."""
+
+    degree: int
+    curved: bool
+    scheme: Scheme
+    shapes: tuple[tuple[str, DataShape], ...]
+
+    @property
+    def key(self) -> tuple | None:
+        """An identifier if the rates are those of this package, else None."""
+        return (*self[:2], self.scheme.key, self.shapes) if self.scheme.built_in else None
 
 
 class DragForm:
-    """The drag on beams in a step, on no particular mesh, with coefficients of some shapes.
+    """The drag on beams in a step, in UFL.
 
     With mid-point rates a drag of the spin needs the rotations at the nodes of elements.
     """
 
-    def __init__(self, fields: Fields, rates: Any, shapes: tuple[tuple[str, DataShape], ...]):
-        if rates.by_mean and "rotation" in dict(shapes):
+    def __init__(self, kind: DragKind):
+        fields, rates = fields_of(kind.degree, kind.curved), kind.scheme.rates
+        if rates.by_mean and "rotation" in dict(kind.shapes):
             fields = fields.with_nodal_rotations
-        self.fields = fields
-        #: Symbols of the coefficients by name.
-        self.symbols = {name: fields.data(shape) for name, shape in shapes}
+        self._fields = fields
+        self._symbols = {name: fields.data(shape) for name, shape in kind.shapes}
+        self._names = {**fields.names, **{of: name for name, of in self._symbols.items()}}
         step, dx = fields.step(rates, "rates of the drag"), fields.measure(fields.full_rule)
-        self._force, self._loss = (of(step, self.symbols) * dx for of in (drag_work, drag_loss))
+        self._force, self._loss = (of(step, self._symbols) * dx for of in (drag_work, drag_loss))
 
-    @cached_property
-    def compiled(self) -> list[CompiledForm]:
+    def of_step(self) -> Written:
         """Forms of force, tangent and loss."""
-        tangent = ufl.derivative(self._force, self.fields.increment, self.fields.trial)
+        tangent = ufl.derivative(self._force, self._fields.increment, self._fields.trial)
         forms = {"drag": self._force, "tangent of drag": tangent, "loss to drag": self._loss}
-        return ffcx_api.compile_together(forms)
+        return Written(forms, self._names)
 
-    @cached_property
     def work(self) -> WorkOnWeights:
         """Its work on weights in the place of the test function, and derivatives."""
-        test = self.fields.test
-        weight = elements.Coefficient(test.ufl_function_space())
+        test = self._fields.test
+        weight = elements.coefficient(test.ufl_function_space())
         work = ufl.replace(self._force, {test: weight})
-        derivatives = derivatives_of(work, self.fields, self.symbols)
-        return WorkOnWeights("work of drag", work, derivatives, [weight])
+        derivatives = derivatives_of(work, self._fields, self._symbols)
+        return WorkOnWeights(work, derivatives, [weight], self._names)
 
-    @cached_property
-    def loss_by(self) -> dict[str, CompiledForm]:
+    def derivatives(self) -> Written:
         """Derivatives of the loss by name."""
-        by = {f"drag {name}": symbol for name, symbol in self.symbols.items()}
-        return compiled_derivatives("loss to drag", self._loss, self.fields, by)
-
-
-_cached = functools.cache(DragForm)
-
-
-def drag_form(
-    scheme: Scheme, fields: Fields, shapes: tuple[tuple[str, DataShape], ...]
-) -> DragForm:
-    """The drag in the steps of a scheme, kept if its rates are those of this package."""
-    return (_cached if scheme.built_in else DragForm)(fields, scheme.rates, shapes)
+        by = {f"drag {name}": symbol for name, symbol in self._symbols.items()}
+        return Written(derivatives_of(self._loss, self._fields, by), self._names)
 
 
 def coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, Data]:

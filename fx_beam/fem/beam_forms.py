@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 
 from fx_beam.content_cache import cached_property
+from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval, Part, Parts, StepStart
 from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import gauss_rule
@@ -16,23 +17,24 @@ from fx_beam.scene.scene import Scene
 
 from . import vjp_form
 from .assembly import BoundForm, Field, PointValues, Space
-from .beam_drag import DragForm, coefficients, drag_form
-from .ffcx_api import CompiledForm
+from .beam_drag import DragForm, DragKind, coefficients
 from .fields import (
+    CONSTANTS,
+    NATURAL,
+    NODAL,
     Data,
     DataShape,
-    Fields,
     FilledField,
     distinct,
-    fields_of,
     on_beam,
     refill,
     section_data,
 )
+from .form_library import CompiledForm, FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues
 from .vjp_form import ResultantDerivatives
-from .weak_form import LOSSES, Material, WeakForm, weak_form
+from .weak_form import LOSSES, Kind, Material, StepFacts, WeakForm
 
 Given = np.ndarray | None
 
@@ -56,31 +58,42 @@ class BeamForms:
     ):
         self._scheme, self._mesh, self._parameters = scheme, mesh, parameters
         self._holds = holds
-        #: UFL's constant of the parameters in the forms, None without any, and their indices among
-        #: all.
-        self.parameters: tuple[Any, list[int]] = None, []
+        #: Indices of the parameters in the forms among all.
+        self.parameters: list[int] = []
         #: Data of beams, by name, that vary cell by cell for steps backwards.
         self._by_cells: dict[str, FilledField] = {}
         #: How often data of beams were changed.
         self.changes = 0
         #: Forms on the mesh by name.
         self.bound: dict[str, BoundForm] = {}
-        self._weak = weak = self._weak_form(scene)
-        #: UFL's fields, and what they stand for on this mesh.
-        self.fields = weak.fields
-        self._data |= self._fields(bool(scene.drags))
+        #: Polynomial degree of the elements.
+        self.degree = scene.beams[0].degree
+        data = self._section_data(scene)
+        inside = self._read(scene, data)
+        step = self._forms.module("of_step")
+        #: What is known of the forms.
+        self.facts = facts = StepFacts(**step.facts)
+        #: Data of the sections by name.
+        self.of_sections = {name: FilledField(values, mesh) for name, values in data.items()}
+        #: Fields and arrays on this mesh by their names in forms.
+        self._data = self._fields(bool(scene.drags))
+        self._data |= {f"indicator {i}": of.on(mesh) for i, of in enumerate(inside)}
+        if facts.names:
+            self._read_parameters()
         #: Functions that change: the first in every iteration, the others in every step. They are
         #: numbered as the kinds of coefficients in problem.h; None is missing.
-        self.moving: list[Any] = [self._data.get(field) for field in weak.moving]
+        self.moving: list[Any] = [self._data.get(name) for name in (*NODAL, "internal", *NATURAL)]
         self._start, *self._start_rates = self.moving[1:4]
-        if weak.added is not None:
-            self._added = self._bind(weak.added)
+        #: Whether there are virtual works of a user.
+        self.has_external = bool(scene.virtual_works)
+        if self.has_external:
+            self._added = self._bind(self._compiled_works())
         unknowns = mesh.unknowns
         #: Field of the internal variables; None without any.
-        self._internal: Any = self._data.get(weak.internal)
-        for name, form in weak.compiled.items():
+        self._internal: Any = self._data.get("internal")
+        for name, form in step.forms.items():
             of_internal = name == "internal variables"
-            self._bind(form, self._data[weak.internal].space if of_internal else unknowns)
+            self._bind(form, self._data["internal"].space if of_internal else unknowns)
         bound = self.bound
         #: Those of forces and of their tangents: the internal ones, and drag.
         self._forces, self._tangents = [bound["internal forces"]], [bound["tangent"]]
@@ -88,68 +101,63 @@ class BeamForms:
         #: Forms of `LOSSES`; None where there is none.
         self.of_loss = [bound.get(name) for name in LOSSES]
         #: Weights (degree,) of the Gauss points, relative to the element's length.
-        self.point_weights = gauss_rule(self.fields.degree)[1]
-        #: Whether the forces depend on the start of the last step, and on rates at the start of a
-        #: step.
-        self.needs_previous, self.needs_rates = weak.needs_previous, weak.needs_rates
-        #: Whether the resultants depend on rates at the start of a step, and on any rates.
-        self.resultants_need_rates = weak.resultants_need_rates
-        self.resultants_move = weak.resultants_move
+        self.point_weights = gauss_rule(self.degree)[1]
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
-        self.internal_shape = len(self._tags), self.fields.degree, weak.width
+        self.internal_shape = len(self._tags), self.degree, facts.width
         #: Coefficients of the drag on beams by name.
         self.of_drag: dict[str, FilledField] = {}
         if drags := [] if scheme.rates.at_rest else scene.drags:
             self._add_drag(coefficients(scene, drags, mesh))
 
-    def _fields(self, damps: bool) -> dict[Any, Any]:
-        """Constants and functions in the place of UFL's fields, for drag if it `damps`."""
-        mesh, fields = self._mesh, self.fields
+    def _fields(self, damps: bool) -> dict[str, Any]:
+        """Constants and functions, those of drag if it `damps`."""
+        mesh, degree, facts, unknowns = self._mesh, self.degree, self.facts, self._mesh.unknowns
         #: Increments of displacements and rotations.
-        self.increment = Field(mesh.unknowns)
-        names = "time", "dt", "load_factor", "memory", "load_increment"
-        self._values = {name: np.zeros(()) for name in names}
+        self.increment = Field(unknowns)
+        self._values = {name: np.zeros(()) for name in CONSTANTS}
         self._reset_constants()
-        data: dict[Any, Any] = {getattr(fields, name): of for name, of in self._values.items()}
-        if self._weak.internal is not None:
-            data[self._weak.internal] = Field(mesh.space(fields.degree, self._weak.width))
+        data: dict[str, Any] = {**self._values, "increment": self.increment}
+        data |= {name: field.on_mesh for name, field in self.of_sections.items()}
+        if facts.width:
+            data["internal"] = Field(mesh.space(degree, facts.width))
         #: Natural strains at both ends of the step.
-        self.natural = NaturalFields(mesh, fields, self._weak.has_natural)
-        data |= self.natural.data
-        data |= {field: Field(mesh.unknowns) for field in self._weak.given(damps)}
-        return data | self._unknowns(fields)
+        self.natural = NaturalFields(mesh, degree, self._kind.natural)
+        given = ["start"]
+        if damps or facts.needs_rates or facts.resultants_need_rates:
+            given += ["velocity", "acceleration"]
+        given += ["q_previous"] * self.facts.needs_previous
+        data |= self.natural.data | {name: Field(unknowns) for name in given}
+        if degree > 1 or damps:
+            coordinate = data["coordinate"] = Field(mesh.space(2))
+            coordinate.array.reshape(-1, 2)[:] = 0.0, degree
+        return data
 
     def _reset_constants(self) -> None:
         for name, value in self._values.items():
             value[...] = 1.0 if name in ("dt", "load_factor") else 0.0
 
-    def _unknowns(self, fields: Fields) -> dict[Any, Field]:
-        """The increment, and a coordinate on each cell if it is needed, in the place of UFL's."""
-        data = {fields.increment: self.increment}
-        if fields.coordinate is not None:
-            coordinate = data[fields.coordinate] = Field(self._mesh.space(2))
-            coordinate.array.reshape(-1, 2)[:] = 0.0, fields.degree
-        return data
-
     def _add_drag(self, given: dict[str, Data]) -> None:
         """Add the drag on beams with these coefficients."""
         self.of_drag = {name: FilledField(part, self._mesh) for name, part in given.items()}
         if given:
-            form, data = self._drag_form(self.of_drag)
-            force, tangent, _ = (self._bind(compiled, data=data) for compiled in form.compiled)
+            source, data = self._drag(self.of_drag)
+            forms = source.module("of_step").forms.values()
+            force, tangent, _ = (self._bind(compiled, data=data) for compiled in forms)
             self._forces.append(force)
             self._tangents.append(tangent)
 
-    def _drag_form(self, of_drag: Mapping[str, FilledField]) -> tuple[DragForm, dict[Any, Any]]:
-        """The form of the drag with these coefficients, and what is in the place of its symbols."""
+    def _drag(
+        self, of_drag: Mapping[str, FilledField], of: Callable[[DragForm], Any] = lambda form: form
+    ) -> tuple[FormSource, dict[str, Any]]:
+        """Forms of the drag with these coefficients, or another writer of it; and their data."""
         shapes = tuple((name, field.data.shape) for name, field in of_drag.items())
-        form = drag_form(self._scheme, self.fields.plain, shapes)
-        data = self._data | self._unknowns(form.fields)
-        return form, data | {form.symbols[name]: of.on_mesh for name, of in of_drag.items()}
+        kind = DragKind(self.degree, self._mesh.curved, self._scheme, shapes)
+        source = FormSource(kind.key and ("drag", *kind.key), lambda: of(DragForm(kind)))
+        return source, self._data | {name: field.on_mesh for name, field in of_drag.items()}
 
-    def _weak_form(self, scene: Scene) -> WeakForm:
-        """The weak form of the scene; the data of the sections are those of the forms."""
-        mesh, degree = self._mesh, scene.beams[0].degree
+    def _read(self, scene: Scene, data: dict[str, Data]) -> list[Data]:
+        """Find the kind of the scene, and where virtual works act."""
+        mesh = self._mesh
         sections = [beam.section for beam in scene.beams]
         internal = [held(of.internal) if self._holds else of.internal for of in sections]
         of_beams = [*zip((of.strain_energy for of in sections), internal, strict=True)]
@@ -160,40 +168,43 @@ class BeamForms:
         kinds = [materials.index(material) for material in of_beams]
         #: Subdomain of each cell, the number of its material.
         self._tags = np.array(kinds)[mesh.beam_of_cell]
-        data = self._section_data(scene)
         everywhere = Data(0, np.array(1.0))
         inside = [
             everywhere if work.beam is None else on_beam(mesh, scene, work.beam)
             for work in scene.virtual_works
         ]
-        self._kind = fields_of(degree, mesh.curved), self._scheme, materials
-        self._works = [
-            (work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)
-        ]
-        weak = weak_form(*self._kind, *_shapes(data), self._works, bool(scene.natural_strains))
-        self._data: dict[Any, Any] = {
-            symbol: data.on(mesh) for symbol, data in zip(weak.indicators, inside, strict=True)
-        }
-        #: Data of the sections by name.
-        self.of_sections = {name: FilledField(values, mesh) for name, values in data.items()}
-        self._data |= {getattr(weak, name): f.on_mesh for name, f in self.of_sections.items()}
-        if weak.names:
-            self._read_parameters(weak)
-        return weak
+        works = [(work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)]
+        self._kind = Kind(
+            *(self.degree, mesh.curved, self._scheme, tuple(materials), tuple(works)),
+            *(bool(scene.natural_strains), *_shapes(data)),
+        )
+        self._forms = self._forms_of(WeakForm, self._kind)
+        return inside
 
-    def _read_parameters(self, weak: WeakForm) -> None:
+    def _forms_of(self, writer: Callable[[Kind], Any], kind: Kind) -> FormSource:
+        key = kind.key and (writer.__name__, *kind.key)
+        return FormSource(key, lambda: writer(kind))
+
+    def _compiled_works(self) -> CompiledForm:
+        try:
+            return self._forms.module("added").forms["added virtual work"]
+        except Exception as error:
+            raise SceneError(
+                f"the added virtual work does not compile: {error}. Simplify its expressions"
+            ) from error
+
+    def _read_parameters(self) -> None:
         """Let the forms read the values of their parameters."""
-        values = np.zeros(len(weak.names))
-        self._data[weak.parameters] = values
+        names = self.facts.names
+        values = self._data["parameters"] = np.zeros(len(names))
         for parameter in self._scheme.parameters:
             self._parameters.check_constant(parameter.name, f"{self._scheme.name}: damping")
-        indices = self._parameters.indices(weak.names)
+        self.parameters = self._parameters.indices(names)
 
         def read(of_all: np.ndarray) -> None:
-            values[:] = of_all[indices]
+            values[:] = of_all[self.parameters]
 
-        self._parameters.add_reader(read, weak.names_in_energies)
-        self.parameters = weak.parameters, indices
+        self._parameters.add_reader(read, self.facts.names_in_energies)
 
     def _section_data(self, scene: Scene) -> dict[str, Data]:
         """Stiffnesses of the quadratic law, and retardation times, if there are any."""
@@ -224,61 +235,57 @@ class BeamForms:
 
     def vjp(self) -> vjp_form.BoundVjp:
         """The work of the internal forces on weights, and its derivatives."""
-        weak, data, spaces = self._varied(vjp_form.VjpForm)
-        data[weak.weight] = Field(self._mesh.unknowns)
-        if weak.width:
-            data[weak.internal_weight] = Field(spaces["internal"])
-        return self._bound_vjp(weak.work, data, spaces)
+        source, data, spaces = self._varied(vjp_form.vjp_of)
+        of_weights = [self._mesh.unknowns]
+        if self.facts.width:
+            of_weights.append(spaces["internal"])
+        return self._bound_vjp(source, data, spaces, of_weights)
 
-    def _varied(self, kind: Any, without: Iterable[str] = ()) -> tuple[Any, dict, dict[str, Space]]:
-        """A form of a kind, whose data vary cell by cell; what is in the place of its symbols.
-
-        And the spaces of its derivatives, by name.
-        """
+    def _varied(
+        self, writer: Callable[[Kind], Any], without: Iterable[str] = ()
+    ) -> tuple[FormSource, dict[str, Any], dict[str, Space]]:
+        """Forms whose data vary cell by cell; the data, and spaces of derivatives, by name."""
         names = [name for name in self.of_sections if name not in without]
         varied = self._vary({name: self.of_sections[name] for name in names})
-        shapes = {name: field.data for name, field in varied.items()}
-        given: Any = *_shapes(shapes), self._works, self._weak.has_natural
-        weak = weak_form(*self._kind, *given, kind, self._weak.parameters)
-        data = self._data | {getattr(weak, name): field.on_mesh for name, field in varied.items()}
-        pairs = zip(weak.indicators, self._weak.indicators, strict=True)
-        data |= {symbol: self._data[known] for symbol, known in pairs}
+        stiffness, times = _shapes({name: field.data for name, field in varied.items()})
+        kind, facts = self._kind._replace(stiffness=stiffness, times=times), self.facts
+        data = self._data | {name: field.on_mesh for name, field in varied.items()}
         spaces = self._spaces(varied)
-        if weak.width:
-            data[weak.internal] = self._data[self._weak.internal]
-            spaces["internal"] = data[weak.internal].space
-        if weak.more is not None:
-            values = np.zeros((len(self._tags), 1, len(weak.names)))
-            data[weak.more] = Data(1, values).on(self._mesh)
-            spaces["parameters"] = data[weak.more].space
-        return weak, data, spaces
+        if facts.width:
+            spaces["internal"] = self._internal.space
+        if facts.names:
+            values = np.zeros((len(self._tags), 1, len(facts.names)))
+            data["more"] = Data(1, values).on(self._mesh)
+            spaces["parameters"] = data["more"].space
+        return self._forms_of(writer, kind), data, spaces
 
     def vjp_drag(self) -> vjp_form.BoundVjp:
         """The work of the drag on weights, and its derivatives."""
-        form, data, spaces = self._varied_drag("")
-        data[form.work.weights[0]] = Field(self._mesh.unknowns)
-        return self._bound_vjp(form.work, data, spaces)
-
-    def _varied_drag(self, prefix: str) -> tuple[DragForm, dict[Any, Any], dict[str, Space]]:
-        """The same for drag; names of the coefficients get a prefix."""
         varied = self._vary(self.of_drag)
-        form, data = self._drag_form(varied)
-        return form, data, self._spaces({f"{prefix}{name}": of for name, of in varied.items()})
+        source, data = self._drag(varied, DragForm.work)
+        return self._bound_vjp(source, data, self._spaces(varied), [self._mesh.unknowns])
 
     def _spaces(self, varied: Mapping[str, FilledField]) -> dict[str, Space]:
         """Spaces of derivatives by name: by data that vary, and by all that forms may depend on."""
         spaces = {name: field.on_mesh.space for name, field in varied.items()}
-        spaces |= dict.fromkeys(vjp_form.NODAL, self._mesh.unknowns)
+        spaces |= dict.fromkeys(NODAL, self._mesh.unknowns)
         return {**spaces, **self.natural.spaces, "coordinates": self._mesh.positions}
 
-    def _bound_vjp(self, work: Any, data: Mapping, spaces: dict[str, Space]) -> vjp_form.BoundVjp:
+    def _bound_vjp(
+        self,
+        source: FormSource,
+        data: Mapping[str, Any],
+        spaces: dict[str, Space],
+        of_weights: list[Space],
+    ) -> vjp_form.BoundVjp:
         """A work on the mesh, with derivatives by coefficients in the given spaces."""
+        weights = {f"weight {k}": Field(space) for k, space in enumerate(of_weights)}
+        data = {**data, **weights}
 
         def bind(form: CompiledForm, of_form: list[Space]) -> BoundForm:
             return BoundForm(form, self._mesh, data, of_form, self._tags)
 
-        of_weights = [data[weight].space for weight in work.weights]
-        return vjp_form.BoundVjp(work, spaces, bind, of_weights)
+        return vjp_form.BoundVjp(source, spaces, bind, of_weights)
 
     def stored_energy_by(
         self, q: np.ndarray, internal: Given = None, natural: Given = None
@@ -298,8 +305,7 @@ class BeamForms:
     @cached_property
     def _stored(self) -> dict[str, BoundForm]:
         """Derivatives of the stored energy on the mesh by name."""
-        weak, data, spaces = self._varied(vjp_form.StoredForm, without=["times"])
-        return self._bound_forms(weak.forms, data, spaces)
+        return self._derivatives(*self._varied(vjp_form.StoredForm, without=["times"]))
 
     def _assembled(self, forms: Mapping[str, BoundForm]) -> dict[str, np.ndarray]:
         """Derivatives by name, those by all parameters of the scene."""
@@ -307,21 +313,21 @@ class BeamForms:
         derivatives = vjp_form.named(vectors)
         if "parameters" in derivatives:
             of_all = np.zeros(len(self._parameters))
-            of_all[self.parameters[1]] = derivatives["parameters"]
+            of_all[self.parameters] = derivatives["parameters"]
             derivatives["parameters"] = of_all
         return derivatives
 
-    def _bound_forms(
+    def _derivatives(
         self,
-        compiled: Mapping[str, CompiledForm],
-        data: Mapping,
+        source: FormSource,
+        data: Mapping[str, Any],
         spaces: Mapping[str, Space],
         *tests: Space,
     ) -> dict[str, BoundForm]:
         """Derivatives on the mesh by name."""
         return {
             name: BoundForm(form, self._mesh, data, [*tests, spaces[name]], self._tags)
-            for name, form in compiled.items()
+            for name, form in source.module("derivatives").forms.items()
         }
 
     def losses_by(self, part: Part) -> list[dict[str, np.ndarray]]:
@@ -340,19 +346,18 @@ class BeamForms:
         """Derivatives of what beams lose in a step, as those of the stored energy."""
         lost = []
         if any(self.of_loss[:2]):
-            weak, data, spaces = self._varied(vjp_form.LossForm)
-            lost.append(self._bound_forms(weak.forms, data, spaces))
+            lost.append(self._derivatives(*self._varied(vjp_form.LossForm)))
         if self.of_drag:
-            drag, data, spaces = self._varied_drag("drag ")
-            lost.append(self._bound_forms(drag.loss_by, data, spaces))
+            varied = self._vary(self.of_drag)
+            spaces = self._spaces({f"drag {name}": of for name, of in varied.items()})
+            lost.append(self._derivatives(*self._drag(varied), spaces))
         return lost
 
     @cached_property
     def derived_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
-        weak, data, spaces = self._varied(vjp_form.ResultantForm)
-        of_points = self._mesh.space(self.fields.degree, 3)
-        forms = self._bound_forms(weak.forms, data, spaces, of_points)
+        of_points = self._mesh.space(self.degree, 3)
+        forms = self._derivatives(*self._varied(vjp_form.ResultantForm), of_points)
         return ResultantDerivatives(forms, of_points.points, self.begin_part)
 
     def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
@@ -376,7 +381,7 @@ class BeamForms:
         self, compiled: CompiledForm, space: Space | None = None, data: Mapping | None = None
     ) -> BoundForm:
         """Bind a form of a step, of the unknowns or in another space, and keep it by its name."""
-        spaces = [space or self._mesh.unknowns] * len(compiled.form.arguments())
+        spaces = [space or self._mesh.unknowns] * compiled.arguments
         form = BoundForm(compiled, self._mesh, data or self._data, spaces, self._tags)
         self.bound[compiled.name] = form
         return form
@@ -389,14 +394,9 @@ class BeamForms:
         return self._scheme.rates.at_rest
 
     @property
-    def has_external(self) -> bool:
-        """Whether there are virtual works of a user."""
-        return self._weak.added is not None
-
-    @property
     def depend_on_rates(self) -> bool:
         """Whether forces may depend on rates."""
-        return self.has_external or bool(self.of_drag) or self.resultants_move
+        return self.has_external or bool(self.of_drag) or self.facts.resultants_move
 
     def set_load(self, factor: float, increment: float) -> None:
         """Set the load factor, and in statics its increment in the step."""
@@ -408,10 +408,10 @@ class BeamForms:
         self._values["time"][...] = interval.start + self._scheme.rates.level * interval.length
         self._values["dt"][...] = interval.length
         self._start.array[:] = start.q
-        if (self.needs_rates or self.of_drag) and len(start.v):
+        if (self.facts.needs_rates or self.of_drag) and len(start.v):
             for field, rate in zip(self._start_rates, (start.v, start.a), strict=True):
                 field.array[:] = rate
-        if self.needs_previous:
+        if self.facts.needs_previous:
             self._values["memory"][...] = start.memory
             before = start.q if start.q_previous is None else start.q_previous
             self.moving[4].array[:] = before
@@ -457,15 +457,14 @@ class BeamForms:
     def normal_stretch(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
         instant = Parts(np.zeros(1), np.ones(1), q=q[None], memory=np.zeros(1))
-        values = self._point_values(self._weak.normal_stretch)
-        return values(instant, np.empty((1, 0)), (self.fields.degree,))[0]
+        values = self._point_values(self._forms.module("normal_stretch"))
+        return values(instant, np.empty((1, 0)), (self.degree,))[0]
 
-    def _point_values(self, expressions: list[CompiledForm]) -> PointValues:
+    def _point_values(self, expressions: FormModule) -> PointValues:
         """Values of expressions, one for all cells, or for each subdomain its own."""
-        fields, tags = self.fields, self._tags if len(expressions) > 1 else 0 * self._tags
-        changing = fields.time, fields.dt, fields.memory, self.parameters[0]
-        bound = [BoundForm(of, self._mesh, self._data) for of in expressions]
-        return PointValues(bound, tags, self._mesh, self.moving, changing)
+        bound = [BoundForm(of, self._mesh, self._data) for of in expressions.forms.values()]
+        tags = self._tags if len(bound) > 1 else 0 * self._tags
+        return PointValues(bound, tags, self._mesh, self.moving)
 
     def begin_part(self, part: Part) -> None:
         """Begin a completed step."""
@@ -476,15 +475,15 @@ class BeamForms:
 
     @cached_property
     def _resultants(self) -> PointValues:
-        return self._point_values(self._weak.compiled_resultants)
+        return self._point_values(self._forms.module("of_points"))
 
     def resultants(self, parts: Parts) -> np.ndarray:
         """N, Q and M (n, cells, degree, 3) at the Gauss points, for n steps or parts."""
         parameters = parts.parameters
         if not parameters.size:
             parameters = self._parameters.at_times(parts.t)
-        shape = self.fields.degree, 3
-        return self._resultants(parts, parameters[:, self.parameters[1]], shape)
+        shape = self.degree, 3
+        return self._resultants(parts, parameters[:, self.parameters], shape)
 
 
 def _shapes(data: Mapping[str, Data]) -> tuple[DataShape | None, DataShape | None]:
@@ -494,16 +493,16 @@ def _shapes(data: Mapping[str, Data]) -> tuple[DataShape | None, DataShape | Non
 
 
 class NaturalFields:
-    """Fields in the place of UFL's natural strains; none if they are not `present`."""
+    """Fields of natural strains; none if they are not `present`."""
 
-    def __init__(self, mesh: Mesh, fields: Fields, present: bool):
-        #: The fields by their symbols, and spaces by the names of derivatives.
-        self.data: dict[Any, Field] = {}
+    def __init__(self, mesh: Mesh, degree: int, present: bool):
+        #: The fields and their spaces, by name.
+        self.data: dict[str, Field] = {}
         self.spaces: dict[str, Space] = {}
         if present:
-            space = mesh.space(fields.degree, 3)
-            self.data = {symbol: Field(space) for symbol in fields.natural}
-            self.spaces = {"natural": space, "natural_end": space}
+            space = mesh.space(degree, 3)
+            self.data = {name: Field(space) for name in NATURAL}
+            self.spaces = dict.fromkeys(NATURAL, space)
 
     def set(self, start: np.ndarray | None, end: np.ndarray | None = None) -> None:
         """Set the strains (cells, degree, 3) at the start or at the end of the step."""

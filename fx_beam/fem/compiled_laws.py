@@ -7,22 +7,17 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import ufl
-from ufl.algorithms import expand_derivatives
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.apply_derivatives import apply_derivatives
-from ufl.constantvalue import Zero
-from ufl.corealg.map_dag import map_expr_dag
-from ufl.corealg.multifunction import MultiFunction
-
 import numpy as np
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
-from fx_beam.fem import elements, ffcx_api
 from fx_beam.laws.point_laws import Motion, PointLaw, StepRule, arguments
 from fx_beam.laws.rates import NodalRates
 from fx_beam.scene.parameters import names_of, parameters_in, replaced, symbols_only
+from fx_beam.symbolic import Written, derivatives_taken, is_zero, ufl
+
+from . import elements
+from .form_library import CompiledForm, form_module
 
 # Tensor, coefficients, constants, coordinates; the others have no meaning here. Later versions of
 # FFCx have one more, which C ignores where there is none.
@@ -32,24 +27,14 @@ _FUNCTION = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)
 Values = Callable[[Any], Any]
 
 
-class _Stripped(MultiFunction):
-    """An expression without the variables of its derivatives; parts that it shares stay shared."""
-
-    expr = MultiFunction.reuse_if_untouched
-
-    def variable(self, _, operand, label):
-        """What the variable stands for."""
-        return operand
-
-
-def _shared(expression: Any) -> Any:
-    """The expression with equal parts as one object.
+def _shared(expression: Any, variables: bool = True) -> Any:
+    """The expression with equal parts as one object, with or without variables of derivatives.
 
     UFL compares equal objects part by part, whose number without sharing grows exponentially.
     """
     known: dict[int, Any] = {}
     by_parts: dict[Any, Any] = {}
-    reuse = MultiFunction().reuse_if_untouched
+    reuse = ufl.corealg.multifunction.MultiFunction().reuse_if_untouched
     left = [expression]
     while left:
         part = left[-1]
@@ -60,6 +45,9 @@ def _shared(expression: Any) -> Any:
         else:
             left.pop()
             parts = [known[id(of)] for of in part.ufl_operands]
+            if not variables and isinstance(part, ufl.classes.Variable):
+                known[id(part)] = parts[0]
+                continue
             key = (type(part), *map(id, parts)) if parts else part
             if key not in by_parts:
                 by_parts[key] = reuse(part, *parts)
@@ -70,12 +58,9 @@ def _shared(expression: Any) -> Any:
 class PointFunction:
     """A UFL vector of some numbers as a C function."""
 
-    def __init__(self, compiled: ffcx_api.CompiledForm):
-        self._compiled = compiled
-        #: Number of its values.
-        self.size = compiled.form[0].ufl_shape[0]
-        #: Address of the function.
-        self.address = ffcx_api.expression_function(compiled)
+    def __init__(self, compiled: CompiledForm):
+        #: Number of its values, and address of the function.
+        self.size, (self.address,) = compiled.values, compiled.addresses
         self._function = _FUNCTION(self.address)
 
     def __call__(self, numbers: np.ndarray) -> np.ndarray:
@@ -85,19 +70,28 @@ class PointFunction:
         return out
 
 
-def point_functions(values: Mapping[str, Values], arguments: int) -> list[PointFunction]:
-    """UFL vectors of `arguments` numbers by name, which are used together, as C functions."""
+def _written(values: Mapping[str, Values], arguments: int) -> Written:
+    """UFL vectors of `arguments` numbers by name, which are used together."""
     numbers = ufl.Constant(elements.domain(1), shape=(arguments,))
+    expand = ufl.algorithms.expand_derivatives
     # Without the variables of derivatives: later versions of UFL tell them apart by numbers of
     # the process, and would compile the same function again.
     expressions = {
-        name: map_expr_dag(_Stripped(), expand_derivatives(_shared(of(numbers))))
+        name: (_shared(expand(_shared(of(numbers))), variables=False), np.array([[0.5]]))
         for name, of in values.items()
     }
-    compiled = ffcx_api.compile_together(
-        {name: (expression, np.array([[0.5]])) for name, expression in expressions.items()}
-    )
-    return [PointFunction(function) for function in compiled]
+    return Written(expressions, {numbers: "numbers"})
+
+
+def point_functions(
+    values: Mapping[str, Values], arguments: int, key: Any = None
+) -> list[PointFunction]:
+    """UFL vectors of `arguments` numbers by name, which are used together, as C functions.
+
+    They have a key if no function of a user is in them.
+    """
+    module = form_module(key, lambda: _written(values, arguments))
+    return [PointFunction(form) for form in module.forms.values()]
 
 
 OfMotion = Callable[[Motion], list]
@@ -108,22 +102,16 @@ class CompiledLaw:
 
     def __init__(self, law: PointLaw, rule: StepRule):
         self.law, self._rule = law, rule
+        self._key = None if law.of_user else (*law.key, *rule)
+        module = form_module(self._key, self._written)
+        facts, functions = module.facts, map(PointFunction, module.forms.values())
+        self._functions = dict(zip(["law", *facts["others"]], functions, strict=True))
         #: Rows and columns (n, 2) of the entries of the tangent that may be other than zero.
-        self.entries = np.empty((0, 2), dtype=np.int32)
-        symbols = ufl.Constant(elements.domain(1), shape=(arguments(law),))
-        motion = self._motion(symbols)
-        functions = {name: getattr(law, name) for name in ("energy", "loss", "switches")}
-        others = {name: _listed(of) for name, of in functions.items() if of is not None}
+        self.entries = np.array(facts["entries"], dtype=np.int32).reshape(-1, 2)
         #: Number of values that change their sign where the force switches.
-        self.conditions = len(others["switches"](motion)) if "switches" in others else 0
-        if not self.conditions:
-            others.pop("switches", None)
+        self.conditions: int = facts["conditions"]
         #: Names of the parameters in its functions, whose values are given behind all else.
-        self.parameters = self._names(motion, others) if law.of_user else []
-        named = {law.name: self._function(self._forces)}
-        named |= {f"{name} of {law.name}": self._function(of) for name, of in others.items()}
-        made = point_functions(named, self.given)
-        self._functions = dict(zip(["law", *others], made, strict=True))
+        self.parameters: list[str] = facts["parameters"]
         self._derivatives: dict[str, PointFunction] = {}
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
         self.values = law.size + len(self.entries) + law.internal + law.remembered
@@ -168,8 +156,25 @@ class CompiledLaw:
                 return ufl.diff(energy(given)[0], given)
 
             name = f"derivatives of the {of} of {self.law.name}"
-            (self._derivatives[of],) = point_functions({name: values}, self.given)
+            key = self._key and (*self._key, name)
+            (self._derivatives[of],) = point_functions({name: values}, self.given, key)
         return self._derivatives[of]
+
+    def _written(self) -> Written:
+        """Its functions in UFL."""
+        law = self.law
+        motion = self._motion(ufl.Constant(elements.domain(1), shape=(arguments(law),)))
+        functions = {name: getattr(law, name) for name in ("energy", "loss", "switches")}
+        others = {name: _listed(of) for name, of in functions.items() if of is not None}
+        conditions = len(others["switches"](motion)) if "switches" in others else 0
+        if not conditions:
+            others.pop("switches", None)
+        self.parameters = self._names(motion, others) if law.of_user else []
+        named = {law.name: self._function(self._forces)}
+        named |= {f"{name} of {law.name}": self._function(of) for name, of in others.items()}
+        written = _written(named, self.given)
+        facts = {"others": [*others], "entries": self._entries, "conditions": conditions}
+        return written._replace(facts={**facts, "parameters": self.parameters})
 
     def _names(self, motion: Motion, others: dict[str, OfMotion]) -> list[str]:
         with symbols_only():
@@ -198,9 +203,9 @@ class CompiledLaw:
             (i, k, derivative)
             for i, force in enumerate(result.forces)
             for k, D in enumerate(motion.increment)
-            if not isinstance(derivative := _derivative(force, D), Zero)
+            if not is_zero(derivative := derivatives_taken(ufl.diff(force, D)))
         ]
-        self.entries = np.array([entry[:2] for entry in entries], dtype=np.int32).reshape(-1, 2)
+        self._entries = [entry[:2] for entry in entries]
         return [
             *result.forces,
             *(entry[2] for entry in entries),
@@ -227,7 +232,7 @@ def _listed(function: Callable[[Motion], Any]) -> OfMotion:
 
 
 def _derivative(force: Any, D: Any) -> Any:
-    return apply_derivatives(apply_algebra_lowering(ufl.diff(force, D)))
+    return derivatives_taken(ufl.diff(force, D))
 
 
 def _kept(make: Callable) -> Callable:
@@ -259,7 +264,9 @@ def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -
             rows = [ufl.diff(of, given) for of in quantities]
         return ufl.as_vector([row[k] for row in rows for k in columns])
 
-    return point_functions({f"slopes of {law.name}": values}, count)[0]
+    name = f"slopes of {law.name}"
+    key = None if law.of_user else (*law.key, *rule, name)
+    return point_functions({name: values}, count, key)[0]
 
 
 _compiled_law = _kept(CompiledLaw)

@@ -6,11 +6,16 @@ import functools
 from importlib import import_module
 from typing import Any
 
-import ufl
+from fx_beam.symbolic import ufl
 
-#: Whether elements belong to UFL, in 2022.2, or to basix.
-OF_UFL = hasattr(ufl, "FiniteElement")
-_BASIX: Any = None if OF_UFL else import_module("basix.ufl")
+
+def _of_ufl() -> bool:
+    """Whether elements belong to UFL, in 2022.2, or to basix."""
+    return hasattr(ufl, "FiniteElement")
+
+
+def _basix() -> Any:
+    return import_module("basix.ufl")
 
 
 @functools.cache
@@ -20,20 +25,20 @@ def lagrange(degree: int, size: int | None = None, *, broken: bool = False):
     The explicit variant makes signatures of forms, and so the cache, equal in all processes.
     """
     family = "DG" if broken else "Lagrange"
-    if OF_UFL:
+    if _of_ufl():
         cell = ufl.Cell("interval", geometric_dimension=2)
         element = ufl.FiniteElement(family, cell, degree, variant="equispaced")
         return element if size is None else ufl.VectorElement(element, dim=size)
     variant = import_module("basix").LagrangeVariant.equispaced
     shape = None if size is None else (size,)
-    return _BASIX.element(family, "interval", degree, lagrange_variant=variant, shape=shape)
+    return _basix().element(family, "interval", degree, lagrange_variant=variant, shape=shape)
 
 
 @functools.cache
 def _beam(degree: int, nodal: bool):
     rotation = lagrange(0, degree + 1, broken=True) if nodal else lagrange(degree)
     fields = [lagrange(degree, 2), rotation]
-    return ufl.MixedElement(fields) if OF_UFL else _BASIX.mixed_element(fields)
+    return ufl.MixedElement(fields) if _of_ufl() else _basix().mixed_element(fields)
 
 
 @functools.cache
@@ -41,8 +46,8 @@ def _values_at_points(points: int, *shape: int):
     if points == 1:
         return lagrange(0, *shape, broken=True)
     degree = 2 * points - 1
-    if not OF_UFL:
-        return _BASIX.quadrature_element("interval", shape, degree=degree)
+    if not _of_ufl():
+        return _basix().quadrature_element("interval", shape, degree=degree)
     kind, cell = "Quadrature", ufl.Cell("interval", geometric_dimension=2)
     if shape:
         return ufl.VectorElement(kind, cell, degree, *shape, quad_scheme="default")
@@ -74,18 +79,27 @@ def gauss_space(on, points: int, *shape: int):
     return ufl.FunctionSpace(on, _values_at_points(points, *shape))
 
 
-class Coefficient(ufl.Coefficient):
-    """UFL's symbol for a function. Its name may stand in C; FFCx 0.5 takes UFL's own, w_{10}."""
+@functools.cache
+def _coefficients() -> type:
+    class Coefficient(ufl.Coefficient):
+        """Its name may stand in C; FFCx 0.5 takes UFL's own, w_{10}."""
 
-    def __str__(self):
-        return f"w{self.count()}"
+        def __str__(self):
+            return f"w{self.count()}"
+
+    return Coefficient
+
+
+def coefficient(space):
+    """UFL's symbol for a function."""
+    return _coefficients()(space)
 
 
 def data(on, points: int, shape: tuple[int, ...] = ()):
     """UFL's symbol for data: a constant for 0 points, else a function on a `gauss_space`."""
     if not points:
         return ufl.Constant(on, shape=shape)
-    return Coefficient(gauss_space(on, points, *shape))
+    return coefficient(gauss_space(on, points, *shape))
 
 
 def measure(on, points: int):

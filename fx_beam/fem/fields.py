@@ -8,8 +8,6 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-import ufl
-
 import numpy as np
 
 from fx_beam.dual import plain, stacked
@@ -21,11 +19,18 @@ from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.section import Section
 from fx_beam.scene.structure import OtherStructureError
+from fx_beam.symbolic import ufl
 
 from . import elements
 from .assembly import Field
 from .mesh import Mesh
 
+#: Names of nodal fields: the first changes in every iteration, the others in every step.
+NODAL = "increment", "start", "velocity", "acceleration", "q_previous"
+#: Of natural strains at the Gauss points, at the start and at the end of the step.
+NATURAL = "natural", "natural_end"
+#: Of numbers of a step.
+CONSTANTS = "time", "dt", "load_factor", "load_increment", "memory"
 #: What a form must know of its data: number of Gauss points (0: constant) and shape of a value.
 DataShape = tuple[int, tuple[int, ...]]
 
@@ -137,16 +142,16 @@ class Fields:
         self._domain = domain = elements.domain(degree if curved else 1)
         space = elements.beam_space(domain, degree)
         #: Displacements and rotations at the start of the step.
-        self.start = elements.Coefficient(space)
+        self.start = elements.coefficient(space)
         #: Velocity and acceleration at the start of the step.
-        self.start_rates = tuple(elements.Coefficient(space) for _ in range(2))
+        self.start_rates = tuple(elements.coefficient(space) for _ in range(2))
         self.time, self.dt, self.load_factor = (ufl.Constant(domain) for _ in range(3))
         #: Increment of the load factor in statics.
         self.load_increment = ufl.Constant(domain)
         #: Displacements and rotations at the start of the last step, and `Step.memory`.
-        self.q_previous, self.memory = elements.Coefficient(space), ufl.Constant(domain)
+        self.q_previous, self.memory = elements.coefficient(space), ufl.Constant(domain)
         #: Natural strains at the Gauss points, at the start and at the end of the step.
-        self.natural = tuple(elements.Coefficient(self.internal(3)) for _ in range(2))
+        self.natural = tuple(elements.coefficient(self.internal(3)) for _ in range(2))
         #: The fields without nodal rotations, for mass and loads.
         self.plain = self
         #: Coordinate on each cell, from 0 to the degree, of `with_nodal_rotations`.
@@ -159,30 +164,22 @@ class Fields:
 
     def _set_unknowns(self, space) -> None:
         #: Increments of displacements and rotations.
-        self.increment = elements.Coefficient(space)
+        self.increment = elements.coefficient(space)
         self.test, self.trial = ufl.TestFunction(space), ufl.TrialFunction(space)
 
     def _nodal(self) -> Fields:
         other = copy.copy(self)
-        other.coordinate = elements.Coefficient(elements.coordinate_space(self._domain))
+        other.coordinate = elements.coefficient(elements.coordinate_space(self._domain))
         other._set_unknowns(elements.beam_space(self._domain, self.degree, nodal=True))
         return other
 
     @property
-    def known(self) -> list:
-        """All fields, of which forms may consist."""
-        constants = self.time, self.dt, self.load_factor, self.load_increment, self.memory
-        known = [*self.moving, *self.natural, *constants]
-        return known if self.coordinate is None else [*known, self.coordinate]
-
-    def of_step(self, at_rest: bool) -> tuple:
-        """Length and memory of a step; in statics the load factor's increment and the factor."""
-        return (self.load_increment, self.load_factor) if at_rest else (self.dt, self.memory)
-
-    @property
-    def moving(self) -> tuple:
-        """Fields that change: the first in every iteration, the others in every step."""
-        return self.increment, self.start, *self.start_rates, self.q_previous
+    def names(self) -> dict[Any, str]:
+        """Names of all fields, of which forms may consist."""
+        moving = self.increment, self.start, *self.start_rates, self.q_previous
+        names = dict(zip((*moving, *self.natural), NODAL + NATURAL, strict=True))
+        names |= {getattr(self, name): name for name in CONSTANTS}
+        return names if self.coordinate is None else {**names, self.coordinate: "coordinate"}
 
     @property
     def jacobian(self):
@@ -231,7 +228,7 @@ class Fields:
         v0, a0 = (ufl.split(rate) for rate in self.start_rates)
         u_before, psi_before = ufl.split(self.q_previous)
         v, omega = rates.fields(Du, Dpsi, v0, a0, self.dt)
-        refuse_fields(fields_in(ufl.as_vector((*v, omega))), what, self.known)
+        refuse_fields(fields_in(ufl.as_vector((*v, omega))), what, self.names)
         return Step(
             u0=u0,
             psi0=psi0,

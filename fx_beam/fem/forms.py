@@ -112,7 +112,7 @@ class Forms:
     @property
     def needs_previous(self) -> bool:
         """Whether the forces depend on the start of the last step."""
-        return self.beams is not None and self.beams.needs_previous
+        return self.beams is not None and self.beams.facts.needs_previous
 
     @property
     def has_added(self) -> bool:

@@ -5,54 +5,44 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-import ufl
-from ufl.algorithms import expand_derivatives
-
 import numpy as np
 
 from fx_beam.scene.beam import gauss_rule
+from fx_beam.symbolic import Written, ufl
 
-from . import elements, ffcx_api
+from . import elements
 from .assembly import BoundForm, Space
-from .ffcx_api import CompiledForm
-from .fields import Fields
-from .weak_form import WeakForm
-
-#: Names of the derivatives by nodal vectors.
-NODAL = "increment", "start", "q_previous"
+from .fields import NODAL, Fields
+from .form_library import CompiledForm, FormSource
+from .weak_form import Kind, WeakForm
 
 
 class WorkOnWeights:
     """A work on weights and its derivatives by name, in UFL; on no particular mesh."""
 
-    def __init__(self, name: str, work: Any, derivatives: dict[str, Any], weights: list[Any]):
-        self.derivatives, self.weights = derivatives, weights
-        self._name, self._work = name, work
-        self._compiled: dict[tuple[str, ...], dict[tuple[str, int], CompiledForm]] = {}
+    def __init__(self, work: Any, derivatives: dict[str, Any], weights: list[Any], names: Mapping):
+        self._work, self._derivatives, self._weights = work, derivatives, weights
+        self._names = {**names, **{weight: f"weight {k}" for k, weight in enumerate(weights)}}
 
-    def slopes(self, names: Iterable[str]) -> dict[tuple[str, int], CompiledForm]:
-        """The work itself, as ("work", 0), and derivatives by these names and by each weight."""
-        key = tuple(names)
-        if key not in self._compiled:
-            self._compiled[key] = self._slopes(key)
-        return self._compiled[key]
+    def derivatives(self) -> Written:
+        """Names of the derivatives, as a fact."""
+        return Written({}, {}, {"derivatives": [*self._derivatives]})
 
-    def _slopes(self, names: tuple[str, ...]) -> dict[tuple[str, int], CompiledForm]:
-        slopes = {("work", 0): self._work}
-        for name in names:
-            for number, weight in enumerate(self.weights):
-                slope = ufl.derivative(self.derivatives[name], weight)
-                if not expand_derivatives(slope).empty():
-                    slopes[name, number] = slope
-        titles = {f"{self._name}, slope {name} {k}": slopes[name, k] for name, k in slopes}
-        compiled = ffcx_api.compile_together(titles, ffcx_api.ONLY_IN_BATCHES)
-        return dict(zip(slopes, compiled, strict=True))
+    def slopes(self, *wanted: str) -> Written:
+        """The work itself, as "work 0", and derivatives by these names and by each weight."""
+        slopes = {"work 0": self._work}
+        for name in wanted:
+            for number, weight in enumerate(self._weights):
+                slope = ufl.derivative(self._derivatives[name], weight)
+                if not _is_empty(slope):
+                    slopes[f"{name} {number}"] = slope
+        return Written(slopes, self._names)
 
 
 class BoundVjp(NamedTuple):
-    """A work on a mesh."""
+    """A work on a mesh, by forms of `WorkOnWeights`."""
 
-    work: WorkOnWeights
+    source: FormSource
     #: Spaces of the derivatives by their names.
     spaces: Mapping[str, Space]
     #: Binds a form with arguments in these spaces.
@@ -60,18 +50,21 @@ class BoundVjp(NamedTuple):
     #: Spaces of the weights.
     of_weights: list[Space]
 
-    def slopes(self, names: Iterable[str]) -> dict[tuple[str, int], BoundForm]:
-        """The work and its slopes."""
+    def slopes(self, wanted: Iterable[str]) -> dict[tuple[str, int], BoundForm]:
+        """The work, as ("work", 0), and its slopes."""
         slopes = {}
-        for (name, number), form in self.work.slopes(names).items():
-            spaces = [] if name == "work" else [self.spaces[name], self.of_weights[number]]
-            slopes[name, number] = self.bind(form, spaces)
+        for title, form in self.source.module("slopes", *wanted).forms.items():
+            name, number = title.rsplit(" ", 1)
+            of_weight = self.of_weights[int(number)]
+            spaces = [] if name == "work" else [self.spaces[name], of_weight]
+            slopes[name, int(number)] = self.bind(form, spaces)
         return slopes
 
     @property
     def sizes(self) -> dict[str, int]:
         """How many numbers of an element there are, by the names of derivatives."""
-        return {name: self.spaces[name].width for name in self.work.derivatives}
+        names = self.source.module("derivatives").facts["derivatives"]
+        return {name: self.spaces[name].width for name in names}
 
 
 def derivatives_of(quantity: Any, fields: Fields, by: Mapping[str, Any]) -> dict[str, Any]:
@@ -84,16 +77,12 @@ def derivatives_of(quantity: Any, fields: Fields, by: Mapping[str, Any]) -> dict
     X, of_X = fields.coordinates
     argument = ufl.Argument(of_X, len(quantity.arguments()))
     forms["coordinates"] = ufl.derivative(quantity, X, argument)
-    return {what: form for what, form in forms.items() if not expand_derivatives(form).empty()}
+    return {what: form for what, form in forms.items() if not _is_empty(form)}
 
 
-def compiled_derivatives(
-    title: str, quantity: Any, fields: Fields, by: Mapping[str, Any]
-) -> dict[str, CompiledForm]:
-    """The same, compiled."""
-    forms = derivatives_of(quantity, fields, by)
-    named = {f"{title} by {what}": form for what, form in forms.items()}
-    return dict(zip(forms, ffcx_api.compile_together(named), strict=True))
+def _is_empty(form: Any) -> bool:
+    """Whether a form is zero once its derivatives are taken."""
+    return ufl.algorithms.expand_derivatives(form).empty()
 
 
 class DerivedForm(WeakForm):
@@ -102,73 +91,56 @@ class DerivedForm(WeakForm):
     All data of the sections must vary, cell by cell at least.
     """
 
-    title: str
-
-    def __init__(self, parameters: Any, *arguments: Any):
-        #: UFL's constant of the values of parameters; None without any.
-        self._values = parameters
-        super().__init__(*arguments)
+    def __init__(self, kind: Kind):
+        super().__init__(kind)
+        fields, quantity = self.fields, self._quantity()
+        if self.parameters is not None:
+            #: Zero, added to the parameters of each element.
+            more = fields.data((1, self.parameters.ufl_shape))
+            self.named[more] = "more"
+            quantity = ufl.replace(quantity, {self.parameters: self.parameters + more})
+        of = {name: symbol for symbol, name in self.named.items() if symbol is not None}
+        names = "q_previous", "internal", "natural", "natural_end", "stiffness", "times"
+        by = {name: of.get(name) for name in names} | {"parameters": of.get("more")}
+        #: Those in the quantity by name.
+        by = {name: field for name, field in by.items() if field in quantity.coefficients()}
+        #: The quantity, and its derivatives by name.
+        self.quantity, self.derived = quantity, derivatives_of(quantity, fields, by)
 
     def _quantity(self) -> Any:
         """It, as an integral."""
         raise NotImplementedError
 
-    def _compile(self) -> None:
-        fields, quantity = self.fields, self._quantity()
-        #: Zero, added to the parameters of each element.
-        self.more: Any = None
-        if self.parameters is not None:
-            self.more = fields.data((1, self.parameters.ufl_shape))
-        quantity = self._with_more(quantity)
-        by = {"q_previous": fields.q_previous, "internal": self.internal}
-        by |= dict(zip(("natural", "natural_end"), fields.natural, strict=True))
-        by |= {"stiffness": self.stiffness, "times": self.times, "parameters": self.more}
-        #: Those in the quantity by name.
-        self.by = {name: field for name, field in by.items() if field in quantity.coefficients()}
-        self._derive(quantity)
-
-    def _derive(self, quantity: Any) -> None:
-        #: Its derivatives by name.
-        self.forms = compiled_derivatives(self.title, quantity, self.fields, self.by)
-
-    def _with_more(self, quantity: Any) -> Any:
-        if self.more is None:
-            return quantity
-        return ufl.replace(quantity, {self.parameters: self._values + self.more})
+    def derivatives(self) -> Written:
+        """Its derivatives by name."""
+        return Written(self.derived, self.named)
 
 
-class VjpForm(DerivedForm):
+def vjp_of(kind: Kind) -> WorkOnWeights:
     """The work of the internal forces of a step on weights in the place of virtual displacements.
 
     With internal variables, their increments times further weights are added.
     """
+    form = _VjpForm(kind)
+    return WorkOnWeights(form.quantity, form.derived, form.weights, form.named)
 
-    title = "work"
 
+class _VjpForm(DerivedForm):
     def _quantity(self) -> Any:
         test = self.fields.test
         #: Weights in the place of the test function, and of the increments of internal variables.
-        self.weight = elements.Coefficient(test.ufl_function_space())
-        self.internal_weight = None
-        work = ufl.replace(self._residual, {test: self.weight})
+        self.weights = [elements.coefficient(test.ufl_function_space())]
+        work = ufl.replace(self._residual, {test: self.weights[0]})
         if self.width:
             space = self.fields.internal(self.width)
-            self.internal_weight = elements.Coefficient(space)
-            grown = {ufl.TestFunction(space): self.internal_weight}
+            self.weights.append(elements.coefficient(space))
+            grown = {ufl.TestFunction(space): self.weights[1]}
             work += ufl.replace(self._increments(), grown)
         return work
-
-    def _derive(self, quantity: Any) -> None:
-        weights = [self.weight, *[self.internal_weight] * bool(self.width)]
-        derivatives = derivatives_of(quantity, self.fields, self.by)
-        #: The work with its weights.
-        self.work = WorkOnWeights(self.title, quantity, derivatives, weights)
 
 
 class StoredForm(DerivedForm):
     """The stored energy."""
-
-    title = "stored energy"
 
     def _quantity(self) -> Any:
         return self._stored
@@ -177,16 +149,12 @@ class StoredForm(DerivedForm):
 class LossForm(DerivedForm):
     """What material and scheme take in a step."""
 
-    title = "lost energy"
-
     def _quantity(self) -> Any:
         return self._losses["lost energy"] + self._losses["scheme's loss"]
 
 
 class ResultantForm(DerivedForm):
     """Resultants at the Gauss points, each times the weight of its point."""
-
-    title = "resultants"
 
     def _quantity(self) -> Any:
         return self._at_points(self.resultants, ufl.TestFunction(self.fields.internal(3)))

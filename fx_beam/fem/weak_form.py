@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
-import ufl
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.check_arities import check_integrand_arity
-
-from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError, fields_in, refuse_fields
 from fx_beam.laws.kinematics import arc_derivative, director
 from fx_beam.laws.resultants import (
@@ -35,11 +29,11 @@ from fx_beam.scene.law import (
     quadratic_law,
 )
 from fx_beam.scene.loads import VirtualWork
-from fx_beam.scene.parameters import STEP, names_of, parameters_in, parameters_of, replaced
+from fx_beam.scene.parameters import names_of, parameters_in, parameters_of, replaced
+from fx_beam.symbolic import Written, ufl
 
-from . import elements, ffcx_api
-from .ffcx_api import REFUSALS, CompiledForm
-from .fields import DataShape, Fields
+from . import elements
+from .fields import DataShape, Fields, fields_of
 
 #: Energies that the material and the scheme take in a step, and that the scheme holds for the next.
 LOSSES = "lost energy", "scheme's loss", "scheme's energy"
@@ -47,8 +41,8 @@ LOSSES = "lost energy", "scheme's loss", "scheme's energy"
 Material = tuple[Energy | None, InternalVariables | None]
 
 
-class WeakForm:
-    """Internal forces, tangent and energies of beams for a scheme, on no particular mesh.
+class Kind(NamedTuple):
+    """What forms of a step depend on, on no particular mesh.
 
     `materials` are those of the sections, numbered as subdomains if there are several. Data
     are known by their shapes: `stiffness` of the quadratic energy, `times` of the retardation, None
@@ -56,17 +50,50 @@ class WeakForm:
     natural strains.
     """
 
-    def __init__(
-        self,
-        fields: Fields,
-        scheme: Scheme,
-        materials: Sequence[Material],
-        stiffness: DataShape | None,
-        times: DataShape | None,
-        works: Sequence[tuple[VirtualWork, DataShape]] = (),
-        natural: bool = False,
-    ):
-        self.fields, self.scheme, self.has_natural = fields, scheme, natural
+    degree: int
+    curved: bool
+    scheme: Scheme
+    materials: tuple[Material, ...]
+    works: tuple[tuple[VirtualWork, DataShape], ...]
+    natural: bool
+    stiffness: DataShape | None
+    times: DataShape | None
+
+    @property
+    def key(self) -> tuple | None:
+        """An identifier if all functions are those of this package, else None."""
+        if not self.scheme.built_in or self.works or self.materials != (_ELASTIC,):
+            return None
+        return (*self[:2], self.scheme.key, *self[5:])
+
+
+_ELASTIC: Material = (None, None)
+
+
+class StepFacts(NamedTuple):
+    """What the users of the forms of a step must know of them."""
+
+    #: Whether the forces depend on the start of the last step, and on rates at the start of a step.
+    needs_previous: bool
+    needs_rates: bool
+    #: Whether the resultants depend on rates at the start of a step, and on any rates.
+    resultants_need_rates: bool
+    resultants_move: bool
+    #: Number of internal variables at a Gauss point.
+    width: int
+    #: Names of all parameters, and of those in stored energies.
+    names: list[str]
+    names_in_energies: list[str]
+
+
+class WeakForm:
+    """Internal forces, tangent and energies of beams for a scheme, in UFL."""
+
+    def __init__(self, kind: Kind):
+        scheme, materials, works = kind.scheme, kind.materials, kind.works
+        self.fields, self.scheme = fields_of(kind.degree, kind.curved), scheme
+        fields, stiffness, times = self.fields, kind.stiffness, kind.times
+        self.has_natural = kind.natural
         #: Stiffnesses (EA, GA, EI) of the quadratic law.
         self.stiffness = None if stiffness is None else fields.data(stiffness)
         #: Retardation times of axial, shear and bending strains.
@@ -79,7 +106,11 @@ class WeakForm:
         )
         #: Names of the parameters in stored energies, and of all.
         self.names_in_energies = names_of(of_energies)
-        of_works = parameters_in(*(work.of(STEP, "virtual work") for work, _ in works))
+        of_works = []
+        if works:
+            from fx_beam.scene.symbols import STEP
+
+            of_works = parameters_in(*(work.of(STEP, "virtual work") for work, _ in works))
         self.names = names_of([*of_energies, *scheme.parameters, *of_works])
         #: Their values (n,), None without any, and those by name.
         self.parameters: Any = None
@@ -97,13 +128,19 @@ class WeakForm:
                     f"{scheme.name}: the sub-step that goes back in time would give back what "
                     "internal variables of a section have dissipated. Use order=2"
                 )
-            self.internal = elements.Coefficient(fields.internal(self.width))
+            self.internal = elements.coefficient(fields.internal(self.width))
         self._build_resultants()
         self._build_residual()
-        self.added: CompiledForm | None = None
+        #: Names of all symbols.
+        self.named = {
+            **self.fields.names,
+            **{self.stiffness: "stiffness", self.times: "times", self.parameters: "parameters"},
+            **{self.internal: "internal"},
+            **{symbol: f"indicator {i}" for i, symbol in enumerate(self.indicators)},
+        }
+        self._added: Any = 0
         if works:
             self._add([work for work, _ in works])
-        self._compile()
 
     def _build_resultants(self) -> None:
         """The step, and the resultants of each law."""
@@ -192,7 +229,7 @@ class WeakForm:
         # UFL extracts those of the form anyway, and caches them.
         used = [*self._residual.coefficients(), *self._residual.constants()]
         used += [field for parts in self._of_laws for field in fields_in(parts[0].M)]
-        known = [*self.fields.known, *(field for law in self._laws for field in law.data)]
+        known = [*self.fields.names, *(field for law in self._laws for field in law.data)]
         known += [] if self.times is None else fields_in(self.times)
         known += [self.internal, self.parameters]
         refuse_fields(used, f"resultants of {self.scheme.name}", known)
@@ -203,31 +240,28 @@ class WeakForm:
         for number, (work, inside) in enumerate(zip(works, self.indicators, strict=True), start=1):
             term = self._checked_work(work, f"virtual work {number}")
             per_length += term if work.beam is None else term * inside
-        added = per_length * self.fields.measure(self.fields.degree)
-        try:
-            self.added = ffcx_api.compile_form(added, "added virtual work")
-        except REFUSALS as error:
-            raise SceneError(
-                f"the added virtual work does not compile: {error}. Simplify its expressions"
-            ) from error
-        self._residual -= added
+        self._added = per_length * self.fields.measure(self.fields.degree)
+        self._residual -= self._added
 
     def _checked_work(self, work: VirtualWork, what: str) -> Any:
         """A virtual work per length in UFL; SceneError if it is none."""
         test, term = self.fields.test, replaced(work.of(self.step, what), self._by_name)
         known = [] if self.parameters is None else [self.parameters]
-        refuse_fields(fields_in(term), what, [*self.fields.known, *known])
+        refuse_fields(fields_in(term), what, [*self.fields.names, *known])
         wanted = f"{what}: the result must be a scalar UFL expression linear in step.virtual_u and "
         wanted += "step.virtual_psi"
         if term.ufl_shape != () or ufl.algorithms.extract_arguments(term) != [test]:
             raise SceneError(f"{wanted}, not {term}")
+        lowered = ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering
+        arities = ufl.algorithms.check_arities
         try:
-            check_integrand_arity(apply_algebra_lowering(term), (test,))
-        except REFUSALS as error:
+            arities.check_integrand_arity(lowered(term), (test,))
+        except (Exception, arities.ArityMismatch) as error:  # which is not always an Exception
             raise SceneError(f"{wanted}; {error}") from error
         return term
 
-    def _compile(self) -> None:
+    def of_step(self) -> Written:
+        """Forms of a step, those that there are."""
         fields, residual = self.fields, self._residual
         forms = {
             "internal forces": residual,
@@ -241,34 +275,34 @@ class WeakForm:
             # Increments at the Gauss points, each times its weight.
             "internal variables": self._increments() if self.width else 0,
         }
-        forms = {name: form for name, form in forms.items() if form}
-        #: Compiled forms by name, those that there are.
-        self.compiled = dict(zip(forms, ffcx_api.compile_together(forms), strict=True))
-        #: Whether the forces depend on the start of the last step.
-        self.needs_previous = fields.q_previous in residual.coefficients()
-        if self.needs_previous and len(self.scheme.fractions) > 1:
+        there = {name: form for name, form in forms.items() if form}
+        return Written(there, self.named, self._facts()._asdict())
+
+    def _facts(self) -> StepFacts:
+        fields, residual = self.fields, self._residual
+        needs_previous = fields.q_previous in residual.coefficients()
+        if needs_previous and len(self.scheme.fractions) > 1:
             raise SceneError(
                 f"{self.scheme.name}: its resultants depend on the last step, so that it cannot "
                 "have sub-steps. Use fractions=(1.0,)"
             )
-        #: Whether the forces depend on rates at the start of a step.
-        self.needs_rates = any(rate in residual.coefficients() for rate in fields.start_rates)
-        moves = self.needs_rates or fields.dt in residual.constants()
+        needs_rates = any(rate in residual.coefficients() for rate in fields.start_rates)
+        moves = needs_rates or fields.dt in residual.constants()
         used = [part for r in self.resultants for part in fields_in(r)] if moves else []
-        #: Whether the resultants depend on rates at the start of a step, and on any rates.
-        self.resultants_need_rates = any(rate in used for rate in fields.start_rates)
-        self.resultants_move = self.resultants_need_rates or fields.dt in used
+        resultants_need_rates = any(rate in used for rate in fields.start_rates)
+        return StepFacts(
+            needs_previous=needs_previous,
+            needs_rates=needs_rates,
+            resultants_need_rates=resultants_need_rates,
+            resultants_move=resultants_need_rates or fields.dt in used,
+            width=self.width,
+            names=self.names,
+            names_in_energies=self.names_in_energies,
+        )
 
-    @property
-    def moving(self) -> tuple:
-        """Fields that change, numbered as in problem.h; None in the place of internal variables."""
-        return *self.fields.moving, self.internal, *self.fields.natural
-
-    def given(self, damps: bool) -> list:
-        """Fields of the start of a step that the forms have, those of drag if it `damps`."""
-        _, start, *rates, before = self.fields.moving
-        rates = rates if damps or self.needs_rates or self.resultants_need_rates else []
-        return [start, *rates, *[before] * self.needs_previous]
+    def added(self) -> Written:
+        """The virtual works of a user."""
+        return Written({"added virtual work": self._added}, self.named)
 
     def _increments(self) -> Any:
         grown = [ends and ends[1] - ends[0] for ends in self._evolution]
@@ -283,50 +317,18 @@ class WeakForm:
                 form += per_length * (dx(tag) if len(of_laws) > 1 else dx)
         return form
 
-    @cached_property
-    def compiled_resultants(self) -> list[CompiledForm]:
+    def of_points(self) -> Written:
         """N, Q and M of each law at the Gauss points."""
-        return self._compiled_at_points("resultants", self.resultants)
+        return self._expressions("resultants", self.resultants)
 
-    @cached_property
-    def normal_stretch(self) -> list[CompiledForm]:
+    def normal_stretch(self) -> Written:
         """t . phi' of eq. 4 at the start of the step, 1 and the axial strain, there."""
-        return self._compiled_at_points("normal stretch", [1 + self.step.total_strains0[0]])
+        return self._expressions("normal stretch", [1 + self.step.total_strains0[0]])
 
-    def _compiled_at_points(self, name: str, expressions: Sequence[Any]) -> list[CompiledForm]:
+    def _expressions(self, name: str, expressions: Sequence[Any]) -> Written:
         points = gauss_rule(self.fields.degree)[0][:, None]
-        numbered = {f"{name} {k}": (of, points) for k, of in enumerate(expressions, start=1)}
-        return ffcx_api.compile_together(numbered)
-
-
-def weak_form(
-    fields: Fields,
-    scheme: Scheme,
-    materials: Sequence[Material],
-    stiffness: DataShape | None,
-    times: DataShape | None,
-    works: Sequence[tuple[VirtualWork, DataShape]],
-    natural: bool,
-    kind: Any = WeakForm,
-    *first: Any,
-) -> Any:
-    """The weak form of a kind of scene, kept if all its functions are those of this package.
-
-    Functions of the user are asked again: the data that they use may have changed. It may be of
-    another class, which has further arguments in the first place.
-    """
-    if scheme.built_in and not works and materials == [_ELASTIC]:
-        return _cached(kind, *first, fields, scheme, stiffness, times, natural)
-    return kind(*first, fields, scheme, materials, stiffness, times, works, natural)
-
-
-_ELASTIC: Material = (None, None)
-
-
-@functools.lru_cache(maxsize=64)
-def _cached(kind: Any, *arguments: Any) -> Any:
-    *first, stiffness, times, natural = arguments
-    return kind(*first, [_ELASTIC], stiffness, times, (), natural)
+        numbered = enumerate(expressions, start=1)
+        return Written({f"{name} {k}": (of, points) for k, of in numbered}, self.named)
 
 
 def _inverted_sections(fields: Fields) -> Any:

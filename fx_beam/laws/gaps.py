@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import ufl
+from fx_beam.symbolic import ufl
 
 from .point_laws import Coordinate, Kind, Motion, Slip, arm_length, dot
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import ufl
+from fx_beam.symbolic import ufl
 
 
 def perp(a):

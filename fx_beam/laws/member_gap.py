@@ -15,7 +15,7 @@ import functools
 from collections.abc import Sequence
 from typing import Any
 
-import ufl
+from fx_beam.symbolic import ufl
 
 from .point_laws import TINY, Coordinate, Kind, Motion, Slip
 

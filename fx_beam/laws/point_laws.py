@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import ufl
+from fx_beam.symbolic import ufl
 
 from .kinematics import tan
 from .rates import UpdateRule
@@ -120,6 +120,13 @@ class PointLaw:
     overshoots: bool = False
     #: What to say if it is not finite where all coordinates are zero; empty if that may be.
     at_zero: str = ""
+
+    @property
+    def key(self) -> tuple:
+        """Identifier of a law of this package: what it consists of, without its functions."""
+        has = [bool(function) for function in (self.energy, self.loss, self.switches)]
+        plain = self.size, self.numbers, self.internal, self.remembered, self.opens, self.sticks
+        return self.name, *plain, *has
 
 
 def arguments(law: PointLaw) -> int:

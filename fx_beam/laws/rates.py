@@ -7,13 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
-import ufl
-from ufl.corealg.traversal import unique_pre_traversal
-
 import numpy as np
 
 from fx_beam.errors import SceneError, as_float, is_number, require
-from fx_beam.scene.parameters import Symbol, symbols_only
+from fx_beam.scene.parameters import symbols_only
+from fx_beam.symbolic import parts_of, ufl
 
 # With less, the acceleration overflows.
 _LEAST_BETA = 1e-9
@@ -255,9 +253,11 @@ class NodalRates(UpdateRule):
 
     def _check(self, rule: Rule) -> None:
         """Refuse a rule whose acceleration does not depend on the increment."""
+        from fx_beam.scene.symbols import Symbol
+
         D, v0, a0, before = (ufl.as_vector([Symbol() for _ in range(3)]) for _ in range(4))
         a, _, _ = self.values(rule, D, v0, a0, before, Symbol())
-        if not set(D.ufl_operands) & set(unique_pre_traversal(a)):
+        if not set(D.ufl_operands) & set(parts_of(a)):
             raise SceneError(
                 "NodalRates: the acceleration that rule(D, v0, a0, before, dt) gives does not "
                 "depend on the increment D: the mass then has no effect. By the mid-point rule it "

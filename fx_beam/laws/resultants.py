@@ -7,9 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import ufl
-
 from fx_beam.scene.law import Law
+from fx_beam.symbolic import ufl
 
 from .kinematics import Step, differences, director, elastic, perp, strains, tan, virtual_work
 

@@ -6,8 +6,6 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import ufl
-
 from fx_beam.scene.law import (
     Energy,
     InternalVariables,
@@ -16,6 +14,7 @@ from fx_beam.scene.law import (
     is_quadratic,
     switches,
 )
+from fx_beam.symbolic import ufl
 
 from .point_laws import (
     REMEMBERED,

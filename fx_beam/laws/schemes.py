@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import accumulate
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fx_beam.errors import SceneError, as_float, is_number, is_one_of, require, shown
 from fx_beam.scene.law import Law
-from fx_beam.scene.parameters import Parameter
+from fx_beam.scene.parameters import is_parameter
 
 from .kinematics import Step
 from .rates import AtRest, MidPointRates, NewmarkRates, NodalRates
@@ -22,6 +22,9 @@ from .resultants import (
     averaged,
     with_exact_work,
 )
+
+if TYPE_CHECKING:
+    from fx_beam.scene.symbols import Parameter
 
 #: Sub-steps that the loop over time steps has room for (c/problem.h).
 MOST_SUB_STEPS = 32
@@ -98,13 +101,21 @@ class Scheme:
     @property
     def parameters(self) -> list[Parameter]:
         """Parameters of which the resultants consist, besides those of the law."""
-        damping = self.resultants.damping if isinstance(self.resultants, Decaying) else None
-        return [damping] if isinstance(damping, Parameter) else []
+        damping: Any = getattr(self.resultants, "damping", None)
+        return [damping] if isinstance(self.resultants, Decaying) and is_parameter(damping) else []
 
     @property
     def balances_energy(self) -> bool:
         """Whether the balance of energy is exact in each step, with nothing held for the next."""
         return self.resultants is _exact and self.rates.by_mean
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """What forms depend on of a scheme that is `built_in`."""
+        of: Any = self.resultants
+        if self.parameters:
+            of = replace(of, damping=of.damping.name)
+        return getattr(of, "__name__", repr(of)), repr(self.rates)
 
     @property
     def built_in(self) -> bool:
@@ -267,7 +278,7 @@ def EnergyDecaying(damping: float | Parameter = 0.1, order: int = 2) -> Scheme:
     >>> bool(abs(energy.balance_error).max() < 1e-12)
     True
     """
-    if not isinstance(damping, Parameter):
+    if not is_parameter(damping):
         damping = _checked("EnergyDecaying", "damping", damping, 0, 1, low_open=True)
     require(is_one_of(order, (1, 2)), "EnergyDecaying: order", order, "1 or 2")
     name = "EnergyDecaying" if order == 2 else "EnergyDecaying(order=1)"

@@ -75,7 +75,7 @@ class Linearisation:
             or any(obstacle.loss or obstacle.friction for obstacle in scene.contacts)
             or bool(scene.drags)
             or any(force.force for force in scene.forces_between)
-            or (beams is not None and beams.needs_rates)  # in statics: of added virtual works
+            or (beams is not None and beams.facts.needs_rates)  # in statics: of added virtual works
         )
 
     def by_rates(self, what: str, damped: bool = True) -> scipy.sparse.csr_matrix | None:

@@ -101,7 +101,7 @@ def solution_of(
 def check_rates(model: Model, recorder: Recorder) -> None:
     """ValueError if stress resultants depend on rates that are not recorded."""
     beams = model.forms.beams
-    if beams is not None and beams.resultants_need_rates and "v" not in recorder.arrays:
+    if beams is not None and beams.facts.resultants_need_rates and "v" not in recorder.arrays:
         raise ValueError(
             f"the stress resultants of {model.scheme.name} depend on rates: rates not "
             "recorded; simulate with record=Record(rates=True)"

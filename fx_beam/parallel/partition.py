@@ -17,7 +17,6 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Drag, Mass, NaturalStrain, StrainPart
-from fx_beam.scene.parameters import Parameter
 from fx_beam.scene.scene import Scene
 from fx_beam.step.model import Model
 
@@ -83,7 +82,11 @@ class Share:
         if self.natural and scene.beams:
             none = NaturalStrain(scene.beams[0], {"axial": StrainPart(_AT_REST)})
             scene.natural_strains.append(none)
-        scene.parameters.add([(name, Parameter(name, 0.0)) for name in self.parameters], "a part")
+        if self.parameters:
+            from fx_beam.scene.symbols import Parameter
+
+            of_part = [(name, Parameter(name, 0.0)) for name in self.parameters]
+            scene.parameters.add(of_part, "a part")
         scene.drags += [replace(drag, target=scene.beams[run]) for run, drag in self.drags]
         return scene
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from fx_beam.errors import SceneError
 from fx_beam.fem.mpi import world
-from fx_beam.scene.parameters import Parameter
+from fx_beam.scene.parameters import is_parameter
 
 # Longest time between two looks for a message [s]; the first ones follow each other at once.
 _PAUSE, _AT_ONCE = 1e-3, 200
@@ -275,8 +275,8 @@ def _packed(message: Any) -> bytes:
 
     class Pickler(cloudpickle.Pickler):
         def reducer_override(self, thing: Any) -> Any:
-            if isinstance(thing, Parameter):  # its values come with each step
-                return Parameter, (thing.name, 0.0)
+            if is_parameter(thing):  # its values come with each step
+                return type(thing), (thing.name, 0.0)
             return super().reducer_override(thing)
 
     out = io.BytesIO()

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import ufl
-
 import numpy as np
 
 from fx_beam.scene.beam import arc_lengths, gauss_rule, lagrange, lagrange_and_slopes
 from fx_beam.scene.loads import NAMES
 from fx_beam.scene.parameters import replaced
+from fx_beam.symbolic import ufl
 
 RESULTANTS = ("N", "Q", "M")
 _STIFFNESSES = ("EA", "GA", "EI")

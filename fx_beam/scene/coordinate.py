@@ -6,9 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-import ufl
-from ufl.corealg.traversal import unique_pre_traversal
-
 import numpy as np
 
 from fx_beam.errors import (
@@ -22,10 +19,11 @@ from fx_beam.errors import (
     require,
     shown,
 )
+from fx_beam.symbolic import parts_of, ufl
 
 from .inputs import Input, time_function
 from .law import Energy, InternalVariables, check_energy, functions_of_energy
-from .parameters import SCALARS, scalar_of, value_of
+from .parameters import scalar_of, value_of
 
 # With less a contact opens without a force, and Newton's method has no slope: of 1000 steps of an
 # elastic ring on a plane 94 had to be halved with 0, none with 0.02.
@@ -480,7 +478,7 @@ def _check_law(law: Callable[[Any], Any]) -> None:
     """Refuse a law of a damper that is no scalar UFL expression of the rate, or that drives."""
     call = "Damper: law"
     force, rates = scalar_of(law, [0.1], f"{call}(rate)")
-    if not {*rates} & {*unique_pre_traversal(force)}:
+    if not {*rates} & {*parts_of(force)}:
         raise SceneError(
             f"{call}(rate) must be a scalar that depends on the rate, not {force}. Use ufl.tanh, "
             "not math.tanh"
@@ -502,4 +500,6 @@ def functions_of(on: Coordinate) -> Iterator[tuple[str, Any]]:
         yield from functions_of_energy(on.spring.strain_energy, on.spring.internal, 1)
     for law in (on.damper and on.damper.law, getattr(on.friction, "force", None)):
         if callable(law):
+            from .symbols import SCALARS
+
             yield "law", ufl.as_ufl(law(SCALARS[0]))

@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
-
-import ufl
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fx_beam.errors import NUMBER, SceneError, vector
+from fx_beam.symbolic import ufl
 
 from .beam import Node
 from .coordinate import Coordinate, Coulomb, functions_of
 from .notebook import html_table
-from .parameters import SCALARS, Parameter, value_of
+from .parameters import value_of
+
+if TYPE_CHECKING:
+    from .symbols import Parameter
 
 #: ``force(distance, rate, t)`` in UFL.
 Pull = Callable[[Any, Any, Any], Any]
@@ -95,13 +97,19 @@ class ForceBetween:
     @property
     def functions(self) -> list[tuple[str, Any]]:
         """Expressions of the user's functions, by kind."""
-        force = [] if self.force is None else [("force", ufl.as_ufl(self.force(*SCALARS[:3])))]
-        return [*functions_of(self.on), *force]
+        functions = [*functions_of(self.on)]
+        if self.force is not None:
+            from .symbols import SCALARS
+
+            functions.append(("force", ufl.as_ufl(self.force(*SCALARS[:3]))))
+        return functions
 
 
 def checked_force(a: Node, b: Any, on: Coordinate, force: Any, number: int, size: float):
     """A force of a scene of this size [m]; SceneError if its laws are not finite at the start."""
     if force is not None and not callable(force):
+        from .symbols import Parameter
+
         force = GivenPull(Parameter(f"force {number} between points", force))
     if not isinstance(b, Node):
         b = vector(b, 2, "force between points: b, a node or a fixed point,")

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from fx_beam import errors
-from fx_beam.errors import SceneError, TimeFunction, checked_function
+from fx_beam.errors import SceneError, TimeFunction, checked_function, shown
+from fx_beam.symbolic import ufl
 
 
 @dataclass(frozen=True)
@@ -254,3 +255,10 @@ class Ramp:
             return np.array([self.end])
         part = (t - self._t0) / (self._t1 - self._t0)
         return np.array([self.start + min(max(part, 0.0), 1.0) * (self.end - self.start)])
+
+
+def checked_value(name: str, value: float | Any) -> TimeFunction:
+    """A value of a parameter as a function of time (1,)."""
+    if isinstance(value, ufl.core.expr.Expr):
+        raise SceneError(f"parameter {name!r}: its value is {shown(value)}, not a number")
+    return time_function(value, 1, f"parameter {name!r}")

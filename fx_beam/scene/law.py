@@ -8,25 +8,19 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import ufl
-from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
-from ufl.algorithms.apply_derivatives import apply_derivatives
-from ufl.classes import EQ, GE, GT, LE, LT, NE, Abs, Conditional, MaxValue, MinValue
-from ufl.constantvalue import Zero
-from ufl.corealg.traversal import unique_pre_traversal
-
 from fx_beam.errors import NUMBER, SceneError, as_float, fields_in, refuse_fields, require
+from fx_beam.symbolic import derivatives_taken, is_zero, parts_of, ufl
 
-from .parameters import SCALARS, Symbol, parameters_in, scalar_of, symbols_only
+from .parameters import parameters_in, scalar_of, symbols_only
 
 Energy = Callable[..., Any]
 
-# Operators of functions that are defined piece by piece.
-_OF_PIECES = Abs, Conditional, MaxValue, MinValue
 # Strains at which a stored energy is compared with that of zero strain.
 _SIZES = 1e-3, 1e-2, 0.1, 1.0, 10.0
-# Comparisons of two numbers, of which conditions are made.
-_COMPARISONS = EQ, GE, GT, LE, LT, NE
+# UFL's names of operators of functions that are defined piece by piece, and of comparisons of two
+# numbers, of which conditions are made.
+_OF_PIECES = {"Abs", "Conditional", "MaxValue", "MinValue"}
+_COMPARISONS = {"EQ", "GE", "GT", "LE", "LT", "NE"}
 
 
 @dataclass(frozen=True)
@@ -136,21 +130,21 @@ def is_quadratic(energy: Energy) -> bool:
     """Whether the third derivative of a function of one variable is zero, and it has no pieces."""
     s = ufl.variable(ufl.as_ufl(0.1))
     third = ufl.as_ufl(energy(s))
-    if any(isinstance(part, _OF_PIECES) for part in unique_pre_traversal(third)):
+    if any(type(part).__name__ in _OF_PIECES for part in parts_of(third)):
         return False  # between two pieces no derivative tells of the other
     for _ in range(3):
         third = ufl.diff(third, s)
-    return isinstance(apply_derivatives(apply_algebra_lowering(third)), Zero)
+    return is_zero(derivatives_taken(third))
 
 
 def switches(expression: Any) -> list[Any]:
     """Values that change their sign where pieces of an expression meet."""
     values = []
-    for part in unique_pre_traversal(ufl.as_ufl(expression)):
-        operands = part.ufl_operands
-        if isinstance(part, Abs):
+    for part in parts_of(ufl.as_ufl(expression)):
+        operands, kind = part.ufl_operands, type(part).__name__
+        if kind == "Abs":
             values.append(operands[0])
-        elif isinstance(part, (*_COMPARISONS, MaxValue, MinValue)):
+        elif kind in _COMPARISONS | {"MaxValue", "MinValue"}:
             values.append(operands[0] - operands[1])
     return values
 
@@ -189,7 +183,7 @@ def check_energy(
 
     call = f"{part}: {name}({', '.join(strains)}{', a' * bool(variables)})"
     W, e = scalar_of(of_all, [0.1] * count + [0.0] * len(variables), call)
-    met = set(unique_pre_traversal(W))
+    met = set(parts_of(W))
     missing = [n for n, x in zip((*strains, *variables), e, strict=True) if x not in met]
     if missing:
         raise SceneError(f"{part}: {name} does not depend on {missing}. Use ufl.cos, not math.cos")
@@ -201,6 +195,8 @@ def check_energy(
 
 def _check_convexity(W: Any, e: list[Any], what: str, strains: tuple[str, ...]) -> None:
     """Refuse a stored energy that falls along a strain, from zero on and without an end."""
+    from .symbols import SCALARS
+
     symbols = SCALARS[: len(e)]
     energy = ufl.replace(W, dict(zip(e, symbols, strict=True)))
 
@@ -228,6 +224,8 @@ def functions_of_energy(
     """Expressions of a stored energy and its internal variables, by kind."""
     if energy is None:
         return
+    from .symbols import SCALARS
+
     e0, e, dt = SCALARS[:strains], SCALARS[3 : 3 + strains], SCALARS[6]
     if internal is None:
         yield "strain_energy", ufl.as_ufl(energy(*e))
@@ -239,6 +237,8 @@ def functions_of_energy(
 
 @functools.cache
 def _vector(size: int) -> Any:
+    from .symbols import Symbol
+
     return ufl.as_vector([Symbol() for _ in range(size)])
 
 
@@ -347,12 +347,12 @@ class InternalVariables:
         updated = self.updated(ufl.as_vector(old), strains0, strains, dt)
         refuse_fields(fields_in(updated), "InternalVariables: update", parameters_in(updated))
         for i, name in enumerate(self.names):
-            if not {*old, *strains0, *strains} & set(unique_pre_traversal(updated[i])):
+            if not {*old, *strains0, *strains} & set(parts_of(updated[i])):
                 raise SceneError(
                     f"InternalVariables: the update of {name!r} depends neither on old variables "
                     "nor on strains. Use ufl.exp, not math.exp"
                 )
-        return dt in set(unique_pre_traversal(updated))
+        return dt in set(parts_of(updated))
 
     def updated(self, old, strains0, strains, dt):
         """The variables that belong to given strains, as a UFL vector.

@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
-import ufl
-
 import numpy as np
 
 from fx_beam.dual import stacked
@@ -31,6 +29,7 @@ from fx_beam.errors import (
     shown,
     vector,
 )
+from fx_beam.symbolic import ufl
 
 from .beam import Beam, Node
 from .inputs import Input, time_function

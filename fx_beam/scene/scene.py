@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from fx_beam.dual import have_slopes
 from fx_beam.errors import (
@@ -41,10 +41,13 @@ from .joints import GROUND, Joint, Rigid, check_new, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .notebook import facts, html_table, sketch
-from .parameters import STEP, Parameter, Parameters
+from .parameters import Parameters, is_parameter
 from .removal import joint_of, locked, position_in, remove_part, unlocked
 from .section import Section
 from .sliders import SlidingJoint
+
+if TYPE_CHECKING:
+    from .symbols import Parameter
 
 _Part = TypeVar("_Part")
 
@@ -424,7 +427,7 @@ class Scene:
         >>> scene.parameters["damping"]
         0.2
         """
-        fits = isinstance(parameter, Parameter)
+        fits = is_parameter(parameter)
         require(fits, "add_parameter: parameter", parameter, "an fx_beam.Parameter")
         self.parameters.add([("parameter", parameter)], "add_parameter")
 
@@ -860,6 +863,8 @@ class Scene:
         if beam is not None:
             loads.check_beam(self, beam, "virtual work")
         work = loads.VirtualWork(term, beam)
+        from .symbols import STEP
+
         what = f"virtual work {len(self.virtual_works) + 1}"
         self.parameters.add([(what, work.of(STEP, what))], what)
         self.virtual_works.append(work)

@@ -9,8 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import ufl
-
 import numpy as np
 
 from fx_beam.array_calls import array_calls
@@ -28,6 +26,7 @@ from fx_beam.errors import (
     shaped,
     shown,
 )
+from fx_beam.symbolic import ufl
 
 from .law import Energy, InternalVariables, check_energy
 

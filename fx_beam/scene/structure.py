@@ -18,7 +18,6 @@ import numpy as np
 from .beam import Node
 from .coordinate import functions_of
 from .law import functions_of_energy
-from .parameters import STEP
 from .scene import Scene
 
 
@@ -39,8 +38,12 @@ def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
         expressions += functions_of_energy(obstacle.energy, None, 1)
     for force in scene.forces_between:
         expressions += force.functions
-    works = [work.of(STEP, "virtual work") for work in scene.virtual_works]
-    return expressions + [("virtual work", work) for work in works]
+    if scene.virtual_works:
+        from .symbols import STEP
+
+        works = [work.of(STEP, "virtual work") for work in scene.virtual_works]
+        expressions += [("virtual work", work) for work in works]
+    return expressions
 
 
 # Attributes of a scene of which only the kind must be the same, as of fields that are marked by

@@ -7,11 +7,9 @@ import functools
 import platform
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from fx_beam import c_library
-from fx_beam.fem import ffcx_api
 from fx_beam.results.state import MACROS
 
 #: What nothing needs of a library's code is dropped: of FFCx, and of features that scenes lack.
@@ -75,7 +73,7 @@ def load_batches(
     coefficients and coordinates.
     """
     sizes = ", ".join(str(max(number, 1)) for number in numbers)
-    flags = [*_FLAGS, "-freciprocal-math", f"-I{ffcx_api.ufcx_folder()}"]
+    flags = [*_FLAGS, "-freciprocal-math"]
     asked = key, sizes, *c_library.target_flags()[1], *flags
     if asked in _loaded:
         return _loaded[asked]
@@ -86,10 +84,6 @@ def load_batches(
         state = [f"#define {definition}" for definition in MACROS]
         return "\n".join([*state, '#include "batch.h"', source(), *batches, ""])
 
-    def loader(path: Path) -> list[int]:
-        library = ctypes.CDLL(str(path))
-        return [ctypes.cast(library[batch], ctypes.c_void_p).value or 0 for batch in names]
-
     what = f"{name!r} for several elements"
-    _loaded[asked] = c_library.load(what, key + sizes, text, loader, flags)
+    _loaded[asked] = c_library.function_addresses(what, key + sizes, text, names, flags)
     return _loaded[asked]

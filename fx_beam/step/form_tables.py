@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.content_cache import cached_by_content
-from fx_beam.fem import ffcx_api
 from fx_beam.fem.assembly import BoundForm
 from fx_beam.fem.beam_forms import BeamForms
 
@@ -50,19 +49,17 @@ class Kernel(NamedTuple):
     @property
     def key(self) -> str:
         """Identifier of the generated code."""
-        return "".join(ffcx_api.signature(form.compiled) for form in self.forms)
+        return " ".join(f"{form.compiled.module.key} {form.compiled.name}" for form in self.forms)
 
     def source(self) -> str:
         """C functions element_0, element_1, ... for each integral."""
-        tags = ffcx_api.integrals(self.forms[0].compiled)
+        tags = self.forms[0].compiled.tags
         bodies: dict[int, list[str]] = {tag: [] for tag in tags}
-        declared, texts = [], []
-        for number, compiled in enumerate(form.compiled for form in self.forms):
-            text, names, parameters = ffcx_api.element_functions(compiled)
-            texts.append(text)
-            declared += [f"INLINED ufcx_tabulate_tensor_float64 {name};" for name in names]
-            unused = ", 0" * (parameters - 4)
-            for tag, name in zip(ffcx_api.integrals(compiled), names, strict=True):
+        declared, modules = [], [form.compiled.module for form in self.forms]
+        unused = ", 0" * (modules[0].arguments - 4)
+        for number, form in enumerate(self.forms):
+            for tag, name in form.compiled.functions:
+                declared.append(f"INLINED ufcx_tabulate_tensor_float64 {name};")
                 bodies[tag].append(self._call(number, name, unused))
         arguments = "double *A, const double *w, const double *c, const double *x"
         elements = [
@@ -70,8 +67,9 @@ class Kernel(NamedTuple):
             for i, tag in enumerate(tags)
         ]
         # Forms of one module have the same text.
-        texts = list(dict.fromkeys(texts))
-        return "\n".join([*declared, "#define for UNROLLED for", *texts, *elements, "#undef for"])
+        texts = dict.fromkeys(module.source for module in modules)
+        header = [modules[0].header, *declared, "#define for UNROLLED for"]
+        return "\n".join([*header, *texts, *elements, "#undef for"])
 
     def _call(self, number: int, name: str, unused: str) -> str:
         """Call of the function of a form with its own coefficients and constants."""
@@ -157,10 +155,9 @@ class FormTables:
         batches = load_batches(name, kernel.key, kernel.source, len(cells), numbers)
         starts = form.field_starts
         moving = [(i, starts[field]) for i, field in enumerate(fields) if field in starts]
-        sought = forms.fields.time, *forms.fields.of_step(forms.at_rest)
-        of_scene, parameters = forms.parameters
+        of_step = ("load_increment", "load_factor") if forms.at_rest else ("dt", "memory")
         constants, known = form.values_of_constants(), form.constant_starts
-        *offsets, first = (known.get(symbol, -1) for symbol in (*sought, of_scene))
+        *offsets, first = (known.get(name, -1) for name in ("time", *of_step, "parameters"))
         blocks = {tag: self._blocks(rows) for tag, rows in packed.items()}
         # C sets all coefficients that move.
         varies = not set(form.fields) <= set(fields)
@@ -180,7 +177,11 @@ class FormTables:
             "constants": constants,
             **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
             "parameters_at": first,
-            **({"parameters": len(parameters), "parameter": parameters} if first >= 0 else {}),
+            **(
+                {"parameters": len(forms.parameters), "parameter": forms.parameters}
+                if first >= 0
+                else {}
+            ),
         }
 
     def _data_of(self, cells: np.ndarray) -> dict[str, np.ndarray]:

@@ -345,7 +345,7 @@ class Model:
     def needs_accelerations(self) -> bool:
         """Whether steps, or unknowns without mass, need the accelerations at the start."""
         by_mean, beams = self.scheme.rates.by_mean, self.forms.beams
-        read = beams is not None and (beams.needs_rates or beams.resultants_need_rates)
+        read = beams is not None and (beams.facts.needs_rates or beams.facts.resultants_need_rates)
         if read or not by_mean or len(self.scheme.fractions) > 1:
             return True
         return not self.reduction.moves_alone(~self.massless).all()

@@ -43,7 +43,7 @@ def _starts(model: Model, motion: bool, rates: bool) -> dict[str, np.ndarray]:
     forms, beams, needed = model.forms, model.forms.beams, {"share": 0}
     if motion:
         needed["start_q"] = model.size
-        if rates and beams is not None and beams.resultants_need_rates:
+        if rates and beams is not None and beams.facts.resultants_need_rates:
             needed |= {"start_v": model.size, "start_a": model.size}
         if width := math.prod(forms.internal_shape):
             needed["start_internal"] = width
@@ -406,10 +406,10 @@ class Recorder:
         D = ends(q, arrays["q"][rows] + self._missing(rows)) - q
         if not first:
             dt[0] = _SHORT * np.diff(self._times[:2]).sum() or 1.0
-            if beams.resultants_move:
+            if beams.facts.resultants_move:
                 D[0] = dt[0] * self._first.v
         parts = Parts(begin + self.model.scheme.rates.level * dt, dt, D, q)
-        names = [*("v", "a")[: 2 * beams.resultants_need_rates]]
+        names = [*("v", "a")[: 2 * beams.facts.resultants_need_rates]]
         names += ["internal"] * (beams.internal_shape[-1] > 0)
         names += ["natural"] * bool(self.model.natural)
         more = {name: begins(name) for name in names}
@@ -419,7 +419,7 @@ class Recorder:
         for name in more.keys() - {"v", "a"}:
             more[name] = more[name].reshape(len(row), cells, -1)
         memory, q_previous = np.zeros(len(row)), q
-        if beams.needs_previous:  # all are stored, but for the start
+        if beams.facts.needs_previous:  # all are stored, but for the start
             q_previous = q.copy()
             memory[stored] = starts["memory"][span]
             q_previous[stored] = starts["start_q_previous"][span] + self._missing(row[stored])

@@ -123,7 +123,7 @@ class VjpWork:
                 yield next(own)
                 continue
             array, kind = _IN_COMMON[name]
-            of = self._beams.parameters[1] if name == "parameters" else rows[kind]
+            of = self._beams.parameters if name == "parameters" else rows[kind]
             at = layout.at[array][np.reshape(of, (-1, size))]
             yield np.broadcast_to(at, (len(rows["dofs"]), size))
 

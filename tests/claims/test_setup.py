@@ -1,5 +1,8 @@
 """A scene of a known kind compiles nothing; functions of the user are asked again each time."""
 
+import subprocess
+import sys
+
 import ufl
 
 import numpy as np
@@ -45,6 +48,31 @@ def test_other_numbers_in_a_scene_compile_nothing(run, degree, monkeypatch):
         assert after.shape != before.shape or abs(after - before).max() > 1e-6
         # The first scene again: what is kept has no data of another one.
         np.testing.assert_array_equal(RUNS[run](arm(**kind)[0]), before)
+
+
+SECOND = """
+import sys
+import fx_beam as fb
+scene = fb.Scene(gravity=(0, -9.81))
+section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=0.01)
+a = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+b = scene.add_beam([a.end, (2, 0)], section, elements=2)
+c = scene.add_beam([(2, 0), (3, 0)], section, elements=2)
+scene.clamp(a.start)
+scene.add_joint(fb.Revolute(b.end, c.start, spring=fb.Spring(10.0), damper=fb.Damper(0.1)))
+scene.add_drag(c, linear=0.1)
+scene.add_contact(c.end, fb.Line((0, -1), (1, -1)), stiffness=1e3)
+path = fb.static(scene)
+solution = fb.simulate(scene, fb.EnergyDecaying(), dt=0.01, t_end=0.05)
+solution.resultants(a), fb.modes(scene, n=1)
+print({"ufl", "basix", "ffcx", "cffi"} & set(sys.modules))
+"""
+
+
+def test_a_process_that_finds_its_forms_in_the_cache_needs_no_ufl():
+    command = [sys.executable, "-c", SECOND]
+    runs = [subprocess.run(command, capture_output=True, text=True) for _ in range(2)]
+    assert runs[1].stdout == "set()\n", runs[1].stderr
 
 
 def test_an_energy_whose_data_change_is_asked_again():

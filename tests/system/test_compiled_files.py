@@ -3,10 +3,7 @@
 import os
 import subprocess
 import sys
-import sysconfig
 from pathlib import Path
-
-import pytest
 
 from fx_beam import c_library, library_cache
 from fx_beam.results.state import MACROS
@@ -26,12 +23,6 @@ def test_without_a_compiler_one_sentence_names_what_to_install(tmp_path):
     last = run.stderr.strip().splitlines()[-1]
     assert last.startswith("RuntimeError: there is no C compiler 'no-such-compiler'")
     assert "apt-get install gcc" in last and run.stderr.count("Traceback") == 1
-
-
-def test_without_the_headers_of_python_the_error_names_their_package(tmp_path, monkeypatch):
-    monkeypatch.setattr(sysconfig, "get_path", lambda name: tmp_path)
-    with pytest.raises(RuntimeError, match="apt-get install python3-dev"):
-        c_library.check_compiler()
 
 
 def _build(name):

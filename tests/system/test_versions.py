@@ -14,11 +14,13 @@ from scenes import pinned_beam
 
 import fx_beam as fb
 from fx_beam import c_library
-from fx_beam.fem import elements, ffcx_api
+from fx_beam.fem import elements
 from fx_beam.fem.assembly import BoundForm, Field
+from fx_beam.fem.form_library import form_module
 from fx_beam.fem.mesh import Mesh
 from fx_beam.scene.beam import gauss_rule
 from fx_beam.step import build
+from fx_beam.symbolic import Written
 
 # -- Quadrature ----------------------------------------------------------------------------------
 
@@ -34,8 +36,15 @@ def row(cells, length=1.0):
     return Mesh(places, ends, [np.arange(cells)], curved=False)
 
 
+def compiled(form, names):
+    (functional,) = form_module(None, lambda: Written({"a functional": form}, names)).forms.values()
+    return functional
+
+
 def integral(form, mesh, data=None):
-    return BoundForm(ffcx_api.compile_form(form, "a functional"), mesh, data or {}).total()
+    names = {symbol: f"field {k}" for k, symbol in enumerate(data or {})}
+    fields = {names[symbol]: field for symbol, field in (data or {}).items()}
+    return BoundForm(compiled(form, names), mesh, fields).total()
 
 
 @pytest.mark.parametrize("points", range(1, 6))
@@ -179,12 +188,10 @@ def test_coefficients_of_a_subdomain_are_those_of_its_cells():
     mesh, tags, of_cell = row(3), np.array([2, 0, 1]), elements.data(ON, 1)
     field, dx = Field(mesh.space(1)), elements.measure(ON, 1)
     field.array[:] = 10.0 + np.arange(3)
-    compiled = ffcx_api.compile_form(
-        sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx, "all tags"
-    )
-    form = BoundForm(compiled, mesh, {of_cell: field}, tags=tags)
+    all_tags = sum((tag + 1) * of_cell * dx(tag) for tag in range(3)) + of_cell**2 * dx
+    form = BoundForm(compiled(all_tags, {of_cell: "f"}), mesh, {"f": field}, tags=tags)
     packed = form.coefficients()
-    assert sorted(packed) == sorted(ffcx_api.integrals(compiled)) == [-1, 0, 1, 2]
+    assert sorted(packed) == form.compiled.tags == [-1, 0, 1, 2]
     assert packed[-1][:, 0] == pytest.approx([10.0, 11.0, 12.0])
     assert [packed[tag][:, 0] for tag in range(3)] == [[11.0], [12.0], [10.0]]
     expected = sum((tags[k] + 1) * (10 + k) + (10 + k) ** 2 for k in range(3))

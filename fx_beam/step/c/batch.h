@@ -9,7 +9,6 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include <ufcx.h>
 
 #include "problem.h"
 #include "vectors.h"
