@@ -20,8 +20,7 @@ import numpy as np
 
 from fx_beam.dual import plain, stacked
 from fx_beam.fem.mesh import Mesh
-from fx_beam.scene.joint_kinematics import Track
-from fx_beam.scene.joints import GROUND, Joint
+from fx_beam.scene.joints import GROUND, Joint, Track
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import Ramp
-from fx_beam.scene.joint_kinematics import NodalMotion
+from fx_beam.scene.joints import NodalMotion
 from fx_beam.scene.outputs import Defined, Output, definition
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.measured import measured

@@ -12,8 +12,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.errors import is_one_of, shown
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.contacts import Contact, arc_of, nearest
-from fx_beam.scene.joint_kinematics import NodalMotion
-from fx_beam.scene.joints import Joint
+from fx_beam.scene.joints import Joint, NodalMotion
 
 
 @dataclass(frozen=True, repr=False)

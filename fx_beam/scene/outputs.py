@@ -13,8 +13,7 @@ import numpy as np
 from fx_beam.errors import is_one_of, require
 
 from .beam import Beam, Node
-from .joint_kinematics import NodalMotion, Track, axial_rate
-from .joints import GROUND, Joint
+from .joints import GROUND, Joint, NodalMotion, Track, axial_rate
 from .loads import check_node
 from .removal import own_joint
 from .scene import Scene

@@ -20,8 +20,7 @@ from .coordinate import (
     Stop,
     checked_coordinate,
 )
-from .joint_kinematics import SlidingKinematics
-from .joints import GROUND, Joint, check_friction
+from .joints import GROUND, Joint, JointKinematics, NodalMotion, check_friction
 from .path import Path
 
 
@@ -142,6 +141,54 @@ class SlidingJoint(Joint):
                 f"{self}: the beam has corners, at which the rotation of a sleeve would jump. Use "
                 "an fx_beam.spline or arc for the beam, or a Slider"
             )
+
+
+class SlidingKinematics(JointKinematics):
+    """A joint whose node b has a place on a beam."""
+
+    def parting(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """From b to its place on the beam: components x and y (n,) [m]."""
+        joint, (x, y, _) = self.joint, at.of_node("q", self.joint.b)
+        position = joint.path.over(self._positions(at), slide).T
+        return position[0] - joint.b.x - x, position[1] - joint.b.y - y
+
+    def angle(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+        """Rotation (n,) of the node relative to the beam where it is, since the start [rad]."""
+        of_beam = at.of_beam("q", self.joint.beam)[..., 2]
+        return at.of_node("q", self.joint.b)[2] - self.joint.turn(of_beam, slide)
+
+    def spin(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+        """Rate (n,) of the angle [rad/s]."""
+        path, beam = self.joint.path, self.joint.beam
+        turning = path.over(at.of_beam("v", beam)[..., 2], slide)
+        bend = path.over(at.of_beam("q", beam)[..., 2] + path.angles(), slide, 1)
+        return at.of_node("v", self.joint.b)[2] - turning - bend * self.rate(at, slide)
+
+    def rate(self, at: NodalMotion, slide: np.ndarray) -> np.ndarray:
+        """Rate (n,) of the arc length [m/s], from the velocities of node and beam."""
+        apart, along = self._seen(at, slide)
+        return np.sum(apart * along, axis=1) / np.sum(along**2, axis=1)
+
+    def parting_rate(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity (2, n) of the node as the beam sees it, and the direction (2, n) of the beam."""
+        apart, along = self._seen(at, slide)
+        return apart.T, along.T / np.hypot(*along.T)
+
+    def slide(self, at: NodalMotion, near: np.ndarray) -> np.ndarray:
+        """Arc length (n,) nearest to the node [m], from one near by."""
+        x, y, _ = at.of_node("q", self.joint.b)
+        node = np.column_stack([self.joint.b.x + x, self.joint.b.y + y])
+        return self.joint.path.nearest_over(self._positions(at), node, near)
+
+    def _positions(self, at: NodalMotion) -> np.ndarray:
+        return at.of_beam("q", self.joint.beam)[..., :2] + self.joint.path.X
+
+    def _seen(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocity (n, 2) of the node less that of the beam where it is, and the slope there."""
+        path = self.joint.path
+        of_beam = path.over(at.of_beam("v", self.joint.beam)[..., :2], slide)
+        apart = np.column_stack([*at.of_node("v", self.joint.b)[:2]]) - of_beam
+        return apart, path.over(self._positions(at), slide, 1)
 
 
 def corner_advice(joints: Iterable[Joint], slides: np.ndarray) -> str:

@@ -87,7 +87,7 @@ static double slider_rate(const Problem *p, Slider *a) {
   return (apart[0] * along[0] + apart[1] * along[1]) / square;
 }
 
-/* Rate of a slide at the start of a step (joint_kinematics.py). */
+/* Rate of a slide at the start of a step (scene/joints.py). */
 static double rate_of_slide(const Problem *p, const SlideRate *a) {
   if (HAS(SLIDERS) && a->slider >= 0) return slider_rate(p, p->slider + a->slider);
   double v[2], seen[2];

@@ -1,5 +1,5 @@
 /* Where node b is on node a by a slide d: at o + f(d, e) in the frame of a, with the offset o and the axis e of the joint.
-   A joint of another kind is a function here, a case of track_of, and a Track in Python (scene/joint_kinematics.py). */
+   A joint of another kind is a function here, a case of track_of, and a Track in Python (scene/joints.py). */
 
 #pragma once
 
