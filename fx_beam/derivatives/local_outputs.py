@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.coupling.place_on_beam import PlaceOnBeam
+from fx_beam.coupling.sliders import PlaceOnBeam
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, definition

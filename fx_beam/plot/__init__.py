@@ -20,11 +20,10 @@ from .charts import (
     save,
     style,
 )
-from .deformed_shapes import shapes
 from .drawing import axis
 from .force_diagrams import diagrams
-from .mode_shapes import modes
 from .scene_drawing import scene
+from .shape_pictures import modes, shapes
 
 __all__ = [
     "Page",

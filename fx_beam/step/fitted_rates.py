@@ -32,8 +32,8 @@ import numpy as np
 import scipy.sparse
 
 from fx_beam.content_cache import cached_property
-from fx_beam.coupling.place_on_beam import PlaceOnBeam
 from fx_beam.coupling.rate_equations import OnBeam, RateEquations
+from fx_beam.coupling.sliders import PlaceOnBeam
 
 from .rate_solver import Fit, RateSolver
 from .row_jacobian import RowJacobian, behind, slope, times

@@ -115,9 +115,9 @@ HOMES = {
     "petsc4py": "fem.mpi",
     "slepc4py dolfinx": "",
     "ffcx": "fem.ffcx_api",
-    "matplotlib": "plot.charts plot.symbols plot.members plot.deformed_shapes plot.animations "
-    "plot.mode_shapes plot.force_diagrams plot.sheet plot.scene_drawing",
-    "pyvista vtk vtkmodules": "plot.deformed_shapes",
+    "matplotlib": "plot.charts plot.symbols plot.members plot.shape_pictures plot.animations "
+    "plot.force_diagrams plot.sheet plot.scene_drawing",
+    "pyvista vtk vtkmodules": "plot.shape_pictures",
     "PIL imageio_ffmpeg": "plot.animations",
     "tqdm": "motions.progress",
     "cloudpickle": "parallel.team",
