@@ -16,7 +16,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 
 from .built_scenes import NumbersOf
-from .tangent_derivatives import Product, TangentDerivatives, Weighted
+from .tangent_derivatives import Pairs, TangentDerivatives
 
 # Part of a sum beside which it is zero but for round-off and the place of the point.
 _ZERO = 1e-5
@@ -77,6 +77,7 @@ class CriticalLoad:
         for name, rows in changes.items():
             last = np.reshape(of_factor.get(name, 0 * rows[0]), (1, *rows[0].shape))
             self._changes[name] = np.concatenate([rows, last])
+        self._tangent.take(self._changes)
         omega = point.modes.angular_frequencies[0]
         self._square = omega**2 if point.kind == FLUTTER else 0.0
         self._unit = about.model.unit_of_unknowns[about.unknowns]
@@ -116,7 +117,7 @@ class CriticalLoad:
     def derivatives(self) -> np.ndarray:
         """Those of the load factor by x (m,)."""
         if self._point.kind == "limit point":
-            totals = self._tangent.along(self._tangent.forces(self.psi[None]), self._changes)[0]
+            totals = self._tangent.by_x(self._tangent.forces(self.psi))
             return -totals[:-1] / totals[-1]
         totals, by_state, weights = self._along_path()
         if self._point.kind == "bifurcation":
@@ -154,9 +155,8 @@ class CriticalLoad:
         self, by_factor: float, by_state: np.ndarray, weights: np.ndarray
     ) -> tuple[float, float]:
         """A_2, or 0 if it is round-off, and A_3."""
-        product = Product(self.phi[None], self.psi[None, None], 1.0)
-        directions = self._tangent.directions(self._about, product)
-        _, (curved,) = self._tangent.products(self._about, [directions], curved=True)
+        motions = self._tangent.along_motions(self._pair(0.0))
+        _, curved = self._tangent.followed(motions, np.ones(1), curved=True)
         curvature = float(self.phi @ curved - 3 * by_state @ weights)
         slope, size = self.phi @ by_state, abs(by_factor * self._point.load_factor)
         return (slope if abs(slope) > _ASYMMETRIC * (size + abs(curvature)) else 0.0), curvature
@@ -166,20 +166,22 @@ class CriticalLoad:
 
         And those by the state, with the weights of forces that belong to these.
         """
-        product = Product(self.phi[None], self.psi[None, None], 1.0, mass=-self._square)
-        directions = self._tangent.directions(self._about, product)
-        weighted, (by_state,) = self._tangent.products(self._about, [directions])
+        motions = self._tangent.along_motions(self._pair(-self._square))
+        by, by_state = self._tangent.followed(motions, np.ones(1))
         weights = self._solved(by_state)
-        weighted += self._tangent.forces(-weights[None])
-        return self._tangent.along(weighted, self._changes)[0], by_state, weights
+        of_forces = self._tangent.by_x(self._tangent.forces(weights))
+        return self._tangent.by_x(by) - of_forces, by_state, weights
+
+    def _pair(self, mass: float) -> Pairs:
+        """The sum psi.K phi, and a factor times psi.M phi."""
+        return Pairs(self.phi[None], self.psi[None], np.zeros(1, int), 1.0, mass=mass)
 
     def _disturbing(self) -> np.ndarray:
         """Work (m,) on the mode of forces that appear with x; zero if it is round-off of these."""
         any_motion = self._unit * np.random.default_rng(0).standard_normal(len(self._unit))
-        of_forces = self._tangent.forces(np.array([self.psi, any_motion]))
-        work = self._tangent.along(of_forces, self._changes)[0, :-1]
-        changes = {name: abs(rows) for name, rows in self._changes.items()}
-        sizes = self._tangent.along(Weighted(*map(abs, of_forces)), changes)[1, :-1]
+        work = self._tangent.by_x(self._tangent.forces(self.psi))[:-1]
+        by = {name: abs(of) for name, of in self._tangent.forces(any_motion).items()}
+        sizes = self._tangent.by_x(by, {name: abs(of) for name, of in self._changes.items()})[:-1]
         return np.where(abs(work) > _ZERO * sizes, work, 0.0)
 
     def _infinite(self, i: int) -> str:

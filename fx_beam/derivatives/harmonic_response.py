@@ -16,7 +16,7 @@ from fx_beam.results.vibrations import FrequencyResponse
 from fx_beam.scene.scene import Scene
 
 from .differentiable import one_call
-from .tangent_derivatives import Product
+from .tangent_derivatives import Pairs
 from .tangent_response import TangentResponse
 
 _WHAT = "HarmonicResponse"
@@ -174,7 +174,8 @@ class HarmonicResponse(TangentResponse):
         given = array_of(np.real(weights), what) + 1j * array_of(np.imag(weights), what)
         fits = given.shape == values.shape and np.isfinite(given).all()
         require(bool(fits), what, weights, f"{values.shape} finite numbers")
-        return self._of_sums([self._products(*self._solutions, given[:, None])])[0]
+        pairs = self._pairs(*self._solutions, given[:, None])
+        return self._of_sums(pairs, np.ones((1, len(values))))[0]
 
     @one_call
     def jacobian(self) -> np.ndarray:
@@ -192,12 +193,11 @@ class HarmonicResponse(TangentResponse):
         """
         self._check_has_run("jacobian")
         values = self.response.values
-        parts = np.vstack([np.eye(values.shape[1]) * part for part in (1, -1j)])
-        f, motions, adjoints = (part[:, None] for part in self._solutions)
-        of_each = zip(f, motions, adjoints, strict=True)
-        sums = [self._products(*of, parts) for of in of_each]
-        rows = self._of_sums(sums).reshape(len(values), 2, -1, len(self._x))
-        return rows[:, 0] + 1j * rows[:, 1]
+        parts = np.vstack([np.eye(values.size) * part for part in (1, -1j)])
+        pairs = self._pairs(*self._solutions, np.eye(values.shape[1])[None])
+        rows = self._of_sums(pairs, parts)
+        real, imaginary = rows.reshape(2, *values.shape, len(self._x))
+        return real + 1j * imaginary
 
     @one_call
     def peaks(self, component: str) -> list[Peak]:
@@ -243,8 +243,8 @@ class HarmonicResponse(TangentResponse):
             motion, adjoints = self._solved(found.x)
             value = row @ motion
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
-            given = np.array([found.x]), motion[None], adjoints[None], weights[None]
-            gradient = self._of_sums([self._products(*given)])[0]
+            given = np.array([found.x]), motion[None], adjoints[None], weights[None, None]
+            gradient = self._of_sums(self._pairs(*given), np.ones((1, 1)))[0]
             peaks.append(Peak(float(found.x), float(abs(value)), gradient))
         return peaks
 
@@ -266,21 +266,23 @@ class HarmonicResponse(TangentResponse):
         filled = np.concatenate([flat, np.zeros(6 - len(flat))])
         return super()._numbers_of(scene, change) | {_LOAD: filled}
 
-    def _products(
+    def _pairs(
         self,
         frequencies: np.ndarray,
         motions: np.ndarray,
         adjoints: np.ndarray,
         weights: np.ndarray,
-    ) -> Product:
-        """Its derivatives are those of weights (., n, c) times amplitudes, but by the load."""
-        w, of_nodes = 2 * np.pi * frequencies, weights @ self._measured.of_nodes
-        factors = (-1.0, -1j * w, w**2, 1 / np.where(w > 0, w, 1.0))
-        return Product(motions, weights @ adjoints, *factors, self._force, of_nodes)
+    ) -> Pairs:
+        """Their derivatives are those of weights (., k, c) times amplitudes, but by the load."""
+        left, of_nodes = weights @ adjoints, weights @ self._measured.of_nodes
+        of, w = np.arange(len(left)).repeat(left.shape[1]), 2 * np.pi * frequencies
+        factors = -1.0, -1j * w[of], w[of] ** 2, 1 / np.where(w > 0, w, 1.0)
+        of_nodes = np.broadcast_to(of_nodes, (*left.shape[:2], of_nodes.shape[2]))
+        on_nodes = of_nodes.reshape(len(of), -1)
+        return Pairs(motions, left.reshape(len(of), -1), of, *factors, self._force, on_nodes)
 
-    def _of_sums(self, sums: Sequence[Product]) -> np.ndarray:
-        by_x, node = super()._of_sums(sums), self._given[self._scene][0][0]
+    def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
+        by_x, node = super()._of_sums(pairs, weights), self._given[self._scene][0][0]
         at_node = self._about.T[self._about.model.mesh.dofs[node.number]]
-        lefts = np.concatenate([of.left.sum(axis=0) for of in sums])
-        by_load = lefts @ at_node.T @ self._load_changes.T
+        by_load = weights @ (pairs.left @ at_node.T @ self._load_changes.T)
         return by_x + by_load.real

@@ -15,10 +15,9 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
-from fx_beam.step.undamped_modes import count_below
 
 from .differentiable import one_call
-from .tangent_derivatives import Product
+from .tangent_derivatives import Pairs
 from .tangent_response import TangentResponse
 
 _log = logging.getLogger("fx_beam")
@@ -198,19 +197,22 @@ class ModalResponse(TangentResponse):
         """
         self._check_has_run("jacobian")
         self._changes()
-        outputs = 1 + self._damped
-        jacobian = np.zeros((len(self._omega), outputs, len(self._x)))
         groups = [*self._groups()]
-        sums = [of_sum for group in groups for of_sum in self._sums_of(group)]
-        rows = iter(self._of_sums(sums))
-        for group in groups:
-            if len(group) == 1:
-                jacobian[group[0]] = [next(rows) for _ in range(outputs)]
-                continue
-            matrices = np.zeros((len(self._x), len(group), len(group)))
-            for i, j in zip(*np.tril_indices(len(group)), strict=True):
-                matrices[:, i, j] = next(rows)
-            jacobian[group, 0] = np.linalg.eigvalsh(matrices).T  # reads the lower triangles
+        jacobian = np.zeros((len(self._omega), 1 + self._damped, len(self._x)))
+        # A mode alone is a group as well; matrices have a lower triangle.
+        triangles = [np.tril_indices(len(group)) for group in groups]
+        entries = [group[np.array(of)] for group, of in zip(groups, triangles, strict=True)]
+        left, right = np.hstack([np.zeros((2, 0), int), *entries])
+        by_roots = self._by_roots(right)
+        weights = np.vstack([*map(np.diag, by_roots)])
+        rows = self._of_sums(self._pairs(left, right), weights).reshape(*by_roots.shape, -1)
+        parts = np.split(rows, np.cumsum([len(i) for i, _ in triangles]), axis=1)
+        for group, (i, j), of in zip(groups, triangles, parts, strict=False):
+            if len(group) > 1:
+                self._warn_of(group)
+            matrices = np.zeros((len(rows), len(self._x), len(group), len(group)))
+            matrices[..., i, j] = of.swapaxes(1, 2)
+            jacobian[group] = np.moveaxis(np.linalg.eigvalsh(matrices), -1, 0)
         return jacobian[: self._n] if self._damped else jacobian[: self._n, 0]
 
     @one_call
@@ -254,7 +256,8 @@ class ModalResponse(TangentResponse):
         if not sum(map(len, modes)):
             return np.zeros(len(self._x))
         chosen = np.concatenate(modes)
-        return self._of_sums([self._squares(chosen, every[chosen])])[0]
+        given = (self._by_roots(chosen) * every[chosen].T).sum(axis=0)
+        return self._of_sums(self._pairs(chosen, chosen), given[None])[0]
 
     @property
     def _is_damped(self) -> bool:
@@ -272,7 +275,7 @@ class ModalResponse(TangentResponse):
             return False
         highest = self._omega.max()
         bound = highest * abs(highest) + 2 * _EQUAL * highest**2
-        return count_below(self._about.K, self._about.M, bound) != len(self._omega)
+        return self._about.undamped_modes.count_below(bound) != len(self._omega)
 
     def _groups(self) -> Iterator[np.ndarray]:
         """Modes that are not rigid, those with the same root together."""
@@ -283,28 +286,31 @@ class ModalResponse(TangentResponse):
             if len(group) and group.min() < self._n:
                 yield np.sort(group)
 
-    def _squares(self, modes: np.ndarray, weights: np.ndarray) -> Product:
-        """Its derivatives are those of weights (n, .) times frequencies and damping ratios.
-
-        With root s and left and right vectors l and x, ds = -l.(s^2 dM + s dC + dK) x
-        / l.(2 s M + C) x.
-        """
-        s, x, w = self._roots[modes], self._vectors[:, modes], abs(self._omega[modes])
+    def _by_roots(self, modes: np.ndarray) -> np.ndarray:
+        """Factors (1 or 2, n): the real part of these times ds is that of a frequency and ratio."""
+        s, w = self._roots[modes], abs(self._omega[modes])
         if self._damped and not s.imag.all():
             raise SceneError(
                 f"ModalResponse: mode {modes[int(np.argmin(abs(s.imag)))]} does not vibrate: it is "
                 "overdamped, or grows, and has no derivatives with damped=True"
             )
-        of_root = np.where(s.imag, weights[:, 0] * np.conj(s) / w, -weights[:, 0])
-        if self._damped:
-            of_root = of_root + weights[:, 1] * (s.real * np.conj(s) / w**2 - 1) / w
-        C, M, left, slope = self._by_rates, self._about.M, None, 2 * s
+        of_frequency = np.where(s.imag, np.conj(s) / w, -1.0)
+        return np.array([of_frequency, (s.real * np.conj(s) / w**2 - 1) / w])[: 1 + self._damped]
+
+    def _pairs(self, left: np.ndarray, right: np.ndarray) -> Pairs:
+        """Their derivatives are those of roots s, or of entries of matrices for equal ones.
+
+        With left and right vectors l and x, ds = -l.(s^2 dM + s dC + dK) x / l.(2 s M + C) x.
+        """
+        modes, of = np.unique(right, return_inverse=True)
+        C, M, x, lefts = self._by_rates, self._about.M, self._vectors.T, self._vectors[:, left].T
+        s, slope = self._roots[right], 2 * self._roots[right]
         if C is not None:
             if abs(C - C.T).max() > _SYMMETRIC * abs(C).max():
-                left = np.array([*map(self._left, s, x.T)])
-            slope = ((x.T if left is None else left) * (2 * s * (M @ x) + C @ x).T).sum(axis=1)
-        factor, lefts = -of_root / slope, None if left is None else left[:, None]
-        return Product(x.T, lefts, factor, factor * s, factor * s**2, 1 / w)
+                lefts = np.array([*map(self._left, s, x[left])])
+            slope = (lefts * (2 * s * (M @ x[right].T) + C @ x[right].T).T).sum(axis=1)
+        times = 1 / abs(self._omega[modes])
+        return Pairs(x[modes], lefts, of, -1 / slope, -s / slope, -(s**2) / slope, times)
 
     def _left(self, root: complex, x: np.ndarray) -> np.ndarray:
         """The left vector of a mode, by inverse iteration at its root; x is the right one."""
@@ -318,21 +324,11 @@ class ModalResponse(TangentResponse):
             left /= np.linalg.norm(left)
         return left
 
-    def _sums_of(self, group: np.ndarray) -> Iterator[Product]:
-        """Of a mode those for its frequency and damping ratio; of more those of their matrix.
-
-        This has a lower triangle, row by row.
-        """
-        if len(group) == 1:
-            for weights in np.eye(1 + self._damped):
-                yield self._squares(group, weights[None])
-            return
+    def _warn_of(self, group: np.ndarray) -> None:
+        """Tell of modes with the same root; SceneError if they have no derivatives."""
         if self._damped or self._by_rates is not None:
             raise SceneError(
                 f"ModalResponse: the modes {group.tolist()} have the same root, and no "
                 "derivatives. Let them differ, or leave damping out"
             )
         _log.warning(_REPEATED, len(group), self._omega[group[0]])
-        unit, vectors = self._squares(group[:1], np.ones((1, 1))), self._vectors[:, group].T
-        for i, j in zip(*np.tril_indices(len(group)), strict=True):
-            yield unit._replace(left=vectors[[i], None], right=vectors[[j]])

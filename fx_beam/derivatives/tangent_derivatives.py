@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse
 
 from fx_beam.errors import SceneError
@@ -25,6 +24,7 @@ from fx_beam.step.tape import Tape, static_tape
 from fx_beam.step.tape_derivatives import TapeDerivatives
 
 from .built_scenes import refuse_others
+from .gradient import along
 from .static_derivatives import OtherScenes, StateChange
 
 # Differences of order six along a direction, and second ones: points, and weights over the distance
@@ -40,72 +40,57 @@ _OF_STATE = {"q", "slides", "internal", "spring internal"}
 _ALIKE = 1e-11
 # Forces that remain of a system that is solved, relative to its right side.
 _SOLVED = 1e-6
-# Numbers that are followed forwards at once, and memory [bytes] of what is found in steps.
-_GROUP, _MEMORY = 4, 1e8
+# Memory [bytes] of what is found forwards at once.
+_MEMORY = 1e8
 
 
-class Product(NamedTuple):
-    """Real parts (n,) of sums of k l.K r + c l.C r + m l.M r over motions r, each with n motions l.
+class Pairs(NamedTuple):
+    """Sums (n,) of k l.K r + c l.C r + m l.M r of pairs of motions l and r, which may be complex.
 
-    And of forces times the motions T l and T r of the nodes. All may be complex. The steps that
-    tell damping have `times` [s] like those of the vibrations.
+    And of forces times the motions T l and T r of the nodes. The steps that tell damping have
+    `times` [s] like those of the vibrations.
     """
 
-    #: Motions r (p, free), and l (p, n, free); None for r itself.
+    #: Motions r (p, free), and l (n, free); the number (n,) of the motion r of each.
     right: np.ndarray
-    left: Any
-    #: Factors k, c and m, each one number or (p,).
+    left: np.ndarray
+    of: np.ndarray
+    #: Factors k, c and m, each one number or (n,).
     stiffness: Any
     damping: Any = 0.0
     mass: Any = 0.0
     times: Any = 1.0
-    #: Forces (size,) times T l, and (p, n, size) times T r.
+    #: Forces (size,) times T l, and (n, size) times T r.
     on_left: Any = 0.0
     on_right: Any = 0.0
 
 
-class Weighted(NamedTuple):
-    """Derivatives of n sums by the vector of `Layout`, the numbers of a step, and the mass."""
-
-    by_vector: np.ndarray
-    of_step: np.ndarray
-    by_mass: np.ndarray
-
-    def __add__(self, other: Any) -> Weighted:
-        return Weighted(*(one + more for one, more in zip(self, other, strict=True)))
-
-
 class _Along(NamedTuple):
-    """Directions (d, free), and weights (d, n, ...) of forces and of motions of the nodes."""
+    """Directions (d, free), with times [s] like those of the vibrations, and what n sums have.
+
+    Of each the number (n,) of its direction r, and weights (n, free) of K r and C r. Matrices A
+    with weights (n, size) of the mass times A r. Numbers with weights (n, size) of motions T r.
+    """
 
     directions: np.ndarray
+    times: np.ndarray
+    of: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
-    ends: np.ndarray
-
-    def weights(self, parts: np.ndarray) -> list[np.ndarray]:
-        """Weights (n, r, ...) along r directions, of which these are parts (d, r)."""
-        return [np.einsum("dr,dni->nri", parts, by).real for by in self[1:]]
-
-
-class _Directions(NamedTuple):
-    """Those of a sum, its derivatives by the mass (n, entries), and a time [s] like those of it."""
-
-    along: list[_Along]
-    by_mass: np.ndarray
-    time: float
+    by_mass: list[tuple[scipy.sparse.csr_matrix, np.ndarray]]
+    ends: list[tuple[np.ndarray, np.ndarray]]
 
 
 class _Steps(NamedTuple):
-    """Steps from the state: increments (k, free), lengths (k,), weights of n sums.
+    """Steps from the state: increments (k, free) and lengths (k,) [s].
 
-    Those (n, k, ...) of residuals and of ends.
+    And the number (k,) of the row [length][direction] of each, and its share of that.
     """
 
     moves: np.ndarray
     lengths: np.ndarray
-    of_equations: np.ndarray
-    of_ends: np.ndarray
+    rows: np.ndarray
+    shares: np.ndarray
 
 
 class TangentDerivatives:
@@ -122,11 +107,14 @@ class TangentDerivatives:
         self._derivatives: TapeDerivatives
         self._others: OtherScenes
         self._slides = list[float]()
+        #: Changes (m, ...) of the numbers by x.
+        self.changes: Mapping[str, np.ndarray]
 
     def begin(self, about: Linearisation, state: Solution | None, damped: bool = False) -> None:
         """Take the tangent about a state, or about the reference."""
         if about.model.points.any_have("sticks"):
             raise SceneError(f"{self._what}: no derivatives: friction that sticks has none")
+        self._about, self._unit = about, about.model.unit_of_unknowns[about.unknowns]
         # Where something flows, the state follows from all load steps before.
         flows, self._start = about.model.flows, about.start
         self._follows = state is not None and not flows
@@ -144,11 +132,14 @@ class TangentDerivatives:
             kind = {"instant" if self._damped else "mobile": True}
             self._others = OtherScenes(model.scene, model.scheme, **kind)
         self._problem, p = problem, problem.c
-        # Whether motions of the nodes for those of the unknowns depend on the state.
-        self._couples = p.entries > p.equal or p.closures or p.sliders
         p.at_rest = 1  # forces that depend on rates, without inertia
         self._forcing = LoadForcing(model, about.start.t)
         self._unknowns = about.unknowns
+
+    def take(self, changes: Mapping[str, np.ndarray]) -> None:
+        """Take changes (m, ...) of the numbers by x."""
+        refuse_others(changes, self._derivatives.names, self._what)
+        self.changes = changes
 
     def numbers_of(
         self, scene: Scene, moved: tuple[StateChange, Any] | None = None
@@ -182,163 +173,151 @@ class TangentDerivatives:
             numbers["weight"] = model.weight / factor
         return numbers | {"points": model.points.by_load_factor}
 
-    def of_sums(
-        self,
-        about: Linearisation,
-        sums: Sequence[Product],
-        changes: Mapping[str, np.ndarray],
-    ) -> np.ndarray:
-        """Derivatives (n, m) of sums by x, with which numbers change (m, ...).
+    def of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
+        """Derivatives (s, m) by x of real parts of weights (s, n) times sums.
 
-        Forwards if the sums are so many that these are fewer steps.
+        Several are followed forwards, where this can be.
         """
-        products = [self.directions(about, of) for of in sums]
-        if len(sums) > 1 and not self._problem.c.closures:
-            every = [one.directions for along, _, _ in products for one in along]
-            unit = about.model.unit_of_unknowns
-            basis, parts = _basis(np.concatenate(every) / unit)
-            steps = sum(len(by_mass) * len(along[0].directions) for along, by_mass, _ in products)
-            if steps > len(basis) * np.ceil(len(changes["X"]) / _GROUP):
-                return self._forwards(about, products, changes, basis * unit, parts)
-        weighted, by_state = self.products(about, products)
-        if self._follows:
-            weighted += self.forces(-self._solved(about.K.T, by_state))
-        else:
-            unknowns = self._derivatives.layout.at["Y"][self._unknowns]
-            weighted.by_vector[:, unknowns] = by_state
-        return self.along(weighted, changes)
+        motions = self.along_motions(pairs)
+        if len(weights) > 1 and not self._problem.c.closures:
+            return (weights @ self._forwards(motions)).real
+        sums = np.zeros((len(weights), len(self.changes["X"])))
+        for row, of_sum in zip(sums, weights, strict=True):
+            by, by_state = self.followed(motions, of_sum)
+            row += self.by_x(by)
+            if self._follows:
+                row -= self.by_x(self.forces(self._solved(self._about.K.T, by_state[None])[0]))
+        return sums
 
-    def products(
-        self, about: Linearisation, products: Sequence[_Directions], curved: bool = False
-    ) -> tuple[Weighted, np.ndarray]:
-        """Derivatives of sums by numbers in a fixed state, and by the state (., free).
+    def by_x(self, by: Mapping[str, np.ndarray], changes: Any = None) -> np.ndarray:
+        """Derivatives (m,) by x of what has some by numbers, whose changes may be others."""
+        changes = changes or self.changes
+        return np.sum([along(changes[name], by[name]) for name in by.keys() & changes], axis=0)
 
-        The n rows of each sum after those of the one before. If `curved` those of the second
-        derivatives of the sums along the directions r, twice.
-        """
-        steps = [
-            _joined([self._steps(about, one, time, curved) for one in along])
-            for along, _, time in products
-        ]
-        by_vector, of_step, by_state = self._followed(steps)
-        by_mass = np.concatenate([of_mass for _, of_mass, _ in products])
-        return Weighted(by_vector, of_step, by_mass), by_state
-
-    def _forwards(
-        self,
-        about: Linearisation,
-        products: Sequence[_Directions],
-        changes: Mapping[str, np.ndarray],
-        basis: np.ndarray,
-        parts: np.ndarray,
-    ) -> np.ndarray:
-        """Derivatives (n, m) by changes of K, C and T along a basis (r, free), with all numbers."""
-        refuse_others(changes, self._derivatives.names, self._what)
-        time = float(np.exp(np.mean([np.log(time) for _, _, time in products])))
-        lengths, by_state = np.array([time, 2 * time] if self._damped else [0.0]), None
-        count, free = len(changes["X"]), basis.shape[1]
-        if self._follows:
-            tape = self._tape()
-            tape.repeat(np.zeros((1, free)), np.ones(1))
-            held = np.zeros((count, free))
-            changed = self._derivatives.jvp_of_equations(tape, changes, held)
-            by_state = -self._solved(about.K, changed["equations"][0])
-        moves, sizes = self._moves(about, basis, _FIRST[0])
-        most = max(1, int(_MEMORY / (8 * len(lengths) * moves[0].size * count)))
-        of_basis = list[list[np.ndarray]]()
-        for some in (slice(k, k + most) for k in range(0, len(basis), most)):
-            tape, steps = self._tape(), moves[some].reshape(-1, free)
-            tape.repeat(np.tile(steps, (len(lengths), 1)), lengths.repeat(len(steps)))
-            changed = self._derivatives.jvp_of_equations(tape, changes, by_state)
-            shape = len(lengths), len(moves[some]), moves.shape[1], count, -1
-            rows = (changed[name].reshape(shape) for name in ("equations", "q"))
-            weights = _FIRST[1] / sizes[some]
-            forces, ends = (np.einsum("dp,ldpmi->lmdi", weights, of) for of in rows)
-            K, C = forces[0], 0 * forces[0]
-            if self._damped:  # as of `_steps`
-                K, C = 4 * forces[1] - 2 * forces[0], 2 * time * (forces[0] - forces[1])
-            of_basis.append([K, C, ends[0]])
-        slopes = [np.hstack(of).reshape(count, -1) for of in zip(*of_basis, strict=True)]
-        masses, of_sums = changes["mass"].reshape(count, -1), list[np.ndarray]()
-        for along, by_mass, _ in products:
-            of_sums.append(by_mass @ masses.T)
-            for one in along:
-                its_parts, parts = np.split(parts, [len(one.directions)])
-                for by, of in zip(one.weights(its_parts), slopes, strict=True):
-                    of_sums[-1] += by.reshape(len(by), -1) @ of.T
-        return np.concatenate(of_sums)
-
-    def directions(self, about: Linearisation, of: Product) -> _Directions:
-        """Directions r, and those l on which motions of the nodes depend."""
-        mass, right = about.model.mass, of.right[:, None]
-        left = right if of.left is None else of.left
-        k, c, m = (np.reshape(by, (-1, 1, 1)) for by in (of.stiffness, of.damping, of.mass))
-        moved, motion = _times(about.T, left), _times(about.T, right)
-        of_nodes = _times(mass, moved)
-        by, on_right = m * motion, m * of_nodes + of.on_right
+    def along_motions(self, of: Pairs) -> _Along:
+        """The motions r of pairs as directions, and those l where motions of the nodes depend."""
+        about, right, left, mass = self._about, of.right, of.left, self._about.model.mass
+        k, c, m = (np.reshape(by, (-1, 1)) for by in (of.stiffness, of.damping, of.mass))
+        T, moved, directions = about.T, _times(about.T, left), right
+        times, ends = np.broadcast_to(of.times, len(right)), list[tuple[np.ndarray, np.ndarray]]()
+        by_mass = [(T, m * moved)]
         if about.frame is not None:  # Coriolis forces are the mass times these
             turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
-            by, on_right = by + c * _times(turn, motion), on_right + c * _times(turn.T, of_nodes)
+            by_mass.append((turn @ T, c * moved))
+        if self._derivatives.places_depend:
+            motion, of_nodes, number = (
+                _times(T, right)[of.of],
+                _times(mass, moved),
+                np.arange(len(left)),
+            )
+            by, on_right = m * motion, m * of_nodes + of.on_right
+            if about.frame is not None:
+                by, on_right = (
+                    by + c * _times(turn, motion),
+                    on_right + c * _times(turn.T, of_nodes),
+                )
+            directions, times = np.vstack([right, left]), np.append(times, times[of.of])
+            ends = [(of.of, on_right), (len(right) + number, _times(mass, by) + of.on_left)]
+        return _Along(directions, times, of.of, k * left, c * left, by_mass, ends)
+
+    def followed(
+        self, along: _Along, weights: np.ndarray, curved: bool = False
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Derivatives of the real part of weights (n,) times sums by numbers, and by the state.
+
+        If `curved` those of the second derivatives of a sum along its direction r, twice.
+        """
+        numbers = [of[weights != 0] for of in (along.of, *(of for of, _ in along.ends))]
+        used = np.unique(np.concatenate(numbers[: 1 if curved else None]))
+        basis, of_used = _basis(along.directions[used], self._unit)
+        if curved:  # which is not linear in the direction
+            basis, of_used = along.directions[used].real, np.ones((1, 1))
+        parts = np.zeros((len(along.directions), len(basis)), of_used.dtype)
+        parts[used] = of_used
+        time = _mean(along.times[used])
+
+        def weighted(of: np.ndarray, by: np.ndarray) -> np.ndarray:
+            """Weights (r, ...) along the basis."""
+            return ((weights[:, None] * parts[of]).T @ by).real
+
+        on_forces = np.vstack([weighted(along.of, by) for by in self._of_lengths(along, time)])
+        on_ends = np.zeros((len(on_forces), len(self._start.q)))
+        on_ends[: len(basis)] = sum(weighted(*of) for of in along.ends)
+        by, by_state = self._backwards(self._steps(basis, time, curved), on_forces, on_ends)
+        mass = self._about.model.mass
         rows = np.repeat(np.arange(mass.shape[0]), np.diff(mass.indptr))
-        by_mass = (moved[..., rows] * by[..., mass.indices]).real.sum(axis=0)
-        on_left = _times(mass, by) + of.on_left
-        if of.left is None:
-            on_right = on_right + on_left
-        along = [_Along(of.right, k * left, c * left, on_right)]
-        if of.left is not None and self._couples:
-            count, free = left.shape[1:]
-            ends = (np.eye(count)[..., None] * on_left[:, None]).reshape(-1, count, mass.shape[0])
-            none = np.zeros((len(ends), count, free))
-            along.append(_Along(left.reshape(-1, free), none, none, ends))
-        return _Directions(along, by_mass, float(np.exp(np.mean(np.log(of.times)))))
+        for A, of_mass in along.by_mass:
+            pairs = zip(weighted(along.of, of_mass), _times(A, basis), strict=True)
+            by["mass"] = by["mass"] + sum(one[rows] * two[mass.indices] for one, two in pairs)
+        return by, by_state
 
-    def forces(self, weights: np.ndarray) -> Weighted:
-        """Derivatives of weights (n, free) times the residual by numbers in the state."""
-        none = np.zeros((len(weights), 1, len(self._start.q)))
-        steps = _Steps(0 * weights[:1], np.ones(1), weights[:, None], none)
-        by_vector, of_step, _ = self._followed([steps])
-        return Weighted(by_vector, of_step, np.zeros((1, 1)))
+    def _of_lengths(self, along: _Along, time: float) -> list[np.ndarray]:
+        """Weights (n, free) of residuals of steps of each length, that tell stiffness and damping.
 
-    def along(self, weighted: Weighted, changes: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Derivatives (n, m) by x, with which numbers change (m, ...), of what is weighted."""
-        refuse_others(changes, self._derivatives.names, self._what)
-        by_vector, of_step, by_mass = weighted
-        masses = changes["mass"].reshape(len(changes["mass"]), -1)
-        by_x = self._derivatives.along(changes, by_vector, of_step)
-        return by_x + (by_mass @ masses.T if by_mass.any() else 0.0)
+        The force of a step with an increment D is K D / 2 + C D / length, that of a length less
+        that of its double C D / (2 length).
+        """
+        K, C = along.stiffness, 2 * time * along.damping
+        return [C - 2 * K, 4 * K - C] if self._damped else [K]
 
-    def _steps(self, about: Linearisation, along: _Along, time: float, curved: bool) -> _Steps:
-        """Steps along directions, and the sums of their weights."""
-        unit = about.model.unit_of_unknowns[about.unknowns]
+    def _forwards(self, along: _Along) -> np.ndarray:
+        """Derivatives (n, m) of sums by changes of K, C, M and T along a basis."""
+        changes, mass = self.changes, self._about.model.mass
+        basis, parts = _basis(along.directions, self._unit)
+        time, by_state = _mean(along.times), None
+        count, free = len(changes["X"]), basis.shape[1]
+        if self._follows:
+            at_state = _Steps(np.zeros((1, free)), np.ones(1), np.zeros(1, int), np.ones(1))
+            forces, _ = self._pushed(at_state, np.zeros((count, free)))
+            by_state = -self._solved(self._about.K, forces[0])
+        sums, on_forces = np.zeros((len(along.of), count), complex), self._of_lengths(along, time)
+
+        def add(rows: np.ndarray, of: np.ndarray, by: np.ndarray, x: Any = slice(None)) -> None:
+            """Add weights (n, size) times rows (r, m, size) along some of the basis."""
+            columns = np.ascontiguousarray(by.T, complex).view(float)
+            products = (rows.reshape(-1, len(columns)) @ columns).view(complex)
+            products = products.reshape(*rows.shape[:2], -1)
+            sums[:, x] += np.einsum("nr,rmn->nm", parts[of][:, some], products)
+
+        masses = changes["mass"].reshape(count, -1)
+        heavy = np.flatnonzero(masses.any(axis=1))
+        most = max(1, int(_MEMORY / (8 * len(on_forces) * free * count)))
+        for some in (slice(k, k + most) for k in range(0, len(basis), most)):
+            forces, ends = self._pushed(self._steps(basis[some], time), by_state)
+            for rows, by in zip(np.split(forces, len(on_forces)), on_forces, strict=True):
+                add(rows, along.of, by)
+            for of, by in along.ends:
+                add(ends[: len(basis[some])], of, by)
+            for A, by in along.by_mass if len(heavy) else []:
+                moved = A @ basis[some].T
+                changed = (
+                    scipy.sparse.csr_matrix((masses[i], mass.indices, mass.indptr)) for i in heavy
+                )
+                add(np.array([(M @ moved).T for M in changed]).swapaxes(0, 1), along.of, by, heavy)
+        return sums
+
+    def forces(self, weights: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of weights (free,) times the residual by numbers in the state."""
+        steps = _Steps(0 * weights[None], np.ones(1), np.zeros(1, int), np.ones(1))
+        return self._backwards(steps, weights[None], np.zeros((1, len(self._start.q))))[0]
+
+    def _steps(self, directions: np.ndarray, time: float, curved: bool = False) -> _Steps:
+        """Steps along directions (r, free), also of twice the time if they tell damping."""
         points, weights = _SECOND if curved else _FIRST
-        basis, parts = _basis(along.directions / unit)
-        if curved:  # which is not linear in the directions
-            basis, parts = along.directions.real / unit, np.eye(len(along.directions))
-        moves, sizes = self._moves(about, basis * unit, points)
-        moves = moves.reshape(-1, len(unit))
-        of = (weights / sizes ** (1 + curved))[..., None]
-        every = (of * by[:, :, None] for by in along.weights(parts))
-        k, c, e = (by.reshape(len(by), len(moves), -1) for by in every)
-        if not self._damped:
-            return _Steps(moves, np.zeros(len(moves)), k, e)
-        # The force of a step with an increment D is K D / 2 + C D / length, that of a length
-        # less that of its double C D / (2 length).
-        lengths = np.full(len(moves), time)
-        short = _Steps(moves, lengths, 2 * time * c - 2 * k, e)
-        return _joined([short, _Steps(moves, 2 * lengths, 4 * k - 2 * time * c, 0 * e)])
-
-    def _moves(
-        self, about: Linearisation, directions: np.ndarray, points: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Increments (d, k, free) at points along directions, whose unit has the sizes (d, 1)."""
-        largest = abs(directions / about.model.unit_of_unknowns[about.unknowns]).max(axis=1)
-        distances = [self._distance(about, of) for of in directions / largest[:, None]]
+        largest = abs(directions / self._unit).max(axis=1)
+        distances = [self._distance(of) for of in directions / largest[:, None]]
         sizes = (distances / largest)[:, None]
-        return (sizes * points)[..., None] * directions[:, None], sizes
+        moves = ((sizes * points)[..., None] * directions[:, None]).reshape(-1, directions.shape[1])
+        rows, shares = np.arange(len(sizes)).repeat(len(points)), weights / sizes ** (1 + curved)
+        steps = _Steps(moves, np.full(len(moves), time), rows, shares.ravel())
+        if not self._damped:
+            return steps._replace(lengths=np.zeros(len(moves)))
+        twice = steps._replace(lengths=2 * steps.lengths, rows=rows + len(sizes))
+        return _Steps(*map(np.concatenate, zip(steps, twice, strict=True)))
 
-    def _distance(self, about: Linearisation, direction: np.ndarray) -> float:
+    def _distance(self, direction: np.ndarray) -> float:
         """Distance of steps along a direction (free,), within which no contact opens or closes."""
-        model, start, distance = about.model, about.start, _DISTANCE
+        about, model, start, distance = self._about, self._about.model, self._start, _DISTANCE
         if not model.points.conditions:
             return distance
         move = _FIRST[0][-1] * direction
@@ -353,37 +332,39 @@ class TangentDerivatives:
             distance /= 2
         return distance
 
-    def _followed(self, steps: list[_Steps]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of all sums by the vector of `Layout`, numbers of the step, and the state.
+    def _pushed(self, steps: _Steps, by_state: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Changes (rows, m, ...) of residuals and ends of steps, with all numbers and the state."""
+        tape = self._tape(steps)
+        given = tape, self.changes, by_state, steps.rows, steps.shares
+        return self._derivatives.jvp_of_equations(*given)
 
-        The first ones in a fixed state.
+    def _backwards(
+        self, steps: _Steps, weights: np.ndarray, of_ends: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Derivatives of weights of residuals and of ends in rows of steps.
+
+        By numbers in a fixed state, if this follows from the others, and by the state.
         """
-        tape = self._tape()
-        rows = [
-            (of.moves, of.lengths, *weights)
-            for of in steps
-            for weights in zip(of.of_equations, of.of_ends, strict=True)
-        ]
-        moves, lengths, of_equations, of_ends = map(np.concatenate, zip(*rows, strict=True))
-        unknowns, free = self._unknowns, self._problem.c.free
-        if len(unknowns) < free:  # others follow them
-            moves, of_equations = (_spread(of, unknowns, free) for of in (moves, of_equations))
-        tape.repeat(moves, lengths)
-        counts = [len(row[0]) for row in rows]
-        ends = np.cumsum(counts)
-        x, of_steps, by_unknowns = self._derivatives.vjp_of_equations(
-            tape, ends.tolist(), of_equations, of_ends
-        )
-        first = ends - counts
-        x[:, self._derivatives.layout.at["Y"]] = 0.0
-        by_state = np.add.reduceat(by_unknowns, first)[:, unknowns]
-        return x, np.add.reduceat(of_steps, first), by_state
+        if len(self._unknowns) < self._problem.c.free:  # others follow them
+            weights = self._spread(weights)
+        given = self._tape(steps), steps.rows, steps.shares, weights, of_ends
+        places = bool(self.changes["X"].any())
+        of_state = self._unknowns[: 0 if self._follows else None]
+        by, by_unknowns = self._derivatives.vjp_of_equations(*given, of_state, places)
+        return by, by_unknowns[self._unknowns]
 
-    def _tape(self) -> Tape:
-        """The state as a step from itself."""
+    def _spread(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (n, free) of the model from those of the unknowns, with zeros for the others."""
+        wide = np.zeros((len(rows), self._problem.c.free))
+        wide[:, self._unknowns] = rows
+        return wide
+
+    def _tape(self, steps: _Steps) -> Tape:
+        """Steps from the state."""
         state = replace(self._start, t=self._factor)
         tape = static_tape(self._problem, state, [state], self._forcing)
         tape.c.apart = True
+        tape.repeat(self._spread(steps.moves), steps.lengths)
         return tape
 
     def _solved(self, K: scipy.sparse.csr_matrix, by_state: np.ndarray) -> np.ndarray:
@@ -402,39 +383,29 @@ class TangentDerivatives:
         return weights.T
 
 
-def _joined(steps: Sequence[_Steps]) -> _Steps:
-    """The steps of some one after the other, with the same sums."""
-    moves, lengths, *weights = zip(*steps, strict=True)
-    return _Steps(np.concatenate(moves), np.concatenate(lengths), *map(np.hstack, weights))
-
-
-def _basis(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _basis(directions: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Real directions (r, n), and complex factors (k, r), whose products are those given (k, n).
 
-    Motions at near frequencies are much alike: r is less than k.
+    They are orthogonal in units (n,). Motions at near frequencies are much alike: r is less than k.
     """
+    directions = directions / unit
     sizes = np.linalg.norm(directions, axis=1)[:, None]
     rows = directions / np.where(sizes > 0, sizes, 1.0)
-    rows = np.vstack([rows.real, rows.imag])
-    if len(directions) == 1:
-        there = rows.any(axis=1)
-        return rows[there], sizes * np.array([[1.0, 1j]])[:, there]
-    q, factors, order = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)
-    count = int((abs(np.diagonal(factors)) > _ALIKE).sum())
-    parts = np.empty((len(rows), count))
-    parts[order] = factors[:count].T
-    real, imaginary = np.split(parts, 2)
-    return q[:, :count].T, sizes * (real + 1j * imaginary)
+    rows, basis, factors = np.vstack([rows.real, rows.imag]), [], []
+    while (left := np.einsum("ij,ij->i", rows, rows)).max() > _ALIKE**2:
+        i = int(left.argmax())
+        basis.append(rows[i] / np.sqrt(left[i]))
+        factors.append(rows @ basis[-1])
+        rows -= np.outer(factors[-1], basis[-1])
+    real, imaginary = np.split(np.array(factors).T, 2)
+    return unit * np.array(basis), sizes * (real + 1j * imaginary)
 
 
 def _times(matrix: scipy.sparse.csr_matrix, vectors: np.ndarray) -> np.ndarray:
-    """A matrix times vectors (p, n, columns)."""
-    rows = vectors.reshape(-1, vectors.shape[-1])
-    return (matrix @ rows.T).T.reshape(*vectors.shape[:2], -1)
+    """A matrix times vectors (n, columns)."""
+    return np.ascontiguousarray((matrix @ vectors.T).T)
 
 
-def _spread(rows: np.ndarray, columns: np.ndarray, count: int) -> np.ndarray:
-    """Rows (n, count) with some columns, and zeros in the others."""
-    wide = np.zeros((len(rows), count))
-    wide[:, columns] = rows
-    return wide
+def _mean(times: np.ndarray) -> float:
+    """Their geometric mean."""
+    return float(np.exp(np.log(times).mean()))

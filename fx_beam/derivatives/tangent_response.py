@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from fx_beam.scene.scene import Scene
 
 from .differentiable import Differentiable
 from .static_derivatives import StateChange, change_of_end
-from .tangent_derivatives import Product, TangentDerivatives
+from .tangent_derivatives import Pairs, TangentDerivatives
 
 
 class TangentResponse(Differentiable):
@@ -69,7 +69,7 @@ class TangentResponse(Differentiable):
         moved = None if self._start is None else (self._start, change)
         return self._tangent.numbers_of(scene, moved)
 
-    def _of_sums(self, sums: Sequence[Product]) -> np.ndarray:
-        """Derivatives (n, m) of sums."""
-        changes = self._changes()
-        return self._tangent.of_sums(self._about, sums, changes)
+    def _of_sums(self, pairs: Pairs, weights: np.ndarray) -> np.ndarray:
+        """Derivatives (s, m) of real parts of weights (s, n) times sums."""
+        self._tangent.take(self._changes())
+        return self._tangent.of_sums(pairs, weights)

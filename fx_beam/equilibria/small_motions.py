@@ -19,7 +19,7 @@ from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.model import Model
 from fx_beam.step.sparse_lu import pivoted_lu, sparse_lu
-from fx_beam.step.undamped_modes import Symmetry, lowest
+from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
 from .path_equations import BorderedLU
 
@@ -96,7 +96,8 @@ class SmallMotions:
 
     def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
         """The n lowest eigenvalues of a tangent in the metric, and vectors (unknowns, n)."""
-        roots, _, vectors = lowest(((K + K.T) / 2).tocsr(), self.metric, min(n, K.shape[0]))
+        modes = UndampedModes(((K + K.T) / 2).tocsr(), self.metric)
+        roots, _, vectors = modes.lowest(min(n, K.shape[0]))
         return np.sign(roots) * roots**2, vectors
 
     # -- Forces that follow the motion ------------------------------------------------------------

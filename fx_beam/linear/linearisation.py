@@ -23,6 +23,7 @@ from fx_beam.scene.scene import Scene
 from fx_beam.step.equations import Equations
 from fx_beam.step.model import Model
 from fx_beam.step.turning_frame import TurningFrame, check_turns
+from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
 # Length of the steps whose tangents give the damping: so short that stiffness has no part in them.
 INSTANT = 1e-30
@@ -94,6 +95,29 @@ class Linearisation:
         self.models.damped = model = recent_model(self.model.scene, *kind, instant=True)
         model.needed_by(self)
         return model
+
+    @cached_property
+    def symmetric(self) -> scipy.sparse.csr_matrix:
+        """The stiffness of `modes`, which is symmetric but for round-off."""
+        K, other = self.K, self.K.T.tocsr()
+        unit = self.model.unit_of_unknowns[self.unknowns]
+        if not Symmetry((K.indptr, K.indices), unit).holds(K.data):
+            raise SceneError(
+                "modes: the stiffness is not symmetric, since a load or an added virtual work "
+                "depends on the motion and has no potential, or friction slips. Simulate the scene "
+                "instead, linearise it, or remove this load or friction"
+            )
+        if np.array_equal(K.indptr, other.indptr) and np.array_equal(K.indices, other.indices):
+            other.data = (K.data + other.data) / 2  # entries that are zero stay
+            return other
+        return (K + other) / 2
+
+    @cached_property
+    def undamped_modes(self) -> UndampedModes:
+        """Those of stiffness and mass."""
+        if not self.M.data.any():
+            raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
+        return UndampedModes(self.symmetric, self.M)
 
     def _damping(self, what: str) -> scipy.sparse.csr_matrix:
         model = self.damped_model

@@ -14,7 +14,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
-from fx_beam.step.undamped_modes import Symmetry, lowest
+from fx_beam.step.undamped_modes import UndampedModes
 
 from .linearisation import Linearisation, check_equilibrium, linearised
 
@@ -40,13 +40,13 @@ class Damped(NamedTuple):
         return Damped(*(part[..., chosen] for part in self))
 
 
-def lowest_damped(K, C, M, n: int):
+def lowest_damped(undamped: UndampedModes, K, C, M, n: int):
     """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes."""
     # All rigid and unstable modes, some that are neither, and more in which damping may show:
     # Coriolis forces may carry what is unstable without them.
     count = 2 * n + 10
     while True:
-        omega, rigid, vectors = lowest(K, M, count)
+        omega, rigid, vectors = undamped.lowest(count)
         if (omega > 0).sum() > n // 2 or len(omega) < count:
             break
         count *= 2
@@ -306,26 +306,8 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
 
     C is that of the forces by the rates; None for none.
     """
-    model, K, M = about.model, about.K, about.M
-    if not M.data.any():
-        raise SceneError("modes: the scene has no mass. Give a section rhoA or add a mass")
-    if not Symmetry((K.indptr, K.indices), model.unit_of_unknowns[about.unknowns]).holds(K.data):
-        raise SceneError(
-            "modes: the stiffness is not symmetric, since a load or an added virtual work depends "
-            "on the motion and has no potential, or friction slips. Simulate the scene instead, "
-            "linearise it, or remove this load or friction"
-        )
-    K = _symmetric(K)
+    undamped, K, M = about.undamped_modes, about.symmetric, about.M
     if C is None or not abs(C).max():
-        omega, rigid, vectors = lowest(K, M, n)
+        omega, rigid, vectors = undamped.lowest(n)
         return omega, rigid, np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega), vectors
-    return lowest_damped(K, C, M, n)
-
-
-def _symmetric(K):
-    """The symmetric part; entries that are zero stay if the pattern is symmetric."""
-    other = K.T.tocsr()
-    if np.array_equal(K.indptr, other.indptr) and np.array_equal(K.indices, other.indices):
-        other.data = (K.data + other.data) / 2
-        return other
-    return (K + other) / 2
+    return lowest_damped(undamped, K, C, M, n)

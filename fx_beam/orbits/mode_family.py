@@ -16,7 +16,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import first_of_largest
 from fx_beam.scene.scene import Scene
-from fx_beam.step.undamped_modes import lowest
+from fx_beam.step.undamped_modes import UndampedModes
 
 from .closing import ROUND_OFF, Closed, Condition, NotClosed, close, turning_point
 from .periodic_family import Path
@@ -76,7 +76,7 @@ def mode_start(shooting: Shooting, scene: Scene, state: Solution | None, mode: i
         )
     about = linearised(scene, state, what)
     check_equilibrium(about, state, what)
-    omega, rigid, vectors = lowest(about.K, about.M, mode + 1)
+    omega, rigid, vectors = UndampedModes(about.K, about.M).lowest(mode + 1)
     if mode >= len(omega) or rigid[mode] or omega[mode] <= 0:
         raise SceneError(
             f"{what}: mode {mode} does not vibrate: fx_beam.modes(scene) shows which do"

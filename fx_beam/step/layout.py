@@ -75,10 +75,12 @@ class Rows:
         parts = {name: self._places[self._of[name]][at] for name, at in (entries or {}).items()}
         return Rows(parts) if parts else self
 
-    def members(self, numbers: np.ndarray, every: int, rows: np.ndarray) -> dict[str, Any]:
-        """Members for rows with these numbers, of so many."""
+    def members(
+        self, numbers: np.ndarray, every: int, rows: np.ndarray, of: np.ndarray | None = None
+    ) -> dict[str, Any]:
+        """Members for rows with these numbers, of so many, or if some are `of` the same rows."""
         at = np.full(every, -1)
-        at[numbers] = np.arange(len(numbers))
+        at[numbers] = np.arange(len(numbers)) if of is None else of
         size = len(self._places)
         return {"at": at, "size": size, "place": self._places, "rows": never_empty(rows)}
 

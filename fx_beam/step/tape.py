@@ -126,7 +126,8 @@ class Tape:
         """Have rows that were not written by the loop."""
         self._set_rows(rows)
         self.c.rows = len(rows)
-        self._count, self._times = len(rows), _Times(rows[:, 0], rows[:, 1], rows[:, 4] == 0)
+        self.c.all = self._count = len(rows)
+        self._times = _Times(rows[:, 0], rows[:, 1], rows[:, 4] == 0)
 
     def repeat(self, moves: np.ndarray, lengths: np.ndarray) -> None:
         """Have the only row n times, with increments (n, free) added and lengths (n,) [s]."""
@@ -136,11 +137,6 @@ class Tape:
         first = self.c.size - self.problem.c.columns
         rows[:, first : first + moves.shape[1]] += moves
         self.write(rows)
-
-    def show(self, first: int, end: int) -> None:
-        """Let C read some of the rows that were written."""
-        self.c.row = self._ffi.cast("double *", self._rows[first:].ctypes.data)
-        self.c.all, self.c.first, self.c.rows = len(self), first, end - first
 
     def __len__(self):
         return self._count

@@ -88,6 +88,11 @@ class TapeDerivatives:
         slopes = np.array(addresses, np.uintp)
         self._structs.set(self.c, slopes=slopes, numbers=numbers, found=np.zeros(max(sizes) + 1))
 
+    @property
+    def places_depend(self) -> bool:
+        """Whether motions of nodes for those of the unknowns depend on the state."""
+        return bool(self._p.entries > self._p.equal or self._p.closures or self._p.sliders)
+
     def constraint_forces(self, tape: Tape) -> np.ndarray:
         """Forces (n, columns) of driven and fixed columns in the n sub-steps on the tape now."""
         first, end = tape.present
@@ -98,37 +103,45 @@ class TapeDerivatives:
         return found
 
     def vjp_of_equations(
-        self, tape: Tape, ends: list[int], of_equations: np.ndarray, of_ends: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of sums of weights times residuals and configurations at ends of load steps.
+        self,
+        tape: Tape,
+        rows: np.ndarray,
+        shares: np.ndarray,
+        of_equations: np.ndarray,
+        of_ends: np.ndarray,
+        of_state: Any,
+        by_places: bool,
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Derivatives of a sum of weights times residuals and configurations at ends of load steps.
 
-        Weights (n, free) and (n, size) of all steps; a sum ends with each of `ends`. By the vector
-        of `Layout` (sums, size), and of each step by its numbers and by the unknowns at its end.
+        Each step has a share (k,) of the weights (., free) and (., size) in one of the `rows` (k,).
+        By all numbers, of the state only by the unknowns `of_state`; and by all unknowns.
         """
-        self._hand_over_slopes(True)
-        count, every = len(tape), np.arange(len(tape) + 1)
-        stride = -(-self.layout.size // 8) * 8  # each row is aligned
-        x = aligned_zeros(len(ends), stride)[:, : self.layout.size]
-        of_steps = np.zeros((count + 1, self.layout.step_size))
-        by_unknowns = np.zeros((count, self._p.free))
-        self.sizes = np.zeros(count)
-        states, equations = self.layout.states, self.layout.equations
-        weights = equations.filled({"equations": of_equations}, count)
+        self._hand_over_slopes(by_places)
+        count, every, layout = len(tape), np.arange(len(tape) + 1), self.layout
+        x, by_unknowns = aligned_zeros(layout.size), np.zeros(self._p.free)
+        of_steps, at_ends = (
+            np.zeros((count + 1, layout.step_size)),
+            layout.states.filled({"q": of_ends}, len(of_ends)),
+        )
         structs = Structs(self._ffi, declarations("problem.h"))
         structs.set(
             self.c,
-            sizes=self.sizes,
-            of_steps=never_empty(of_steps),
+            x=x,
             by_unknowns=by_unknowns,
-            states=states.members(every[1:], count + 1, states.filled({"q": of_ends}, count)),
-            forces=equations.members(every[:-1], count, weights),
+            share=shares,
+            sizes=np.zeros(count),
+            of_steps=never_empty(of_steps),
+            states=layout.states.members(every[1:], count + 1, at_ends, rows),
+            forces=layout.equations.members(every[:-1], count, of_equations, rows),
         )
-        for row, first, end in zip(x, [0, *ends], ends, strict=False):
-            tape.show(first, end)
-            structs.set(self.c, x=row)
-            left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
-            _check_followed(left, tape, first + left - 1)
-        return x, of_steps[:-1], by_unknowns
+        left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
+        _check_followed(left, tape, left - 1)
+        x[layout.at["Y"]] = 0.0
+        x[layout.at["Y"][of_state]] = by_unknowns[of_state]
+        by_step = of_steps.sum(axis=0)
+        by = {name: numbers.sums(x) for name, numbers in self.numbers.items()}
+        return by | {name: by_step[at] for name, at in layout.steps.items()}, by_unknowns
 
     def vjp(
         self,
@@ -234,17 +247,6 @@ class TapeDerivatives:
         parts = [*self.jvp_parts(tape, changes, rows_of)]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def along(
-        self, changes: Mapping[str, np.ndarray], by_vector: np.ndarray, of_step: np.ndarray
-    ) -> np.ndarray:
-        """Sums (n, m) of derivatives times changes (m, ...) of the numbers of a single sub-step.
-
-        Derivatives by the vector of `Layout` (n, size), and by the numbers of the step.
-        """
-        count = len(changes["X"])
-        of_numbers = self._of_steps(changes, count, 1)
-        return by_vector @ self._vector(changes, count) + of_step @ of_numbers
-
     def jvp_parts(
         self,
         tape: Tape,
@@ -269,11 +271,17 @@ class TapeDerivatives:
         self.at_end = {name: at_end[:, self.numbers[of].at] for name, of in names.items()}
 
     def jvp_of_equations(
-        self, tape: Tape, changes: Mapping[str, np.ndarray], by_unknowns: np.ndarray | None
-    ) -> dict[str, np.ndarray]:
-        """Changes of "equations" (n, m, free) and "q" (n, m, size) at ends of load steps.
+        self,
+        tape: Tape,
+        changes: Mapping[str, np.ndarray],
+        by_unknowns: np.ndarray | None,
+        rows: np.ndarray,
+        shares: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of forces on unknowns (n, m, free) and configurations (n, m, size) at ends.
 
-        Both ends of these have the changes of the unknowns (m, free), if these are given.
+        Sums of those of load steps, with shares (k,), in n `rows` (k,). Both ends of steps have the
+        changes of the unknowns (m, free), if these are given.
         """
         p, count, every = self._p, len(changes["X"]), np.arange(len(tape) + 1)
         x, columns = self._vector(changes, count), self.layout.at["Y"]
@@ -281,9 +289,15 @@ class TapeDerivatives:
         if by_unknowns is not None:
             x[columns[: p.free]] = by_unknowns.T
         of_steps = np.tile(self._of_steps(changes, count, 1), (len(tape), 1))
-        _kept = self._begin_jvp(changes, x, of_steps, by_unknowns=np.zeros(1))
-        rows = self.layout.ends, self.layout.equations
-        return self._jvp(tape, tape.present, count, rows, (every[1:], every[:-1]))
+        of_forces, of_ends = (np.zeros((rows.max() + 1, count, n)) for n in (p.free, p.dofs))
+        forces = self.layout.equations.members(every[:-1], len(tape), of_forces, rows)
+        of = rows if self.places_depend else np.full(len(rows), -1)
+        ends = self.layout.ends.members(every[1:], len(tape) + 1, of_ends, of)
+        given = {"by_unknowns": np.zeros(1), "share": shares, "forces": forces, "states": ends}
+        _kept = self._begin_jvp(changes, x, of_steps, **given)
+        left = self.problem.derivatives("JVP").fx_jvp(p, tape.c, self.c)
+        _check_followed(left, tape, len(tape) - left)
+        return of_forces, of_ends
 
     def _begin_jvp(
         self, changes: Mapping[str, np.ndarray], x: np.ndarray, of_steps: np.ndarray, **more: Any

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -52,28 +53,151 @@ class Symmetry:
         return bool((gaps <= _ACROSS * largest[self._rows] * largest[self._columns]).all())
 
 
-def lowest(K, M, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lowest angular frequencies (n,), which are rigid (n,), and vectors (size, n).
+class UndampedModes:
+    """Modes of stiffness K and mass M in compressed rows.
 
-    Frequencies are zero for rigid modes and negative for unstable ones. Modal masses are 1.
+    Factors of K - x M have one sparsity, whatever x: they count eigenvalues and give vectors.
     """
-    massive = M.diagonal() > 0
-    ratios = abs(K.diagonal()[massive]) / M.diagonal()[massive]
-    # Scaled so that stiffnesses are of order 1 and eigenvalues below 1.
-    unit = ratios.max() or 1.0
-    scale = (abs(K.diagonal()) + unit * M.diagonal()) ** -0.5
-    K, M = _scaled(K, scale), unit * _scaled(M, scale)
-    # Smaller eigenvalues are rounding errors, even in the softest direction.
-    least = 1e4 * np.finfo(float).eps * ratios.min(where=ratios > 1e-20 * unit, initial=unit) / unit
-    values, rounding, vectors = _in_slices(K, M, n, 10.0 ** np.arange(np.log10(least), 4, 0.25))
-    vectors = np.sqrt(unit) * scale[:, None] * vectors
-    values, rigid = unit * values, abs(values) <= rounding
-    return np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values))), rigid, vectors
 
+    def __init__(self, K: Any, M: Any):
+        massive = M.diagonal() > 0
+        ratios = abs(K.diagonal()[massive]) / M.diagonal()[massive]
+        # Scaled so that stiffnesses are of order 1 and eigenvalues below 1.
+        self._unit = unit = ratios.max() or 1.0
+        self._scale = (abs(K.diagonal()) + unit * M.diagonal()) ** -0.5
+        self._K, self._M = K, M = _scaled(K, self._scale), unit * _scaled(M, self._scale)
+        # Smaller eigenvalues are rounding errors, even in the softest direction.
+        soft = ratios.min(where=ratios > 1e-20 * unit, initial=unit)
+        self._least = 1e4 * np.finfo(float).eps * soft / unit
+        # Also entries that are zero belong to it: whole nodes are factorised faster.
+        numbered = _with(K, np.arange(1, K.nnz + 1)) + 1j * _with(M, np.arange(1, M.nnz + 1))
+        numbered.sort_indices()
+        numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
+        self._values = [np.append(A.data, 0.0)[k] for A, k in zip((K, M), numbers, strict=True)]
+        self._lu = sparse_lu((numbered.indptr, numbered.indices))
 
-def count_below(K, M, square: float) -> int:
-    """Number of modes whose squares of angular frequencies are below; -1 at one of these."""
-    return _Pencil(K.tocsr(), M).below(square)
+    def lowest(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lowest angular frequencies (n,), which are rigid (n,), and vectors (size, n).
+
+        Frequencies are zero for rigid modes and negative for unstable ones. Modal masses are 1.
+        """
+        values, rounding, vectors = self._in_slices(n)
+        vectors = np.sqrt(self._unit) * self._scale[:, None] * vectors
+        values, rigid = self._unit * values, abs(values) <= rounding
+        return np.where(rigid, 0.0, np.sign(values) * np.sqrt(abs(values))), rigid, vectors
+
+    def count_below(self, square: float) -> int:
+        """Number of those whose squares of angular frequencies are below; -1 at one of these."""
+        return self._below(square / self._unit)
+
+    def _factorise(self, x: float) -> bool:
+        K, M = self._values
+        return self._lu.factorise(K - x * M)
+
+    def _below(self, x: float) -> int:
+        """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
+
+        -1 if a pivot is zero: x is an eigenvalue.
+        """
+        return self._lu.negative_pivots() if self._factorise(x) else -1
+
+    def _in_slices(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The lowest eigenvalues, their rounding errors, and vectors, by slices of four decades."""
+        # Each slice has its own shift, since eigenvalues far below a shift are lost to rounding
+        # errors. A slice is complete when it has as many eigenvalues as Sylvester's law counts. A
+        # Krylov space may lack copies of multiple eigenvalues; they are found after deflation of
+        # the others.
+        below = functools.cache(self._below)
+        sizes = 10.0 ** np.arange(np.log10(self._least), 4, 0.25)  # candidates for their bounds
+        levels = _levels(below, sizes)
+
+        def reach(k):
+            return levels[bisect.bisect_left(levels, k, hi=len(levels) - 1, key=below)]
+
+        n = min(n, below(levels[-1]))  # the others are infinite, for unknowns without mass
+        least = levels[levels > 0][0]
+        if below(least) == 0 and (all_of_them := self._at_once(n, least)) is not None:
+            return all_of_them
+        last = reach(n)
+        values: np.ndarray = np.empty(0)
+        rounding, vectors = values, np.empty((self._K.shape[0], 0))
+        while (known := len(values)) < max(n, below(last)):
+            bottom, noise = reach(known + 1), rounding.max(initial=least)
+            top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
+            shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
+            new = self._nearest(max(below(top) - known, 1), shift, vectors)
+            new -= vectors @ (vectors.T @ (self._M @ new))  # orthogonal to the slices below
+            squares, errors, new = _ritz_vectors(self._K, self._M, new)
+            # Vectors above the slice took the place of copies that are not found yet.
+            inside = squares <= max(top + 1e-8 * abs(top), squares[0])
+            values, rounding = (
+                np.append(values, squares[inside]),
+                np.append(rounding, errors[inside]),
+            )
+            vectors = np.column_stack([vectors, new[:, inside]])
+        order = np.argsort(values)[:n]
+        return values[order], rounding[order], vectors[:, order]
+
+    def _at_once(self, n: int, least: float):
+        """The same if all, above a bound, lie within four decades; otherwise None."""
+        new = self._nearest(n, -least, np.empty((self._K.shape[0], 0)))
+        squares, errors, new = _ritz_vectors(self._K, self._M, new)
+        if len(squares) < n or (squares <= errors).any() or squares[-1] > 1e4 * squares[0]:
+            return None
+        beneath = (1 - 1e-8) * squares[-1]  # the last one may have copies
+        complete = self._below(beneath) == (squares < beneath).sum()
+        return (squares, errors, new) if complete else None
+
+    def _nearest(self, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
+        """Eigenvectors (size, n or fewer) nearest to a shift, except the deflated ones.
+
+        By Lanczos' method for the inverse of K - shift M, in the inner product of M, with vectors
+        that are all made orthogonal to one another.
+        """
+        if not self._factorise(shift):
+            raise _failure()
+        size, first = deflated.shape
+        basis = np.concatenate([deflated.T, np.empty((2 * n + 20, size))])
+        # Other starts each time: those before have no part in a copy that was missed.
+        starts = np.random.default_rng(first)
+        # Nothing would bound the motion of what has no mass; it follows from that of the masses.
+        massive = self._M.diagonal() > 0
+        diagonal, beside, m = list[float](), list[float](), first
+        x, new = self._inverse(starts.standard_normal(size)), True
+        while True:
+            x = massive * x
+            length = self._length(x)
+            for _ in range(2):  # after once there are rounding errors
+                x = x - (basis[:m] @ (self._M @ x)) @ basis[:m]
+            left = self._length(x)
+            if not np.isfinite(left):
+                raise _failure()
+            complete = left <= _ROUNDING * length
+            if complete or m == len(basis):
+                values, parts = _ritz(diagonal, beside)
+                lowest = np.argsort(-abs(values))[:n]
+                errors = left * abs(parts[-1:, lowest])
+                if new or (len(lowest) == n and (errors <= _EXACT * abs(values[lowest])).all()):
+                    break
+                if complete:  # the other copies are found from another start
+                    x, new = self._inverse(starts.standard_normal(size)), True
+                    continue
+                basis = np.concatenate([basis, np.empty((n + 20, size))])
+            beside.append(0.0 if new else left)
+            basis[m], new = x / left, False
+            x = self._inverse(basis[m])
+            diagonal.append(float(x @ (self._M @ basis[m])))
+            m += 1
+        if not len(lowest):
+            raise _failure()
+        vectors = parts[:, lowest].T @ basis[first:m]
+        return np.column_stack([self._inverse(vector) for vector in vectors])
+
+    def _inverse(self, x: np.ndarray) -> np.ndarray:
+        return self._lu.solve(self._M @ x)
+
+    def _length(self, x: np.ndarray) -> float:
+        return float(np.sqrt(abs(x @ (self._M @ x))))
 
 
 def _scaled(matrix, scale: np.ndarray):
@@ -85,51 +209,6 @@ def _scaled(matrix, scale: np.ndarray):
 def _with(matrix, data: np.ndarray) -> scipy.sparse.csr_matrix:
     """A matrix with other data."""
     return scipy.sparse.csr_matrix((data, matrix.indices, matrix.indptr), matrix.shape)
-
-
-def _in_slices(K, M, n: int, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same by slices of four decades from below; `sizes` are candidates for slice bounds."""
-    # Each slice has its own shift, since eigenvalues far below a shift are lost to rounding errors.
-    # A slice is complete when it has as many eigenvalues as Sylvester's law counts. A Krylov space
-    # may lack copies of multiple eigenvalues; they are found after deflation of the others.
-    pencil = _Pencil(K, M)
-    below = functools.cache(pencil.below)
-    levels = _levels(below, sizes)
-
-    def reach(k):
-        return levels[bisect.bisect_left(levels, k, hi=len(levels) - 1, key=below)]
-
-    n = min(n, below(levels[-1]))  # the others are infinite, for unknowns without mass
-    least = levels[levels > 0][0]
-    if below(least) == 0 and (all_of_them := _at_once(pencil, K, M, n, least)) is not None:
-        return all_of_them
-    last = reach(n)
-    values: np.ndarray = np.empty(0)
-    rounding, vectors = values, np.empty((K.shape[0], 0))
-    while (known := len(values)) < max(n, below(last)):
-        bottom, noise = reach(known + 1), rounding.max(initial=least)
-        top = min(last, max(1e4 * bottom, 1e-4 * bottom, noise))
-        shift = -max(top, -10 * bottom, 10 * noise)  # below the slice, not an eigenvalue
-        new = pencil.nearest(max(below(top) - known, 1), shift, vectors)
-        new -= vectors @ (vectors.T @ (M @ new))  # orthogonal to the slices below
-        squares, errors, new = _ritz_vectors(K, M, new)
-        # Vectors above the slice took the place of copies that are not found yet.
-        inside = squares <= max(top + 1e-8 * abs(top), squares[0])
-        values, rounding = np.append(values, squares[inside]), np.append(rounding, errors[inside])
-        vectors = np.column_stack([vectors, new[:, inside]])
-    order = np.argsort(values)[:n]
-    return values[order], rounding[order], vectors[:, order]
-
-
-def _at_once(pencil: _Pencil, K, M, n: int, least: float):
-    """The same if all, above a bound, lie within four decades; otherwise None."""
-    new = pencil.nearest(n, -least, np.empty((K.shape[0], 0)))
-    squares, errors, new = _ritz_vectors(K, M, new)
-    if len(squares) < n or (squares <= errors).any() or squares[-1] > 1e4 * squares[0]:
-        return None
-    beneath = (1 - 1e-8) * squares[-1]  # the last one may have copies
-    complete = pencil.below(beneath) == (squares < beneath).sum()
-    return (squares, errors, new) if complete else None
 
 
 def _levels(below: Callable[[float], int], sizes: np.ndarray) -> np.ndarray:
@@ -157,76 +236,6 @@ def _ritz_vectors(K, M, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     # Of the sum, and of the vectors: the latter counts where nothing else has stiffness.
     eps = np.finfo(float).eps
     return values, 2 * eps * sizes + (10 * eps) ** 2 * (vectors**2).sum(axis=0), vectors
-
-
-class _Pencil:
-    """K - x M, of whose factors all have one sparsity: they count eigenvalues and give vectors."""
-
-    def __init__(self, K, M):
-        # Also entries that are zero belong to it: whole nodes are factorised faster.
-        numbered = _with(K, np.arange(1, K.nnz + 1)) + 1j * _with(M, np.arange(1, M.nnz + 1))
-        numbered.sort_indices()
-        numbers = (part.astype(int) - 1 for part in (numbered.data.real, numbered.data.imag))
-        self._K, self._M = (np.append(A.data, 0.0)[k] for A, k in zip((K, M), numbers, strict=True))
-        self._mass, self._lu = M, sparse_lu((numbered.indptr, numbered.indices))
-
-    def below(self, x: float) -> int:
-        """Number of eigenvalues below x: negative pivots of K - x M, by Sylvester's law of inertia.
-
-        -1 if a pivot is zero: x is an eigenvalue.
-        """
-        return self._lu.negative_pivots() if self._lu.factorise(self._K - x * self._M) else -1
-
-    def nearest(self, n: int, shift: float, deflated: np.ndarray) -> np.ndarray:
-        """Eigenvectors (size, n or fewer) nearest to a shift, except the deflated ones.
-
-        By Lanczos' method for the inverse of K - shift M, in the inner product of M, with vectors
-        that are all made orthogonal to one another.
-        """
-        if not self._lu.factorise(self._K - shift * self._M):
-            raise _failure()
-        size, first = deflated.shape
-        basis = np.concatenate([deflated.T, np.empty((2 * n + 20, size))])
-        # Other starts each time: those before have no part in a copy that was missed.
-        starts = np.random.default_rng(first)
-        # Nothing would bound the motion of what has no mass; it follows from that of the masses.
-        massive = self._mass.diagonal() > 0
-        diagonal, beside, m = list[float](), list[float](), first
-        x, new = self._inverse(starts.standard_normal(size)), True
-        while True:
-            x = massive * x
-            length = self._length(x)
-            for _ in range(2):  # after once there are rounding errors
-                x = x - (basis[:m] @ (self._mass @ x)) @ basis[:m]
-            left = self._length(x)
-            if not np.isfinite(left):
-                raise _failure()
-            complete = left <= _ROUNDING * length
-            if complete or m == len(basis):
-                values, parts = _ritz(diagonal, beside)
-                lowest = np.argsort(-abs(values))[:n]
-                errors = left * abs(parts[-1:, lowest])
-                if new or (len(lowest) == n and (errors <= _EXACT * abs(values[lowest])).all()):
-                    break
-                if complete:  # the other copies are found from another start
-                    x, new = self._inverse(starts.standard_normal(size)), True
-                    continue
-                basis = np.concatenate([basis, np.empty((n + 20, size))])
-            beside.append(0.0 if new else left)
-            basis[m], new = x / left, False
-            x = self._inverse(basis[m])
-            diagonal.append(float(x @ (self._mass @ basis[m])))
-            m += 1
-        if not len(lowest):
-            raise _failure()
-        vectors = parts[:, lowest].T @ basis[first:m]
-        return np.column_stack([self._inverse(vector) for vector in vectors])
-
-    def _inverse(self, x: np.ndarray) -> np.ndarray:
-        return self._lu.solve(self._mass @ x)
-
-    def _length(self, x: np.ndarray) -> float:
-        return float(np.sqrt(abs(x @ (self._mass @ x))))
 
 
 def _ritz(diagonal: list[float], beside: list[float]) -> tuple[np.ndarray, np.ndarray]:

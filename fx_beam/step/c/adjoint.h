@@ -43,18 +43,21 @@ static int solve_transposed(Problem *p, const Work *w, const Derivatives *a) {
   return solve_reduced(&turned, w, 0, rest);
 }
 
-/* Adds the derivatives of J by a state or by forces themselves. */
-static void add_given(const RowsOfRun *of, long k, double *x) {
+/* Adds a share of the derivatives of J by a state or by forces themselves. */
+static void add_given(const RowsOfRun *of, long k, double share, double *x) {
   if (of->at[k] < 0) return;
   const double *row = of->rows + (long)of->at[k] * of->size;
-  for (int i = 0; i < of->size; ++i) x[of->place[i]] += row[i];
+  for (int i = 0; i < of->size; ++i) x[of->place[i]] += share * row[i];
 }
+
+/* That of a sub-step. */
+static double share_of(const Derivatives *a, long k) { return a->by_unknowns ? a->share[k] : 1; }
 
 /* Begins a sub-step with the derivatives by the state at its end, which are those by the start of the next one. */
 static void begin_vjp(const Problem *p, const Work *w, const Derivatives *a, const Layout *at, long k, double *x) {
   int n = p->dofs, columns = p->columns + p->auxiliaries;
   double per_dt = rates_per_path(p, w->dt), *q = x + at->q, *q1 = x + at->q1, *v = x + at->v, *previous = x + at->q_previous;
-  add_given(&a->states, k + 1, x);
+  add_given(&a->states, k + 1, share_of(a, k), x);
   memset(x + at->loads, 0, (at->Y1 - at->loads) * sizeof(double));
   memset(x + at->arms, 0, (at->size - at->arms) * sizeof(double));
   memcpy(x + at->Y1, x + at->Y, columns * sizeof(double)), memset(x + at->Y, 0, columns * sizeof(double));
@@ -74,7 +77,7 @@ static void begin_vjp(const Problem *p, const Work *w, const Derivatives *a, con
 static void begin_forces(const Derivatives *a, const Layout *at, long k, double *x) {
   memset(x + at->R, 0, (at->closing - at->R) * sizeof(double));
   memset(x + at->forces, 0, (at->axes - at->forces) * sizeof(double));
-  add_given(&a->forces, k, x);
+  add_given(&a->forces, k, share_of(a, k), x);
 }
 
 static void vjp_places(const Linear *l, double *x) {
@@ -157,14 +160,14 @@ static int vjp_step(Problem *p, Work *w, const Derivatives *a, Linear *l, const 
   memcpy(a->of_steps + k * steps, x + at->loads, steps * sizeof(double));
   a->sizes[k] = sqrt(dot(p->dofs, x + at->v, x + at->v));
   if (k && !a->by_unknowns) return 1;
-  if (k == 0) add_given(&a->states, 0, x);
+  if (k == 0) add_given(&a->states, 0, 1, x);
   memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(double));
   memset(x + at->closures, 0, p->closures * sizeof(double));
   if (closes) memcpy(trial + at->Y, x + at->Y, size), vjp(l->of + BEGUN, trial);
   if (closes && begin_loops(p, w)) vjp_closures(p, w, at->Y, trial, x + at->closures);
   vjp(l->of + BEGUN, x);
   if (!a->by_unknowns) return 1;
-  for (int i = 0; i < p->free; ++i) a->by_unknowns[k * p->free + i] = x[at->Y + i] + x[at->Y1 + i];
+  for (int i = 0; i < p->free; ++i) a->by_unknowns[i] += x[at->Y + i] + x[at->Y1 + i];
   for (int i = 0; i < p->driven; ++i) a->of_steps[k * steps + at->driven - at->loads + i] += x[at->Y + p->free + i];
   return 1;
 }

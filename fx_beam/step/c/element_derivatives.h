@@ -18,23 +18,32 @@ static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *of, cons
   }
 }
 
-/* Those of all elements. */
+/* Those of all elements, or a share of them that is added to a sum. */
 static void find_slopes(const Problem *p, const Work *w, const Derivatives *a, const Linear *l) {
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
     const Form *form = &of->slopes;
-    double *to = l->slopes[i];
+    long n = (long)of->slope_numbers * LANES;
+    double *to = l->slopes[i], room[n + 1];
     for (const Integral *own = form->of; own < form->of + form->integrals; ++own)
-      for (long block = 0; block * LANES < own->cells; ++block, to += (long)of->slope_numbers * LANES)
-        evaluate_slopes(p, w, of, own, block, to);
+      for (long block = 0; block * LANES < own->cells; ++block, to += n) {
+        evaluate_slopes(p, w, of, own, block, l->share ? room : to);
+        for (long k = 0; l->share && k < n; ++k) to[k] = l->share * room[k] + (l->adds ? to[k] : 0);
+      }
   }
+}
+
+static void scale_entries(Block *b, long first, double share) {
+  for (long k = first; k < b->count; ++k) b->entry[k].slope *= share;
 }
 
 /* A sub-step of a tape with all its laws, and those of joint forces if these are wanted; returns 0 in a singular position.
    Slopes that are read more than once are stored. */
 static int begin_linearised(Problem *p, Work *w, const Derivatives *a, Linear *l, const double *row, int forces, int first, int store) {
+  long touched = l->adds ? l->of[TOUCHED].count : 0, forced = l->adds ? l->of[FORCED].count : 0;
   if (!begin_taped(p, w, a, row, l)) return 0;
   linearise(p, w, a, l, forces, first);
+  if (l->share) scale_entries(l->of + TOUCHED, touched, l->share), scale_entries(l->of + FORCED, forced, l->share);
   for (int i = 0; i < 2; ++i) set_time(p, &work_of_elements(a, i)->slopes, p->t + p->level * w->dt, w->dt);
   if (store) find_slopes(p, w, a, l);
   l->stores = store;
@@ -143,6 +152,7 @@ HOT void vjp_bodies(const Problem *p, const Work *w, const Derivatives *a, const
 /* Adds the changes of the forces of inertia and weight. */
 HOT void jvp_inertia(const Problem *p, const Work *w, const Layout *at, int changes_mass, int held, Changes *x) {
   double per_dt = rates_per_path(p, w->dt), turning = by_places_in_turn(p);
+  if (p->at_rest && !changes_mass && !turning) return;
   const Changes *q = x + at->q, *end = x + at->q1, *v = x + at->v, *X = x + at->member_places;
   Changes *moving = x + at->R; /* which begins afterwards */
   for (int i = 0; i < p->dofs; ++i) {

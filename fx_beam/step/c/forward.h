@@ -55,13 +55,16 @@ static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) 
   if (HAS(SLIDERS) && p->bordering_rows) change_bordering_rows(p, w, l);
 }
 
-/* Stores the changes of a state or of forces, of `count` directions from the `first` on. */
-static void store_row(const Derivatives *a, const RowsOfRun *of, long k, const Changes *x, long first, int count) {
+/* Stores the changes of a state or of forces, of `count` directions from the `first` on, or adds a share of them. */
+static void store_row(const Derivatives *a, const RowsOfRun *of, long k, double share, const Changes *x, long first, int count) {
   if (of->at[k] < 0) return;
   double *row = of->rows + (of->at[k] * (long)a->directions + first) * of->size;
   for (int i = 0; i < of->size; ++i) {
     const double *values = (const double *)(x + of->place[i]);
-    for (int j = 0; j < count; ++j) row[(long)j * of->size + i] = values[j];
+    for (int j = 0; j < count; ++j) {
+      double *to = row + (long)j * of->size + i;
+      *to = a->by_unknowns ? *to + share * values[j] : values[j];
+    }
   }
 }
 
@@ -178,6 +181,13 @@ static void jvp_group(const Problem *p, const Work *w, const Derivatives *a, Lin
   change_state(p, w, a, l, x);
 }
 
+/* Whether load steps are in the same row, in which the Jacobians of their forces may be added up, since the motions of nodes
+   do not depend on the state. Their shares are those of a difference, with the sum zero. */
+static int are_added(const Problem *p, const Derivatives *a, long k, long next, long end) {
+  if (!a->by_unknowns || p->entries > p->equal || p->closures || p->sliders || p->spin_squared) return 0;
+  return next >= 0 && next < end && a->forces.at[k] == a->forces.at[next];
+}
+
 /* Follows a tape with changes in several directions; returns the number of sub-steps that are left where a
    tangent is singular. */
 OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
@@ -195,7 +205,8 @@ OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
   }
   for (; left; --left) {
     long row = tape->rows - left, k = tape->first + row;
-    int forces = !a->by_unknowns && a->forces.at[k] >= 0;
+    int forces = !a->by_unknowns && a->forces.at[k] >= 0, more = are_added(p, a, k, k + 1, tape->all);
+    l.adds = are_added(p, a, k, k - 1, tape->all), l.share = l.adds || more ? a->share[k] : 0;
     if (!begin_linearised(p, w, a, &l, tape->row + row * tape->size, forces, !k, 1)) break;
     if (!a->by_unknowns && !factorise_tangent(p, w)) break;
     for (long i = 0; i < groups; ++i) {
@@ -206,11 +217,13 @@ OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
         memset(x + at->arms, 0, (at->natural1 - at->arms) * sizeof(Changes));
         memset(x + at->q, 0, p->dofs * sizeof(Changes)), jvp(l.of + BEGUN, x);
       }
-      if (row == 0) store_row(a, &a->states, k, x, i * GROUP_SIZE, count);
+      if (more) continue;
+      if (row == 0) store_row(a, &a->states, k, 0, x, i * GROUP_SIZE, count);
       memcpy(x + at->loads, (Changes *)a->of_steps + (i * tape->all + k) * steps, steps * sizeof(Changes));
-      if (a->by_unknowns) jvp_equations(p, w, a, &l, a->changes_mass[i], x);
+      double share = l.share ? 1 : share_of(a, k);
+      if (a->by_unknowns) jvp_equations(p, w, a, &l, a->changes_mass[i] && !l.share, x);
       else jvp_group(p, w, a, &l, a->changes_mass[i], forces, x);
-      store_row(a, &a->forces, k, x, i * GROUP_SIZE, count), store_row(a, &a->states, k + 1, x, i * GROUP_SIZE, count);
+      store_row(a, &a->forces, k, share, x, i * GROUP_SIZE, count), store_row(a, &a->states, k + 1, share, x, i * GROUP_SIZE, count);
     }
   }
   p->kept.present = 0;

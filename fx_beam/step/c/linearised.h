@@ -26,6 +26,8 @@ typedef struct {
   double *on_auxiliaries;                   /* forces on auxiliary unknowns */
   double *slopes[2];                        /* of the forces of elements, and of drag */
   int stores;                               /* whether they are there */
+  double share;                             /* with which forces are added to a sum; 0 for none */
+  int adds;                                 /* whether this has begun */
   double *trial;                            /* backwards, derivatives without those by the equations */
   Changes *block, *on_bordering_rows;       /* forwards, right sides and solutions (work.h), and those of bordering rows */
   int *reached;
@@ -71,6 +73,7 @@ static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear
   const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
   const double *sign = p->entry_sign + equal;
   lay_out(p, w, p->scratch), lay_out_linear(p, a, l, a->scratch);
+  l->share = 0, l->adds = 0;
   Layout at = l->at = fx_layout(p, a);
   memset(l->of, 0, sizeof l->of);
   l->of[EQUAL] = (Block){0, equal, 0, column, row, 0, 0, 0, at.Y1, at.q1};
@@ -119,7 +122,8 @@ static int begin_taped(Problem *p, Work *w, const Derivatives *a, const double *
   if (HAS(MEMBERS) && p->points->members) settle_members(p, w);
   balance(p, w);
   if (p->friction_follows) set_axes(p, w);
-  if (HAS(MEMBERS) && p->points->members) l->of[TOUCHED].count = 0, put_members(l->of + TOUCHED, p, &l->at);
+  if (!l->adds) l->of[TOUCHED].count = 0;
+  if (HAS(MEMBERS) && p->points->members) put_members(l->of + TOUCHED, p, &l->at);
   reduce_tangent(p, w, w->r);
   if (HAS(LOOPS) && w->transposed) factorise_closures(p, w, w->G_virtual, 0, w->part, w->part_order);
   return 1;
@@ -369,7 +373,7 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
 /* All laws of a sub-step that has begun, with `forces` those of joints, and for the first one of a run its start. */
 static void linearise(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int forces, int first) {
   for (int i = 0; i < BLOCKS; ++i)
-    if (i != TOUCHED && !l->of[i].from) l->of[i].count = 0;
+    if (i != TOUCHED && !(i == FORCED && l->adds) && !l->of[i].from) l->of[i].count = 0;
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   put_strains(p, l);
   for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, l, first, j);

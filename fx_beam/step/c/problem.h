@@ -421,8 +421,8 @@ typedef struct {
   int directions, *changes_mass; /* whether masses or weights change in each group */
   double *sizes;      /* of the derivatives by the rates at the starts of sub-steps */
   /* If it is there, forces on unknowns have given weights, no equations are solved, and these are the derivatives by the
-     unknowns at both ends [sub-step][unknown]. */
-  double *by_unknowns;
+     unknowns at both ends. Rows are sums of those of sub-steps, which have a share of them. */
+  double *by_unknowns, *share;
   double *slide_at_rest; /* in the reference configuration */
   /* Of the laws of forces at points: derivatives of each force and internal variable by start, increments, internal
      variables, numbers and parameters, and room for them; how many numbers they have. */
