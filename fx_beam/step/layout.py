@@ -70,7 +70,7 @@ class Rows:
         ends = itertools.accumulate([0, *map(len, parts.values())])
         self._of = dict(zip(parts, itertools.starmap(slice, itertools.pairwise(ends)), strict=True))
 
-    def only(self, entries: Mapping[str, np.ndarray] | None) -> Rows:
+    def only(self, entries: Mapping[str, Any] | None) -> Rows:
         """The same with some entries of some parts, by name; the same of all if there are none."""
         parts = {name: self._places[self._of[name]][at] for name, at in (entries or {}).items()}
         return Rows(parts) if parts else self

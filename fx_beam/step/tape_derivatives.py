@@ -120,10 +120,7 @@ class TapeDerivatives:
         self._hand_over_slopes(by_places)
         count, every, layout = len(tape), np.arange(len(tape) + 1), self.layout
         x, by_unknowns = aligned_zeros(layout.size), np.zeros(self._p.free)
-        of_steps, at_ends = (
-            np.zeros((count + 1, layout.step_size)),
-            layout.states.filled({"q": of_ends}, len(of_ends)),
-        )
+        of_steps, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
         structs = Structs(self._ffi, declarations("problem.h"))
         structs.set(
             self.c,
@@ -132,7 +129,7 @@ class TapeDerivatives:
             share=shares,
             sizes=np.zeros(count),
             of_steps=never_empty(of_steps),
-            states=layout.states.members(every[1:], count + 1, at_ends, rows),
+            states=ends.members(every[1:], count + 1, of_ends, rows),
             forces=layout.equations.members(every[:-1], count, of_equations, rows),
         )
         left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
