@@ -88,16 +88,19 @@ class LocalOutput(RowOutput):
                 yield self._at_ends(name, entries, parts, sign)
 
     def _at_ends(self, name: str, entries: Any, parts: Any = 0, factor: Any = 1.0) -> Block:
-        ends, known = self._places.ends, self._places.entries.get(name)
-        at = entries if known is None else np.searchsorted(known, entries)
-        return of_entries(name, at, parts, np.arange(len(ends)), factor, ends)
+        ends = self._places.ends
+        return of_entries(name, self._at(name, entries), parts, np.arange(len(ends)), factor, ends)
+
+    def _at(self, name: str, entries: Any) -> Any:
+        known = self._places.entries.get(name)
+        return entries if known is None else np.searchsorted(known, entries)
 
     def _change(self, name: str, entries: Any, parts: Any) -> Iterator[Block]:
         """The change over the steps, by their lengths."""
         places, rows = self._places, self._places.moved
         per_time = 1 / places.steps.lengths[rows]
         for at, factor in ((places.ends, per_time), (places.starts, -per_time)):
-            yield of_entries(name, entries, parts, rows, factor, at[rows])
+            yield of_entries(name, self._at(name, entries), parts, rows, factor, at[rows])
 
     def _at_start(self, name: str, entries: Any, parts: Any) -> Block:
         return of_entries(name, entries, parts, self._places.at_start, 1.0)

@@ -58,13 +58,13 @@ def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.nd
     """The only entries of states that outputs read, by name; empty if they may read all."""
     given = outputs.values()
     local = all(isinstance(of.of, Node | Joint) and not definition(of).quantity.law for of in given)
-    if not local or any(observes_rates(model, output) for output in given):
+    if not local or (model.fits_rates and any(observes_rates(model, output) for output in given)):
         return {}
-    every = [measured(model, output) for output in given]
-    entries: dict[str, set[int]] = {of.array: set() for of in every}
-    for of in every:
-        entries[of.array].update(*(at.tolist() for _, at, _ in of.terms()))
-    return {name: np.array(sorted(parts)) for name, parts in entries.items()}
+    entries: dict[str, set[int]] = {"q": set(), "v": set(), "slides": set()}
+    for of in (measured(model, output) for output in given):
+        of_array = entries.get("v" if of.array == "a" else of.array, set())
+        of_array.update(*(at.tolist() for _, at, _ in of.terms()))
+    return {name: np.array(sorted(of)) for name, of in entries.items() if of}
 
 
 def summed(outputs: Mapping[str, Output]) -> list[str]:

@@ -144,10 +144,10 @@ class TapeDerivatives:
         self,
         tape: Tape,
         weights_of: Callable[[Part], Weights],
-        names: Set[str] | None = None,
+        names: Set[str],
         entries: Mapping[str, np.ndarray] | None = None,
     ) -> dict[str, Any]:
-        """Derivatives by all numbers of the scene, or by those of some `names`.
+        """Derivatives by the numbers of the scene that have some `names`.
 
         `weights_of` gives the weights of each part of the tape, the last one first, whose state is
         then on the tape: derivatives by "q" and "v" (m, size), "slides" (m, joints), "internal" and
@@ -155,7 +155,6 @@ class TapeDerivatives:
         (m,), or by some `entries` of these alone; and by the forces in some `sub_steps` (k,):
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
-        names = self.names if names is None else names
         self._hand_over_slopes("X" in names)
         every, forces = len(tape), self.layout.forces
         states = self.layout.states.only(entries)

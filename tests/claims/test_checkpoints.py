@@ -133,3 +133,22 @@ def test_the_memory_of_a_gradient_is_bounded():
 def test_a_memory_that_is_no_number_is_refused():
     with pytest.raises(fb.SceneError, match="Response: memory = 0 must be a positive number"):
         fb.Response(lambda x: x, dt=0.1, t_end=1.0, memory=0)
+
+
+def test_a_jacobian_needs_no_memory_for_states_that_no_output_reads():
+    def build(x):
+        scene = fb.Scene()
+        section = fb.Section(EA=1e4, GA=1e4, EI=10.0, rhoA=1.0, rhoI=1e-3)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=100)
+        scene.clamp(beam.start)
+        scene.add_force(beam.end, (0.0, np.sum(x)))
+        return scene, {"tip": fb.Output("velocity", beam.end)}
+
+    run, x = fb.Response(build, dt=0.01, t_end=1.0), np.ones(8)
+    t, _ = run(x)
+    run.jacobian()
+    tracemalloc.start()
+    run.jacobian()
+    largest = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert largest < 8 * len(t) * len(x) * 300  # bytes of all displacements
