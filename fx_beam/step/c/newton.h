@@ -65,10 +65,10 @@ HOT void difference(int n, double age, double *restrict x, double *restrict old)
    extrapolation with the least error in this step. */
 HOT int update_predictor(Problem *p, const Work *w) {
   int n = p->dofs, all = n + p->free, order = 0;
-  double dt = w->dt, per_dt = 1 / dt, ages[PAST + 1] = {dt}, product = dt, *left = w->scratch;
+  double dt = w->dt, ages[PAST + 1] = {dt}, product = dt, *left = w->scratch;
   double best = p->predictor_error * largest(n, w->D, p->per_unit);
-  for (int i = 0; i < n; ++i) left[i] = per_dt * w->D[i];
-  for (int i = n; i < all; ++i) left[i] = per_dt * w->z[i - n];
+  for (int i = 0; i < n; ++i) left[i] = w->D[i] / dt;
+  for (int i = n; i < all; ++i) left[i] = w->z[i - n] / dt;
   for (int k = 0; k < PAST; ++k) {
     ages[k + 1] = p->ages[k] + dt;
     difference(all, ages[k + 1], left, p->past + k * all);
