@@ -56,7 +56,7 @@ class DragForm:
         forms = {"drag": self._force, "tangent of drag": tangent, "loss to drag": self._loss}
         return Written(forms, self._names)
 
-    def work(self) -> WorkOnWeights:
+    def vjp(self) -> WorkOnWeights:
         """Its work on weights in the place of the test function, and derivatives."""
         test = self._fields.test
         weight = elements.coefficient(test.ufl_function_space())
@@ -68,6 +68,11 @@ class DragForm:
         """Derivatives of the loss by name."""
         by = {f"drag {name}": symbol for name, symbol in self._symbols.items()}
         return Written(derivatives_of(self._loss, self._fields, by), self._names)
+
+
+def vjp_of_drag(kind: DragKind) -> WorkOnWeights:
+    """The work of the drag on weights."""
+    return DragForm(kind).vjp()
 
 
 def coefficients(scene: Scene, drags: Sequence[Drag], mesh: Mesh) -> dict[str, Data]:

@@ -17,7 +17,7 @@ from fx_beam.scene.scene import Scene
 
 from . import vjp_form
 from .assembly import BoundForm, Field, PointValues, Space
-from .beam_drag import DragForm, DragKind, coefficients
+from .beam_drag import DragForm, DragKind, coefficients, vjp_of_drag
 from .fields import (
     CONSTANTS,
     NATURAL,
@@ -70,6 +70,7 @@ class BeamForms:
         self.degree = scene.beams[0].degree
         data = self._section_data(scene)
         inside = self._read(scene, data)
+        works = [self._compiled_works()] if scene.virtual_works else []
         step = self._forms.module("of_step")
         #: What is known of the forms.
         self.facts = facts = StepFacts(**step.facts)
@@ -85,9 +86,8 @@ class BeamForms:
         self.moving: list[Any] = [self._data.get(name) for name in (*NODAL, "internal", *NATURAL)]
         self._start, *self._start_rates = self.moving[1:4]
         #: Whether there are virtual works of a user.
-        self.has_external = bool(scene.virtual_works)
-        if self.has_external:
-            self._added = self._bind(self._compiled_works())
+        self.has_external = bool(works)
+        self._added = [self._bind(work) for work in works]
         unknowns = mesh.unknowns
         #: Field of the internal variables; None without any.
         self._internal: Any = self._data.get("internal")
@@ -147,13 +147,13 @@ class BeamForms:
             self._tangents.append(tangent)
 
     def _drag(
-        self, of_drag: Mapping[str, FilledField], of: Callable[[DragForm], Any] = lambda form: form
+        self, of_drag: Mapping[str, FilledField], writer: Callable[[DragKind], Any] = DragForm
     ) -> tuple[FormSource, dict[str, Any]]:
-        """Forms of the drag with these coefficients, or another writer of it; and their data."""
+        """Forms of the drag with these coefficients, and their data."""
         shapes = tuple((name, field.data.shape) for name, field in of_drag.items())
         kind = DragKind(self.degree, self._mesh.curved, self._scheme, shapes)
-        source = FormSource(kind.key and ("drag", *kind.key), lambda: of(DragForm(kind)))
-        return source, self._data | {name: field.on_mesh for name, field in of_drag.items()}
+        data = self._data | {name: field.on_mesh for name, field in of_drag.items()}
+        return _forms_of(writer, kind), data
 
     def _read(self, scene: Scene, data: dict[str, Data]) -> list[Data]:
         """Find the kind of the scene, and where virtual works act."""
@@ -178,12 +178,8 @@ class BeamForms:
             *(self.degree, mesh.curved, self._scheme, tuple(materials), tuple(works)),
             *(bool(scene.natural_strains), *_shapes(data)),
         )
-        self._forms = self._forms_of(WeakForm, self._kind)
+        self._forms = _forms_of(WeakForm, self._kind)
         return inside
-
-    def _forms_of(self, writer: Callable[[Kind], Any], kind: Kind) -> FormSource:
-        key = kind.key and (writer.__name__, *kind.key)
-        return FormSource(key, lambda: writer(kind))
 
     def _compiled_works(self) -> CompiledForm:
         try:
@@ -257,12 +253,12 @@ class BeamForms:
             values = np.zeros((len(self._tags), 1, len(facts.names)))
             data["more"] = Data(1, values).on(self._mesh)
             spaces["parameters"] = data["more"].space
-        return self._forms_of(writer, kind), data, spaces
+        return _forms_of(writer, kind), data, spaces
 
     def vjp_drag(self) -> vjp_form.BoundVjp:
         """The work of the drag on weights, and its derivatives."""
         varied = self._vary(self.of_drag)
-        source, data = self._drag(varied, DragForm.work)
+        source, data = self._drag(varied, vjp_of_drag)
         return self._bound_vjp(source, data, self._spaces(varied), [self._mesh.unknowns])
 
     def _spaces(self, varied: Mapping[str, FilledField]) -> dict[str, Space]:
@@ -436,8 +432,8 @@ class BeamForms:
 
     def add_external(self, out: np.ndarray) -> None:
         """Add the forces of virtual works of a user, with the motion, to `out` (size,)."""
-        if self.has_external:
-            self._added.add_to(out)
+        for form in self._added:
+            form.add_to(out)
 
     def strain_energy(self, q: np.ndarray, internal: Given = None, natural: Given = None) -> float:
         """Stored energy [J], integrated by the reduced rule.
@@ -484,6 +480,11 @@ class BeamForms:
             parameters = self._parameters.at_times(parts.t)
         shape = self.degree, 3
         return self._resultants(parts, parameters[:, self.parameters], shape)
+
+
+def _forms_of(writer: Callable[[Any], Any], kind: Any) -> FormSource:
+    """What a writer has of a kind."""
+    return FormSource(kind.key and (writer.__name__, *kind.key), lambda: writer(kind))
 
 
 def _shapes(data: Mapping[str, Data]) -> tuple[DataShape | None, DataShape | None]:

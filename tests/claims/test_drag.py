@@ -209,3 +209,21 @@ def test_bad_drag_is_refused(part, drag, message):
     with pytest.raises(fb.SceneError, match=message):
         scene.add_drag({None: bar, "start": bar.start}.get(part, part), **drag)
     assert len(scene.drags) == 1
+
+
+def test_the_loss_to_drag_has_derivatives_beside_those_of_the_motion():
+    def build(x):
+        scene = fb.Scene(gravity=(0, -9.81))
+        section = fb.Section(EA=1e4, GA=1e4, EI=100.0, rhoA=1.0, rhoI=0.1)
+        beam = scene.add_beam([(0, 0), (1, 0)], section, elements=2)
+        scene.pin(beam.start)
+        scene.add_drag(beam, linear=x[0])
+        position = fb.Output("position", beam.end)
+        return scene, {"end": position, "lost": fb.Output("dissipated_energy", scene)}
+
+    run = fb.Response(build, fb.EnergyDecaying(), dt=0.01, t_end=0.1)
+    values = run([1.0])[1]
+    run.vjp({"end": np.ones_like(values["end"])})
+    (slope,) = run.vjp({"lost": 1.0 * (np.arange(11) == 10)})
+    below, above = (run([x])[1]["lost"][-1] for x in (1 - 1e-4, 1 + 1e-4))
+    assert slope == pytest.approx((above - below) / 2e-4, rel=1e-6)
