@@ -199,25 +199,19 @@ class TangentDerivatives:
         about, right, left, mass = self._about, of.right, of.left, self._about.model.mass
         k, c, m = (np.reshape(by, (-1, 1)) for by in (of.stiffness, of.damping, of.mass))
         T, moved, directions = about.T, _times(about.T, left), right
-        times, ends = np.broadcast_to(of.times, len(right)), list[tuple[np.ndarray, np.ndarray]]()
-        by_mass = [(T, m * moved)]
+        turns = [(scipy.sparse.identity(T.shape[0], format="csr"), m)]
         if about.frame is not None:  # Coriolis forces are the mass times these
-            turn = 2 * np.sqrt(self._factor) * about.frame.spin * about.frame.quarter_turn
-            by_mass.append((turn @ T, c * moved))
+            spin = 2 * np.sqrt(self._factor) * about.frame.spin
+            turns.append((spin * about.frame.quarter_turn, c))
+        by_mass = [(turn @ T, by * moved) for turn, by in turns]
+        times, ends = np.broadcast_to(of.times, len(right)), list[tuple[np.ndarray, np.ndarray]]()
         if self._derivatives.places_depend:
-            motion, of_nodes, number = (
-                _times(T, right)[of.of],
-                _times(mass, moved),
-                np.arange(len(left)),
-            )
-            by, on_right = m * motion, m * of_nodes + of.on_right
-            if about.frame is not None:
-                by, on_right = (
-                    by + c * _times(turn, motion),
-                    on_right + c * _times(turn.T, of_nodes),
-                )
+            motion, of_nodes = _times(T, right)[of.of], _times(mass, moved)
+            moving = sum(by * _times(turn, motion) for turn, by in turns)
+            on_right = of.on_right + sum(by * _times(turn.T, of_nodes) for turn, by in turns)
+            ends = [(of.of, on_right)]
+            ends += [(len(right) + np.arange(len(left)), _times(mass, moving) + of.on_left)]
             directions, times = np.vstack([right, left]), np.append(times, times[of.of])
-            ends = [(of.of, on_right), (len(right) + number, _times(mass, by) + of.on_left)]
         return _Along(directions, times, of.of, k * left, c * left, by_mass, ends)
 
     def followed(
@@ -230,10 +224,8 @@ class TangentDerivatives:
         numbers = [of[weights != 0] for of in (along.of, *(of for of, _ in along.ends))]
         used = np.unique(np.concatenate(numbers[: 1 if curved else None]))
         basis, of_used = _basis(along.directions[used], self._unit)
-        if curved:  # which is not linear in the direction
-            basis, of_used = along.directions[used].real, np.ones((1, 1))
-        parts = np.zeros((len(along.directions), len(basis)), of_used.dtype)
-        parts[used] = of_used
+        parts = np.zeros((len(along.directions), len(basis)), complex)
+        parts[used] = of_used ** (1 + curved)
         time = _mean(along.times[used])
 
         def weighted(of: np.ndarray, by: np.ndarray) -> np.ndarray:
@@ -345,9 +337,7 @@ class TangentDerivatives:
 
         By numbers in a fixed state, if this follows from the others, and by the state.
         """
-        if len(self._unknowns) < self._problem.c.free:  # others follow them
-            weights = self._spread(weights)
-        given = self._tape(steps), steps.rows, steps.shares, weights, of_ends
+        given = self._tape(steps), steps.rows, steps.shares, self._spread(weights), of_ends
         places = bool(self.changes["X"].any())
         of_state = self._unknowns[: 0 if self._follows else None]
         by, by_unknowns = self._derivatives.vjp_of_equations(*given, of_state, places)

@@ -13,7 +13,7 @@ from fx_beam.errors import SceneError, any_of
 from fx_beam.scene.joints import joints_by_number
 
 from .form_tables import aligned_zeros
-from .layout import Layout, Numbers, Rows, all_of, never_empty
+from .layout import Layout, Numbers, all_of, never_empty
 from .model import Model
 from .tables import Problem
 from .tape import Part, Tape
@@ -257,10 +257,13 @@ class TapeDerivatives:
         count = len(next(iter(changes.values())))
         given = self._vector(changes, count), self._of_steps(changes, count, len(tape))
         _kept, x = self._begin_jvp(changes, *given, by_unknowns=0)
-        layout = self.layout
+        states, forces = self.layout.states.only(entries), self.layout.forces
         for part in tape.parts(self.problem):
-            rows = layout.states.only(entries), layout.forces
-            yield self._jvp(tape, part, count, rows, rows_of(part))
+            at, of = rows_of(part)
+            of_states, of_forces = states.empty(len(at), count), forces.empty(len(of), count)
+            at_ends = states.members(at, len(tape) + 1, of_states)
+            self._jvp(tape, at_ends, forces.members(of, len(tape), of_forces))
+            yield states.parts(of_states) | forces.parts(of_forces)
         at_end = _one_by_one(x, count)
         names = {"motors": "motors", "internal": "internal", "spring_internal": "spring internal"}
         #: Changes of the rest of the state at the end of the tape.
@@ -289,10 +292,8 @@ class TapeDerivatives:
         forces = self.layout.equations.members(every[:-1], len(tape), of_forces, rows)
         of = rows if self.places_depend else np.full(len(rows), -1)
         ends = self.layout.ends.members(every[1:], len(tape) + 1, of_ends, of)
-        given = {"by_unknowns": np.zeros(1), "share": shares, "forces": forces, "states": ends}
-        _kept = self._begin_jvp(changes, x, of_steps, **given)
-        left = self.problem.derivatives("JVP").fx_jvp(p, tape.c, self.c)
-        _check_followed(left, tape, len(tape) - left)
+        _kept = self._begin_jvp(changes, x, of_steps, by_unknowns=np.zeros(1), share=shares)
+        self._jvp(tape, ends, forces)
         return of_forces, of_ends
 
     def _begin_jvp(
@@ -309,26 +310,12 @@ class TapeDerivatives:
         structs.set(self.c, directions=count, **arrays, **more)
         return structs, x
 
-    def _jvp(
-        self,
-        tape: Tape,
-        part: Part,
-        count: int,
-        rows: tuple[Rows, Rows],
-        numbers: tuple[np.ndarray, np.ndarray],
-    ) -> dict[str, np.ndarray]:
-        """Changes of states and forces in rows with these numbers, of a part of a tape."""
-        (states, forces), (at, of) = rows, numbers
-        of_states, of_forces = states.empty(len(at), count), forces.empty(len(of), count)
+    def _jvp(self, tape: Tape, states: dict[str, Any], forces: dict[str, Any]) -> None:
+        """Follow the sub-steps on the tape, with members for rows of states and of forces."""
         structs = Structs(self._ffi, declarations("problem.h"))
-        structs.set(
-            self.c,
-            states=states.members(at, len(tape) + 1, of_states),
-            forces=forces.members(of, len(tape), of_forces),
-        )
+        structs.set(self.c, states=states, forces=forces)
         left = self.problem.derivatives("JVP").fx_jvp(self._p, tape.c, self.c)
-        _check_followed(left, tape, part.end - left)
-        return states.parts(of_states) | forces.parts(of_forces)
+        _check_followed(left, tape, tape.present.end - left)
 
     def _vector(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """Changes (size, count) of the numbers of the scene and of its state."""
