@@ -26,13 +26,11 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import Pattern, sparsity, starts_of
 from fx_beam.laws.rates import UpdateRule
-from fx_beam.scene.path import Path
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint
 
@@ -112,7 +110,17 @@ class Slide:
 
     def members(self) -> dict[str, Any]:
         """As ``Slider`` of c/slider.h."""
-        return members_of(self.path) | {
+        path = self.path
+        return {
+            "degree": path.degree,
+            "elements": len(path.h),
+            "window": path.window,
+            "most": path.most,
+            "width": path.width,
+            "ends": path.s,
+            "coefficients": path.coefficients,
+            "position": path.X,
+            "angle": path.angles(),
             "joint": self.joint.number,
             "column": self.column,
             "components": len(self.columns),
@@ -128,21 +136,6 @@ class Slide:
             "entry_value": self._entries.value_at,
             "entry_sign": self._entries.sign,
         }
-
-
-def members_of(path: Path) -> dict[str, Any]:
-    """A path as part of ``Slider``."""
-    return {
-        "degree": path.degree,
-        "elements": len(path.h),
-        "window": path.window,
-        "most": path.most,
-        "width": path.width,
-        "ends": path.s,
-        "coefficients": path.coefficients,
-        "position": path.X,
-        "angle": path.angles(),
-    }
 
 
 class Sliders:
@@ -216,85 +209,3 @@ class Sliders:
                 reason = f"the node passes more than {path.most} ends of elements in one step"
                 return "large slide", f"{joint}: {reason}"
         return None
-
-
-# Places on beams, and how they change with the motion, the place, and the shape of the beam: at the
-# arc length s a place is at sum N_a phi_a, its beam has the slope t = sum N_a' phi_a and the bend
-# k = sum N_a' Psi_a (rate_equations.py).
-
-
-class PlaceOnBeam:
-    """Places s (n,) on a beam with the degrees of freedom (nodes, 3), at configurations q.
-
-    `weights` N, N' and N'' (3, n, near) are those of the nodes that have any, with the degrees of
-    freedom `dofs` (near, 3); `slope` t (n, 2) and `bend` (n,). Derivatives are those of t, k and N
-    in one array (n, 3 + near).
-    """
-
-    def __init__(self, path: Path, dofs: np.ndarray, q: np.ndarray, s: np.ndarray):
-        self.near, self.weights = path.weights_near(s)
-        self.dofs, self._path, self._s = dofs[self.near], path, s
-        nodes = np.column_stack([path.X, path.angles()])[self.near]
-        #: Positions and angles (n, near, 3).
-        self._at = nodes + q[:, self.dofs]
-        along, change = (np.einsum("na,nai->ni", w, self._at) for w in self.weights[1:])
-        self.slope, self.bend = along[:, :2], along[:, 2]
-        #: Derivatives by s.
-        self.by_slide = np.hstack([change, self.weights[1]])
-
-    @cached_property
-    def by_numbers(self) -> scipy.sparse.csr_matrix:
-        """Derivatives (n (3 + near), numbers) by the numbers of the path."""
-        path, n, near, first = self._path, len(self._s), len(self.near), self.weights[1]
-        values, slopes = _weights_by_numbers(path, self._s)
-        of_nodes = len(path.s) + 2 * self.near, path.numbers.size - len(path) + self.near
-        columns = of_nodes[0], of_nodes[0] + 1, of_nodes[1]
-        row, at = np.repeat(np.arange(n), near), np.arange(n * near)
-        parts = []
-        for i in range(3):
-            sums = scipy.sparse.csr_matrix((self._at[:, :, i].ravel(), (row, at)))
-            nodal = first.ravel(), (row, np.tile(columns[i], n))
-            parts.append(sums @ slopes + scipy.sparse.csr_matrix(nodal, (n, path.numbers.size)))
-        order = np.arange(n * (3 + near)).reshape(n, -1)
-        to = np.concatenate([*order[:, :3].T, order[:, 3:].ravel()])
-        return scipy.sparse.vstack([*parts, values]).tocsr()[np.argsort(to)]
-
-    def vjp(self, by: np.ndarray, by_q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives by s (n,) and by the numbers of the path at each place (n, numbers).
-
-        From those by t, k and N; adds to those by q (n, size).
-        """
-        by_q[:, self.dofs] += self.weights[1][:, :, None] * by[:, None, :3]
-        rows = np.repeat(np.arange(len(by)), by.shape[1]), np.arange(by.size)
-        each = scipy.sparse.csr_matrix((by.ravel(), rows), (len(by), by.size))
-        return (by * self.by_slide).sum(axis=1), (each @ self.by_numbers).toarray()
-
-
-def _weights_by_numbers(path: Path, s: np.ndarray) -> list[scipy.sparse.csr_matrix]:
-    """Derivatives (n near, numbers) of N and N' of `Path.weights_near` by `Path.numbers`."""
-    e = np.clip(np.searchsorted(path.s, s, "right") - 1, 0, len(path.h) - 1)
-    x, h = ((s - path.s[e]) / path.h[e])[:, None], path.h[e][:, None]
-    one, width = np.ones_like(x), 3 * path.degree + 1
-    powers = np.hstack([one, x, x**2, x**3]), np.hstack([0 * x, one, 2 * x, 3 * x**2])
-    bends = np.hstack([0 * x, 0 * x, 2 * one, 6 * x])
-    nodes = path.degree * (e[:, None] - 1) + np.arange(width)
-    known = (nodes >= 0) & (nodes < len(path))
-    near, at = np.unique(nodes[known], return_inverse=True)
-    of_point, local = np.nonzero(known)
-    rows, c, cell = of_point * len(near) + at, path.coefficients[e][known], e[of_point]
-    first = len(path.s) + path.X.size + 4 * (cell * width + local)
-    by_numbers = []
-    for order, (value, slope) in enumerate(((powers[0], powers[1]), (powers[1], bends))):
-        # A coefficient, and both ends of the element.
-        by_begin = (slope * (x - 1) + order * value) / h ** (order + 1)
-        by_end = -(slope * x + order * value) / h ** (order + 1)
-        parts = [(first + i, (value / h**order)[of_point, i]) for i in range(4)]
-        parts += [
-            (cell, (c * by_begin[of_point]).sum(1)),
-            (cell + 1, (c * by_end[of_point]).sum(1)),
-        ]
-        columns, values = (np.concatenate(part) for part in zip(*parts, strict=True))
-        shape = len(s) * len(near), len(path.numbers)
-        entries = values, (np.tile(rows, len(parts)), columns)
-        by_numbers.append(scipy.sparse.csr_matrix(entries, shape))
-    return by_numbers

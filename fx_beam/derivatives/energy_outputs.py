@@ -251,7 +251,7 @@ class WorkOutput(RowOutput):
             # Losses are those of the steps, without rates that fit.
             own = "total_energy" if quantity == "work" else "energy of steps"
             self._at_rows.append((parts.energy, EnergyOutput(of, own, places)))
-        elif quantity == "work" and model.couplings.driven and model.fitted_rates is not None:
+        elif quantity == "work" and model.couplings.driven and model.fits_rates:
             self._at_rows.append((1, EnergyOutput(of, "work of rates that fit", places)))
         if not part.first and not model.scheme.rates.at_rest:
             self._at_start = f"{quantity} at the start"

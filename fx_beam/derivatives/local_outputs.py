@@ -7,17 +7,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.coupling.sliders import PlaceOnBeam
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.step.measured import measured
-from fx_beam.step.row_jacobian import slope
 from fx_beam.step.tape import Steps
 
 from .gradient import Block, Gradient, RowOutput, of_entries, vjp
 from .sub_steps import NATURAL, OF_NUMBERS, SubSteps
+
+# Step in the imaginary direction.
+_STEP = 1e-100
 
 
 class Places(NamedTuple):
@@ -62,7 +63,7 @@ class LocalOutput(RowOutput):
         self._sub_steps, self._of = sub_steps, (of := definition(output))
         #: Lengths of a row, and the name of the rates of nodes.
         self.shape = of.shape
-        self._rates = "v" if self._model.fitted_rates is None else "rates"
+        self._rates = "rates" if self._model.fits_rates else "v"
         blocks = self._of_law if of.quantity.law is not None else self._linear
         at_rest = self._model.scheme.rates.at_rest and of.quantity.of in ("v", "a")
         self._blocks = [] if at_rest else [block for block in blocks() if len(block.rows)]
@@ -110,14 +111,14 @@ class LocalOutput(RowOutput):
         steps, forces = self._places.steps, self._places.forces
         yield of_entries(name, entries, parts, steps.of, steps.shares, forces)
         yield self._at_start(at_start, entries, parts)
-        if self._model.fitted_rates is not None:
+        if self._model.fits_rates:
             yield from self._change(impulse, entries, parts)
 
     def _of_law(self) -> Iterator[Block]:
         """Those of a law: slopes by steps in the imaginary direction, exact to round-off."""
         of, ends, dofs = self._of, self._places.ends, self._model.mesh.dofs
         if isinstance(of.of, SlidingJoint):
-            yield from self._rate_on_beam(of.of)
+            yield self._at_ends("rates of slides", of.number)
             return
         names, number, slide = {"q": "q", "v": self._rates}, of.number, np.zeros(len(ends))
 
@@ -144,38 +145,10 @@ class LocalOutput(RowOutput):
             def of_field(x: np.ndarray, name: str = field) -> np.ndarray:
                 return of.law(local._replace(**{name: x}))
 
-            slopes = slope(of_field, given, unit)
+            slopes = np.imag(of_field(given + _STEP * 1j * unit)) / _STEP
             for part, by in enumerate(np.atleast_2d(slopes)):
                 if by.any():
                     yield of_entries(name, entry, part, every, by, places)
-
-    def _rate_on_beam(self, joint: SlidingJoint) -> Iterator[Block]:
-        """t . (v_b - sum N v_a) / t . t with the slope t of the beam where the node is."""
-        ends, n, reduction = self._places.ends, joint.number, self._model.reduction
-        assert reduction.sliders is not None
-        slider = next(slide for slide in reduction.sliders.all if slide.joint.number == n)
-        states = self._sub_steps.states
-        q, v = states["q"][ends], states[self._rates][ends]
-        place = PlaceOnBeam(slider.path, slider.dofs, q, states["slides"][ends, n])
-        of_beam = v[:, place.dofs[:, :2]]
-        beneath = np.einsum("na,nai->ni", place.weights[0], of_beam)
-        apart = v[:, slider.node_dofs[:2]] - beneath
-        t, square = place.slope, (place.slope**2).sum(axis=1)[:, None]
-        along = t / square
-        rate = (along * apart).sum(axis=1)[:, None]
-        by_slope = (apart - 2 * rate * t) / square
-        by_q, by_v, every = np.zeros_like(q), np.zeros_like(v), np.arange(len(q))
-        by_weights = -np.einsum("ni,nai->na", along, of_beam)
-        by_place = np.column_stack([by_slope, np.zeros(len(q)), by_weights])
-        by_s, by_path = place.vjp(by_place, by_q)
-        by_v[:, place.dofs[:, :2]] = -place.weights[0][:, :, None] * along[:, None]
-        by_v[:, slider.node_dofs[:2]] = along
-        before = [other.path.numbers.size for other in self._model.sliding]
-        first = sum(before[: [other.number for other in self._model.sliding].index(n)])
-        yield self._at_ends("slides", n, factor=by_s)
-        yield Block("paths", slice(first, first + by_path.shape[1]), every, by_path)
-        for name, by in (("q", by_q), (self._rates, by_v)):
-            yield Block(name, slice(0, by.shape[1]), every, by, ends)
 
 
 class ResultantOutput(RowOutput):

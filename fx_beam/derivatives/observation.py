@@ -11,6 +11,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.scene import Scene
+from fx_beam.step.fitted_rates import rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
@@ -31,7 +32,7 @@ from .output_values import record_of
 from .sub_steps import StatesAt, SubSteps
 
 # Rates that fit the joints, and the impulses that make them fit, by their names as states.
-_FITTED = "rates", "impulses of joints", "impulses of columns"
+_FITTED = "rates", "rates of slides", "impulses of joints", "impulses of columns"
 # Where no output needs the steps that end in its rows.
 _NO_STEPS = Steps(*[np.empty(0, dtype=int)] * 5)
 
@@ -114,10 +115,10 @@ class Observation:
         self._of = of = SubSteps(model, tape, self.boundaries, states_at)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None
-        if model.fitted_rates is not None and needed:
+        if model.fits_rates and needed:
             driven = Forcing(model).end_rates(*rates_at(tape, self.boundaries))
             q, v, slides = (of.states[name] for name in ("q", "v", "slides"))
-            self._fit = model.fitted_rates.derivatives(q, v, slides, driven)
+            self._fit = rate_fit(model).derivatives(q, v, slides, driven)
             of.states["rates"] = self._fit.rates
         self._outputs = {name: self._observed(output) for name, output in outputs.items()}
 
@@ -137,8 +138,8 @@ class Observation:
         columns, joints = model.reduction.columns - model.reduction.free, 3 * model.sizes["joints"]
         sizes = {name: (n, width) for name, width in self._tape.widths.items()}
         sizes |= {name: (n, len(entries)) for name, entries in self._places.entries.items()}
-        sizes |= {"rates": (n, model.size), "impulses of joints": (n, joints)}
-        sizes["impulses of columns"] = n, columns
+        of_fit = model.size, joints // 3, joints, columns
+        sizes |= {name: (n, width) for name, width in zip(_FITTED, of_fit, strict=True)}
         return sizes | {"constraints": (k, columns), "joints": (k, joints)}
 
     def vjp(self, weights: Mapping[str, np.ndarray], later: Mapping[str, float]) -> Gradient:
@@ -150,9 +151,7 @@ class Observation:
         for name, output in self._outputs.items():
             output.vjp(weights[name], later.get(name, 0.0), gradient)
         if self._fit is not None:
-            rates, joints, columns = (gradient.at(name) for name in _FITTED)
-            joints = joints.reshape(len(joints), -1, 3)
-            of_state, of_numbers = self._fit.vjp(rates, joints, columns)
+            of_state, of_numbers = self._fit.vjp({name: gradient.at(name) for name in _FITTED})
             driven = of_state.pop("driven rates")
             for name, values in of_state.items():
                 gradient.at(name)[:] += values
@@ -181,7 +180,7 @@ class Observation:
                 driven = changes["driven rates"][:, self.boundaries].swapaxes(0, 1)
             given = {name: of_state[name] for name in ("q", "v", "slides")}
             given["driven rates"] = driven
-            of_state |= dict(zip(_FITTED, self._fit.jvp(given, changes), strict=True))
+            of_state |= self._fit.jvp(given, changes)
         none = np.empty(0)
         return {
             name: output.jvp(self._rows, before.get(name, none), of_state, changes)

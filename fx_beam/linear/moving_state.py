@@ -18,6 +18,7 @@ from fx_beam.results.state import State
 from fx_beam.scene.inputs import Hold, Ramp
 from fx_beam.scene.scene import Scene
 from fx_beam.step.accelerations import acceleration_of
+from fx_beam.step.fitted_rates import rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.held_inputs import HeldInputs
 from fx_beam.step.model import Model
@@ -174,10 +175,10 @@ def _with_fitted_rates(model: Model, state: State, at: Solution) -> State:
     """The state with rates that fit the joints: those of the last row, if they were recorded."""
     if at.has_rates and at.t[-1] == state.t:
         state = replace(state, v=at.v[-1].flatten())
-    if model.fitted_rates is None:
+    if not model.fits_rates:
         return state
     given = np.full((1, model.reduction.driven), np.nan)
-    fit = model.fitted_rates.fit(state.q[None], state.v[None], state.slides[None], given)
+    fit = rate_fit(model).fit(state.q[None], state.v[None], state.slides[None], given)
     return replace(state, v=fit.rates[0])
 
 

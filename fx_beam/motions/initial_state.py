@@ -335,8 +335,10 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
 
 def projected_rates(model: Model, state: State, v: np.ndarray, driven: np.ndarray) -> np.ndarray:
     """Rates (columns,) closest to given rates v (size,) in the norm of the mass."""
+    from fx_beam.step.fitted_rates import rate_fit
+
     given = (values[None] for values in (state.q, v, state.slides, driven))
-    return rates_of_columns(model, state, model.rate_fit.fit(*given).rates[0], driven)
+    return rates_of_columns(model, state, rate_fit(model).fit(*given).rates[0], driven)
 
 
 def rates_of_columns(model: Model, state: State, v: np.ndarray, driven: np.ndarray) -> np.ndarray:
@@ -390,16 +392,16 @@ def rates_with_slopes(
         return state.v
     given, driven = with_slopes(given), with_slopes(driven)
     if model.scene.joints or driven.size:
+        from fx_beam.step.fitted_rates import rate_fit
+
         for of, to in ((driven.values, given.values), (driven.slopes, given.slopes)):
             to[model.prescribed] = of[: len(model.prescribed)]
-        arms, axes = model.arms_and_axes
-        numbers = numbers | {"arms of joints": arms, "axes of joints": axes}
         of_state = {"q": state.q, "v": given, "slides": state.slides, "driven rates": driven}
         duals = {name: with_slopes(values) for name, values in (numbers | of_state).items()}
-        fit = model.rate_fit.derivatives(*(duals[name].values[None] for name in of_state))
+        fit = rate_fit(model).derivatives(*(duals[name].values[None] for name in of_state))
         changes = {name: np.moveaxis(dual.slopes, -1, 0) for name, dual in duals.items()}
-        rates, *_ = fit.jvp({name: changes[name][None] for name in of_state}, changes)
-        given.slopes = rates[0].T
+        found = fit.jvp({name: changes[name][None] for name in of_state}, changes)
+        given.slopes = found["rates"][0].T
     return Dual(state.v, given.slopes)
 
 

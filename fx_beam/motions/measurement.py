@@ -18,7 +18,7 @@ from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import driven_ways
 
 if TYPE_CHECKING:
-    from fx_beam.step.rate_solver import Fit
+    from fx_beam.step.fitted_rates import Fit
 
 Reading = Callable[[], Any]
 #: Means over a step, by the parts of a fit that change in it.
@@ -58,7 +58,8 @@ class FittedState:
     """
 
     def __init__(self, model: Model, forcing: Forcing, stepper: Any):
-        self._model, self._fits, self._forcing = model, model.fitted_rates, forcing
+        self._model, self._forcing = model, forcing
+        self._fits = model.fits_rates
         self._stepper = stepper
         inputs = [isinstance(function, Ramp) for function in forcing.functions]
         #: Driven motions that are inputs.
@@ -73,7 +74,7 @@ class FittedState:
 
     def leave(self) -> None:
         """A step begins in the present state."""
-        if self._fits is not None:
+        if self._fits:
             now = self._present()
             copies = now._replace(q=now.q.copy(), v=now.v.copy(), slides=now.slides.copy())
             self._starts = copies, self._start()
@@ -81,7 +82,7 @@ class FittedState:
     def state(self) -> State:
         """The present state with these forces; its rates are those of the steps."""
         state = self._stepper.state()
-        if self._fits is None:
+        if not self._fits:
             return state
         means = {name: self._with_change(getattr(state, name), of) for name, of in _MEANS.items()}
         return replace(state, **means, driven_rates=self._driven(self._present()))
@@ -90,13 +91,13 @@ class FittedState:
         """An array of `State`: accelerations and forces are means over the step."""
         if name in _MEANS:
             return self._with_change(getattr(self._stepper.present, name), _MEANS[name])
-        if name == "v" and self._fits is not None:
+        if name == "v" and self._fits:
             return self._fit().rates[0]
         return getattr(self._stepper.present, name)
 
     def _with_change(self, mean, name: str):
         """A mean of the step, with the change of a part of the fit over it."""
-        if self._fits is None or mean is None or (start := self._start()) is None:
+        if not self._fits or mean is None or (start := self._start()) is None:
             return mean
         before, after = (getattr(self._fit(instant), name)[0] for instant in (start, None))
         return mean + (after - before) / self._stepper.grid.dt
@@ -105,9 +106,12 @@ class FittedState:
         """Fit of a state, by default of the present one."""
         number = self._stepper.number if instant is None else instant.number
         if (fit := self._fit_by_step.get(number)) is None:
-            assert self._fits is not None
+            from fx_beam.step.fitted_rates import rate_fit
+
             m = self._present() if instant is None else instant
-            fit = self._fits.fit(m.q[None], m.v[None], m.slides[None], self._driven(m)[None])
+            fit = rate_fit(self._model).fit(
+                m.q[None], m.v[None], m.slides[None], self._driven(m)[None]
+            )
             last = {k: fit for k, fit in self._fit_by_step.items() if number - 2 < k < number + 2}
             self._fit_by_step = last | {number: fit}
         return fit

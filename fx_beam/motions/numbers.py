@@ -23,8 +23,6 @@ OF_OUTPUTS = {
     "forces of joints",
     "axes of slides",
     "offsets of slides",
-    "arms of joints",
-    "axes of joints",
     "driven rates",
     "parameters at the start",
     "work at the start",
@@ -80,9 +78,7 @@ def observed_numbers_of(
             axes[joint.number], offsets[joint.number] = joint.axis, joint.offset
     for name, rows in (("axes of slides", axes), ("offsets of slides", offsets)):
         observed[name] = stacked(rows).reshape(-1, 2)
-    if model.fitted_rates is not None:
-        arms, axes = model.arms_and_axes
-        observed |= {"arms of joints": arms, "axes of joints": axes}
+    if model.fits_rates:
         observed["driven rates"] = prepared.forcing.end_rates(times, lengths)
     return _arrays(observed)
 

@@ -125,15 +125,20 @@ class Prepared:
         The same state for schemes without sub-steps, whose forces are of order two.
         """
         model = self.model
-        if len(model.scheme.fractions) == 1 or (fits := model.fitted_rates) is None:
+        if len(model.scheme.fractions) == 1 or not model.fits_rates:
             return state
+        from fx_beam.step.fitted_rates import rate_fit
+
         if have_slopes():
             raise TypeError("a start that is found by a step has no slopes")
         with uncounted(self.stats):
             end = self.stepper.trial(state, state.t + dt).state
         if end is None:
             return state
-        driven = plain(self.forcing.end_rates(np.array([end.t]), np.array([dt])))
+        driven, fits = (
+            plain(self.forcing.end_rates(np.array([end.t]), np.array([dt]))),
+            rate_fit(model),
+        )
         swing = fits.fit(end.q[None], end.v[None], end.slides[None], driven).corrections
         # The slow part is the mean of both ends, as the start fits; at the start it is normal to
         # what joints allow there.
@@ -202,14 +207,14 @@ def _with_last_forces(model: Model, state: State, start: Solution) -> State:
             if len(rows) and rows.shape[1:] == ARRAYS[name].lengths(model.sizes):
                 state = replace(state, **{name: rows[-1]})
         constraints = state.constraint_forces
-        if constraints is not None and model.fitted_rates is not None and len(start.reactions):
+        if constraints is not None and model.fits_rates and len(start.reactions):
             nodes, components, columns = model.supports
             constraints, first = constraints.copy(), len(model.prescribed)
             constraints[columns] = start.reactions[-1, nodes, components]
             for i, (joint, _) in enumerate(model.motors):
                 constraints[first + i] = start.motor_forces[-1, joint.number]
             state = replace(state, constraint_forces=constraints)
-        if model.fitted_rates is not None and len(start.a):
+        if model.fits_rates and len(start.a):
             state = replace(state, a=start.a[-1].flatten())
     return state
 

@@ -125,25 +125,10 @@ class Path:
 
     def _weights(self, e: np.ndarray, x: np.ndarray, order: int) -> np.ndarray:
         """Weights (n, 3 p + 1) of nodes at coordinates x (n,) in elements, or derivatives by s."""
-        none, one = 0 * x, np.ones_like(x)
-        powers = (
-            (one, x, x * x, x * x * x),
-            (none, one, 2 * x, 3 * x * x),
-            (none, none, 2 * one, 6 * x),
-        )
+        one = np.ones_like(x)
+        powers = (one, x, x * x, x * x * x), (0 * x, one, 2 * x, 3 * x * x)
         weights = np.einsum("nak,nk->na", self.coefficients[e], np.column_stack(powers[order]))
         return weights / self.h[e][:, None] ** order
-
-    def weights_near(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes (near,) with weights at lengths s (n,), and these, N, N' and N'' (3, n, near)."""
-        e = self.element(s)
-        x, nodes = (s - self.s[e]) / self.h[e], self._nodes(e)
-        known = (nodes >= 0) & (nodes < len(self))
-        near, at = np.unique(nodes[known], return_inverse=True)
-        rows, weights = np.nonzero(known)[0], np.zeros((3, len(s), len(near)))
-        for order in range(3):
-            weights[order, rows, at] = self._weights(e, x, order)[known]
-        return near, weights
 
     def nearest_over(self, positions: np.ndarray, points: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Arc lengths (n,) nearest to points (n, 2), from ones near by, for nodes (n, nodes, 2)."""

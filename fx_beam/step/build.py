@@ -23,6 +23,7 @@ _WHAT = {
     "": "the loop over time steps",
     "VJP": "derivatives of time steps, backwards",
     "JVP": "derivatives of time steps, forwards",
+    "FIT": "rates that fit joints",
 }
 # Parameters of glibc's mallopt, and their values: arrays up to so many bytes reuse freed memory, of
 # which twice as much is kept. Pages that are new take longer than what fills them.
@@ -54,7 +55,7 @@ def _reuse_memory() -> None:
 def _asked(features: str, derivatives: str) -> tuple[str, list[str], list[str]]:
     """What a library is, its macros, and its flags."""
     macros = [f"FEATURES {features}", *filter(None, [derivatives])]
-    flags = {"": [*_QUICKLY, *_SHORT], "VJP": _QUICKLY, "JVP": []}[derivatives]
+    flags = {"": [*_QUICKLY, *_SHORT], "JVP": []}.get(derivatives, _QUICKLY)
     return _WHAT[derivatives], macros, [*_FLAGS, *flags]
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .form_tables import aligned_zeros
 from .tables import Problem
 
 _FIRST_OF_STEPS, _FIRST_OF_RESULTS = "loads", "Y1"
@@ -50,13 +51,14 @@ class Layout:
         self.steps = {name: self.at[name] - starts[_FIRST_OF_STEPS] for name in names[first:end]}
         self.step_size = starts[_FIRST_OF_RESULTS] - starts[_FIRST_OF_STEPS]
         model, p = problem.model, problem.c
-        slides = np.full(model.scene.joint_count, starts["nowhere"])
+        #: Indices of the slides of all joints.
+        self.slides = np.full(model.scene.joint_count, starts["nowhere"])
         for joint, column in model.couplings.slides.items():
-            slides[joint] = starts["Y"] + column
+            self.slides[joint] = starts["Y"] + column
         #: Rows of states, of forces, of configurations at ends, and of forces on unknowns.
         of_state = {name: self.at[name] for name in ("q", "v", "internal", "spring internal")}
         constrained = self.at["R"][p.free : p.columns]
-        self.states = Rows(of_state | {"slides": slides})
+        self.states = Rows(of_state | {"slides": self.slides})
         self.ends = Rows({"q": self.at["q1"]})
         self.forces = Rows({"constraints": constrained, "joints": self.at["forces"]})
         self.equations = Rows({"equations": self.at["R"][: p.free]})
@@ -98,6 +100,16 @@ class Rows:
     def parts(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Parts of rows by name."""
         return {name: rows[..., part] for name, part in self._of.items()}
+
+
+def side_by_side(columns: np.ndarray, group_size: int) -> np.ndarray:
+    """Columns (size, n) in groups (groups, size, group_size), the last one filled with zeros."""
+    size, count = columns.shape
+    groups = aligned_zeros(-(-count // group_size), size, group_size)
+    for group, first in zip(groups, range(0, count, group_size), strict=True):
+        part = columns[:, first : first + group_size]
+        group[:, : part.shape[1]] = part
+    return groups
 
 
 def never_empty(array: np.ndarray) -> np.ndarray:

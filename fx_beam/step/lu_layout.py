@@ -205,13 +205,12 @@ def groups_of(
     graph: scipy.sparse.csr_matrix,
     dependent: np.ndarray | None = None,
     forces: int = 0,
-    alone: bool = False,
 ) -> dict[str, Any]:
     """What an order of elimination is found from, by the names of sparse_rows.h.
 
-    With auxiliary unknowns and forces as in `factors_of`. Each unknown may be a group `alone`.
+    With auxiliary unknowns and forces as in `factors_of`.
     """
-    group_of = np.arange(graph.shape[0]) if alone else _alike(graph, dependent, forces)
+    group_of = _alike(graph, dependent, forces)
     n, count = len(group_of), int(group_of.max()) + 1
     members = scipy.sparse.csr_matrix((np.ones(n), group_of, np.arange(n + 1)), (n, count))
     coupled = (members.T @ graph @ members).tocsr().tocoo()
@@ -309,16 +308,3 @@ def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces:
     group_of = np.empty(n, dtype=np.int32)
     group_of[by_sum] = np.repeat(number, np.diff(first, append=n))
     return group_of
-
-
-def fill_in(graph: scipy.sparse.csr_matrix, forces: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (n,) in minimum-degree order, and the entries of U: n times row plus column.
-
-    The last unknowns may be forces, which come after all with which they are coupled.
-    """
-    n, none = graph.shape[0], np.empty(0, int)
-    factors = _eliminated(groups_of(graph, None, forces, alone=True), none, none)
-    assert (of := factors.groups) is not None
-    column = np.repeat(np.arange(n), np.diff(of.source_start))
-    above = of.source.astype(np.int64) * n + column
-    return factors.order, np.sort(np.append(above, np.arange(n) * (n + 1)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import weakref
 from collections.abc import Callable
@@ -37,20 +36,10 @@ from fx_beam.scene.structure import ElsewhereError, OtherStructureError, Structu
 from .build import begin_to_build
 
 if TYPE_CHECKING:
-    from fx_beam.coupling.rate_equations import RateEquations
-
-    from .fitted_rates import FittedRates
     from .sparse_lu import LU
 
-# Cached properties that depend on masses, and on the positions of nodes and joints.
-_OF_MASSES = ("rate_fit",)
-_OF_POSITIONS = (
-    "unit",
-    "unit_of_unknowns",
-    "fits_rates",
-    "rate_fit",
-    "_rate_equations",
-)
+# Cached properties that depend on the positions of nodes and joints.
+_OF_POSITIONS = "unit", "unit_of_unknowns", "fits_rates"
 
 
 class Model:
@@ -145,14 +134,14 @@ class Model:
         moved = self.mesh.refill(scene)
         last, self.scene = self._joints, scene
         self.forms.refill(scene)
-        heavier = self.masses.refill(scene, moved)
+        self.masses.refill(scene, moved)
         self.weight = self.masses.weight
         self.loads.refill(scene)
         self.natural.refill(scene)
         self.motors = motors(scene)
         elsewhere = self._refill_reduction(last, moved)
         self._joints = scene.joints[:]
-        for name in (*(_OF_MASSES if heavier else ()), *(_OF_POSITIONS if elsewhere else ())):
+        for name in _OF_POSITIONS if elsewhere else ():
             self.__dict__.pop(name, None)
         self._damp_friction()
         # In statics without joints and forces between nodes places alone tell mechanisms.
@@ -378,47 +367,10 @@ class Model:
         return self.scheme.rates.by_mean and bool(turning or self.couplings.driven)
 
     @property
-    def fitted_rates(self) -> FittedRates | None:
-        """Fits rates to joints and driven motions; None if those of steps fit by themselves."""
-        return self.rate_fit if self.fits_rates else None
-
-    @cached_property
-    def rate_fit(self) -> FittedRates:
-        """Finds rates that fit joints and driven motions, in the norm of the mass."""
-        from .fitted_rates import FittedRates
-
-        return FittedRates(self._rate_equations, self.mass, self.unit)
-
-    @property
     def sliding(self) -> list[SlidingJoint]:
         """Joints of nodes on beams, as they are eliminated."""
         joints = {joint.number: joint for joint in sliding_joints(self.scene.joints)}
         return [joints[joint.number] for joint in self.couplings.sliding]
-
-    @property
-    def arms_and_axes(self) -> tuple[Any, Any]:
-        """Arms of joints and axes of slides in the reference, with slopes if the scene has them."""
-        from fx_beam.coupling.rate_equations import arms_and_axes
-
-        return arms_and_axes(self.scene, self.sliding)
-
-    @cached_property
-    def _rate_equations(self) -> Callable[[bool], RateEquations]:
-        """Equations of rates, without or with those of rigid points; each is built once."""
-        from fx_beam.coupling.rate_equations import RateEquations, rigid_points
-
-        scene, mesh, driven = self.scene, self.mesh, len(self.prescribed)
-        motored = {joint.number: driven + i for i, (joint, _) in enumerate(self.motors)}
-        constrained = self.reduction.columns - self.reduction.free
-        given = self.sliding, motored, np.column_stack(self.supports), constrained
-        massless = self.massless
-
-        @functools.cache
-        def equations(with_points: bool) -> RateEquations:
-            points = {} if with_points else rigid_points(scene, mesh, massless, given[0])
-            return RateEquations(scene, mesh, *given, points)
-
-        return equations
 
     def _build_reduction(self) -> None:
         """Build the unknowns and the reduction to them, by supports and joints."""

@@ -23,7 +23,7 @@ from .forcing import Forcing
 from .model import Model
 
 if TYPE_CHECKING:
-    from .rate_solver import Fit
+    from .fitted_rates import Fit
 
 # What a solution has besides.
 _OTHERS = "energy", "internal", "spring_internal", "natural"
@@ -205,7 +205,8 @@ def _fit(
     Inputs go straight in a step, so that their rates are those over it, if the rows are `in_turn`.
     `first` are the rates of driven motion at the first one, if `State` has them.
     """
-    assert model.fitted_rates is not None
+    from .fitted_rates import rate_fit
+
     times, steps = grid
     lengths, forcing = _lengths(times, steps), Forcing(model)
     driven = np.full((len(steps), model.couplings.driven), np.nan)
@@ -218,7 +219,7 @@ def _fit(
         driven[1:, straight] = means[:, straight]
     if first is not None:
         driven[0] = first
-    return model.fitted_rates.fit(q, v, slides, driven)
+    return rate_fit(model).fit(q, v, slides, driven)
 
 
 def driven_of(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:

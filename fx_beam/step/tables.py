@@ -49,6 +49,8 @@ from .tangent_storage import (
 if TYPE_CHECKING:
     from .turning_frame import TurningFrame
 
+# Mass of what has none in rates that fit joints, relative to the least mass that there is.
+_LITTLE = 1e-9
 # Forms of the equations.
 _OF_EQUATIONS = "internal_forces", "drag"
 
@@ -56,7 +58,7 @@ _OF_EQUATIONS = "internal_forces", "drag"
 class Problem:
     """The C struct Problem, and the arrays to which it points.
 
-    A `bare` one is for `Equations` alone: it takes no steps.
+    A `bare` one is for `Equations` alone: it takes no steps. One of `rates` has no forces.
     """
 
     def __init__(
@@ -66,8 +68,10 @@ class Problem:
         turns: bool = False,
         alone: bool = True,
         bare: bool = False,
+        rates: bool = False,
     ):
         self.model, self._frame_turns, self._alone, self._bare = model, turns, alone, bare
+        self._rates = rates
         self.factors = self._factors_of(*model.reduction.factored)
         self._features = self._features_of_scene()
         begin_to_build(self._features)  # beside what is compiled for the elements
@@ -84,7 +88,10 @@ class Problem:
         self._hand_over_mesh(stored_at)
         self._set(has_added=model.forms.has_added, keeps_previous=model.keeps_previous)
         self._hand_over_rates(stored_at)
-        self._hand_over_points(stored_at)
+        if rates:
+            self._set(points=[{}], diagonal_at=stored_at[diagonal_of(model.forms.stiffness)])
+        else:
+            self._hand_over_points(stored_at)
         self._hand_over_motors()
         if model.scene.joints and not bare:
             self._hand_over_joint_forces()
@@ -178,7 +185,7 @@ class Problem:
         )
         #: Tables of the forms of beams, None without any.
         self.tables: FormTables | None = None
-        if (beams := model.forms.beams) is not None:
+        if (beams := model.forms.beams) is not None and not self._rates:
             stored = stored_at[model.forms.of_cells]
             self.tables = FormTables(beams, dofs, coordinates, stored, p, self.constants.LANES)
             self._set(**self.tables.all(*([_OF_EQUATIONS] if self._bare else [])))
@@ -218,6 +225,8 @@ class Problem:
             turning = 0 if self._frame_turns else 1  # centrifugal forces have no moments
             values = model.mass.data[self.heavy] * [1, 1, turning] if len(self.heavy) else 0
             numbers |= {"mass": np.append(values, 0.0)}
+        if self._rates:
+            numbers["viscous_weight"] = _little_mass(model)
         if model.weight is not None:
             numbers["weight"] = model.weight
         if model.natural:
@@ -307,10 +316,13 @@ class Problem:
             indptr, indices = reduction.factored
             at, stored = np.arange(len(indices)), len(indices)
             self._set(tangent_start=indptr, tangent_column=indices)
-            self._set(factor_at=factors.at.astype(np.int32), kept={"worth": factors.worth})
+            self._set(
+                factor_at=factors.at.astype(np.int32),
+                kept={"worth": 0 if self._rates else factors.worth},
+            )
         #: Storage indices of the entries of `Reduction.factored`.
         self.tangent_at = at
-        if self.model.points.members is not None:
+        if self.model.points.members is not None and not self._rates:
             self._hand_over_changing_rows()
         elif factors.groups is not None:
             self._sparse_factors = np.zeros(factors.size)
@@ -562,3 +574,15 @@ class Problem:
         self.memory[:] = 0.0
         for ages in self._ages:
             ages[:] = 1.0
+
+
+def _little_mass(model: Model) -> np.ndarray:
+    """Small masses and inertias (size,) of the degrees of freedom that have none."""
+    inertia = model.mass.diagonal() * model.unit**2
+    least = inertia[inertia > 0].min() if inertia.any() else 1.0
+    little = np.where(inertia > 0, 0.0, _LITTLE * least / model.unit**2)
+    for joint in model.scene.joints:  # what is rigid with a mass needs none
+        a, b = (model.mesh.dofs[max(node.number, 0)] for node in (joint.a, joint.b))
+        if joint.is_rigid and GROUND not in (joint.a, joint.b) and inertia[a].all():
+            little[b] = 0.0
+    return little

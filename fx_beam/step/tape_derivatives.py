@@ -13,7 +13,7 @@ from fx_beam.errors import SceneError, any_of
 from fx_beam.scene.joints import joints_by_number
 
 from .form_tables import aligned_zeros
-from .layout import Layout, Numbers, all_of, never_empty
+from .layout import Layout, Numbers, all_of, never_empty, side_by_side
 from .model import Model
 from .tables import Problem
 from .tape import Part, Tape
@@ -303,7 +303,7 @@ class TapeDerivatives:
         structs, layout = Structs(self._ffi, declarations("problem.h")), self.layout
         size, count = self.problem.derivatives("JVP").GROUP_SIZE, x.shape[1]
         self._hand_over_slopes("X" in changes and any_of(changes["X"]))
-        x, of_steps = (_side_by_side(of, size) for of in (x, of_steps))
+        x, of_steps = (side_by_side(of, size) for of in (x, of_steps))
         first = len(layout.at["mass"]) + len(layout.at["weight"])
         masses = x[:, :first].any(axis=(1, 2))
         arrays = {"of_steps": never_empty(of_steps), "x": x, "changes_mass": masses}
@@ -359,16 +359,6 @@ class TapeDerivatives:
         for work in self._works:
             self._structs.set(self.c, **{work.name: work.members(self.layout, by_places)})
         self._make_room()
-
-
-def _side_by_side(columns: np.ndarray, group_size: int) -> np.ndarray:
-    """Columns (size, n) in groups (groups, size, group_size), the last one filled with zeros."""
-    size, count = columns.shape
-    groups = aligned_zeros(-(-count // group_size), size, group_size)
-    for group, first in zip(groups, range(0, count, group_size), strict=True):
-        part = columns[:, first : first + group_size]
-        group[:, : part.shape[1]] = part
-    return groups
 
 
 def _one_by_one(groups: np.ndarray, count: int) -> np.ndarray:

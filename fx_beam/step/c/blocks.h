@@ -95,7 +95,7 @@ enum {
   APART = AXIS + 3, TURN = APART + 2, ON_CHORD, MEAN_TURN = ON_CHORD + 2, OWN_TURN, SLIDE_NUMBERS
 };
 
-OF_DERIVATIVES Layout fx_layout(const Problem *p, const Derivatives *a) {
+OF_VECTORS Layout fx_layout(const Problem *p, const Derivatives *a) {
   Layout l;
   int next = 0, n = p->dofs, joints = p->joints, points = 0, followed = 0;
   int columns = p->columns + p->auxiliaries, internal = p->cells * p->cell_internal, natural = p->cells * p->cell_natural;

@@ -155,13 +155,18 @@ static void spread_columns(const Problem *p, const double *values, double *z, do
 }
 
 /* The columns of sliding nodes in z are set. */
-HOT void spread(const Problem *p, const Work *w, double *z, double *out) {
-  if (HAS(LOOPS)) complete(p, w, z);
+HOT void spread_open(const Problem *p, const Work *w, double *z, double *out) {
   spread_columns(p, w->values, z, out);
   for (const Slider *a = p->slider; HAS(SLIDERS) && a < p->slider + p->sliders; ++a) {
     spread_slider(a, a->T, out, z);
     spread_columns(p, w->values, z, out);
   }
+}
+
+/* The same with unknowns that close loops. */
+static void spread(const Problem *p, const Work *w, double *z, double *out) {
+  if (HAS(LOOPS)) complete(p, w, z);
+  spread_open(p, w, z, out);
 }
 
 /* Adds Tv^T r. */

@@ -1,49 +1,282 @@
-/* Rates that fit joints and supports, for Python (fitted_rates.py). All pointers are always set. */
+/* Rates that fit joints and supports (step/fitted_rates.py): a sub-step that is linear. Of the rates w of the columns those are
+   sought of which the nodal rates u = T w are nearest to given ones v, in the norm of the masses,
+
+       T^T M (u - v) = 0,
+
+   at one configuration. In the vector of a linearised sub-step (blocks.h) w and u are at Y1 and q1, and impulses M (u - v) are
+   forces; T depends on the configuration at q and Y, and on numbers. */
 
 #pragma once
 
-#include "slider.h"
+#include "forward.h"
 
-/* A node that slides on a beam, in equations of rates: whether it slides freely and turns with the beam, nodes of the beam,
-   and its path alone. */
+/* How much forces that close loops yield, relative to a stiffness that the masses are: they are not known where bars are in
+   line. A second solution removes its effect, and round-off of small masses. */
+static const double YIELDING = 1e-13;
+
+/* Blocks in the place of those that sub-steps have: changes of T for auxiliary unknowns and closures, for nodes, and for
+   those that slide; impulses by rates, those of small masses, and by masses. */
+enum { TIED_BY_MAP = BEGUN, SPREAD_BY_MAP = FORCED, SLID_BY_MAP = TOUCHED, INERT = SLID, LIGHT = STRAINED, INERT_BY_MASS = LEVERS };
+enum { FIT_BLOCKS = 21 };
+
+/* What is linear in the rates, and T by the configuration, in the order in which they are evaluated. */
 typedef struct {
-  int joint, free, sleeve, nodes;
-  Slider *path;
-} BeamRate;
+  Linear of, shape;
+  Block *block[FIT_BLOCKS];
+  long size;
+  int solutions;
+} Fit;
 
-/* The equations G v = g of a scene, and their solution. */
-typedef struct {
-  int size, joints, columns, driven; /* degrees of freedom, joints, driven and fixed columns, driven ones */
-  int count, plain, beams, all_entries;
-  /* Plain equations: degrees of freedom of nodes b and a, and of those that carry them, -1 for the ground;
-     arms from these to b in the reference configuration, and that from a; axis and kind of the track. */
-  int *b, *a, *ends, *track;
-  double *arms, *apart, *axis, *direction, *constant;
-  BeamRate *beam;
-  int *joint, *column;  /* of each equation, or -1 */
-  int *free;            /* whether its force is across a free slide */
-  double *turning;      /* whether its multiplier is a moment */
-  /* Massless points that move rigidly with other nodes, carriers first: their joints, the nodes a of these
-     and those that carry all; the points that are such nodes a, or nodes b and a of equations, or -1. */
-  int points, *point_joint, *point_b, *point_a, *point_carrier, *point_of_point, *point_of;
-  double *point_apart, *point_arm;
-  int entries, *entry, *row, *dof; /* entries that may not be zero: number among all, row, degree of freedom */
-  /* Unknowns are rates of `used` degrees of freedom, and negative multipliers, in an `order` of elimination.
-     Entries of G: both unknowns and the place in the factors; `mobility` is the inverse of the mass. */
-  int used, *used_dof, *order, *entry_rate, *entry_multiplier, *entry_at;
-  double *mobility;
-  int masses, *mass_row, *mass_column;
-  double *mass;
-  /* Factors L D L^T by columns, which begin with the diagonal: rows, and the place from which each product of
-     two entries below it is subtracted; masses in them, with small ones of what has none. */
-  int *column_start, *row_of, *target;
-  double *start_of_factors;
-  int others, *other_dof;          /* rates that follow from these by the masses of beams */
-  double *follow;                  /* [used][others] */
-} RateFit;
+static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) {
+  Linear *l = &f->of, *shape = &f->shape;
+  Block *of = l->of, *by = shape->of;
+  int equal = p->equal, left = p->entries - equal;
+  begin_linear(p, w, a, l);
+  of[SPREAD_BY_MAP] = (Block){0, left, 0, p->entry_value + equal, p->entry_row + equal, p->entry_column + equal,
+                              p->entry_sign + equal, w->z, l->at.map, l->at.q1};
+  memset(l->block, 0, p->positions * sizeof(Changes));
+  for (int i = 0; i < p->positions; ++i) l->reached[i] = 1;
+  *shape = *l, memset(by, 0, sizeof shape->of);
+  Layout *at = &shape->at;
+  at->q1 = at->q, at->Y1 = at->Y, at->slides = at->size;
+  /* Numbers of beams change T alone, not what is linear in the rates: what it would read of them is zero. */
+  l->at.places = at->size + SLIDE_NUMBERS * p->sliders, l->at.paths = l->at.places + 3 * p->sliders;
+  f->size = l->at.paths + path_start(p, p->sliders);
+  Block *block[] = {of + DRIVEN, by + WEIGHED, by + SLID, by + LEVERS, by + CARRIED, of + TIED_BY_MAP, of + SPREAD_BY_MAP,
+                    of + WEIGHED, of + TIED, of + EQUAL, of + SPREAD, of + SLID_BY_MAP, of + PLACED, of + INERT, of + LIGHT,
+                    of + INERT_BY_MASS, of + CARRIED, of + COLLECTED, of + ROWS, of + ROWS_BY_MAP, of + MAPPED};
+  memcpy(f->block, block, sizeof block);
+  for (int i = 0; i < p->driven; ++i) put(of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
+  for (int i = 0; i < p->dofs; ++i)
+    for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k)
+      for (int end = 0, at = p->mass_dof[k] + i % 3; end < 2; ++end)
+        put(of + INERT, (end ? l->at.q1 : l->at.v) + at, l->at.r + i, (end ? 1 : -1) * p->mass[3 * k + i % 3]);
+  for (int i = 0; i < p->dofs; ++i) {
+    double little = p->viscous_weight[i];
+    put(of + LIGHT, l->at.q1 + i, l->at.r + i, little), put(of + LIGHT, l->at.v + i, l->at.r + i, -little);
+  }
+  f->solutions = of[LIGHT].count || p->closures ? 2 : 1;
+}
 
-/* Returns 0 without memory. */
-int fx_fit(const RateFit *f, int n, const double *q, const double *v, const double *slide, const double *driven,
-           double *rates, double *corrections, double *joints, double *constraints, double *values);
-/* Rates and negative multipliers for m right sides of each configuration. */
-int fx_solve_rates(const RateFit *f, int n, int m, const double *entries, const double *right, double *x);
+/* Takes the changes of a state, of `count` directions from the `first` on. */
+static void load_row(const Derivatives *a, const RowsOfRun *of, long row, long first, int count, Changes *x) {
+  for (int j = 0; j < count; ++j)
+    for (int i = 0; i < of->size; ++i) x[of->place[i]][j] = of->rows[(row * a->directions + first + j) * of->size + i];
+}
+
+/* Rates u of the nodes for w of the columns, in `z`; their impulses, and in `columns` those on columns, with those that close
+   loops. Those of small masses only help. */
+static void find_impulses(const Problem *p, const Work *w, int helped, const double *v, double *u) {
+  spread_open(p, w, w->z, u);
+  for (int i = 0; i < p->dofs; ++i) w->acc[i] = u[i] - v[i];
+  times_mass(p, w->acc, w->r);
+  for (int i = 0; helped && i < p->dofs; ++i) w->r[i] += p->viscous_weight[i] * w->acc[i];
+  memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
+  add_closing(p, w, w->columns);
+  if (HAS(SLIDERS) && p->sliders) memcpy(w->loaded, w->r, p->dofs * sizeof(double)), carry(p, w, w->loaded, w->columns);
+  add_rows(p, w, with_carried(p, w), w->columns);
+  if (p->auxiliaries) collect_auxiliaries(p, w->virtual_map, w->columns);
+}
+
+/* The equations at a configuration. */
+static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
+  double *K = w->tangent, stiff = 0;
+  memcpy(p->q, of->q + row * p->dofs, p->dofs * sizeof(double));
+  memcpy(p->slides, of->slides + row * p->scene_joints, p->scene_joints * sizeof(double));
+  w->dt = 0;
+  memset(w->z, 0, (p->columns + p->auxiliaries) * sizeof(double));
+  begin_couplings(p, w), expand_trees(p, w);
+  derive_closures(p, w, w->virtual_map, w->G_virtual);
+  for (int i = 0; i < p->dofs; ++i) w->r[i] = 0, w->slope[i] = 1;
+  memset(w->closing, 0, p->closures * sizeof(double));
+  if (p->sliders) memset(w->loaded, 0, p->dofs * sizeof(double));
+  for (int i = 0; i < p->sliders; ++i) memset(p->slider[i].force, 0, sizeof p->slider->force);
+  clear(p->stored_values, K);
+  for (int k = 0; k < p->paddings; ++k) K[p->padding[k]] = 1;
+  multiply_mass(p, w->D, w->scratch, K, 1, w->slope);
+  for (int i = 0; i < p->dofs; ++i)
+    if (p->viscous_weight[i] > 0) K[p->diagonal_at[i]] += p->viscous_weight[i];
+  reduce_tangent(p, w, w->r);
+  for (int i = 0; i < p->scales; ++i) stiff = fmax(stiff, K[p->scale_at[i]] / (p->scale_unit[i] * p->scale_unit[i]));
+  p->yielding = stiff > 0 ? YIELDING / stiff : 0;
+}
+
+/* The forces that close loops in a solution. */
+static void take_closing(const Problem *p, const Linear *l, Changes *to) {
+  for (int i = 0; i < p->closures; ++i) to[i] = l->block[p->order[p->unknowns - p->closures + i]];
+  for (int i = 0; i < p->carried; ++i) to[p->carried_closure[i]] = l->on_bordering_rows[p->carrier_bordering + i];
+}
+
+/* Rates w of the columns, and u of the nodes, with their impulses, and factors if these are `needed` later; returns 0 if the
+   equations are singular. */
+static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, int needed, const double *v, const double *driven,
+                    double *u) {
+  double *z = w->z, *right = (double *)l->block, rest[2];
+  Changes closing[p->closures + 1];
+  memcpy(z + p->free, driven, p->driven * sizeof(double));
+  int once = solutions == 1 && !needed; /* by the solver of steps, which has one right side */
+  if (once) {
+    find_impulses(p, w, 1, v, u);
+    memcpy(w->reduced, w->columns, p->free * sizeof(double));
+    if (!solve_reduced(p, w, 0, rest)) return 0;
+    add_times(p->free, -1, w->step, z);
+  } else if (!factorise_tangent(p, w)) return 0;
+  for (int k = 0; !once && k < solutions; ++k) {
+    find_impulses(p, w, k == 0, v, u);
+    memset(right, 0, p->positions * sizeof(Changes));
+    for (int i = 0; i < p->free; ++i) right[GROUP_SIZE * p->order[i]] = w->columns[i];
+    for (int i = 0; i < p->closures; ++i)
+      for (int e = p->closure_entry_start[i]; e < p->closure_entry_start[i + 1]; ++e)
+        right[GROUP_SIZE * p->order[p->unknowns - p->closures + i]] +=
+            p->closure_sign[e] * w->values[p->closure_value[e]] * z[p->closure_column[e]];
+    solve_right_sides(p, w, l);
+    for (int i = 0; i < p->free; ++i) z[i] -= right[GROUP_SIZE * p->order[i]];
+  }
+  take_closing(p, l, closing);
+  for (int i = 0; i < p->closures; ++i) w->closing[i] = closing[i][0];
+  find_impulses(p, w, 0, v, u);
+  if (p->scene_joints) find_joint_forces(p, w);
+  return 1;
+}
+
+/* All laws, for the impulses that were found. */
+static void linearise_fit(const Problem *p, const Work *w, const Derivatives *a, Fit *f) {
+  Linear *l = &f->of, *shape = &f->shape;
+  for (int i = 0; i < BLOCKS; ++i) {
+    if (!l->of[i].from && i != DRIVEN && i != INERT && i != LIGHT) l->of[i].count = 0;
+    shape->of[i].count = 0;
+  }
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) put_weights_at(l->of + WEIGHED, p, &l->at, i, 1);
+  put_auxiliaries(p, l, w->values, l->at.Y1, l->of + TIED), put_places(p, l, w->values, 1, l->of + PLACED);
+  put_rows(p, w, l), put_forces_on_auxiliaries(p, w, l), put_closures(p, w, l, 1, l->of + MAPPED);
+  put_closing(p, w, l);
+  if (p->scene_joints) put_joint_forces(p, w, l);
+  for (int i = 0; i < p->dofs; ++i)
+    for (int k = p->mass_start[i / 3]; k < p->mass_start[i / 3 + 1]; ++k)
+      put(l->of + INERT_BY_MASS, l->at.mass + 3 * k + i % 3, l->at.r + i, w->acc[p->mass_dof[k] + i % 3]);
+  for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, shape, 0, j);
+  for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) {
+    for (int end = 0; end < 2; ++end) put_weights_at(shape->of + WEIGHED, p, &shape->at, i, end);
+    put_slide(shape->of + SLID, p, &shape->at, i);
+  }
+}
+
+/* The rates u and closures by T, for the rates w and u. */
+static void put_moved(const Problem *p, const Work *w, Fit *f, const double *u) {
+  Linear *l = &f->of;
+  Block *to = l->of + TIED_BY_MAP;
+  for (int k = 0; k < p->auxiliary_entries; ++k)
+    put(to, l->at.map + p->auxiliary_value[k], l->at.Y1 + p->columns + p->auxiliary_of[k],
+        p->auxiliary_value[k] ? p->auxiliary_sign[k] * w->z[p->auxiliary_column[k]] : 0);
+  for (int k = 0; k < p->closures; ++k) {
+    int i = p->closure_arm[k], map = l->at.map + 1 + 2 * i - i % 2;
+    if (i < 0) continue;
+    put(to, map, l->at.closures + k, -at(u, p->carrier[i / 2]));
+    put(to, map + 2, l->at.closures + k, -at(w->z, p->slide_column[i / 2]));
+  }
+  for (int i = 0; i < p->sliders; ++i) {
+    const Slider *a = p->slider + i;
+    int own = f->shape.at.slides + i * SLIDE_NUMBERS;
+    for (int c = 0; c < a->components; ++c) {
+      for (int k = 0; k < a->width; ++k)
+        put(l->of + SLID_BY_MAP, own + AT + k, l->at.Y1 + a->carried[c], u[a->dofs[3 * (a->first + k) + c]]);
+      put(l->of + SLID_BY_MAP, own + AXIS + c, l->at.Y1 + a->carried[c], w->z[a->column]);
+    }
+  }
+}
+
+/* The changes of all that depends on the rates w of unknowns. */
+static void jvp_fit(const Problem *p, const Fit *f, Changes *x) {
+  const Layout *at = &f->of.at;
+  memset(x + at->Y1 + p->free, 0, (p->columns + p->auxiliaries - p->free) * sizeof(Changes));
+  memset(x + at->q1, 0, (f->size - at->q1) * sizeof(Changes));
+  for (int i = 0; i < FIT_BLOCKS; ++i) jvp(f->block[i], x);
+}
+
+/* The changes of rates and impulses in the directions of a group. */
+static void fit_group(const Problem *p, const Work *w, const Fit *f, Changes *x) {
+  const Linear *l = &f->of;
+  const Layout *at = &l->at;
+  memset(x + at->Y1, 0, p->free * sizeof(Changes));
+  for (int k = 0; k < f->solutions; ++k) {
+    jvp_fit(p, f, x);
+    set_right_sides(p, at, x, l->block);
+    solve_right_sides(p, w, l);
+    for (int i = 0; i < p->free; ++i) x[at->Y1 + i] -= l->block[p->order[i]];
+  }
+  jvp_fit(p, f, x);
+  take_closing(p, l, x + at->closing);
+  jvp(l->of + CLOSED, x), jvp(l->of + JOINED, x);
+}
+
+/* From the derivatives by rates and impulses, and by the equations, to those by all else. */
+static void vjp_fit(const Fit *f, double *x) {
+  vjp(f->of.of + JOINED, x), vjp(f->of.of + CLOSED, x);
+  for (int i = FIT_BLOCKS - 1; i >= 0; --i) vjp(f->block[i], x);
+}
+
+/* The derivatives by a configuration, from those by its rates and impulses; `trial` is room. */
+static void vjp_group(const Problem *p, const Work *w, const Fit *f, double *trial, double *x) {
+  const Linear *l = &f->of;
+  const Layout *at = &l->at;
+  long state = (f->size - at->Y) * sizeof(double);
+  Changes by_closures[p->closures + 1];
+  for (int k = 0; k < f->solutions; ++k) {
+    memcpy(trial + at->Y, x + at->Y, state);
+    vjp_fit(f, trial);
+    memset(l->block, 0, p->positions * sizeof(Changes));
+    for (int i = 0; i < p->free; ++i) l->block[p->order[i]][0] = trial[at->Y1 + i];
+    for (int i = 0; i < p->closures; ++i) l->block[p->order[p->unknowns - p->closures + i]][0] = -trial[at->closing + i];
+    solve_right_sides(p, w, l);
+    for (int i = 0; i < p->free; ++i) x[at->R + i] -= l->block[p->order[i]][0];
+    take_closing(p, l, by_closures);
+    for (int i = 0; i < p->closures; ++i) x[at->closures + i] -= by_closures[i][0];
+  }
+  vjp_fit(f, x);
+}
+
+/* Rates that fit given ones, and with `way` VJP or JVP their derivatives: backwards those of a function of rates and impulses,
+   `forces` of Derivatives, by the states `states`; forwards changes. Rows of which the equations are singular are left as they
+   are. Returns 0 without memory. */
+OF_FIT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
+  Work work, *w = &work;
+  Fit f;
+  begin_fits(p, w, a, &f);
+  const Layout *at = &f.of.at;
+  long groups = way == FORWARDS ? (a->directions + GROUP_SIZE - 1) / GROUP_SIZE : 0;
+  long joints = 3 * p->scene_joints, constrained = p->columns - p->free;
+  Changes *x = calloc(f.size, sizeof(Changes));
+  double *by = calloc(2 * f.size, sizeof(double));
+  for (long row = 0; x && by && row < of->rows; ++row) {
+    begin_fit(p, w, of, row);
+    const double *v = of->v + row * p->dofs;
+    double *u = of->rates + row * p->dofs;
+    if (!find_fit(p, w, &f.of, f.solutions, way, v, of->driven + row * p->driven, u)) continue;
+    memcpy(of->joints + row * joints, w->joint_forces, joints * sizeof(double));
+    memcpy(of->constraints + row * constrained, w->columns + p->free, constrained * sizeof(double));
+    if (!way) continue;
+    double z[p->columns + p->auxiliaries + 1];
+    memcpy(z, w->z, (p->columns + p->auxiliaries) * sizeof(double));
+    memset(w->z, 0, (p->columns + p->auxiliaries) * sizeof(double)); /* T is that without increments */
+    linearise_fit(p, w, a, &f);
+    memcpy(w->z, z, (p->columns + p->auxiliaries) * sizeof(double));
+    put_moved(p, w, &f, u);
+    for (long i = 0; i < groups; ++i) {
+      long first = i * GROUP_SIZE;
+      int count = a->directions - first < GROUP_SIZE ? a->directions - first : GROUP_SIZE;
+      memcpy(x, (Changes *)a->x + i * at->size, at->size * sizeof(Changes));
+      load_row(a, &a->states, row, first, count, x);
+      fit_group(p, w, &f, x);
+      store_row(a, &a->forces, row, 1, x, first, count);
+    }
+    if (way == FORWARDS) continue;
+    memset(by + at->Y, 0, (f.size - at->Y) * sizeof(double));
+    add_given(&a->forces, row, 1, by);
+    vjp_group(p, w, &f, by + f.size, by);
+    for (int i = 0; i < a->states.size; ++i) a->states.rows[row * a->states.size + i] = by[a->states.place[i]];
+  }
+  if (x && by && way == BACKWARDS) memcpy(a->x, by, at->Y * sizeof(double));
+  int lacks = !x || !by || end_linear(&f.shape, 0) | end_linear(&f.of, 0);
+  free(x), free(by);
+  return !lacks;
+}

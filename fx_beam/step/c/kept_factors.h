@@ -108,6 +108,8 @@ static void fill_factors(const Problem *p, const Work *w) {
   memset(A, 0, p->rows->start[p->unknowns] * sizeof(double));
   for (int k = 0; k < p->tangent_start[p->unknowns]; ++k) A[p->factor_at[k]] = w->tangent[k];
   if (members) add_contact_points(p, w, 0);
+  for (int i = p->unknowns - p->closures; p->yielding > 0 && i < p->unknowns; ++i)
+    A[p->rows->diagonal[p->order[i]]] -= p->yielding;
 }
 
 static int factorise(Problem *p, const Work *w) {

@@ -62,7 +62,7 @@ static long lay_out_linear(const Problem *p, const Derivatives *a, Linear *l, do
   return at - begin;
 }
 
-OF_DERIVATIVES long fx_linear_scratch(const Problem *p, const Derivatives *a) {
+OF_VECTORS long fx_linear_scratch(const Problem *p, const Derivatives *a) {
   Linear l;
   return lay_out_linear(p, a, &l, 0);
 }

@@ -343,4 +343,6 @@ OF_STEPS void fx_results(const Problem *p, double **to) {
 #include "adjoint.h"
 #elif defined JVP
 #include "forward.h"
+#elif defined FIT
+#include "fitted_rates.h"
 #endif

@@ -257,6 +257,7 @@ typedef struct {
   struct { double *arm; };
   struct { double *viscous_weight; int *diagonal_at; };
   double ratio_before, spin_squared, viscosity;
+  double yielding;      /* of forces that close loops, in rates that fit joints */
   int sub_steps;
   double fractions[SUB_STEPS];
   /* Rules of a user, of which the sub-steps take turns; where the tangent has all entries of a pair of nodes [pair][3][3]. */
@@ -435,6 +436,15 @@ typedef struct {
   double *scratch;
 } Derivatives;
 
+/* Configurations with rates, slides, and rates of driven columns, in rows; rates that fit joints and supports (fitted_rates.h),
+   and the impulses of joints and of driven and fixed columns that make them fit. Derivatives of these may be wanted, too. */
+typedef struct {
+  long rows;
+  double *q, *v, *slides, *driven, *rates, *joints, *constraints;
+} Fits;
+
+enum { VALUES, BACKWARDS, FORWARDS };
+
 int fx_begin_joints(Problem *p);
 int fx_expand(Problem *p, const double *z, int close, double **to);
 int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Record *to);
@@ -451,4 +461,5 @@ long fx_linear_scratch(const Problem *p, const Derivatives *a);
 long fx_taped_forces(Problem *p, const Tape *tape, const Derivatives *a, double *forces);
 long fx_vjp(Problem *p, const Tape *tape, const Derivatives *a);
 long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a);
+int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way);
 void fx_free_rows(ChangingRows *c);
