@@ -155,7 +155,7 @@ class Problem:
         self._set(
             nodes=len(mesh.X),
             cells=len(dofs),
-            cell_internal=int(np.prod(model.forms.internal_shape[1:])),
+            cell_internal=0 if self._rates else int(np.prod(model.forms.internal_shape[1:])),
             cell_dofs=dofs.shape[1],
             cell_coordinates=coordinates.shape[1],
         )
