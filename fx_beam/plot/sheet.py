@@ -43,7 +43,7 @@ class Plane:
         self.ax.set(xlabel=f"$x$ [{drawing.unit}]", ylabel=f"$y$ [{drawing.unit}]")
         self.figure.draw_without_rendering()
         #: Width and height of the axes [inch]; narrow ones show more at the sides.
-        self._inches = np.array(self.ax.bbox.size) / self.figure.dpi
+        self._inches = self.ax.bbox.size / self.figure.dpi
         if (wider := _NARROW / self._inches[0]) > 1:
             (low, _), (high, _) = self._window
             margin = (wider - 1) * (high - low) / 2
