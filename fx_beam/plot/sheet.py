@@ -18,10 +18,7 @@ PICTURES = sorted(FigureCanvasAgg.filetypes)
 #: Width and height up to which a picture is drawn [inch].
 LARGEST = 6.4, 5.6
 _AROUND = 0.05  # space around what is drawn [inch]
-_NARROW = 2.4  # width of axes that a title needs [inch]
-_TICK = 0.7  # least distance of the numbers below the axes [inch]
-_FLAT = 2.5  # width over height of axes from which on the colour bar lies below them
-_BAR, _BESIDE, _BELOW = 0.14, 0.12, 0.75  # thickness of the bar, its distance and position [inch]
+_FLAT = 2.0  # width over height of a window from which on the colour bar lies below it
 
 
 class Plane:
@@ -38,29 +35,20 @@ class Plane:
     def __init__(self, drawing: Drawing, size: tuple[float, float] | None = None):
         self._window, self._fills = drawing.window, size is not None
         self.figure = Figure(LARGEST if size is None else size, layout="constrained")
-        self.ax: Any = self.figure.add_subplot(aspect="auto" if self._fills else "equal")
+        # In the corner beside the colour bar, if there is room left.
+        look = {"aspect": "auto" if self._fills else "equal", "anchor": "SE"}
+        self.ax: Any = self.figure.add_subplot(**look)
         self._show(*self._window)
         self.ax.set(xlabel=f"$x$ [{drawing.unit}]", ylabel=f"$y$ [{drawing.unit}]")
-        self.figure.draw_without_rendering()
-        #: Width and height of the axes [inch]; narrow ones show more at the sides.
-        self._inches = self.ax.bbox.size / self.figure.dpi
-        if (wider := _NARROW / self._inches[0]) > 1:
-            (low, _), (high, _) = self._window
-            margin = (wider - 1) * (high - low) / 2
-            self.ax.set_xlim(low - margin, high + margin)
-            self._inches[0] = _NARROW
-        self.ax.locator_params(axis="x", nbins=int(self._inches[0] / _TICK))
 
     def _show(self, low: np.ndarray, high: np.ndarray) -> None:
         self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
     def draw_bar(self, scale, **look):
-        """Draw the colour bar of a scale beside the axes, or below them if they are flat."""
-        width, height = self._inches
-        cax, side = (1 + _BESIDE / width, 0.0, _BAR / width, 1.0), "vertical"
-        if width > _FLAT * height:
-            cax, side = (0.0, -_BELOW / height, 1.0, _BAR / height), "horizontal"
-        return self.figure.colorbar(scale, cax=self.ax.inset_axes(cax), orientation=side, **look)
+        """Draw the colour bar of a scale."""
+        width, height = np.subtract(*self._window[::-1])
+        side = "bottom" if width > _FLAT * height else "right"
+        return self.figure.colorbar(scale, ax=self.ax, location=side, aspect=30, **look)
 
     def fit(self) -> None:
         """Make the figure as large as the drawing, or the drawing as large as the figure."""

@@ -418,7 +418,7 @@ def test_limits_are_the_ends_of_the_colours_and_arrows_show_what_is_beyond(
     bent, options, ends, extend
 ):
     figure = plot.shapes(bent, rows=[1], **options)
-    (row,), (bar,) = painted(figure), figure.axes[0].child_axes
+    (row,), bar = painted(figure), figure.axes[1]
     assert row.get_clim() == ends
     # The axis of a logarithmic scale goes there and back through the logarithm.
     shown = bar.get_ylim() if bar.get_ylabel() else bar.get_xlim()
