@@ -65,6 +65,7 @@ def _write_gif(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
     first.save(path, save_all=True, append_images=others, duration=1000 // fps, loop=0)
 
 
+_BESIDE = 4.0  # width of the axes over which the time and the title are side by side [inch]
 _COLOURS = "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
 
 
@@ -134,16 +135,16 @@ def animate(
     shown = drawing.rows
     if trace is not None:
         solution.position(trace)  # refuses what is no node of the solution
-    plane = _plane(drawing, size)
+    plane = _plane(drawing, colour is not None, size)
     say_if_too_small(drawing)
     ax = plane.ax
+    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+    look |= {"fontsize": "small", "va": "bottom"}
+    # Beside the time, or above it where there is no room.
+    above = 4 if ax.bbox.width > _BESIDE * plane.figure.dpi else 15
+    ax.annotate(drawing.title(), (1, 1), (0, above), ha="right", **look)
     draw_outlines(ax, drawing.obstacles)
-    headings = clock(solution.t[shown].tolist())
-    if solution.stats.static:
-        headings = [f"load factor {three_digits(t)}" for t in solution.t[shown]]
-    title = ax.set_title(drawing.title(), fontsize="small", loc="right")
-    longest = max(headings, key=len)
-    heading = ax.set_title(longest, fontsize="small", family="monospace", loc="left")
+    heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
     members: Members
     lines: Any
@@ -160,13 +161,12 @@ def animate(
     moving = [heading, past, ax.add_collection(lines)]
     for artist in moving:
         artist.set_animated(True)  # left out of the static part of a frame
-    plane.figure.draw_without_rendering()
-    if title.get_window_extent().x0 < heading.get_window_extent().x1:
-        title.set_text(f"{title.get_text()}\n")  # above the heading, as there is no room beside it
-    plane.fit()
     canvas = FigureCanvasAgg(plane.figure)
     canvas.draw()
     still, supports = canvas.copy_from_bbox(plane.figure.bbox), Supports(drawing)
+    headings = clock(solution.t[shown].tolist())
+    if solution.stats.static:
+        headings = [f"load factor {three_digits(t)}" for t in solution.t[shown]]
 
     def frames() -> Iterator[np.ndarray]:
         for k, words in zip(shown, headings, strict=True):
@@ -195,16 +195,16 @@ def animate(
         write(frames(), file, fps)
 
 
-def _plane(drawing: Drawing, size: Any) -> Plane:
+def _plane(drawing: Drawing, bar: bool, size: Any) -> Plane:
     """Axes of frames of a size [pixels], in which letters are as large as in other pictures."""
     if size is None:
-        return Plane(drawing)
+        return Plane(drawing, bar)
     fits = (
         isinstance(size, Sequence) and len(size) == 2 and all(is_whole(n, 100, 4096) for n in size)
     )
     require(fits, "size", size, "width and height [pixels], such as (1920, 1080)")
     dpi = min(size[0] / LARGEST[0], size[1] / (0.75 * LARGEST[1]))
     # A little more, as a fraction of a pixel is cut off.
-    plane = Plane(drawing, ((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi))
+    plane = Plane(drawing, bar, ((size[0] + 0.01) / dpi, (size[1] + 0.01) / dpi))
     plane.figure.set_dpi(dpi)
     return plane

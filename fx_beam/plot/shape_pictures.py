@@ -100,7 +100,7 @@ def shapes(
     path = picture(path)
     drawing = checked_drawing(solution, magnify, scene_unit, 8, rows, times, count)
     shown = drawing.rows
-    plane = Plane(drawing)
+    plane = Plane(drawing, bar=True)
     say_if_too_small(drawing)
     ax = plane.ax
     ax.set_title(drawing.title(), fontsize="medium")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from fx_beam.results.files import replacing, writable
 
@@ -17,8 +19,10 @@ from .drawing import Drawing
 PICTURES = sorted(FigureCanvasAgg.filetypes)
 #: Width and height up to which a picture is drawn [inch].
 LARGEST = 6.4, 5.6
-_AROUND = 0.05  # space around what is drawn [inch]
-_FLAT = 2.0  # width over height of a window from which on the colour bar lies below it
+# Around the axes: left, below, right, above; and what a colour bar needs beside or below them.
+_BORDER, _BESIDE, _BELOW = (0.8, 0.55, 0.2, 0.4), 1.0, 0.75
+_NARROW = 2.4  # width of the axes that a title needs [inch]
+_LOW = 2.2  # height of the axes up to which the colour bar lies below them [inch]
 
 
 class Plane:
@@ -28,47 +32,62 @@ class Plane:
     ----------
     drawing : Drawing
         What is drawn.
+    scene_unit : str
+        Unit of length in which the scene is given, for labels.
+    bar : bool
+        Whether there is a colour bar.
     size : (float, float), optional
         Width and height [inch], which the axes fill; by default as large as the window asks for.
     """
 
-    def __init__(self, drawing: Drawing, size: tuple[float, float] | None = None):
-        self._window, self._fills = drawing.window, size is not None
-        self.figure = Figure(LARGEST if size is None else size, layout="constrained")
-        # In the corner beside the colour bar, if there is room left.
-        look = {"aspect": "auto" if self._fills else "equal", "anchor": "SE"}
-        self.ax: Any = self.figure.add_subplot(**look)
-        self._show(*self._window)
+    def __init__(
+        self,
+        drawing: Drawing,
+        bar: bool,
+        size: tuple[float, float] | None = None,
+    ):
+        (low, high), whole = drawing.window, np.array(LARGEST if size is None else size)
+        extent = high - low
+        for below in (False, True) if bar else (False,):
+            left, bottom, right, top = _BORDER
+            left += room_for_ticks(low[1], high[1])
+            right, bottom = right + _BESIDE * (bar and not below), bottom + _BELOW * below
+            room = whole - (left + right, bottom + top)
+            inner = extent * min(room / extent)
+            if below or inner[1] > _LOW:
+                break
+        if size is not None or inner[0] < _NARROW:
+            inner = np.array([_NARROW, inner[1]]) if size is None else room
+            margin = (inner * max(extent / inner) - extent) / 2
+            low, high = low - margin, high + margin
+        whole = inner + (left + right, bottom + top)
+        self.figure = Figure(tuple(whole))
+        corner = np.array([left, bottom])
+        self.ax: Any = self.figure.add_axes((*(corner / whole), *(inner / whole)))
+        self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         self.ax.set(xlabel=f"$x$ [{drawing.unit}]", ylabel=f"$y$ [{drawing.unit}]")
-
-    def _show(self, low: np.ndarray, high: np.ndarray) -> None:
-        self.ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        self.ax.locator_params(axis="x", nbins=max(2, int(inner[0] / 0.7)))
+        self.ax.locator_params(axis="y", nbins=max(2, int(inner[1] / 0.5)))
+        #: Low and high corner of the axes.
+        self.low, self.high = low, high
+        self._bar_below = bar and below
+        start = (left, 0.5) if self._bar_below else (left + inner[0] + 0.12, bottom)
+        sides = (inner[0], 0.14) if self._bar_below else (0.14, inner[1])
+        self._of_bar = (*(np.array(start) / whole), *(np.array(sides) / whole))
 
     def draw_bar(self, scale, **look):
         """Draw the colour bar of a scale."""
-        width, height = np.subtract(*self._window[::-1])
-        side = "bottom" if width > _FLAT * height else "right"
-        return self.figure.colorbar(scale, ax=self.ax, location=side, aspect=30, **look)
-
-    def fit(self) -> None:
-        """Make the figure as large as the drawing, or the drawing as large as the figure."""
-        if not self._fills:
-            fit(self.figure)
-            return
-        low, high = self._window
-        for _ in range(2):  # wider numbers at the ticks leave less room
-            self.figure.draw_without_rendering()
-            room = np.array(self.ax.bbox.size)
-            margin = (room * max((high - low) / room) - (high - low)) / 2
-            self._show(low - margin, high + margin)
+        cax = self.figure.add_axes(self._of_bar)
+        side = "horizontal" if self._bar_below else "vertical"
+        return self.figure.colorbar(scale, cax=cax, orientation=side, **look)
 
 
-def fit(figure: Figure) -> None:
-    """Make a figure as large as what is drawn in it, and lay it out."""
-    figure.draw_without_rendering()
-    width, height = figure.get_tightbbox().size + np.full(2, 2 * _AROUND)
-    figure.set_size_inches(width, height)
-    figure.draw_without_rendering()
+def room_for_ticks(low: float, high: float) -> float:
+    """Width that numbers on an axis need beyond five characters [inch]."""
+    step = np.diff(MaxNLocator(10).tick_values(low, high))[0]
+    decimals = max(0, -math.floor(math.log10(step))) + 1
+    digits = max(len(f"{value:.{decimals}f}") for value in (low, high))
+    return 0.075 * max(0, digits - 6)
 
 
 def picture(path: Path | str | None) -> Path | None:
@@ -109,6 +128,8 @@ def panels(
 
 
 _INCH = 6.4, 6.4  # the largest width and height of the picture [inch]
+# Room for the axes' labels: left and below, right and above.
+_LABELS = (0.78, 0.5), (0.15, 0.15)
 # Distances of a label from its object, in pixels, and the directions in which it may lie.
 _DISTANCES = 4.0, 9.0, 15.0, 23.0, 33.0, 46.0, 64.0, 90.0, 125.0
 _DIRECTIONS = np.linspace(0, 2 * np.pi, 16, endpoint=False) + np.pi / 2
@@ -123,8 +144,8 @@ class Sheet:
 
     def __init__(self, size: float):
         self.size = size
-        self.figure = Figure(_INCH, dpi=100, layout="constrained")
-        self.ax: Any = self.figure.add_subplot(aspect="equal")
+        self.figure = Figure(dpi=100)
+        self.ax: Any = self.figure.add_axes((0, 0, 1, 1), aspect="equal")
         self._labels: list[tuple[str, np.ndarray, str, float]] = []
 
     def line(self, points, **look) -> None:
@@ -171,7 +192,15 @@ class Sheet:
         self.ax.set(xlabel=f"$x$ [{scene_unit}]", ylabel=f"$y$ [{scene_unit}]")
         self.ax.tick_params(labelsize="small")
         self.ax.spines[:].set_color("0.7")
-        fit(self.figure)
+        border, other = np.array(_LABELS)
+        border[0] += room_for_ticks(low[1], high[1])
+        room = np.array(_INCH) - border - other
+        inner = (high - low) * min(room / (high - low))
+        whole = inner + border + other
+        self.figure.set_size_inches(whole)
+        self.ax.set_position([*(border / whole), *(inner / whole)])
+        for axis, length in zip("xy", inner, strict=True):
+            self.ax.locator_params(axis=axis, nbins=max(2, int(length / 0.7)))
         self._write()
         return self.figure
 
