@@ -74,6 +74,11 @@ class BeamForms:
         step = self._forms.module("of_step")
         #: What is known of the forms.
         self.facts = facts = StepFacts(**step.facts)
+        if facts.needs_previous and len(scheme.fractions) > 1:
+            raise SceneError(
+                f"{scheme.name}: its resultants depend on the last step, so that it cannot "
+                "have sub-steps. Use fractions=(1.0,)"
+            )
         #: Data of the sections by name.
         self.of_sections = {name: FilledField(values, mesh) for name, values in data.items()}
         #: Fields and arrays on this mesh by their names in forms.

@@ -281,11 +281,6 @@ class WeakForm:
     def _facts(self) -> StepFacts:
         fields, residual = self.fields, self._residual
         needs_previous = fields.q_previous in residual.coefficients()
-        if needs_previous and len(self.scheme.fractions) > 1:
-            raise SceneError(
-                f"{self.scheme.name}: its resultants depend on the last step, so that it cannot "
-                "have sub-steps. Use fractions=(1.0,)"
-            )
         needs_rates = any(rate in residual.coefficients() for rate in fields.start_rates)
         moves = needs_rates or fields.dt in residual.constants()
         used = [part for r in self.resultants for part in fields_in(r)] if moves else []
