@@ -137,16 +137,17 @@ def test_an_interrupted_path_hands_over_its_equilibria(continuation, monkeypatch
         return fb.static(loaded(), load_steps=5, continuation=continuation)
 
     def stopped(place):
+        """Whether there is that line, and the interrupt; None if Python ignored it there."""
         try:
-            call_stopped_at(place, path, how=raised)
+            return call_stopped_at(place, path, how=raised), None
         except KeyboardInterrupt as stop:
-            return stop
+            return True, stop
 
     whole, rows, end = path(), [], 1000
-    while stopped(end):  # its lines of Python, of which the last are those of the steps
+    while stopped(end)[0]:  # its lines of Python, of which the last are those of the steps
         end += end // 5
     for place in np.linspace(end / 2, end, 90):
-        stop = stopped(int(place))
+        _, stop = stopped(int(place))
         if (first := getattr(stop, "solution", None)) is not None:
             rows.append(len(first.t))
             np.testing.assert_array_equal(first.q, whole.q[: rows[-1]])

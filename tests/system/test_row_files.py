@@ -65,7 +65,9 @@ def test_a_motion_goes_on_from_its_end_also_from_the_file(few, tmp_path):
     for start in (first, fb.load(tmp_path / "rows" / "end.npz")):
         rest = fb.simulate(scene, dt=0.01, t_end=0.2, start=start)
         assert abs(rest.q[-1] - whole.q[-1]).max() < 1e-13
-        np.testing.assert_allclose(rest.energy.work[-1], whole.energy.work[-1], rtol=1e-12)
+        # The work is 0.05 J in a motion of 740 J, whose round-off it has.
+        round_off = 1e-15 * whole.energy.total.max()
+        assert abs(rest.energy.work[-1] - whole.energy.work[-1]) < round_off
 
 
 def test_what_is_in_the_file_is_said_where_it_is_asked_for(tmp_path):
