@@ -476,6 +476,8 @@ class Response(Differentiable):
         model, tape, derivatives = self._followed(what)
         check_outputs(model, tape, outputs, why_no_sums(self._path))
         changes, entries = self._changes(), read_entries(model, outputs)
+        # Forms are compiled beside the library, for which names wait.
+        derivatives.hand_over_slopes("X" in self._scenes.changing)
         refuse_others(changes, derivatives.names, "Response")
         states_at = functools.partial(self._states, tape)
         forces = functools.partial(derivatives.constraint_forces, tape)

@@ -117,7 +117,7 @@ class TapeDerivatives:
         Each step has a share (k,) of the weights (., free) and (., size) in one of the `rows` (k,).
         By all numbers, of the state only by the unknowns `of_state`; and by all unknowns.
         """
-        self._hand_over_slopes(by_places)
+        self.hand_over_slopes(by_places)
         count, every, layout = len(tape), np.arange(len(tape) + 1), self.layout
         x, by_unknowns = aligned_zeros(layout.size), np.zeros(self._p.free)
         of_steps, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
@@ -155,7 +155,7 @@ class TapeDerivatives:
         (m,), or by some `entries` of these alone; and by the forces in some `sub_steps` (k,):
         "constraints" (k, columns) of driven and fixed columns, and "joints" (k, joints, 3).
         """
-        self._hand_over_slopes("X" in names)
+        self.hand_over_slopes("X" in names)
         every, forces = len(tape), self.layout.forces
         states = self.layout.states.only(entries)
         x = aligned_zeros(self.layout.size)
@@ -302,7 +302,7 @@ class TapeDerivatives:
         """Hand over changes of all numbers; returns what keeps them, and those in groups."""
         structs, layout = Structs(self._ffi, declarations("problem.h")), self.layout
         size, count = self.problem.derivatives("JVP").GROUP_SIZE, x.shape[1]
-        self._hand_over_slopes("X" in changes and any_of(changes["X"]))
+        self.hand_over_slopes("X" in changes and any_of(changes["X"]))
         x, of_steps = (side_by_side(of, size) for of in (x, of_steps))
         first = len(layout.at["mass"]) + len(layout.at["weight"])
         masses = x[:, :first].any(axis=(1, 2))
@@ -349,7 +349,7 @@ class TapeDerivatives:
         late = self.sizes[half:].max(initial=0.0)
         return float(self.sizes[:half].max(initial=0.0) / late) if late else 0.0
 
-    def _hand_over_slopes(self, by_places: bool) -> None:
+    def hand_over_slopes(self, by_places: bool) -> None:
         """Derivatives of forces of elements, by places of nodes if these are wanted."""
         if self._has_places == by_places:
             return
