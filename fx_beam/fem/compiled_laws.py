@@ -231,10 +231,6 @@ def _listed(function: Callable[[Motion], Any]) -> OfMotion:
     return values
 
 
-def _derivative(force: Any, D: Any) -> Any:
-    return derivatives_taken(ufl.diff(force, D))
-
-
 def _kept(make: Callable) -> Callable:
     """Keep what is made of a law and of more, unless the law has functions of a user."""
     cached = functools.cache(make)

@@ -135,10 +135,8 @@ class Prepared:
             end = self.stepper.trial(state, state.t + dt).state
         if end is None:
             return state
-        driven, fits = (
-            plain(self.forcing.end_rates(np.array([end.t]), np.array([dt]))),
-            rate_fit(model),
-        )
+        fits = rate_fit(model)
+        driven = plain(self.forcing.end_rates(np.array([end.t]), np.array([dt])))
         swing = fits.fit(end.q[None], end.v[None], end.slides[None], driven).corrections
         # The slow part is the mean of both ends, as the start fits; at the start it is normal to
         # what joints allow there.

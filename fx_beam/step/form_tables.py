@@ -157,6 +157,7 @@ class FormTables:
         moving = [(i, starts[field]) for i, field in enumerate(fields) if field in starts]
         of_step = ("load_increment", "load_factor") if forms.at_rest else ("dt", "memory")
         constants, known = form.values_of_constants(), form.constant_starts
+        of_scene = {"parameters": len(forms.parameters), "parameter": forms.parameters}
         *offsets, first = (known.get(name, -1) for name in ("time", *of_step, "parameters"))
         blocks = {tag: self._blocks(rows) for tag, rows in packed.items()}
         # C sets all coefficients that move.
@@ -177,22 +178,14 @@ class FormTables:
             "constants": constants,
             **dict(zip(("time_at", "dt_at", "memory_at"), offsets, strict=True)),
             "parameters_at": first,
-            **(
-                {"parameters": len(forms.parameters), "parameter": forms.parameters}
-                if first >= 0
-                else {}
-            ),
+            **(of_scene if first >= 0 else {}),
         }
 
     def _data_of(self, cells: np.ndarray) -> dict[str, np.ndarray]:
         """Data of some cells, by their names in C."""
-        key, stored_at, behind = (
-            cells.tobytes(),
-            self._stored_at[cells],
-            self._problem.stored_values,
-        )
-        if key in self._shared:
+        if (key := cells.tobytes()) in self._shared:
             return self._shared[key]
+        stored_at, behind = self._stored_at[cells], self._problem.stored_values
         data = {n: self._blocks(rows[cells]) for n, rows in self.rows.items() if n != "dofs"}
         nodes = self.rows["dofs"][cells, 2 * self.rows["dofs"].shape[1] // 3 :] - 2
         data |= {"dofs": self._blocks(nodes), "to": self._blocks(nodes, self._problem.dofs)}

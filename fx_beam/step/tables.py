@@ -582,7 +582,8 @@ def _little_mass(model: Model) -> np.ndarray:
     least = inertia[inertia > 0].min() if inertia.any() else 1.0
     little = np.where(inertia > 0, 0.0, _LITTLE * least / model.unit**2)
     for joint in model.scene.joints:  # what is rigid with a mass needs none
-        a, b = (model.mesh.dofs[max(node.number, 0)] for node in (joint.a, joint.b))
-        if joint.is_rigid and GROUND not in (joint.a, joint.b) and inertia[a].all():
-            little[b] = 0.0
+        if joint.is_rigid and GROUND not in (joint.a, joint.b):
+            a, b = (model.mesh.dofs[node.number] for node in (joint.a, joint.b))
+            if inertia[a].all():
+                little[b] = 0.0
     return little

@@ -130,10 +130,8 @@ class UndampedModes:
             squares, errors, new = _ritz_vectors(self._K, self._M, new)
             # Vectors above the slice took the place of copies that are not found yet.
             inside = squares <= max(top + 1e-8 * abs(top), squares[0])
-            values, rounding = (
-                np.append(values, squares[inside]),
-                np.append(rounding, errors[inside]),
-            )
+            values = np.append(values, squares[inside])
+            rounding = np.append(rounding, errors[inside])
             vectors = np.column_stack([vectors, new[:, inside]])
         order = np.argsort(values)[:n]
         return values[order], rounding[order], vectors[:, order]

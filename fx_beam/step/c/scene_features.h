@@ -13,24 +13,21 @@ enum { CHAIN = 1, BAND = 2, COUPLED = 4, LOOPS = 8, SLIDERS = 16, MEMBERS = 32 }
 /* Functions that Python calls, in four libraries: of steps, of their derivatives backwards (VJP) and forwards (JVP), and of
    rates that FIT joints. */
 #define KEPT __attribute__((externally_visible))
+#if defined FIT
 #define OF_STEPS
 #define OF_VECTORS KEPT
 #define OF_DERIVATIVES
-#define OF_VJP
-#define OF_FIT
-#if defined FIT
-#undef OF_FIT
-#define OF_FIT KEPT
 #elif defined VJP || defined JVP
-#undef OF_DERIVATIVES
+#define OF_STEPS
+#define OF_VECTORS KEPT
 #define OF_DERIVATIVES KEPT
 #else
-#undef OF_STEPS
-#undef OF_VECTORS
 #define OF_STEPS KEPT
 #define OF_VECTORS
+#define OF_DERIVATIVES
 #endif
 #ifdef VJP
-#undef OF_VJP
 #define OF_VJP KEPT
+#else
+#define OF_VJP
 #endif
