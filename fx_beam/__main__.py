@@ -36,9 +36,10 @@ def info() -> dict[str, str]:
     """Versions, where they lie, what can solve, the compiler and the cache."""
     rows = {"Python": f"{platform.python_version()}, {sys.executable}", "system": _system()}
     rows["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
+    reference = "available" if mpi.has_petsc() else "needs petsc4py"
     rows |= {name: _package(name, distribution) for name, distribution in _PACKAGES.items()}
     rows["compiled loop"] = _loop()
-    rows["reference"] = "available" if find_spec("petsc4py") else "needs petsc4py"
+    rows["reference"] = reference
     compiler, (target, flags) = c_library.compiler(), c_library.target_flags()
     rows["compiler"] = f"{' '.join(compiler)}: {_first_line([*compiler, '--version'])}"
     rows["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
@@ -92,7 +93,7 @@ def run(script: str, arguments: list[str]) -> None:
     sys.argv[:] = [script, *arguments]
     sys.path[0] = str(Path(script).resolve().parent)
     rank, size = mpi.rank_and_size()
-    if size > 1 and find_spec("petsc4py"):  # it begins on all processes together, or waits for them
+    if size > 1 and mpi.has_petsc():  # it begins on all processes together, or waits for them
         mpi.petsc()
     if rank:
         team.follow()

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
+from glob import glob
 from importlib.util import find_spec
 from typing import Any
 
 # Variables by which launchers of Open MPI, MPICH, MVAPICH and SLURM number a process. MPI itself
 # sets others that begin alike, and processes that are started later inherit them.
 _RANKS = {"OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MV2_COMM_WORLD_RANK"}
+# Where Debian has petsc4py. The link to it by which Python finds it comes with PETSc's package for
+# developers only.
+_OF_DEBIAN = "/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages"
 
 
 def under_mpirun() -> bool:
@@ -31,9 +35,16 @@ def world() -> Any:
     return MPI.COMM_WORLD
 
 
+def has_petsc() -> bool:
+    """Whether petsc4py is installed, also where Debian has put it."""
+    if find_spec("petsc4py") is None:
+        sys.path += sorted(glob(_OF_DEBIAN))[-1:]
+    return find_spec("petsc4py") is not None
+
+
 def petsc(what: str = "a scene on several processes") -> Any:
     """The module PETSc of petsc4py; RuntimeError if it is missing."""
-    if find_spec("petsc4py") is None:
+    if not has_petsc():
         raise RuntimeError(
             f"{what} needs PETSc, which is not installed. Install petsc4py (Debian's "
             "python3-petsc4py), or start the script without mpirun"
