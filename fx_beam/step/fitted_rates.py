@@ -59,8 +59,8 @@ class FittedRates:
         self._structs = Structs(self._ffi, declarations("problem.h"))
         self._a = self._ffi.new("Derivatives *")
         self._structs.set(self._a, slide_at_rest=np.zeros(1 + len(model.couplings.moving)))
-        library = problem.derivatives("FIT")
-        self.group_size = library.GROUP_SIZE
+        #: The library, with names of what is asked of it: VALUES, BACKWARDS and FORWARDS.
+        self.library = library = problem.derivatives("FIT")
         #: Where the numbers of a fit are in its vector.
         self.layout = layout = Layout(problem, library.fx_layout(self._p, self._a))
         room = aligned_zeros(library.fx_linear_scratch(self._p, self._a))
@@ -88,7 +88,7 @@ class FittedRates:
 
         `driven` (n, driven) are the rates of driven motions; those that are NaN are taken from v.
         """
-        return self.found(0, q, v, slides, driven)
+        return self.followed(self.library.VALUES, q, v, slides, driven)
 
     def derivatives(
         self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, driven: np.ndarray
@@ -96,7 +96,7 @@ class FittedRates:
         """What `fit` found for n configurations, and its derivatives; all as there."""
         return RateDerivatives(self, (q, v, slides, driven))
 
-    def found(self, way: int, *given: np.ndarray, **derivatives: Any) -> Fit:
+    def followed(self, way: int, *given: np.ndarray, **derivatives: Any) -> Fit:
         """The same as `fit`, with derivatives in a `way` by members of ``Derivatives`` in C."""
         model, n, p = self._model, len(given[0]), self._p
         if self._problem.refills != model.refills:
@@ -105,17 +105,17 @@ class FittedRates:
         if (unknown := np.isnan(driven)).any():
             driven = np.where(unknown, self._driven_rates(q, v, slides), driven)
         shapes = q.shape, (n, 0), (n, p.scene_joints, 3), (n, p.columns - p.free)
-        found = Fit(*(np.full(shape, np.nan) for shape in shapes))  # also where it is singular
+        fit = Fit(*(np.full(shape, np.nan) for shape in shapes))  # also where it is singular
         structs = Structs(self._ffi, declarations("problem.h"))
         of = self._ffi.new("Fits *")
-        arrays = {"q": q, "v": v, "slides": slides, "driven": driven, "rates": found.rates}
-        arrays |= {"joints": found.joints, "constraints": found.constraints}
+        arrays = {"q": q, "v": v, "slides": slides, "driven": driven, "rates": fit.rates}
+        arrays |= {"joints": fit.joints, "constraints": fit.constraints}
         structs.set(of, rows=n, **{name: never_empty(x) for name, x in arrays.items()})
         with model.reading:
             structs.set(self._a, **derivatives)
-            if not self._problem.derivatives("FIT").fx_fit(self._p, of, self._a, way):
+            if not self.library.fx_fit(self._p, of, self._a, way):
                 raise MemoryError("rates that fit the joints")
-        return found._replace(corrections=found.rates - v)
+        return fit._replace(corrections=fit.rates - v)
 
     def _driven_rates(self, q: np.ndarray, v: np.ndarray, slides: np.ndarray) -> np.ndarray:
         """Rates (n, driven) of driven motions as the nodes have them."""
@@ -134,11 +134,11 @@ class RateDerivatives:
         self._fits, self._given = fits, given
         self.rates = fits.fit(*given).rates
 
-    def _found(self, way: int, states: np.ndarray, results: np.ndarray, **more: Any) -> None:
+    def _follow(self, way: int, states: np.ndarray, results: np.ndarray, **more: Any) -> None:
         fits, every = self._fits, np.arange(len(self.rates))
         more["states"] = fits.states.members(every, len(every), states)
         more["forces"] = fits.results.members(every, len(every), results)
-        fits.found(way, *self._given, **more)
+        fits.followed(way, *self._given, **more)
 
     def vjp(
         self, weights: Mapping[str, np.ndarray]
@@ -150,7 +150,7 @@ class RateDerivatives:
         """
         fits, n, x = self._fits, len(self.rates), aligned_zeros(self._fits.layout.size)
         by_states = fits.states.empty(n)
-        self._found(1, by_states, fits.results.filled(weights, n), x=x)
+        self._follow(fits.library.BACKWARDS, by_states, fits.results.filled(weights, n), x=x)
         return fits.states.parts(by_states), {name: of.sums(x) for name, of in fits.numbers.items()}
 
     def jvp(
@@ -168,5 +168,6 @@ class RateDerivatives:
             x[at] = np.reshape(changes[name], (m, -1)).T[of]
         flat = {name: values.reshape(n * m, -1) for name, values in of_state.items()}
         states = fits.states.filled(flat, n * m)
-        self._found(2, states, of_results, x=side_by_side(x, self._fits.group_size), directions=m)
+        given = side_by_side(x, fits.library.GROUP_SIZE)
+        self._follow(fits.library.FORWARDS, states, of_results, x=given, directions=m)
         return fits.results.parts(of_results)
