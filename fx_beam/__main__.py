@@ -36,6 +36,7 @@ def info() -> dict[str, str]:
     """Versions, where they lie, what can solve, the compiler and the cache."""
     rows = {"Python": f"{platform.python_version()}, {sys.executable}", "system": _system()}
     rows["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
+    # First, as this finds the petsc4py of Debian.
     reference = "available" if mpi.has_petsc() else "needs petsc4py"
     rows |= {name: _package(name, distribution) for name, distribution in _PACKAGES.items()}
     rows["compiled loop"] = _loop()

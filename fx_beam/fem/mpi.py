@@ -11,9 +11,10 @@ from typing import Any
 # Variables by which launchers of Open MPI, MPICH, MVAPICH and SLURM number a process. MPI itself
 # sets others that begin alike, and processes that are started later inherit them.
 _RANKS = {"OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK", "MV2_COMM_WORLD_RANK"}
-# Where Debian has petsc4py. The link to it by which Python finds it comes with PETSc's package for
-# developers only.
-_OF_DEBIAN = "/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages"
+# Debian's packages of its own Python, and where petsc4py is. The link by which this Python finds it
+# comes with PETSc's package for developers only. Other Pythons could not import it.
+_OF_DEBIAN = "/usr/lib/python3/dist-packages"
+_PETSC_OF_DEBIAN = "/usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages"
 
 
 def under_mpirun() -> bool:
@@ -37,8 +38,8 @@ def world() -> Any:
 
 def has_petsc() -> bool:
     """Whether petsc4py is installed, also where Debian has put it."""
-    if find_spec("petsc4py") is None:
-        sys.path += sorted(glob(_OF_DEBIAN))[-1:]
+    if find_spec("petsc4py") is None and _OF_DEBIAN in sys.path:
+        sys.path += sorted(glob(_PETSC_OF_DEBIAN))[-1:]
     return find_spec("petsc4py") is not None
 
 

@@ -96,6 +96,21 @@ except ImportError as error:
     assert said.count("\n") == 1
 
 
+def test_a_python_that_cannot_see_debians_packages_is_told_what_several_processes_need(script):
+    code = """
+import sys
+from fx_beam.fem import mpi
+
+sys.path[:] = [path for path in sys.path if "dist-packages" not in path]
+try:
+    mpi.petsc()
+except RuntimeError as error:
+    print(error)
+"""
+    said = script(code)
+    assert said.startswith("a scene on several processes needs PETSc, which is not installed")
+
+
 def test_the_version_is_that_of_the_citation_the_recipe_and_the_changelog():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert "version" not in project["project"]
