@@ -235,9 +235,9 @@ static void vjp_group(const Problem *p, const Work *w, const Fit *f, double *tri
   vjp_fit(f, x);
 }
 
-/* Rates that fit given ones, and with `way` VJP or JVP their derivatives: backwards those of a function of rates and impulses,
-   `forces` of Derivatives, by the states `states`; forwards changes. Rows of which the equations are singular are left as they
-   are. Returns 0 without memory. */
+/* Rates that fit given ones, and with the `way` BACKWARDS or FORWARDS their derivatives: backwards those of a function of
+   rates and impulses, `forces` of Derivatives, by the states `states`; forwards changes. Rows of which the equations are
+   singular are left as they are. Returns 0 without memory. */
 KEPT int fx_fit(Problem *p, const Fits *of, const Derivatives *a, int way) {
   Work work, *w = &work;
   Fit f;
