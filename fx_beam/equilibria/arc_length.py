@@ -329,32 +329,32 @@ class ArcLength:
         failures, free = self._failures, self.model.reduction.free
         self._path.begin(state)
         y, load, predicted = along * tangent.y, along * tangent.load, along * tangent.D
-        residuals: list[float] = []
+        corrections: list[float] = []
         previous = np.inf
         for iteration in range(1, failures.options.max_iterations + 1):
             (D, f, r, residual), per_load, column = self._path.balance(y, load)
             residual = residual[:free]
-            residuals.append(abs(residual).max(initial=0.0))
             missing = normal.D @ (self._path.weight * D) + normal.load * load - distance
             dy, dload = self._path.solve(column, normal, -residual, -missing)
             correction = self._path.spread(dy, dload)
             factor = failures.shortening(correction)
             y, load = y + factor * dy, load + factor * dload
             size = max((abs(correction) / self.model.unit).max(), abs(dload))
-            failures.check_finite(size, residuals)
+            failures.check_finite(size, corrections)
+            corrections.append(size)
             D = self._path.expand(y, load)
-            failures.check_turn(D, residuals)
+            failures.check_turn(D, corrections)
             work, energy = residual @ dy, abs(f) @ abs(D)
             stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
             if size <= failures.options.tolerance or stuck:
                 change = self.stepper.equations.change(self._path.spread(dy, 0.0))
                 r = r + change + dload * per_load
-                failures.check_slides(D, residuals)
-                failures.check_members(D, residuals)
+                failures.check_slides(D, corrections)
+                failures.check_members(D, corrections)
                 ended_by = "round-off" if stuck else "increment"
                 return StepSolution(D, y, r, iteration, ended_by, predicted), load
             previous = size
-        raise failures.unconverged(D, residuals)
+        raise failures.unconverged(D, corrections)
 
     def _at_start(self, state: State, tangent: Tangent, ds: float) -> Tangent:
         """The tangent at the start of a step, or a length ds from it along another one."""

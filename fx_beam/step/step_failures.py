@@ -24,13 +24,13 @@ _UNMET = "the friction of joints and the force that it follows do not meet"
 
 
 class StepFailed(Exception):
-    """A failed step: kind and reason as in `Failure`, last increment, norms of the residuals."""
+    """A failed step: kind and reason as in `Failure`, last increment, sizes of corrections."""
 
-    def __init__(self, kind: str, reason: str, D: np.ndarray, residuals: list[float]):
+    def __init__(self, kind: str, reason: str, D: np.ndarray, corrections: list[float]):
         super().__init__(reason)
         self.kind, self.reason = kind, reason
         self.D = D
-        self.residuals = residuals
+        self.corrections = corrections
 
 
 class StepFailures:
@@ -44,42 +44,42 @@ class StepFailures:
         turn = abs(correction[self.model.turns]).max()
         return LONGEST_TURN / turn if LONGEST_TURN < turn < np.inf else 1.0
 
-    def check_finite(self, size: float, residuals: list[float]) -> None:
+    def check_finite(self, size: float, corrections: list[float]) -> None:
         """Reject a correction whose size is not finite."""
         if not np.isfinite(size):
-            raise StepFailed("singular", _SINGULAR, np.full(self.model.size, np.nan), residuals)
+            raise StepFailed("singular", _SINGULAR, np.full(self.model.size, np.nan), corrections)
 
-    def check_turn(self, D: np.ndarray, residuals: list[float]) -> None:
+    def check_turn(self, D: np.ndarray, corrections: list[float]) -> None:
         """Reject an increment (size,) with a rotation above the bound."""
         turn = abs(D[self.model.turns]).max()
         if not np.isfinite(turn):
-            raise StepFailed("no convergence", _OPEN, D, residuals)
+            raise StepFailed("no convergence", _OPEN, D, corrections)
         if turn > self.options.max_turn:
-            raise StepFailed("large rotation", self._turned(turn), D, residuals)
+            raise StepFailed("large rotation", self._turned(turn), D, corrections)
 
     def _turned(self, turn: float) -> str:
         most = self.options.max_turn
         return f"a node turns by {turn:.3g} rad in one step, more than max_turn = {most:g}"
 
-    def check_members(self, D: np.ndarray, residuals: list[float]) -> None:
+    def check_members(self, D: np.ndarray, corrections: list[float]) -> None:
         """Reject a step in which a point passes a member, or comes near more than were found."""
         if (members := self.model.points.members) is None:
             return
         state = members.check(D)
         if state in (members.MOVED, members.SLID):
-            raise StepFailed("members", _MOVED, D, residuals)
+            raise StepFailed("members", _MOVED, D, corrections)
         if state == members.PASSED:
-            raise StepFailed("members", _PASSED, D, residuals)
+            raise StepFailed("members", _PASSED, D, corrections)
 
-    def check_slides(self, D: np.ndarray, residuals: list[float]) -> None:
+    def check_slides(self, D: np.ndarray, corrections: list[float]) -> None:
         """Reject a step in which a node leaves the beam on which it slides."""
         if (fault := self.model.reduction.fault()) is not None:
-            raise StepFailed(*fault, D, residuals)
+            raise StepFailed(*fault, D, corrections)
 
-    def unconverged(self, D: np.ndarray, residuals: list[float]) -> StepFailed:
+    def unconverged(self, D: np.ndarray, corrections: list[float]) -> StepFailed:
         """After the largest number of iterations."""
         reason = f"no convergence in {self.options.max_iterations} iterations"
-        return StepFailed("no convergence", reason, D, residuals)
+        return StepFailed("no convergence", reason, D, corrections)
 
     def in_c(
         self, problem, state: State, D: np.ndarray, arcs: list[tuple[float, float]]
@@ -89,16 +89,16 @@ class StepFailures:
         `arcs` are the arc lengths of nodes that slide, at both ends of it.
         """
         p, C, reduction = problem.c, problem.library, self.model.reduction
-        last = range(max(0, p.tried - C.RESIDUALS), p.tried)
-        residuals = [p.residuals[i % C.RESIDUALS] for i in last]
+        last = range(max(0, p.tried - C.CORRECTIONS), p.tried)
+        corrections = [p.corrections[i % C.CORRECTIONS] for i in last]
         reduction.begin(state.q, state.slides)  # which says whether it is singular
         nowhere = np.full(self.model.size, np.nan)
         if p.failure == C.TURNED_TOO_FAR:
             turn = abs(D[self.model.turns]).max()
-            return StepFailed("large rotation", self._turned(turn), D, residuals)
+            return StepFailed("large rotation", self._turned(turn), D, corrections)
         if p.failure == C.SLID_TOO_FAR:
             kind, reason = reduction.fault(arcs) or ("", "")
-            return StepFailed(kind, reason, D, residuals)
+            return StepFailed(kind, reason, D, corrections)
         if p.failure == C.OUT_OF_LINE:
             return StepFailed("singular", reduction.singularity, 0 * D, [])
         reasons = {
@@ -109,8 +109,8 @@ class StepFailures:
             C.UNMET_FRICTION: ("no convergence", _UNMET, D),
         }
         if p.failure in reasons:
-            return StepFailed(*reasons[p.failure], residuals)
-        return self.unconverged(D, residuals)
+            return StepFailed(*reasons[p.failure], corrections)
+        return self.unconverged(D, corrections)
 
     def error(
         self, what: str, tries: int, start: State, failed: StepFailed, advice: str
@@ -120,10 +120,10 @@ class StepFailures:
         D = abs(failed.D / model.unit).reshape(-1, 3)
         node, component = np.unravel_index(np.argmax(np.nan_to_num(D, nan=np.inf)), D.shape)
         x, y = model.mesh.X[node]
-        history = ", ".join(f"{r:.1e}" for r in failed.residuals[-8:])
+        history = ", ".join(f"{r:.1e}" for r in failed.corrections[-8:])
         where = (
-            f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Largest "
-            f"out-of-balance force, last iterations: {history or 'none'}"
+            f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Last "
+            f"corrections, relative to the scene or in rad: {history or 'none'}"
         )
         static = self._stats.static
         who, cuts = ("static", "cuts") if static else (model.scheme.name, "halvings")

@@ -267,7 +267,6 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     if (iteration > 1 && p->may_overshoot) line_search(p, w, work);
     if (p->may_overshoot) note_tangents(p->points);
     if (HAS(MEMBERS) && p->changing) change_rows(p);
-    p->residuals[p->tried++ % RESIDUALS] = largest_size(free, w->reduced);
     for (int i = free; i < p->columns; ++i) w->step[i] = 0;
     if (!p->team.solve) reduce_tangent(p, w, w->r);
     if (iteration == 1 && !order && largest_size(p->driven, driven) > 0) drive(p, w, driven);
@@ -280,6 +279,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     for (int i = 0; iteration == 1 && p->predicted && i < n; ++i) p->predicted[i] = -w->correction[i];
     double size = largest(n, w->correction, p->per_unit);
     if (!isfinite(size)) return SINGULAR;
+    p->corrections[p->tried++ % CORRECTIONS] = size;
     double widest = size > p->longest_turn ? widest_turn(p, w->correction) : 0;
     int shortened = widest > p->longest_turn;
     if (shortened) scale(free, p->longest_turn / widest, w->step);

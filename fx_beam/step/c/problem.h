@@ -15,7 +15,7 @@ enum {
   SUB_STEPS = 32,   /* most sub-steps of a scheme */
   MAX_ORDER = 4,    /* largest order of a scheme */
   AVERAGED = 3,     /* differences that are averaged in a local error */
-  RESIDUALS = 8,    /* last residuals of Newton's method that are stored */
+  CORRECTIONS = 8,  /* last corrections of Newton's method whose sizes are stored */
   GROUP_SIZE = 4    /* directions in which derivatives forwards are followed at once */
 };
 
@@ -272,7 +272,7 @@ typedef struct {
   double overshoot, max_turn, longest_turn, large_turn;
   int max_iterations, searches, may_overshoot;
   Team team;
-  double residuals[RESIDUALS]; /* largest of the last iterations, of which there were `tried` */
+  double corrections[CORRECTIONS]; /* their largest sizes in units, of the last iterations; `tried` were made */
   int tried;
   int raised, old_factors; /* whether pivots of the last factors were raised, -1 for a singular tangent; whether they are
                               those of an earlier tangent */
