@@ -6,10 +6,9 @@ All that a scene has is structure, and must be equal, except fields that are mar
 
 from __future__ import annotations
 
-import copy
 import functools
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -51,11 +50,9 @@ def expressions_of(scene: Scene) -> list[tuple[str, Any]]:
 # None stays None. Functions of a user in UFL are among them, as what they give is compared.
 _NUMBERS = "gravity", "prescribed", "masses", "parameters"
 # Kinds of values that are compared as they are.
-_PLAIN = {float, int, bool, str, set, type(None)}
+_PLAIN = {float, int, bool, str, type(None)}
 # What follows from the rest of a scene.
 _DERIVED = {"nodes", "_corners", "_couplings", "changes"}
-#: Pairs of parts, by their ids, that are known to be alike: many beams have one section.
-_Alike = set[tuple[int, int]]
 
 
 class OtherStructureError(Exception):
@@ -70,25 +67,18 @@ class Structure:
     """The structure of a scene as it is now; something may be added to the scene later."""
 
     def __init__(self, scene: Scene):
-        self._parts = {
-            name: copy.copy(part) if isinstance(part, list | dict | set) else part
-            for name, part in vars(scene).items()
-            if name not in _DERIVED
-        }
         self._nodes, self._functions = len(scene.nodes), expressions_of(scene)
+        self._forms = _forms_of(scene)
 
     def check(self, scene: Scene) -> None:
         """OtherStructureError if a scene differs in more than numbers."""
         if len(scene.nodes) != self._nodes:
             raise OtherStructureError("another number of nodes")
-        alike = _Alike()
-        for name, part in self._parts.items():
-            other = getattr(scene, name)
-            if isinstance(part, list | dict) and not (part or other):
-                continue  # quickly, as most are empty
-            compare = _difference_of_numbers if name in _NUMBERS else _difference
-            if difference := compare(part, other, alike):
-                raise OtherStructureError(f"scene.{name}{difference}")
+        for name, form in _forms_of(scene).items():
+            if form != (known := self._forms[name]):
+                longer = isinstance(form, list) and len(form) != len(known)
+                how = "has another length" if longer else "differs"
+                raise OtherStructureError(f"scene.{name} {how}")
         functions = expressions_of(scene)
         for function, known in itertools.zip_longest(functions, self._functions):
             if function != known:
@@ -96,64 +86,35 @@ class Structure:
                 raise OtherStructureError(f"{what} of your own differs in more than parameters")
 
 
-def _difference(one: Any, two: Any, alike: _Alike) -> str:
-    """Where two values differ in more than numbers, and how; empty if they do not."""
-    kind: Any = type(one)
-    if kind is not type(two) and not (isinstance(one, float) and isinstance(two, float)):
-        return " is of another kind"
-    return _comparison(kind)(one, two, alike)
+def _forms_of(scene: Scene) -> dict[str, Any]:
+    """Structures of all that a scene has, by their names."""
+    parts = [part for part in vars(scene).items() if part[0] not in _DERIVED]
+    of_parts: dict[int, Any] = {}
+    return {name: _form(value, name in _NUMBERS, of_parts) for name, value in parts}
 
 
-@functools.cache
-def _comparison(kind: type) -> Callable[[Any, Any, _Alike], str]:
-    """How two values of a kind are compared."""
+def _form(value: Any, is_number: bool, of_parts: dict[int, Any]) -> Any:
+    """What is structure of a value; `of_parts` has that of parts by ids: beams share sections."""
+    kind: Any = type(value)
     if kind in _PLAIN:
-        return lambda one, two, _: "" if one == two else " differs"
-    if issubclass(kind, Node):
-        return lambda one, two, _: "" if one.number == two.number else " differs"
-    if is_dataclass(kind):
-        return _difference_of_fields
-    if issubclass(kind, list | tuple | dict):
-        return _difference_of_items
-    if kind is np.ndarray:
-        return lambda one, two, _: "" if np.array_equal(one, two) else " differs"
+        return () if is_number and value is not None else value
+    if isinstance(value, Node):
+        return value.number
+    if is_number:
+        return _form_of_number(value)
+    if is_dataclass(value):
+        if id(value) not in of_parts:
+            forms = [_form(getattr(value, name), of, of_parts) for name, of in _fields(kind)]
+            of_parts[id(value)] = kind, forms
+        return of_parts[id(value)]
+    if isinstance(value, dict):
+        return [(key, _form(part, False, of_parts)) for key, part in value.items()]
+    if isinstance(value, list | tuple):
+        return [_form(part, False, of_parts) for part in value]
+    if isinstance(value, set | np.ndarray):
+        return frozenset(value) if isinstance(value, set) else value.tolist()
     # A function that is not listed is always another one.
-    return lambda one, two, _: " differs" if callable(one) or one != two else ""
-
-
-def _difference_of_items(one: Any, two: Any, alike: _Alike) -> str:
-    """That of lists or dictionaries."""
-    if len(one) != len(two):
-        return " has another length"
-    keys: Any = range(len(one))
-    if isinstance(one, dict):
-        if list(one) != list(two):
-            return " has other keys"
-        keys, one, two = list(one), one.values(), two.values()
-    elif one and type(one[0]) is Node:  # quickly, as in beams of many elements
-        one, two = ([node.number for node in nodes] for nodes in (one, two))
-        return "" if one == two else " differs"
-    for key, known, other in zip(keys, one, two, strict=True):
-        if difference := _difference(known, other, alike):
-            return f"[{key!r}]{difference}"
-    return ""
-
-
-def _difference_of_fields(one: Any, two: Any, alike: _Alike) -> str:
-    """That of parts of a scene."""
-    if (pair := (id(one), id(two))) in alike:
-        return ""
-    kind: Any = type(one)
-    for name, is_number in _fields(kind):
-        known, other = getattr(one, name), getattr(two, name)
-        of = type(known)
-        if of is type(other) and of in _PLAIN and (is_number or known == other):
-            continue  # quickly, as most are
-        compare = _difference_of_numbers if is_number else _difference
-        if difference := compare(known, other, alike):
-            return f".{name}{difference}"
-    alike.add(pair)
-    return ""
+    return object() if callable(value) else value
 
 
 @functools.cache
@@ -162,20 +123,12 @@ def _fields(kind: type) -> list[tuple[str, bool]]:
     return [(field.name, "number" in field.metadata) for field in fields(kind)]
 
 
-def _difference_of_numbers(one: Any, two: Any, alike: _Alike) -> str:
-    return "" if _form(one) == _form(two) else " is of another kind"
-
-
-def _form(number: Any) -> Any:
-    """What is structure of a number: its shape, or its names; a function has that of one number."""
+def _form_of_number(number: Any) -> Any:
+    """Its shape, or its names; a function has that of one number."""
     if isinstance(number, np.ndarray):
         return number.shape
     if callable(number):
         return ()
-    if number is None or isinstance(number, Node):
-        return number and number.number
     if isinstance(number, list):  # lumped masses: first the number of the node
         return [row[0] for row in number]
-    if isinstance(number, Mapping):  # of functions
-        return [*number]
-    return np.shape(number)
+    return [*number] if isinstance(number, Mapping) else np.shape(number)
