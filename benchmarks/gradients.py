@@ -66,7 +66,7 @@ def lowest(function, times):
     return min(seconds)
 
 
-def measured(build, count, steps, tries=9):
+def measured(build, count, steps, tries=27):
     """Times of a motion [ms], and of value with gradient and with Jacobian in motions."""
     run, x = fb.Response(build, dt=1 / steps, t_end=1.0), 1 + 0.1 * np.sin(np.arange(1, count + 1))
     rng, weights = np.random.default_rng(0), {"tip": np.ones((steps + 1, 2))}
@@ -75,14 +75,14 @@ def measured(build, count, steps, tries=9):
         run(x * (1 + 1e-3 * rng.random(count)))
 
     moved()
-    motion = lowest(moved, 3 * tries)
+    motion = lowest(moved, tries)
     run.vjp(weights)
     gradient = lowest(lambda: (moved(), run.vjp(weights)), tries)
     jacobian = lowest(lambda: (moved(), run.jacobian()), tries)
     return 1e3 * motion, gradient / motion, jacobian / motion
 
 
-def beside(run, count, plain=None, weights_of=None, tries=5):
+def beside(run, count, plain=None, weights_of=None, tries=15):
     """Time of an analysis [ms], by `plain` if it is another, and with gradient and Jacobian."""
     rng, x = np.random.default_rng(0), 1 + 0.1 * np.sin(np.arange(1, count + 1))
 
