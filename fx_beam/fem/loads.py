@@ -109,8 +109,6 @@ class SumOfLoads:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
         pairs = zip(self.functions, self._whats, strict=True)
         values = [series(function, times, what) for (_, function), what in pairs]
-        if len(values) == 1:  # without a copy
-            return values[0]
         return np.concatenate([np.empty((len(times), 0)), *values], axis=1)
 
 
