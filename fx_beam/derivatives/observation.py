@@ -11,7 +11,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.scene import Scene
-from fx_beam.step.fitted_rates import rate_fit
+from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
@@ -118,7 +118,7 @@ class Observation:
         if model.fits_rates and needed:
             driven = Forcing(model).end_rates(*rates_at(tape, self.boundaries))
             q, v, slides = (of.states[name] for name in ("q", "v", "slides"))
-            self._fit = rate_fit(model).derivatives(q, v, slides, driven)
+            self._fit = RateDerivatives(rate_fit(model), q, v, slides, driven)
             of.states["rates"] = self._fit.rates
         self._outputs = {name: self._observed(output) for name, output in outputs.items()}
 

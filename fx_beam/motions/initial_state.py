@@ -392,13 +392,14 @@ def rates_with_slopes(
         return state.v
     given, driven = with_slopes(given), with_slopes(driven)
     if model.scene.joints or driven.size:
-        from fx_beam.step.fitted_rates import rate_fit
+        from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 
         for of, to in ((driven.values, given.values), (driven.slopes, given.slopes)):
             to[model.prescribed] = of[: len(model.prescribed)]
         of_state = {"q": state.q, "v": given, "slides": state.slides, "driven rates": driven}
         duals = {name: with_slopes(values) for name, values in (numbers | of_state).items()}
-        fit = rate_fit(model).derivatives(*(duals[name].values[None] for name in of_state))
+        here = (duals[name].values[None] for name in of_state)
+        fit = RateDerivatives(rate_fit(model), *here)
         changes = {name: np.moveaxis(dual.slopes, -1, 0) for name, dual in duals.items()}
         found = fit.jvp({name: changes[name][None] for name in of_state}, changes)
         given.slopes = found["rates"][0].T

@@ -90,12 +90,6 @@ class FittedRates:
         """
         return self.followed(self.library.VALUES, q, v, slides, driven)
 
-    def derivatives(
-        self, q: np.ndarray, v: np.ndarray, slides: np.ndarray, driven: np.ndarray
-    ) -> RateDerivatives:
-        """What `fit` found for n configurations, and its derivatives; all as there."""
-        return RateDerivatives(self, (q, v, slides, driven))
-
     def followed(self, way: int, *given: np.ndarray, **derivatives: Any) -> Fit:
         """The same as `fit`, with derivatives in a `way` by members of ``Derivatives`` in C."""
         model, n, p = self._model, len(given[0]), self._p
@@ -130,7 +124,7 @@ class FittedRates:
 class RateDerivatives:
     """Rates that fit at n configurations, and their derivatives; given as to `FittedRates.fit`."""
 
-    def __init__(self, fits: FittedRates, given: tuple[np.ndarray, ...]):
+    def __init__(self, fits: FittedRates, *given: np.ndarray):
         self._fits, self._given = fits, given
         self.rates = fits.fit(*given).rates
 

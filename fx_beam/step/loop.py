@@ -13,7 +13,7 @@ from fx_beam.dual import plain
 from fx_beam.laws.interval import divided
 from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.audit import Stats
-from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, ROWS, Past, State
+from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
 
 from .forcing import Forcing
 from .interrupts import uninterrupted
@@ -27,6 +27,9 @@ from .tables import Problem
 if TYPE_CHECKING:
     from .step_control import StepControl
     from .tape import Tape
+
+# Inputs of which a single row may stand for all sub-steps.
+_REPEATED = "loads", "follower_force", "natural"
 
 
 class CompiledLoop:
@@ -47,11 +50,7 @@ class CompiledLoop:
         #: Owns the arrays to which C points.
         self.problem = problem = Problem.of(model, options, forcing.turning is not None, alone)
         self._ffi, self._library = problem.ffi, problem.library
-        self._problem, self._state_arrays, self._past = (
-            problem.c,
-            problem.state_arrays,
-            problem.past,
-        )
+        self._problem, self._state_arrays = problem.c, problem.state_arrays
         #: Shapes of the arrays of a state.
         self.shapes = {name: array.lengths(self.model.sizes) for name, array in ARRAYS.items()}
         # Those that a state has in any case.
@@ -60,20 +59,10 @@ class CompiledLoop:
             for name, quantity in ARRAYS.items()
             if not quantity.mean and (quantity.required or self._state_arrays[name].size)
         }
-        #: Where C has what is recorded, by the names of rows and of starts of sub-steps.
-        self._sources = {name: getattr(problem.c, name) for name in ROWS}
-        self._sources |= {f"start_{name}": self._sources[name] for name in ("q", "v", "a")}
-        self._sources |= {
-            "start_internal": problem.c.internal,
-            "start_q_previous": problem.c.q_previous,
-        }
-        self._sources["start_natural"] = problem.c.natural
         #: Records of C by recorders, each with the recorder's plan and its arrays of rows.
         self._records: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
         #: Where sub-steps are taped, but for those of trials; None for nowhere.
         self.tape: Tape | None = None
-        C = problem.library
-        self._no_failures = C.OK, C.SWITCHED, C.TOO_INACCURATE
         self._begin(forcing, stats)
 
     def _begin(self, forcing: Forcing, stats: Stats) -> None:
@@ -95,7 +84,7 @@ class CompiledLoop:
         """The last configurations, from which the next increment is predicted."""
         p, model = self._problem, self.model
         known = min(p.known_steps, self._library.PAST)
-        ages, differences, y = (values[:known].copy() for values in self._past)
+        ages, differences, y = (values[:known].copy() for values in self.problem.past)
         slides = model.couplings.free_slides(y, model.scene.joint_count)
         orders = np.array(list(p.orders[0 : p.sub_steps]))
         return Past(ages, orders, differences, slides)
@@ -106,8 +95,9 @@ class CompiledLoop:
             p, known = self._problem, len(past.ages)
             p.known_steps, p.orders[0 : p.sub_steps] = known, past.orders.tolist()
             y = self.model.couplings.unknowns(past.differences, past.slides)
-            for values, given in zip(self._past, (past.ages, past.differences, y), strict=True):
-                values[:known] = given
+            given = past.ages, past.differences, y
+            for values, of_past in zip(self.problem.past, given, strict=True):
+                values[:known] = of_past
 
     def forget_past(self) -> None:
         """Predict nothing in the next step."""
@@ -147,7 +137,7 @@ class CompiledLoop:
             before = ratio = None
         return StepsResult(
             *(state, taken, before if taken > 1 else None, ratio),
-            failed=p.failure not in self._no_failures,
+            failed=p.failure not in (C.OK, C.SWITCHED, C.TOO_INACCURATE),
             switched=switched,
             switches=self.problem.sides[1].copy() if steps.watch and (taken or switched) else None,
             error=inputs.error if taken == len(inputs.driven) // p.sub_steps else None,
@@ -255,17 +245,12 @@ class CompiledLoop:
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""
         c_inputs = self._ffi.new("Inputs *")
-        for name in ("loads", "driven", "follower_force", "parameters", "natural"):
-            if (values := getattr(inputs, name)).size:
-                first = values[:1]  # contiguous, also where one row stands for all
-                setattr(c_inputs, name, self._address("double[]", first))
-        for name, rows in (
-            ("load", inputs.loads),
-            ("follower", inputs.follower_force),
-            ("natural", inputs.natural),
-        ):
-            stride = rows.strides[0] // rows.itemsize if rows.size else 0
-            setattr(c_inputs, f"{name}_stride", stride)
+        for name, rows in inputs.arrays().items():
+            if rows.size:
+                # The first row is contiguous, also where it stands for all.
+                setattr(c_inputs, name, self._address("double[]", rows[:1]))
+                if name in _REPEATED:
+                    setattr(c_inputs, f"{name}_stride", rows.strides[0] // rows.itemsize)
         return c_inputs
 
     def c_record(self, recorder: Rows, steps: Steps, number: int):
@@ -299,11 +284,12 @@ class CompiledLoop:
         return to
 
     def _rows(self, arrays: dict[str, np.ndarray]):
-        """Rows of arrays, which C writes from those of the same names."""
+        """Rows of arrays, which C writes from those of the same names, also at `start_`."""
         arrays = {name: array for name, array in arrays.items() if array.shape[1]}
         rows = self._ffi.new("Rows[]", len(arrays))
         for row, (name, array) in zip(rows, arrays.items(), strict=True):
-            row.source, row.size = self._sources[name], array.shape[1]
+            row.source = getattr(self._problem, name.removeprefix("start_"))
+            row.size = array.shape[1]
             row.target = self._address("double[]", array)
         return rows
 
@@ -421,10 +407,14 @@ class StepInputs(NamedTuple):
     parts: int
     error: BaseException | None = None
 
+    def arrays(self) -> dict[str, Any]:
+        """All rows by name."""
+        return dict(zip(self._fields, self[:5], strict=False))
+
     def after(self, steps: int) -> StepInputs:
         """The inputs of the steps after some."""
-        names = "loads", "driven", "follower_force", "parameters", "natural"
-        return self._replace(**{name: getattr(self, name)[steps * self.parts :] for name in names})
+        first = steps * self.parts
+        return self._replace(**{name: rows[first:] for name, rows in self.arrays().items()})
 
 
 def no_inputs(parts: int, steps: int = 0) -> StepInputs:

@@ -15,18 +15,11 @@ from fx_beam.errors import between, check_fields, whole
 LONGEST_TURN = 0.5
 # Rounding error of the energy, relative to the energy of the step.
 ENERGY_FLOOR = 4 * np.finfo(float).eps
-# Largest work of the last correction, relative to the tolerance times the energy of the step.
-ENERGY_SHARE = 1e-4
 # Largest next correction, relative to the tolerance, that is left out. It is predicted by quadratic
 # convergence.
 NEGLIGIBLE = 1e-6
-# The predictor is used up to this relative error in the previous step.
-PREDICTOR_ERROR = 0.4
 # Largest number of searches for the members that points come near in a step.
 SEARCHES = 8
-# A correction is too long if the residual does work against it at its end, by more than this part
-# of that at its start. At most so many shorter ones are tried.
-OVERSHOOT, SHORTENINGS = 0.1, 20
 _TURN = "a number between 0 and pi, a half turn [rad]"
 
 

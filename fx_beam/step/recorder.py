@@ -150,7 +150,6 @@ class Recorder:
         self.model, self.every, self.last = model, record.every, -1
         #: Times at the ends of all steps, and numbers of the steps that have a row.
         self._times, self._steps = np.empty(0), np.empty(0, dtype=int)
-        self.rows = 0
         #: Number of steps, and the start, that have a plan.
         self.planned = 0
         #: How often the arrays were replaced.
@@ -158,12 +157,7 @@ class Recorder:
         #: The last state.
         self.end: State
         self._first: State
-        #: Gives the accelerations of row 0, if they are found when they are read.
-        self.late_accelerations: Callable[[], np.ndarray] | None = None
-        #: Whether row 0 is the start.
-        self._begins = True
-        #: Full turns (size,) [rad] that are missing in the rows from a number on.
-        self.turns: dict[int, np.ndarray] = {}
+        self.restart()
         kinds = {"always"} | {kind for kind in _KINDS if getattr(record, kind)}
         names = [name for name, quantity in ROWS.items() if quantity.record in kinds]
         #: Names of the rows that only serve the others.
@@ -171,7 +165,6 @@ class Recorder:
         #: Starts (n, ...) of the sub-steps of the rows' steps, where these are not the previous
         #: row, and their number; `up_to_row` has that up to each row.
         self.arrays_of_starts = _starts(model, record.motion, record.rates)
-        self.starts = 0
         self._parted = len(model.scheme.fractions) > 1 or model.forms.needs_previous
         #: Rows (n, ...) by name, vectors in the order of the degrees of freedom.
         self.arrays: dict[str, np.ndarray] = {}
@@ -183,8 +176,13 @@ class Recorder:
 
     def restart(self) -> None:
         """Have no rows: those of another run of the same steps overwrite the present ones."""
-        self.rows, self.turns, self.late_accelerations, self._begins = 0, {}, None, True
-        self.starts = 0
+        self.rows = self.starts = 0
+        #: Gives the accelerations of row 0, if they are found when they are read.
+        self.late_accelerations: Callable[[], np.ndarray] | None = None
+        #: Whether row 0 is the start.
+        self._begins = True
+        #: Full turns (size,) [rad] that are missing in the rows from a number on.
+        self.turns: dict[int, np.ndarray] = {}
 
     @property
     def t(self) -> np.ndarray:
@@ -237,8 +235,7 @@ class Recorder:
 
     def settle_at_end(self) -> None:
         """Have the rows up to the last state: an exception may have come between the two."""
-        times = self._times[self._steps[: self.rows]]
-        self.truncate(int(np.searchsorted(times, self.end.t, side="right")))
+        self.truncate(int(np.searchsorted(self.t, self.end.t, side="right")))
 
     def forget(self) -> None:
         """Have the last two rows only, on which the next ones depend."""
@@ -274,9 +271,6 @@ class Recorder:
         """Whether starts of a step in parts are stored: the last one is not the previous row."""
         return self._parted or parts > 1 or self.every > 1
 
-    def _selects(self, step: int) -> bool:
-        return step % self.every == 0 or step == self.last
-
     def begin(self, state: State) -> None:
         """Begin with a state, that of row 0."""
         self._first = self.end = state
@@ -286,7 +280,7 @@ class Recorder:
 
         The starts of its sub-steps were stored before.
         """
-        if not self._selects(step):
+        if step % self.every and step != self.last:
             return
         if step == 0:
             self.begin(state)
@@ -423,14 +417,10 @@ class Recorder:
             q_previous = q.copy()
             memory[stored] = starts["memory"][span]
             q_previous[stored] = starts["start_q_previous"][span] + self._missing(row[stored])
-        if self._has_ramps:
+        # Where parameters are inputs of a motion, only the rows know their earlier values.
+        if any(isinstance(of, Ramp) for of in self.model.forms.parameters.functions):
             more["parameters"] = self._parameters_in(row, parts.t)
         return parts._replace(memory=memory, q_previous=q_previous, **more)
-
-    @property
-    def _has_ramps(self) -> bool:
-        """Whether parameters are inputs of a motion, whose earlier values only the rows know."""
-        return any(isinstance(of, Ramp) for of in self.model.forms.parameters.functions)
 
     def _parameters_in(self, row: np.ndarray, t: np.ndarray) -> np.ndarray:
         """Parameters (n, k) at times (n,) before rows: linear between these and those before."""

@@ -92,16 +92,13 @@ class StepFailures:
         last = range(max(0, p.tried - C.CORRECTIONS), p.tried)
         corrections = [p.corrections[i % C.CORRECTIONS] for i in last]
         reduction.begin(state.q, state.slides)  # which says whether it is singular
-        nowhere = np.full(self.model.size, np.nan)
-        if p.failure == C.TURNED_TOO_FAR:
-            turn = abs(D[self.model.turns]).max()
-            return StepFailed("large rotation", self._turned(turn), D, corrections)
         if p.failure == C.SLID_TOO_FAR:
-            kind, reason = reduction.fault(arcs) or ("", "")
-            return StepFailed(kind, reason, D, corrections)
+            return StepFailed(*(reduction.fault(arcs) or ("", "")), D, corrections)
         if p.failure == C.OUT_OF_LINE:
             return StepFailed("singular", reduction.singularity, 0 * D, [])
+        turn, nowhere = abs(D[self.model.turns]).max(), np.full(len(D), np.nan)
         reasons = {
+            C.TURNED_TOO_FAR: ("large rotation", self._turned(turn), D),
             C.SINGULAR: ("singular", _SINGULAR, nowhere),
             C.OPEN_LOOP: ("no convergence", _OPEN, nowhere),
             C.PASSED_THROUGH: ("members", _PASSED, D),

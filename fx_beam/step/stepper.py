@@ -11,7 +11,6 @@ from fx_beam.results.state import State
 
 from .loop import CompiledLoop, StepInputs, Steps, StepsResult
 from .recorder import NullRecorder, Rows
-from .step_failures import StepFailed
 from .substeps import Halving
 
 if TYPE_CHECKING:
@@ -64,9 +63,12 @@ class Stepper:
                 ends = halving.ends(grid[done:])
                 now = integrator.inputs_ahead(state.t, ends)
             result, steps = self._take(state, ends, now, first + done, recorder)
-            if result.failed and not self._halve():
-                end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
-                raise self._error(result.state, end)
+            if result.failed:
+                integrator.forget_past()
+                if not halving.fail():
+                    end = halving.ends(np.concatenate([[t0], times])[done + steps :])[0]
+                    raise self.error(result.state, end)
+                self.stats.halvings += 1
             state, done = result.state, done + steps
             if done < len(times):
                 inputs = inputs.after(steps)
@@ -92,13 +94,6 @@ class Stepper:
         steps = Steps(first, halving.done, parts)
         result = integrator.take(state, ends, inputs, steps, recorder, count)
         return result, self.stats.steps - before
-
-    def _halve(self) -> bool:
-        """Halve the steps after a failure; False if this is no longer allowed."""
-        self.integrator.forget_past()
-        halved = self.halving.fail()
-        self.stats.halvings += halved
-        return halved
 
     # -- Steps whose local errors are controlled --------------------------------------------------
 
@@ -140,38 +135,36 @@ class Stepper:
 
     # -- Errors -----------------------------------------------------------------------------------
 
-    def error(self, state: State, t1: float, advice: str) -> StepError:
-        """StepError for a step to t1 [s] that fails after all halvings."""
-        return self._error_of(state, t1, self.integrator.failure(state, t1), advice)
-
-    def _error_of(self, start: State, end: float, failure: StepFailed, advice: str) -> StepError:
+    def error(self, start: State, end: float, advice: str = "") -> StepError:
+        """StepError for a step to a time [s] that fails after all halvings."""
+        failure, halvings = self.integrator.failure(start, end), self.halving.most
+        advice = advice or self._advice(failure.kind)
         what = f"the step from t = {start.t:.6g} to {end:.6g} failed"
-        error = self.integrator.failures.error(what, self.halving.most, start, failure, advice)
+        error = self.integrator.failures.error(what, halvings, start, failure, advice)
         error.__cause__ = failure
         return error
 
-    def _error(self, start: State, end: float) -> StepError:
-        failure, halvings = self.integrator.failure(start, end), self.halving.most
+    def _advice(self, kind: str) -> str:
+        if self.model.reduction.singularity:
+            return (
+                "Its velocity does not take it out of there. Let it not come to rest in this "
+                "position, or let a member yield: a beam in place of a body"
+            )
+        if kind == "off the end":
+            return (
+                "The steps before are kept. Use a longer beam, an earlier t_end, or a stop on the "
+                "slide that turns the node back"
+            )
         advice = (
-            f"Try a smaller dt{'' if halvings else ' or max_halvings > 0'}. If this does not help, "
-            "check the units of loads, velocities and stiffnesses, or try another scheme"
+            f"Try a smaller dt{'' if self.halving.most else ' or max_halvings > 0'}. If this does "
+            "not help, check the units of loads, velocities and stiffnesses, or try another scheme"
         )
-        if failure.kind == "large rotation":
+        if kind == "large rotation":
             advice += (
                 ". A moment on a node with almost no inertia, as of a controller, turns it this "
                 "far as well: add_mass(node, 0.0, inertia=...)"
             )
-        if failure.kind == "off the end":
-            advice = (
-                "The steps before are kept. Use a longer beam, an earlier t_end, or a stop on the "
-                "slide that turns the node back"
-            )
-        if self.model.reduction.singularity:
-            advice = (
-                "Its velocity does not take it out of there. Let it not come to rest in this "
-                "position, or let a member yield: a beam in place of a body"
-            )
-        return self._error_of(start, end, failure, advice)
+        return advice
 
 
 def equal_steps(t: float, times: np.ndarray) -> int:

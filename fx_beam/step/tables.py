@@ -26,16 +26,7 @@ from .build import begin_to_build, load_library
 from .form_tables import FormTables, aligned_zeros
 from .lu_layout import COSTS, Factors, factors_of, graph_of, groups_of
 from .model import Model
-from .newton import (
-    ENERGY_FLOOR,
-    ENERGY_SHARE,
-    LONGEST_TURN,
-    NEGLIGIBLE,
-    OVERSHOOT,
-    PREDICTOR_ERROR,
-    SHORTENINGS,
-    NewtonOptions,
-)
+from .newton import ENERGY_FLOOR, LONGEST_TURN, NEGLIGIBLE, NewtonOptions
 from .substeps import LARGE_TURN
 from .tangent_storage import (
     alone_in_column,
@@ -523,15 +514,11 @@ class Problem:
         self._set(
             tolerance=tolerance,
             negligible=NEGLIGIBLE * tolerance,
-            energy_tolerance=ENERGY_SHARE * tolerance,
             energy_floor=ENERGY_FLOOR,
             max_turn=options.max_turn,
             longest_turn=LONGEST_TURN,
             large_turn=LARGE_TURN,
             max_iterations=options.max_iterations,
-            predictor_error=PREDICTOR_ERROR,
-            overshoot=OVERSHOOT,
-            searches=SHORTENINGS,
         )
 
     def _allocate(self) -> None:

@@ -162,10 +162,10 @@ static int take_step(Problem *p, Work *w, double dt, int sub_step, const Inputs 
   const double *target = inputs->driven + k * p->driven;
   double *change = w->start, t = p->t + p->level * dt;
   w->dt = dt;
-  if (k == 0 || inputs->load_stride) begin_loads(p, w, inputs->loads + k * inputs->load_stride);
+  if (k == 0 || inputs->loads_stride) begin_loads(p, w, inputs->loads + k * inputs->loads_stride);
   if (p->naturals && (k == 0 || inputs->natural_stride))
     begin_natural(p, w, inputs->natural + k * inputs->natural_stride);
-  w->follower_force = inputs->follower_force + k * inputs->follower_stride;
+  w->follower_force = inputs->follower_force + k * inputs->follower_force_stride;
   for (int i = 0; i < p->driven; ++i) {
     int dof = p->driven_dof[i];
     change[i] = target[i] - (dof >= 0 ? p->q[dof] : p->driven_now[i]);
@@ -290,8 +290,8 @@ OF_STEPS int fx_run(Problem *p, int steps, double dt, const Inputs *inputs, Reco
       if (joints) add_joint_forces(p, w);
       if (contacts) add_contact_forces(p);
       if (to->tape)
-        put_on_tape(p, w, to->tape, inputs->loads + number * inputs->load_stride,
-                    inputs->follower_force + number * inputs->follower_stride,
+        put_on_tape(p, w, to->tape, inputs->loads + number * inputs->loads_stride,
+                    inputs->follower_force + number * inputs->follower_force_stride,
                     inputs->natural + number * inputs->natural_stride);
       advance(p, w, inputs, number);
       if (p->watches && switched(p)) {

@@ -61,12 +61,15 @@ HOT void difference(int n, double age, double *restrict x, double *restrict old)
   }
 }
 
+/* The predictor is used up to this relative error in the previous step. */
+static const double PREDICTOR_ERROR = 0.4;
+
 /* Adds an increment to the divided differences of the last configurations and unknowns. Returns the order of
    extrapolation with the least error in this step. */
 HOT int update_predictor(Problem *p, const Work *w) {
   int n = p->dofs, all = n + p->free, order = 0;
   double dt = w->dt, ages[PAST + 1] = {dt}, product = dt, *left = w->scratch;
-  double best = p->predictor_error * largest(n, w->D, p->per_unit);
+  double best = PREDICTOR_ERROR * largest(n, w->D, p->per_unit);
   for (int i = 0; i < n; ++i) left[i] = w->D[i] / dt;
   for (int i = n; i < all; ++i) left[i] = w->z[i - n] / dt;
   for (int k = 0; k < PAST; ++k) {
@@ -174,6 +177,11 @@ static void begin_deviation(const Problem *p, const Work *w) {
   spread(p, w, w->step, w->correction);
 }
 
+/* A correction is too long if the residual does work against it at its end, by more than this part of that at its
+   start. At most so many shorter ones are tried. */
+static const double OVERSHOOT = 0.1;
+enum { SHORTENINGS = 20 };
+
 /* Goes back along a correction that was too long, to where the residual does no more work on it, by
    regula falsi. `gained` is the work at its start. */
 static void line_search(const Problem *p, const Work *w, double gained) {
@@ -181,14 +189,14 @@ static void line_search(const Problem *p, const Work *w, double gained) {
   if (springs) begin_deviation(p, w);
   double at_high = springs ? point_deviation(p->points, w->correction, w->step, 1) : along_step(p, w);
   double low = 0, high = 1, at_low = gained, taken = 1, part = 1, work;
-  if (gained <= 0 || -at_high <= p->overshoot * gained) return;
-  for (int k = 0; k < p->searches; ++k) {
+  if (gained <= 0 || -at_high <= OVERSHOOT * gained) return;
+  for (int k = 0; k < SHORTENINGS; ++k) {
     part = (low * at_high - high * at_low) / (at_high - at_low);
     if (springs)
       work = gained * (1 - part) + point_deviation(p->points, w->correction, w->step, part);
     else
       retake(p, w, &taken, part), work = along_step(p, w);
-    if (fabs(work) <= p->overshoot * gained) break;
+    if (fabs(work) <= OVERSHOOT * gained) break;
     if (work > 0)
       low = part, at_low = work, at_high /= 2;
     else
@@ -196,6 +204,9 @@ static void line_search(const Problem *p, const Work *w, double gained) {
   }
   if (springs) retake(p, w, &taken, part);
 }
+
+/* Largest work of the last correction, relative to the tolerance times the energy of the step. */
+static const double ENERGY_SHARE = 1e-4;
 
 /* What comes after a correction: another one, or nothing, as it was small enough or as small as round-off. */
 enum { GOES_ON, CONVERGED, AT_ROUND_OFF };
@@ -216,7 +227,7 @@ static int judge(const Problem *p, const Work *w, Convergence *c, int iteration,
   /* In very stiff scenes the forces before the correction make the energy far too large. */
   final = final && fabs(work) <= p->tolerance * moving;
   if (!small && stalled && fabs(work) <= p->energy_floor * energy) return AT_ROUND_OFF;
-  if (small) small = ++c->small > 2 || fabs(work) <= p->energy_tolerance * energy;
+  if (small) small = ++c->small > 2 || fabs(work) <= ENERGY_SHARE * p->tolerance * energy;
   return small || final ? CONVERGED : GOES_ON;
 }
 

@@ -268,9 +268,8 @@ typedef struct {
   int sub_step;
 
   /* Newton's method. */
-  double tolerance, negligible, energy_tolerance, energy_floor, predictor_error;
-  double overshoot, max_turn, longest_turn, large_turn;
-  int max_iterations, searches, may_overshoot;
+  double tolerance, negligible, energy_floor, max_turn, longest_turn, large_turn;
+  int max_iterations, may_overshoot;
   Team team;
   double corrections[CORRECTIONS]; /* their largest sizes in units, of the last iterations; `tried` were made */
   int tried;
@@ -375,7 +374,7 @@ typedef struct {
   double *follower_force; /* [sub-step][follower_force][x, y], at the scheme's level */
   double *parameters; /* [sub-step][level, end][parameter] */
   double *natural;    /* [sub-step][natural strain], at the end */
-  long load_stride, follower_stride, natural_stride;
+  long loads_stride, follower_force_stride, natural_stride;
 } Inputs;
 
 /* The forces of elements: dense Jacobians, by the configurations at both ends and all else. Numbers of an element by
