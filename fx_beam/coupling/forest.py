@@ -67,12 +67,11 @@ def _forest(
     an arm that turns or slides, or with a node on a beam, each with the joint that closes it behind
     the others; other loops are over-constrained.
     """
-    neighbours: dict[int, list[tuple[int, Joint]]] = {}
-    trees: dict[int, int] = {}
     supported = {*supported, GROUND.number}
-    anchors = {node: node for node in supported}
-    closed_loops: list[list[Joint]] = []
-    turning = what == "rotation"
+    # Supported nodes hang together.
+    trees = dict.fromkeys(supported, GROUND.number)
+    neighbours: dict[int, list[tuple[int, Joint]]] = {}
+    closing: list[Joint] = []
 
     def tree(node: int) -> int:
         while (above := trees.setdefault(node, node)) != node:
@@ -82,34 +81,14 @@ def _forest(
 
     for joint in joints:
         a, b = joint.a.number, joint.b.number
-        closed = tree(a) == tree(b)
-        first, last = (anchors.get(tree(node)) for node in (a, b))
-        loop: list[Joint] = []
-        if closed:
-            loop = [*_path(neighbours, a, b), joint]
-        elif first is not None and last is not None:
-            before, behind = _path(neighbours, first, a), _path(neighbours, b, last)
-            loop = [*before, *behind, joint]
-        on_beam = not closed and not on_beams.isdisjoint({first, last})
-        yields = on_beam and not (turning and joint.rotation is not None)
-        if loop and (yields or not (turning or all(other.is_index for other in loop))):
-            closed_loops.append(loop)
+        if tree(a) == tree(b):
+            closing.append(joint)
             continue
-        if loop and closed:
-            _refuse(scene, loop, f"they close a loop in which each joint couples the {what}")
-        if first is not None and last is not None:
-            ends = sorted((first, last))
-            names = [str(GROUND if n == GROUND.number else scene.nodes[n]) for n in ends]
-            reason = f"the {what} of {names[0]} and of {names[1]} are both supported"
-            between = [*behind, joint, *before][:: 1 if first < last else -1]
-            _refuse(scene, between, f"{reason}; support one of them only")
-        if tree(a) in anchors:
-            anchors.setdefault(tree(b), anchors[tree(a)])
         trees[tree(a)] = tree(b)
         neighbours.setdefault(a, []).append((b, joint))
         neighbours.setdefault(b, []).append((a, joint))
 
-    branches: list[Branch] = []
+    above: dict[int, Branch] = {}
     nodes = sorted(neighbours)
     reached: set[int] = set()
     for root in [
@@ -121,36 +100,46 @@ def _forest(
         for parent in queue:
             reached.add(parent)
             grown = [Branch(n, parent, by) for n, by in neighbours[parent] if n not in reached]
-            branches += grown
+            above |= {branch.node: branch for branch in grown}
             queue += [branch.node for branch in grown]
-    return branches, closed_loops
+    loops = [_loop(scene, joint, above, on_beams, what) for joint in closing]
+    return [*above.values()], loops
 
 
-def _path(neighbours, start: int, end: int) -> list[Joint]:
-    """Joints between two nodes of a tree."""
-    came: dict[int, tuple[int, Joint] | None] = {start: None}
-    queue = [start]
-    for node in queue:
-        if node == end:
-            break
-        for other, joint in neighbours.get(node, []):
-            if other not in came:
-                came[other] = (node, joint)
-                queue.append(other)
-    joints = []
-    step = came[end]
-    while step is not None:
-        joints.append(step[1])
-        step = came[step[0]]
-    return joints
-
-
-def _refuse(scene: Scene, joints, reason: str) -> None:
-    names = "; ".join(str(joint) for joint in joints)
+def _loop(
+    scene: Scene, joint: Joint, above: dict[int, Branch], on_beams: set[int], what: str
+) -> list[Joint]:
+    """The loop that a joint closes, itself behind the others; SceneError if it over-constrains."""
+    (way_a, first), (way_b, last) = (_way_up(above, node.number) for node in (joint.a, joint.b))
+    while way_a and way_b and way_a[-1] is way_b[-1]:
+        way_a.pop()
+        way_b.pop()
+    loop = [*way_b, *reversed(way_a), joint]
+    turning = what == "rotation"
+    on_beam = first != last and not on_beams.isdisjoint({first, last})
+    yields = on_beam and not (turning and joint.rotation is not None)
+    if yields or not (turning or all(other.is_index for other in loop)):
+        return loop
+    reason = f"they close a loop in which each joint couples the {what}"
+    if first != last:
+        loop = [*reversed(way_b), joint, *way_a][:: 1 if first < last else -1]
+        ends = sorted((first, last))
+        names = [str(GROUND if n == GROUND.number else scene.nodes[n]) for n in ends]
+        reason = f"the {what} of {names[0]} and of {names[1]} are both supported; support one of "
+        reason += "them only"
     raise SceneError(
-        f"over-constrained: {names}: {reason}. Remove one of them, or release a degree of freedom "
-        "by a slide, a free rotation, or a beam between the nodes"
+        f"over-constrained: {'; '.join(map(str, loop))}: {reason}. Remove one of them, or release "
+        "a degree of freedom by a slide, a free rotation, or a beam between the nodes"
     )
+
+
+def _way_up(above: dict[int, Branch], node: int) -> tuple[list[Joint], int]:
+    """Joints from a node to the root of its tree, and this root."""
+    joints: list[Joint] = []
+    while node in above:
+        joints.append(above[node].joint)
+        node = above[node].parent
+    return joints, node
 
 
 def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Joint]]) -> list[Joint]:

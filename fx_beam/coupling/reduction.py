@@ -356,12 +356,8 @@ class Reduction:
     @property
     def only_copies(self) -> bool:
         """Whether each degree of freedom equals a column, without arms, slides and loops."""
-        of, (row, _, value_at, sign) = self.couplings, self._entries
-        if of.closures or of.sliding or of.moving or len(self.auxiliaries):
-            return False
-        return (
-            np.array_equal(row, np.arange(self._size)) and (sign == 1).all() and not value_at.any()
-        )
+        of = self.couplings
+        return of.is_index and not (of.closures or of.moving or of.auxiliaries)
 
     def moves_alone(self, dofs: np.ndarray) -> np.ndarray:
         """Whether each unknown (free,) equals one of some degrees of freedom (size,).
