@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from fx_beam.errors import SceneError, as_float, is_number, require
+from fx_beam.errors import SceneError, as_float, between, check_fields, require
 from fx_beam.scene.parameters import symbols_only
 from fx_beam.symbolic import parts_of, ufl
 
@@ -132,10 +132,10 @@ class NewmarkRates(UpdateRule):
     0.9
     """
 
-    beta: float
-    gamma: float
-    alpha_m: float = 0.0
-    alpha_f: float = 0.0
+    beta: float = between(_LEAST_BETA, math.inf)
+    gamma: float = between(-math.inf, math.inf)
+    alpha_m: float = between(-math.inf, 1, default=0.0)
+    alpha_f: float = between(-math.inf, 1, default=0.0)
 
     @property
     def constants(self) -> dict[str, float]:
@@ -143,17 +143,7 @@ class NewmarkRates(UpdateRule):
         return {"rule": 1, "beta": self.beta, "gamma": self.gamma, "alpha_m": self.alpha_m}
 
     def __post_init__(self):
-        for name, low, high in (
-            ("beta", _LEAST_BETA, math.inf),
-            ("gamma", -math.inf, math.inf),
-            ("alpha_m", -math.inf, 1),
-            ("alpha_f", -math.inf, 1),
-        ):
-            value = getattr(self, name)
-            fits = is_number(value) and low < as_float(value) < high
-            wanted = f"a number between {low} and {high}"
-            require(fits, f"NewmarkRates: {name}", value, wanted)
-            object.__setattr__(self, name, as_float(value))
+        check_fields(self)
 
     @property
     def level(self) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fx_beam.errors import SceneError, as_float, check_fields, is_number, number, require
+from fx_beam.errors import LARGEST, SceneError, between, check_fields, number, require
 
 from .joints import Joint
 from .outputs import Output
@@ -55,13 +55,12 @@ class Latch:
     """
 
     joint: Joint
-    at: float
+    at: float = between(-LARGEST, LARGEST, "a finite number")
     coordinate: str | None = None
 
     def __post_init__(self):
         require(isinstance(self.joint, Joint), "Latch: joint", self.joint, "a joint of the scene")
-        require(is_number(self.at), "Latch: at", self.at, "a finite number")
-        object.__setattr__(self, "at", as_float(self.at))
+        check_fields(self)
 
 
 @dataclass(frozen=True)

@@ -304,9 +304,9 @@ class Contact:
 
     target: Node | Beam
     shape: Shape | Beam
-    stiffness: float = field(metadata=NUMBER)
-    restitution: float = field(default=1.0, metadata=NUMBER)
-    speed: float | None = field(default=None, metadata=NUMBER)
+    stiffness: float = number("positive")
+    restitution: float = number("not negative", default=1.0)
+    speed: float | None = number("positive", optional=True, default=None)
     number: int = -1
     energy: Energy | None = field(default=None, metadata=NUMBER)
     radius: float | tuple[float, float] = field(default=0.0, metadata=NUMBER)

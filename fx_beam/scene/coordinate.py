@@ -11,7 +11,6 @@ import numpy as np
 from fx_beam.errors import (
     NUMBER,
     SceneError,
-    as_float,
     check_fields,
     finite,
     is_number,
@@ -81,11 +80,11 @@ class Stop:
     lower: float | None = number(optional=True)
     upper: float | None = number(optional=True)
     stiffness: float = number("positive")
-    restitution: float = field(default=1.0, metadata=NUMBER)
-    speed: float | None = field(default=None, metadata=NUMBER)
+    restitution: float = number("not negative", default=1.0)
+    speed: float | None = number("positive", optional=True, default=None)
 
     def __post_init__(self):
-        check_fields(self)
+        check_impact(self, "Stop")
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
@@ -93,7 +92,6 @@ class Stop:
                 f"Stop: lower = {self.lower!r} must be below upper = {self.upper!r}; the order is "
                 "(lower, upper, stiffness)"
             )
-        check_impact(self, "Stop")
 
     def check_start(self, place: float, tolerance: float, what: str) -> None:
         """Refuse a start of the coordinate beyond a limit.
@@ -112,10 +110,7 @@ class Stop:
         SceneError
             With the limit.
         """
-        for name, limit, beyond in (
-            ("lower", self.lower, -1.0),
-            ("upper", self.upper, 1.0),
-        ):
+        for name, limit, beyond in (("lower", self.lower, -1.0), ("upper", self.upper, 1.0)):
             if limit is not None and beyond * (place - limit) > tolerance:
                 raise SceneError(
                     f"{what} starts at {place:.6g}, beyond the {name} limit {limit:.6g} of its "
@@ -144,18 +139,15 @@ def loss_of(restitution: float) -> float:
 
 
 def check_impact(part: Any, what: str) -> None:
-    """Make stiffness, restitution and speed of a contact floats; SceneError if out of range."""
-    k, e, speed = part.stiffness, as_float(part.restitution), part.speed
-    k = finite(k, f"{what}: stiffness", "positive")
-    require(0 <= e <= 1, f"{what}: restitution", part.restitution, "a number from 0 to 1")
-    if speed is not None:
-        speed = finite(speed, f"{what}: speed", "positive")
-    elif e < 1:
+    """Check the fields of a contact; SceneError for losses that are out of range."""
+    check_fields(part, what)
+    e = part.restitution
+    require(e <= 1, f"{what}: restitution", e, "a number from 0 to 1")
+    if part.speed is None and e < 1:
         raise SceneError(
             f"{what}: a restitution below 1 needs a speed, the rate below which the loss is "
             "viscous. Try a hundredth of the speed of the impacts"
         )
-    vars(part).update(stiffness=k, restitution=e, speed=speed)
 
 
 @dataclass(frozen=True)
