@@ -14,6 +14,8 @@ from fx_beam.scene.sliders import SlidingJoint, sliding_joints
 # Loops are changed only if they have fewer joints in all than this part of theirs.
 _SHORTER = 0.7
 _PASSES = 3
+# What joints and supports hold.
+_COMPONENTS = "displacement in x", "displacement in y", "rotation"
 
 
 @dataclass(frozen=True)
@@ -42,13 +44,9 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     on_beams = [{node for _, node, part in carried if part == i} for i in range(3)]
     joints = [joint for joint in scene.joints if joint not in sliding]
     turning = [joint for joint in joints if joint.turns_together]
-    loops = _forest(scene, joints, held[0], held[1], on_beams[0], "displacement in x")[1]
-    joints = order_for_short_loops(joints, loops)
-    grown = [
-        _forest(scene, joints, held[0], held[1], on_beams[0], "displacement in x"),
-        _forest(scene, joints, held[1], held[0], on_beams[1], "displacement in y"),
-        _forest(scene, turning, held[2], set(), on_beams[2], "rotation"),
-    ]
+    joints = order_for_short_loops(joints, _forest(scene, joints, 0, held, on_beams)[1])
+    joints_of = joints, joints, turning
+    grown = [_forest(scene, of, i, held, on_beams) for i, of in enumerate(joints_of)]
     forests, closed = zip(*grown, strict=True)
     return list(forests), [[loop[-1] for loop in loops] for loops in closed]
 
@@ -56,18 +54,18 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
 def _forest(
     scene: Scene,
     joints: Iterable[Joint],
-    supported: set[int],
-    preferred: set[int],
-    on_beams: set[int],
-    what: str,
+    component: int,
+    held: list[set[int]],
+    on_beams: list[set[int]],
 ) -> tuple[list[Branch], list[list[Joint]]]:
     """Joints as branches of trees, parents first; a supported node or the ground is a root.
 
-    Otherwise the root is a preferred node, or the one with the smallest number. Also the loops with
-    an arm that turns or slides, or with a node on a beam, each with the joint that closes it behind
-    the others; other loops are over-constrained.
+    Otherwise the root is one of the other displacement, or the node with the smallest number. Also
+    the loops with an arm that turns or slides, or with a node on a beam, each with the joint that
+    closes it behind the others; other loops are over-constrained.
     """
-    supported = {*supported, GROUND.number}
+    supported = {*held[component], GROUND.number}
+    preferred = held[1 - component] if component < 2 else set()
     # Supported nodes hang together.
     trees = dict.fromkeys(supported, GROUND.number)
     neighbours: dict[int, list[tuple[int, Joint]]] = {}
@@ -102,12 +100,12 @@ def _forest(
             grown = [Branch(n, parent, by) for n, by in neighbours[parent] if n not in reached]
             above |= {branch.node: branch for branch in grown}
             queue += [branch.node for branch in grown]
-    loops = [_loop(scene, joint, above, on_beams, what) for joint in closing]
+    loops = [_loop(scene, joint, component, above, on_beams[component]) for joint in closing]
     return [*above.values()], loops
 
 
 def _loop(
-    scene: Scene, joint: Joint, above: dict[int, Branch], on_beams: set[int], what: str
+    scene: Scene, joint: Joint, component: int, above: dict[int, Branch], on_beams: set[int]
 ) -> list[Joint]:
     """The loop that a joint closes, itself behind the others; SceneError if it over-constrains."""
     (way_a, first), (way_b, last) = (_way_up(above, node.number) for node in (joint.a, joint.b))
@@ -115,7 +113,7 @@ def _loop(
         way_a.pop()
         way_b.pop()
     loop = [*way_b, *reversed(way_a), joint]
-    turning = what == "rotation"
+    turning, what = component == 2, _COMPONENTS[component]
     on_beam = first != last and not on_beams.isdisjoint({first, last})
     yields = on_beam and not (turning and joint.rotation is not None)
     if yields or not (turning or all(other.is_index for other in loop)):

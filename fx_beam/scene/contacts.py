@@ -40,8 +40,8 @@ _SHARES = {
 _MOST_POINTS = 50
 _Two = tuple[np.ndarray, np.ndarray]
 
-# Iterations for the nearest point of a piece, and pieces on each side of the nearest node.
-_ITERATIONS, _ABOUT = 26, 1
+# Iterations for the nearest point of a piece; pieces that may have it, from the nearest node.
+_ITERATIONS, _ABOUT = 26, np.arange(-1, 2)
 
 
 def _place(given: Any, what: str) -> Any:
@@ -479,39 +479,33 @@ def nearest(
     square = ((points[:, None] - nodes) ** 2).sum(axis=-1)
     if arc is not None:
         square[abs(arc[:, None] - arc) < apart] = np.inf
-    first = np.argmin(square, axis=1)
-    best = Nearest(np.full(len(points), np.inf), first, np.full((len(points), 2), np.nan))
-    for step in range(-_ABOUT, _ABOUT + 1):
-        node = np.clip(first + step, 0, len(nodes) - 1)
-        on_piece = _on_pieces(points, nodes, node)
-        distance = np.hypot(*(on_piece - points).T)
-        if arc is not None:
-            distance[abs(arc - arc[node]) < apart] = np.inf
-        closer = distance < best.distance
-        best = Nearest(
-            np.where(closer, distance, best.distance),
-            np.where(closer, node, best.node),
-            np.where(closer[:, None], on_piece, best.point),
-        )
-    return best
+    node = np.argmin(square, axis=1)[:, None] + _ABOUT
+    node = np.clip(node, 0, len(nodes) - 1)
+    on_pieces = _on_pieces(points[:, None], nodes, node)
+    distance = np.hypot(*np.moveaxis(on_pieces - points[:, None], -1, 0))
+    if arc is not None:
+        left_out = abs(arc[:, None] - arc[node]) < apart
+        distance[left_out], on_pieces[left_out] = np.inf, np.nan
+    best = np.arange(len(points)), np.argmin(distance, axis=1)
+    return Nearest(distance[best], node[best], on_pieces[best])
 
 
 def _on_pieces(points: np.ndarray, nodes: np.ndarray, node: np.ndarray) -> np.ndarray:
-    """Nearest points (m, 2) of the pieces about some nodes (m,)."""
+    """Points (m, k, 2) of the pieces about nodes (m, k) that are nearest to points (m, 1, 2)."""
     last = len(nodes) - 1
     middle, begins, ends = nodes[node], node == 0, node == last
     before, after = nodes[np.maximum(node - 1, 0)], nodes[np.minimum(node + 1, last)]
-    before = np.where(begins[:, None], 2 * middle - after, before)
-    after = np.where(ends[:, None], 2 * middle - before, after)
+    before = np.where(begins[..., None], 2 * middle - after, before)
+    after = np.where(ends[..., None], 2 * middle - before, after)
     bend, slope = (before - 2 * middle + after) / 2, (after - before) / 2
     value = middle + bend / 4 - points
     low, high = np.where(begins, 0.0, -0.5), np.where(ends, 0.0, 0.5)
     for _ in range(_ITERATIONS):  # bisection: the derivative of the distance has one zero
         x = (low + high) / 2
-        at = value + x[:, None] * (slope + x[:, None] * bend)
-        rises = (at * (slope + 2 * x[:, None] * bend)).sum(axis=1) > 0
+        at = value + x[..., None] * (slope + x[..., None] * bend)
+        rises = (at * (slope + 2 * x[..., None] * bend)).sum(axis=-1) > 0
         low, high = np.where(rises, low, x), np.where(rises, x, high)
-    x = ((low + high) / 2)[:, None]
+    x = ((low + high) / 2)[..., None]
     return points + value + x * (slope + x * bend)
 
 
