@@ -70,7 +70,7 @@ def _array(contents: Any) -> Any:
 def _locked(result: Any) -> Any:
     if isinstance(result, np.ndarray):
         result.setflags(write=False)
-    elif isinstance(result, tuple | list):
-        for part in result:
+    elif isinstance(result, tuple | list | dict):
+        for part in result.values() if isinstance(result, dict) else result:
             _locked(part)
     return result

@@ -174,7 +174,7 @@ class HarmonicResponse(TangentResponse):
         given = array_of(np.real(weights), what) + 1j * array_of(np.imag(weights), what)
         fits = given.shape == values.shape and np.isfinite(given).all()
         require(bool(fits), what, weights, f"{values.shape} finite numbers")
-        pairs = self._pairs(*self._solutions, given[:, None])
+        pairs = self._pairs(self._solutions, given[:, None])
         return self._of_sums(pairs, np.ones((1, len(values))))[0]
 
     @one_call
@@ -194,7 +194,7 @@ class HarmonicResponse(TangentResponse):
         self._check_has_run("jacobian")
         values = self.response.values
         parts = np.vstack([np.eye(values.size) * part for part in (1, -1j)])
-        pairs = self._pairs(*self._solutions, np.eye(values.shape[1])[None])
+        pairs = self._pairs(self._solutions, np.eye(values.shape[1])[None])
         rows = self._of_sums(pairs, parts)
         real, imaginary = rows.reshape(2, *values.shape, len(self._x))
         return real + 1j * imaginary
@@ -243,8 +243,8 @@ class HarmonicResponse(TangentResponse):
             motion, adjoints = self._solved(found.x)
             value = row @ motion
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
-            given = np.array([found.x]), motion[None], adjoints[None], weights[None, None]
-            gradient = self._of_sums(self._pairs(*given), np.ones((1, 1)))[0]
+            there = np.array([found.x]), motion[None], adjoints[None]
+            gradient = self._of_sums(self._pairs(there, weights[None, None]), np.ones((1, 1)))[0]
             peaks.append(Peak(float(found.x), float(abs(value)), gradient))
         return peaks
 
@@ -266,14 +266,12 @@ class HarmonicResponse(TangentResponse):
         filled = np.concatenate([flat, np.zeros(6 - len(flat))])
         return super()._numbers_of(scene, change) | {_LOAD: filled}
 
-    def _pairs(
-        self,
-        frequencies: np.ndarray,
-        motions: np.ndarray,
-        adjoints: np.ndarray,
-        weights: np.ndarray,
-    ) -> Pairs:
-        """Their derivatives are those of weights (., k, c) times amplitudes, but by the load."""
+    def _pairs(self, solutions: tuple[np.ndarray, ...], weights: np.ndarray) -> Pairs:
+        """Their derivatives are those of weights (., k, c) times amplitudes, but by the load.
+
+        At frequencies (k,), with motions (k, free) and adjoint ones (k, c, free).
+        """
+        frequencies, motions, adjoints = solutions
         left, of_nodes = weights @ adjoints, weights @ self._measured.of_nodes
         of, w = np.arange(len(left)).repeat(left.shape[1]), 2 * np.pi * frequencies
         factors = -1.0, -1j * w[of], w[of] ** 2, 1 / np.where(w > 0, w, 1.0)

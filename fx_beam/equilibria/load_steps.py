@@ -84,7 +84,7 @@ class LoadStepper:
     ):
         self.model, self.forcing, self.options, self.stats = model, forcing, options, stats
         #: Takes load steps.
-        self.loop = LoadLoop(model, forcing, options.newton, stats, alone)
+        self.loop = LoadLoop(forcing, options.newton, stats, alone)
         self.path = PathEquations(self.loop)
         #: Deviation of the last step from its predictor, relative to this, and its corrections.
         self.deviation, self.iterations = 0.0, 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
-from fx_beam.laws.schemes import order_and_constant
 from fx_beam.results.audit import uncounted
 from fx_beam.results.state import State
 from fx_beam.step.events import end_behind_event
@@ -36,16 +35,10 @@ class AdaptiveRun:
         self, stepper: Stepper, recorder: Recorder, tolerance: Tolerance, single: bool = False
     ):
         self._stepper, self._recorder, self._stats = stepper, recorder, stepper.stats
-        self._order, constant = order_and_constant(stepper.model.scheme)
-        self._control = StepControl(
-            tolerance.value,
-            self._order,
-            constant,
-            tolerance.span,
-            tolerance.longest,
-            stepper.model.has_unseen_kinks,
-        )
+        of_run = tolerance.value, tolerance.span, tolerance.longest
+        self._control = StepControl(stepper.model, *of_run)
         self._control.begin(tolerance.first)
+        self._order = self._control.order
         #: Whether a larger first length than that of the control is looked for.
         self._search, self._breaks = tolerance.search, tolerance.breaks
         # The local error of a scheme of order 2 is right also where accelerations have a kink.

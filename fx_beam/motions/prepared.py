@@ -48,7 +48,7 @@ class Prepared:
             loop.refill(self.forcing, self.stats)
             self.stepper = Stepper(loop, options.halving)
             return
-        given = model, self.forcing, options.newton, self.stats
+        given = self.forcing, options.newton, self.stats
         if self._team is None:
             self.stepper = Stepper(CompiledLoop(*given), options.halving)
             return

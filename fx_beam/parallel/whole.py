@@ -75,7 +75,7 @@ class Together:
         model, self._loop = loop.model, weakref.proxy(loop)
         #: The equations of steps.
         given = loop.forcing, loop.failures.options, loop.stats
-        self.equations = DistributedEquations(team, model, *given)
+        self.equations = DistributedEquations(team, *given)
         self._error: BaseException | None = None
         self._at_rest, self._driven = model.scheme.rates.at_rest, model.reduction.driven
         self._size, self._free = model.size, model.reduction.free
@@ -147,10 +147,8 @@ def _of(together: Callable[[], Together | None], method: str) -> Callable[..., N
 class TeamLoop(CompiledLoop):
     """Takes one time step after the other: each process evaluates its part, and PETSc solves."""
 
-    def __init__(
-        self, team: Team, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats
-    ):
-        super().__init__(model, forcing, options, stats, alone=False)
+    def __init__(self, team: Team, forcing: Forcing, options: NewtonOptions, stats: Stats):
+        super().__init__(forcing, options, stats, alone=False)
         self.together = Together(team, self)
         stats.solver = f"PETSc on {team.size} processes"
 
@@ -159,26 +157,20 @@ class TeamLoop(CompiledLoop):
         return no_inputs(len(self.model.scheme.fractions))
 
     def take(
-        self,
-        state: State,
-        ends: np.ndarray,
-        inputs: StepInputs,
-        steps: Steps,
-        recorder: Rows,
-        count: Callable[[int, State], None],
+        self, state: State, steps: Steps, recorder: Rows, count: Callable[[int, State], None]
     ) -> StepsResult:
         """Take the first of some steps or parts, if it succeeds."""
-        of_step = self.inputs(state.t, ends[:1])
-        return super().take(state, ends[:1], of_step, steps, recorder, count)
+        end = steps.ends[:1]
+        one = steps._replace(ends=end, inputs=self.inputs(state.t, end))
+        return super().take(state, one, recorder, count)
 
 
 class DistributedEquations:
     """The equations of a step, of which the parts evaluate all but the forces at points."""
 
-    def __init__(
-        self, team: Team, model: Model, forcing: Forcing, options: NewtonOptions, stats: Stats
-    ):
-        self.model, self._natural, self._reduction = model, forcing.natural, model.reduction
+    def __init__(self, team: Team, forcing: Forcing, options: NewtonOptions, stats: Stats):
+        self.model, self._natural = (model := forcing.model), forcing.natural
+        self._reduction = model.reduction
         #: Counts of iterations, and the root of the work of the last solution, per size.
         self._stats, self._stiffness = stats, 0.0
         _check(model)

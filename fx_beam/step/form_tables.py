@@ -88,27 +88,21 @@ class Kernel(NamedTuple):
 class FormTables:
     """Forms as ``Form`` of c/problem.h.
 
-    Given are degrees of freedom and coordinates of each cell, and storage indices of its tangent.
+    Given are the `Problem` of tables.py, and the storage indices of the tangent of each cell.
     """
 
-    def __init__(
-        self,
-        forms: BeamForms,
-        dofs: np.ndarray,
-        coordinates: np.ndarray,
-        stored_at: np.ndarray,
-        problem: Any,
-        lanes: int,
-    ):
-        self._forms, self._stored_at, self._problem, self._lanes = forms, stored_at, problem, lanes
+    def __init__(self, problem: Any, stored_at: np.ndarray):
+        self._problem, self._lanes = (p := problem.c), problem.constants.LANES
+        self._forms: BeamForms = problem.model.forms.beams
+        self._stored_at, mesh = stored_at, problem.model.mesh
         #: Degrees of freedom, internal variables and natural strains (cells, n) of each cell.
-        self.rows = {"dofs": dofs}
-        for name, n in ("internal", problem.cell_internal), ("natural", problem.cell_natural):
+        self.rows = {"dofs": mesh.unknowns.dofs}
+        for name, n in ("internal", p.cell_internal), ("natural", p.cell_natural):
             if n:
-                self.rows[name] = np.arange(len(dofs) * n).reshape(-1, n)
-        self._places = coordinates
+                self.rows[name] = np.arange(p.cells * n).reshape(-1, n)
+        self._places = mesh.coordinates
         #: Number of changes of data that are packed here.
-        self._changes = forms.changes
+        self._changes = self._forms.changes
         #: Data of cells by cells, since forms have them in common.
         self._shared: dict[bytes, dict[str, np.ndarray]] = {}
         #: Numbers of the scene, which C reads here: coordinates with their cells, and of each form
@@ -193,7 +187,7 @@ class FormTables:
         self._coordinates.append((cells, data["coordinates"]))
         if self._problem.chain:
             rows = rows_of_nodes(stored_at, behind, self._lanes)
-            data |= rows._asdict() | {"run": self._blocks(rows.run, behind)}
+            data |= rows | {"run": self._blocks(rows["run"], behind)}
         else:
             data["stored_at"] = self._blocks(stored_at, behind)
         self._shared[key] = data
@@ -230,20 +224,12 @@ def in_lanes(rows: np.ndarray, lanes: int, behind: int | None = None) -> np.ndar
     return placed
 
 
-class NodeRows(NamedTuple):
-    """Where entries of element tangents go in a chain: rows of three of a node, and single ones."""
-
-    #: Storage index of the first entry of each row (cells, n * n / 3), also of missing cells.
-    run: np.ndarray
-    #: Single entries: first one of each block of elements, tensor entry, storage index.
-    single_start: np.ndarray
-    single_from: np.ndarray
-    single_to: np.ndarray
-
-
 @cached_by_content
-def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> NodeRows:
-    """Rows of the entries (cells, n * n) of element tangents; those of single ones go behind."""
+def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> dict[str, np.ndarray]:
+    """Where entries (cells, n * n) of element tangents go in a chain, by their names in C.
+
+    Those of a node are in a row of three; single ones have their own places.
+    """
     cells, n = len(stored_at), math.isqrt(stored_at.shape[1])
     nodes = n // 3
     number = np.arange(n)
@@ -258,5 +244,9 @@ def rows_of_nodes(stored_at: np.ndarray, behind: int, lanes: int) -> NodeRows:
     cell, row, node = np.nonzero(~together)
     source = (row[:, None] * n + columns[node]) * lanes + lane[cell, None]
     start = np.searchsorted(cell, np.arange(0, cells + lanes, lanes))
-    single = to[cell, row, node]
-    return NodeRows(run.reshape(len(lane), -1), 3 * start, source.ravel(), single.ravel())
+    return {
+        "run": run.reshape(len(lane), -1),
+        "single_start": 3 * start,
+        "single_from": source.ravel(),
+        "single_to": to[cell, row, node].ravel(),
+    }

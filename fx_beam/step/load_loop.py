@@ -14,7 +14,6 @@ from fx_beam.results.state import State
 from .equations import Equations
 from .forcing import LoadForcing
 from .loop import CompiledLoop, StepInputs
-from .model import Model
 from .newton import NewtonOptions
 
 
@@ -36,18 +35,14 @@ class StepSolution(NamedTuple):
 class LoadLoop(CompiledLoop):
     """Takes steps of the load factor; the states of a model have it in place of time."""
 
+    forcing: LoadForcing
+
     def __init__(
-        self,
-        model: Model,
-        forcing: LoadForcing,
-        options: NewtonOptions,
-        stats: Stats,
-        alone: bool = True,
+        self, forcing: LoadForcing, options: NewtonOptions, stats: Stats, alone: bool = True
     ):
-        solver, self._alone = stats.solver, alone
-        super().__init__(model, forcing, options, stats, alone)
+        solver, self._alone, model = stats.solver, alone, forcing.model
+        super().__init__(forcing, options, stats, alone)
         stats.solver = solver
-        self.forcing: LoadForcing = forcing
         p, free = self._problem, model.reduction.free
         p.keeps_joint_forces = True
         #: Holding forces (free,) on the unknowns, in addition to the forces of the model.

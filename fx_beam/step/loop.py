@@ -18,7 +18,6 @@ from fx_beam.results.state import ARRAYS, FORCES, NUMBERS, Past, State
 from .forcing import Forcing
 from .interrupts import uninterrupted
 from .inverted_sections import InversionCheck
-from .model import Model
 from .newton import NewtonOptions
 from .recorder import NullRecorder, Recorder, Rows
 from .step_failures import StepFailed, StepFailures
@@ -38,17 +37,10 @@ class CompiledLoop:
     #: What several processes do, if they do.
     together: Any = None
 
-    def __init__(
-        self,
-        model: Model,
-        forcing: Forcing,
-        options: NewtonOptions,
-        stats: Stats,
-        alone: bool = True,
-    ):
-        self.model, self._options = model, options
+    def __init__(self, forcing: Forcing, options: NewtonOptions, stats: Stats, alone: bool = True):
+        self.model, self._options = forcing.model, options
         #: Owns the arrays to which C points.
-        self.problem = problem = Problem.of(model, options, forcing.turning is not None, alone)
+        self.problem = problem = Problem.of(self.model, options, forcing.turning is not None, alone)
         self._ffi, self._library = problem.ffi, problem.library
         self._problem, self._state_arrays = problem.c, problem.state_arrays
         #: Shapes of the arrays of a state.
@@ -111,23 +103,17 @@ class CompiledLoop:
         p.known_errors, p.ratios = 0, [-1.0, -1.0]
 
     def take(
-        self,
-        state: State,
-        ends: np.ndarray,
-        inputs: StepInputs,
-        steps: Steps,
-        recorder: Rows,
-        count: Callable[[int, State], None],
+        self, state: State, steps: Steps, recorder: Rows, count: Callable[[int, State], None]
     ) -> StepsResult:
         """Take steps or parts of equal length, as long as they succeed and this length is right."""
-        p = self._problem
+        p, ends, inputs = self._problem, steps.ends, steps.inputs
         p.controlled, p.watches = steps.control is not None, steps.watch and p.switches > 0
         if steps.control is not None:
             dt = float(ends[0]) - state.t
             p.smooth, p.raw = steps.control.factors(dt)
             p.lowest, p.highest = steps.control.band(dt)
         with uninterrupted:
-            if taken := self._run(state, ends, inputs, steps, recorder):
+            if taken := self._run(state, steps, recorder):
                 within = (steps.done + taken) % steps.parts > 0
                 state = self.state(float(ends[taken - 1]), within)
                 count(taken, state)
@@ -148,16 +134,16 @@ class CompiledLoop:
         self.model.forms.parameters.use(state.parameters)
         self.problem.load(state)
         recorder.begin(state)
-        to = self.c_record(recorder, Steps(0), 0)
+        to = self.c_record(recorder, 0, first=0)
         self._library.fx_record_start(self._problem, to)
         recorder.count(to.rows, to.starts)
 
-    def _run(
-        self, state: State, ends: np.ndarray, inputs: StepInputs, steps: Steps, recorder: Rows
-    ) -> int:
+    def _run(self, state: State, steps: Steps, recorder: Rows) -> int:
         """Number of steps or parts of equal length that succeeded."""
         self.problem.load(state)
-        dt, to = (ends[-1] - state.t) / len(ends), self.c_record(recorder, steps, len(ends))
+        inputs, number = steps.inputs, len(steps.ends)
+        dt = (steps.ends[-1] - state.t) / number
+        to = self.c_record(recorder, number, steps.first, steps.parts, steps.done)
         if self.tape is not None and not isinstance(recorder, NullRecorder):
             taken = self._run_taped(self.tape, inputs, dt, to)
         else:
@@ -228,7 +214,7 @@ class CompiledLoop:
         self.forget_past()
         self.problem.load(state)
         p.controlled = p.watches = 0
-        to = self.c_record(NullRecorder(), Steps(1), 1)
+        to = self.c_record(NullRecorder(), 1)
         taken = self._steps(1, t1 - state.t, self.c_inputs(inputs), to)
         self.past = past
         if taken:
@@ -253,16 +239,18 @@ class CompiledLoop:
                     setattr(c_inputs, f"{name}_stride", rows.strides[0] // rows.itemsize)
         return c_inputs
 
-    def c_record(self, recorder: Rows, steps: Steps, number: int):
-        """Rows of a recorder for C, from its next one on, for a number of steps or parts."""
-        stores = recorder.stores_starts(steps.parts)
+    def c_record(self, recorder: Rows, number: int, first: int = 1, parts: int = 1, done: int = 0):
+        """Rows of a recorder for C, from its next one on, for a number of steps or parts.
+
+        From step `first` on, of which some parts are `done`.
+        """
+        stores = recorder.stores_starts(parts)
         if stores:
             recorder.make_room(number * self._problem.sub_steps)
         plan, to, _ = self._records.get(recorder, (-1, None, None))
         if plan != recorder.plans:
             to = self._record_of(recorder)
-        to.first, to.last = steps.first, recorder.last
-        to.parts, to.part = steps.parts, steps.done
+        to.first, to.last, to.parts, to.part = first, recorder.last, parts, done
         to.stores_starts, to.tape = stores, self._ffi.NULL
         to.rows, to.starts, to.complete = recorder.rows, recorder.starts, recorder.complete
         return to
@@ -362,8 +350,11 @@ class CompiledLoop:
 
 
 class Steps(NamedTuple):
-    """Steps that are tried."""
+    """Steps or parts of equal length that are tried."""
 
+    #: Their ends [s], and their inputs.
+    ends: np.ndarray
+    inputs: StepInputs
     #: Number of the first one; parts of it that are taken already, and parts of a step.
     first: int
     done: int = 0

@@ -43,20 +43,6 @@ class Costs(NamedTuple):
 COSTS = Costs()
 
 
-class Groups(NamedTuple):
-    """Groups of up to three successive sparse rows with equal columns, usually those of a node."""
-
-    #: First rows (groups + 1,).
-    first: np.ndarray
-    #: Groups that are subtracted from the rows of each, in one list, and where each begins in it.
-    source_start: np.ndarray
-    source: np.ndarray
-    #: Columns behind each group as runs of successive ones: their first columns and lengths.
-    run_start: np.ndarray
-    run_column: np.ndarray
-    run_length: np.ndarray
-
-
 class Factors(NamedTuple):
     """Storage layout of the factors L and U of the reduced tangent, without pivoting."""
 
@@ -68,24 +54,15 @@ class Factors(NamedTuple):
     size: int
     #: Half bandwidth: number of subdiagonals and of superdiagonals; 0 for sparse rows.
     band: int
-    #: Start of each sparse row, and storage index of its diagonal.
-    starts: np.ndarray
-    diagonals: np.ndarray
+    #: The sparse rows by the names of sparse_rows.h; empty for others.
+    rows: dict[str, Any] = {}
     #: Number of groups of three unknowns in a row, and diagonals of those that are not there.
     chain: int = 0
     padding: np.ndarray = np.empty(0, dtype=int)
-    groups: Groups | None = None
     #: Substitutions that cost as much as a factorisation; 0 if factors are not kept.
     worth: int = 0
     #: Time of a correction by Newton's method, relative to that of a multiplication.
     cost: float = 0.0
-
-    def rows(self) -> dict[str, Any]:
-        """The sparse rows by the names of sparse_rows.h; empty for others."""
-        if self.groups is None:
-            return {}
-        sizes = {"unknowns": len(self.order), "groups": len(self.groups.first) - 1}
-        return {**sizes, "start": self.starts, "diagonal": self.diagonals, **self.groups._asdict()}
 
     def __str__(self):
         if self.chain:
@@ -112,9 +89,9 @@ def factors_of(
     roots. The last unknowns may be forces without a stiffness, which come after all with which they
     are coupled. Then, or if they shall be `sparse`, there is no band.
     """
-    none = np.empty(0, dtype=int)
     if len(indptr) == 1:  # nothing is unknown
-        return Factors(none, none, 0, 1, none, none)
+        none = np.empty(0, dtype=int)
+        return Factors(none, none, 0, 1)
     graph, rows = graph_of(indptr, indices), np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     sparse = sparse or dependent is not None or forces > 0
     band_cost = np.inf
@@ -139,7 +116,7 @@ def graph_of(indptr: np.ndarray, indices: np.ndarray) -> scipy.sparse.csr_matrix
 
 def _with_cost(sparse: Factors, entries: int, keep: bool, costs: Costs) -> Factors:
     """Sparse rows with their cost, to keep if it pays; the tangent has so many entries."""
-    above = sparse.starts[1:] - sparse.diagonals - 1.0
+    above = sparse.rows["start"][1:] - sparse.rows["diagonal"] - 1.0
     factorisation = above @ (above + 1) + costs.row_entry * sparse.size
     substitution = costs.substitution * (sparse.size + entries)
     worth = int(factorisation / substitution)
@@ -157,8 +134,8 @@ def _in_band(graph: scipy.sparse.csr_matrix, rows: np.ndarray, columns: np.ndarr
     band = max(1, int(abs(i - j).max(initial=0)))
     if band < 2 * _GROUP and (chained := _chained(graph, order, rows, columns)) is not None:
         return _in_chain(chained, rows, columns)
-    width, none = 2 * band + 1, np.empty(0, dtype=int)
-    return Factors(order, i * width + band + j - i, n * width, band, none, none)
+    width = 2 * band + 1
+    return Factors(order, i * width + band + j - i, n * width, band)
 
 
 def _chained(
@@ -197,8 +174,8 @@ def _in_chain(order: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Facto
     at = i * _ROW + _OWN * (1 + j // _GROUP - i // _GROUP) + j % _GROUP
     unused = np.flatnonzero(np.bincount(order, minlength=_GROUP * chain) == 0)
     padding = unused * _ROW + _OWN + unused % _GROUP
-    none, size = np.empty(0, dtype=int), _GROUP * chain * _ROW
-    return Factors(order, at, size, 2 * _GROUP - 1, none, none, chain, padding)
+    size = _GROUP * chain * _ROW
+    return Factors(order, at, size, 2 * _GROUP - 1, chain=chain, padding=padding)
 
 
 def groups_of(
@@ -279,12 +256,13 @@ def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -
         return np.frombuffer(ffi.buffer(values, 4 * count + 4), np.int32)[:count].copy()
 
     n, count, r = len(groups["group_of"]), groups["groups"], of.rows
-    first, source, run = (taken(x, count + 1) for x in (r.first, r.source_start, r.run_start))
-    runs = (taken(x, int(run[-1])) for x in (r.run_column, r.run_length))
-    of_groups = Groups(first, source, taken(r.source, int(source[-1])), run, *runs)
-    order, starts = taken(of.order, n), taken(r.start, n + 1)
-    diagonals = taken(r.diagonal, n)
-    return Factors(order, at, int(starts[-1]), 0, starts, diagonals, groups=of_groups)
+    sizes = {"start": n + 1, "diagonal": n}
+    sizes |= dict.fromkeys(("first", "source_start", "run_start"), count + 1)
+    sizes["source"] = r.source_start[count]
+    sizes |= dict.fromkeys(("run_column", "run_length"), r.run_start[count])
+    layout = {name: taken(getattr(r, name), size) for name, size in sizes.items()}
+    stored = int(layout["start"][-1])
+    return Factors(taken(of.order, n), at, stored, 0, {"unknowns": n, "groups": count} | layout)
 
 
 def _alike(graph: scipy.sparse.csr_matrix, dependent: np.ndarray | None, forces: int) -> np.ndarray:

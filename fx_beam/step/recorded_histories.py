@@ -33,6 +33,8 @@ _FITTED = {"v", "a", "joint_forces", "constraint_forces"}
 _ENERGIES = [field.name for field in fields(Energy) if field.name != "impact"]
 # Which energies have the work of driven motions.
 _BY_DRIVEN = [float(name in ("kinetic", "work")) for name in _ENERGIES]
+# Arrays that belong together.
+_Rows = tuple[np.ndarray, ...]
 
 
 class RecordedHistories(Mapping):
@@ -153,8 +155,8 @@ class RecordedHistories(Mapping):
 def fitted(
     model: Model,
     rows: dict[str, np.ndarray],
-    starts: tuple[np.ndarray, np.ndarray] | None,
-    grid: tuple[np.ndarray, np.ndarray],
+    starts: _Rows | None,
+    grid: _Rows,
     driven: np.ndarray | None,
 ) -> dict[str, np.ndarray]:
     """Rows (n, ...) of a record with fitted rates; row 0 is the start.
@@ -165,12 +167,12 @@ def fitted(
     """
     times, steps = grid
     histories, slides = dict(rows), rows.get("slides", np.empty((len(steps), 0)))
-    now = _fit(model, grid, rows["q"], rows["v"], slides, starts is None, driven)
+    now = _fit(model, grid, (rows["q"], rows["v"], slides), starts is None, driven)
     if starts is None:
         before = type(now)(*(values[:-1] for values in now))
     else:
         near = _slides_near(model, starts[0], slides[1:])
-        before = _fit(model, (times, steps[1:] - 1), *starts, near, in_turn=False)
+        before = _fit(model, (times, steps[1:] - 1), (*starts, near), in_turn=False)
     histories["v"] = now.rates
     impulses = (model.mass @ now.corrections.T).T
     histories["momenta"] = rows["momenta"] + sums_of(model, rows["q"], impulses)
@@ -192,22 +194,17 @@ def _lengths(times: np.ndarray, steps: np.ndarray) -> np.ndarray:
 
 
 def _fit(
-    model: Model,
-    grid: tuple[np.ndarray, np.ndarray],
-    q: np.ndarray,
-    v: np.ndarray,
-    slides: np.ndarray,
-    in_turn: bool,
-    first: np.ndarray | None = None,
+    model: Model, grid: _Rows, states: _Rows, in_turn: bool, first: np.ndarray | None = None
 ) -> Fit:
-    """Rates that fit at ends or starts of steps; rates of driven motion are NaN if not known.
+    """Rates that fit at ends or starts of steps, whose `states` are q, v and slides.
 
+    Rates of driven motion are NaN if not known.
     Inputs go straight in a step, so that their rates are those over it, if the rows are `in_turn`.
     `first` are the rates of driven motion at the first one, if `State` has them.
     """
     from .fitted_rates import rate_fit
 
-    times, steps = grid
+    (times, steps), (q, v, slides) = grid, states
     lengths, forcing = _lengths(times, steps), Forcing(model)
     driven = np.full((len(steps), model.couplings.driven), np.nan)
     straight = np.array([isinstance(function, Ramp) for function in forcing.functions], bool)

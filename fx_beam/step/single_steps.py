@@ -11,7 +11,7 @@ from fx_beam.errors import Constant, StepError
 from fx_beam.results.state import ARRAYS, State
 from fx_beam.scene.inputs import Hold, Ramp
 
-from .loop import CompiledLoop, StepInputs, Steps, no_inputs
+from .loop import CompiledLoop, StepInputs, no_inputs
 from .recorder import NullRecorder, Recorder, Rows
 
 # Steps whose functions of time are evaluated at once.
@@ -31,7 +31,7 @@ class CompiledSingleSteps:
         self._p, self._run = problem.c, problem.library.fx_run
         if forces:
             problem.c.keeps_joint_forces = True
-        self._unrecorded = loop.c_record(NullRecorder(), Steps(1), 1)
+        self._unrecorded = loop.c_record(NullRecorder(), 1)
         #: The present state: arrays of C.
         self.now = SimpleNamespace(
             **{name: problem.state_arrays[name].reshape(loop.shapes[name]) for name in ARRAYS}
@@ -127,7 +127,7 @@ class CompiledSingleSteps:
         """The record of C, from the recorder's next row on."""
         if (recorder, recorder.plans) != self._plan:
             room = len(recorder.arrays["energies"]) - recorder.rows
-            self._rows = self._loop.c_record(recorder, Steps(1), room)
+            self._rows = self._loop.c_record(recorder, room)
             self._plan = recorder, recorder.plans
         self._rows.rows = recorder.rows
         self._rows.starts, self._rows.complete = recorder.starts, recorder.complete

@@ -38,10 +38,11 @@ class LU:
     def __init__(self, ffi: Any, library: Any, pattern: Pattern, dependent: np.ndarray | None):
         self._ffi, self._library = ffi, library
         layout = factors_of(*pattern, dependent)
-        self._rows, self._diagonals = ffi.new("SparseRows *"), layout.diagonals
+        self._rows = ffi.new("SparseRows *")
+        self._diagonals = layout.rows.get("diagonal", layout.order)  # none without unknowns
         self._structs = Structs(ffi, c_library.declarations("sparse_rows.h"))
         self._factors = np.empty(layout.size)
-        self._structs.set(self._rows, **layout.rows(), factors=self._factors)
+        self._structs.set(self._rows, **layout.rows, factors=self._factors)
         self._at, self._order = self._ints(layout.at), self._ints(layout.order)
         #: Solutions that cost as much as a factorisation.
         self.worth = layout.worth

@@ -16,6 +16,10 @@ import math
 
 import numpy as np
 
+from fx_beam.laws.schemes import order_and_constant
+
+from .model import Model
+
 #: Differences that are averaged with the weights 1/4, 1/2, 1/4.
 AVERAGED = 3
 # Largest single local error, relative to the tolerance.
@@ -48,21 +52,15 @@ class StepControl:
     the tolerance) and error per step (the fewest steps for the sum of the errors).
     """
 
-    def __init__(
-        self,
-        tolerance: float,
-        order: int,
-        constant: float,
-        span: float,
-        longest: float,
-        kinks: bool = False,
-    ):
-        self._tolerance, self._order, self._constant = tolerance, order, constant
-        self._span, self._longest = span, longest
-        #: The same for single differences; these are of lower order where there may be kinks.
-        self._single = max(constant, _KINKED) if kinks and order > 2 else constant
+    def __init__(self, model: Model, tolerance: float, span: float, longest: float):
+        self._tolerance, self._span, self._longest = tolerance, span, longest
+        #: Order of the scheme.
+        self.order, self._constant = order_and_constant(model.scheme)
+        # The same for single differences; these are of lower order where there may be kinks.
+        bent = model.has_unseen_kinks and self.order > 2
+        self._single = max(self._constant, _KINKED) if bent else self._constant
         #: The ratio of error and limit grows with this power of the length.
-        self._power = order + 0.5
+        self._power = self.order + 0.5
         #: Length of the next steps [s].
         self.length = min(span / 1000, longest)
         #: Ratio in the last step; 0 if it is not known.
@@ -70,7 +68,7 @@ class StepControl:
 
     def factors(self, dt: float) -> tuple[float, float]:
         """Factors that make ratios of error and limit of averaged and of single differences."""
-        share = _REFERENCE * self._tolerance ** (1 / self._order) * dt / self._span
+        share = _REFERENCE * self._tolerance ** (1 / self.order) * dt / self._span
         limits = self._tolerance * math.sqrt(share), _SINGLE * self._tolerance
         return self._constant / limits[0], self._single / limits[1]
 
@@ -107,14 +105,14 @@ class StepControl:
             distance = self._distance(ratio)
             rise = distance - self._distance(before) if before else 0.0
             change = _INTEGRAL * distance + _PROPORTIONAL * rise
-            levels = min(max(round(abs(change)), 1), self._order)
+            levels = min(max(round(abs(change)), 1), self.order)
             self._change(-levels if ratio > high else levels)
         self._before = ratio
 
     def reject(self, dt: float, ratio: float) -> None:
         """Shorten the steps after one of length dt with a ratio above 1."""
         self.length, self._before = dt, ratio
-        self._change(-min(math.ceil(self._distance(ratio)), 3 * self._order))
+        self._change(-min(math.ceil(self._distance(ratio)), 3 * self.order))
 
     def fail(self, dt: float) -> None:
         """Halve the steps after one of length dt in which Newton's method failed."""

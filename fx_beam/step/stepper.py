@@ -91,8 +91,8 @@ class Stepper:
                 integrator.forget_past()
             recorder.end = state
 
-        steps = Steps(first, halving.done, parts)
-        result = integrator.take(state, ends, inputs, steps, recorder, count)
+        steps = Steps(ends, inputs, first, halving.done, parts)
+        result = integrator.take(state, steps, recorder, count)
         return result, self.stats.steps - before
 
     # -- Steps whose local errors are controlled --------------------------------------------------
@@ -101,9 +101,9 @@ class Stepper:
         """One step to t1 [s] that is not part of the run; with `watch` also its switches."""
         integrator, ends = self.integrator, np.array([t1])
         past, inputs = integrator.past, integrator.inputs_ahead(state.t, ends)
-        steps = Steps(1, watch=watch)
+        steps = Steps(ends, inputs, 1, watch=watch)
         try:
-            result = integrator.take(state, ends, inputs, steps, NullRecorder(), lambda *_: None)
+            result = integrator.take(state, steps, NullRecorder(), lambda *_: None)
         finally:
             integrator.past = past
         return Trial(result.state if result.taken else None, result.switches)
@@ -122,13 +122,13 @@ class Stepper:
         With `watch` only up to where a contact or a law switches.
         """
         inputs = self.integrator.inputs_ahead(state.t, ends)
-        steps = Steps(first, control=control, watch=watch)
+        steps = Steps(ends, inputs, first, control=control, watch=watch)
 
         def count(taken: int, state: State) -> None:
             self.stats.steps += taken
             recorder.end = state
 
-        result = self.integrator.take(state, ends, inputs, steps, recorder, count)
+        result = self.integrator.take(state, steps, recorder, count)
         if result.error is not None:
             raise result.error
         return result

@@ -141,15 +141,8 @@ class Problem:
     def _hand_over_mesh(self, stored_at: np.ndarray) -> None:
         model, p = self.model, self.c
         mesh, K = model.mesh, model.forms.stiffness
-        dofs, coordinates = mesh.unknowns.dofs, mesh.coordinates
+        cells, cell_dofs = mesh.unknowns.dofs.shape
         massless = np.flatnonzero(model.massless) if self._moves else np.empty(0, int)
-        self._set(
-            nodes=len(mesh.X),
-            cells=len(dofs),
-            cell_internal=0 if self._rates else int(np.prod(model.forms.internal_shape[1:])),
-            cell_dofs=dofs.shape[1],
-            cell_coordinates=coordinates.shape[1],
-        )
         if natural := model.natural:
             strains = natural.unit_loads
             self._set(
@@ -162,6 +155,11 @@ class Problem:
         starts, nodes, _ = self._mass_blocks
         columns = model.loads.unit_loads
         self._set(
+            nodes=len(mesh.X),
+            cells=cells,
+            cell_internal=0 if self._rates else int(np.prod(model.forms.internal_shape[1:])),
+            cell_dofs=cell_dofs,
+            cell_coordinates=mesh.coordinates.shape[1],
             massless_count=len(massless),
             massless=massless,
             row_start=K.indptr,
@@ -178,7 +176,7 @@ class Problem:
         self.tables: FormTables | None = None
         if (beams := model.forms.beams) is not None and not self._rates:
             stored = stored_at[model.forms.of_cells]
-            self.tables = FormTables(beams, dofs, coordinates, stored, p, self.constants.LANES)
+            self.tables = FormTables(self, stored)
             self._set(**self.tables.all(*([_OF_EQUATIONS] if self._bare else [])))
             if p.cell_internal:
                 width = beams.internal_shape[-1]
@@ -315,9 +313,9 @@ class Problem:
         self.tangent_at = at
         if self.model.points.members is not None and not self._rates:
             self._hand_over_changing_rows()
-        elif factors.groups is not None:
+        elif factors.rows:
             self._sparse_factors = np.zeros(factors.size)
-            self._set(rows=[factors.rows() | {"factors": self._sparse_factors}])
+            self._set(rows=[factors.rows | {"factors": self._sparse_factors}])
         padding = [factors.padding]
         if (closed := reduction.closed_system) is not None:
             self._set(**closed.members, **{name: at[k] for name, k in closed.storage.items()})
@@ -383,11 +381,11 @@ class Problem:
 
     def _factors_of(self, indptr: np.ndarray, indices: np.ndarray) -> Factors:
         reduction = self.model.reduction
-        n, none = len(indptr) - 1, np.empty(0, int)
+        order = np.arange(len(indptr) - 1)
         if not self._alone:  # others have the tangent
-            return Factors(np.arange(n), np.zeros(len(indices), int), 1, 1, none, none)
+            return Factors(order, np.zeros(len(indices), int), 1, 1)
         if self._bare:
-            return Factors(np.arange(n), np.arange(len(indices)), 0, 0, none, none)
+            return Factors(order, np.arange(len(indices)), 0, 0)
         couplings, members = self.model.couplings, self.model.points.members is not None
         # Rows of unknowns that close loops are no forces, by which errors are judged.
         keep = not (couplings.closures or couplings.auxiliaries or (members and couplings.sliding))
