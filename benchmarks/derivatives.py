@@ -117,7 +117,7 @@ def measured(build, dt, steps, tries):
         rows = ends[part.own(ends)]
         return {"q": np.ones((len(rows), model.size))}, rows, none
 
-    stiffness = model.forms.beams.of_sections["stiffness"].data
+    stiffness = model.forms.beams.of_beams["stiffness"].data
     values = stiffness.by_cells(len(model.mesh.beam_of_cell)).values
     rng = np.random.default_rng(0)
     changes = [{"stiffness": values * rng.random((count, *values.shape))} for count in NUMBERS]

@@ -60,7 +60,7 @@ class PlainStep:
             state.spring_internal[followed] = end.spring_internal[followed]
         model.forms.begin(interval, model.start_of(state, interval.length))
         if (strains := self.forcing.natural(interval.end)) is not None:
-            model.forms.beams.natural.set(None, strains)
+            model.forms.beams.set_natural(None, strains)
         for _ in range(8):  # until all members are known that a point touches
             inner = model.forms.internal_force(self.D)
             members = model.points.members

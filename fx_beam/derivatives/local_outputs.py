@@ -15,7 +15,7 @@ from fx_beam.step.measured import measured
 from fx_beam.step.tape import Steps
 
 from .gradient import Block, Gradient, RowOutput, of_entries, vjp
-from .sub_steps import NATURAL, OF_NUMBERS, SubSteps
+from .sub_steps import NATURAL, SubSteps
 
 # Step in the imaginary direction.
 _STEP = 1e-100
@@ -194,8 +194,7 @@ class ResultantOutput(RowOutput):
         of, shape, count = self._of, self._of.model.forms.internal_shape, len(changes["X"])
         found = np.zeros((rows, len(self._cells) * shape[1], count))
         for row, k, share in self._parts:
-            read = {n: changes[to] for n, to in OF_NUMBERS.items() if to in changes}
-            read["X"] = changes["X"]
+            read = {n: changes[n] for n in ("X", "stiffness", "retardation") if n in changes}
             for name, array, place, factor in of.sources(k):
                 if array in of_state:
                     read[name] = read.get(name, 0.0) + factor * of_state[array][place]

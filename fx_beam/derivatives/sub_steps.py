@@ -24,8 +24,6 @@ NATURAL: dict[str, Callable[[int], int]] = {
     "natural": lambda k: max(k, 0),
     "natural_end": lambda k: k + 1,
 }
-#: Data of sections by their names in forms.
-OF_NUMBERS = {"stiffness": "stiffness", "times": "retardation"}
 #: Numbers and internal variables of forces at points by their names in laws.
 OF_POINTS = {"internal": "spring internal", "numbers": "points"}
 
@@ -189,7 +187,7 @@ class SubSteps:
         if (values := given.pop("parameters", None)) is not None:
             yield self.of_parameters(row, k, values)
         for name, values in given.items():
-            yield of_row(OF_NUMBERS.get(name, name), row, values)
+            yield of_row(name, row, values)
 
     @staticmethod
     def of_parameters(row: int, k: int, values: np.ndarray, at_end: int = 0) -> Block:

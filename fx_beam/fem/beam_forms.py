@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,8 @@ from fx_beam.scene.beam import gauss_rule
 from fx_beam.scene.law import held
 from fx_beam.scene.scene import Scene
 
-from . import vjp_form
 from .assembly import BoundForm, Field, PointValues, Space
-from .beam_drag import DragForm, DragKind, coefficients, vjp_of_drag
+from .beam_drag import coefficients
 from .fields import (
     CONSTANTS,
     NATURAL,
@@ -33,7 +32,7 @@ from .fields import (
 from .form_library import CompiledForm, FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .vjp_form import ResultantDerivatives
+from .vjp_form import DerivedForm, ResultantDerivatives, named
 from .weak_form import LOSSES, Kind, Material, StepFacts, WeakForm
 
 Given = np.ndarray | None
@@ -60,7 +59,7 @@ class BeamForms:
         self._holds = holds
         #: Indices of the parameters in the forms among all.
         self.parameters: list[int] = []
-        #: Data of beams, by name, that vary cell by cell for steps backwards.
+        #: Data of beams, by name, that vary cell by cell for derivatives.
         self._by_cells: dict[str, FilledField] = {}
         #: How often data of beams were changed.
         self.changes = 0
@@ -68,9 +67,11 @@ class BeamForms:
         self.bound: dict[str, BoundForm] = {}
         #: Polynomial degree of the elements.
         self.degree = scene.beams[0].degree
-        data = self._section_data(scene)
+        data = self._data_of_beams(scene)
         inside = self._read(scene, data)
-        works = [self._compiled_works()] if scene.virtual_works else []
+        #: Whether there are virtual works of a user.
+        self.has_external = bool(scene.virtual_works)
+        works = [self._compiled_works()] if self.has_external else []
         step = self._forms.module("of_step")
         #: What is known of the forms.
         self.facts = facts = StepFacts(**step.facts)
@@ -79,10 +80,10 @@ class BeamForms:
                 f"{scheme.name}: its resultants depend on the last step, so that it cannot "
                 "have sub-steps. Use fractions=(1.0,)"
             )
-        #: Data of the sections by name.
-        self.of_sections = {name: FilledField(values, mesh) for name, values in data.items()}
+        #: Data of sections and of drag by name.
+        self.of_beams = {name: FilledField(values, mesh) for name, values in data.items()}
         #: Fields and arrays on this mesh by their names in forms.
-        self._data = self._fields(bool(scene.drags))
+        self._data = self._fields()
         self._data |= {f"indicator {i}": of.on(mesh) for i, of in enumerate(inside)}
         if facts.names:
             self._read_parameters()
@@ -90,75 +91,45 @@ class BeamForms:
         #: numbered as the kinds of coefficients in problem.h; None is missing.
         self.moving: list[Any] = [self._data.get(name) for name in (*NODAL, "internal", *NATURAL)]
         self._start, *self._start_rates = self.moving[1:4]
-        #: Whether there are virtual works of a user.
-        self.has_external = bool(works)
-        self._added = [self._bind(work) for work in works]
-        unknowns = mesh.unknowns
         #: Field of the internal variables; None without any.
         self._internal: Any = self._data.get("internal")
-        for name, form in step.forms.items():
-            of_internal = name == "internal variables"
-            self._bind(form, self._data["internal"].space if of_internal else unknowns)
-        bound = self.bound
-        #: Those of forces and of their tangents: the internal ones, and drag.
-        self._forces, self._tangents = [bound["internal forces"]], [bound["tangent"]]
-        self._energy, self._inversion = bound["strain energy"], bound["inverted sections"]
-        #: Forms of `LOSSES`; None where there is none.
-        self.of_loss = [bound.get(name) for name in LOSSES]
+        for form in [*works, *step.forms.values()]:
+            of = (
+                self._data["internal"].space if form.name == "internal variables" else mesh.unknowns
+            )
+            self.bound[form.name] = self._bind(form, [of] * form.arguments)
+        #: Whether there is drag.
+        self.have_drag = "drag" in self.bound
         #: Weights (degree,) of the Gauss points, relative to the element's length.
         self.point_weights = gauss_rule(self.degree)[1]
         #: Shape (cells, degree, width) of the internal variables; the width is zero without any.
         self.internal_shape = len(self._tags), self.degree, facts.width
-        #: Coefficients of the drag on beams by name.
-        self.of_drag: dict[str, FilledField] = {}
-        if drags := [] if scheme.rates.at_rest else scene.drags:
-            self._add_drag(coefficients(scene, drags, mesh))
 
-    def _fields(self, damps: bool) -> dict[str, Any]:
-        """Constants and functions, those of drag if it `damps`."""
+    def _fields(self) -> dict[str, Any]:
+        """Constants and functions."""
         mesh, degree, facts, unknowns = self._mesh, self.degree, self.facts, self._mesh.unknowns
         #: Increments of displacements and rotations.
         self.increment = Field(unknowns)
         self._values = {name: np.zeros(()) for name in CONSTANTS}
         self._reset_constants()
         data: dict[str, Any] = {**self._values, "increment": self.increment}
-        data |= {name: field.on_mesh for name, field in self.of_sections.items()}
+        data |= {name: field.on_mesh for name, field in self.of_beams.items()}
         if facts.width:
             data["internal"] = Field(mesh.space(degree, facts.width))
-        #: Natural strains at both ends of the step.
-        self.natural = NaturalFields(mesh, degree, self._kind.natural)
+        if self._kind.natural:
+            data |= {name: Field(mesh.space(degree, 3)) for name in NATURAL}
         given = ["start"]
-        if damps or facts.needs_rates or facts.resultants_need_rates:
+        if facts.needs_rates or facts.resultants_need_rates:
             given += ["velocity", "acceleration"]
-        given += ["q_previous"] * self.facts.needs_previous
-        data |= self.natural.data | {name: Field(unknowns) for name in given}
-        if degree > 1 or damps:
-            coordinate = data["coordinate"] = Field(mesh.space(2))
-            coordinate.array.reshape(-1, 2)[:] = 0.0, degree
+        given += ["q_previous"] * facts.needs_previous
+        data |= {name: Field(unknowns) for name in given}
+        coordinate = data["coordinate"] = Field(mesh.space(2))
+        coordinate.array.reshape(-1, 2)[:] = 0.0, degree
         return data
 
     def _reset_constants(self) -> None:
         for name, value in self._values.items():
             value[...] = 1.0 if name in ("dt", "load_factor") else 0.0
-
-    def _add_drag(self, given: dict[str, Data]) -> None:
-        """Add the drag on beams with these coefficients."""
-        self.of_drag = {name: FilledField(part, self._mesh) for name, part in given.items()}
-        if given:
-            source, data = self._drag(self.of_drag)
-            forms = source.module("of_step").forms.values()
-            force, tangent, _ = (self._bind(compiled, data=data) for compiled in forms)
-            self._forces.append(force)
-            self._tangents.append(tangent)
-
-    def _drag(
-        self, of_drag: Mapping[str, FilledField], writer: Callable[[DragKind], Any] = DragForm
-    ) -> tuple[FormSource, dict[str, Any]]:
-        """Forms of the drag with these coefficients, and their data."""
-        shapes = tuple((name, field.data.shape) for name, field in of_drag.items())
-        kind = DragKind(self.degree, self._mesh.curved, self._scheme, shapes)
-        data = self._data | {name: field.on_mesh for name, field in of_drag.items()}
-        return _forms_of(writer, kind), data
 
     def _read(self, scene: Scene, data: dict[str, Data]) -> list[Data]:
         """Find the kind of the scene, and where virtual works act."""
@@ -181,7 +152,7 @@ class BeamForms:
         works = [(work, on.shape) for work, on in zip(scene.virtual_works, inside, strict=True)]
         self._kind = Kind(
             *(self.degree, mesh.curved, self._scheme, tuple(materials), tuple(works)),
-            *(bool(scene.natural_strains), *_shapes(data)),
+            *(bool(scene.natural_strains), _shapes(data)),
         )
         self._forms = _forms_of(WeakForm, self._kind)
         return inside
@@ -207,15 +178,17 @@ class BeamForms:
 
         self._parameters.add_reader(read, self.facts.names_in_energies)
 
-    def _section_data(self, scene: Scene) -> dict[str, Data]:
-        """Stiffnesses of the quadratic law, and retardation times, if there are any."""
+    def _data_of_beams(self, scene: Scene) -> dict[str, Data]:
+        """Stiffnesses of the quadratic law, retardation times and drag, if there are any."""
         mesh, degree, data = self._mesh, scene.beams[0].degree, {}
         sections = distinct(beam.section for beam in scene.beams)
         if any(section.strain_energy is None for section in sections):
             data["stiffness"] = section_data(mesh, scene, ("EA", "GA", "EI"), degree)
-        if any(section.damped for section in sections) and not self._scheme.rates.at_rest:
-            data["times"] = section_data(mesh, scene, ("retardation",), degree)
-        return data
+        if self.at_rest:
+            return data
+        if any(section.damped for section in sections):
+            data["retardation"] = section_data(mesh, scene, ("retardation",), degree)
+        return data | coefficients(scene, mesh)
 
     def refill(self, scene: Scene) -> None:
         """Set all numbers to those of a scene of the same structure, whose mesh is set."""
@@ -223,70 +196,56 @@ class BeamForms:
             if field is not None:
                 field.array[:] = 0.0
         self._reset_constants()
-        data = self._section_data(scene)
-        changed = refill(self.of_sections, data)
-        if self.of_drag:
-            data |= (of_drag := coefficients(scene, scene.drags, self._mesh))
-            changed += refill(self.of_drag, of_drag)
+        data = self._data_of_beams(scene)
+        changed = refill(self.of_beams, data)
         self.changes += bool(changed)
         for name in self._by_cells.keys() & set(changed):
             self._by_cells[name].refill(data[name].by_cells(len(self._tags)))
 
-    # -- Steps backwards ------------------------------------------------------------------------
+    # -- Derivatives ----------------------------------------------------------------------------
 
-    def vjp(self) -> vjp_form.BoundVjp:
-        """The work of the internal forces on weights, and its derivatives."""
-        source, data, spaces = self._varied(vjp_form.vjp_of)
-        of_weights = [self._mesh.unknowns]
-        if self.facts.width:
-            of_weights.append(spaces["internal"])
-        return self._bound_vjp(source, data, spaces, of_weights)
-
-    def _varied(
-        self, writer: Callable[[Kind], Any], without: Iterable[str] = ()
-    ) -> tuple[FormSource, dict[str, Any], dict[str, Space]]:
+    @cached_property
+    def _derived(self) -> tuple[FormSource, dict[str, Any], dict[str, Space]]:
         """Forms whose data vary cell by cell; the data, and spaces of derivatives, by name."""
-        names = [name for name in self.of_sections if name not in without]
-        varied = self._vary({name: self.of_sections[name] for name in names})
-        stiffness, times = _shapes({name: field.data for name, field in varied.items()})
-        kind, facts = self._kind._replace(stiffness=stiffness, times=times), self.facts
-        data = self._data | {name: field.on_mesh for name, field in varied.items()}
-        spaces = self._spaces(varied)
+        mesh, facts, cells = self._mesh, self.facts, len(self._tags)
+        given = {name: field.data.by_cells(cells) for name, field in self.of_beams.items()}
+        self._by_cells = {name: FilledField(of, mesh) for name, of in given.items()}
+        data = self._data | {name: field.on_mesh for name, field in self._by_cells.items()}
+        data["weight 0"] = Field(mesh.unknowns)
         if facts.width:
-            spaces["internal"] = self._internal.space
+            data["weight 1"] = Field(self._internal.space)
+        spaces = {name: of.space for name, of in data.items() if isinstance(of, Field)}
+        spaces["coordinates"] = mesh.positions
         if facts.names:
-            values = np.zeros((len(self._tags), 1, len(facts.names)))
-            data["more"] = Data(1, values).on(self._mesh)
+            data["more"] = Data(1, np.zeros((cells, 1, len(facts.names)))).on(mesh)
             spaces["parameters"] = data["more"].space
-        return _forms_of(writer, kind), data, spaces
+        return _forms_of(DerivedForm, self._kind._replace(data=_shapes(given))), data, spaces
 
-    def vjp_drag(self) -> vjp_form.BoundVjp:
-        """The work of the drag on weights, and its derivatives."""
-        varied = self._vary(self.of_drag)
-        source, data = self._drag(varied, vjp_of_drag)
-        return self._bound_vjp(source, data, self._spaces(varied), [self._mesh.unknowns])
+    def sizes_of_slopes(self, of: str) -> dict[str, int]:
+        """How many numbers of an element "internal forces" or "drag" depend on, by name."""
+        source, _, spaces = self._derived
+        names = source.module("work", of).facts["derivatives"]
+        return {name: spaces[name].width for name in names}
 
-    def _spaces(self, varied: Mapping[str, FilledField]) -> dict[str, Space]:
-        """Spaces of derivatives by name: by data that vary, and by all that forms may depend on."""
-        spaces = {name: field.on_mesh.space for name, field in varied.items()}
-        spaces |= dict.fromkeys(NODAL, self._mesh.unknowns)
-        return {**spaces, **self.natural.spaces, "coordinates": self._mesh.positions}
+    def slopes(self, of: str, wanted: Iterable[str]) -> dict[tuple[str, int], BoundForm]:
+        """The work of these forces on weights, as ("work", 0), and its derivatives.
 
-    def _bound_vjp(
-        self,
-        source: FormSource,
-        data: Mapping[str, Any],
-        spaces: dict[str, Space],
-        of_weights: list[Space],
-    ) -> vjp_form.BoundVjp:
-        """A work on the mesh, with derivatives by coefficients in the given spaces."""
-        weights = {f"weight {k}": Field(space) for k, space in enumerate(of_weights)}
-        data = {**data, **weights}
+        Each is by numbers with one of the names that are `wanted`, and by a weight: of the forces,
+        and of the increments of internal variables.
+        """
+        source, data, spaces = self._derived
+        slopes = {}
+        for title, form in source.module("slopes", of, *wanted).forms.items():
+            name, number = title.rsplit(" ", 1)
+            of_form = [] if name == "work" else [spaces[name], spaces[f"weight {number}"]]
+            slopes[name, int(number)] = self._bind(form, of_form, data)
+        return slopes
 
-        def bind(form: CompiledForm, of_form: list[Space]) -> BoundForm:
-            return BoundForm(form, self._mesh, data, of_form, self._tags)
-
-        return vjp_form.BoundVjp(source, spaces, bind, of_weights)
+    def _derivatives(self, of: str, *tests: Space) -> dict[str, BoundForm]:
+        """Derivatives of a quantity of `DerivedForm` on the mesh, by name."""
+        source, data, spaces = self._derived
+        forms = source.module("derivatives", of).forms.items()
+        return {name: self._bind(form, [*tests, spaces[name]], data) for name, form in forms}
 
     def stored_energy_by(
         self, q: np.ndarray, internal: Given = None, natural: Given = None
@@ -298,7 +257,7 @@ class BeamForms:
         """
         self._start.array[:] = q
         self._set_internal(internal)
-        self.natural.set(natural)
+        self.set_natural(natural)
         derivatives = self._assembled(self._stored)
         derivatives["q"] = derivatives.pop("start")
         return derivatives
@@ -306,38 +265,29 @@ class BeamForms:
     @cached_property
     def _stored(self) -> dict[str, BoundForm]:
         """Derivatives of the stored energy on the mesh by name."""
-        return self._derivatives(*self._varied(vjp_form.StoredForm, without=["times"]))
+        return self._derivatives("strain energy")
 
     def _assembled(self, forms: Mapping[str, BoundForm]) -> dict[str, np.ndarray]:
         """Derivatives by name, those by all parameters of the scene."""
         vectors = {name: (form.spaces[0], form.vector()) for name, form in forms.items()}
-        derivatives = vjp_form.named(vectors)
+        derivatives = named(vectors)
         if "parameters" in derivatives:
             of_all = np.zeros(len(self._parameters))
             of_all[self.parameters] = derivatives["parameters"]
             derivatives["parameters"] = of_all
         return derivatives
 
-    def _derivatives(
-        self,
-        source: FormSource,
-        data: Mapping[str, Any],
-        spaces: Mapping[str, Space],
-        *tests: Space,
-    ) -> dict[str, BoundForm]:
-        """Derivatives on the mesh by name."""
-        return {
-            name: BoundForm(form, self._mesh, data, [*tests, spaces[name]], self._tags)
-            for name, form in source.module("derivatives").forms.items()
-        }
+    @property
+    def dissipate(self) -> bool:
+        """Whether they may dissipate energy."""
+        return not self.bound.keys().isdisjoint(LOSSES)
 
     def losses_by(self, part: Part) -> list[dict[str, np.ndarray]]:
-        """Derivatives of what beams lose in a completed step: of material and scheme, and of drag.
+        """Derivatives of what beams lose in a completed step: to material, scheme and drag.
 
         By "increment", "start" and "q_previous" (size of beams,), "X", "internal" variables,
-        strains
-        "natural" at the start and "natural_end", "parameters" (n,) of the scene, "stiffness",
-        "times", and coefficients of "drag ...".
+        strains "natural" at the start and "natural_end", "parameters" (n,) of the scene,
+        "stiffness", "retardation", and coefficients of "drag ...".
         """
         self.begin_part(part)
         return [self._assembled(forms) for forms in self._lost]
@@ -345,47 +295,26 @@ class BeamForms:
     @cached_property
     def _lost(self) -> list[dict[str, BoundForm]]:
         """Derivatives of what beams lose in a step, as those of the stored energy."""
-        lost = []
-        if any(self.of_loss[:2]):
-            lost.append(self._derivatives(*self._varied(vjp_form.LossForm)))
-        if self.of_drag:
-            varied = self._vary(self.of_drag)
-            spaces = self._spaces({f"drag {name}": of for name, of in varied.items()})
-            lost.append(self._derivatives(*self._drag(varied), spaces))
-        return lost
+        return [self._derivatives(name) for name in LOSSES if name in self.bound]
 
     @cached_property
     def derived_resultants(self) -> ResultantDerivatives:
         """Derivatives of `resultants`."""
         of_points = self._mesh.space(self.degree, 3)
-        forms = self._derivatives(*self._varied(vjp_form.ResultantForm), of_points)
+        forms = self._derivatives("resultants", of_points)
         return ResultantDerivatives(forms, of_points.points, self.begin_part)
-
-    def _vary(self, fields: Mapping[str, FilledField]) -> dict[str, FilledField]:
-        """The same data cell by cell; `refill` sets them as well."""
-        cells = len(self._tags)
-        for name, field in fields.items():
-            if name not in self._by_cells:
-                self._by_cells[name] = FilledField(field.data.by_cells(cells), self._mesh)
-        return {name: self._by_cells[name] for name in fields}
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:
         """Data of sections and of drag by name, cell by cell."""
-        names, cells = {"times": "retardation"}, len(self._tags)
-        fields = {names.get(name, name): field for name, field in self.of_sections.items()}
-        if self.of_drag:
-            fields |= {f"drag {name}": field for name, field in self.of_drag.items()}
-        return {name: field.data.by_cells(cells).values for name, field in fields.items()}
+        cells = len(self._tags)
+        return {name: of.data.by_cells(cells).values for name, of in self.of_beams.items()}
 
     def _bind(
-        self, compiled: CompiledForm, space: Space | None = None, data: Mapping | None = None
+        self, compiled: CompiledForm, spaces: Sequence[Space] = (), data: Mapping | None = None
     ) -> BoundForm:
-        """Bind a form of a step, of the unknowns or in another space, and keep it by its name."""
-        spaces = [space or self._mesh.unknowns] * compiled.arguments
-        form = BoundForm(compiled, self._mesh, data or self._data, spaces, self._tags)
-        self.bound[compiled.name] = form
-        return form
+        """A form or an expression on the mesh, with arguments in some spaces."""
+        return BoundForm(compiled, self._mesh, data or self._data, spaces, self._tags)
 
     # -- Evaluation -----------------------------------------------------------------------------
 
@@ -397,7 +326,7 @@ class BeamForms:
     @property
     def depend_on_rates(self) -> bool:
         """Whether forces may depend on rates."""
-        return self.has_external or bool(self.of_drag) or self.facts.resultants_move
+        return self.has_external or self.have_drag or self.facts.resultants_move
 
     def set_load(self, factor: float, increment: float) -> None:
         """Set the load factor, and in statics its increment in the step."""
@@ -409,7 +338,7 @@ class BeamForms:
         self._values["time"][...] = interval.start + self._scheme.rates.level * interval.length
         self._values["dt"][...] = interval.length
         self._start.array[:] = start.q
-        if (self.facts.needs_rates or self.of_drag) and len(start.v):
+        if self.facts.needs_rates and len(start.v):
             for field, rate in zip(self._start_rates, (start.v, start.a), strict=True):
                 field.array[:] = rate
         if self.facts.needs_previous:
@@ -417,28 +346,34 @@ class BeamForms:
             before = start.q if start.q_previous is None else start.q_previous
             self.moving[4].array[:] = before
         self._set_internal(start.internal)
-        self.natural.set(*(start.natural or (None, None)))
+        self.set_natural(*(start.natural or (None, None)))
 
     def _set_internal(self, internal: np.ndarray | None) -> None:
         """Set the internal variables (cells, degree, width) at the start of the step."""
         if internal is not None:
             self._internal.array[:] = internal.ravel()
 
+    def set_natural(self, start: np.ndarray | None, end: np.ndarray | None = None) -> None:
+        """Set natural strains (cells, degree, 3) at the start or at the end of the step."""
+        for field, values in zip(self.moving[-2:], (start, end), strict=True):
+            if field is not None and values is not None:
+                field.array[:] = values.ravel()
+
     def add_force(self, D: np.ndarray, out: np.ndarray) -> None:
         """Add the internal forces (eq. 53), by the reduced rule, and drag to `out` (size,)."""
         self.increment.array[:] = D
-        for form in self._forces:
-            form.add_to(out)
+        for name in ["internal forces"] + ["drag"] * self.have_drag:
+            self.bound[name].add_to(out)
 
     def add_tangent(self, values: np.ndarray, at: np.ndarray) -> None:
         """Add their tangent (eq. 54), derived by UFL, to entries `at` of stored values."""
-        for form in self._tangents:
-            form.add_to(values, at)
+        for name in ["tangent"] + ["tangent of drag"] * self.have_drag:
+            self.bound[name].add_to(values, at)
 
     def add_external(self, out: np.ndarray) -> None:
         """Add the forces of virtual works of a user, with the motion, to `out` (size,)."""
-        for form in self._added:
-            form.add_to(out)
+        if self.has_external:
+            self.bound["added virtual work"].add_to(out)
 
     def strain_energy(self, q: np.ndarray, internal: Given = None, natural: Given = None) -> float:
         """Stored energy [J], integrated by the reduced rule.
@@ -447,13 +382,13 @@ class BeamForms:
         """
         self._start.array[:] = q
         self._set_internal(internal)
-        self.natural.set(natural)
-        return self._energy.total()
+        self.set_natural(natural)
+        return self.bound["strain energy"].total()
 
     def is_inverted(self, q: np.ndarray) -> bool:
         """Whether t . phi' > 0 (eq. 4) is violated at any Gauss point, for q (size,)."""
         self._start.array[:] = q
-        return self._inversion.total() > 0
+        return self.bound["inverted sections"].total() > 0
 
     def normal_stretch(self, q: np.ndarray) -> np.ndarray:
         """t . phi' (cells, degree) of eq. 4 at the Gauss points, for q (size,)."""
@@ -463,7 +398,7 @@ class BeamForms:
 
     def _point_values(self, expressions: FormModule) -> PointValues:
         """Values of expressions, one for all cells, or for each subdomain its own."""
-        bound = [BoundForm(of, self._mesh, self._data) for of in expressions.forms.values()]
+        bound = [self._bind(of) for of in expressions.forms.values()]
         tags = self._tags if len(bound) > 1 else 0 * self._tags
         return PointValues(bound, tags, self._mesh, self.moving)
 
@@ -492,26 +427,6 @@ def _forms_of(writer: Callable[[Any], Any], kind: Any) -> FormSource:
     return FormSource(kind.key and (writer.__name__, *kind.key), lambda: writer(kind))
 
 
-def _shapes(data: Mapping[str, Data]) -> tuple[DataShape | None, DataShape | None]:
-    """Shapes of stiffnesses and retardation times, as `WeakForm` takes them."""
-    stiffness, times = data.get("stiffness"), data.get("times")
-    return stiffness and stiffness.shape, times and times.shape
-
-
-class NaturalFields:
-    """Fields of natural strains; none if they are not `present`."""
-
-    def __init__(self, mesh: Mesh, degree: int, present: bool):
-        #: The fields and their spaces, by name.
-        self.data: dict[str, Field] = {}
-        self.spaces: dict[str, Space] = {}
-        if present:
-            space = mesh.space(degree, 3)
-            self.data = {name: Field(space) for name in NATURAL}
-            self.spaces = dict.fromkeys(NATURAL, space)
-
-    def set(self, start: np.ndarray | None, end: np.ndarray | None = None) -> None:
-        """Set the strains (cells, degree, 3) at the start or at the end of the step."""
-        for field, values in zip(self.data.values(), (start, end), strict=False):
-            if values is not None:
-                field.array[:] = values.ravel()
+def _shapes(data: Mapping[str, Data]) -> tuple[tuple[str, DataShape], ...]:
+    """Shapes of data by name, as `Kind` has them."""
+    return tuple((name, of.shape) for name, of in data.items())

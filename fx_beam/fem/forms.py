@@ -127,7 +127,7 @@ class Forms:
     @property
     def dissipate(self) -> bool:
         """Whether they may dissipate energy."""
-        if (beams := self.beams) is not None and (beams.of_drag or any(beams.of_loss)):
+        if self.beams is not None and self.beams.dissipate:
             return True
         return self.points.any_have("loss")
 

@@ -1,9 +1,9 @@
-"""The work of a step's forces on given weights, and its derivatives: what steps backwards need."""
+"""Derivatives of a step's energies, resultants, and of the work of its forces on given weights."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -12,152 +12,87 @@ from fx_beam.symbolic import Written, ufl
 
 from . import elements
 from .assembly import BoundForm, Space
-from .fields import NODAL, Fields
-from .form_library import CompiledForm, FormSource
+from .fields import NODAL
 from .weak_form import Kind, WeakForm
 
 
-class WorkOnWeights:
-    """A work on weights and its derivatives by name, in UFL; on no particular mesh."""
+class DerivedForm(WeakForm):
+    """Quantities of a step, and their derivatives by all that they depend on.
 
-    def __init__(self, work: Any, derivatives: dict[str, Any], weights: list[Any], names: Mapping):
-        self._work, self._derivatives, self._weights = work, derivatives, weights
-        self._names = {**names, **{weight: f"weight {k}" for k, weight in enumerate(weights)}}
+    All data of beams must vary, cell by cell at least.
+    """
 
-    def derivatives(self) -> Written:
-        """Names of the derivatives, as a fact."""
-        return Written({}, {}, {"derivatives": [*self._derivatives]})
+    def __init__(self, kind: Kind):
+        super().__init__(kind)
+        self._works: dict[str, tuple[list[Any], Any, dict[str, Any]]] = {}
+        #: Zero, added to the parameters of each element.
+        self._more: Any = None
+        if self.parameters is not None:
+            self._more = self.fields.data((1, self.parameters.ufl_shape))
+            self.named[self._more] = "more"
 
-    def slopes(self, *wanted: str) -> Written:
+    def derivatives(self, of: str) -> Written:
+        """Those of an energy, or of "resultants", by name.
+
+        The latter are at the Gauss points, each times the weight of its point.
+        """
+        if of == "resultants":
+            quantity = self._at_points(self.resultants, ufl.TestFunction(self.fields.internal(3)))
+        else:
+            quantity = self._energies[of]
+        return Written(self._derived(quantity)[1], self.named)
+
+    def _work(self, of: str) -> tuple[list[Any], Any, dict[str, Any]]:
+        """Weights, the work of "internal forces" or "drag" on them, and its derivatives.
+
+        With internal variables, their increments times further weights are added.
+        """
+        if of in self._works:
+            return self._works[of]
+        forms = {self.fields.test: self._of_drag if of == "drag" else self._residual}
+        if self.width and of != "drag":
+            forms[ufl.TestFunction(self.fields.internal(self.width))] = self._increments()
+        weights = {test: elements.coefficient(test.ufl_function_space()) for test in forms}
+        self.named |= {weight: f"weight {k}" for k, weight in enumerate(weights.values())}
+        work = sum(ufl.replace(form, {test: weights[test]}) for test, form in forms.items())
+        self._works[of] = [*weights.values()], *self._derived(work)
+        return self._works[of]
+
+    def work(self, of: str) -> Written:
+        """Names of the derivatives of the work on weights, as a fact."""
+        return Written({}, {}, {"derivatives": [*self._work(of)[2]]})
+
+    def slopes(self, of: str, *wanted: str) -> Written:
         """The work itself, as "work 0", and derivatives by these names and by each weight."""
-        slopes = {"work 0": self._work}
+        weights, work, derivatives = self._work(of)
+        slopes = {"work 0": work}
         for name in wanted:
-            for number, weight in enumerate(self._weights):
-                slope = ufl.derivative(self._derivatives[name], weight)
+            for number, weight in enumerate(weights):
+                slope = ufl.derivative(derivatives[name], weight)
                 if not _is_empty(slope):
                     slopes[f"{name} {number}"] = slope
-        return Written(slopes, self._names)
+        return Written(slopes, self.named)
 
-
-class BoundVjp(NamedTuple):
-    """A work on a mesh, by forms of `WorkOnWeights`."""
-
-    source: FormSource
-    #: Spaces of the derivatives by their names.
-    spaces: Mapping[str, Space]
-    #: Binds a form with arguments in these spaces.
-    bind: Callable[[CompiledForm, list[Space]], BoundForm]
-    #: Spaces of the weights.
-    of_weights: list[Space]
-
-    def slopes(self, wanted: Iterable[str]) -> dict[tuple[str, int], BoundForm]:
-        """The work, as ("work", 0), and its slopes."""
-        slopes = {}
-        for title, form in self.source.module("slopes", *wanted).forms.items():
-            name, number = title.rsplit(" ", 1)
-            of_weight = self.of_weights[int(number)]
-            spaces = [] if name == "work" else [self.spaces[name], of_weight]
-            slopes[name, int(number)] = self.bind(form, spaces)
-        return slopes
-
-    @property
-    def sizes(self) -> dict[str, int]:
-        """How many numbers of an element there are, by the names of derivatives."""
-        names = self.source.module("derivatives").facts["derivatives"]
-        return {name: self.spaces[name].width for name in names}
-
-
-def derivatives_of(quantity: Any, fields: Fields, by: Mapping[str, Any]) -> dict[str, Any]:
-    """Its derivatives by increment and start, by coefficients, and by coordinates, in UFL.
-
-    Without those that are zero.
-    """
-    by = {"increment": fields.increment, "start": fields.start, **by}
-    forms = {what: ufl.derivative(quantity, field) for what, field in by.items()}
-    X, of_X = fields.coordinates
-    argument = ufl.Argument(of_X, len(quantity.arguments()))
-    forms["coordinates"] = ufl.derivative(quantity, X, argument)
-    return {what: form for what, form in forms.items() if not _is_empty(form)}
+    def _derived(self, quantity: Any) -> tuple[Any, dict[str, Any]]:
+        """A quantity, with `more` parameters, and its derivatives that are not zero, by name."""
+        fields = self.fields
+        if self.parameters is not None:
+            quantity = ufl.replace(quantity, {self.parameters: self.parameters + self._more})
+        symbols = {name: symbol for symbol, name in self.named.items()}
+        names = "q_previous", "internal", "natural", "natural_end", *self.data
+        by = {name: symbols.get(name) for name in names} | {"parameters": self._more}
+        by = {name: field for name, field in by.items() if field in quantity.coefficients()}
+        by = {"increment": fields.increment, "start": fields.start, **by}
+        forms = {what: ufl.derivative(quantity, field) for what, field in by.items()}
+        X, of_X = fields.coordinates
+        argument = ufl.Argument(of_X, len(quantity.arguments()))
+        forms["coordinates"] = ufl.derivative(quantity, X, argument)
+        return quantity, {what: form for what, form in forms.items() if not _is_empty(form)}
 
 
 def _is_empty(form: Any) -> bool:
     """Whether a form is zero once its derivatives are taken."""
     return ufl.algorithms.expand_derivatives(form).empty()
-
-
-class DerivedForm(WeakForm):
-    """A quantity of a step, and its derivatives by all that it depends on.
-
-    All data of the sections must vary, cell by cell at least.
-    """
-
-    def __init__(self, kind: Kind):
-        super().__init__(kind)
-        fields, quantity = self.fields, self._quantity()
-        if self.parameters is not None:
-            #: Zero, added to the parameters of each element.
-            more = fields.data((1, self.parameters.ufl_shape))
-            self.named[more] = "more"
-            quantity = ufl.replace(quantity, {self.parameters: self.parameters + more})
-        of = {name: symbol for symbol, name in self.named.items() if symbol is not None}
-        names = "q_previous", "internal", "natural", "natural_end", "stiffness", "times"
-        by = {name: of.get(name) for name in names} | {"parameters": of.get("more")}
-        #: Those in the quantity by name.
-        by = {name: field for name, field in by.items() if field in quantity.coefficients()}
-        #: The quantity, and its derivatives by name.
-        self.quantity, self.derived = quantity, derivatives_of(quantity, fields, by)
-
-    def _quantity(self) -> Any:
-        """It, as an integral."""
-        raise NotImplementedError
-
-    def derivatives(self) -> Written:
-        """Its derivatives by name."""
-        return Written(self.derived, self.named)
-
-
-def vjp_of(kind: Kind) -> WorkOnWeights:
-    """The work of the internal forces of a step on weights in the place of virtual displacements.
-
-    With internal variables, their increments times further weights are added.
-    """
-    form = _VjpForm(kind)
-    return WorkOnWeights(form.quantity, form.derived, form.weights, form.named)
-
-
-class _VjpForm(DerivedForm):
-    def _quantity(self) -> Any:
-        test = self.fields.test
-        #: Weights in the place of the test function, and of the increments of internal variables.
-        self.weights = [elements.coefficient(test.ufl_function_space())]
-        work = ufl.replace(self._residual, {test: self.weights[0]})
-        if self.width:
-            space = self.fields.internal(self.width)
-            self.weights.append(elements.coefficient(space))
-            grown = {ufl.TestFunction(space): self.weights[1]}
-            work += ufl.replace(self._increments(), grown)
-        return work
-
-
-class StoredForm(DerivedForm):
-    """The stored energy."""
-
-    def _quantity(self) -> Any:
-        return self._stored
-
-
-class LossForm(DerivedForm):
-    """What material and scheme take in a step."""
-
-    def _quantity(self) -> Any:
-        return self._losses["lost energy"] + self._losses["scheme's loss"]
-
-
-class ResultantForm(DerivedForm):
-    """Resultants at the Gauss points, each times the weight of its point."""
-
-    def _quantity(self) -> Any:
-        return self._at_points(self.resultants, ufl.TestFunction(self.fields.internal(3)))
 
 
 def named(vectors: Mapping[str, tuple[Space, np.ndarray]]) -> dict[str, np.ndarray]:

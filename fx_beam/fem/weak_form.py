@@ -12,6 +12,8 @@ from fx_beam.laws.resultants import (
     DecayingResultants,
     ExactResultants,
     actuation,
+    drag_loss,
+    drag_work,
     viscous,
     viscous_loss,
 )
@@ -35,8 +37,8 @@ from fx_beam.symbolic import Written, ufl
 from . import elements
 from .fields import DataShape, Fields, fields_of
 
-#: Energies that the material and the scheme take in a step, and that the scheme holds for the next.
-LOSSES = "lost energy", "scheme's loss", "scheme's energy"
+#: Energies that material, scheme and drag take in a step.
+LOSSES = "lost energy", "scheme's loss", "loss to drag"
 #: Stored energy of a section, None for the quadratic one, and its internal variables.
 Material = tuple[Energy | None, InternalVariables | None]
 
@@ -44,10 +46,10 @@ Material = tuple[Energy | None, InternalVariables | None]
 class Kind(NamedTuple):
     """What forms of a step depend on, on no particular mesh.
 
-    `materials` are those of the sections, numbered as subdomains if there are several. Data
-    are known by their shapes: `stiffness` of the quadratic energy, `times` of the retardation, None
-    without damping; each virtual work comes with that of its indicator. With `natural` there are
-    natural strains.
+    `materials` are those of the sections, numbered as subdomains if there are several. Data are
+    known by their shapes: "stiffness" of the quadratic energy, "retardation" times, coefficients of
+    the drag; each virtual work comes with that of its indicator. With `natural` there are natural
+    strains.
     """
 
     degree: int
@@ -56,8 +58,7 @@ class Kind(NamedTuple):
     materials: tuple[Material, ...]
     works: tuple[tuple[VirtualWork, DataShape], ...]
     natural: bool
-    stiffness: DataShape | None
-    times: DataShape | None
+    data: tuple[tuple[str, DataShape], ...]
 
     @property
     def key(self) -> tuple | None:
@@ -92,12 +93,13 @@ class WeakForm:
     def __init__(self, kind: Kind):
         scheme, materials, works = kind.scheme, kind.materials, kind.works
         self.fields, self.scheme = fields_of(kind.degree, kind.curved), scheme
-        fields, stiffness, times = self.fields, kind.stiffness, kind.times
+        fields = self.fields
         self.has_natural = kind.natural
-        #: Stiffnesses (EA, GA, EI) of the quadratic law.
-        self.stiffness = None if stiffness is None else fields.data(stiffness)
-        #: Retardation times of axial, shear and bending strains.
-        self.times = None if times is None else fields.data(times)
+        #: Data of beams by name: (EA, GA, EI) of the quadratic law, retardation times, and drag.
+        self.data = {name: fields.data(shape) for name, shape in kind.data}
+        self.times = self.data.get("retardation")
+        of_drag = [name for name in self.data if name.startswith("drag ")]
+        self._drag = {name.removeprefix("drag "): self.data[name] for name in of_drag}
         #: Where each virtual work acts: 1 there, 0 elsewhere.
         self.indicators = [fields.data(shape) for _, shape in works]
         self._materials = materials
@@ -134,8 +136,8 @@ class WeakForm:
         #: Names of all symbols.
         self.named = {
             **self.fields.names,
-            **{self.stiffness: "stiffness", self.times: "times", self.parameters: "parameters"},
-            **{self.internal: "internal"},
+            **{self.parameters: "parameters", self.internal: "internal"},
+            **{symbol: name for name, symbol in self.data.items()},
             **{symbol: f"indicator {i}" for i, symbol in enumerate(self.indicators)},
         }
         self._added: Any = 0
@@ -148,7 +150,8 @@ class WeakForm:
         self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
         resultants = self._of_step()
         every = [r for parts in resultants for r in parts]
-        if self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in every):
+        exact = self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in every)
+        if exact or (self.scheme.rates.by_mean and "rotation" in self._drag):
             self.fields = self.fields.with_nodal_rotations
             self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
             resultants = self._of_step()
@@ -191,7 +194,7 @@ class WeakForm:
 
     def _law(self, energy: Energy | None, ends: tuple[Any, Any] | None) -> Law:
         if energy is None:
-            return quadratic_law(self.stiffness)
+            return quadratic_law(self.data["stiffness"])
         energy = self._with_values(energy)
         return own_law(energy) if ends is None else law_of_step(energy, *ends)
 
@@ -199,8 +202,8 @@ class WeakForm:
         dx = self.fields.measure(self.fields.degree)
         none: Any = 0
         #: The last is the work of natural strains that change.
-        self._residual = self._stored = self._held_before = self._actuation = none
-        lost = of_scheme = held = none
+        self._residual = self._held_before = self._actuation = none
+        stored = lost = of_scheme = held = none
         for tag, (law, parts) in enumerate(zip(self._laws, self._of_laws, strict=True)):
             dx_law = dx(tag) if len(self._laws) > 1 else dx
             for r in parts:
@@ -211,18 +214,24 @@ class WeakForm:
                     of_scheme += r.loss * dx_law
                     held += 0 if r.held is None else r.held * dx_law
                     self._held_before += 0 if r.held_before is None else r.held_before * dx_law
-            self._stored += law.start.energy(*self.step.strains0) * dx_law
+            stored += law.start.energy(*self.step.strains0) * dx_law
             energy, ends = self._materials[tag][0], self._evolution[tag]
             if energy is not None and ends is not None:
-                stored, strains = (
-                    self._with_values(energy),
-                    (self.step.strains0, self.step.strains1),
-                )
+                of_values = self._with_values(energy)
+                strains = self.step.strains0, self.step.strains1
                 at_rest = self.scheme.rates.at_rest
-                lost += evolution_loss(stored, *ends, *strains, at_rest) * dx_law
+                lost += evolution_loss(of_values, *ends, *strains, at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
-        self._losses = dict(zip(LOSSES, (lost, of_scheme, held), strict=True))
+        full = self.fields.measure(self.fields.full_rule)
+        #: Apart, as FFCx confuses two rules in one form if one of them has a single point.
+        self._of_drag, lost_to_drag = (
+            of(self.step, self._drag) * full if self._drag else none
+            for of in (drag_work, drag_loss)
+        )
+        #: Energies by name: stored, what the scheme holds for the next step, and `LOSSES`.
+        self._energies = {"strain energy": stored, "scheme's energy": held}
+        self._energies |= dict(zip(LOSSES, (lost, of_scheme, lost_to_drag), strict=True))
         self._refuse_fields()
 
     def _refuse_fields(self) -> None:
@@ -230,8 +239,7 @@ class WeakForm:
         used = [*self._residual.coefficients(), *self._residual.constants()]
         used += [field for parts in self._of_laws for field in fields_in(parts[0].M)]
         known = [*self.fields.names, *(field for law in self._laws for field in law.data)]
-        known += [] if self.times is None else fields_in(self.times)
-        known += [self.internal, self.parameters]
+        known += [*self.data.values(), self.internal, self.parameters]
         refuse_fields(used, f"resultants of {self.scheme.name}", known)
 
     def _add(self, works: Sequence[VirtualWork]) -> None:
@@ -262,13 +270,14 @@ class WeakForm:
 
     def of_step(self) -> Written:
         """Forms of a step, those that there are."""
-        fields, residual = self.fields, self._residual
+        fields, residual, drag = self.fields, self._residual, self._of_drag
         forms = {
             "internal forces": residual,
             "tangent": ufl.derivative(residual, fields.increment, fields.trial),
-            "strain energy": self._stored,
+            "drag": drag,
+            "tangent of drag": ufl.derivative(drag, fields.increment, fields.trial) if drag else 0,
             "inverted sections": _inverted_sections(fields.plain),
-            **self._losses,
+            **self._energies,
             # With the parameters of the step.
             "scheme's energy at the start": self._held_before if self.names_in_energies else 0,
             "work of natural strains": self._actuation,
@@ -281,7 +290,8 @@ class WeakForm:
     def _facts(self) -> StepFacts:
         fields, residual = self.fields, self._residual
         needs_previous = fields.q_previous in residual.coefficients()
-        needs_rates = any(rate in residual.coefficients() for rate in fields.start_rates)
+        forces = [*residual.coefficients(), *(self._of_drag.coefficients() if self._drag else ())]
+        needs_rates = any(rate in forces for rate in fields.start_rates)
         moves = needs_rates or fields.dt in residual.constants()
         used = [part for r in self.resultants for part in fields_in(r)] if moves else []
         resultants_need_rates = any(rate in used for rate in fields.start_rates)

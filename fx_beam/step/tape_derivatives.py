@@ -77,9 +77,8 @@ class TapeDerivatives:
         beams = self._model.forms.beams
         if beams is None:
             return
-        self._works.append(VjpWork("internal_forces", beams.vjp(), beams, self.problem))
-        if beams.of_drag:
-            self._works.append(VjpWork("drag", beams.vjp_drag(), beams, self.problem))
+        for name in ["internal_forces"] + ["drag"] * beams.have_drag:
+            self._works.append(VjpWork(name, beams, self.problem))
         for work in self._works:
             self._structs.set(self.c, **{work.name: work.handed_over()})
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from fx_beam.fem.beam_forms import BeamForms
-from fx_beam.fem.vjp_form import BoundVjp
 
 from .form_tables import Kernel, in_lanes
 from .layout import Layout
@@ -26,8 +25,6 @@ _IN_COMMON = {
     "natural_end": ("natural1", "natural"),
     "parameters": ("parameters", ""),
 }
-# Names of the others, besides the coefficients of drag.
-_NAMES = {"coordinates": "coordinates", "stiffness": "stiffness", "times": "retardation"}
 
 
 class VjpWork:
@@ -36,14 +33,14 @@ class VjpWork:
     They are by the configurations at the end and at the start, not by increment and start.
     """
 
-    def __init__(self, name: str, vjp: BoundVjp, beams: BeamForms, problem: Problem):
+    def __init__(self, name: str, beams: BeamForms, problem: Problem):
         #: Its name in C.
-        self.name, self._vjp, self._beams, self._problem = name, vjp, beams, problem
-        #: The array of `Layout` with the numbers of one element after the other.
+        self.name, self._beams, self._problem = name, beams, problem
+        #: The form, and the array of `Layout` with the numbers of one element after the other.
         self.array = name.replace("_", " ")
         nodal = dict.fromkeys(("increment", "start"), problem.c.cell_dofs)
-        self._sizes = nodal | vjp.sizes
-        self._own = {name: size for name, size in vjp.sizes.items() if name not in _IN_COMMON}
+        self._sizes = nodal | beams.sizes_of_slopes(self.array)
+        self._own = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
         self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}
         self._members: dict[bool, dict[str, Any]] = {}
 
@@ -62,8 +59,9 @@ class VjpWork:
         if by_places not in self._compiled:
             tables = self._problem.tables
             assert tables is not None
-            wanted = [name for name in self._vjp.sizes if by_places or name != "coordinates"]
-            slopes = self._vjp.slopes(wanted)
+            names = self._beams.sizes_of_slopes(self.array)
+            wanted = [name for name in names if by_places or name != "coordinates"]
+            slopes = self._beams.slopes(self.array, wanted)
             kernel = Kernel([*slopes.values()])
             table = tables.of("slopes of forces", kernel)
             table["changing"] = table["moving"]
@@ -112,8 +110,7 @@ class VjpWork:
         """Places (cells, n) of the numbers of each element itself, by name."""
         cells = layout.at[self.array].reshape(-1, sum(self._own.values()))
         parts = np.split(cells, _starts(self._own.values())[1:-1], axis=1)
-        names = [_NAMES.get(name, f"drag {name}") for name in self._own]
-        return dict(zip(names, parts, strict=True))
+        return dict(zip(self._own, parts, strict=True))
 
     def _numbers(self, layout: Layout, rows: Mapping[str, np.ndarray]) -> Iterator[np.ndarray]:
         """Places (cells, n) of all numbers of the elements, in the order of the sizes."""
@@ -129,7 +126,9 @@ class VjpWork:
 
     def _weights(self, layout: Layout, rows: Mapping[str, np.ndarray]) -> list[np.ndarray]:
         """Places (cells, n) of forces, and of internal variables at the end."""
-        pairs = (("r", "dofs"), ("internal1", "internal"))[: len(self._vjp.of_weights)]
+        pairs = [("r", "dofs")]
+        if "internal" in self._sizes:
+            pairs.append(("internal1", "internal"))
         return [layout.at[array][rows[kind]] for array, kind in pairs]
 
 
