@@ -10,7 +10,7 @@ import functools
 import itertools
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,6 +63,13 @@ class ElsewhereError(OtherStructureError):
     """Only positions differ, but for these a scene must be set up anew."""
 
 
+class _Form(NamedTuple):
+    """The structure of a part of a scene: its kind, and the forms of its attributes."""
+
+    kind: type
+    parts: list[Any]
+
+
 class Structure:
     """The structure of a scene as it is now; something may be added to the scene later."""
 
@@ -76,14 +83,27 @@ class Structure:
             raise OtherStructureError("another number of nodes")
         for name, form in _forms_of(scene).items():
             if form != (known := self._forms[name]):
-                longer = isinstance(form, list) and len(form) != len(known)
-                how = "has another length" if longer else "differs"
-                raise OtherStructureError(f"scene.{name} {how}")
+                raise OtherStructureError(f"scene.{name}{_difference(form, known)}")
         functions = expressions_of(scene)
         for function, known in itertools.zip_longest(functions, self._functions):
             if function != known:
                 what = (function or known)[0]
                 raise OtherStructureError(f"{what} of your own differs in more than parameters")
+
+
+def _difference(one: Any, two: Any) -> str:
+    """Where two forms differ first, and how."""
+    if isinstance(one, list) and isinstance(two, list):
+        if len(one) != len(two):
+            return " has another length"
+        names = [f"[{i}]" for i in range(len(one))]
+    elif isinstance(one, _Form) and isinstance(two, _Form) and one.kind is two.kind:
+        names = [f".{name}" for name, _ in _fields(one.kind)]
+        one, two = one.parts, two.parts
+    else:
+        return " differs"
+    pairs = zip(names, one, two, strict=True)
+    return next(name + _difference(a, b) for name, a, b in pairs if a != b)
 
 
 def _forms_of(scene: Scene) -> dict[str, Any]:
@@ -105,7 +125,7 @@ def _form(value: Any, is_number: bool, of_parts: dict[int, Any]) -> Any:
     if is_dataclass(value):
         if id(value) not in of_parts:
             forms = [_form(getattr(value, name), of, of_parts) for name, of in _fields(kind)]
-            of_parts[id(value)] = kind, forms
+            of_parts[id(value)] = _Form(kind, forms)
         return of_parts[id(value)]
     if isinstance(value, dict):
         return [(key, _form(part, False, of_parts)) for key, part in value.items()]
