@@ -259,6 +259,24 @@ def polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layo
     return _polyline(points, elements, name)
 
 
+def listed_points(points: Any, what: str) -> tuple[list, np.ndarray]:
+    """Points of a beam as a list, and their positions (n, 2) [m]; SceneError for what is none."""
+    try:
+        listed = list(points)
+        positions = numbers([position_of(point) for point in listed])
+    except Exception:  # a UFL expression has no length
+        listed, positions = [], np.empty((0, 0))
+    fits = positions.ndim == 2 and positions.shape[1] == 2
+    if not fits or not (abs(positions) <= LARGEST).all():
+        raise SceneError(
+            f"{what}: points must be points of the plane, finite (x, y) or nodes, not "
+            f"{shown(points)}"
+        )
+    if len(listed) < 2:
+        raise SceneError(f"{what}: a beam needs at least two points, not {len(listed)}")
+    return listed, positions
+
+
 def _is_plain(points: Any) -> bool:
     """Whether points are pairs of Python's numbers, of which layouts are kept."""
     if type(points) is not list:
@@ -277,21 +295,8 @@ def _known(points: tuple, elements: int, name: str) -> tuple[tuple, np.ndarray]:
 
 def _polyline(points: Sequence, elements: int | Sequence[int], name: str) -> Layout:
     """The same for any points."""
-    try:
-        points = list(points)
-    except Exception:  # a UFL expression has no length
-        raise SceneError(
-            f"beam {name!r}: points must be pairs (x, y) or nodes, not {shown(points)}"
-        ) from None
-    given = numbers([position_of(point) for point in points])
+    points, given = listed_points(points, f"beam {name!r}")
     corners = np.asarray(given)
-    fits = corners.ndim == 2 and corners.shape[1] == 2
-    if not fits or not (abs(corners) <= LARGEST).all():
-        raise SceneError(
-            f"beam {name!r}: points must be finite pairs (x, y) or nodes, not {shown(points)}"
-        )
-    if len(corners) < 2:
-        raise SceneError(f"beam {name!r}: a beam needs at least two points, not {len(corners)}")
     lengths = np.hypot(*(corners[1:] - corners[:-1]).T)
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
     shortest = max(1e-12 * extent, 1e-15 * abs(corners).max())

@@ -28,9 +28,9 @@ from numpy.polynomial.chebyshev import (
     chebvander,
 )
 
-from fx_beam.errors import SceneError, checked_function, is_whole, numbers, require, shown, vector
+from fx_beam.errors import SceneError, checked_function, is_whole, numbers, require, vector
 
-from .beam import MOST_ELEMENTS, Layout, Node, lagrange, polyline, position_of
+from .beam import MOST_ELEMENTS, Layout, Node, lagrange, listed_points, polyline, position_of
 
 # Degrees of the interpolating polynomials of a piece of a curve, and of its speed.
 _CURVE_DEGREE, _SPEED_DEGREE = 14, 20
@@ -92,12 +92,9 @@ class Curve:
     breaks: Sequence[float] = ()
 
     def __post_init__(self):
-        for end in (self.start, self.end):
-            if not (end is None or isinstance(end, Node)):
-                raise SceneError(
-                    f"Curve: {shown(end)} is not a node; start and end must be nodes of other "
-                    "beams or None"
-                )
+        for name, end in (("start", self.start), ("end", self.end)):
+            is_end = end is None or isinstance(end, Node)
+            require(is_end, f"Curve: {name}", end, "a node of another beam, or None")
         require(callable(self.function), "Curve: function", self.function, "a function")
         breaks = numbers(self.breaks)
         fits = breaks.ndim == 1 and ((breaks >= 0) & (breaks <= 1)).all()
@@ -193,19 +190,12 @@ def spline(points: Sequence) -> Curve:
     >>> beam.end.x, round(beam.length, 2)
     (4.0, 4.62)
     """
-    try:
-        points = list(points)
-    except Exception:
-        raise SceneError(f"spline: {shown(points)} must be points (x, y) or nodes") from None
+    points, positions = listed_points(points, "spline")
+    xy = np.array(positions)
     if any(isinstance(point, Node) for point in points[1:-1]):
         raise SceneError(
             "spline: only its ends can be nodes of other beams. Make two splines that meet there"
         )
-    if len(points) < 2:
-        raise SceneError(f"spline: give at least two points, not {len(points)}")
-    xy = np.array(
-        [vector(position_of(point), 2, f"spline, point {i}") for i, point in enumerate(points)]
-    )
     chords = np.hypot(*np.diff(xy, axis=0).T)
     for i in np.flatnonzero(chords <= 1e-12 * abs(xy).max()):
         raise SceneError(f"spline: points {i} and {i + 1} coincide at {xy[i]}. Remove one")

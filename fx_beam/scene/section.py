@@ -151,15 +151,10 @@ class Section:
             For a stiffness that is not positive and finite, or a negative or non-finite inertia.
         """
         _check_name(name, "values")
-        values = numbers(fractions)
-        require(values.size > 0, "Section.values: fractions", fractions, "an array of numbers")
-        fractions = values
-        if name == "retardation":
-            return np.stack([_values(name, x, fractions) for x in self._times], axis=-1)
-        datum = getattr(self, name)
-        if datum is None and name not in _MAY_BE_ZERO:
-            return np.zeros(fractions.shape)
-        return _values(name, datum, fractions)
+        at = numbers(fractions)
+        require(at.size > 0, "Section.values: fractions", fractions, "an array of numbers")
+        values = [_values(name, datum, at) for datum in self._data(name)]
+        return np.stack(values, axis=-1) if len(values) > 1 else values[0]
 
     def constants(self, names: tuple[str, ...]) -> Any:
         """Values of data if none varies: of several a list, of one itself; zero if omitted.
@@ -344,21 +339,21 @@ def _check_name(name, what: str) -> None:
     require(is_one_of(name, _DATA), f"Section.{what}: name", name, wanted)
 
 
-def _values(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
-    """Values at fractions of the arc length, of the same shape."""
+def _values(name: str, datum: Datum | None, fractions: np.ndarray) -> np.ndarray:
+    """Values at fractions of the arc length, of the same shape; zero for no stiffness."""
     if not callable(datum):
-        return np.broadcast_to(stacked(_value(name, datum)), fractions.shape)
-    each, rows = functools.partial(_each, name, datum), fractions.reshape(-1, 1)
-    if (calls := array_calls()) is not None:
+        value = 0.0 if datum is None else _value(name, datum)
+        return np.broadcast_to(stacked(value), fractions.shape)
+
+    def each(rows: np.ndarray) -> np.ndarray:
+        return stacked([[_value(name, datum, float(f))] for f in rows[:, 0]])
+
+    rows, calls = fractions.reshape(-1, 1), array_calls()
+    if calls is not None:
         values = calls.values(datum, 1, rows, name, each)
         if (values > 0).all():  # else the calls below tell what is wrong
             return values.reshape(fractions.shape)
     return each(rows).reshape(fractions.shape)
-
-
-def _each(name: str, datum: Datum, fractions: np.ndarray) -> np.ndarray:
-    """Values (n, 1) at fractions (n, 1)."""
-    return stacked([[_value(name, datum, float(f))] for f in fractions[:, 0]])
 
 
 def _combined(function: Callable[..., float], **data: Datum) -> Datum:
