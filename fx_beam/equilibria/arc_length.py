@@ -30,7 +30,7 @@ from fx_beam.step.newton import ENERGY_FLOOR, SEARCHES
 from fx_beam.step.step_failures import StepFailed
 
 from .load_steps import LoadStepper
-from .path_equations import Tangent, combined, root_near, weights
+from .path_equations import Tangent, between, root_near
 
 # Target deviation of a step from its tangent, relative to its length, for few load steps; on a
 # circle it is half the angle of the step. A step is rejected at the given multiple of the target.
@@ -79,14 +79,6 @@ class Advance:
     closes: bool = False
 
 
-@dataclass
-class Corner:
-    """A corner of the path: its distance from the start of a step, and the step behind it if 0."""
-
-    distance: float
-    step: Advance | None = None
-
-
 class ArcLength:
     """Follows the equilibrium path of a scene.
 
@@ -125,17 +117,17 @@ class ArcLength:
                 step = self._advance(states[-1], tangent, ds, target, back)
             except StepFailed as failure:
                 corner = self._corner(states[-1], tangent, ds, target)
-                if corner is None or corner.step is None:
+                if corner is None or corner[1] is None:
                     if cuts == options.max_cuts:
                         raise self.error(states[-1], failure) from failure
                     cuts, stats.halvings = cuts + 1, stats.halvings + 1
                     if corner and not behind:
                         # From the corner on a step may be as long as the one that has failed.
-                        behind, ds = ds, (1 - _MARGIN) * min(ds, corner.distance)
+                        behind, ds = ds, (1 - _MARGIN) * min(ds, corner[0])
                     else:
                         behind, ds = 0.0, ds / 2
                     continue
-                step = corner.step
+                step = corner[1]
             end = step.rows[-1]
             excess = steps * abs(end.t - states[-1].t)
             if excess > _EXCESS and ds > _SHORTEST:
@@ -178,7 +170,7 @@ class ArcLength:
         straight = turn <= _STRAIGHT and ahead.load * tangent.load > 0
         if self.model.nonsmooth and ahead.sense != tangent.sense and not straight:
             # At a bifurcation it is so on the way back, too; where flow begins it is not.
-            if self._at_start(new, tangent, -_NEAR * ds).sense == tangent.sense:
+            if self.at_start(new, tangent, -_NEAR * ds).sense == tangent.sense:
                 raise StepFailed("off the path", "the path turns back", new.q - state.q, [])
         corrections = self.stepper.iterations
         if turn > _REJECTED * target:
@@ -261,8 +253,8 @@ class ArcLength:
 
     def _between(self, state: State, states: list[State], place: float, ds: float) -> State:
         """The state at a place among those at _SIDES; StepFailed if they are not on one path."""
-        new = combined(states, weights(_SIDES, place))
-        other = combined(states[1:-1], weights(_SIDES[1:-1], place))
+        new = between(states, _SIDES, place)
+        other = between(states[1:-1], _SIDES[1:-1], place)
         if not self._path.length(new.q - other.q, new.t - other.t) <= _ACROSS * ds:
             reason = "states on both sides of a bifurcation are not on one path"
             raise StepFailed("off the path", reason, new.q - state.q, [])
@@ -356,15 +348,17 @@ class ArcLength:
             previous = size
         raise failures.unconverged(D, corrections)
 
-    def _at_start(self, state: State, tangent: Tangent, ds: float) -> Tangent:
+    def at_start(self, state: State, tangent: Tangent, ds: float = 0.0) -> Tangent:
         """The tangent at the start of a step, or a length ds from it along another one."""
         self._path.begin(state)
         return self._path.tangent(ds * tangent.y, ds * tangent.load, tangent)
 
     # -- Corners --------------------------------------------------------------------------------
 
-    def _corner(self, state: State, tangent: Tangent, ds: float, target: float) -> Corner | None:
-        """The corner of the path in a step ds, and if it starts there the step behind it; or None.
+    def _corner(
+        self, state: State, tangent: Tangent, ds: float, target: float
+    ) -> tuple[float, Advance | None] | None:
+        """Distance of a corner of the path in a step ds, and if 0 the step behind it; or None.
 
         Such a step consists of a part along the tangent and a part along the tangent at its end.
         The tangent behind a corner has the same sense: one leaves by another way than one comes.
@@ -373,7 +367,7 @@ class ArcLength:
             return None
         try:
             # Beyond the corner flow has begun.
-            behind = self._at_start(state, tangent, 2 * ds)
+            behind = self.at_start(state, tangent, 2 * ds)
         except StepFailed:
             return None
         behind = behind if behind.sense == tangent.sense else -behind
@@ -390,16 +384,16 @@ class ArcLength:
         else:
             return None
         if legs[0] > _NEAR * ds:
-            return Corner(legs[0])
+            return legs[0], None
         new = self._finish(state, state.t + load, step)
         if new.t >= 1:
             new = self._last_step(state, behind)
         if behind.D @ (self._path.weight * tangent.D) + behind.load * tangent.load < 0:
             # Back on the way one has come, unless the tangent changes at the start.
-            if self._at_start(state, tangent, 2 * _NEAR * ds).sense == tangent.sense:
+            if self.at_start(state, tangent, 2 * _NEAR * ds).sense == tangent.sense:
                 return None
         limit = state.t if ahead.load * self._rising < -_FLAT else None
-        return Corner(0.0, Advance([new], ahead, target, step.iterations, limit))
+        return 0.0, Advance([new], ahead, target, step.iterations, limit)
 
     def error(self, state: State, failure: StepFailed) -> StepError:
         """What to report of a step that failed after all cuts."""

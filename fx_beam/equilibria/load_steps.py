@@ -105,10 +105,10 @@ class LoadStepper:
         Holding forces balance the springs in the reference configuration; steps reduce them to 0.
         """
         start = reference_state(self.model)
-        tension = self._unloaded(start)
+        self.path.held = self._unloaded(start)
 
         def release(state: State, before: float, after: float) -> State:
-            self._hold_by((1 - before) * tension, (1 - after) * tension)
+            self.hold_between(before, after)
             new = self.step(state, 0.0)
             if self.loop.singular:
                 raise StepFailed("singular", "the tangent is singular", new.q - state.q, [])
@@ -133,7 +133,8 @@ class LoadStepper:
                 raise failures.error(
                     what, self.options.max_cuts, start, failure, advice
                 ) from failure
-        self._hold_by(0 * tension, 0 * tension)
+        self.path.held = 0 * self.path.held
+        self.hold_between(0.0, 0.0)
         state.work = 0.0
         return state
 
@@ -165,12 +166,10 @@ class LoadStepper:
             advice = "Check that the scene has the supports and joints of this state"
             raise self.loop.failures.error(what, 0, state, failure, advice) from failure
 
-    def _hold_by(self, before: np.ndarray, after: np.ndarray) -> None:
-        self._hold, self.loop.hold[:] = (before, after), after
-
     def hold_between(self, before: float, after: float) -> None:
         """Set the forces that hold the start, at both ends of a step."""
-        self._hold_by((1 - before) * self.path.held, (1 - after) * self.path.held)
+        self._hold = (1 - before) * self.path.held, (1 - after) * self.path.held
+        self.loop.hold[:] = self._hold[1]
 
     def step(self, state: State, goal: float) -> State:
         """State after one load step; StepFailed if it leaves the path."""
@@ -213,15 +212,10 @@ class LoadStepper:
         at_start, at_end = (
             F @ D + hold @ step.y for F, hold in zip(forces, self._hold, strict=True)
         )
-        weight = 0.0 if self.model.weight is None else self.model.weight @ D
-        work, energy = new.work - old.work + weight, self.energy(new)
+        work, gained, rounding = self.work_and_gain(old, new, D)
         other = work - (at_start + at_end) / 2
-        gained = energy - self.energy(old)
         snapped = softer and work > gained
         short = self._may_be_cut or (snapped and not kinked())
-        moved = abs(old.q) + abs(D)
-        rounding = 1e-14 * self.loop.change_of_sizes(D, moved)
-        rounding += 1e-12 * abs(energy)
         allowed = (_SHORT if short else _ON_PATH) * abs(at_end - at_start) / 2
         allowed += (_SHORT_OTHER if short else _ON_PATH_OTHER) * abs(other)
         if abs(gained - work) > allowed + rounding:
@@ -254,6 +248,14 @@ class LoadStepper:
             return False
         half = legs[1] / 2 * behind.D
         return self.size(D - half) <= _OFF_KINK * self.size(half)
+
+    def work_and_gain(self, old: State, new: State, D: np.ndarray) -> tuple[float, float, float]:
+        """Work of the loads in a step, energy that the scene gains [J], and round-off of both."""
+        weight = 0.0 if self.model.weight is None else float(self.model.weight @ D)
+        before, after = self.energy(old), self.energy(new)
+        rounding = 1e-14 * self.loop.change_of_sizes(D, abs(old.q) + abs(D))
+        rounding += 1e-12 * (max(abs(before), abs(after)) + abs(new.work) + abs(weight))
+        return new.work - old.work + weight, after - before, rounding
 
     def energy(self, state: State) -> float:
         """Stored and dissipated energy [J]."""

@@ -28,6 +28,7 @@ from scipy.sparse import csr_matrix
 from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import ARRAYS, NUMBERS, State
+from fx_beam.scene.beam import lagrange
 from fx_beam.step.equations import Balance, Equations
 from fx_beam.step.load_loop import LoadLoop
 from fx_beam.step.sparse_lu import Pattern, sparse_lu
@@ -296,15 +297,9 @@ def root_near(points: np.ndarray, values: np.ndarray) -> float:
     return root
 
 
-def weights(points: np.ndarray, point: float) -> np.ndarray:
-    """Weights of values at points in that of their polynomial at another point."""
-    powers = point ** np.arange(len(points), dtype=float)
-    return np.linalg.solve(np.vander(points, increasing=True).T, powers)
-
-
-def combined(states: list[State], weights: np.ndarray) -> State:
-    """The state whose arrays are sums of those of others."""
-    values: dict[str, object] = {}
+def between(states: list[State], points: np.ndarray, place: float) -> State:
+    """The state at a place by the polynomials through others at points."""
+    (weights,), values = lagrange(points, np.array([place])), dict[str, object]()
     for name in (*ARRAYS, *NUMBERS, "motors"):
         parts = [getattr(state, name) for state in states]
         if parts[0] is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,11 +12,12 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from fx_beam.results.state import State
+from fx_beam.scene.beam import lagrange
 from fx_beam.step.step_failures import StepFailed
 
 from .arc_length import ArcLength
 from .branches import unknowns_of
-from .path_equations import Tangent, combined, root_near, weights
+from .path_equations import Tangent, between, root_near
 from .small_motions import SmallMotions
 
 # Points so near to each other, relative to the step, are one with several modes.
@@ -55,40 +57,27 @@ class Piece:
     def __init__(self, arc: ArcLength, motions: SmallMotions, first: State, second: State):
         stepper, self.model = arc.stepper, arc.model
         path, D, load = stepper.path, second.q - first.q, second.t - first.t
-        none = np.zeros(self.model.reduction.free)
-        path.begin(first)
         self._arc, self.motions, self._start = arc, motions, first
         #: Whether measures may jump.
         self.kinked = self.model.nonsmooth
-
-        def secant() -> Tangent:
-            length = path.length(D, load)
-            y = unknowns_of(self.model, D / length)
-            return Tangent(y, D / length, load / length)
-
-        if self.kinked:
-            self._tangent = secant()
-        else:
-            try:
-                self._tangent = path.tangent(none, 0.0, Tangent(none, D, load))
-            except StepFailed:  # it is singular: the piece starts at a bifurcation
-                self._tangent = secant()
+        path.begin(first)
+        length = path.length(D, load)
+        self._tangent = Tangent(unknowns_of(self.model, D / length), D / length, load / length)
+        if not self.kinked:
+            with suppress(StepFailed):  # it is singular: the piece starts at a bifurcation
+                self._tangent = arc.at_start(first, self._tangent)
         self.length = float(self._tangent.D @ (path.weight * D)) + self._tangent.load * load
         #: Where it begins: at the start itself nothing flows.
         self.first = _FLOWING * self.length if self.model.flows else 0.0
         self._known: dict[float, State] = {} if self.kinked else {0.0: first, self.length: second}
         self._tangents: dict[float, csr_matrix] = {}
-        if self.kinked:
-            self._check_end(stepper.size(self.at(self.length).q - second.q), stepper.size(D))
-
-    def _check_end(self, gap: float, moved: float) -> None:
-        if gap > _AGAIN * moved:
-            D = self.at(self.length).q - self._start.q
+        end = self.at(self.length).q
+        if stepper.size(end - second.q) > _AGAIN * stepper.size(D):
             reason = (
                 "its end depends on the way there, as that of materials that creep does, or there "
                 "are other equilibria beside it"
             )
-            raise StepFailed("off the path", reason, D, [])
+            raise StepFailed("off the path", reason, end - first.q, [])
 
     def at(self, distance: float) -> State:
         """The state at a distance."""
@@ -118,11 +107,9 @@ class Piece:
 
         The path may turn back there: it is extrapolated from states before.
         """
-        arc, path, h = self._arc, self._arc.stepper.path, _APART * self.length
+        arc, h = self._arc, _APART * self.length
         start = self._start if low < h else self.at(low)
-        path.begin(start)
-        none = np.zeros(self.model.reduction.free)
-        tangent = path.tangent(none, 0.0, self._tangent)
+        tangent = arc.at_start(start, self._tangent)
         signs, behind = (np.sign(self.model.switches(s)) for s in (start, self.at(high)))
         changed = signs != behind
         for side in (-h, h):
@@ -138,7 +125,7 @@ class Piece:
             return None
         roots = [root_near(distances / h, column) for column in values[:, changed].T]
         nearest = min(roots, key=abs)
-        return combined(states, weights(distances / h, nearest)) if abs(nearest) < 2 else None
+        return between(states, distances / h, nearest) if abs(nearest) < 2 else None
 
 
 @dataclass
@@ -272,11 +259,7 @@ def _jump(
 
 
 def _extrapolated(
-    piece: Piece,
-    measure: Callable[[float], float],
-    near: float,
-    apart: float,
-    farthest: float,
+    piece: Piece, measure: Callable[[float], float], near: float, apart: float, farthest: float
 ) -> Root:
     """The root near a distance, from states that are so far apart, on one side of it.
 
@@ -289,14 +272,14 @@ def _extrapolated(
     place = root_near(scaled, values)
     if not abs(place * apart) <= farthest:
         raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1), [])
-    states, shares = [piece.at(distance) for distance in distances], weights(scaled, place)
-    state = combined(states, shares)
+    states = [piece.at(distance) for distance in distances]
+    state = between(states, scaled, place)
     loads = np.array([state.t for state in states])
     slope = np.polynomial.Polynomial.fit(scaled, loads, _STATES - 1).deriv()(place)
     kind = SMOOTH[int(abs(slope) > _FLAT * max(1.0, abs(place)) * np.ptp(loads))]
     if piece.model.flows:
-        tangents = [piece.stiffness(distance) for distance in distances]
-        K = sum(w * K for w, K in zip(shares, tangents, strict=True))
+        (shares,) = lagrange(scaled, np.array([place]))
+        K = sum(w * piece.stiffness(at) for w, at in zip(shares, distances, strict=True))
     else:
         K = piece.motions.stiffness(state)
     return Root(near + place * apart, state, K, kind)

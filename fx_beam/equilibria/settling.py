@@ -19,7 +19,6 @@ from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
 from fx_beam.step.equations import Balance
-from fx_beam.step.load_loop import StepSolution
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.step_failures import StepFailed
 
@@ -102,23 +101,11 @@ class Settling:
         moved = self._size(step.D)
         if moved > _LONGEST:
             raise StepFailed("off the path", "the step is too long", step.D, [])
-        if self._energy_lost(state, new, step) < _LEAST_WORK * self._work_of_drag(step.D):
+        work, gained, rounding = self.stepper.work_and_gain(state, new, step.D)
+        by_drag = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
+        if work - gained + rounding < _LEAST_WORK * by_drag:
             raise StepFailed("off the path", "the step goes up", step.D, [])
         return new, moved
-
-    def _energy_lost(self, old: State, new: State, step: StepSolution) -> float:
-        """Energy that a step takes from the loads, the parts and the springs [J], or its bound."""
-        weight = 0.0 if self.model.weight is None else float(self.model.weight @ step.D)
-        energy = self.stepper.energy(new), self.stepper.energy(old)
-        lost = new.work - old.work + weight - energy[0] + energy[1]
-        rounding = 1e-12 * (max(map(abs, energy)) + abs(new.work) + abs(weight))
-        moved = abs(old.q) + abs(step.D)
-        rounding += 1e-14 * self._loop.change_of_sizes(step.D, moved)
-        return lost + rounding
-
-    def _work_of_drag(self, D: np.ndarray) -> float:
-        """mu D.W D of an increment (size,) [J]."""
-        return float(self._loop.drag * D @ (self._loop.drag_weight * D))
 
     def _size(self, D: np.ndarray) -> float:
         return float(abs(D / self.model.unit).max(initial=0.0))

@@ -102,11 +102,15 @@ class SmallMotions:
 
     # -- Forces that follow the motion ------------------------------------------------------------
 
+    def _mass(self) -> scipy.sparse.csr_matrix:
+        """The mass (n, n), in the last state."""
+        T = self.coupling()
+        return (T.T @ self.model.mass @ T).tocsr()
+
     def squares(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> np.ndarray:
         """Squares of the angular frequencies of the lowest modes without damping, complex."""
         K = self.stiffness(state) if K is None else K
-        T = self.coupling()
-        M = (T.T @ self.model.mass @ T).tocsr()
+        M = self._mass()
         if not M.data.any():
             raise ValueError(
                 "unstable_modes: where forces follow the motion, stability depends on masses. Give "
@@ -128,8 +132,7 @@ class SmallMotions:
 
     def shapes(self, state: State, square: float, several: int) -> np.ndarray:
         """Shapes (unknowns, several) of motions with the square of a frequency, of length 1."""
-        K, T = self.stiffness(state), self.coupling()
-        M = (T.T @ self.model.mass @ T).tocsr()
+        K, M = self.stiffness(state), self._mass()
         shifted = pivoted_lu((K - (1 + 1e-7) * square * M).tocsr())
         x = np.random.default_rng(0).standard_normal((K.shape[0], several))
         for _ in range(4):

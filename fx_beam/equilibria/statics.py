@@ -10,11 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import (
-    Failure,
-    SceneError,
-    StepError,
-)
+from fx_beam.errors import Failure, SceneError, StepError
 from fx_beam.laws.schemes import Equilibrium
 from fx_beam.motions.contact_check import warn_of_places, warn_of_sharp_bends
 from fx_beam.motions.evaluation import solution_of

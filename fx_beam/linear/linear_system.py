@@ -38,29 +38,27 @@ class InputColumns:
     """
 
     def __init__(self, about: Deviations, names: Sequence[str]):
-        held, free, count = about.held, len(about.unknowns), about.T.shape[1]
-        forces: list[np.ndarray] = []
+        model, held, free, count = about.model, about.held, len(about.unknowns), about.T.shape[1]
+        size = sum(held.widths[name] for name in names)
+        self.forces, self.forces_of_rates = np.zeros((2, count, size))
         of_driven: list[np.ndarray] = []
-        of_rates: dict[int, np.ndarray] = {}
         driven: list[int] = []
         #: Name of each input; with its component where it has two.
         self.labels: list[str] = []
         #: Number and factor of the first driven motion of each position.
         self.driven: list[tuple[int, float]] = []
-        model = about.model
         #: Inputs whose rates have forces: number, place in all inputs, and value in the state.
         self.straining: list[tuple[int, int, float]] = []
         first = dict(zip(held.widths, np.cumsum([0, *held.widths.values()]), strict=False))
         inside = [*model.forms.parameters.functions, *(of for _, of in model.natural.functions)]
         for name in names:
-            parts, width, number = held.parts[name], held.widths[name], len(forces)
-            labels = [name] if width == 1 else [f"{name}.{part}" for part in "xy"]
+            parts, width, number = held.parts[name], held.widths[name], len(self.labels)
+            self.labels += [name] if width == 1 else [f"{name}.{part}" for part in "xy"]
             if any(part is of for of in inside for part in parts):
-                force, of_rate = forces_inside(about, name)
+                self.forces[:, number], of_rate = forces_inside(about, name)
+                self.forces_of_rates[:, number] = of_rate
                 if of_rate.any():
-                    of_rates[number] = of_rate
                     self.straining.append((number, first[name], float(held.values[name][0])))
-                forces.append(force)
             elif isinstance(parts[0], Ramp):
                 functions = enumerate(about.forcing.functions)
                 ramps = [(i, of) for i, of in functions if isinstance(of, Ramp) and of.name == name]
@@ -69,17 +67,12 @@ class InputColumns:
                     column[free + i] = ramp.factor
                 self.driven.append((ramps[0][0], ramps[0][1].factor))
                 driven.append(number)
-                forces.append(np.zeros(count))
                 of_driven.append(column)
             else:
-                forces += [about.T.T @ _force(about, parts, unit) for unit in np.eye(width)]
-            self.labels += labels
-        self.forces = np.array(forces).reshape(-1, count).T
-        self.forces_of_rates = np.zeros_like(self.forces)
-        for number, of_rate in of_rates.items():
-            self.forces_of_rates[:, number] = of_rate
+                for i, unit in enumerate(np.eye(width), start=number):
+                    self.forces[:, i] = about.T.T @ _force(about, parts, unit)
         self.of_positions = np.array(of_driven).reshape(-1, count).T
-        self.rates = np.eye(len(forces))[driven]
+        self.rates = np.eye(size)[driven]
 
 
 def _force(about: Deviations, parts: list, unit: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from fx_beam.errors import SceneError, require
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.laws.schemes import EnergyMomentum, Equilibrium
 from fx_beam.motions.initial_state import reference_state
+from fx_beam.motions.options import check_scene
 from fx_beam.motions.surroundings import recent_model
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
@@ -157,8 +158,7 @@ def linearised(
 
     Errors say `what` asks. Models of an earlier scene serve again.
     """
-    if not isinstance(scene, Scene):
-        raise SceneError(f"{what} needs an fx_beam.Scene, not {scene!r}")
+    check_scene(scene, what)
     end = state.end if isinstance(state, Solution) else None
     held = with_values(scene, None if end is None else end.inputs)
     models = models or Models()

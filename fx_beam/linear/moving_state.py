@@ -250,8 +250,7 @@ def _natural_rates(model: Model, t: float, what: str) -> np.ndarray | None:
     h = _MOMENT * max(1.0, abs(t))
     before, now, behind = (model.natural.at(t + x) for x in (-h, 0.0, h))
     rates, bend = (behind - before) / (2 * h), behind - 2 * now + before
-    for beam in model.scene.beams:
-        cells = model.mesh.cells[model.scene.beams.index(beam)]
+    for beam, cells in zip(model.scene.beams, model.mesh.cells, strict=True):
         if (
             beam.section.damped
             and abs(bend[cells]).max() > _KINK * abs(behind - before)[cells].max()
@@ -324,7 +323,8 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
             if natural:
                 strains.append(natural.at(state.t))
                 state = replace(state, natural=strains[-1])
-            forces.append(_on_columns(about, state))
+            f, _, _, pushes, _, _ = _forces(about.model, state)
+            forces.append(-(about.T.T @ f + about.S.T @ pushes))
     finally:
         held.set({name: value})
         held.arrive()
@@ -333,12 +333,6 @@ def forces_inside(about: Deviations, name: str) -> tuple[np.ndarray, np.ndarray]
         return force, np.zeros_like(force)
     rate = (strains[1] - strains[0]) / (2 * h)
     return force, -about.T.T @ _force_of_strain_rates(about.model, about.state, rate)
-
-
-def _on_columns(about: Deviations, state: State) -> np.ndarray:
-    """Forces (columns,) of what lies inside of members and on slides."""
-    f, _, _, pushes, _, _ = _forces(about.model, state)
-    return -(about.T.T @ f + about.S.T @ pushes)
 
 
 def _force_of_strain_rates(model: Model, state: State, rates: np.ndarray) -> np.ndarray:
