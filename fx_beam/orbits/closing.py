@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -49,17 +49,11 @@ class Closed(NamedTuple):
     first_step: np.ndarray
     #: Derivatives (rows, n + 1) of the gap, and of the phase of a free motion.
     equations: np.ndarray
-    iterations: int
+    iterations: int = 0
 
 
 class NotClosed(RuntimeError):
     """No periodic motion was found."""
-
-
-class _Equations(NamedTuple):
-    matrix: np.ndarray
-    by: Directions
-    slopes: tuple[np.ndarray, np.ndarray]
 
 
 def _along(period: Period, by: Directions) -> np.ndarray:
@@ -71,26 +65,37 @@ def _along(period: Period, by: Directions) -> np.ndarray:
 NO_SHIFT = Condition(lambda period: 0.0, _along)
 
 
+def plane(
+    shooting: Shooting, scale: np.ndarray, along: np.ndarray, at: Any = 0.0, parameter: float = 1.0
+) -> Condition:
+    """That a motion begins in the plane through rows, over scales, and a parameter.
+
+    It lies across a direction (rows + 1,), also of the parameter's logarithm.
+    """
+
+    def error(period: Period) -> float:
+        rows = (shooting.rows_of(period.start) - at) / scale
+        return float(along @ np.append(rows, np.log(period.parameter / parameter)))
+
+    def slopes(period: Period, by: Directions) -> np.ndarray:
+        rows = by.matrix * (by.scale / scale)[:, None]
+        return np.append(along[:-1] @ rows, along[-1])
+
+    return Condition(error, slopes)
+
+
 def turning_point(shooting: Shooting, like: Period) -> Condition:
     """That a motion begins where its speed turns, at rest for one that returns on its way.
 
     The accelerations at its start are about those of another motion.
     """
-    scale = shooting.scales(like.start, like.length)
     way = np.where(shooting.are_rates, like.way, 0.0) / np.linalg.norm(like.way)
-
-    def error(period: Period) -> float:
-        return float(way @ (shooting.rows_of(period.start) / scale))
-
-    def slopes(period: Period, by: Directions) -> np.ndarray:
-        return np.append(way @ (by.matrix * (by.scale / scale)[:, None]), 0.0)
-
-    return Condition(error, slopes)
+    return plane(shooting, shooting.scales(like.start, like.length), np.append(way, 0.0))
 
 
-def _equations(
+def _with_equations(
     shooting: Shooting, period: Period, phase: Condition | None, varies: bool
-) -> _Equations:
+) -> Closed:
     by = shooting.directions(period.start, period.length)
     slopes = shooting.slopes(by.changes, period)
     growth = abs(slopes[0]).max()
@@ -103,16 +108,13 @@ def _equations(
     matrix = np.column_stack([slopes[0] - by.matrix, of_parameter])
     if phase is not None:
         matrix = np.vstack([matrix, phase.slopes(period, by)])
-    return _Equations(matrix, by, slopes)
+    return Closed(period, by, *slopes, matrix)
 
 
 def at_rest(shooting: Shooting, start: State, parameter: float) -> Closed | None:
     """A scene that stays where it is over a period; None if it moves."""
     period = shooting.run(start, parameter)
-    if period.moves:
-        return None
-    equations = _equations(shooting, period, None, False)
-    return Closed(period, equations.by, *equations.slopes, equations.matrix, 0)
+    return None if period.moves else _with_equations(shooting, period, None, False)
 
 
 def close(
@@ -130,7 +132,7 @@ def close(
     The parameter `varies`, or is held. Near the motion no `damping` is needed. NotClosed if there
     is none, or StepError.
     """
-    period, equations = shooting.run(start, parameter), None
+    period, closed = shooting.run(start, parameter), None
     held = conditions if phase is None else (phase, *conditions)
 
     def errors(of: Period) -> np.ndarray:
@@ -147,10 +149,10 @@ def close(
 
     now, best, idle = cost(period), np.inf, 0
     for iteration in range(most):
-        if equations is None:
-            equations = _equations(shooting, period, phase, varies)
-            rows = [c.slopes(period, equations.by) for c in conditions]
-            matrix = np.vstack([equations.matrix, *rows])
+        if closed is None:
+            closed = _with_equations(shooting, period, phase, varies)
+            rows = [c.slopes(period, closed.by) for c in conditions]
+            matrix = np.vstack([closed.equations, *rows])
             gap = np.append(period.gap, errors(period))
         best, idle = (now, 0) if now < best / 2 else (best, idle + 1)
         small = now <= max(shooting.options.tolerance, _LOST / period.size)
@@ -161,13 +163,13 @@ def close(
                     "that before, where tolerance = %g; a larger tolerance says that this will do",
                     *(shooting.what, now, shooting.options.tolerance),
                 )
-            return Closed(period, equations.by, *equations.slopes, equations.matrix, iteration)
+            return closed._replace(iterations=iteration)
         solve = _damped(matrix, damping)
         step = solve(gap)
         try:
             if abs(step[-1]) > _FAR:
                 raise NotClosed("the period changes too much")
-            moved = shooting.moved(period.start, equations.by, step[:-1])
+            moved = shooting.moved(period.start, closed.by, step[:-1])
             after = shooting.run(moved, period.parameter * np.exp(step[-1]))
             then = cost(after)
             left = solve(np.append(after.gap, errors(after)))
@@ -176,7 +178,7 @@ def close(
         except (StepError, NotClosed):
             better = False
         if better:
-            period, now, equations, damping = after, then, None, _LESS * damping
+            period, now, closed, damping = after, then, None, _LESS * damping
         else:
             damping = _MORE * max(damping, 1e-8)
         if damping > 1e6:

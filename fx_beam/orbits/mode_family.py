@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,73 +25,6 @@ from .shooting import Directions, Period, Shooting
 _MOVES = 1e-6
 
 
-class ModeStart(NamedTuple):
-    """A mode about an equilibrium."""
-
-    shooting: Shooting
-    rest: State
-    #: Its period [s] for small amplitudes, and its vector (free,).
-    period: float
-    vector: np.ndarray
-    #: The degree of freedom that moves most, of which the vector has 1.
-    most: int
-
-    def state(self, amplitude: float) -> State:
-        """The state at rest with an amplitude [m or rad] of this degree of freedom."""
-        model, reduction = self.shooting.model, self.shooting.model.reduction
-        y = amplitude * self.vector
-        reduction.begin(self.rest.q, self.rest.slides)
-        q = self.rest.q + reduction.expand(y, np.zeros(reduction.driven))
-        slides = model.couplings.free_slides(y, model.scene.joint_count)
-        return self.rest.changed(q=q, slides=self.rest.slides + slides)
-
-    def holds(self, amplitude: float) -> Condition:
-        """That the start has an amplitude."""
-        unit = self.shooting.model.unit[self.most]
-
-        def error(period: Period) -> float:
-            return float(period.start.q[self.most] - self.rest.q[self.most] - amplitude) / unit
-
-        def slopes(period: Period, by: Directions) -> np.ndarray:
-            return np.append(by.changes["q"][:, self.most], 0.0) / unit
-
-        return Condition(error, slopes)
-
-
-def mode_start(shooting: Shooting, scene: Scene, state: Solution | None, mode: int) -> ModeStart:
-    """A mode of a scene about an equilibrium, by default its reference configuration."""
-    what = shooting.what
-    require(is_whole(mode, 0), f"{what}: mode", mode, "the number of a mode, from 0 on")
-    shooting.check_free()
-    if shooting.depends_on_time(shooting.first_state(state, 1.0 / shooting.steps), 1.0):
-        raise SceneError(
-            f"{what}: loads, motors or parameters depend on time, so that the motion is forced: it "
-            "has their period. Give period=, without a mode"
-        )
-    if state is None and shooting.prepared.forcing.forces(Interval(0.0, 0.0))[0].any():
-        raise SceneError(
-            f"{what}: the scene has loads. Give the equilibrium about which the mode vibrates, "
-            "such as state=fx_beam.static(scene)"
-        )
-    about = linearised(scene, state, what)
-    check_equilibrium(about, state, what)
-    omega, rigid, vectors = UndampedModes(about.K, about.M).lowest(mode + 1)
-    if mode >= len(omega) or rigid[mode] or omega[mode] <= 0:
-        raise SceneError(
-            f"{what}: mode {mode} does not vibrate: fx_beam.modes(scene) shows which do"
-        )
-    moved, columns = about.T @ vectors[:, mode], about.columns @ vectors[:, mode]
-    model = shooting.model
-    period = 2 * np.pi / float(omega[mode])
-    rest = shooting.first_state(state, period / shooting.steps)
-    rest = rest.changed(v=0 * rest.v, a=0 * rest.a)
-    sizes = abs(moved / model.unit)
-    sizes[model.turns] *= _MOVES  # rotations count if nothing else moves
-    most = first_of_largest(sizes)
-    vector = columns[: model.couplings.free] / moved[most]
-    return ModeStart(shooting, rest, period, vector, most)
-
-
 # Longest motion, in periods of a mode, in which its period with an amplitude is looked for.
 _LONGEST = 1.6
 # Iterations before the family is followed, and the largest number of motions on the way; parts of
@@ -104,40 +36,90 @@ _AT_REST = 0.01
 
 
 class ModeFamily:
-    """Free motions of a mode, up to that of an amplitude [m or rad] or an energy [J]."""
+    """Free motions that begin with a mode about an equilibrium, by default the reference.
 
-    def __init__(self, begin: ModeStart):
-        self._begin, self._shooting = begin, begin.shooting
-        options = self._shooting.options
+    Up to that of an amplitude [m or rad] or an energy [J].
+    """
+
+    def __init__(self, shooting: Shooting, scene: Scene, state: Solution | None, mode: int):
+        self._shooting, options = shooting, shooting.options
+        self._begin(scene, state, mode)
         if options.energy is not None:
             self._amplitude, self._wanted = self._of_energy(options.energy)
         elif options.amplitude is not None:
-            self._amplitude, self._wanted = options.amplitude, begin.holds(options.amplitude)
+            self._amplitude, self._wanted = options.amplitude, self._holds(options.amplitude)
         else:
             raise SceneError(
-                f"{self._shooting.what}: a mode has a family of motions. Give the amplitude or "
+                f"{shooting.what}: a mode has a family of motions. Give the amplitude or "
                 "the energy of the one that is wanted"
             )
 
+    def _begin(self, scene: Scene, state: Solution | None, mode: int) -> None:
+        """Find the mode; SceneError if it does not vibrate freely about an equilibrium."""
+        shooting, model, what = self._shooting, self._shooting.model, self._shooting.what
+        require(is_whole(mode, 0), f"{what}: mode", mode, "the number of a mode, from 0 on")
+        shooting.check_free()
+        if shooting.depends_on_time(shooting.first_state(state, 1.0 / shooting.steps), 1.0):
+            raise SceneError(
+                f"{what}: loads, motors or parameters depend on time, so that the motion is "
+                "forced: it has their period. Give period=, without a mode"
+            )
+        if state is None and shooting.prepared.forcing.forces(Interval(0.0, 0.0))[0].any():
+            raise SceneError(
+                f"{what}: the scene has loads. Give the equilibrium about which the mode vibrates, "
+                "such as state=fx_beam.static(scene)"
+            )
+        about = linearised(scene, state, what)
+        check_equilibrium(about, state, what)
+        omega, rigid, vectors = UndampedModes(about.K, about.M).lowest(mode + 1)
+        if mode >= len(omega) or rigid[mode] or omega[mode] <= 0:
+            raise SceneError(
+                f"{what}: mode {mode} does not vibrate: fx_beam.modes(scene) shows which do"
+            )
+        moved, columns = about.T @ vectors[:, mode], about.columns @ vectors[:, mode]
+        #: Period of the mode [s] for small amplitudes, and the state at rest.
+        self._period = 2 * np.pi / float(omega[mode])
+        rest = shooting.first_state(state, self._period / shooting.steps)
+        self._rest = rest.changed(v=0 * rest.v, a=0 * rest.a)
+        sizes = abs(moved / model.unit)
+        sizes[model.turns] *= _MOVES  # rotations count if nothing else moves
+        #: The degree of freedom that moves most, of which the vector (free,) has 1.
+        self.most = first_of_largest(sizes)
+        self._vector = columns[: model.couplings.free] / moved[self.most]
+
+    def _start(self, amplitude: float) -> State:
+        """The state at rest with an amplitude [m or rad] of this degree of freedom."""
+        return self._shooting.shifted(self._rest, amplitude * self._vector)
+
+    def _holds(self, amplitude: float) -> Condition:
+        """That the start has an amplitude."""
+        unit, most = self._shooting.model.unit[self.most], self.most
+
+        def error(period: Period) -> float:
+            return float(period.start.q[most] - self._rest.q[most] - amplitude) / unit
+
+        def slopes(period: Period, by: Directions) -> np.ndarray:
+            return np.append(by.changes["q"][:, most], 0.0) / unit
+
+        return Condition(error, slopes)
+
     def _of_energy(self, energy: float) -> tuple[float, Condition]:
         """Amplitude of a small vibration with an energy, and the condition that holds it."""
-        shooting, begin = self._shooting, self._begin
-        more = energy - shooting.energy(begin.rest)
+        shooting, at_rest = self._shooting, self._shooting.energy(self._rest)
+        more = energy - at_rest
         if more <= 0:
             raise SceneError(
-                f"{shooting.what}: energy = {energy:g} J must be above that at rest, "
-                f"{energy - more:g} J"
+                f"{shooting.what}: energy = {energy:g} J must be above that at rest, {at_rest:g} J"
             )
-        little = 1e-4 * shooting.model.unit[begin.most]
-        of_little = shooting.energy(begin.state(little)) - shooting.energy(begin.rest)
+        little = 1e-4 * shooting.model.unit[self.most]
+        of_little = shooting.energy(self._start(little)) - at_rest
         amplitude = little * float(np.sqrt(more / of_little))
         return amplitude, holds_energy(shooting, energy, more)
 
     def _at(self, amplitude: float, wanted: Condition) -> Closed:
         """The motion that meets a condition, from the mode with an amplitude."""
-        begin, shooting = self._begin, self._shooting
-        state = begin.state(amplitude)
-        length = shooting.first_return(state, _LONGEST * begin.period) or begin.period
+        shooting, state = self._shooting, self._start(amplitude)
+        length = shooting.first_return(state, _LONGEST * self._period) or self._period
         phase = turning_point(shooting, shooting.run(state, length))
         closed = close(shooting, state, length, phase, (wanted,), most=_PATIENCE)
         self._check(closed)
@@ -145,8 +127,8 @@ class ModeFamily:
 
     def _check(self, closed: Closed) -> None:
         """Refuse several periods as one, and motions that pass the amplitude at some speed."""
-        start, length, most = closed.period.start, closed.period.length, self._begin.most
-        amplitude = abs(start.q[most] - self._begin.rest.q[most])
+        start, length, most = closed.period.start, closed.period.length, self.most
+        amplitude = abs(start.q[most] - self._rest.q[most])
         moves = abs(start.v[most]) * length / (2 * np.pi) > _AT_REST * amplitude
         if moves or self._shooting.repeats_within(start, length):
             raise NotClosed(
@@ -174,7 +156,7 @@ class ModeFamily:
         for part in _SMALL:
             little = part * self._amplitude
             with contextlib.suppress(NotClosed, StepError):
-                return self._at(little, self._begin.holds(little))
+                return self._at(little, self._holds(little))
         raise NotClosed(
             f"{self._shooting.what}: no motion of the mode with {_SMALL[-1]:g} of the amplitude "
             "was found, with which its family begins: there is none if energy is lost. Else use "
@@ -183,9 +165,9 @@ class ModeFamily:
 
     def followed(self, path: Path) -> Iterator[Closed]:
         """Motions from a small amplitude on, up to the last one, along a path."""
-        begin, shooting, first = self._begin, self._shooting, self._first()
+        shooting, first = self._shooting, self._first()
         yield first
-        rows = shooting.rows_of(first.period.start) - shooting.rows_of(begin.rest)
+        rows = shooting.rows_of(first.period.start) - shooting.rows_of(self._rest)
         towards = np.append(rows / first.by.scale / first.period.size, 0.0)
         before = first
         for closed in path.follow(first, towards):

@@ -13,11 +13,10 @@ import scipy.optimize
 
 from fx_beam.errors import StepError
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import State
 from fx_beam.results.vibrations import PeriodicFamily, PeriodicMotion
 
-from .closing import Closed, Condition, NotClosed, close, turning_point
-from .shooting import Directions, Period, PeriodicOptions, Shooting
+from .closing import Closed, NotClosed, close, plane, turning_point
+from .shooting import Period, PeriodicOptions, Shooting
 
 # Multipliers that are larger than 1 by less are round-off.
 _NEUTRAL = 1e-5
@@ -149,7 +148,8 @@ class Path:
         away = step * tangent * np.append(np.full(len(tangent) - 1, period.size), 1.0)
         state = shooting.moved(period.start, by, away[:-1])
         parameter = period.parameter * np.exp(away[-1])
-        arc = self._arc(now, along, state, parameter)
+        across = along * np.append(np.ones(len(by.scale)), period.size)
+        arc = plane(shooting, by.scale, across, shooting.rows_of(state), parameter)
         phase = turning_point(shooting, period) if self._free else None
         new = close(shooting, state, parameter, phase, (arc,), most=_MOST, damping=_DAMPED)
         onwards = _tangent(new, along)
@@ -197,22 +197,6 @@ class Path:
             return after
         kind = after.instability or instability_of(multipliers_of(before), 0)
         return motion_of(self._shooting, motions[place], self._free, kind)
-
-    def _arc(self, now: Closed, along: np.ndarray, state: State, parameter: float) -> Condition:
-        """The plane across a tangent (rows + 1,) through a state and a parameter."""
-        shooting, scale, size = self._shooting, now.by.scale, now.period.size
-        at = shooting.rows_of(state)
-        along = along / np.append(np.full(len(scale), size), 1.0)
-
-        def error(of: Period) -> float:
-            rows = (shooting.rows_of(of.start) - at) / scale
-            return float(along @ np.append(rows, np.log(of.parameter / parameter))) * size
-
-        def slopes(of: Period, by: Directions) -> np.ndarray:
-            rows = by.matrix * (by.scale / scale)[:, None]
-            return np.append(along[:-1] @ rows, along[-1]) * size
-
-        return Condition(error, slopes)
 
 
 def _in_rows(closed: Closed, tangent: np.ndarray) -> np.ndarray:

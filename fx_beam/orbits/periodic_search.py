@@ -26,7 +26,7 @@ from fx_beam.scene.structure import OtherStructureError
 from fx_beam.step.newton import NewtonOptions
 
 from .closing import NO_SHIFT, Closed, Condition, NotClosed, at_rest, close
-from .mode_family import ModeFamily, holds_energy, mode_start
+from .mode_family import ModeFamily, holds_energy
 from .periodic_family import Path, motion_of
 from .shooting import STEP, Period, PeriodicOptions, Shooting, nearest_return
 
@@ -135,9 +135,9 @@ def periodic(
                 f"{what}: a motion is found from a mode, with amplitude or energy, or from {name}, "
                 "but not from both"
             )
-    begin = mode_start(shooting, scene, state, mode)
+    family = ModeFamily(shooting, scene, state, mode)
     chosen_by = "energy" if amplitude is None else "amplitude"
-    return motion_of(shooting, ModeFamily(begin).last(), True, chosen_by, begin.most, state)
+    return motion_of(shooting, family.last(), True, chosen_by, family.most, state)
 
 
 def _from_state(shooting: Shooting, start: Solution | None, period: float | None) -> PeriodicMotion:
@@ -277,7 +277,7 @@ def backbone(
     array([1.  , 1.32])
     """
     shooting = Shooting(scene, PeriodicOptions.among(locals(), what="backbone"))
-    path, family = Path(shooting, True), ModeFamily(mode_start(shooting, scene, state, mode))
+    path, family = Path(shooting, True), ModeFamily(shooting, scene, state, mode)
     return path.family(family.followed(path))
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -174,10 +174,14 @@ class Shooting:
 
     def rows_of(self, state: State) -> np.ndarray:
         """Positions, rates and what steps remember of a state, in one row."""
-        parts = [self.model.couplings.unknowns(state.q, state.slides), state.v[self._rates]]
-        return np.concatenate(
-            [*parts, *(_remembered(state, name).ravel() for name in self._inside)]
-        )
+        remembered = {name: _remembered(state, name).ravel() for name in self._inside}
+        return self._rows(vars(state) | remembered, remembered)
+
+    def _rows(self, arrays: Mapping[str, Any], inside: Iterable[str]) -> np.ndarray:
+        """Rows (..., rows) from arrays by name, with some of what steps remember."""
+        y = self.model.couplings.unknowns(arrays["q"], arrays["slides"])
+        parts = [y, arrays["v"][..., self._rates], *(arrays[name] for name in inside)]
+        return np.concatenate(parts, axis=-1)
 
     def scales(self, state: State, period: float) -> np.ndarray:
         """Units of the rows: of the scene, and of rates in a period."""
@@ -231,18 +235,21 @@ class Shooting:
 
     def moved(self, state: State, by: Directions, amounts: np.ndarray) -> State:
         """The state after a change of its variables (n,), in the units of the directions."""
-        model, reduction = self.model, self.model.reduction
-        rows = by.matrix @ amounts * by.scale
-        y = rows[: reduction.free].copy()
-        reduction.begin(state.q, state.slides)
-        q = state.q + reduction.expand(y, np.zeros(reduction.driven))
-        slides = state.slides + model.couplings.free_slides(y, model.scene.joint_count)
-        changed = {"q": q, "slides": slides, "v": state.v + amounts @ by.changes["v"]}
+        y = (by.matrix @ amounts * by.scale)[: self.model.reduction.free]
+        changed = {"v": state.v + amounts @ by.changes["v"]}
         for name in self._inside:
             values = _remembered(state, name)
             change = (amounts @ by.changes[name]).reshape(values.shape)
             changed[name.replace(" ", "_")] = values + change
-        return state.changed(**changed)
+        return self.shifted(state, y).changed(**changed)
+
+    def shifted(self, state: State, y: np.ndarray) -> State:
+        """The state after a change of its unknowns (free,)."""
+        model, reduction = self.model, self.model.reduction
+        reduction.begin(state.q, state.slides)
+        q = state.q + reduction.expand(y, np.zeros(reduction.driven))
+        slides = state.slides + model.couplings.free_slides(y, model.scene.joint_count)
+        return state.changed(q=q, slides=slides)
 
     # -- Motions --------------------------------------------------------------------------------
 
@@ -283,15 +290,13 @@ class Shooting:
 
     def _taped_rows(self) -> np.ndarray:
         """Positions and rates at the starts of all sub-steps of the last run."""
-        states = self.tape.states(np.arange(len(self.tape)))
-        y = self.model.couplings.unknowns(states["q"], states["slides"])
-        return np.hstack([y, states["v"][:, self._rates]])
+        return self._rows(self.tape.states(np.arange(len(self.tape))), ())
 
-    def _advance(self, state: State, times: np.ndarray) -> State:
+    def _advance(self, state: State, times: np.ndarray, recorder: Recorder | None = None) -> State:
         """The state after steps, which are on the tape."""
         self.tape.clear()
         self.prepared.stepper.load(state)
-        recorder = Recorder(self.model, times, _NOTHING)
+        recorder = recorder or Recorder(self.model, times, _NOTHING)
         return self.prepared.stepper.advance(state, times[1:], 1, recorder)
 
     @staticmethod
@@ -330,9 +335,7 @@ class Shooting:
             some = {name: rows[k : k + _AT_ONCE] for name, rows in changes.items()}
             ends = self.derivatives.jvp(self.tape, some, at)
             ends = {name: rows[-2:] for name, rows in ends.items()} | {"q previous": ends["q"][:2]}
-            parts = [self.model.couplings.unknowns(ends["q"], ends["slides"])]
-            parts += [ends["v"][..., self._rates], *(ends[name] for name in self._inside)]
-            blocks.append(np.concatenate(parts, axis=-1))
+            blocks.append(self._rows(ends, self._inside))
         first_step, last = np.concatenate(blocks, axis=1) / self.scales(period.start, period.length)
         return last.T, first_step.T
 
@@ -366,13 +369,11 @@ class Shooting:
     def solution(self, period: Period) -> Solution:
         """The motion over a period with all that is recorded."""
         start = period.start.changed(algorithmic=period.end.algorithmic)
-        setup, times = self.prepared, self._times(start, period.length, self.steps)
+        times = self._times(start, period.length, self.steps)
         recorder = Recorder(self.model, times, Record())
-        self.tape.clear()
-        setup.stepper.load(start)
         recorder.record(0, start)
-        setup.stepper.advance(start, times[1:], 1, recorder)
-        return solution_of(self.model, recorder, setup.stats, lambda: recorder.end)
+        self._advance(start, times, recorder)
+        return solution_of(self.model, recorder, self.prepared.stats, lambda: recorder.end)
 
     # -- What does not change -------------------------------------------------------------------
 
