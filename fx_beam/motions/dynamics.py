@@ -49,8 +49,6 @@ class ChangingScene:
                     "Use two names"
                 )
         record = options.record
-        if record.file is not None:
-            raise SceneError("simulate: a Record with a file is not possible with until or changes")
         if not (record.motion and record.forces and record.times is None):
             raise SceneError(
                 "simulate: `changes` need rows at the ends of steps, with motion and forces. Omit "

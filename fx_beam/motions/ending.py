@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,7 +45,8 @@ class Ending:
         self._stepper, self._recorder = prepared.stepper, recorder
         self._conditions = prepared.options.until
         self._last = start = recorder.end
-        self._step = _Step(start, Grid(start.t, 0, 0.0))
+        #: The present state in a step, as `FittedState` reads that of a stepper.
+        self._step = SimpleNamespace()
         self._now = FittedState(prepared.model, prepared.forcing, self._step)
         turns = prepared.turn_counter.removed
         self._readings = readings(prepared.model, self._now, turns, outputs)
@@ -86,12 +87,7 @@ class Ending:
         self._before, self._values, self._last = mark, values, self._recorder.end
 
     def _end(
-        self,
-        mark: _Mark,
-        t1: float,
-        met: list[str],
-        values: dict[str, Any],
-        kinks: list[float],
+        self, mark: _Mark, t1: float, met: list[str], values: dict[str, Any], kinks: list[float]
     ) -> None:
         """End the run where the first of some conditions is met in the step to t1 [s]."""
         # Shorter steps have as many parts as this one.
@@ -191,15 +187,6 @@ class Ending:
         if settle:
             self._recorder.end = mark.state
             self._recorder.truncate(mark.rows)
-
-
-@dataclass
-class _Step:
-    """The present state in a step, as `FittedState` reads that of a stepper."""
-
-    present: State
-    grid: Grid
-    number: int = 0
 
 
 def _signed(value: Any) -> float:

@@ -133,28 +133,27 @@ def _variables_of_beam(
 
 def _variables_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict[str, np.ndarray]]:
     """Internal variables (n,) of springs by the joint's number and name, from those of all."""
-    by_joint: dict[int, dict[str, np.ndarray]] = {}
     if rows is None:
-        return by_joint
+        return {}
     columns = iter(rows.T)
-    for joint in model.scene.joints:
-        if joint.internal:
-            by_joint[joint.number] = {name: next(columns) for name in joint.internal}
-    return by_joint
+    return {
+        joint.number: {name: next(columns) for name in joint.internal}
+        for joint in model.scene.joints
+        if joint.internal
+    }
 
 
 def _variables_of_contact(model: Model, rows: np.ndarray | None) -> dict[int, np.ndarray]:
     """Stretch and slip (n, points, 2) by the number of a contact."""
-    by_contact: dict[int, np.ndarray] = {}
-    first = model.points.of_contacts.start
+    if rows is None:
+        return {}
+    by_contact, first = dict[int, np.ndarray](), model.points.of_contacts.start
     for obstacle in model.scene.contacts:
-        if rows is not None and obstacle.variables:
-            of_points = rows[:, first : first + obstacle.variables]
+        of_points = rows[:, first : first + obstacle.variables]
+        if obstacle.variables:
             by_contact[obstacle.number] = of_points.reshape(len(rows), -1, 2)
         first += obstacle.variables
-    if rows is not None:
-        by_contact |= model.points.friction_of_members(rows)
-    return by_contact
+    return by_contact | model.points.friction_of_members(rows)
 
 
 # Displacements and rotations at chosen times are those of polynomials through the nearest ends of

@@ -27,7 +27,8 @@ _log = logging.getLogger("fx_beam")
 
 # Last correction, in units of the scene, and one that may be the last if no smaller one follows.
 _TOLERANCE, _STALLED = 1e-10, 1e-6
-_MOST_CORRECTIONS, _MOST_HALVINGS = 30, 10
+# Part of the forces in the last step that is tried.
+_MOST_CORRECTIONS, _LEAST_STEP = 30, 2.0**-10
 # Longest turn of a node in a correction [rad].
 _LONGEST_TURN = 0.5
 
@@ -64,14 +65,14 @@ class _Settling:
         zero = np.zeros(self._model.size)
         start = now = replace(state, v=zero, a=zero)
         unloaded = self.balance(start).residual[: self._model.reduction.free].copy()
-        step, reached, halvings = 1.0, 0.0, 0
+        step, reached = 1.0, 0.0
         while reached < 1:
-            solution = self.solved(now, (1 - min(1.0, reached + step)) * unloaded)
+            solution = self.solved(now, (1 - reached - step) * unloaded)
             if solution is not None:
-                now, reached = solution, min(1.0, reached + step)
-                continue
-            step, halvings = step / 2, halvings + 1
-            if halvings > _MOST_HALVINGS:
+                now, reached = solution, reached + step
+            elif step > _LEAST_STEP:
+                step /= 2
+            else:
                 _log.warning(_NOT_SETTLED)
                 return state
         return replace(state, q=now.q, slides=now.slides)
@@ -320,16 +321,18 @@ def initial_rates(model: Model, state: State, driven: np.ndarray) -> tuple[np.nd
     # Prescribed motion overrides an initial velocity at its own degree of freedom.
     for key in scene.prescribed:
         gap[key] = 0.0
-        _check_prescribed(model, key, v, compatible)
+        given, moved = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
+        if given != 0 and abs(given - moved) > 1e-3 * max(abs(given), abs(moved)):
+            raise SceneError(_message(model, key, v, compatible, ", or not given"))
     v[model.prescribed] = compatible[model.prescribed]
     # Rates of driven motion are finite differences, hence the second tolerance.
     driven_v = model.reduction.spread(_driven_rates(model, driven))
-    speed, moved = (abs(rates.reshape(-1, 3) / unit).max() for rates in (v, driven_v))
-    tolerance = 1e-9 * speed + 1e-5 * moved
+    speed, driven_speed = (abs(rates.reshape(-1, 3) / unit).max() for rates in (v, driven_v))
+    tolerance = 1e-9 * speed + 1e-5 * driven_speed
     if gap.max() > tolerance:
         _check_joints(model, state, v, driven, tolerance)
-        node, component = np.unravel_index(np.argmax(gap), gap.shape)
-        raise SceneError(_message(model, int(node), int(component), v, compatible))
+        node, component = map(int, np.unravel_index(np.argmax(gap), gap.shape))
+        raise SceneError(_message(model, (node, component), v, compatible))
     return w, compatible
 
 
@@ -426,19 +429,6 @@ def _check_velocities(
         )
 
 
-def _check_prescribed(
-    model: Model, key: tuple[int, int], v: np.ndarray, compatible: np.ndarray
-) -> None:
-    given, moved = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
-    if given != 0 and abs(given - moved) > 1e-3 * max(abs(given), abs(moved)):
-        node, component = key
-        raise SceneError(
-            f"{model.scene.nodes[node]} has the initial rate {given:g} in {COMPONENTS[component]}, "
-            f"but its prescribed motion starts at the rate {moved:g}. Give it this initial rate or "
-            "none"
-        )
-
-
 def _check_joints(
     model: Model, state: State, v: np.ndarray, driven: np.ndarray, tolerance: float
 ) -> None:
@@ -474,17 +464,21 @@ def _check_joints(
         raise SceneError(f"the initial velocities violate {text}. {_ADVICE}")
 
 
-def _message(model: Model, node: int, component: int, v: np.ndarray, compatible: np.ndarray) -> str:
-    scene = model.scene
-    given, needed = (rates.reshape(-1, 3)[node, component] for rates in (v, compatible))
+def _message(
+    model: Model, key: tuple[int, int], v: np.ndarray, compatible: np.ndarray, or_none: str = ""
+) -> str:
+    """What to say of a rate (node, component) that cannot be."""
+    node, component = key
+    given, needed = (rates.reshape(-1, 3)[key] for rates in (v, compatible))
     x, y = model.mesh.X[node]
-    where = f"node {node} at ({x:g}, {y:g})"
-    if (node, component) in scene.fixed:
-        return (
-            f"{where} is supported in {COMPONENTS[component]}, but its initial rate there is "
-            f"{given:g}; it must be 0"
-        )
+    where, what = f"node {node} at ({x:g}, {y:g})", COMPONENTS[component]
+    for kind, keys in (("supported", model.scene.fixed), ("moved", model.scene.prescribed)):
+        if key in keys:
+            return (
+                f"{where} is {kind} in {what}, but its initial rate there is {given:g}; it must be "
+                f"{needed:g}{or_none}"
+            )
     return (
-        f"the initial velocities violate a support: the rate of {COMPONENTS[component]} of {where} "
-        f"is {given:g}; it must be {needed:g}. {_ADVICE}"
+        f"the initial velocities violate a support: the rate of {what} of {where} is {given:g}; "
+        f"it must be {needed:g}. {_ADVICE}"
     )

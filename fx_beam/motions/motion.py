@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
@@ -100,12 +99,7 @@ class OpenMotion:
     """
 
     def __init__(
-        self,
-        prepared: Prepared,
-        held: HeldInputs,
-        dt: float,
-        record: Record | None,
-        forces: bool,
+        self, prepared: Prepared, held: HeldInputs, dt: float, record: Record | None, forces: bool
     ):
         self._prepared, self._dt, self._record = prepared, dt, record
         #: What completes or undoes what an interrupt may have broken off, and its arguments.
@@ -126,15 +120,12 @@ class OpenMotion:
         self.grid = grid
         self._load(state, 0)
         self.shown.begin(state)
-        recorder: Rows = NullRecorder()
-        planned = math.inf
+        #: The rows of the steps.
+        self.recorder: Rows = NullRecorder()
         if self._record is not None:
-            recorder, planned = Recorder(model, np.array([state.t]), self._record), 0
-            recorder.miss(counter.removed)
-            recorder.record(0, state)
-        #: The rows of the steps, and the number of those for which they have room.
-        self.recorder: Rows = recorder
-        self._planned: float = planned
+            self.recorder = Recorder(model, np.array([state.t]), self._record)
+            self.recorder.miss(counter.removed)
+            self.recorder.record(0, state)
         #: Present time [s].
         self.t = grid(0)
 
@@ -162,10 +153,9 @@ class OpenMotion:
             self.settle()
         held, number = self.held, self.number + 1
         checked, t0, t1 = held.checked(inputs), self.t, self.grid(number)
-        if number > self._planned:
+        if number >= self.recorder.planned:
             ends = self.grid(np.arange(number, number + _ROWS))
             self.recorder.plan(number, ends, last=False)
-            self._planned = number + _ROWS - 1
         self._pending = self._end_step, (number, t0, t1, held.values)
         self.shown.leave()
         held.set(checked)

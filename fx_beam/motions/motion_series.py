@@ -58,20 +58,14 @@ class MotionSeries:
         return self.begun(scene, options, start).complete()
 
     def begun(
-        self,
-        scene: Scene,
-        options: Options,
-        start: Solution | None = None,
-        over: Run | None = None,
+        self, scene: Scene, options: Options, start: Solution | None = None, over: Run | None = None
     ) -> Run:
         """A run that is to take its steps; it may overwrite the rows of another one."""
         clock = time.perf_counter()
         if start is not None or (over is not None and over.options != options):
             over = None
-        if over is None:
-            grid = options.grid(0.0 if start is None else end_of(start).t, start is not None)
-        else:
-            grid = over.grid
+        t0 = 0.0 if start is None else end_of(start).t
+        grid = options.grid(t0, start is not None) if over is None else over.grid
         if options.until:
             check_outputs(scene, options.outputs or {}, f"{options.what}: outputs")
         connected = with_functions(scene, options.inputs, f"{options.what}: inputs")
@@ -90,38 +84,26 @@ class MotionSeries:
 
     def prepare(self, scene: Scene, options: Options) -> Prepared:
         """A prepared scene, which others may take for their motions once it is given back."""
-        last = self.prepared
-        if last is not None and not options.scheme.built_in:
-            self._leave("the scheme has functions of your own, which may have changed")
-        elif last is not None and (options.scheme, options.newton) != (
-            last.options.scheme,
-            last.options.newton,
-        ):
-            self._leave("another scheme, or other options")
-        prepared = self._refilled(scene, options)
-        if prepared is None:
-            prepared = Prepared(scene, options, None if self._alone else waiting_team(scene))
-        return prepared
+        last, self.prepared = self.prepared, None
+        if last is not None:
+            self.reason = self._reason_against(last, options)
+            try:
+                if not self.reason:
+                    last.refill(scene, options)
+                    return last
+            except OtherStructureError as other:
+                self.reason = str(other)
+        self.reason = self.reason or "the first scene"
+        return Prepared(scene, options, None if self._alone else waiting_team(scene))
 
-    def _refilled(self, scene: Scene, options: Options) -> Prepared | None:
-        """The last prepared scene with the numbers of another; None if this needs its own."""
-        if self.prepared is not None and self._solution() is not None:
-            self._leave("the last solution is still in use")
-        prepared, self.prepared = self.prepared, None
-        if prepared is None:
-            self.reason = self.reason or "the first scene"
-            return None
-        try:
-            prepared.refill(scene, options)
-        except OtherStructureError as other:
-            self.reason = str(other)
-            return None
-        self.reason = ""
-        return prepared
-
-    def _leave(self, reason: str) -> None:
-        """Prepare the next scene anew, for a reason."""
-        self.prepared, self.reason = None, reason
+    def _reason_against(self, last: Prepared, options: Options) -> str:
+        """Why the last prepared scene cannot serve a motion, but for its structure; or nothing."""
+        before = last.options
+        if not options.scheme.built_in:
+            return "the scheme has functions of your own, which may have changed"
+        if (options.scheme, options.newton) != (before.scheme, before.newton):
+            return "another scheme, or other options"
+        return "" if self._solution() is None else "the last solution is still in use"
 
     def _begin_tape(self, prepared: Prepared) -> None:
         if (loop := prepared.loop) is None or not self.tapes:

@@ -44,17 +44,16 @@ class Prepared:
         model, options = self.model, self.options
         self.stats = stats_of(model, solver="", friction_damping=model.forms.friction_damping)
         self.forcing = Forcing(model)
+        given = self.forcing, options.newton, self.stats
         if loop is not None:
             loop.refill(self.forcing, self.stats)
-            self.stepper = Stepper(loop, options.halving)
-            return
-        given = self.forcing, options.newton, self.stats
-        if self._team is None:
-            self.stepper = Stepper(CompiledLoop(*given), options.halving)
-            return
-        from fx_beam.parallel.whole import TeamLoop
+        elif self._team is None:
+            loop = CompiledLoop(*given)
+        else:
+            from fx_beam.parallel.whole import TeamLoop
 
-        self.stepper = Stepper(TeamLoop(self._team, *given), options.halving)
+            loop = TeamLoop(self._team, *given)
+        self.stepper = Stepper(loop, options.halving)
 
     def refill(self, scene: Scene, options: Options | None = None) -> None:
         """Set all numbers to those of another scene, as if it were prepared anew.
@@ -163,6 +162,8 @@ def state_of(model: Model, start: Solution) -> State:
     from .transferred_state import has_changed, transferred_state
 
     state = transferred_state(model, start) if has_changed(model, start) else _same(model, start)
+    of_scene = model.forms.parameters
+    state = replace(state, parameters=of_scene.at(before(state.t)) if len(of_scene) else None)
     check_joints(model, state)
     return state
 
@@ -181,18 +182,12 @@ def _same(model: Model, start: Solution) -> State:
             "start: the solution has other internal variables than the springs of the scene"
         )
     state = end.reshaped(-1)
-    of_scene = model.forms.parameters
-    known = of_scene.at(before(state.t)) if len(of_scene) else None
-    state = replace(state, parameters=known, fitted=None)
-    if not model.natural:
-        state = replace(state, natural=None)
-    elif state.natural is None:
-        state = replace(state, natural=np.zeros(model.natural.shape))
-    if (
-        state.constraint_forces is not None
-        and len(state.constraint_forces) != model.reduction.columns - model.reduction.free
-    ):
-        state = replace(state, constraint_forces=None)  # other supports
+    natural, forces = state.natural if model.natural else None, state.constraint_forces
+    if model.natural and natural is None:
+        natural = np.zeros(model.natural.shape)
+    if forces is not None and len(forces) != model.reduction.columns - model.reduction.free:
+        forces = None  # other supports
+    state = replace(state, fitted=None, natural=natural, constraint_forces=forces)
     return _with_last_forces(model, state, start)
 
 

@@ -111,7 +111,7 @@ class Run:
             from .row_files import RowFiles
 
             self._files = RowFiles(prepared, recorder, record.file)
-        prepared.stats.file = str(record.file) if to_file else ""
+            prepared.stats.file = str(record.file)
         #: Times at which a contact or a law has switched [s].
         self._events: list[float] = []
         first = control.first if control is not None else float(self.times[1] - self.times[0])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import accumulate
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy as np
 
 from fx_beam.dual import plain
 from fx_beam.errors import SceneError
-from fx_beam.fem.parameter_values import before
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.beam import Beam, Node
@@ -69,7 +67,7 @@ class _Transfer:
         for joint in model.scene.joints:
             old, slide = self._joints.get(joint.number), slides[joint.number : joint.number + 1]
             slide[:] = joint.kinematics.slide(at, slide) if old is None else end.slides[old.number]
-        state = State(
+        return State(
             end.t,
             self._motors(slides, at),
             a=np.zeros(model.size),
@@ -85,8 +83,6 @@ class _Transfer:
             inputs=end.inputs,
             **nodal,
         )
-        of_scene = model.forms.parameters
-        return replace(state, parameters=of_scene.at(before(state.t)) if len(of_scene) else None)
 
     # -- Nodes and beams ------------------------------------------------------------------------
 

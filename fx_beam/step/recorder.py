@@ -127,7 +127,8 @@ class Record:
 class NullRecorder:
     """In place of a `Recorder`, for trial steps."""
 
-    every, last, rows, starts, complete = np.iinfo(np.int32).max, -1, 0, 0, 0
+    every = planned = np.iinfo(np.int32).max
+    last, rows, starts, complete = -1, 0, 0, 0
     plans, end = 0, None
     #: No arrays.
     arrays: dict[str, np.ndarray] = {}
@@ -203,7 +204,6 @@ class Recorder:
         stop = first + len(ends)
         self._times = grown(self._times, stop, first)
         self._times[first:stop] = ends
-        self.planned = stop
         self.last = stop - 1 if last else -1
         steps = np.arange(first, stop)
         steps = steps[(steps % self.every == 0) | (steps == self.last)]
@@ -215,6 +215,7 @@ class Recorder:
                 self.arrays[name] = grown(array, rows, self.rows)
         if self.stores_starts(1):
             self.make_room(len(self.model.scheme.fractions) * len(steps))
+        self.planned = stop
 
     def make_room(self, starts: int) -> None:
         """Make room for some more starts of sub-steps."""
