@@ -271,11 +271,7 @@ class _Sums:
     """The sums of entries that the nodes of trees are, and the auxiliaries that keep them short."""
 
     def __init__(
-        self,
-        columns: _Columns,
-        forests: list[list[Branch]],
-        moving: list[Joint],
-        whole: set[int],
+        self, columns: _Columns, forests: list[list[Branch]], moving: list[Joint], whole: set[int]
     ):
         self._columns = columns
         self._number = {joint.number: m for m, joint in enumerate(moving)}

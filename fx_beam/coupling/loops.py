@@ -56,11 +56,7 @@ class Loops:
     """
 
     def __init__(
-        self,
-        couplings: Couplings,
-        auxiliaries: Auxiliaries,
-        unit: np.ndarray,
-        slides: list[Slide],
+        self, couplings: Couplings, auxiliaries: Auxiliaries, unit: np.ndarray, slides: list[Slide]
     ):
         self.unit, self._couplings = unit, couplings
         self._entries = Entries.of((k, one.entries) for k, one in enumerate(couplings.closures))

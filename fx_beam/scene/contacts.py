@@ -31,11 +31,7 @@ from .loads import label
 
 # Lengths that belong to the nodes of an element, by its degree, relative to its own: the weights of
 # the rule that integrates the nodes' polynomials.
-_SHARES = {
-    1: np.array([1, 1]) / 2,
-    2: np.array([1, 4, 1]) / 6,
-    3: np.array([1, 3, 3, 1]) / 8,
-}
+_SHARES = {1: np.array([1, 1]) / 2, 2: np.array([1, 4, 1]) / 6, 3: np.array([1, 3, 3, 1]) / 8}
 # Most integration points in an element.
 _MOST_POINTS = 50
 _Two = tuple[np.ndarray, np.ndarray]

@@ -19,14 +19,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.polynomial.chebyshev import (
-    Chebyshev,
-    chebder,
-    chebint,
-    chebpts1,
-    chebpts2,
-    chebvander,
-)
+from numpy.polynomial.chebyshev import Chebyshev, chebder, chebint, chebpts1, chebpts2, chebvander
 
 from fx_beam.errors import SceneError, checked_function, is_whole, numbers, require, vector
 

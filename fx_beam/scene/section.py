@@ -259,12 +259,7 @@ class Section:
 
     @classmethod
     def circle(
-        cls,
-        diameter: Datum,
-        E: Datum,
-        nu: float = 0.3,
-        rho: Datum = 0.0,
-        shear_factor: float = 0.9,
+        cls, diameter: Datum, E: Datum, nu: float = 0.3, rho: Datum = 0.0, shear_factor: float = 0.9
     ) -> Section:
         """Solid circular section.
 
