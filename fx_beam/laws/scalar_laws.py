@@ -68,25 +68,25 @@ class _Step(NamedTuple):
     def _rate(self, x: Coordinate) -> Any:
         return self.motion.rate_at_level(x.rate, self.motion.mean_rate(x.path))
 
+    def forces(
+        self, elastic: Any = 0.0, other: Any = 0.0, friction: Any = 0.0, **memory: Sequence[Any]
+    ) -> StepForces:
+        """A force with a potential and another one, both against an increase of the coordinate.
 
-class _Forces(NamedTuple):
-    """A force with a potential and another one, both against an increase of the coordinate.
-
-    In contact also the friction, against the slip.
-    """
-
-    elastic: Any = 0.0
-    other: Any = 0.0
-    friction: Any = 0.0
-    internal: Sequence[Any] = ()
-    remembered: Sequence[Any] = ()
+        With a slip also the friction against it; and what `StepForces` has besides.
+        """
+        pairs = zip(self.x.along, self.x.across, strict=True)
+        total = [elastic * a + other * b for a, b in pairs]
+        if self.slip is not None:
+            total = [force + friction * c for force, c in zip(total, self.slip.along, strict=True)]
+        return StepForces(total, **memory)
 
 
 def _on(
     kind: Kind,
     name: str,
     numbers: int,
-    forces: Callable[[_Step], _Forces],
+    forces: Callable[[_Step], StepForces],
     energy: Callable[[_Step], Any] | None = None,
     loss: Callable[[_Step], Any] | None = None,
     switches: Callable[[_Step], list] | None = None,
@@ -105,20 +105,11 @@ def _on(
         slips = (kind.slip(motion, D, of_kind) for D in (motion.increment, motion.still))
         return _Step(motion, x, still, of_law, *slips)
 
-    def of_step(motion: Motion) -> StepForces:
-        given = step(motion)
-        elastic, other, friction, internal, remembered = forces(given)
-        pairs = zip(given.x.along, given.x.across, strict=True)
-        total = [elastic * a + other * b for a, b in pairs]
-        if given.slip is not None:
-            total = [force + friction * c for force, c in zip(total, given.slip.along, strict=True)]
-        return StepForces(total, internal, remembered)
-
     return PointLaw(
         f"{name} on {kind.name}",
         kind.size,
         kind.numbers + numbers,
-        of_step,
+        of(forces),
         energy and of(energy),
         loss and of(loss),
         switches and of(switches),
@@ -133,10 +124,10 @@ def _on(
 def spring(kind: Kind, damped: bool) -> PointLaw:
     """A linear spring; numbers: stiffness, rest, and viscosity if it is `damped`."""
 
-    def forces(step: _Step) -> _Forces:
+    def forces(step: _Step) -> StepForces:
         k, rest, *c = step.numbers
         stretch = step.motion.at_level(step.x.start, step.x.end - step.x.start) - rest
-        return _Forces(k * stretch, c[0] * step.rate if damped else 0.0)
+        return step.forces(k * stretch, c[0] * step.rate if damped else 0.0)
 
     def energy(step: _Step) -> Any:
         k, rest, *_ = step.numbers
@@ -169,7 +160,7 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
         at_rest = step.motion.rule.at_rest
         return old, evolved(internal, old, (x0,), (x1,), step.motion.dt, at_rest)
 
-    def forces(step: _Step) -> _Forces:
+    def forces(step: _Step) -> StepForces:
         x0, x1 = ends(step)
         old, new = variables(step)
         level = step.motion.rule.level
@@ -179,7 +170,7 @@ def stored_energy(kind: Kind, energy: Energy, internal: InternalVariables | None
             start = _slope(lambda x: stored(x, old), x0)
             end = _slope(lambda x: stored(x, new), x1)
             mean = (1 - level) * start + level * end
-        return _Forces(mean, internal=[new[i] for i in range(count)])
+        return step.forces(mean, internal=[new[i] for i in range(count)])
 
     def at_start(step: _Step) -> Any:
         return stored(ends(step)[0], variables(step)[0])
@@ -231,8 +222,8 @@ def _discrete_gradient(energy: Callable[[Any], Any], x0: Any, x1: Any) -> Any:
 def damper_law(kind: Kind, law: Callable[[Any], Any]) -> PointLaw:
     """A damper with a law of its own."""
 
-    def forces(step: _Step) -> _Forces:
-        return _Forces(other=law(step.rate))
+    def forces(step: _Step) -> StepForces:
+        return step.forces(other=law(step.rate))
 
     return _on(
         kind,
@@ -265,10 +256,11 @@ def joint_friction(kind: Kind) -> PointLaw:
         N = step.motion.internal[2]
         return step._replace(slip=slip, still_slip=still), ufl.conditional(ufl.gt(N, 0), N, 0.0)
 
-    def forces(step: _Step) -> _Forces:
+    def forces(step: _Step) -> StepForces:
         step, N = slips(step)
         friction, internal, remembered = _sticking(step, N, N)
-        return _Forces(0.0, friction, 0.0, [*internal, step.motion.internal[2]], remembered)
+        internal = [*internal, step.motion.internal[2]]
+        return step.forces(friction=friction, internal=internal, remembered=remembered)
 
     return _on(
         kind,
@@ -289,10 +281,10 @@ def friction_law(kind: Kind, magnitude: Callable[[Any], Any]) -> PointLaw:
 
 
 def _friction(kind: Kind, magnitude: Callable, more: int, **options: Any) -> PointLaw:
-    def forces(step: _Step) -> _Forces:
+    def forces(step: _Step) -> StepForces:
         speed, *numbers = step.numbers
         sign, remembered = step.sign(speed)
-        return _Forces(other=magnitude(step.rate, *numbers) * sign, remembered=remembered)
+        return step.forces(other=magnitude(step.rate, *numbers) * sign, remembered=remembered)
 
     def loss(step: _Step) -> Any:
         speed, *numbers = step.numbers
@@ -309,10 +301,10 @@ def _friction(kind: Kind, magnitude: Callable, more: int, **options: Any) -> Poi
 def pull(kind: Kind, force: Callable[[Any, Any, Any], Any]) -> PointLaw:
     """A force against an increase, from the coordinate, its rate and time; number: load factor."""
 
-    def forces(step: _Step) -> _Forces:
+    def forces(step: _Step) -> StepForces:
         motion, x, (factor,) = step.motion, step.x, step.numbers
         place = motion.at_level(x.start, x.end - x.start)
-        return _Forces(other=factor * force(place, step.rate, motion.t))
+        return step.forces(other=factor * force(place, step.rate, motion.t))
 
     return _on(kind, "force", 1, forces, of_user=True)
 
@@ -349,7 +341,7 @@ def stop(kind: Kind, sign: int, loses: bool = False) -> PointLaw:
         x, still = (x.beyond(limit, sign) for x in (step.x, step.still))
         return step._replace(x=x, still=still, numbers=numbers)
 
-    return _one_sided(kind, f"stop {sign}", gap, loses, 1, sign)
+    return _one_sided(kind, f"stop {sign}", gap, loses, 1)
 
 
 def _one_sided(
@@ -358,10 +350,9 @@ def _one_sided(
     gap: Callable[[_Step], _Step],
     loses: bool,
     more: int,
-    sign: int = 1,
     energy: Energy | None = None,
 ) -> PointLaw:
-    """Contact, from the gap that belongs to a coordinate, and the sign of its growth."""
+    """Contact, from the gap that belongs to a coordinate."""
     sticks = kind.slip is not None
 
     def unit(depth: Any) -> Any:
@@ -376,7 +367,7 @@ def _one_sided(
         _, r, speed, *_ = step.numbers
         return r * push(step) * ufl.tanh(step.mean / speed)
 
-    def forces(step: _Step) -> _Forces:
+    def forces(step: _Step) -> StepForces:
         step = gap(step)
         normal, other = push(step), ufl.as_ufl(0.0)
         remembered: list[Any] = []
@@ -385,11 +376,12 @@ def _one_sided(
             direction, remembered = step.sign(speed)
             other = r * normal * direction
         if not sticks:
-            return _Forces(-sign * normal, sign * other, remembered=remembered)
+            return step.forces(-normal, other, remembered=remembered)
         still = step._replace(x=step.still)
         still_normal = push(still) - of_loss(still) if loses else push(still)
         friction, internal, more = _sticking(step, normal - other, still_normal)
-        return _Forces(-sign * normal, sign * other, friction, internal, [*remembered, *more])
+        remembered = [*remembered, *more]
+        return step.forces(-normal, other, friction, internal=internal, remembered=remembered)
 
     def stored(step: _Step) -> Any:
         step = gap(step)
