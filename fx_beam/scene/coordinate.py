@@ -87,11 +87,9 @@ class Stop:
         check_impact(self, "Stop")
         if self.lower is None and self.upper is None:
             raise SceneError("Stop: give a lower limit, an upper limit or both")
-        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
-            raise SceneError(
-                f"Stop: lower = {self.lower!r} must be below upper = {self.upper!r}; the order is "
-                "(lower, upper, stiffness)"
-            )
+        if self.lower is not None and self.upper is not None:
+            wanted = f"below upper = {self.upper!r}; the order is (lower, upper, stiffness)"
+            require(self.lower < self.upper, "Stop: lower", self.lower, wanted)
 
     def check_start(self, place: float, tolerance: float, what: str) -> None:
         """Refuse a start of the coordinate beyond a limit.

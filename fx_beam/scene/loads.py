@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +25,6 @@ from fx_beam.errors import (
     is_one_of,
     numbers,
     require,
-    shaped,
     shown,
     vector,
 )
@@ -38,6 +37,7 @@ from .parameters import symbols_only
 # Places at which a function is called to learn whether it takes arrays, in parts of the length.
 _SAMPLES = np.linspace(0.0, 1.0, 7)
 
+_PARTS_OF_DRAG = "linear", "quadratic", "rotation"
 # What the function of a line load may be of.
 _OF = "time", "arc length", "arc length and time"
 
@@ -99,9 +99,7 @@ class PlaceTimeFunction:
                 value = self._function(position, t)
             except Exception as error:
                 raise SceneError(f"{what}: calling it raised {error!r}") from error
-            values[i] = shaped(value, self._size, what)
-            if not (abs(values[i]) <= LARGEST).all():
-                raise SceneError(f"{what}: {shown(value)} is not finite, or too large")
+            values[i] = vector(value, self._size, what)
         return values
 
 
@@ -196,26 +194,19 @@ class Drag:
     rotation: np.ndarray = field(metadata=NUMBER)
 
     def __post_init__(self):
-        what, values = f"drag on {label(self.target)}", []
-        for name in [part.name for part in fields(self)[1:]]:
-            given = getattr(self, name)
+        on = f"drag on {label(self.target)}"
+        for name in _PARTS_OF_DRAG:
+            given, what = getattr(self, name), f"{on}: {name}"
             pair = isinstance(given, list | tuple | np.ndarray) and numbers(given).shape == (2,)
-            if pair and name == "rotation":
-                raise SceneError(f"{what}: rotation = {given!r} must be one number")
-            if pair and not isinstance(self.target, Beam):
-                raise SceneError(
-                    f"{what}: {name} = {given!r} must be one number; only a beam has "
-                    "directions along and across it"
-                )
-            values.append(vector(given, 2 if pair else 1, f"{what}: {name}"))
-            if values[-1].min() < 0:
-                raise SceneError(
-                    f"{what}: {name} = {given!r} must be zero or positive. For a force "
-                    "along the motion use add_force or add_virtual_work"
-                )
-            object.__setattr__(self, name, values[-1])
-        if not any(value.any() for value in values):
-            raise SceneError(f"{what}: give linear, quadratic or rotation, not all zero")
+            may_be = isinstance(self.target, Beam) and name != "rotation"
+            wanted = "one number; only a beam has directions along and across it, for its velocity"
+            require(may_be or not pair, what, given, wanted)
+            value = vector(given, 2 if pair else 1, what)
+            wanted = "zero or positive; for a force along the motion there is add_virtual_work"
+            require(value.min() >= 0, what, given, wanted)
+            object.__setattr__(self, name, value)
+        if not any(getattr(self, name).any() for name in _PARTS_OF_DRAG):
+            raise SceneError(f"{on}: give linear, quadratic or rotation, not all zero")
 
 
 @dataclass(frozen=True)

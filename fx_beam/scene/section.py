@@ -113,11 +113,9 @@ class Section:
         for name in ("EA", "GA", "EI"):
             if getattr(self, name) is None and self.strain_energy is None:
                 raise SceneError(f"Section: {name} is missing. Give it, or a strain_energy")
-        if self.strain_energy is not None and isinstance(self.retardation, tuple):
-            raise SceneError(
-                f"Section: retardation = {self.retardation!r} must be one time for all strains, as "
-                "there is a strain_energy"
-            )
+        fits = self.strain_energy is None or not isinstance(self.retardation, tuple)
+        wanted = "one time for all strains, as there is a strain_energy"
+        require(fits, "Section: retardation", self.retardation, wanted)
         for time in self._times:
             _value("retardation", time, 0.5)
         for name in ("EA", "GA", "EI", "rhoA", "rhoI"):
@@ -186,11 +184,8 @@ class Section:
         given = self.retardation
         if not isinstance(given, tuple):
             return given, given, given
-        if len(given) != 3:
-            raise SceneError(
-                f"Section: retardation = {given!r} must be one time, or three: for axial, shear "
-                "and bending strains"
-            )
+        wanted = "one time, or three: for axial, shear and bending strains"
+        require(len(given) == 3, "Section: retardation", given, wanted)
         return given
 
     @property
