@@ -65,7 +65,7 @@ class Reduction:
         rates: UpdateRule,
         matrix,
         used: np.ndarray,
-        sliders: Sliders | None = None,
+        sliders: Sliders,
         loops: Loops | None = None,
     ):
         self.sliders, self.loops, self.couplings = sliders, loops, couplings
@@ -83,10 +83,6 @@ class Reduction:
         self.set_arms(moving)
         self._slide = np.array([couplings.slides.get(j.number, -1) for j in moving], dtype=int)
         self._maps: dict[Any, Any] = {}
-
-    @property
-    def _slides(self) -> Sequence[Slide]:
-        return [] if self.sliders is None else self.sliders.all
 
     def set_arms(self, moving: Sequence[Joint]) -> None:
         """Set the joints that move, in the same order: their offsets and axes."""
@@ -122,7 +118,7 @@ class Reduction:
         pairs = np.vstack([np.column_stack([entries.column[left], entries.column[right]]), others])
         rows = np.append(row_of[pairs[:, 0]], self.auxiliaries.rows)
         columns = np.append(unknown_of[pairs[:, 1]], self.auxiliaries.columns)
-        if self.sliders is None:
+        if not couplings.sliding:
             pattern, position = sparsity(rows, columns, couplings.unknown_count)
         else:
             position = self.sliders.set_tangent(rows, columns)
@@ -211,7 +207,7 @@ class Reduction:
 
     @cached_property
     def _configuration(self) -> Configuration:
-        slides = self._slides
+        slides = self.sliders.all
         sliders = {"sliders": len(slides), "slider": [slide.members() for slide in slides]}
         rule = {"level": self._rates.level, **self._rates.constants}
         joints = self.couplings.sign.shape[1]
@@ -268,7 +264,7 @@ class Reduction:
 
         Of the last step, or of one with these arc lengths of all nodes at its ends.
         """
-        if self.sliders is None:
+        if not self.couplings.sliding:
             return None
         return self.sliders.fault(self._configuration.arcs if arcs is None else arcs)
 
@@ -293,7 +289,7 @@ class Reduction:
         self, values: np.ndarray, virtual: bool, auxiliaries: bool, closed: bool
     ) -> tuple[scipy.sparse.csr_matrix | np.ndarray, np.ndarray]:
         """Equations (dependent, columns) of dependent columns, and which these are."""
-        columns, slides = self._shape[1], self._slides
+        columns, slides = self._shape[1], self.sliders.all
         relations = self._configuration.relations(virtual) if slides else []
         rows: list[Any] = [np.empty((0, columns))]
         for slide, (relation, first) in zip(slides, relations, strict=True):
@@ -364,7 +360,7 @@ class Reduction:
 
         So far as it is known: not in long trees, loops or on beams.
         """
-        if len(self.auxiliaries) or self.sliders is not None:
+        if len(self.auxiliaries) or self.couplings.sliding:
             return np.zeros(self.free, dtype=bool)
         row, column, value_at, _ = self._entries
         alone = np.bincount(row, minlength=self._size) == 1

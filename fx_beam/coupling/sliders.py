@@ -149,7 +149,7 @@ class Sliders:
         ]
         self._unknowns = couplings.unknown_count
         self._size = self._unknowns + couplings.columns - couplings.independent
-        slides = np.array([slide.column for slide in self.all])
+        slides = np.array([slide.column for slide in self.all], dtype=int)
         sliding = np.arange(couplings.independent, couplings.columns)
         #: Columns of the scene that border the others: free slides and all sliding columns.
         self.outside = np.concatenate([slides[slides < couplings.free], sliding])

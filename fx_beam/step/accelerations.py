@@ -30,7 +30,7 @@ def accelerations(model: Model, force: np.ndarray) -> tuple[np.ndarray, np.ndarr
     reduction, mass, a, gather = model.reduction, model.mass, None, None
     if reduction.equates:
         a, gather = _of_equal(model, reduction, force), reduction.project
-    elif reduction.sliders is None and len(reduction.auxiliaries):
+    elif not reduction.couplings.sliding and len(reduction.auxiliaries):
         a, gather = _with_auxiliaries(reduction, mass, force), reduction.gather
     if a is None or gather is None:
         T = reduction.coupling()

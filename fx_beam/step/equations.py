@@ -135,7 +135,7 @@ class Equations:
         indptr, indices = reduction.factored
         n = len(indptr) - 1
         A = scipy.sparse.csr_matrix((self.values, indices, indptr), (n, n))
-        if reduction.sliders is not None:
+        if reduction.couplings.sliding:
             A = self._with_border(A, reduction.sliders)
         if (members := self.model.points.members) is not None:
             more = reduction.reduced(members.tangent())

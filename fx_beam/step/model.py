@@ -14,6 +14,7 @@ import scipy.sparse
 from fx_beam.content_cache import cached_property
 from fx_beam.coupling.graph import Auxiliaries, couple, motors
 from fx_beam.coupling.reduction import Reduction, begin_to_build_joints
+from fx_beam.coupling.sliders import Sliders
 from fx_beam.dual import plain
 from fx_beam.errors import SceneError
 from fx_beam.fem.compiled_laws import PointFunction, compiled_rule
@@ -394,11 +395,7 @@ class Model:
                 "internal variables of a spring, or friction that sticks, have dissipated. Use "
                 "order=2"
             )
-        sliders = None
-        if self.couplings.sliding:
-            from fx_beam.coupling.sliders import Sliders
-
-            sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
+        sliders = Sliders(scene, self.couplings, self.scheme.rates, self.mesh)
         used = self.used_entries()
         auxiliaries = Auxiliaries(self.couplings)
         parts = self.couplings, auxiliaries, self.points, self.scheme.rates, matrix, used
@@ -406,8 +403,7 @@ class Model:
         if self.couplings.closures:
             from fx_beam.coupling.loops import Loops
 
-            slides = [] if sliders is None else sliders.all
-            loops = Loops(self.couplings, auxiliaries, self.unit_of_unknowns, slides)
+            loops = Loops(self.couplings, auxiliaries, self.unit_of_unknowns, sliders.all)
         self.reduction = Reduction(*parts, sliders, loops)
         if loops is not None and all(joint.place is None for joint in scene.joints):
             from fx_beam.coupling.determinacy import check_loops

@@ -327,7 +327,7 @@ class Problem:
         self._set(**storage)
         K, alone = self.model.forms.stiffness, alone_in_column(reduction)
         stored_at, p.stored_values = storage_of_entries(tangent, K, alone, at, stored)
-        if reduction.sliders is not None:
+        if reduction.couplings.sliding:
             diagonal_at = stored_at[diagonal_of(K)]
             self._set(
                 **bordering_tables(self.model, factors, at, diagonal_at, self.constants.ON_BORDER)

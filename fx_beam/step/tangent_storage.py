@@ -67,10 +67,10 @@ def storage_of(
     Given are those of the tangent of open loops. Entries on bordering rows are behind them; ones
     are on the diagonal of slides.
     """
-    if (sliders := reduction.sliders) is None:
+    if not reduction.couplings.sliding:
         return at, stored, at[:0]
-    bordered = sliders.bordered
-    of_all = np.empty(sliders.entries_before, dtype=int)
+    bordered = reduction.sliders.bordered
+    of_all = np.empty(reduction.sliders.entries_before, dtype=int)
     of_all[bordered.inside] = at[bordered.positions]
     of_all[bordered.beside] = stored + np.arange(len(bordered.beside))
     return of_all, stored + len(bordered.beside), at[bordered.ones]
@@ -83,10 +83,8 @@ def on_bordering_rows(
 
     Bordering rows are numbered downwards from `first`.
     """
-    rows, columns = rows.copy(), columns.copy()
-    if (sliders := reduction.sliders) is not None:
-        outside = sliders.outside
-        rows[outside] = columns[outside] = first - np.arange(len(outside))
+    rows, columns, outside = rows.copy(), columns.copy(), reduction.sliders.outside
+    rows[outside] = columns[outside] = first - np.arange(len(outside))
     return rows, columns
 
 
@@ -99,7 +97,6 @@ def bordering_tables(
     full tangent. BorderingRows are numbered downwards from `first`.
     """
     reduction, sliders = model.reduction, model.reduction.sliders
-    assert sliders is not None
     order = np.append(factors.order, np.full(1 + reduction.columns, -1))
     rows, columns = (order[index] for index in reduction.couplings.system)
     rows, columns = on_bordering_rows(reduction, rows, columns, first)
