@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import platform
 import runpy
+import shlex
 import subprocess
 import sys
 from contextlib import nullcontext
@@ -18,18 +19,12 @@ from fx_beam.fem import mpi
 from fx_beam.parallel import team
 from fx_beam.step import build
 
-#: What is imported, by the distribution that has its version.
-_PACKAGES = {
-    "ffcx": "fenics-ffcx",
-    "basix": "fenics-basix",
-    "ufl": "fenics-ufl",
-    "petsc4py": "petsc4py",
-    "mpi4py": "mpi4py",
-    "numpy": "numpy",
-    "scipy": "scipy",
-    "matplotlib": "matplotlib",
-    "pyvista": "pyvista",
-}
+#: Distributions of what is imported; those of FEniCSx have a prefix before the name of the package.
+_PREFIX = "fenics-"
+_DISTRIBUTIONS = (
+    *("fenics-ffcx", "fenics-basix", "fenics-ufl", "petsc4py", "mpi4py"),
+    *("numpy", "scipy", "matplotlib", "pyvista"),
+)
 
 
 def info() -> dict[str, str]:
@@ -38,11 +33,12 @@ def info() -> dict[str, str]:
     rows["fx_beam"] = f"{sys.modules['fx_beam'].__version__}, {Path(__file__).parent}"
     # First, as this finds the petsc4py of Debian.
     reference = "available" if mpi.has_petsc() else "needs petsc4py"
-    rows |= {name: _package(name, distribution) for name, distribution in _PACKAGES.items()}
+    rows |= {of.removeprefix(_PREFIX): _package(of) for of in _DISTRIBUTIONS}
     rows["compiled loop"] = _loop()
     rows["reference"] = reference
     compiler, (target, flags) = c_library.compiler(), c_library.target_flags()
-    rows["compiler"] = f"{' '.join(compiler)}: {_first_line([*compiler, '--version'])}"
+    version = subprocess.getoutput(shlex.join([*compiler, "--version"])).partition("\n")[0]
+    rows["compiler"] = f"{' '.join(compiler)}: {version}"
     rows["compiled for"] = f"{target or 'the compiler default'}, {' '.join(flags)}"
     rows["cache"] = _folder(library_cache.folder())
     return rows
@@ -56,7 +52,8 @@ def _system() -> str:
     return f"{name}, {platform.machine()}"
 
 
-def _package(name: str, distribution: str) -> str:
+def _package(distribution: str) -> str:
+    name = distribution.removeprefix(_PREFIX)
     spec = find_spec(name)
     if spec is None:
         return "not installed"
@@ -73,14 +70,6 @@ def _loop() -> str:
     except (c_library.CannotBuild, SceneError) as error:
         return f"not available: {error}"
     return "available"
-
-
-def _first_line(command: list[str]) -> str:
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError) as error:
-        return str(error)
-    return done.stdout.partition("\n")[0]
 
 
 def _folder(path: Path) -> str:

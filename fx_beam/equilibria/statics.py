@@ -20,7 +20,6 @@ from fx_beam.motions.prepared import state_of, stats_of
 from fx_beam.motions.progress import attach, failure_of, keeping_steps, progress_bar
 from fx_beam.motions.surroundings import recent_model, waiting_team, warn_of_equal_work
 from fx_beam.parallel.whole import shared
-from fx_beam.results.audit import Stability
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import values_at, with_functions
@@ -188,9 +187,9 @@ class LoadPath:
             self._stepper.loop.inversion.check(state.t, state.q)
         end = replace(turning[-1], t=self.forcing.time, inputs=self._inputs)
         path = self._stability(states, lambda state: self._solution([state]))
-        stability = Stability(path.unstable_modes, path.critical_points)
+        found_later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
         given = model, recorder, stats, lambda: end
-        solution = solution_of(*given, ended=True, stability=stability)
+        solution = solution_of(*given, ended=True, stability=found_later)
         model.needed_by(solution.resultants_of_beam)
         return solution
 

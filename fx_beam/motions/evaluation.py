@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.results.audit import BeamResultants, Energy, Stability, Stats
+from fx_beam.results.audit import BeamResultants, Energy, Stats
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import HISTORIES, State
 from fx_beam.scene.beam import Beam, arc_lengths, gauss_rule, lagrange_and_slopes
@@ -27,7 +27,7 @@ def solution_of(
     breaks: Sequence[float] = (),
     ended: bool = False,
     scene_stays: bool = False,
-    stability: Stability | None = None,
+    stability: Mapping[str, Any] | None = None,
     stored: RecordedHistories | None = None,
 ) -> Solution:
     """Solution from a record, or from what is `stored` of it; `end` gives the last state.

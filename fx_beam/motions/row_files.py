@@ -12,7 +12,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.results.fields import RESULTANTS
 from fx_beam.results.files import replacing, writable
-from fx_beam.results.paraview import Fields, Grid, write_collection, write_pieces
+from fx_beam.results.paraview import Grid, Kinds, write_collection, write_pieces
 from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
@@ -120,11 +120,11 @@ class RowFiles:
         for name, elements, nodes in zip(names, self._elements, self._nodes, strict=True):
             of_piece = {kind: values[elements] for kind, values in along.items()}
             given.append((self._folder / name, q[nodes], None if v is None else v[nodes], of_piece))
-        fields: list[Fields] = self._crew("write", given)
+        kinds: list[Kinds] = self._crew("write", given)
         if not several:
             return f"{self._folder.name}/{names[0]}"
         with replacing(self._folder / f"{stem}.pvtu", durable=False) as file:
-            write_pieces(file, names, fields[0])
+            write_pieces(file, names, kinds[0])
         return f"{self._folder.name}/{stem}.pvtu"
 
     def _along(self, histories: RecordedHistories, new: int) -> dict[str, np.ndarray]:

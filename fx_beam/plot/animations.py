@@ -18,7 +18,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 
 from .drawing import Drawing, checked_drawing, clock, say_if_too_small, three_digits
-from .members import Colouring, Members
+from .members import Members
 from .sheet import LARGEST, Plane
 from .symbols import Supports, draw_forces, draw_joints, draw_marks, draw_moving, draw_outlines
 
@@ -146,18 +146,13 @@ def animate(
     draw_outlines(ax, drawing.obstacles)
     heading = ax.annotate("", (0, 1), (0, 4), family="monospace", **look)
     (past,) = ax.plot([], [], color="0.65", linewidth=1.0, zorder=1)
-    members: Members
-    lines: Any
+    members = Members(drawing, thickness, colour, colour_limits, colour_scale)
+    lines: Any = members.collection(2.5)
     if colour is None:
-        members = Members(drawing, thickness)
-        lines = members.collection(2.5)
         shades = itertools.islice(itertools.cycle(_COLOURS), len(solution.beams))
         lines.set_color(members.per_piece(list(shades)))
     else:
-        colouring = Colouring(drawing, colour, colour_limits, colour_scale, thickness)
-        members = colouring
-        plane.draw_bar(colouring.scale, **colouring.bar)
-        lines = members.collection(2.5)
+        plane.draw_bar(members.scale, **members.bar)
     moving = [heading, past, ax.add_collection(lines)]
     for artist in moving:
         artist.set_animated(True)  # left out of the static part of a frame

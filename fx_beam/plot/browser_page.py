@@ -201,11 +201,11 @@ def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, A
 
 
 def _bodies(drawing: Drawing) -> list[dict[str, Any]]:
-    entries = []
-    for name, body in drawing.solution.bodies.items():
-        nodes = [node.number for node in body.nodes]
-        entries.append({"name": name, "nodes": nodes, "points": _points_of(drawing, nodes)})
-    return entries
+    nodes = [[node.number for node in of.nodes] for of in drawing.solution.bodies.values()]
+    return [
+        {"name": name, "nodes": of, "points": _points_of(drawing, of)}
+        for name, of in zip(drawing.solution.bodies, nodes, strict=True)
+    ]
 
 
 def _carried(drawing: Drawing) -> list[dict[str, Any]]:

@@ -37,8 +37,8 @@ _STYLES: dict[str, dict] = {
     "HHT": {"color": "#009E73", "linestyle": (0, (3, 1.2))},
     "GeneralizedAlpha": {"color": "#E69F00", "linestyle": (0, (6, 1, 1, 1, 1, 1))},
 }
-# Markers that distinguish curves of one scheme in one panel; the first is the plain line.
-_MARKERS = None, "o", "s", "^", "D", "v"
+# Markers that distinguish curves of one scheme in one panel, after the first, a plain line.
+_MARKERS = "o", "s", "^", "D", "v"
 QUANTITY_STYLES = [
     {"color": color, "linestyle": line}
     for color, line in zip(
@@ -152,7 +152,7 @@ def _marked(number: int) -> dict:
     """Marker style of the curve with this number among those of one scheme."""
     if not number:
         return {}
-    marker = _MARKERS[1 + (number - 1) % (len(_MARKERS) - 1)]
+    marker = _MARKERS[(number - 1) % len(_MARKERS)]
     markers = (0.03 * number, 0.12)
     return {"marker": marker, "markevery": markers, "fillstyle": "none", "markersize": 5}
 
@@ -411,18 +411,16 @@ def _with_points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Values and load factors (m,) of rows and points; whether lines between are stable."""
     values, factors, stable = _values(value, solution), solution.load_factor, solution.stable
-    curve, lines = list[tuple[float, float]](), list[bool]()
     points = [point for point in solution.critical_points if point.solution is not None]
-    for row, place in enumerate(zip(values.tolist(), factors.tolist(), strict=True)):
-        curve.append(place)
-        inside = [point for point in points if point.row == row]
-        for number, point in enumerate(inside):
-            curve.append((_values(value, point.solution)[-1], point.load_factor))
-            marks[point.kind].append(curve[-1])
-            lines.append(number == 0 and bool(stable[row]))
-        lines.append(bool(stable[row + 1] if inside else stable[row]))
-    x, y = np.array(curve).T
-    return x, y, np.array(lines[:-1])
+    rows = [point.row for point in points]
+    places = [(_values(value, point.solution)[-1], point.load_factor) for point in points]
+    for point, place in zip(points, places, strict=True):
+        marks[point.kind].append(place)
+    # Between two points no equilibrium is known.
+    behind = [row != after and stable[row + 1] for row, after in itertools.pairwise([*rows, None])]
+    order = np.argsort([*range(len(values)), *(row + 0.5 for row in rows)], kind="stable")
+    x, y = np.array([*zip(values, factors, strict=True), *places])[order].T
+    return x, y, np.array([*stable, *behind])[order][:-1]
 
 
 def _values(value: Callable[[Solution], np.ndarray], solution: Solution) -> np.ndarray:

@@ -284,7 +284,7 @@ class Drawing:
         """A vector (2,) that rotates with a node, in row k."""
         if node is GROUND:
             return np.asarray(arrow)
-        return np.asarray(arrow) @ _turn(self.magnify * self.solution.rotation(node)[k])
+        return np.asarray(arrow) @ _turn(self.magnify * self._q[k][node.number, 2])
 
     def ends(self, force: ForceBetween, rows) -> np.ndarray:
         """Ends (..., 2, 2) of a force between points in some rows."""

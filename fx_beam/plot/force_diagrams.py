@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Area
 
-from fx_beam.errors import is_flag, is_one_of, require, shown
+from fx_beam.errors import is_flag, is_one_of, require
 from fx_beam.results.fields import RESULTANTS, along_all
 from fx_beam.results.solution import Solution
 
@@ -79,10 +79,8 @@ def diagrams(
     names = list(quantities) if isinstance(quantities, Iterable) else []
     if isinstance(quantities, str):
         names = [quantities]
-    if not names or not all(is_one_of(name, RESULTANTS) for name in names):
-        raise ValueError(
-            f"quantities = {shown(quantities)} must be some of {', '.join(RESULTANTS)}"
-        )
+    fits = len(names) > 0 and all(is_one_of(name, RESULTANTS) for name in names)
+    require(fits, "quantities", quantities, f"some of {', '.join(RESULTANTS)}")
     require(is_flag(deformed), "deformed", deformed, "True or False")
     drawing = Drawing(solution, [row], 1.0 if deformed else 0.0, scene_unit)
     tallest = min(_TALLEST * drawing.size, _OVER * drawing.spacing)

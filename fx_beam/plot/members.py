@@ -11,7 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, LogNorm, Normalize, SymLogNorm, to_hex
 
-from fx_beam.errors import as_float, is_one_of, numbers, positive, require, shown
+from fx_beam.errors import as_float, is_one_of, numbers, positive, require
 from fx_beam.results.fields import QUANTITIES, RESULTANTS, along_all
 from fx_beam.scene.beam import Beam, arc_lengths
 from fx_beam.scene.contacts import Contact
@@ -40,15 +40,28 @@ _DECADES = 1e-4  # smallest value on a logarithmic scale, as a fraction of the l
 
 
 class Members:
-    """All members of a drawing, in pieces of their elements.
+    """All members of a drawing, in pieces of their elements, in the colours of a quantity if given.
+
+    The colours are on the same scale in all rows of the drawing.
 
     Attributes
     ----------
     pieces : int
         Pieces of an element.
+    scale : ScalarMappable
+        The scale of the quantity, for a colour bar.
+    bar : dict
+        How the colour bar looks, and its label.
     """
 
-    def __init__(self, drawing: Drawing, thickness: float | None = None):
+    def __init__(
+        self,
+        drawing: Drawing,
+        thickness: float | None = None,
+        quantity: str | None = None,
+        limits: tuple[float, float] | None = None,
+        scale: str = "linear",
+    ):
         self._drawing, self._depths = drawing, None
         beams = drawing.solution.beams.values()
         elements = sum(beam.elements for beam in beams)
@@ -57,13 +70,36 @@ class Members:
             positive(thickness, "thickness", "a positive factor on the depth, or None")
             fractions = np.arange(self.pieces + 1) / self.pieces
             touching = _contact_depths(drawing.solution.contacts)
-            depths = [
-                np.full((beam.elements, len(fractions)), touching[beam.name])
-                if beam.name in touching
-                else _depths(beam, fractions)
-                for beam in beams
-            ]
+            depths = [_depths(beam, fractions, touching.get(beam.name)) for beam in beams]
             self._depths = as_float(thickness) * np.concatenate(depths or [_NONE])[..., None]
+        self._values: dict[int, np.ndarray] = {}
+        if quantity is not None:
+            self._take_colours(quantity, limits, scale)
+
+    def _take_colours(self, quantity: str, limits: Any, scale: str) -> None:
+        drawing, solution = self._drawing, self._drawing.solution
+        if not solution.beams:
+            raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
+        internal = {name for names in solution.variables_of_beam.values() for name in names}
+        known = [*QUANTITIES, *sorted(internal)]
+        wanted = f"one of {', '.join(map(repr, known))}, or None"
+        require(is_one_of(quantity, known), "colour", quantity, wanted)
+        require(is_one_of(scale, _SCALES), "colour_scale", scale, "'linear' or 'log'")
+        middles = (np.arange(self.pieces) + 0.5) / self.pieces
+        values = along_all(solution, quantity, drawing.rows, middles)
+        rows = values.reshape(len(drawing.rows), -1)
+        signed = is_signed(quantity)
+        norm, (least, most) = _norm(values, signed, limits, scale == "log")
+        low, high = bool((rows < least).any()), bool((rows > most).any())
+        if isinstance(norm, LogNorm):  # zero has the colour of the low end
+            rows = np.maximum(rows, least)
+        self._values = dict(zip(drawing.rows, rows, strict=True))
+        self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
+        beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
+        self.bar: dict[str, Any] = {"label": words_for(quantity, drawing.unit)}
+        self.bar["extend"] = beyond.get((low, high), "neither")
+        if scale == "linear":
+            self.bar["format"] = "%.3g"
 
     def collection(
         self, width: float, zorder: float = 2, **look
@@ -71,6 +107,8 @@ class Members:
         """What shows the members, without a position: lines of a width [points], or bands."""
         # They are inside of the axes: a layout that asks each piece would be slow.
         look = {"zorder": zorder, "in_layout": False} | look
+        if self._values:
+            look |= {"norm": self.scale.norm, "cmap": self.scale.cmap}
         if self._depths is None:
             width *= self._drawing.thinness
             return LineCollection([], linewidth=width, capstyle="round", **look)
@@ -78,7 +116,9 @@ class Members:
         return PolyCollection([], edgecolor="face", linewidth=0.3, **look)
 
     def move(self, collection: Any, k: int) -> None:
-        """Move what shows the members to their positions in row k."""
+        """Move what shows the members to their positions in row k, in the colours of its values."""
+        if self._values:
+            collection.set_array(self._values[k])
         points = self._drawing.along_elements(k, self.pieces)
         if self._depths is None:
             pieces = np.stack([points[:, :-1], points[:, 1:]], axis=2)
@@ -106,8 +146,13 @@ def _contact_depths(contacts: Iterable[Contact]) -> dict[str, float]:
     return depths
 
 
-def _depths(beam: Beam, fractions: np.ndarray) -> np.ndarray:
-    """Depths (elements, points) of rectangles with the stiffnesses or masses of a beam [m]."""
+def _depths(beam: Beam, fractions: np.ndarray, touching: float | None) -> np.ndarray:
+    """Depths (elements, points) of a beam [m], if it touches nothing those of a rectangle.
+
+    The rectangle has the stiffnesses or masses of its section.
+    """
+    if touching is not None:
+        return np.full((beam.elements, len(fractions)), touching)
     if beam.section is None:
         raise ValueError(
             f"thickness needs the section of {beam.name!r}, which a saved file does not hold; take "
@@ -142,59 +187,6 @@ def words_for(quantity: str, scene_unit: str) -> str:
 def hexadecimal(scale, count: int) -> list[str]:
     """Colours of a scale from one end to the other, as pages write them."""
     return [to_hex(shade) for shade in scale(np.linspace(0, 1, count))]
-
-
-class Colouring(Members):
-    """Colours of the members for one quantity, on the same scale in all rows of a drawing.
-
-    Attributes
-    ----------
-    scale : ScalarMappable
-        The scale, for a colour bar.
-    bar : dict
-        How the colour bar looks, and its label.
-    """
-
-    def __init__(
-        self,
-        drawing: Drawing,
-        quantity: str,
-        limits: tuple[float, float] | None = None,
-        scale: str = "linear",
-        thickness: float | None = None,
-    ):
-        if not drawing.solution.beams:
-            raise ValueError(f"colour = {quantity!r} needs beams, but the solution has none")
-        internal = {name for names in drawing.solution.variables_of_beam.values() for name in names}
-        if not is_one_of(quantity, {*QUANTITIES, *internal}):
-            known = ", ".join(repr(name) for name in [*QUANTITIES, *sorted(internal)])
-            raise ValueError(f"colour = {shown(quantity)} must be one of {known}, or None")
-        require(is_one_of(scale, _SCALES), "colour_scale", scale, "'linear' or 'log'")
-        super().__init__(drawing, thickness)
-        middles = (np.arange(self.pieces) + 0.5) / self.pieces
-        values = along_all(drawing.solution, quantity, drawing.rows, middles)
-        rows = values.reshape(len(drawing.rows), -1)
-        signed = is_signed(quantity)
-        norm, (least, most) = _norm(values, signed, limits, scale == "log")
-        low, high = bool((rows < least).any()), bool((rows > most).any())
-        if isinstance(norm, LogNorm):  # zero has the colour of the low end
-            rows = np.maximum(rows, least)
-        self._values = dict(zip(drawing.rows, rows, strict=True))
-        self.scale = ScalarMappable(norm, SIGNED if signed else SEQUENTIAL)
-        beyond = {(True, True): "both", (True, False): "min", (False, True): "max"}
-        self.bar: dict[str, Any] = {"label": words_for(quantity, drawing.unit)}
-        self.bar["extend"] = beyond.get((low, high), "neither")
-        if scale == "linear":
-            self.bar["format"] = "%.3g"
-
-    def collection(self, width: float, zorder: float = 2, **look) -> Any:
-        """What shows the members, in the colours that `move` gives it."""
-        return super().collection(width, zorder, norm=self.scale.norm, cmap=self.scale.cmap, **look)
-
-    def move(self, collection: Any, k: int) -> None:
-        """Move what shows the members to their positions in row k, in the colours of its values."""
-        super().move(collection, k)
-        collection.set_array(self._values[k])
 
 
 def _norm(values: np.ndarray, signed: bool, limits: Any, logarithmic: bool):

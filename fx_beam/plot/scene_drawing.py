@@ -307,10 +307,6 @@ class Reference:
         self.X = np.concatenate(rows)
         self.q = np.zeros((1, len(self.X), 3))
 
-    def rotation(self, node: Node) -> np.ndarray:
-        """Rotation (1,) of a node: zero."""
-        return np.zeros(1)
-
 
 def _members(sheet: Sheet, scene: Scene, axes: dict[str, np.ndarray], width: float) -> None:
     if len(axes) > _CROWD:

@@ -19,7 +19,7 @@ from fx_beam.scene.beam import Node
 from fx_beam.scene.body import Body
 
 from .drawing import Drawing, checked_drawing, say_if_too_small, three_digits, time_unit
-from .members import SEQUENTIAL, Colouring, Members
+from .members import SEQUENTIAL, Members
 from .sheet import Plane, panels, picture, written
 from .symbols import (
     Supports,
@@ -105,15 +105,20 @@ def shapes(
     ax = plane.ax
     ax.set_title(drawing.title(), fontsize="medium")
     draw_outlines(ax, drawing.obstacles)
-    shades: Any
+    members = Members(drawing, thickness, colour, colour_limits, colour_scale)
+    shades: Any = ["0.35"] * len(shown)
     if colour is None:
-        shades = _by_time(plane, drawing, thickness)
+        shades = _colours_of_times(plane, drawing)
     else:
-        shades = ["0.35"] * len(shown)
-        colouring = Colouring(drawing, colour, colour_limits, colour_scale, thickness)
-        for order, k in enumerate(shown):
-            colouring.move(ax.add_collection(colouring.collection(2.2, 2 + 1e-4 * order)), k)
-        plane.draw_bar(colouring.scale, **colouring.bar)
+        plane.draw_bar(members.scale, **members.bar)
+    if colour is None and thickness is None:
+        # With a parallel projection matplotlib's axes fit the picture exactly.
+        extent = np.transpose(drawing.window).ravel()
+        ax.imshow(_tubes(drawing, shades), extent=extent, interpolation="antialiased")
+    else:
+        for order, (k, shade) in enumerate(zip(shown, shades, strict=True)):
+            look = {} if colour else {"facecolor": shade}
+            members.move(ax.add_collection(members.collection(2.2, 2 + 1e-4 * order, **look)), k)
     for k, shade in zip(shown, shades, strict=True):
         draw_moving(ax, drawing, k, shade, small=True)
         draw_forces(ax, drawing, k, shade)
@@ -123,9 +128,9 @@ def shapes(
     return written(plane.figure, path)
 
 
-def _by_time(plane: Plane, drawing: Drawing, thickness: float | None) -> np.ndarray:
-    """Draw the members in the colours of their times, with a colour bar; returns the colours."""
-    (low, high), solution, rows = drawing.window, drawing.solution, list(drawing.rows)
+def _colours_of_times(plane: Plane, drawing: Drawing) -> np.ndarray:
+    """Colours of the rows by their times, with a colour bar."""
+    solution, rows = drawing.solution, list(drawing.rows)
     values = solution.t[rows]
     factor, unit = time_unit(values.max())
     static = solution.stats.static
@@ -133,15 +138,6 @@ def _by_time(plane: Plane, drawing: Drawing, thickness: float | None) -> np.ndar
     values = np.arange(len(rows)) if static else factor * values
     scale = ScalarMappable(Normalize(values.min(), values.max()), SEQUENTIAL)
     shades = scale.to_rgba(values)
-    if thickness is None:
-        # With a parallel projection matplotlib's axes fit the picture exactly.
-        extent = (low[0], high[0], low[1], high[1])
-        plane.ax.imshow(_tubes(drawing, shades), extent=extent, interpolation="antialiased")
-    else:
-        members = Members(drawing, thickness)
-        for order, (k, shade) in enumerate(zip(rows, shades, strict=True)):
-            bands = members.collection(0.0, 2 + 1e-4 * order, facecolor=shade)
-            members.move(plane.ax.add_collection(bands), k)
     bar = plane.draw_bar(scale, label="load factor, in order" if static else f"time $t$ [{unit}]")
     if static:
         shown = np.unique(np.linspace(0, len(rows) - 1, 12).round().astype(int)).tolist()
@@ -168,10 +164,8 @@ def _tubes(drawing: Drawing, shades: np.ndarray) -> np.ndarray:
             radius=radius, n_sides=20 if len(axes) <= _MANY else 6
         )
         plotter.add_mesh(tubes, color=shade[:3], ambient=0.3, smooth_shading=True)
-    plotter.view_xy()
+    plotter.camera_position = (*centre, 10 * max(size)), (*centre, 0.0), (0.0, 1.0, 0.0)
     plotter.enable_parallel_projection()
-    plotter.camera.focal_point = (*centre, 0.0)
-    plotter.camera.position = (*centre, 10 * max(size))
     plotter.camera.parallel_scale = size[1] / 2
     plotter.reset_camera_clipping_range()
     plotter.enable_anti_aliasing("ssaa")

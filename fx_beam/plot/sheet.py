@@ -68,8 +68,6 @@ class Plane:
         self.ax.set(xlabel=f"$x$ [{drawing.unit}]", ylabel=f"$y$ [{drawing.unit}]")
         self.ax.locator_params(axis="x", nbins=max(2, int(inner[0] / 0.7)))
         self.ax.locator_params(axis="y", nbins=max(2, int(inner[1] / 0.5)))
-        #: Low and high corner of the axes.
-        self.low, self.high = low, high
         self._bar_below = bar and below
         start = (left, 0.5) if self._bar_below else (left + inner[0] + 0.12, bottom)
         sides = (inner[0], 0.14) if self._bar_below else (0.14, inner[1])

@@ -401,22 +401,21 @@ def _straight(part: str, on: Coordinate, ends, middle, along, size: float) -> np
     """A zigzag, a dashpot, beside a spring if there is one, or shoes of a brake in the middle."""
     if part == "friction":
         return middle + _SPRING_WIDTH * size * _along(_SHOES, along)
-    aside = (0.0, 3.0 if part == "damper" and on.spring is not None else 0.0)
-    a, b = ends
-    return _stretched(_STRAIGHT[part] + aside, a, b, size)
+    # Fractions of the way from a to b, and widths of a spring beside it.
+    points, (a, b) = _STRAIGHT[part].copy(), ends
+    if part == "damper" and on.spring is not None:
+        points[:, 1] += 3.0
+    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
+    return a + points[:, :1] * (b - a) + points[:, 1:] * _SPRING_WIDTH * size * left_of(along)
 
 
 def _bars(drawing: Drawing, joint: Any, k: int) -> np.ndarray:
     """Bars across a straight slide at its limits; none on a beam."""
-    bars, stop = [np.empty((0, 2))], joint.slide.stop
-    if joint.axis is None:
-        return bars[0]
-    along = slide_direction(drawing, joint, k)
-    for limit in (stop.lower, stop.upper):
-        if limit is not None:
-            at = _origin(drawing, joint, k) + limit * along
-            bars += [at + _SPRING_WIDTH * drawing.size * _along(_BAR, along), _GAP]
-    return np.concatenate(bars)
+    stop, along = joint.slide.stop, slide_direction(drawing, joint, k)
+    limits = () if joint.axis is None else (stop.lower, stop.upper)
+    bar = _SPRING_WIDTH * drawing.size * _along(_BAR, along)
+    places = [limit * along for limit in limits if limit is not None]
+    return apart(_origin(drawing, joint, k) + place + bar for place in places)
 
 
 def _position_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
@@ -431,12 +430,6 @@ def _spring_ends(drawing: Drawing, joint: Any, k: int) -> tuple[np.ndarray, np.n
         return position - short * slide_direction(drawing, joint, k), position
     start = _origin(drawing, joint, k)
     return start - short * joint.direction if is_grounded(joint) else start, position
-
-
-def _stretched(points: np.ndarray, a: np.ndarray, b: np.ndarray, size: float) -> np.ndarray:
-    """Points of a symbol: fractions of the way from a to b, and widths of a spring beside it."""
-    along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
-    return a + points[:, :1] * (b - a) + points[:, 1:] * _SPRING_WIDTH * size * left_of(along)
 
 
 # -- Names -----------------------------------------------------------------------------------------

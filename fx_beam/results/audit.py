@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -361,42 +361,3 @@ def facts(solution: Any) -> dict[str, str]:
         "largest energy error": f"{abs(energy.balance_error).max():.2g}",
     }
     return entries | ({"ended early": str(stats.failure)} if stats.failure else {})
-
-
-class Stability:
-    """What a path knows of its stability: functions, and what they have found.
-
-    Copies and files keep what has been found; numbers of unstable modes are found for them.
-    """
-
-    def __init__(
-        self,
-        count: Callable[[], np.ndarray] | None = None,
-        locate: Callable[[], list[Any]] | None = None,
-        counted: np.ndarray | None = None,
-    ):
-        self._find = {"unstable_modes": count, "critical_points": locate}
-        self._known: dict[str, Any] = {} if counted is None else {"unstable_modes": counted}
-
-    def __getstate__(self):
-        with suppress(ValueError):
-            self.unstable_modes()
-        return {"_find": {}, "_known": self._known}
-
-    def unstable_modes(self) -> np.ndarray:
-        """Numbers of modes (n,) that grow."""
-        return read_only(self._of("unstable_modes"))
-
-    def critical_points(self) -> list[Any]:
-        """The critical points of the path."""
-        return list(self._of("critical_points"))
-
-    def _of(self, name: str) -> Any:
-        if name not in self._known:
-            if (find := self._find.get(name)) is None:
-                raise ValueError(
-                    f"{name}: a solution from a file has none, nor has a copy of one in which they "
-                    "were not read before. Compute the path again by static"
-                )
-            self._known[name] = find()
-        return self._known[name]

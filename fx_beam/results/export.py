@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fx_beam.errors import is_name, shown
+from fx_beam.errors import is_name, require
 from fx_beam.scene.beam import COMPONENTS, Beam, Node
 
 from .audit import BeamResultants
@@ -214,11 +214,8 @@ def _require(package: str, what: str, instead: str) -> None:
 
 def _columns(solution, nodes: dict[str, Node]) -> dict[str, np.ndarray]:
     """Columns (n,) by their names, times or load factors first."""
-    if not isinstance(nodes, dict) or not all(map(is_name, nodes)):
-        raise ValueError(
-            f"nodes = {shown(nodes)} must be a dict of nodes by the names of their columns, "
-            "such as {'tip': beam.end}"
-        )
+    wanted = "a dict of nodes by the names of their columns, such as {'tip': beam.end}"
+    require(isinstance(nodes, dict) and all(map(is_name, nodes)), "nodes", nodes, wanted)
     columns = {"load factor" if solution.stats.static else "t": solution.t}
     columns |= {f"energy {name}": value for name, value in vars(solution.energy).items()}
     columns["energy total"] = solution.energy.total

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -72,8 +72,6 @@ def replacing(
 def _like(new: Path, old: Path) -> None:
     """Give a file the permissions of another one, and its owner where this is allowed."""
     has = old.stat()
-    try:
+    with suppress(OSError):
         os.chown(new, has.st_uid, has.st_gid)
-    except OSError:
-        pass
     new.chmod(has.st_mode & 0o777)

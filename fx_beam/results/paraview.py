@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from xml.etree import ElementTree as xml
 
 import numpy as np
@@ -23,11 +23,8 @@ _TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
 _LITTLE = {"byte_order": "LittleEndian", "header_type": "UInt64"}
 
 
-class Fields(NamedTuple):
-    """Kinds of the arrays of a grid: XML attributes by what they belong to."""
-
-    points: list[dict[str, str]]
-    cells: list[dict[str, str]]
+#: Kinds of the arrays of a grid, as XML attributes, by what the arrays belong to.
+Kinds = dict[str, list[dict[str, str]]]
 
 
 class Grid:
@@ -51,7 +48,7 @@ class Grid:
 
     def write(
         self, path: Path, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
-    ) -> Fields:
+    ) -> Kinds:
         """Write a row: q and v (n, 3) of nodes, others (elements, degree) at Gauss points.
 
         Arrays follow each other as they are in memory, behind the text that says where each begins.
@@ -63,19 +60,15 @@ class Grid:
                 fields |= {of_place: _in_space(rows[:, :2]), of_turn: rows[:, 2]}
         fields |= {name: at_ends(values).ravel() for name, values in along.items()}
         root = xml.Element("VTKFile", {"type": "UnstructuredGrid", "version": "1.0", **_LITTLE})
-        piece = xml.SubElement(
-            xml.SubElement(root, "UnstructuredGrid"),
-            "Piece",
-            NumberOfPoints=str(len(self._points)),
-            NumberOfCells=str(self._count),
-        )
+        sizes = {"NumberOfPoints": str(len(self._points)), "NumberOfCells": str(self._count)}
+        piece = xml.SubElement(xml.SubElement(root, "UnstructuredGrid"), "Piece", sizes)
         parts: dict[str, Mapping[str, np.ndarray]] = {
             "Points": {"Points": self._points},
             "Cells": self._cells,
             "PointData": fields,
             "CellData": {"beam": self._beam},
         }
-        blocks, at, kinds = list[Any](), 0, dict[str, list[dict[str, str]]]()
+        blocks, at, kinds = list[Any](), 0, Kinds()
         for part, arrays in parts.items():
             parent, kinds[part] = xml.SubElement(piece, part), []
             for name, values in arrays.items():
@@ -89,21 +82,19 @@ class Grid:
         with replacing(path, durable=False) as new, open(new, "wb") as file:
             file.writelines([text, b'<AppendedData encoding="raw">_', *blocks])
             file.write(b"</AppendedData></VTKFile>")
-        return Fields(kinds["PointData"], kinds["CellData"])
+        return kinds
 
     def destroy(self) -> None:
         """Nothing: its memory is Python's."""
 
 
-def write_pieces(path: Path, pieces: Sequence[str], fields: Fields) -> None:
+def write_pieces(path: Path, pieces: Sequence[str], kinds: Kinds) -> None:
     """Write the file that joins grids, in files beside it, which have the same fields."""
     root = xml.Element("VTKFile", {"type": "PUnstructuredGrid", "version": "1.0", **_LITTLE})
     whole = xml.SubElement(root, "PUnstructuredGrid", GhostLevel="0")
-    points = _kind("Points", np.empty((0, 3)))
-    parts = {"PPoints": [points], "PPointData": fields.points, "PCellData": fields.cells}
-    for part, kinds in parts.items():
-        parent = xml.SubElement(whole, part)
-        for kind in kinds:
+    for part in ("Points", "PointData", "CellData"):
+        parent = xml.SubElement(whole, f"P{part}")
+        for kind in kinds[part]:
             xml.SubElement(parent, "PDataArray", kind)
     for name in pieces:
         xml.SubElement(whole, "Piece", Source=name)

@@ -16,7 +16,7 @@ from fx_beam.scene.contacts import Contact, Shape
 from fx_beam.scene.coordinate import Coulomb
 from fx_beam.scene.joints import Constraints, JointKey
 
-from .audit import BeamResultants, Energy, Stability, Stats
+from .audit import BeamResultants, Energy, Stats
 from .export import FORMAT
 from .files import named
 from .solution import Solution
@@ -65,9 +65,6 @@ def _check_arrays(data: Mapping[str, np.ndarray], points: list[int]) -> None:
         del shapes["end_past_differences"]  # of no steps, in another form
     for name, shape in shapes.items():
         _check(name, data[name], shape, sizes)
-    nodes = data.get("beams_nodes", np.zeros(0))
-    if ((nodes < 0) | (nodes >= len(data["X"]))).any():
-        raise ValueError("a node of a beam is missing")
     orders = data.get("end_past_orders", np.zeros(0))
     if ((orders < 0) | (orders > len(data.get("end_past_ages", [])))).any():
         raise ValueError("end_past_orders are above the number of configurations")
@@ -151,7 +148,7 @@ def _read(raw: BinaryIO) -> Solution:
         for member, of_beam in zip(members, pieces, strict=True):
             name, degree, s, fractions = member.values()
             at = None if fractions is None else np.array(fractions)
-            corners = tuple(map(parts.node, of_beam[::degree]))
+            corners = tuple(map(parts.node, of_beam))[::degree]
             parts.beams[name] = Beam(name, corners, degree, np.array(s), fractions=at)
             nodes_of_beam[name] = of_beam
     resultants = dict[str, BeamResultants]()
@@ -159,6 +156,7 @@ def _read(raw: BinaryIO) -> Solution:
     if (along := known.pop("resultants", None)) is not None:
         rows = zip(*(np.split(of, ends, axis=-1) for of in vars(along).values()), strict=True)
         resultants = {n: BeamResultants(*of) for n, of in zip(nodes_of_beam, rows, strict=True)}
+    stability = {name: known.pop(name) for name in ("unstable_modes",) if name in known}
     end = known["end"]
     if arrays or end is not None and not np.isfinite([end.t, end.length]).all():
         raise ValueError(f"{[*arrays]} belong to nothing, or the last state has no time")
@@ -167,7 +165,7 @@ def _read(raw: BinaryIO) -> Solution:
         beams=parts.beams,
         nodes_of_beam=nodes_of_beam,
         resultants_of_beam=resultants.__getitem__,
-        stability=Stability(counted=known.pop("unstable_modes", None)),
+        stability=stability,
         **known,
     )
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import importlib
-import inspect
 import itertools
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from fx_beam.scene.loads import NAMES
 from fx_beam.scene.notebook import html_table, sketch
 from fx_beam.scene.outputs import Output, definition
 
-from .audit import BeamResultants, Energy, Stability, Stats, facts, read_only
+from .audit import BeamResultants, Energy, Stats, facts, read_only
 from .state import HISTORIES, State
 
 if TYPE_CHECKING:
@@ -88,8 +87,9 @@ class Solution:
         Names of the columns of `parameters`.
     variables_of_contact : dict, optional
         Stretch and slip (n, points, 2) [m] by the number of each contact with friction.
-    stability : Stability, optional
-        What finds the stability of the equilibria of a path.
+    stability : dict, optional
+        Of a path, by their names: `unstable_modes` and `critical_points`, or functions that find
+        them when they are first read.
 
     Attributes
     ----------
@@ -97,7 +97,37 @@ class Solution:
         The branches of a path by ``static(..., branches=...)``, each with its own.
     origin : Branch or None
         Of a branch, where it starts.
-    HISTORIES
+    t : (n,) float
+        Times [s]; in a static solution load factors.
+    t_level : (n,) float
+        Times at which the rows of `resultants`, `reaction`, `JointMotion.force` and
+        `ContactMotion.force` hold [s]: the scheme's level in the step that ends at t[k]. At
+        mid-step they are means over the whole step, whatever its parts: times the step's
+        length they are impulses. Otherwise they are values, for a halved step in its last
+        part. Row 0 is the start: reactions and joint forces are zero there or, after
+        `simulate(start=...)`, those of the last step before.
+    q : (n, nodes, 3) float
+        Displacements and rotation [m, rad].
+    v : (n, nodes, 3) float
+        Their rates; zero in a static solution.
+    a : (n, nodes, 3) float
+        Their accelerations; zero in a static solution.
+    reactions : (n, nodes, 3) float
+        Forces and moments of the supports on the nodes [N, N m].
+    motor_forces : (n, joints) float
+        Forces and moments of the joints' motors [N, N m].
+    linear_momentum : (n, 2) float
+        Linear momentum [kg m/s].
+    angular_momentum : (n,) float
+        Angular momentum about the origin [kg m^2/s].
+    slides : (n, joints) float
+        Slides of the joints [m]; NaN of removed ones.
+    joint_forces : (n, joints, 3) float
+        Forces and moments of the joints on their nodes b [N, N m].
+    contact_forces : (n, contacts, 2) float
+        Forces of obstacles on nodes, one obstacle after the other [N].
+    parameters : (n, parameters) float
+        Parameters in functions of your own, in the order of `Scene.parameters`.
 
     Examples
     --------
@@ -134,7 +164,7 @@ class Solution:
         end: State | Callable[[], State] | None = None,
         names_of_parameters: Sequence[str] = (),
         variables_of_contact: dict[int, np.ndarray] | None = None,
-        stability: Stability | None = None,
+        stability: Mapping[str, Any] | None = None,
     ):
         # Histories, energies and the last state are set when they are first read.
         self._histories, self._end = histories, end
@@ -148,7 +178,7 @@ class Solution:
         self.variables_of_beam, self.variables_of_joint = variables_of_beam, variables_of_joint
         self.variables_of_contact = variables_of_contact or {}
         self.names_of_parameters = list(names_of_parameters)
-        self._stability = stability or Stability()
+        self._stability = dict(stability or {})
         self.branches: list[Solution] = []
         self.origin: Any = None
 
@@ -176,6 +206,10 @@ class Solution:
         of_run = "_histories", "_end", "_load_path"
         state = {name: value for name, value in self.__dict__.items() if name not in of_run}
         state |= {name: getattr(self, name) for name in _LATER}
+        with suppress(ValueError):  # numbers of unstable modes are found for copies
+            _ = self.unstable_modes
+        known_of_path = self._stability.items()
+        state["_stability"] = {name: of for name, of in known_of_path if not callable(of)}
         return {**state, "resultants_of_beam": known.__getitem__}
 
     def __repr__(self):
@@ -208,8 +242,7 @@ class Solution:
         With them, that of the modes among the lowest twelve that grow, without damping; a flutter
         vibration counts once. In a frame that turns, Coriolis forces do not count.
         """
-        _ = self.load_factor  # refuses a motion
-        return self._stability.unstable_modes()
+        return read_only(self._of_path("unstable_modes"))
 
     @property
     def stable(self) -> np.ndarray:
@@ -224,8 +257,18 @@ class Solution:
         What could not be located between two rows is in the list as "not located", with a warning;
         where `unstable_modes` is refused, the list is empty, with a warning.
         """
+        return list(self._of_path("critical_points"))
+
+    def _of_path(self, name: str) -> Any:
         _ = self.load_factor  # refuses a motion
-        return self._stability.critical_points()
+        if name not in self._stability:
+            raise ValueError(
+                f"{name}: a solution from a file has none, nor has a copy of one in which they "
+                "were not read before. Compute the path again by static"
+            )
+        if callable(find := self._stability[name]):
+            self._stability[name] = find()
+        return self._stability[name]
 
     @property
     def has_motion(self) -> bool:
@@ -619,20 +662,3 @@ def _beam_name(solution: Any, beam: Beam | str) -> str:
     if not is_one_of(name, beams):
         raise ValueError(f"{shown(name)} is not a beam of this solution; it has {list(beams)}")
     return name
-
-
-def _attributes() -> str:
-    """The histories as numpydoc lists attributes."""
-    lines = []
-    for name, history in HISTORIES.items():
-        lengths = ", ".join(map(str, ("n", *history.shape)))
-        lines += [f"{name} : ({lengths}{'' if history.shape else ','}) float"]
-        lines += textwrap.wrap(
-            f"{history.says}.", 90, initial_indent="    ", subsequent_indent="    "
-        )
-    return "\n".join(lines)
-
-
-if Solution.__doc__ is not None:  # else Python runs without docstrings
-    # Python takes the indentation away from 3.13 on.
-    Solution.__doc__ = inspect.cleandoc(Solution.__doc__).replace("HISTORIES", _attributes())

@@ -41,8 +41,6 @@ class Quantity(NamedTuple):
     mean: bool = False
     #: Whether every state has it.
     required: bool = False
-    #: What a history of it in a `Solution` is; "" if it is none.
-    says: str = ""
 
     def lengths(self, sizes: Mapping[str, int]) -> tuple[int, ...]:
         """The lengths of a model."""
@@ -74,33 +72,16 @@ class State:
     q: np.ndarray = _array("dofs", record="motion", required=True)
     v: np.ndarray = _array("dofs", record="rates", required=True)
     a: np.ndarray = _array("dofs", record="rates", required=True)
-    slides: np.ndarray = _array(
-        "joints",
-        record="always",
-        required=True,
-        says="Slides of the joints [m]; NaN of removed ones",
-    )
+    #: Slides of the joints [m].
+    slides: np.ndarray = _array("joints", record="always", required=True)
     #: In the step so far: forces of driven and fixed columns, of joints, and of obstacles; of added
     #: virtual works in its last part [N, N m].
     constraint_forces: np.ndarray | None = _array("constraints", record="forces", mean=True)
-    joint_forces: np.ndarray | None = _array(
-        *("joints", 3),
-        record="forces",
-        mean=True,
-        says="Forces and moments of the joints on their nodes b [N, N m]",
-    )
-    contact_forces: np.ndarray | None = _array(
-        *("contacts", 2),
-        record="forces",
-        mean=True,
-        says="Forces of obstacles on nodes, one obstacle after the other [N]",
-    )
+    joint_forces: np.ndarray | None = _array("joints", 3, record="forces", mean=True)
+    contact_forces: np.ndarray | None = _array("contacts", 2, record="forces", mean=True)
     added_forces: np.ndarray | None = _array("added dofs")
-    parameters: np.ndarray | None = _array(
-        "parameters",
-        record="always",
-        says="Parameters in functions of your own, in the order of `Scene.parameters`",
-    )
+    #: Parameters in functions of the user.
+    parameters: np.ndarray | None = _array("parameters", record="always")
     #: Work and dissipated energy since the start [J].
     work: float = _number()
     dissipated: float = _number()
@@ -180,45 +161,29 @@ MACROS = (
 
 
 class History(NamedTuple):
-    """Rows (n, ...) over time."""
+    """Rows (n, ...) over time; `Solution` says what they are."""
 
     #: Lengths of a row, by their names or as they are.
     shape: tuple[str | int, ...]
-    says: str
     #: What of a `Record` selects it; "always" if it cannot be omitted.
     record: str = "always"
     #: Whether it is "linear" between steps, or that of the "step"; "" if neither.
     between: str = ""
 
 
-#: The histories by name. Arrays of the state that say what they are follow by themselves.
+#: The histories by name.
 HISTORIES: dict[str, History] = {
-    "t": History((), "Times [s]; in a static solution load factors"),
-    "t_level": History(
-        (),
-        "Times at which the rows of `resultants`, `reaction`, `JointMotion.force` and "
-        "`ContactMotion.force` hold [s]: the scheme's level in the step that ends at t[k]. At mid-"
-        "step they are means over the whole step, whatever its parts: times the step's length "
-        "they are impulses. Otherwise they are values, for a halved step in its last part. Row "
-        "0 is the start: reactions and joint forces are zero there or, after "
-        "`simulate(start=...)`, those of the last step before",
-        between="step",
-    ),
-    "q": History(("nodes", 3), "Displacements and rotation [m, rad]", "motion"),
-    "v": History(("nodes", 3), "Their rates; zero in a static solution", "rates"),
-    "a": History(("nodes", 3), "Their accelerations; zero in a static solution", "rates", "step"),
-    "reactions": History(
-        ("nodes", 3), "Forces and moments of the supports on the nodes [N, N m]", "forces", "step"
-    ),
-    "motor_forces": History(
-        ("joints",), "Forces and moments of the joints' motors [N, N m]", "forces", "step"
-    ),
-    "linear_momentum": History((2,), "Linear momentum [kg m/s]", between="linear"),
-    "angular_momentum": History(
-        (), "Angular momentum about the origin [kg m^2/s]", between="linear"
-    ),
-} | {
-    name: History(array.shape, array.says, array.record, "step" if array.mean else "linear")
-    for name, array in ARRAYS.items()
-    if array.says
+    "t": History(()),
+    "t_level": History((), between="step"),
+    "q": History(("nodes", 3), "motion"),
+    "v": History(("nodes", 3), "rates"),
+    "a": History(("nodes", 3), "rates", "step"),
+    "reactions": History(("nodes", 3), "forces", "step"),
+    "motor_forces": History(("joints",), "forces", "step"),
+    "linear_momentum": History((2,), between="linear"),
+    "angular_momentum": History((), between="linear"),
+    "slides": History(("joints",), between="linear"),
+    "joint_forces": History(("joints", 3), "forces", "step"),
+    "contact_forces": History(("contacts", 2), "forces", "step"),
+    "parameters": History(("parameters",), between="linear"),
 }

@@ -125,18 +125,13 @@ class Modes:
         return f"<Modes: {len(self)} from {low:.4g} to {high:.4g} Hz>"
 
     def _repr_html_(self):
-        shown = range(min(4, len(self)))
         size = 0.15 * float(np.ptp(self.positions, axis=0).max())
-        shapes = [
-            sketch(
-                [
-                    *(self.positions[nodes] for nodes in self.nodes_of_beam.values()),
-                    *(self.shape(name, mode, size) for name in self.nodes_of_beam),
-                ],
-                ["#bbb"] * len(self.nodes_of_beam) + ["#0072B2"] * len(self.nodes_of_beam),
-            )
-            for mode in shown
-        ]
+        at_rest = [self.positions[nodes] for nodes in self.nodes_of_beam.values()]
+        shades = ["#bbb"] * len(at_rest) + ["#0072B2"] * len(at_rest)
+        shapes = []
+        for mode in range(min(4, len(self))):
+            moved = [self.shape(name, mode, size) for name in self.nodes_of_beam]
+            shapes.append(sketch(at_rest + moved, shades))
         return f"<pre>{escape(str(self))}</pre>{' '.join(shapes)}"
 
     def __str__(self):
@@ -325,6 +320,7 @@ class FrequencyResponse:
         return columns
 
 
+@dataclass(repr=False, eq=False)
 class PeriodicMotion:
     """A motion that repeats itself; `periodic`, `backbone` and `forced_response` find it.
 
@@ -367,21 +363,15 @@ class PeriodicMotion:
     (True, 0.318, 0.1)
     """
 
-    def __init__(
-        self,
-        period: float,
-        energy: float,
-        multipliers: np.ndarray,
-        instability: str,
-        error: float,
-        iterations: int,
-        run: Callable[[], Solution],
-    ):
-        self.period, self.energy, self.multipliers = period, energy, multipliers
-        self.instability, self.error, self.iterations = instability, error, iterations
-        self._run = run
-        #: How it was found, for derivatives.
-        self._cycle: Any = None
+    period: float
+    energy: float
+    multipliers: np.ndarray
+    instability: str
+    error: float
+    iterations: int
+    run: Callable[[], Solution]
+    #: How it was found, for derivatives.
+    _cycle: Any = field(default=None, init=False)
 
     @property
     def frequency(self) -> float:
@@ -396,7 +386,7 @@ class PeriodicMotion:
     @cached_property
     def solution(self) -> Solution:
         """The motion over one period; `simulate(scene, start=...)` continues it."""
-        return self._run()
+        return self.run()
 
     def amplitude(self, node: Node, component: str = "y") -> float:
         """Half of the distance between the ends of the motion of a node.
@@ -443,6 +433,7 @@ class StabilityChange(NamedTuple):
     motion: PeriodicMotion
 
 
+@dataclass(repr=False, eq=False)
 class PeriodicFamily:
     """Periodic motions of a family; `backbone` and `forced_response` return it.
 
@@ -472,14 +463,9 @@ class PeriodicFamily:
     (True, array([1.  , 0.78]))
     """
 
-    def __init__(
-        self,
-        motions: list[PeriodicMotion],
-        free: bool,
-        changes: Mapping[int, Callable[[], PeriodicMotion]] | None = None,
-    ):
-        self.motions, self.free = motions, free
-        self._changes = changes or {}
+    motions: list[PeriodicMotion]
+    free: bool
+    changes: Mapping[int, Callable[[], PeriodicMotion]] = field(default_factory=dict)
 
     def __len__(self):
         return len(self.motions)
@@ -524,7 +510,7 @@ class PeriodicFamily:
         kinds = [motion.instability for motion in self.motions]
         return [
             StabilityChange(number, kinds[number] or kinds[number - 1], motion())
-            for number, motion in sorted(self._changes.items())
+            for number, motion in sorted(self.changes.items())
         ]
 
     def amplitudes(self, node: Node, component: str = "y") -> np.ndarray:
