@@ -12,7 +12,7 @@ import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.errors import SceneError
-from fx_beam.fem.mesh import Mesh, rotation_of
+from fx_beam.fem.mesh import Mesh
 from fx_beam.fem.sparsity import starts_of
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.scene import Scene
@@ -199,10 +199,6 @@ class Couplings:
         slides[..., numbers] = y[..., columns]
         return slides
 
-    def entries_of_carrier(self, joint: Joint) -> list[Entry]:
-        """Entries of the rotation of a joint's offset and axis; none on the ground."""
-        return self.entries(rotation_of(joint.a)) if joint.a is not GROUND else []
-
 
 def couple(scene: Scene, mesh: Mesh) -> Couplings:
     """Couplings of a scene; SceneError for joints that over-constrain, with their names."""
@@ -223,6 +219,9 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
             column[dof] = entries[0][0]
         else:
             column[dof], of_sums[dof], arms[dof] = -1, entries, through
+    sign = np.zeros((3, scene.joint_count))
+    for i, branch in ((i, branch) for i, forest in enumerate(forests) for branch in forest):
+        sign[i, branch.joint.number] = branch.sign
     couplings = Couplings(
         free=columns.free,
         driven=columns.driven,
@@ -231,7 +230,7 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         sums=of_sums,
         slides=columns.slides,
         moving=moving,
-        sign=np.array([_signs(forest, scene.joint_count) for forest in forests]),
+        sign=sign,
         arms=arms,
         auxiliaries=sums.auxiliaries,
         forests=forests,
@@ -402,13 +401,6 @@ def motors(scene: Scene) -> list[tuple[Joint, str]]:
             raise SceneError(f"{joint}: it has two motors. Move one of them to another joint")
         moved += [(joint, name) for name in joint.driven]
     return moved
-
-
-def _signs(branches: list[Branch], joints: int) -> np.ndarray:
-    signs = np.zeros(joints)
-    for branch in branches:
-        signs[branch.joint.number] = branch.sign
-    return signs
 
 
 # With the displacements u of auxiliary unknowns, u = B y + N u in small changes of the columns y,

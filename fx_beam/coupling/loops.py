@@ -78,6 +78,8 @@ class Loops:
             for k in order
         ]
         column = self._entries.column
+        #: Number of the entries of all closures.
+        self.entries = len(column)
         on_beam = (column >= couplings.independent) & (column < couplings.columns)
         #: Closures of loops with nodes on beams: their forces border the compiled loop's tangent.
         self._carried = np.unique(self._entries.row[on_beam])
@@ -205,11 +207,6 @@ class Loops:
             "scale_at": diagonal,
         }
         return ClosedSystem((start, column), open_entries, ones, members, storage)
-
-    @property
-    def entries(self) -> int:
-        """Number of the entries of all closures."""
-        return len(self._entries.row)
 
 
 def _dependence(

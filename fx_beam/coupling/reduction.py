@@ -21,7 +21,7 @@ from fx_beam.fem.point_forces import PointForces
 from fx_beam.fem.sparsity import Pattern, sparsity
 from fx_beam.laws.rates import UpdateRule
 from fx_beam.results.state import MACROS
-from fx_beam.scene.joints import Joint
+from fx_beam.scene.joints import GROUND, Joint
 
 from .column_map import ColumnMap
 from .graph import Auxiliaries, Couplings
@@ -102,7 +102,7 @@ class Reduction:
         row_of, unknown_of = couplings.system
         geometric = []
         for m, joint in enumerate(couplings.moving):
-            turn = couplings.entries_of_carrier(joint)
+            turn = [] if joint.a is GROUND else couplings.entries(rotation_of(joint.a))
             turn = [e for e in turn if unknown_of[e[0]] >= 0]
             slide = [(self._slide[m], 0, 1.0)] if 0 <= self._slide[m] < free else []
             of_kinds = (turn, turn), (turn, slide), (slide, turn), (slide, slide)

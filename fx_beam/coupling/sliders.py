@@ -157,12 +157,9 @@ class Sliders:
     def set_tangent(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Set the entries of the tangent before the elimination; returns their positions."""
         self._given, position = np.unique(rows * self._size + columns, return_inverse=True)
+        #: Number of these entries.
+        self.entries_before = len(self._given)
         return position
-
-    @property
-    def entries_before(self) -> int:
-        """Number of entries of the tangent before the elimination."""
-        return len(self._given)
 
     @cached_property
     def bordered(self) -> Bordered:

@@ -49,15 +49,6 @@ def symbols_only(refusal: str = "") -> Iterator[None]:
         Expr.__float__ = usual
 
 
-def expression_of(function: Callable, arguments: Sequence, call: str) -> Any:
-    """The UFL expression that a user's function gives; SceneError, named by the call, for none."""
-    with symbols_only(
-        f"{call} must give a UFL expression. Use ufl.sqrt, ufl.exp, ... in place of functions of "
-        "math or NumPy"
-    ):
-        return ufl.as_ufl(function(*arguments))
-
-
 def is_parameter(value: Any) -> bool:
     """Whether a value is a `Parameter`."""
     if not hasattr(value, "ufl_operands"):
@@ -88,7 +79,11 @@ def scalar_of(function: Callable, values: Sequence[float], call: str) -> tuple[A
     SceneError if it is no scalar UFL expression, or has other symbols than parameters.
     """
     variables = [ufl.variable(ufl.as_ufl(value)) for value in values]
-    expression = expression_of(function, variables, call)
+    with symbols_only(
+        f"{call} must give a UFL expression. Use ufl.sqrt, ufl.exp, ... in place of functions of "
+        "math or NumPy"
+    ):
+        expression = ufl.as_ufl(function(*variables))
     refuse_fields(fields_in(expression), call, parameters_in(expression))
     if expression.ufl_shape != ():
         raise SceneError(f"{call} must be a scalar, not of shape {expression.ufl_shape}")
