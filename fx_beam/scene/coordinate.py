@@ -457,7 +457,6 @@ def checked_coordinate(what: str, spring, damper, motor, friction=None, stop=Non
 def _check_magnitude(force: Callable[[Any], Any]) -> None:
     """Refuse a magnitude of friction that is no UFL expression of the rate, or negative."""
     call = "SmoothFriction: force"
-    scalar_of(force, [0.1], f"{call}(rate)")
     for rate in _RATES:
         value = value_of(force, [rate], f"{call}(rate)")
         if isinstance(value, complex) or not value >= 0:

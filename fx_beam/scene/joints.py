@@ -454,7 +454,7 @@ def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
     >>> scene.add_joint(fb.Rigid(lower.end, upper.start, offset=(0, 0.5))).kind
     'Rigid'
     """
-    return _joint("Rigid", a, b, offset)
+    return new_joint("Rigid", a, b, offset)
 
 
 def Revolute(
@@ -504,7 +504,7 @@ def Revolute(
     rotation = checked_coordinate(
         "motor of a revolute joint", spring, damper, motor, friction, stop
     )
-    return _joint("Revolute", a, b, offset, rotation=rotation)
+    return new_joint("Revolute", a, b, offset, rotation=rotation)
 
 
 def Prismatic(
@@ -555,7 +555,7 @@ def Prismatic(
     -1.25
     """
     slide = checked_coordinate("motor of a prismatic joint", spring, damper, motor, friction, stop)
-    return _joint("Prismatic", a, b, offset, _direction("Prismatic", axis), slide)
+    return new_joint("Prismatic", a, b, offset, _direction("Prismatic", axis), slide)
 
 
 def PinInSlot(
@@ -612,7 +612,7 @@ def PinInSlot(
     require(isinstance(hinge, Coordinate), "PinInSlot: hinge", hinge, "an fx_beam.Coordinate")
     if hinge.motor is not None:
         hinge = replace(hinge, motor=time_function(hinge.motor, 1, "hinge of a pin in slot"))
-    return _joint("PinInSlot", a, b, offset, _direction("PinInSlot", axis), slide, hinge)
+    return new_joint("PinInSlot", a, b, offset, _direction("PinInSlot", axis), slide, hinge)
 
 
 def _direction(kind: str, axis) -> np.ndarray:
@@ -628,8 +628,8 @@ def _direction(kind: str, axis) -> np.ndarray:
     return unit
 
 
-def check_friction(kind: str, slide: Coordinate | None, rotation: Coordinate | None) -> None:
-    """Refuse friction under the joint's force without what tells its size."""
+def new_joint(kind, a, b, offset, axis=None, slide=None, rotation=None, of=Joint, **more) -> Any:
+    """A joint of a class, and what this has more; SceneError for nodes and laws that do not fit."""
     if slide is not None and isinstance(slide.friction, Coulomb) and slide.friction.radius:
         raise SceneError(f"{kind}: friction of a slide has no radius; omit it")
     friction = rotation.friction if rotation is not None else None
@@ -638,10 +638,6 @@ def check_friction(kind: str, slide: Coordinate | None, rotation: Coordinate | N
             f"{kind}: friction of a rotation needs the radius of the pin, "
             "fx_beam.Coulomb(mu, stiffness, radius)"
         )
-
-
-def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
-    check_friction(kind, slide, rotation)
     for node in (a, b):
         if not isinstance(node, Node):
             raise SceneError(
@@ -655,7 +651,7 @@ def _joint(kind, a, b, offset, axis=None, slide=None, rotation=None) -> Joint:
             f"{kind}: offset = {offset}, but the ground takes no offset: the joint is at the start "
             f"position of {b}"
         )
-    joint = Joint(kind, a, b, offset, axis, slide, rotation)
+    joint = of(kind, a, b, offset, axis, slide, rotation, **more)
     if len(set(joint.internal)) < len(joint.internal):
         raise SceneError(
             f"{kind}: the springs of its slide and its rotation have internal variables of the "

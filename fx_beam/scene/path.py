@@ -54,7 +54,7 @@ class Path:
         fractions = np.arange(p + 1) / p
         shapes[:, : p + 1] = np.linalg.inv(fractions[:, None] ** np.arange(p + 1)).T
         begin, end = shapes[:, 1], shapes @ np.arange(4)
-        corner = self._corners()
+        corner = self.corners()
         #: Coefficients (elements, 3 p + 1, 4) for the nodes of an element and of both neighbours.
         self.coefficients = np.zeros((n, 3 * p + 1, 4))
         inside = slice(p, 2 * p + 1)
@@ -71,22 +71,17 @@ class Path:
             self.coefficients[i, p:] += np.outer(left, _SLOPES[1])
             self.coefficients[i + 1, : 2 * p + 1] += np.outer(right, _SLOPES[0])
 
-    def _corners(self) -> np.ndarray:
+    def corners(self) -> np.ndarray:
         """Whether the elements i and i + 1 meet in a corner of a polyline, (elements - 1,)."""
         if self.beam.inner is not None:
             return np.zeros(len(self.h) - 1, dtype=bool)
         along = np.diff(self.X[:: self.degree], axis=0)
         return np.abs(np.angle(_complex(along[1:]) / _complex(along[:-1]))) > _STRAIGHT
 
-    @property
-    def has_corners(self) -> bool:
-        """Whether the beam is a polyline with corners."""
-        return bool(self._corners().any())
-
     def corner_near(self, s: float) -> np.ndarray | None:
         """Position (2,) of a corner within a hundredth of an element from an arc length [m]."""
         inner, h = self.s[1:-1], np.minimum(self.h[1:], self.h[:-1])
-        near = np.flatnonzero(self._corners() & (abs(inner - s) <= 0.01 * h))
+        near = np.flatnonzero(self.corners() & (abs(inner - s) <= 0.01 * h))
         return self.X[self.degree * (near[0] + 1)] if near.size else None
 
     def angles(self) -> np.ndarray:

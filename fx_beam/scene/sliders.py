@@ -20,7 +20,7 @@ from .coordinate import (
     Stop,
     checked_coordinate,
 )
-from .joints import GROUND, Joint, JointKinematics, NodalMotion, check_friction
+from .joints import GROUND, Joint, JointKinematics, NodalMotion, new_joint
 from .path import Path
 
 
@@ -136,7 +136,7 @@ class SlidingJoint(Joint):
     def check_start(self, size: float) -> None:
         """Refuse what no joint may have, and corners under a sleeve."""
         super().check_start(size)
-        if self.turns_together and self.path.has_corners:
+        if self.turns_together and self.path.corners().any():
             raise SceneError(
                 f"{self}: the beam has corners, at which the rotation of a sleeve would jump. Use "
                 "an fx_beam.spline or arc for the beam, or a Slider"
@@ -351,8 +351,6 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
             f"{kind}: a guide on the ground needs its place at the start, as a fraction of the "
             "length of the beam"
         )
-    if not isinstance(node, Node):
-        raise SceneError(f"{kind}: {node!r} is not a node; take one from another beam or a body")
     if any(node is of_beam for of_beam in beam.nodes):
         raise SceneError(
             f"{kind}: {node} belongs to beam {beam.name!r}. Take a node of another one"
@@ -362,7 +360,5 @@ def _sliding(kind, beam, node, fraction, parts, rotation) -> SlidingJoint:
         require(fits, f"{kind}: fraction", fraction, "a number from 0 to 1")
         fraction = as_float(fraction)
     slide = checked_coordinate(f"motor of a {kind.lower()}", *parts)
-    check_friction(kind, slide, rotation)
-    return SlidingJoint(
-        kind, beam.start, node, np.zeros(2), None, slide, rotation, beam=beam, fraction=fraction
-    )
+    on_beam = {"of": SlidingJoint, "beam": beam, "fraction": fraction}
+    return new_joint(kind, beam.start, node, (0.0, 0.0), None, slide, rotation, **on_beam)
