@@ -80,23 +80,20 @@ class Branch:
         return np.sign(self.direction) * self.point.modes.shapes[self.mode].real
 
 
-def grown(path: Solution, levels: int, follow: Callable[[Branch], Solution]) -> list[Solution]:
-    """Branches of a path, which `follow` computes, each with its own branches, up to a level."""
-    known: list[Any] = []
-    path.branches = _of_path(path, levels, follow, known)
-    return path.branches
-
-
-def _of_path(
+def grow(
     path: Solution, levels: int, follow: Callable[[Branch], Solution], known: list[Any]
-) -> list[Solution]:
+) -> None:
+    """Give a path its branches, which `follow` computes, and these their own, up to a level.
+
+    None starts at points that are `known`, to which those of the path are added.
+    """
     new = [
         point
         for point in path.critical_points
         if point.kind == "bifurcation" and not any(_same(point, other) for other in known)
     ]
     known += new
-    branches = []
+    path.branches = []
     for point in new:
         for mode in range(len(point.modes)):
             for direction in (1, -1):
@@ -108,11 +105,10 @@ def _of_path(
                         continue
                     branch = error.solution
                 branch.origin = start
-                branches.append(branch)
+                path.branches.append(branch)
     if levels > 1:
-        for branch in branches:
-            branch.branches = _of_path(branch, levels - 1, follow, known)
-    return branches
+        for branch in path.branches:
+            grow(branch, levels - 1, follow, known)
 
 
 def _same(one: Any, other: Any) -> bool:

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.errors import SceneError
 from fx_beam.results.solution import Solution
@@ -234,7 +233,7 @@ class PathStability:
         points: list[CriticalPoint] = []
         try:
             piece = Piece(self._arc, self._motions, *self._states[row : row + 2])
-            brackets = Growth(self._motions, piece).brackets(*counts)
+            brackets = Growth(piece).brackets(*counts)
         except _FAILURES as failure:
             return points, str(failure)
         reason, last = "" if brackets else "all modes stay as they are", -np.inf
@@ -256,29 +255,19 @@ class PathStability:
         elif not motions.symmetric(K):
             vectors = motions.shapes(state, float(motions.squares(state)[0].real), several)
         elif root.kind in SMOOTH:
-            vectors = self._null_vectors(K, several, unstable)
+            values, vectors = motions.lowest(K, unstable + 1)  # of those that vanish
+            vectors = vectors[:, np.sort(np.argsort(abs(values))[:several])]
         else:
             vectors = motions.lowest(K, unstable)[1][:, -several:]
         kind = "bifurcation" if several > 1 and root.kind in SMOOTH else root.kind
         modes = self._modes(state, vectors, square)
         return CriticalPoint(kind, state.t, row, modes, self._solved(state))
 
-    def _null_vectors(self, K: scipy.sparse.csr_matrix, several: int, unstable: int) -> np.ndarray:
-        """Vectors (unknowns, several) of the eigenvalues that vanish, of length 1 in the metric."""
-        values, vectors = self._motions.lowest(K, unstable + 1)
-        return vectors[:, np.sort(np.argsort(abs(values))[:several])]
-
     def _modes(self, state: State, vectors: np.ndarray, square: float) -> Modes:
         self._motions.stiffness(state)  # the couplings are then those of this state
         count = vectors.shape[1]
         omega = np.sign(square) * np.sqrt(abs(square))
         root = -omega if square < 0 else 1j * omega
-        return modes_of(
-            self._stepper.model,
-            state.q,
-            self._motions.coupling() @ vectors,
-            np.full(count, omega),
-            np.zeros(count, dtype=bool),
-            np.full(count, np.nan if square < 0 else 0.0),
-            np.full(count, root),
-        )
+        ratio, shapes = np.nan if square < 0 else 0.0, self._motions.coupling() @ vectors
+        of_modes = (np.full(count, value) for value in (omega, False, ratio, root))
+        return modes_of(self._stepper.model, state.q, shapes, *of_modes)

@@ -18,7 +18,6 @@ from fx_beam.results.state import State
 from fx_beam.step.equations import Equations
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.load_loop import LoadLoop, StepSolution
-from fx_beam.step.model import Model
 from fx_beam.step.step_failures import StepFailed
 from fx_beam.step.substeps import MOST_HALVINGS
 
@@ -75,14 +74,10 @@ class LoadStepper:
     """Takes load steps; the states of a model have the load factor in place of time."""
 
     def __init__(
-        self,
-        model: Model,
-        forcing: LoadForcing,
-        options: StaticOptions,
-        stats: Stats,
-        alone: bool = True,
+        self, forcing: LoadForcing, options: StaticOptions, stats: Stats, alone: bool = True
     ):
-        self.model, self.forcing, self.options, self.stats = model, forcing, options, stats
+        self.forcing, self.options, self.stats = forcing, options, stats
+        self.model = model = forcing.model
         #: Takes load steps.
         self.loop = LoadLoop(forcing, options.newton, stats, alone)
         self.path = PathEquations(self.loop)

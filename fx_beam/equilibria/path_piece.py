@@ -158,9 +158,9 @@ class Bracket(NamedTuple):
 class Growth:
     """Where the numbers of modes that grow change along a piece."""
 
-    def __init__(self, motions: SmallMotions, piece: Piece):
-        self._piece = piece
-        self._at = functools.cache(lambda x: motions.growing(piece.at(x), piece.stiffness(x)))
+    def __init__(self, piece: Piece):
+        self._piece, growing = piece, piece.motions.growing
+        self._at = functools.cache(lambda x: growing(piece.at(x), piece.stiffness(x)))
 
     def brackets(self, before: int, after: int) -> list[Bracket]:
         """All of them, from the numbers of modes that grow in the rows before and after."""

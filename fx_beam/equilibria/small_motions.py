@@ -81,18 +81,14 @@ class SmallMotions:
         if not self.symmetric(K):
             pairs, others = pairs_and_others(self.squares(state, K))
             return Growing(len(pairs), int((others < 0).sum()))
-        lu = sparse_lu((K.indptr, K.indices))
-        if not lu.factorise(K.data):
-            # A pivot, or an eigenvalue, is zero.
-            most = abs(K.diagonal() * self.unit**2).max() or 1.0
-            shifted = (K + _SHIFT * most * self.metric).tocsr()
+        most = abs(K.diagonal() * self.unit**2).max() or 1.0
+        for shift in (0.0, _SHIFT * most):  # if a pivot, or an eigenvalue, is zero
+            shifted = (K + shift * self.metric).tocsr() if shift else K
             shifted.sort_indices()
             lu = sparse_lu((shifted.indptr, shifted.indices))
-            if not lu.factorise(shifted.data):
-                raise ValueError(
-                    f"unstable_modes: the tangent at load factor {state.t:g} is singular"
-                )
-        return Growing(0, lu.negative_pivots() or 0)
+            if lu.factorise(shifted.data):
+                return Growing(0, lu.negative_pivots() or 0)
+        raise ValueError(f"unstable_modes: the tangent at load factor {state.t:g} is singular")
 
     def lowest(self, K: scipy.sparse.csr_matrix, n: int) -> tuple[np.ndarray, np.ndarray]:
         """The n lowest eigenvalues of a tangent in the metric, and vectors (unknowns, n)."""

@@ -31,7 +31,7 @@ from fx_beam.step.step_failures import StepFailed
 from fx_beam.step.turning_frame import TurningFrame, check_turns
 
 from .arc_length import ArcLength
-from .branches import Branch, first_step, grown, is_equilibrium
+from .branches import Branch, first_step, grow, is_equilibrium
 from .critical_points import PathStability
 from .load_steps import LoadStepper, StaticOptions
 from .settling import Settling
@@ -70,8 +70,8 @@ class LoadPath:
         turning = TurningFrame(model, options.spin, options.pivot) if options.spin else None
         self.forcing = LoadForcing(model, options.t, turning)
         self._team = waiting_team(connected) if options.continuation is None else None
-        given = model, self.forcing, options, self.stats
-        self._stepper = LoadStepper(*given, alone=self._team is None)
+        alone = self._team is None
+        self._stepper = LoadStepper(self.forcing, options, self.stats, alone)
         if self._team is not None:
             self.stats.solver = f"PETSc on {self._team.size} processes"
         #: The states so far.
@@ -187,9 +187,8 @@ class LoadPath:
             self._stepper.loop.inversion.check(state.t, state.q)
         end = replace(turning[-1], t=self.forcing.time, inputs=self._inputs)
         path = self._stability(states, lambda state: self._solution([state]))
-        found_later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
-        given = model, recorder, stats, lambda: end
-        solution = solution_of(*given, ended=True, stability=found_later)
+        later = {name: getattr(path, name) for name in ("unstable_modes", "critical_points")}
+        solution = solution_of(recorder, stats, lambda: end, ended=True, stability=later)
         model.needed_by(solution.resultants_of_beam)
         return solution
 
@@ -355,5 +354,5 @@ def static(
     solution = LoadPath(scene, options, start).followed()
     if branches:
         along = replace(options, continuation="arc-length", branches=0)
-        grown(solution, branches, lambda origin: LoadPath(scene, along, origin).followed())
+        grow(solution, branches, lambda origin: LoadPath(scene, along, origin).followed(), [])
     return solution

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -364,15 +364,9 @@ class LinearSystem:
         W = np.linalg.solve(W @ V, W)
         fast = B - V @ (W @ B)
         held = np.linalg.solve(A - V @ (W @ A) + bound * V @ W, fast)
-        return LinearSystem(
-            W @ A @ V,
-            W @ B,
-            C @ V,
-            self.D - C @ held,
-            self.inputs,
-            self.outputs,
-            self.reduction.projected(W / scale),
-        )
+        reduction = self.reduction.projected(W / scale)
+        given = {"A": W @ A @ V, "B": W @ B, "C": C @ V, "D": self.D - C @ held}
+        return replace(self, reduction=reduction, **given)
 
     def deviation(self, of: Motion | Solution) -> np.ndarray:
         """States x of a motion, for feedback of all states.
@@ -493,16 +487,10 @@ def linearise(
             f"{what}: output {label!r} is the rate of a node without mass on which an input acts; "
             "it jumps with the input. Give the node a mass or an inertia (add_mass, rhoI)"
         )
-    n = len(reduced.dx)
-    return LinearSystem(
-        reduced.dx[:, :n],
-        reduced.dx[:, n:],
-        CD[:, :n],
-        CD[:, n:],
-        tuple(driving.labels),
-        tuple(labels),
-        reduced,
-    )
+    n = [len(reduced.dx)]
+    A, B = np.hsplit(reduced.dx, n)
+    C, D = np.hsplit(CD, n)
+    return LinearSystem(A, B, C, D, tuple(driving.labels), tuple(labels), reduced)
 
 
 def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):

@@ -14,7 +14,6 @@ from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import Modes, modes_of
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
-from fx_beam.step.undamped_modes import UndampedModes
 
 from .linearisation import Linearisation, check_equilibrium, linearised
 
@@ -38,36 +37,6 @@ class Damped(NamedTuple):
     def only(self, chosen: np.ndarray) -> Damped:
         """Some of them, by their numbers or a mask."""
         return Damped(*(part[..., chosen] for part in self))
-
-
-def lowest_damped(undamped: UndampedModes, K, C, M, n: int):
-    """Angular frequencies, rigid modes, damping ratios, roots and vectors of the n lowest modes."""
-    # All rigid and unstable modes, some that are neither, and more in which damping may show:
-    # Coriolis forces may carry what is unstable without them.
-    count = 2 * n + 10
-    while True:
-        omega, rigid, vectors = undamped.lowest(count)
-        if (omega > 0).sum() > n // 2 or len(omega) < count:
-            break
-        count *= 2
-    unit = 0.7 * abs(omega[~rigid]).min(initial=np.inf)
-    if np.isinf(unit):
-        unit = abs(C.diagonal()).max() / M.diagonal().max()
-    still = vectors[:, rigid]
-    damped = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
-    x = damped.vectors
-    # The phase in which the imaginary part is smallest.
-    x = x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
-    none = np.zeros(still.shape[1])
-    frequencies = np.concatenate([none, damped.frequencies])
-    order = np.argsort(frequencies, kind="stable")[:n]
-    return (
-        frequencies[order],
-        order < len(none),
-        np.concatenate([none, damped.ratios])[order],
-        np.concatenate([none, damped.values])[order],
-        np.column_stack([still, x])[:, order],
-    )
 
 
 def _not_rigid(K, C, M, n: int, undamped: np.ndarray, rigid: np.ndarray, unit: float) -> Damped:
@@ -310,4 +279,29 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
     if C is None or not abs(C).max():
         omega, rigid, vectors = undamped.lowest(n)
         return omega, rigid, np.zeros(len(omega)), np.where(omega < 0, -omega, 1j * omega), vectors
-    return lowest_damped(undamped, K, C, M, n)
+    # All rigid and unstable modes, some that are neither, and more in which damping may show:
+    # Coriolis forces may carry what is unstable without them.
+    count = 2 * n + 10
+    while True:
+        omega, rigid, vectors = undamped.lowest(count)
+        if (omega > 0).sum() > n // 2 or len(omega) < count:
+            break
+        count *= 2
+    unit = 0.7 * abs(omega[~rigid]).min(initial=np.inf)
+    if np.isinf(unit):
+        unit = abs(C.diagonal()).max() / M.diagonal().max()
+    still = vectors[:, rigid]
+    damped = _not_rigid(K, C, M, n, vectors[:, ~rigid], still, unit)
+    x = damped.vectors
+    # The phase in which the imaginary part is smallest.
+    x = x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
+    none = np.zeros(still.shape[1])
+    frequencies = np.concatenate([none, damped.frequencies])
+    order = np.argsort(frequencies, kind="stable")[:n]
+    return (
+        frequencies[order],
+        order < len(none),
+        np.concatenate([none, damped.ratios])[order],
+        np.concatenate([none, damped.values])[order],
+        np.column_stack([still, x])[:, order],
+    )

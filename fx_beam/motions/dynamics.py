@@ -68,7 +68,7 @@ class ChangingScene:
                     stop.solution = whole if last is None else whole.then(last)  # type: ignore[attr-defined]
                 raise
             name, t = run.stats.until, float(run.t[-1])
-            happened = self._apply(self._happened(run)) if name in self._changes else []
+            happened = self._apply(run) if name in self._changes else []
             times = dict.fromkeys(happened, t)
             run.stats = replace(run.stats, until="" if happened else name, changes=times)
             whole = run if whole is None else whole.then(run)
@@ -87,27 +87,20 @@ class ChangingScene:
         outputs = {**self._outputs, **needed} if until else None
         return replace(self._options, until=until, outputs=outputs)
 
-    def _apply(self, names: list[str]) -> list[str]:
-        """Change the scene, but not what another change has held or taken away; those that did."""
-        applied = []
-        for name in names:
-            if name not in self._changes:
-                continue
-            done = self._changes[name]
-            apply_change(self._scene, done)
-            applied.append(name)
-            left = self._changes.items()
-            self._changes = {other: one for other, one in left if not is_over(one, done)}
-        return applied
+    def _apply(self, run: Solution) -> list[str]:
+        """Change the scene as at the end of a part; names of the changes, that of the end first.
 
-    def _happened(self, run: Solution) -> list[str]:
-        """Names of the changes at the end of a part."""
-        near = [
-            name
-            for name, change in self._changes.items()
-            if abs(self._relative_excess(run, change)) < _TOGETHER
-        ]
-        return [run.stats.until, *(name for name in near if name != run.stats.until)]
+        What another change has held or taken away stays.
+        """
+        changes, applied = self._changes, list[str]()
+        near = [n for n in changes if abs(self._relative_excess(run, changes[n])) < _TOGETHER]
+        for name in dict.fromkeys([run.stats.until, *near]):
+            if (done := self._changes.get(name)) is not None:
+                apply_change(self._scene, done)
+                applied.append(name)
+                left = self._changes.items()
+                self._changes = {other: one for other, one in left if not is_over(one, done)}
+        return applied
 
     def _relative_excess(self, run: Solution, change: Latch | Fuse) -> float:
         of = run.joint(change.joint)

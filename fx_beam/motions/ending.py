@@ -41,18 +41,13 @@ class Ending:
     """Takes the steps of a run one by one, until a condition is met."""
 
     def __init__(self, prepared: Prepared, recorder: Recorder):
-        outputs = prepared.options.outputs or {}
         self._stepper, self._recorder = prepared.stepper, recorder
         self._conditions = prepared.options.until
         self._last = start = recorder.end
         #: The present state in a step, as `FittedState` reads that of a stepper.
         self._step = SimpleNamespace()
         self._now = FittedState(prepared.model, prepared.forcing, self._step)
-        turns = prepared.turn_counter.removed
-        self._readings = readings(prepared.model, self._now, turns, outputs)
-        forces = any(output.quantity == "force" for output in outputs.values())
-        if forces and prepared.loop is not None:
-            prepared.loop.problem.c.keeps_joint_forces = True
+        self._readings = readings(prepared, self._now, prepared.options.outputs or {})
         self._before: _Mark | None = None
         self._values = self._values_after(start, start)
         for name, value in self._values.items():

@@ -19,7 +19,6 @@ from fx_beam.step.recorder import Recorder
 
 
 def solution_of(
-    model: Model,
     recorder: Recorder,
     stats: Stats,
     end: Callable[[], State],
@@ -37,7 +36,7 @@ def solution_of(
     record stays as it is if the run has `ended`, and the scene if `scene_stays` until the solution
     is read.
     """
-    scene, mesh = model.scene, model.mesh
+    model, scene, mesh = recorder.model, recorder.model.scene, recorder.model.mesh
     # Fitted rates depend on the joints of the scene, which may be changed.
     later = ended and (scene_stays or not model.fits_rates)
     recorded = recorder.histories() if stored is None else stored
@@ -56,7 +55,7 @@ def solution_of(
     def resultants_of_beam(name: str) -> BeamResultants:
         beams = model.forms.beams
         assert beams is not None
-        check_rates(model, recorder)
+        check_rates(recorder)
         with model.reading:
             if not cache:
                 every = recorder.means(beams.resultants(recorder.sub_steps()))
@@ -98,9 +97,9 @@ def solution_of(
     )
 
 
-def check_rates(model: Model, recorder: Recorder) -> None:
+def check_rates(recorder: Recorder) -> None:
     """ValueError if stress resultants depend on rates that are not recorded."""
-    beams = model.forms.beams
+    model, beams = recorder.model, recorder.model.forms.beams
     if beams is not None and beams.facts.resultants_need_rates and "v" not in recorder.arrays:
         raise ValueError(
             f"the stress resultants of {model.scheme.name} depend on rates: rates not "

@@ -17,6 +17,8 @@ from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.recorded_histories import driven_ways
 
+from .prepared import Prepared
+
 if TYPE_CHECKING:
     from fx_beam.step.fitted_rates import Fit
 
@@ -143,9 +145,12 @@ class FittedState:
 
 
 def readings(
-    model: Model, now: FittedState, turns: np.ndarray, outputs: Mapping[str, Output]
+    prepared: Prepared, now: FittedState, outputs: Mapping[str, Output]
 ) -> dict[str, Reading]:
-    """Functions that read outputs; `turns` (size,) are missing in the rotations [rad]."""
+    """Functions that read outputs, with the full turns that are missing in rotations."""
+    if any(output.quantity == "force" for output in outputs.values()):
+        prepared.stepper.integrator.problem.c.keeps_joint_forces = True
+    model, turns = prepared.model, prepared.turn_counter.removed
     return {name: _reading(model, now, turns, output) for name, output in outputs.items()}
 
 

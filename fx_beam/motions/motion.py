@@ -98,15 +98,13 @@ class OpenMotion:
     that fail, and those in parts, are taken by the `Stepper`.
     """
 
-    def __init__(
-        self, prepared: Prepared, held: HeldInputs, dt: float, record: Record | None, forces: bool
-    ):
+    def __init__(self, prepared: Prepared, held: HeldInputs, dt: float, record: Record | None):
         self._prepared, self._dt, self._record = prepared, dt, record
         #: What completes or undoes what an interrupt may have broken off, and its arguments.
         self._pending: tuple[Callable[..., None], tuple] | None = None
         self.held = held
         #: What tries the steps, and has the present state.
-        self._steps = CompiledSingleSteps(prepared.stepper.integrator, dt, forces)
+        self._steps = CompiledSingleSteps(prepared.stepper.integrator, dt)
         #: The present state as it is shown.
         self.shown = FittedState(prepared.model, prepared.forcing, self)
 
@@ -359,10 +357,8 @@ class Motion:
         if start is not None:
             state = state_of(prepared.model, start)
             held.resume(prepared.forcing, state, state.inputs)
-        forces = any(output.quantity == "force" for output in outputs.values())
-        self._open = OpenMotion(prepared, held, self._dt, record, forces)
-        turns = prepared.turn_counter.removed
-        self._readings = readings(prepared.model, self._open.shown, turns, outputs)
+        self._open = OpenMotion(prepared, held, self._dt, record)
+        self._readings = readings(prepared, self._open.shown, outputs)
         state = prepared.first_state(self._dt, start)
         self._open.begin(state, np.zeros(prepared.model.size), Grid(state.t, 0, self._dt))
         prepared.stats.setup_seconds = perf_counter() - clock
@@ -509,7 +505,7 @@ class Motion:
         recorder = Recorder(self._prepared.model, np.array([self.t]), Record())
         end = self._open.end()
         recorder.record(0, end)
-        return solution_of(self._prepared.model, recorder, self.stats, lambda: end)
+        return solution_of(recorder, self.stats, lambda: end)
 
     @one_thread
     def solution(self) -> Solution:
@@ -530,7 +526,7 @@ class Motion:
             raise SceneError(
                 "Motion.solution: nothing was recorded. Create the motion with record=fb.Record()"
             )
-        return solution_of(self._prepared.model, recorder, self.stats, self._open.end)
+        return solution_of(recorder, self.stats, self._open.end)
 
     # -- Snapshots --------------------------------------------------------------------------------
 

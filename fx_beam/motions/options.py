@@ -48,18 +48,12 @@ _CONDITIONS = "a function of time and outputs, or a dictionary of such functions
 class Tolerance:
     """The options of a run with controlled steps, checked."""
 
-    def __init__(
-        self,
-        tolerance: float,
-        dt: float | None,
-        dt_max: float | None,
-        breaks: Sequence[float],
-        times: tuple[float, float],
-    ):
-        t0, t_end = times[0], as_float(times[1])
+    def __init__(self, options: Options, t0: float):
+        tolerance, dt, dt_max = options.tolerance, options.dt, options.dt_max
+        t_end, breaks = options.t_end, options.breaks
         fits = _LEAST <= as_float(tolerance) <= _MOST
         require(fits, "tolerance", tolerance, f"a number from {_LEAST:g} to {_MOST:g}")
-        require(is_number(times[1]), "t_end", times[1], "a finite number")
+        require(is_number(t_end), "t_end", t_end, "a finite number")
         if not t_end - t0 >= 1 / LARGEST:
             since = f"the start at t = {t0:g}" if t0 else "0"
             raise SceneError(f"t_end = {t_end!r} must be after {since}")
@@ -168,8 +162,7 @@ class Options(CommonOptions):
         if self.tolerance is None:
             times, control = _time_grid(self.dt, self.t_end, t0, goes_on), None
         else:
-            times, span = np.array([t0]), (t0, self.t_end)
-            control = Tolerance(self.tolerance, self.dt, self.dt_max, self.breaks, span)
+            times, control = np.array([t0]), Tolerance(self, t0)
             order_and_constant(self.scheme)  # refuses one whose local errors are not known
         if (of_rows := self.record.times) is not None:
             fits = of_rows[-1] >= t0 and of_rows[0] <= self.t_end

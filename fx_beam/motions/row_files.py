@@ -35,7 +35,7 @@ class RowFiles:
         self._model, self._recorder = prepared.model, recorder
         if not self._model.scene.beams:
             raise SceneError("Record: a file for ParaView needs beams, and the scene has none")
-        check_rates(self._model, recorder)
+        check_rates(recorder)
         self._path = writable(file, ("pvd",)).resolve()
         self._folder = self._path.with_suffix("")
         self._folder.mkdir(exist_ok=True)

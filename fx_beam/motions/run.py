@@ -248,7 +248,7 @@ class Run:
             return state.changed(parts=parts, past=past, inputs=held)
 
         return solution_of(
-            *(prepared.model, self.recorder, prepared.stats, end),
+            *(self.recorder, prepared.stats, end),
             None if at is None else np.array(at, float),
             [*options.breaks, *self._events],
             ended=True,

@@ -20,7 +20,8 @@ from fx_beam.step.model import Model
 
 from .initial_state import end_of, given_velocity, reference_state
 
-_GROUND = -1
+# In the place of rows: of the ground, whose number in `JointKey` this is, and of new nodes.
+_GROUND, _NEW = -1, -2
 
 
 def has_changed(model: Model, start: Solution) -> bool:
@@ -52,7 +53,7 @@ class _Transfer:
 
     def __init__(self, model: Model, start: Solution):
         self._model, self._start, self._end = model, start, end_of(start)
-        #: Row (n_node,) of each node in the solution; -1 for nodes of new members.
+        #: Row (n_node,) of each node in the solution, or `_NEW`.
         self._rows = self._rows_of_nodes()
         #: Joints of the solution, and by the numbers of the same joints of the scene.
         self._had = (self._end.constraints or Constraints()).joints
@@ -88,7 +89,7 @@ class _Transfer:
 
     def _rows_of_nodes(self) -> np.ndarray:
         mesh, scene, start = self._model.mesh, self._model.scene, self._start
-        rows = np.full(len(mesh.X), -1)
+        rows = np.full(len(mesh.X), _NEW)
         pairs = [
             (f"beam {beam.name!r}", nodes, start.nodes_of_beam[beam.name])
             for beam, nodes in zip(scene.beams, mesh.nodes, strict=True)
@@ -188,12 +189,10 @@ class _Transfer:
         keys: dict[tuple, list[JointKey]] = {}
         for key in self._had:
             keys.setdefault((key.kind, key.a, key.b), []).append(key)
-        same = {}
+        same, rows = {}, [*self._rows.tolist(), _GROUND]
         for joint in self._model.scene.joints:
             mine = key_of(joint)
-            a, b = (int(self._rows[n]) if n >= 0 else _GROUND for n in (mine.a, mine.b))
-            new = any(n >= 0 and self._rows[n] < 0 for n in (mine.a, mine.b))
-            if not new and (twins := keys.get((mine.kind, a, b))):
+            if twins := keys.get((mine.kind, rows[mine.a], rows[mine.b])):
                 twin = next((key for key in twins if key.number == joint.number), twins[0])
                 if joint.place is not None and twin.number != joint.number:
                     continue  # it is made anew

@@ -373,7 +373,7 @@ class Shooting:
         recorder = Recorder(self.model, times, Record())
         recorder.record(0, start)
         self._advance(start, times, recorder)
-        return solution_of(self.model, recorder, self.prepared.stats, lambda: recorder.end)
+        return solution_of(recorder, self.prepared.stats, lambda: recorder.end)
 
     # -- What does not change -------------------------------------------------------------------
 

@@ -19,18 +19,16 @@ _BLOCK = 64
 
 
 class CompiledSingleSteps:
-    """Tries single steps of the length dt [s] from the present state, with `forces` if needed.
+    """Tries single steps of the length dt [s] from the present state.
 
     An interrupt may come anywhere between two lines of Python: C takes a step as a whole, and
     counts it.
     """
 
-    def __init__(self, loop: CompiledLoop, dt: float, forces: bool):
+    def __init__(self, loop: CompiledLoop, dt: float):
         self._loop, self._dt = loop, dt
         problem = loop.problem
         self._p, self._run = problem.c, problem.library.fx_run
-        if forces:
-            problem.c.keeps_joint_forces = True
         self._unrecorded = loop.c_record(NullRecorder(), 1)
         #: The present state: arrays of C.
         self.now = SimpleNamespace(
