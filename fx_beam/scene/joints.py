@@ -200,6 +200,11 @@ class Joint:
         """Whether b neither slides nor turns relative to a."""
         return not self.coordinates
 
+    @property
+    def turns_with_motion(self) -> bool:
+        """Whether its coupling changes with the motion."""
+        return not (self.is_index or self.a is GROUND)
+
     def lacks(self, quantity: str) -> str:
         """What an `Output` of a quantity must be of, if not of this joint.
 

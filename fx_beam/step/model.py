@@ -28,7 +28,7 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.results.state import ROWS, State
 from fx_beam.scene.beam import Beam
 from fx_beam.scene.coordinate import Coulomb
-from fx_beam.scene.joints import GROUND, Joint, NodalMotion, joints_by_number, slides_at_start
+from fx_beam.scene.joints import Joint, NodalMotion, joints_by_number, slides_at_start
 from fx_beam.scene.law import has_pieces
 from fx_beam.scene.scene import Scene
 from fx_beam.scene.sliders import SlidingJoint, sliding_joints
@@ -364,7 +364,7 @@ class Model:
     @cached_property
     def fits_rates(self) -> bool:
         """Whether rates by the mean rule must be fitted to joints and driven motions."""
-        turning = any(not of.is_index and of.a is not GROUND for of in self.scene.joints)
+        turning = any(joint.turns_with_motion for joint in self.scene.joints)
         return self.scheme.rates.by_mean and bool(turning or self.couplings.driven)
 
     @property
