@@ -281,7 +281,10 @@ class WorkOutput(RowOutput):
 
     def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """As of `RowOutput`."""
-        of_steps = _weights_of_steps(self._ends, weights, later, self._count)
+        # Sums of the weights of all rows from the start on, and from after each step on. Of no rows
+        # `bincount` gives integers, to which parts of numbers cannot be added.
+        ends, of_rows = np.append(self._ends, self._count), np.append(weights, later)
+        of_steps = np.bincount(ends, of_rows, self._count + 1)[::-1].cumsum()[::-1]
         vjp(self._of_steps(np.flatnonzero(of_steps)), of_steps, to)
         vjp(self._of_rows(np.flatnonzero(weights)), weights, to)
 
@@ -402,15 +405,3 @@ def _driven_paths(model: Model) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.c
             if node is not GROUND:
                 nodes[i, model.mesh.dofs[node.number, 2]] += sign
     return scipy.sparse.csr_matrix(nodes), scipy.sparse.csr_matrix(slides)
-
-
-def _weights_of_steps(
-    ends: np.ndarray, weights: np.ndarray, later: float, count: int
-) -> np.ndarray:
-    """Sums (count + 1,) of the weights of all rows from the start on, and from after each step on.
-
-    Rows with weights (n,) are after `ends` (n,) steps; `later` is the sum of those of later rows.
-    """
-    # Of no rows `bincount` gives integers, to which parts of numbers cannot be added.
-    at_ends = np.bincount(np.append(ends, count), np.append(weights, later), count + 1)
-    return at_ends[::-1].cumsum()[::-1]

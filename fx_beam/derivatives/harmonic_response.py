@@ -229,23 +229,19 @@ class HarmonicResponse(TangentResponse):
         row, order = self._measured.rows[i], np.argsort(self._f)
         size, f = abs(self.response.values[order, i]), self._f[order]
 
-        def amplitude(frequency: float) -> float:
-            return float(abs(row @ self._solved(frequency)[0]))
+        def minus_amplitude(frequency: float) -> float:
+            return -float(abs(row @ self._solved(frequency)[0]))
 
         peaks = []
         for k in np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1:
-            found = minimize_scalar(
-                lambda frequency: -amplitude(frequency),
-                bounds=(f[k - 1], f[k + 1]),
-                method="bounded",
-                options={"xatol": _PLACE * f[k]},
-            )
-            motion, adjoints = self._solved(found.x)
+            where = {"bounds": (f[k - 1], f[k + 1]), "options": {"xatol": _PLACE * f[k]}}
+            at = float(minimize_scalar(minus_amplitude, method="bounded", **where).x)
+            motion, adjoints = self._solved(at)
             value = row @ motion
             weights = np.conj(value) / abs(value) * (np.arange(len(names)) == i)
-            there = np.array([found.x]), motion[None], adjoints[None]
+            there = np.array([at]), motion[None], adjoints[None]
             gradient = self._of_sums(self._pairs(there, weights[None, None]), np.ones((1, 1)))[0]
-            peaks.append(Peak(float(found.x), float(abs(value)), gradient))
+            peaks.append(Peak(at, float(abs(value)), gradient))
         return peaks
 
     @property

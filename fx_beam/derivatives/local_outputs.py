@@ -166,8 +166,7 @@ class ResultantOutput(RowOutput):
         numbers = np.append(steps.sub_steps, -np.ones(len(start), dtype=int))
         #: Rows, numbers and shares of the sub-steps.
         self._parts = [*zip(rows.tolist(), numbers.tolist(), [*steps.shares, *ones], strict=True)]
-        indices = model.forms.beams.parameters
-        self._parameters = np.array(indices, dtype=int)
+        self._parameters = np.array(model.forms.beams.parameters, dtype=int)
 
     def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """As of `RowOutput`, with the Jacobians of all elements at once."""

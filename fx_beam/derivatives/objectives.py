@@ -42,10 +42,9 @@ class Objective:
 
 
 def _measured(given: Any, what: str) -> np.ndarray:
-    masked = isinstance(given, np.ma.MaskedArray)
-    values = array_of(given.data if masked else given, what)
-    if masked:
-        values[np.ma.getmaskarray(given)] = np.nan
+    if isinstance(given, np.ma.MaskedArray):
+        given = np.ma.filled(given.astype(float), np.nan)
+    values = array_of(given, what)
     require(not np.isinf(values).any(), what, given, "finite, or NaN where nothing was measured")
     return values
 
@@ -80,7 +79,7 @@ class Misfit:
             for name, rows in self._measured.items()
         }
         #: Numbers of the last motion, and its statistics, by which one knows it.
-        self._last: tuple[np.ndarray, Any] | None = None
+        self._last: tuple[Any, Any] = None, None
 
     @property
     def _alone(self):
@@ -104,9 +103,8 @@ class Misfit:
     @one_thread
     def jacobian(self, x: Any) -> np.ndarray:
         """Their derivatives (n, m) by x; without another motion if the last one was that of x."""
-        last = self._last
-        known = last is not None and last[1] is self._run.stats
-        if last is None or not known or not np.array_equal(last[0], np.asarray(x, float)):
+        last, stats = self._last
+        if not (stats and stats is self._run.stats and np.array_equal(last, np.asarray(x, float))):
             self(x)
         J, parts = self._run.jacobian(*self._measured), []
         for name, rows in self._measured.items():

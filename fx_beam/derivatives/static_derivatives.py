@@ -106,11 +106,6 @@ class StaticDerivatives:
         kind = {"settles": bool(path.model.mechanism)}
         self._others = OtherScenes(path.model.scene, Equilibrium(), **kind)
 
-    @property
-    def names(self) -> set[str]:
-        """Names of the numbers of which there are derivatives."""
-        return self.derivatives.names
-
     def numbers_of(self, scene: Scene, change: Any = None) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
         scene = with_functions(scene, self.path.options.inputs, "static: inputs")
@@ -122,10 +117,9 @@ class StaticDerivatives:
         """Changes of the last state with those (m, ...) of the numbers."""
         every = np.arange(len(self.tape) + 1)
         changed_rows = self.derivatives.jvp(self.tape, changes, every, every[:-1])
-        of_state = {"q": "q", "slides": "slides"}
+        forces = {"constraint_forces": "constraints", "joint_forces": "joints"}
+        of_state = {"q": "q", "slides": "slides"} | forces
         at_end = {name: changed_rows[rows][-1] for name, rows in of_state.items()}
-        of_state = {"constraint_forces": "constraints", "joint_forces": "joints"}
-        at_end |= {name: changed_rows[rows][-1] for name, rows in of_state.items()}
         for quantity, sums in self._sums().items():
             of_steps = jvp(sums.blocks(every), every.shape, changed_rows, changes)
             at_end[quantity] = of_steps.sum(axis=0)
@@ -160,7 +154,7 @@ def change_of_end(
     """Changes of the last state of a path with x, by `derivatives` of the numbers of scenes."""
     of = StaticDerivatives(path)
     changes = derivatives(of.numbers_of)
-    refuse_others(changes, of.names, what)
+    refuse_others(changes, of.derivatives.names, what)
     return of.change_of_end(changes)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
-import scipy.sparse
 
 from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval, Part, StepStart, instant
@@ -40,11 +39,9 @@ class NaturalRows:
         else:
             self._factors = self._strains.series(times)
         columns = self._strains.unit_loads
-        # Of each value of the columns its strain and its column.
-        self._rows, self._of = (
-            columns.indices,
-            np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr)),
-        )
+        #: Of each value of the columns its strain and its column.
+        self._rows = columns.indices
+        self._of = np.repeat(np.arange(columns.shape[1]), np.diff(columns.indptr))
 
     def at(self, boundary: int) -> np.ndarray:
         """The strains (cells, degree, 3) before a sub-step."""
@@ -65,11 +62,8 @@ class NaturalRows:
         if boundary == 0:
             return changes["natural"]
         columns, factors = self._strains.unit_loads, self._factors[boundary]
-        changed = [
-            scipy.sparse.csc_matrix((of.ravel(), *pattern), columns.shape) @ factors
-            for pattern in [(columns.indices, columns.indptr)]
-            for of in changes["natural columns"]
-        ]
+        of_values = changes["natural columns"] * factors[self._of]
+        changed = [np.bincount(self._rows, of, columns.shape[0]) for of in of_values]
         more = changes["naturals"].reshape(len(changed), -1, len(factors))[:, boundary - 1]
         return np.array(changed) + (columns @ more.T).T
 

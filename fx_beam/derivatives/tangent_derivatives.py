@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 
 from fx_beam.errors import SceneError
@@ -381,14 +382,11 @@ def _basis(directions: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.nda
     directions = directions / unit
     sizes = np.linalg.norm(directions, axis=1)[:, None]
     rows = directions / np.where(sizes > 0, sizes, 1.0)
-    rows, basis, factors = np.vstack([rows.real, rows.imag]), [], []
-    while (left := np.einsum("ij,ij->i", rows, rows)).max() > _ALIKE**2:
-        i = int(left.argmax())
-        basis.append(rows[i] / np.sqrt(left[i]))
-        factors.append(rows @ basis[-1])
-        rows -= np.outer(factors[-1], basis[-1])
-    real, imaginary = np.split(np.array(factors).T, 2)
-    return unit * np.array(basis), sizes * (real + 1j * imaginary)
+    rows = np.vstack([rows.real, rows.imag])
+    basis, left, _ = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)
+    basis = basis[:, abs(left.diagonal()) > _ALIKE]
+    real, imaginary = np.split(rows @ basis, 2)
+    return unit * basis.T, sizes * (real + 1j * imaginary)
 
 
 def _times(matrix: scipy.sparse.csr_matrix, vectors: np.ndarray) -> np.ndarray:

@@ -256,7 +256,8 @@ class LoadStepper:
         """Stored and dissipated energy [J]."""
         model = self.model
         stored = model.forms.strain_energy(state.q, state.internal, state.natural)
-        return stored + model.spring_energy(state) + state.dissipated
+        springs = model.points.energy(state.q, state.slides, state.spring_internal)
+        return stored + springs + state.dissipated
 
     def size(self, D: np.ndarray) -> float:
         """Root mean square of an increment (size,) over the nodes, in units of the scene."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
 
@@ -89,23 +90,23 @@ def acceleration_of(mass, force: np.ndarray) -> np.ndarray:
 
     If several unknowns move one mass, they are the accelerations of least norm.
     """
-    a = np.zeros(len(force))
-    diagonal = mass.diagonal()
+    a, diagonal, solution = np.zeros(len(force)), mass.diagonal(), None
     moving = np.flatnonzero(diagonal > 0)
-    if len(moving):
-        scale = diagonal[moving] ** -0.5
-        b = scale * force[moving]
-        if isinstance(mass, np.ndarray):
-            scaled = scale[:, None] * mass[np.ix_(moving, moving)] * scale
-            solution = _solve_dense(scaled, b)
-        else:
-            S = scipy.sparse.diags(scale)
-            scaled = (S @ mass.tocsr()[moving][:, moving] @ S).tocsc()
-            solution = _solve_sparse(scaled, b)
-        if solution is None:
-            full = scaled if isinstance(scaled, np.ndarray) else scaled.toarray()
-            solution = np.linalg.lstsq(full, b, rcond=1e-10)[0]
-        a[moving] = scale * solution
+    if not len(moving):
+        return a
+    scale = diagonal[moving] ** -0.5
+    b = scale * force[moving]
+    if isinstance(mass, np.ndarray):
+        scaled = scale[:, None] * mass[np.ix_(moving, moving)] * scale
+    else:
+        S = scipy.sparse.diags(scale)
+        scaled = (S @ mass.tocsr()[moving][:, moving] @ S).tocsc()
+        solution = _solve_sparse(scaled, b)
+    if solution is None:
+        full = scaled if isinstance(scaled, np.ndarray) else scaled.toarray()
+        given = {"lapack_driver": "gelsy", "check_finite": False}  # a step says what is not
+        solution = scipy.linalg.lstsq(full, b, 1e-10, **given)[0]
+    a[moving] = scale * solution
     return a
 
 
@@ -134,17 +135,8 @@ def _iterated_acceleration(
     return None
 
 
-def _solve_dense(A: np.ndarray, b: np.ndarray) -> np.ndarray | None:
-    """Solution for a positive definite matrix; None if it is singular."""
-    try:
-        pivots = np.linalg.cholesky(A).diagonal() ** 2
-    except np.linalg.LinAlgError:
-        return None
-    return None if pivots.min() < 1e-10 else np.linalg.solve(A, b)
-
-
 def _solve_sparse(A: scipy.sparse.csc_matrix, b: np.ndarray) -> np.ndarray | None:
-    """The same for a sparse matrix."""
+    """Solution for a positive definite matrix; None if it is singular."""
     A.eliminate_zeros()  # the masses have the stiffness' pattern
     try:
         factors = scipy.sparse.linalg.splu(A, "MMD_AT_PLUS_A", options={"SymmetricMode": True})

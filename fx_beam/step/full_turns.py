@@ -49,8 +49,7 @@ class TurnCounter:
 
     def with_turns(self, state: State) -> State:
         """The state with the turns that were subtracted."""
-        before = None if state.q_previous is None else state.q_previous + self.removed
-        return state.changed(q=state.q + self.removed, q_previous=before)
+        return self.without(-self.removed, state)
 
 
 def without_turns(model: Model, D: np.ndarray) -> np.ndarray:

@@ -12,6 +12,11 @@ from fx_beam.scene.beam import arc_lengths, gauss_rule
 from .model import Model
 
 _log = logging.getLogger("fx_beam")
+_INVERTED = (
+    "%s: beam %r has an inverted section at its arc length %.4g m and %s = %.6g: there t . phi' is "
+    "%.3g, but must be positive (eq. 4). Check the units of loads, velocities and stiffnesses, or "
+    "make the section stiffer"
+)
 
 
 class InversionCheck:
@@ -43,17 +48,9 @@ class InversionCheck:
         element = cell - model.mesh.cells[number][0]
         start, end = beam.s[element : element + 2]
         s = start + (end - start) * gauss_rule(beam.degree)[0][point]
-        _log.warning(
-            "%s: beam %r has an inverted section at its arc length %.4g m and %s = %.6g: there "
-            "t . phi' is %.3g, but must be positive (eq. 4). Check the units of loads, velocities "
-            "and stiffnesses, or make the section stiffer",
-            self._stats.scheme,
-            beam.name,
-            s,
-            "load factor" if self._stats.static else "t",
-            t,
-            stretch[cell, point],
-        )
+        when = "load factor" if self._stats.static else "t"
+        where = self._stats.scheme, beam.name, s, when, t
+        _log.warning(_INVERTED, *where, stretch[cell, point])
 
 
 def _least_energy(model: Model) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,6 +57,14 @@ class LoadLoop(CompiledLoop):
         self.drag = 0.0
 
     @cached_property
+    def _one_row(self) -> Any:
+        """A record of forces alone, for one step."""
+        to, self._row = self._ffi.new("Record *"), np.zeros(1, np.int32)
+        to.every = to.parts = to.forces = 1
+        to.up_to_row = self._address("int[]", self._row)
+        return to
+
+    @cached_property
     def equations(self) -> Equations:
         """The equations of load steps; on one process they have the arrays of the loop."""
         alone = self.problem if self._alone else None
@@ -67,9 +75,9 @@ class LoadLoop(CompiledLoop):
         """State at the end of a load step, and its increment; StepFailed if none is found."""
         p, length = self._problem, interval.length
         inputs = self._begin_step(state, interval, length)
-        p.viscosity, p.iterations, p.by_round_off, self.one_row.rows = self.drag, 0, 0, 0
-        if not self._steps(1, length, self.c_inputs(inputs), self.one_row):
-            raise self.failed(state)
+        p.viscosity, p.iterations, p.by_round_off, self._one_row.rows = self.drag, 0, 0, 0
+        if not self._steps(1, length, self.c_inputs(inputs), self._one_row):
+            raise self.failures.in_c(self.problem, state)
         ended_by = "round-off" if p.by_round_off else "increment"
         y = self._z[: self.model.reduction.free].copy()
         parts = self._D.copy(), y, self._r.copy(), p.tried, ended_by, self._predicted.copy()
@@ -80,10 +88,17 @@ class LoadLoop(CompiledLoop):
 
         No time passes for internal variables.
         """
-        driven = self.forcing.positions(interval.end) - self.forcing.current(state)
+        p, driven = self._problem, self.forcing.positions(interval.end)
         inputs = self._begin_step(state, interval, 0.0)
-        fixed = np.zeros(self.model.reduction.columns - len(y) - len(driven))
-        super().finish(inputs, 0.0, np.concatenate([y, driven, fixed]), np.ascontiguousarray(r))
+        z = np.zeros(self.model.reduction.columns)
+        z[: len(y) + len(driven)] = np.concatenate([y, driven - self.forcing.current(state)])
+        r = np.ascontiguousarray(r)
+        p.known, p.known_forces = (self._address("double[]", x) for x in (z, r))
+        self._one_row.rows = 0
+        try:
+            self._steps(1, 0.0, self.c_inputs(inputs), self._one_row)
+        finally:
+            p.known = p.known_forces = self._ffi.NULL
         return self._taken(state, interval)
 
     def _inputs(self, interval: Interval) -> StepInputs:

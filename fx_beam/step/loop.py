@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fx_beam.content_cache import cached_property
 from fx_beam.dual import plain
 from fx_beam.laws.interval import divided
 from fx_beam.laws.schemes import order_and_constant
@@ -168,43 +167,19 @@ class CompiledLoop:
         """The same on a tape, which keeps the state before every so many steps."""
         from .tape import TakenSteps
 
-        p, fractions = self._problem, np.array(self.model.scheme.fractions)
         taken, total = 0, len(inputs.driven) // self._problem.sub_steps
         while taken < total:
             own, count = inputs.after(taken), min(tape.most_steps, total - taken)
             count -= (to.part + count) % to.parts if count > to.parts else 0  # whole steps
             c_inputs = self.c_inputs(own)
             steps = TakenSteps(count, dt, to.parts, to.part, c_inputs, own)
-            to.tape = tape.begin(self.problem, steps)
+            to.tape = tape.begin(steps)
             done = self._steps(count, dt, c_inputs, to)
-            tape.end(done, fractions)
+            tape.end(done)
             taken, to.part = taken + done, to.part + done
-            if done < count or p.stopped:
+            if done < count or self._problem.stopped:
                 break
         return taken
-
-    @cached_property
-    def one_row(self) -> Any:
-        """A record of forces alone, for one step."""
-        to, self._row = self._ffi.new("Record *"), np.zeros(1, np.int32)
-        to.every = to.parts = to.forces = 1
-        to.up_to_row = self._address("int[]", self._row)
-        return to
-
-    def finish(
-        self, inputs: StepInputs, length: float, z: np.ndarray, r: np.ndarray, to: Any = None
-    ) -> None:
-        """Take a step of some length [s] from the state in C, of which all increments are known.
-
-        z (sub-steps, columns) with the forces r (sub-steps, size) of supports and joints.
-        """
-        p = self._problem
-        p.known, p.known_forces = (self._address("double[]", x) for x in (z, r))
-        self.one_row.rows = 0
-        try:
-            self._steps(1, length, self.c_inputs(inputs), to or self.one_row)
-        finally:
-            p.known = p.known_forces = self._ffi.NULL
 
     def failure(self, state: State, t1: float) -> StepFailed:
         """Why a step to t1 [s] fails, without a prediction."""
@@ -219,14 +194,7 @@ class CompiledLoop:
         self.past = past
         if taken:
             return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
-        return self.failed(state)
-
-    def failed(self, state: State) -> StepFailed:
-        """Why the last step failed."""
-        p = self._problem
-        D = self.problem.results(self.model.size)[0].copy()
-        arcs = [(of.s0, of.s1) for of in (p.slider[i] for i in range(p.sliders))]
-        return self.failures.in_c(self.problem, state, D, arcs)
+        return self.failures.in_c(self.problem, state)
 
     def c_inputs(self, inputs: StepInputs):
         """The inputs for C; they must be kept as long as C uses them."""

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse
-from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from fx_beam import c_library
@@ -142,11 +142,8 @@ def _chained(
     graph: scipy.sparse.csr_matrix, order: np.ndarray, rows: np.ndarray, columns: np.ndarray
 ) -> np.ndarray | None:
     """Positions in an order in which each group of three is coupled with the next one only."""
-    none, (_, parts) = (
-        np.zeros(len(order), dtype=int),
-        scipy.sparse.csgraph.connected_components(graph),
-    )
-    for part in (none, parts):  # first without gaps, then each part for itself
+    _, parts = connected_components(graph)
+    for part in (np.zeros_like(parts), parts):  # first without gaps, then each part for itself
         count = int(part.max()) + 1
         first = np.full(count, len(order))
         np.minimum.at(first, part, order)
@@ -222,14 +219,8 @@ def _minimum_degree(indptr: np.ndarray, indices: np.ndarray) -> np.ndarray:
     shape = len(degree), len(degree)
     coupled = scipy.sparse.csr_matrix((np.ones(len(indices)), indices, indptr), shape)
     dominant = scipy.sparse.diags(degree + 1e-6) - coupled
-    lu = splu(
-        dominant.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        relax=1,
-        options={"SymmetricMode": True},
-    )
-    return np.argsort(lu.perm_c)
+    how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "relax": 1}
+    return np.argsort(splu(dominant.tocsc(), **how, options={"SymmetricMode": True}).perm_c)
 
 
 def _one_by_one(order: np.ndarray) -> dict[str, np.ndarray]:

@@ -195,18 +195,11 @@ class Model:
         """
         # At mid-step forces at points depend on mean rates alone.
         needed = self.scheme.rates.level != 0.5 and not self.scheme.rates.at_rest
-        return StepStart(
-            state.q,
-            state.v,
-            state.a,
-            state.q_previous,
-            state.memory(length),
-            state.internal,
-            state.slides,
-            self.slide_rates(state) if needed else 0 * state.slides,
-            state.spring_internal,
-            natural=None if state.natural is None else (state.natural, state.natural),
-        )
+        rates = self.slide_rates(state) if needed else 0 * state.slides
+        of_nodes = state.q, state.v, state.a, state.q_previous, state.memory(length)
+        of_joints = state.slides, rates, state.spring_internal
+        natural = None if state.natural is None else (state.natural, state.natural)
+        return StepStart(*of_nodes, state.internal, *of_joints, natural=natural)
 
     def slide_rates(self, state: State) -> np.ndarray:
         """Rates (joints,) of the slides on which forces act; zero for others."""
@@ -270,15 +263,16 @@ class Model:
 
     def energy(self, state: State) -> float:
         """Kinetic, stored and potential energy [J]."""
+        return float(sum(self.energies(state)))
+
+    def energies(self, state: State) -> tuple[float, ...]:
+        """Energies [J]: kinetic, of beams, potential, and of springs, stops and obstacles."""
         self.forms.parameters.use(state.parameters)
         strained = self.forms.strain_energy(state.q, state.internal, state.natural)
-        stored = strained + self.spring_energy(state)
-        weight = 0.0 if self.weight is None else self.weight @ state.q
-        return float(state.v @ (self.mass @ state.v) / 2 + stored - weight)
-
-    def spring_energy(self, state: State) -> float:
-        """Energy stored in springs, stops and obstacles [J]."""
-        return self.points.energy(state.q, state.slides, state.spring_internal)
+        stored = self.points.energy(state.q, state.slides, state.spring_internal)
+        potential = 0.0 if self.weight is None else -(self.weight @ state.q)
+        kinetic = state.v @ (self.mass @ state.v) / 2 if state.v.any() else 0.0
+        return kinetic, strained, potential, stored
 
     @cached_property
     def sizes(self) -> dict[str, int]:
@@ -309,9 +303,9 @@ class Model:
     def nodal_rules(self) -> list[PointFunction]:
         """The nodal rules of the rates, if they are those of a user."""
         rates = self.scheme.rates
-        return (
-            [compiled_rule(rates, r) for r in rates.rules] if isinstance(rates, NodalRates) else []
-        )
+        if not isinstance(rates, NodalRates):
+            return []
+        return [compiled_rule(rates, rule) for rule in rates.rules]
 
     @property
     def keeps_previous(self) -> bool:
@@ -379,15 +373,13 @@ class Model:
         self.couplings = couple(scene, self.mesh)
         #: Joints with a motor, each with the name of its coordinate.
         self.motors = motors(scene)
-        self.prescribed = np.array([3 * node + i for node, i in scene.prescribed], dtype=int)
-        keys = [*scene.prescribed, *sorted(scene.fixed)]
-        motors_between = np.arange(len(keys)) >= len(scene.prescribed)
+        keys, driven = [*scene.prescribed, *sorted(scene.fixed)], len(scene.prescribed)
+        nodes, components = np.reshape(np.array(keys, dtype=int), (-1, 2)).T
+        columns = np.arange(len(keys))
+        columns[driven:] += len(self.motors)  # which are between
+        self.prescribed = (3 * nodes + components)[:driven]
         #: Supported nodes, their components, and their indices among driven and fixed columns.
-        self.supports = (
-            np.array([node for node, _ in keys], dtype=int),
-            np.array([component for _, component in keys], dtype=int),
-            np.arange(len(keys)) + motors_between * len(self.motors),
-        )
+        self.supports = nodes, components, columns
         self.points.set_columns(self.couplings.slides)
         if self.points.width and len(self.scheme.fractions) > 1:
             raise SceneError(

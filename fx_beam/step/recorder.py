@@ -286,22 +286,13 @@ class Recorder:
         if step == 0:
             self.begin(state)
         model = self.model
-        model.forms.parameters.use(state.parameters)
+        *energies, springs = model.energies(state)
+        losses = state.dissipated, state.algorithmic, state.numerical
         momentum = model.mass @ state.v if state.v.any() else state.v
-        potential = 0.0 if model.weight is None else -(model.weight @ state.q)
         values: dict[str, Any] = {
             **vars(state),
             "up_to_row": self.starts,
-            "energies": (
-                state.v @ momentum / 2,
-                model.forms.strain_energy(state.q, state.internal, state.natural),
-                potential,
-                state.work,
-                model.spring_energy(state),
-                state.dissipated,
-                state.algorithmic,
-                state.numerical,
-            ),
+            "energies": (*energies, state.work, springs, *losses),
             "momenta": sums_of(model, state.q[None], momentum[None]),
         }
         for name, rows in self.arrays.items():
@@ -352,9 +343,8 @@ class Recorder:
         The previous row is the start of the others, which are whole steps.
         """
         counts = np.diff(self.arrays["up_to_row"][: self.rows], prepend=0)[first:]
-        row, stored = (
-            np.repeat(of, np.maximum(counts, 1)) for of in (np.arange(first, self.rows), counts > 0)
-        )
+        repeats, rows = np.maximum(counts, 1), np.arange(first, self.rows)
+        row, stored = np.repeat(rows, repeats), np.repeat(counts > 0, repeats)
         shares = np.ones(len(row))
         shares[stored] = self.arrays_of_starts["share"][self._up_to(first - 1) : self.complete]
         return row, shares, stored

@@ -31,9 +31,8 @@ class CompiledSingleSteps:
         self._p, self._run = problem.c, problem.library.fx_run
         self._unrecorded = loop.c_record(NullRecorder(), 1)
         #: The present state: arrays of C.
-        self.now = SimpleNamespace(
-            **{name: problem.state_arrays[name].reshape(loop.shapes[name]) for name in ARRAYS}
-        )
+        arrays = {name: problem.state_arrays[name].reshape(loop.shapes[name]) for name in ARRAYS}
+        self.now = SimpleNamespace(**arrays)
         #: Rows of a recorder for C, and the recorder and its plan to which they belong.
         self._rows = self._unrecorded
         self._plan: tuple[Recorder | None, int] = None, -1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from fx_beam.errors import Failure, StepError
@@ -81,18 +83,15 @@ class StepFailures:
         reason = f"no convergence in {self.options.max_iterations} iterations"
         return StepFailed("no convergence", reason, D, corrections)
 
-    def in_c(
-        self, problem, state: State, D: np.ndarray, arcs: list[tuple[float, float]]
-    ) -> StepFailed:
-        """Of a step in C from a state, with an increment D (size,).
-
-        `arcs` are the arc lengths of nodes that slide, at both ends of it.
-        """
+    def in_c(self, problem: Any, state: State) -> StepFailed:
+        """Of the last step in C, from a state."""
         p, C, reduction = problem.c, problem.library, self.model.reduction
+        D = problem.results(self.model.size)[0].copy()
         last = range(max(0, p.tried - C.CORRECTIONS), p.tried)
         corrections = [p.corrections[i % C.CORRECTIONS] for i in last]
         reduction.begin(state.q, state.slides)  # which says whether it is singular
         if p.failure == C.SLID_TOO_FAR:
+            arcs = [(of.s0, of.s1) for of in (p.slider[i] for i in range(p.sliders))]
             return StepFailed(*(reduction.fault(arcs) or ("", "")), D, corrections)
         if p.failure == C.OUT_OF_LINE:
             return StepFailed("singular", reduction.singularity, 0 * D, [])

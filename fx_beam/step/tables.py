@@ -86,7 +86,8 @@ class Problem:
         self._hand_over_motors()
         if model.scene.joints and not bare:
             self._hand_over_joint_forces()
-        self._hand_over_tolerances(options)
+        self._set(**vars(options), negligible=NEGLIGIBLE * options.tolerance)
+        self._set(energy_floor=ENERGY_FLOOR, longest_turn=LONGEST_TURN, large_turn=LARGE_TURN)
         numbers = self._numbers(masses=True) | self._positions()
         #: What some were made of: positions of nodes, and how often masses had changed.
         self._X, self._mass_changes = model.mesh.X, model.masses.changes
@@ -299,6 +300,7 @@ class Problem:
     def _hand_over_couplings(self) -> np.ndarray:
         """Hand over the couplings; returns the storage index of each entry of the full tangent."""
         p, reduction, factors = self.c, self.model.reduction, self.factors
+        on_border = self.constants.ON_BORDER
         self._set(**reduction.members)
         at, stored = factors.at, factors.size
         if not factors.band:  # the tangent is stored apart
@@ -329,9 +331,7 @@ class Problem:
         stored_at, p.stored_values = storage_of_entries(tangent, K, alone, at, stored)
         if reduction.couplings.sliding:
             diagonal_at = stored_at[diagonal_of(K)]
-            self._set(
-                **bordering_tables(self.model, factors, at, diagonal_at, self.constants.ON_BORDER)
-            )
+            self._set(**bordering_tables(self.model, factors, at, diagonal_at, on_border))
         padding = np.concatenate([*padding, ones, of_auxiliaries])
         self._set(
             band=factors.band,
@@ -359,9 +359,8 @@ class Problem:
         """Hand over what a pattern that changes with the touches of members is found from."""
         reduction, couplings = self.model.reduction, self.model.couplings
         groups = groups_of(graph_of(*reduction.factored), reduction.dependent, reduction.forces)
-        row_of, unknown_of = on_bordering_rows(
-            reduction, *couplings.system, self.constants.ON_BORDER
-        )
+        system = *couplings.system, self.constants.ON_BORDER
+        row_of, unknown_of = on_bordering_rows(reduction, *system)
         row = {
             "elimination": groups,
             "dof_start": couplings.all_entries.starts(self.model.size),
@@ -369,9 +368,7 @@ class Problem:
             "row_of": row_of,
             "unknown_of": unknown_of,
             "keep": not couplings.closures and not couplings.auxiliaries and not couplings.sliding,
-            "row_entry": COSTS.row_entry,
-            "substitution": COSTS.substitution,
-            "least_worth": COSTS.least_worth,
+            **{name: getattr(COSTS, name) for name in ("row_entry", "substitution", "least_worth")},
         }
         self._set(changing=[row])
         self.c.rows = self.ffi.addressof(self.c.changing[0], "elimination", "rows")
@@ -504,20 +501,8 @@ class Problem:
                     sums.append((3 * joint.b.number + i, -1, 3 * joint.number + i, 1))
         columns = np.array(sums, dtype=int).reshape(-1, 4).T
         names = "pass_dof", "pass_to", "pass_of", "pass_sign"
-        self._set(scene_joints=self.model.scene.joint_count, passes=len(sums))
-        self._set(**dict(zip(names, columns, strict=True)))
-
-    def _hand_over_tolerances(self, options: NewtonOptions) -> None:
-        tolerance = options.tolerance
-        self._set(
-            tolerance=tolerance,
-            negligible=NEGLIGIBLE * tolerance,
-            energy_floor=ENERGY_FLOOR,
-            max_turn=options.max_turn,
-            longest_turn=LONGEST_TURN,
-            large_turn=LARGE_TURN,
-            max_iterations=options.max_iterations,
-        )
+        tables = dict(zip(names, columns, strict=True))
+        self._set(scene_joints=self.model.scene.joint_count, passes=len(sums), **tables)
 
     def _allocate(self) -> None:
         model, reduction = self.model, self.model.reduction
@@ -532,7 +517,9 @@ class Problem:
         #: One piece of memory, which the loop copies before a step with sub-steps.
         self.memory = np.zeros(sum(every.values()))
         ends = itertools.pairwise(itertools.accumulate(every.values(), initial=0))
-        arrays = {name: self.memory[slice(*part)] for name, part in zip(every, ends, strict=True)}
+        #: Where its arrays are in it.
+        self.places = dict(zip(every, itertools.starmap(slice, ends), strict=True))
+        arrays = {name: self.memory[place] for name, place in self.places.items()}
         self._set(memory=self.memory, memory_size=len(self.memory), **arrays)
         self.state_arrays = {name: arrays[name] for name in sizes}
         #: Those that are not empty.

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.errors import SceneError
-from fx_beam.results.state import NUMBERS, State
+from fx_beam.results.state import State
 
 from .forcing import LoadForcing
 from .model import Model
@@ -18,8 +18,6 @@ from .tables import Problem
 TAPED_NUMBERS = 5
 #: Largest size of all rows [bytes]; of a longer run parts are repeated.
 LIMIT = 1e9
-# Numbers of C on which the next steps depend, besides those of the state.
-_OF_RUN = "known_steps", "steps_done"
 
 
 class Steps(NamedTuple):
@@ -68,11 +66,10 @@ class _Checkpoint(NamedTuple):
 
     first: int
     steps: TakenSteps
-    numbers: dict[str, Any]
-    kept_factors: bytes
+    #: Time at their start [s], the struct Problem, and the memory of the state and its past.
+    t: float
+    problem: bytes
     memory: np.ndarray
-    #: The arrays of the state, each in one row.
-    state: dict[str, np.ndarray]
     #: Work space and factors of earlier steps, if these are used.
     work: list[np.ndarray]
     #: Increments (sub-steps, columns) of these steps, if they are kept.
@@ -148,23 +145,18 @@ class Tape:
         """Number of steps between two checkpoints: their rows need half of the memory."""
         return max(1, int(self._limit / (16 * self.c.size * self._sub_steps)))
 
-    def begin(self, problem: Problem, steps: TakenSteps) -> Any:
+    def begin(self, steps: TakenSteps) -> Any:
         """Keep the state before some steps; the C struct for their rows, or 0 for none."""
-        p = problem.c
-        numbers = {name: getattr(p, name) for name in (*NUMBERS, *_OF_RUN)}
-        numbers["orders"] = list(p.orders)
+        problem, p = self.problem, self.problem.c
         work = [array.copy() for array in problem.work] if p.kept.worth else []
-        kept_factors = bytes(self._ffi.buffer(self._ffi.addressof(p, "kept")))
-        memory = problem.memory.copy()
-        state = {name: array.flatten() for name, array in problem.state_arrays.items()}
+        before = p.t, bytes(self._ffi.buffer(p)), problem.memory.copy()
         more = steps.number * self._sub_steps
         if self.is_whole and 8 * self.c.size * (self.c.rows + more) > self._limit:
             self.is_whole = False
-            self._take_increments(problem)
+            self._take_increments()
             self._set_rows(np.empty((0, self.c.size)))
-        increments = None if self.is_whole else self._increments(problem, more)
-        parts = len(self), steps, numbers, kept_factors, memory, state, work, increments
-        self._checkpoints.append(_Checkpoint(*parts))
+        increments = None if self.is_whole else self._increments(more)
+        self._checkpoints.append(_Checkpoint(len(self), steps, *before, work, increments))
         if self.is_whole:
             return self._with_room(more)
         if increments is None:
@@ -173,24 +165,24 @@ class Tape:
         self._read_increments(increments)
         return self.c
 
-    def _increments(self, problem: Problem, sub_steps: int) -> np.ndarray | None:
+    def _increments(self, sub_steps: int) -> np.ndarray | None:
         """Room for increments, if there is memory, and if steps follow from these alone."""
-        p = problem.c
+        p = self.problem.c
         bytes_now = 8 * sub_steps * p.columns
-        touches = problem.model.points.members is not None or p.friction_follows
+        touches = self.problem.model.points.members is not None or p.friction_follows
         if touches or self._kept + bytes_now > self._limit / 2:
             return None
         self._kept += bytes_now
         return np.empty((sub_steps, p.columns))
 
-    def _take_increments(self, problem: Problem) -> None:
+    def _take_increments(self) -> None:
         """Take increments out of the rows, which end with them, before these are given up."""
         for i, checkpoint in enumerate(self._checkpoints):
             rows = self._rows[checkpoint.first :][: checkpoint.steps.number * self._sub_steps]
-            increments = self._increments(problem, len(rows))
+            increments = self._increments(len(rows))
             if increments is None:
                 return
-            increments[:] = rows[:, self.c.size - problem.c.columns :]
+            increments[:] = rows[:, self.c.size - self.problem.c.columns :]
             self._checkpoints[i] = checkpoint._replace(increments=increments)
 
     def _read_increments(self, increments: np.ndarray | None) -> None:
@@ -198,18 +190,19 @@ class Tape:
         address = self._ffi.NULL if increments is None else increments.ctypes.data
         self.c.increments = self._ffi.cast("double *", address)
 
-    def end(self, taken: int, fractions: np.ndarray) -> None:
-        """Keep how many steps were taken, with sub-steps of these fractions."""
+    def end(self, taken: int) -> None:
+        """Keep how many steps were taken."""
         last = self._checkpoints.pop()
         if taken:
             self._checkpoints.append(last._replace(steps=last.steps._replace(number=taken)))
         self._count += taken * self._sub_steps
-        self._fractions, self._times = fractions, None
+        self._times = None
 
     def _known_times(self) -> _Times:
         if self._times is None:
             none = _Times(np.empty(0), np.empty(0), np.empty(0, dtype=bool))
-            parts = (_times_of(checkpoint, self._fractions) for checkpoint in self._checkpoints)
+            fractions = np.array(self.problem.model.scheme.fractions)
+            parts = (_times_of(checkpoint, fractions) for checkpoint in self._checkpoints)
             self._times = _Times(*map(np.concatenate, zip(none, *parts, strict=True)))
         return self._times
 
@@ -252,9 +245,7 @@ class Tape:
     def _repeat(self, problem: Problem, checkpoint: _Checkpoint) -> None:
         """Write the rows of the steps after a checkpoint."""
         p, steps, ffi = problem.c, checkpoint.steps, self._ffi
-        for name, value in checkpoint.numbers.items():
-            setattr(p, name, value)
-        ffi.memmove(ffi.addressof(p, "kept"), checkpoint.kept_factors, len(checkpoint.kept_factors))
+        ffi.memmove(p, checkpoint.problem, len(checkpoint.problem))
         problem.memory[:] = checkpoint.memory
         for array, values in zip(problem.work, checkpoint.work, strict=False):
             array[:] = values
@@ -302,7 +293,8 @@ class Tape:
             first += size
             if behind.any():  # there is a part behind this one
                 assert self._after is not None
-                states[name][behind] = self._after.state[name.replace(" ", "_")][:size]
+                place = self.problem.places[name.replace(" ", "_")]
+                states[name][behind] = self._after.memory[place][:size]
         return states
 
     def steps_to(self, boundaries: np.ndarray) -> Steps:
@@ -358,7 +350,7 @@ def _times_of(checkpoint: _Checkpoint, fractions: np.ndarray) -> _Times:
     lengths = np.tile(steps.dt * fractions, steps.number)
     begins = np.zeros((steps.number, len(fractions)), dtype=bool)
     begins[:, 0] = (steps.part + np.arange(steps.number)) % steps.parts == 0
-    starts = np.cumsum(np.append(checkpoint.numbers["t"], lengths[:-1]))
+    starts = np.cumsum(np.append(checkpoint.t, lengths[:-1]))
     return _Times(starts, lengths, begins.ravel())
 
 

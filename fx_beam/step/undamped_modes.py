@@ -28,28 +28,25 @@ class Symmetry:
 
     def __init__(self, pattern: Pattern, unit: np.ndarray):
         indptr, indices = pattern
-        n = len(indptr) - 1
-        rows = np.repeat(np.arange(n), np.diff(indptr))
-        keys, across = rows * n + indices, indices.astype(np.int64) * n + rows
-        order = np.argsort(keys)
-        other = order[np.searchsorted(keys, across, sorter=order) % max(len(keys), 1)]
-        other = np.where(keys[other] == across, other, -1)
-        above = (rows < indices) | (other < 0)
-        #: Entries above the diagonal, and those across from them: -1 where the pattern has none.
-        self._above, self._below = np.flatnonzero(above), other[above]
-        self._starts, self._rows, self._columns = indptr[:-1], rows[above], indices[above]
-        self._units, self._unit = unit[rows] * unit[indices], unit
+        n, numbers = len(indptr) - 1, np.arange(1, len(indices) + 1)
+        numbered = scipy.sparse.csr_matrix((numbers, indices, indptr), (n, n))
+        pairs = scipy.sparse.triu(numbered + 1j * numbered.T, 1).tocoo()
+        # Entries above the diagonal, and those across from them: -1 where the pattern has none.
+        self._pairs = [part.astype(int) - 1 for part in (pairs.data.real, pairs.data.imag)]
+        self._rows, self._columns, self._starts = pairs.row, pairs.col, indptr[:-1]
+        self._units = unit[np.repeat(np.arange(n), np.diff(indptr))] * unit[indices]
+        self._units_of_pairs = unit[pairs.row] * unit[pairs.col]
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether the matrix with these values is symmetric up to rounding errors."""
-        gaps = abs(values[self._above] - np.append(values, 0.0)[self._below])
+        above, below = (np.append(values, 0.0)[at] for at in self._pairs)
+        gaps = abs(above - below)
         if not gaps.any():
             return True
-        sizes = abs(values * self._units)
-        if (gaps * self._units[self._above] > _ACROSS * sizes.max()).any():
+        sizes, gaps = abs(values * self._units), gaps * self._units_of_pairs
+        if (gaps > _ACROSS * sizes.max()).any():
             return False  # whatever the largest ones of their rows are
         largest = np.sqrt(np.maximum.reduceat(sizes, self._starts))
-        largest /= self._unit
         return bool((gaps <= _ACROSS * largest[self._rows] * largest[self._columns]).all())
 
 
