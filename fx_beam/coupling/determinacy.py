@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse
+from scipy.linalg import block_diag
 from scipy.sparse.linalg import splu
 
 from fx_beam.content_cache import cached_by_content
@@ -288,9 +289,6 @@ def _derivative(reduction: Reduction, loops: Loops) -> np.ndarray:
 
 def _rank(reduction: Reduction, loops: Loops) -> tuple[int, np.ndarray, np.ndarray]:
     """Rank of the closures, combinations (n, closures) that vanish, and motions (n, unknowns)."""
-    # Imported here: most scenes have no loops, and the import takes time.
-    from scipy.linalg import block_diag
-
     G = _derivative(reduction, loops)
     parts = [np.linalg.svd(G[block]) for block in loops.blocks]
     largest = max([1e-300, *(values.max(initial=0.0) for _, values, _ in parts)])

@@ -17,7 +17,7 @@ from typing import Any
 
 from fx_beam.symbolic import ufl
 
-from .point_laws import TINY, Coordinate, Kind, Motion, Slip
+from .point_laws import TINY, Coordinate, Kind, Motion, Slip, dot
 
 # Least change of a . t, relative to |a|^2, for which forces do work on it: below it what they
 # would add is less than round-off.
@@ -44,7 +44,7 @@ def _gap(follows: bool, motion: Motion, D: Sequence[Any], numbers: Sequence[Any]
     distance0, distance1 = _length(first), _length(last)
     along = near.with_places(*_directions(motion, near.ends), len(D))
     (a, t, *_), path, radius = _vectors(motion.rates), distance1 - distance0, numbers[-1]
-    rate = _dot(first, _add(a, -0.5, t)) / distance0
+    rate = dot(first, _add(a, -0.5, t)) / distance0
     return Coordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
 
 
@@ -78,8 +78,8 @@ def _slip_of(motion: Motion, D: Sequence[Any], near: _Nearest, path: Any, still:
         along = near.with_places(on_arm, half, size, on_u=on_u)
         return Slip(path, along, _relative(on_normal, on_arm))
     w0, w1 = near.w
-    change = _dot(arm1, w1) - _dot(arm0, w0)
-    moves = ufl.gt(abs(change), _STILL * _dot(w0, w0))
+    change = dot(arm1, w1) - dot(arm0, w0)
+    moves = ufl.gt(abs(change), _STILL * dot(w0, w0))
     factor = ufl.conditional(moves, path / ufl.conditional(moves, change, 1.0), still)
     on_arm, on_w = (
         [factor / 2 * (x + y) for x, y in zip(*ends, strict=True)]
@@ -101,12 +101,12 @@ class _Nearest:
         at_end, at_start, *_ = numbers
         self._of_ends = (arm0, t0, _, w, *_), (arm1, t1, u, *_) = _vectors(start), _vectors(end)
         # A place is a zero of such a residual.
-        self.place = -at_end * _dot(_add(arm1, 0.5, t1), u)
+        self.place = -at_end * dot(_add(arm1, 0.5, t1), u)
         self.place_at_start: Any = ufl.as_ufl(0.0)
         #: That at the end, where the slopes there follow it.
         self._of_slopes: Any = ufl.as_ufl(0.0)
         if follows:
-            self.place_at_start = -at_start * _dot(_add(arm0, -0.5, t0), w)
+            self.place_at_start = -at_start * dot(_add(arm0, -0.5, t0), w)
             self._of_slopes = self.place
         #: a and t at both ends.
         self.ends: _Ends = self._shifted(self._of_ends[0]), self._shifted(self._of_ends[1])
@@ -132,7 +132,7 @@ class _Nearest:
     def rate_at_end(self) -> Any:
         """The second derivative of |arm|^2 / 2 by the place at the end."""
         arm, t = self.ends[1]
-        return _dot(self.u, self.u) + _dot(_add(arm, 0.5, t), self._of_ends[1][5])
+        return dot(self.u, self.u) + dot(_add(arm, 0.5, t), self._of_ends[1][5])
 
     def with_places(
         self, on_arm: Vector, on_t: Vector, size: int, on_u: Any = (0, 0), on_w: Any = (0, 0)
@@ -171,9 +171,9 @@ def _mean_directions(
 ) -> tuple[Vector, Vector]:
     """Directions on a and t whose products with the changes are that of the distance."""
     (arm0, arm1), (t0, t1) = arms, shifts
-    along0, along1 = _dot(arm0, t0), _dot(arm1, t1)
-    rest, slip = along1 + along0 + (_dot(t1, t1) - _dot(t0, t0)) / 4, along1 - along0
-    moves = ufl.gt(abs(slip), _SMALL * _dot(arm0, arm0))
+    along0, along1 = dot(arm0, t0), dot(arm1, t1)
+    rest, slip = along1 + along0 + (dot(t1, t1) - dot(t0, t0)) / 4, along1 - along0
+    moves = ufl.gt(abs(slip), _SMALL * dot(arm0, arm0))
     share = ufl.conditional(moves, rest / ufl.conditional(moves, slip, 1.0), 0.0) / lengths
     arm, t = (_add(x, 1.0, y) for x, y in (arms, shifts))
     on_arm = _add([x / lengths for x in arm], 0.5 * share, t)
@@ -188,17 +188,13 @@ def _add(a: Sequence[Any], factor: Any, b: Sequence[Any]) -> Vector:
     return [x + factor * y for x, y in zip(a, b, strict=True)]
 
 
-def _dot(a: Vector, b: Vector) -> Any:
-    return a[0] * b[0] + a[1] * b[1]
-
-
 def _length(a: Vector) -> Any:
-    return ufl.sqrt(_dot(a, a) + TINY)
+    return ufl.sqrt(dot(a, a) + TINY)
 
 
 def _relative(a: Vector, b: Vector) -> Any:
     """Length of a vector relative to another one; 1 if this is zero: round the ends of members."""
-    some = ufl.gt(_dot(b, b), TINY)
+    some = ufl.gt(dot(b, b), TINY)
     return ufl.conditional(some, _length(a) / ufl.conditional(some, _length(b), 1.0), 1.0)
 
 

@@ -398,17 +398,13 @@ def points_of(target: Node | Beam, along: int | None = None) -> Points:
     if not isinstance(target, Beam):
         return Points(np.zeros((1, 1), dtype=int), np.ones((1, 1)), np.ones(1))
     degree, lengths = target.degree, np.diff(target.s)
-    firsts = degree * np.arange(target.elements)
+    nodes = degree * np.arange(target.elements)[:, None] + np.arange(degree + 1)
     if along is None:
-        at_nodes = np.zeros(target.elements * degree + 1)
-        of_element = firsts[:, None] + np.arange(degree + 1)
-        np.add.at(at_nodes, of_element, lengths[:, None] * _SHARES[degree])
+        at_nodes = np.bincount(nodes.ravel(), np.outer(lengths, _SHARES[degree]).ravel())
         return Points(np.arange(len(at_nodes))[:, None], np.ones((len(at_nodes), 1)), at_nodes)
     points, shares = gauss_rule(along)
-    values = lagrange(np.linspace(0, 1, degree + 1), points)
-    nodes = np.repeat(firsts[:, None] + np.arange(degree + 1), along, axis=0)
-    weights = np.tile(values, (target.elements, 1))
-    return Points(nodes, weights, (lengths[:, None] * shares).ravel())
+    weights = np.tile(lagrange(np.linspace(0, 1, degree + 1), points), (target.elements, 1))
+    return Points(np.repeat(nodes, along, axis=0), weights, np.outer(lengths, shares).ravel())
 
 
 def _checked_radii(what: str, radius: Any) -> tuple[float, float]:

@@ -204,9 +204,8 @@ class Output:
         fits = isinstance(self.of, Node | Joint | Scene | Beam)
         require(fits, "Output: of", self.of, "a node, a joint, a scene or a beam")
         known = self._known
-        if not isinstance(self.quantity, str) or self.quantity not in known:
-            wanted = f"one of {list(known)} for {self._place}"
-            require(False, "Output: quantity", self.quantity, wanted)
+        wanted = f"one of {list(known)} for {self._place}"
+        require(is_one_of(self.quantity, known), "Output: quantity", self.quantity, wanted)
         parts = known[self.quantity].components
         fits = self.component is None or is_one_of(self.component, parts)
         wanted = f"one of {list(parts)}" if parts else "left out: it is a single number"
