@@ -22,7 +22,7 @@ from fx_beam.errors import (
 )
 
 from . import loads
-from .beam import COMPONENTS, Beam, Node
+from .beam import COMPONENTS, Beam, Node, position_of
 from .body import Body, Members, check_body, name_of, velocities_of
 from .contacts import Contact, Shape, check_members, check_start
 from .coordinate import (
@@ -133,12 +133,9 @@ class Scene:
         return f"<Scene: {', '.join(f'{name} {value}' for name, value in facts(self).items())}>"
 
     def _repr_html_(self):
-        beams = [[(node.x, node.y) for node in beam.nodes] for beam in self.beams]
-        arms = [
-            [(body.centre.x, body.centre.y), (point.x, point.y)]
-            for body in self.bodies
-            for point in body.nodes[1:]
-        ]
+        beams = [[*map(position_of, beam.nodes)] for beam in self.beams]
+        ends = [(body.centre, point) for body in self.bodies for point in body.nodes[1:]]
+        arms = [[*map(position_of, pair)] for pair in ends]
         shades = ["#0072B2"] * len(beams) + ["#444"] * len(arms)
         return html_table("Scene", facts(self)) + sketch([*beams, *arms], shades)
 
