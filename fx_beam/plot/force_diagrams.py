@@ -76,9 +76,8 @@ def diagrams(
     (row,) = checked_drawing(solution, 1.0, scene_unit, rows=[row]).rows
     if not solution.beams:
         raise ValueError("diagrams need beams, but the solution has none")
-    names = list(quantities) if isinstance(quantities, Iterable) else []
-    if isinstance(quantities, str):
-        names = [quantities]
+    given = [quantities] if isinstance(quantities, str) else quantities
+    names = list(given) if isinstance(given, Iterable) else []
     fits = len(names) > 0 and all(is_one_of(name, RESULTANTS) for name in names)
     require(fits, "quantities", quantities, f"some of {', '.join(RESULTANTS)}")
     require(is_flag(deformed), "deformed", deformed, "True or False")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -56,10 +57,8 @@ def _largest(load: Load) -> tuple[float, np.ndarray]:
     """The time at which a load is largest, of those sampled, and its value then."""
     samples = [(0.0, load.value(0.0))]
     for t in _TIMES[1:].tolist():
-        try:
+        with suppress(Exception):  # a function may be defined for the times of its run only
             samples.append((t, load.value(t)))
-        except Exception:  # noqa: BLE001  # a function may be defined for the times of its run only
-            continue
     sizes = [np.hypot(*value) if len(value) == 2 else abs(value[0]) for _, value in samples]
     return samples[int(np.nanargmax(sizes))]
 

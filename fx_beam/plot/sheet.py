@@ -40,12 +40,7 @@ class Plane:
         Width and height [inch], which the axes fill; by default as large as the window asks for.
     """
 
-    def __init__(
-        self,
-        drawing: Drawing,
-        bar: bool,
-        size: tuple[float, float] | None = None,
-    ):
+    def __init__(self, drawing: Drawing, bar: bool, size: tuple[float, float] | None = None):
         (low, high), whole = drawing.window, np.array(LARGEST if size is None else size)
         extent = high - low
         for below in (False, True) if bar else (False,):

@@ -179,8 +179,7 @@ def slide_direction(drawing: Any, joint: Any, k: int) -> np.ndarray:
         return drawing.turned(joint.a, k, joint.direction)
     positions = drawing.positions(drawing.solution.nodes_of_beam[joint.beam.name], k)
     nearest = int(np.argmin(np.hypot(*(positions - drawing.positions(joint.b.number, k)).T)))
-    ahead, behind = min(nearest + 1, len(positions) - 1), max(nearest - 1, 0)
-    along = positions[ahead] - positions[behind]
+    along = np.gradient(positions, axis=0)[nearest]
     return along / np.hypot(*along)
 
 

@@ -100,19 +100,15 @@ class Energy:
         )
 
     def _repr_html_(self):
-        curves = {
-            "total": "#000",
-            "kinetic": "#0072B2",
-            "strain": "#D55E00",
-            "potential": "#009E73",
-        }
-        values = {name: getattr(self, name) for name in curves}
+        shades = "#000", "#0072B2", "#D55E00", "#009E73"
+        names = "total", "kinetic", "strain", "potential"
+        values = {name: getattr(self, name) for name in names}
         largest = max(abs(of).max() for of in values.values()) or 1.0
         x = np.linspace(0, 3, len(self.total))
         lines = [np.column_stack([x, of / largest]) for of in values.values()]
         ends = {name: f"{of[0]:.6g} to {of[-1]:.6g}" for name, of in values.items()}
         error = {"largest balance error": f"{abs(self.balance_error).max():.2g}"}
-        return html_table("Energy [J]", ends | error) + sketch(lines, curves.values())
+        return html_table("Energy [J]", ends | error) + sketch(lines, shades)
 
     @property
     def stored(self) -> np.ndarray:

@@ -117,8 +117,11 @@ class _Joined:
             _, at, count = self._columns["nodes"]
             spread = {name: _spread(of[None], at, count)[0] for name, of in end.at_nodes.items()}
             end = replace(end, **spread)
-        beams = {name: self._beam(beam) for name, beam in first.beams.items()} | second.beams
-        beams = {name: beams[name] for name in [*second.beams, *beams]}
+        gone = {
+            name: replace(beam, nodes=tuple(map(self._node, beam.nodes)))
+            for name, beam in first.beams.items()
+            if name not in second.beams
+        }
         nodes = {name: self._nodes[of_beam] for name, of_beam in first.nodes_of_beam.items()}
         friction = first.variables_of_contact.items()
         friction = {self._contacts[number].number: rows for number, rows in friction}
@@ -127,7 +130,7 @@ class _Joined:
             X=self.X,
             energy=Energy(**self._rows(vars(first.energy), vars(second.energy))),
             stats=_stats(first.stats, second.stats),
-            beams=beams,
+            beams=second.beams | gone,
             nodes_of_beam=nodes | second.nodes_of_beam,
             resultants_of_beam=self._resultants,
             variables_of_beam=self._variables("variables_of_beam"),
@@ -156,11 +159,8 @@ class _Joined:
             histories[name] = np.concatenate([one, two[1:]])
         return histories
 
-    def _beam(self, beam: Beam) -> Beam:
-        """A beam of the first motion with the numbers of the joined one."""
-        return replace(beam, nodes=tuple(map(self._node, beam.nodes)))
-
     def _node(self, node: Node) -> Node:
+        """A node of the first motion with its number in the joined one."""
         number = int(self._nodes[node.number])
         return node if number == node.number else Node(number, node.x, node.y, node.scene)
 
@@ -194,13 +194,10 @@ class _Joined:
 
     def _rows(self, one: Mapping, two: Mapping) -> dict[Any, np.ndarray]:
         """Rows of both motions by keys; those that one of them does not have are zero."""
-        rows, counts = {}, (len(self._first.t), len(self._second.t))
-        for key in {**one, **two}:
-            shape = (one[key] if key in one else two[key]).shape[1:]
-            before, after = (
-                of.get(key, np.zeros((count, *shape)))
-                for of, count in zip((one, two), counts, strict=True)
-            )
+        rows, n, m = {}, len(self._first.t), len(self._second.t)
+        for key, like in {**one, **two}.items():
+            before = one[key] if key in one else np.zeros((n, *like.shape[1:]))
+            after = two[key] if key in two else np.zeros((m, *like.shape[1:]))
             rows[key] = np.concatenate([before, after[1:]])
         return rows
 

@@ -312,11 +312,8 @@ class FrequencyResponse:
 
     def _columns(self) -> dict[str, np.ndarray]:
         columns = {"frequency": self.frequencies}
-        for i, name in enumerate(self.names):
-            columns |= {
-                f"{name} amplitude": self.amplitude[:, i],
-                f"{name} phase": self.phase[:, i],
-            }
+        for name, size, angle in zip(self.names, self.amplitude.T, self.phase.T, strict=True):
+            columns |= {f"{name} amplitude": size, f"{name} phase": angle}
         return columns
 
 
