@@ -194,10 +194,10 @@ class PointValues:
 
     def _on_cells(self, field: Field, parts: Parts) -> np.ndarray:
         """Values (n, cells, width) of a field, with n = 1 if it does not change."""
-        for moving, values in zip(self._moving, parts.moving, strict=True):
-            if moving is field:
-                return values if values.ndim == 3 else values[:, field.space.dofs]
-        return field.on_cells[None]
+        values = dict(zip(self._moving, parts.moving, strict=True)).get(field)
+        if values is None:
+            return field.on_cells[None]
+        return values if values.ndim == 3 else values[:, field.space.dofs]
 
     def _constants(self, of: BoundForm, parts: Parts, parameters: np.ndarray) -> np.ndarray:
         """Constants (n, m) of an expression."""

@@ -14,6 +14,7 @@ from fx_beam.laws.schemes import Scheme
 from fx_beam.scene.beam import gauss_rule
 from fx_beam.scene.law import held
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.structure import OtherStructureError
 
 from .assembly import BoundForm, Field, PointValues, Space
 from .beam_drag import coefficients
@@ -26,7 +27,6 @@ from .fields import (
     FilledField,
     distinct,
     on_beam,
-    refill,
     section_data,
 )
 from .form_library import CompiledForm, FormModule, FormSource
@@ -61,6 +61,8 @@ class BeamForms:
         self.parameters: list[int] = []
         #: Data of beams, by name, that vary cell by cell for derivatives.
         self._by_cells: dict[str, FilledField] = {}
+        #: Derivatives of energies and resultants on the mesh, by what they are of and by.
+        self._derivatives_of: dict[str, dict[str, BoundForm]] = {}
         #: How often data of beams were changed.
         self.changes = 0
         #: Forms on the mesh by name.
@@ -197,9 +199,11 @@ class BeamForms:
                 field.array[:] = 0.0
         self._reset_constants()
         data = self._data_of_beams(scene)
-        changed = refill(self.of_beams, data)
+        if list(self.of_beams) != list(data):
+            raise OtherStructureError("beams have other kinds of data")
+        changed = {name for name, field in self.of_beams.items() if field.refill(data[name])}
         self.changes += bool(changed)
-        for name in self._by_cells.keys() & set(changed):
+        for name in self._by_cells.keys() & changed:
             self._by_cells[name].refill(data[name].by_cells(len(self._tags)))
 
     # -- Derivatives ----------------------------------------------------------------------------
@@ -243,9 +247,13 @@ class BeamForms:
 
     def _derivatives(self, of: str, *tests: Space) -> dict[str, BoundForm]:
         """Derivatives of a quantity of `DerivedForm` on the mesh, by name."""
-        source, data, spaces = self._derived
-        forms = source.module("derivatives", of).forms.items()
-        return {name: self._bind(form, [*tests, spaces[name]], data) for name, form in forms}
+        if of not in self._derivatives_of:
+            source, data, spaces = self._derived
+            self._derivatives_of[of] = {
+                name: self._bind(form, [*tests, spaces[name]], data)
+                for name, form in source.module("derivatives", of).forms.items()
+            }
+        return self._derivatives_of[of]
 
     def stored_energy_by(
         self, q: np.ndarray, internal: Given = None, natural: Given = None
@@ -258,19 +266,14 @@ class BeamForms:
         self._start.array[:] = q
         self._set_internal(internal)
         self.set_natural(natural)
-        derivatives = self._assembled(self._stored)
+        derivatives = self._assembled("strain energy")
         derivatives["q"] = derivatives.pop("start")
         return derivatives
 
-    @cached_property
-    def _stored(self) -> dict[str, BoundForm]:
-        """Derivatives of the stored energy on the mesh by name."""
-        return self._derivatives("strain energy")
-
-    def _assembled(self, forms: Mapping[str, BoundForm]) -> dict[str, np.ndarray]:
-        """Derivatives by name, those by all parameters of the scene."""
-        vectors = {name: (form.spaces[0], form.vector()) for name, form in forms.items()}
-        derivatives = named(vectors)
+    def _assembled(self, of: str) -> dict[str, np.ndarray]:
+        """Derivatives of an energy by name, those by all parameters of the scene."""
+        forms = self._derivatives(of).items()
+        derivatives = named({name: (form.spaces[0], form.vector()) for name, form in forms})
         if "parameters" in derivatives:
             of_all = np.zeros(len(self._parameters))
             of_all[self.parameters] = derivatives["parameters"]
@@ -290,12 +293,7 @@ class BeamForms:
         "stiffness", "retardation", and coefficients of "drag ...".
         """
         self.begin_part(part)
-        return [self._assembled(forms) for forms in self._lost]
-
-    @cached_property
-    def _lost(self) -> list[dict[str, BoundForm]]:
-        """Derivatives of what beams lose in a step, as those of the stored energy."""
-        return [self._derivatives(name) for name in LOSSES if name in self.bound]
+        return [self._assembled(name) for name in LOSSES if name in self.bound]
 
     @cached_property
     def derived_resultants(self) -> ResultantDerivatives:

@@ -83,15 +83,13 @@ def _written(values: Mapping[str, Values], arguments: int) -> Written:
     return Written(expressions, {numbers: "numbers"})
 
 
-def point_functions(
-    values: Mapping[str, Values], arguments: int, key: Any = None
-) -> list[PointFunction]:
-    """UFL vectors of `arguments` numbers by name, which are used together, as C functions.
+def point_function(name: str, values: Values, arguments: int, key: Any = None) -> PointFunction:
+    """A UFL vector of `arguments` numbers as a C function.
 
-    They have a key if no function of a user is in them.
+    It has a key if no function of a user is in it.
     """
-    module = form_module(key, lambda: _written(values, arguments))
-    return [PointFunction(form) for form in module.forms.values()]
+    module = form_module(key, lambda: _written({name: values}, arguments))
+    return PointFunction(module.forms[name])
 
 
 OfMotion = Callable[[Motion], list]
@@ -157,7 +155,7 @@ class CompiledLaw:
 
             name = f"derivatives of the {of} of {self.law.name}"
             key = self._key and (*self._key, name)
-            (self._derivatives[of],) = point_functions({name: values}, self.given, key)
+            self._derivatives[of] = point_function(name, values, self.given, key)
         return self._derivatives[of]
 
     def _written(self) -> Written:
@@ -262,7 +260,7 @@ def slopes_of(law: PointLaw, rule: StepRule, parameters: tuple[str, ...] = ()) -
 
     name = f"slopes of {law.name}"
     key = None if law.of_user else (*law.key, *rule, name)
-    return point_functions({name: values}, count, key)[0]
+    return point_function(name, values, count, key)
 
 
 _compiled_law = _kept(CompiledLaw)
@@ -287,4 +285,4 @@ def compiled_rule(rates: NodalRates, rule) -> PointFunction:
         slopes = [ufl.diff(a[i], D) for i in range(3)]
         return ufl.as_vector([x[i] for x in (a, *slopes, v1, a1) for i in range(3)])
 
-    return point_functions({"rule for the rates": values}, 13)[0]
+    return point_function("rule for the rates", values, 13)

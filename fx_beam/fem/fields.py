@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import functools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,16 +81,6 @@ class FilledField:
         return True
 
 
-def refill(fields: Mapping[str, FilledField], data: Mapping[str, Data]) -> list[str]:
-    """Set the data of some fields by name; the names of those that differ.
-
-    OtherStructureError if there are others.
-    """
-    if list(fields) != list(data):
-        raise OtherStructureError("beams have other kinds of data")
-    return [name for name, field in fields.items() if field.refill(data[name])]
-
-
 def section_data(mesh: Mesh, scene: Scene, names: tuple[str, ...], points: int) -> Data:
     """Section data, a vector or a scalar: one constant, cell by cell, or along the beams.
 
@@ -135,9 +124,12 @@ def on_beam(mesh: Mesh, scene: Scene, beam: Beam) -> Data:
 
 
 class Fields:
-    """Fields of beams of one degree, on straight elements or on elements of that degree."""
+    """Fields of beams of one degree, on straight elements or on elements of that degree.
 
-    def __init__(self, degree: int, curved: bool):
+    With `nodal` the rotations of the unknowns are those at the nodes of the element.
+    """
+
+    def __init__(self, degree: int, curved: bool, nodal: bool):
         self.degree = degree
         self._domain = domain = elements.domain(degree if curved else 1)
         space = elements.beam_space(domain, degree)
@@ -152,26 +144,14 @@ class Fields:
         self.q_previous, self.memory = elements.coefficient(space), ufl.Constant(domain)
         #: Natural strains at the Gauss points, at the start and at the end of the step.
         self.natural = tuple(elements.coefficient(self.internal(3)) for _ in range(2))
-        #: The fields without nodal rotations, for mass and loads.
-        self.plain = self
-        #: Coordinate on each cell, from 0 to the degree, of `with_nodal_rotations`.
+        #: Coordinate on each cell, from 0 to the degree, of nodal rotations.
         self.coordinate: Any = None
-        self._set_unknowns(space)
-        #: The same fields, but with the rotations of the unknowns at the nodes of the element. They
-        #: are older than all data: UFL orders fields by age, and finds a compiled form only if
-        #: their order does not depend on the forms before it.
-        self.with_nodal_rotations = self._nodal()
-
-    def _set_unknowns(self, space) -> None:
+        if nodal:
+            self.coordinate = elements.coefficient(elements.coordinate_space(domain))
+        unknowns = elements.beam_space(domain, degree, nodal)
         #: Increments of displacements and rotations.
-        self.increment = elements.coefficient(space)
-        self.test, self.trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-
-    def _nodal(self) -> Fields:
-        other = copy.copy(self)
-        other.coordinate = elements.coefficient(elements.coordinate_space(self._domain))
-        other._set_unknowns(elements.beam_space(self._domain, self.degree, nodal=True))
-        return other
+        self.increment = elements.coefficient(unknowns)
+        self.test, self.trial = ufl.TestFunction(unknowns), ufl.TrialFunction(unknowns)
 
     @property
     def names(self) -> dict[Any, str]:
@@ -204,11 +184,6 @@ class Fields:
     def measure(self, points: int):
         """Measure of the members, by a Gauss rule of so many points."""
         return elements.measure(self._domain, points)
-
-    @property
-    def full_rule(self) -> int:
-        """Points of the rule that integrates products of two fields exactly."""
-        return self.degree + 1
 
     def step(self, rates: UpdateRule, what: str, natural: bool = False) -> Step:
         """A step with its rates, those of a scheme; errors say `what` they are.
@@ -256,6 +231,10 @@ class Fields:
 
 
 @functools.cache  # three degrees, straight and curved
-def fields_of(degree: int, curved: bool) -> Fields:
-    """The fields, the same for all scenes of a kind."""
-    return Fields(degree, curved)
+def fields_of(degree: int, curved: bool) -> tuple[Fields, Fields]:
+    """The fields, without and with nodal rotations, the same for all scenes of a kind.
+
+    Both are older than all data: UFL orders fields by age, and finds a compiled form only if their
+    order does not depend on the forms before it.
+    """
+    return Fields(degree, curved, nodal=False), Fields(degree, curved, nodal=True)

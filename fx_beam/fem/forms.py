@@ -127,9 +127,8 @@ class Forms:
     @property
     def dissipate(self) -> bool:
         """Whether they may dissipate energy."""
-        if self.beams is not None and self.beams.dissipate:
-            return True
-        return self.points.any_have("loss")
+        of_beams = self.beams is not None and self.beams.dissipate
+        return of_beams or self.points.any_have("loss")
 
     # -- A step ---------------------------------------------------------------------------------
 

@@ -40,9 +40,9 @@ class Mass:
 
     def _read(self, scene: Scene) -> None:
         """Keep what of it may be changed in the scene itself later."""
-        self._scene, self._masses, self._gravity = scene, scene.masses[:], scene.gravity
+        self._scene, self._gravity = scene, scene.gravity
         sections = distinct(beam.section for beam in scene.beams)
-        self._given = [(section.rhoA, section.rhoI) for section in sections]
+        self._given = [*((section.rhoA, section.rhoI) for section in sections), *scene.masses]
         self._has = [name for name in _WORDS if any(getattr(s, name) for s in sections)]
 
     @cached_property
@@ -61,11 +61,11 @@ class Mass:
 
         Returns whether any mass differs. OtherStructureError if other entries are zero.
         """
-        mass, masses, gravity, given = self.matrix, self._masses, self._gravity, self._given
+        mass, gravity, given = self.matrix, self._gravity, self._given
         self._read(scene)
-        anew = moved or given != self._given or masses != self._masses
         # Functions may give other values.
-        anew |= any(callable(value) for pair in given for value in pair)
+        functions = any(callable(value) for pair in given for value in pair)
+        anew = moved or functions or given != self._given
         heavier, self._computed = False, {}
         if anew:
             self.changes += 1
@@ -92,8 +92,8 @@ class Mass:
     def numbers(self) -> dict[str, Any]:
         """Entries of the mass, and the weight if there is any, with slopes that the scene has."""
         numbers = {"mass": self.matrix.data, "weight": self.weight}
-        given = [value for rows in (self._given, self._masses) for row in rows for value in row]
-        given += [] if self._gravity is None else [*self._gravity]
+        rows = self._given if self._gravity is None else [*self._given, self._gravity]
+        given = [value for row in rows for value in row]
         moves = self._mesh.nodal_positions(self._scene) is not self._mesh.X
         if have_slopes() and (moves or any(type(v) is DualFloat or callable(v) for v in given)):
             if "mass" not in self._computed:

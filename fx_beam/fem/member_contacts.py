@@ -127,7 +127,6 @@ class MemberContacts:
         every = np.unique(np.concatenate([[*one.points, *one.nodes] for one in pairs]))
         self._reference = self._positions()
         self._all = ffi.new("MemberContacts *")
-        self._structs = structs
         structs.set(
             self._all,
             contacts=len(pairs),

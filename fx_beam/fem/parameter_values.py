@@ -23,7 +23,7 @@ class ParameterValues:
         #: Whether stored energies depend on values that vary.
         self.in_energies = False
         self._held = False
-        self.set(0.0)
+        self.use(self.at(0.0))
 
     def refill(self, scene: Scene) -> None:
         """Have the values of another scene with the same parameters."""
@@ -35,7 +35,7 @@ class ParameterValues:
         ]:
             raise OtherStructureError("parameters that were constant vary in time, or conversely")
         self.functions, self._held = new, False
-        self.set(0.0)
+        self.use(self.at(0.0))
 
     def __len__(self):
         return len(self.names)
@@ -74,25 +74,16 @@ class ParameterValues:
     def hold(self, t: float) -> None:
         """Keep the values at a time [s], as in statics."""
         self._held = False
-        self.set(t)
-        self._held = True
+        self.keep(self.at(t))
 
     def keep(self, values: np.ndarray) -> None:
         """Keep given values (n,)."""
         self.use(values)
         self._held = True
 
-    def set(self, t: float) -> None:
-        """Set the values at a time [s]."""
-        if self.names and not self._held:
-            self.use(self.at(t))
-
     def begin(self, level: float, given: np.ndarray | None = None) -> None:
         """Set the values for a step: those at its level [s], or given ones (n,)."""
-        if given is None:
-            self.set(level)
-        else:
-            self.use(given)
+        self.use(self.at(level) if given is None else given)
 
     def use(self, values: np.ndarray | None) -> None:
         """Set the values (n,)."""

@@ -119,7 +119,12 @@ class PointForces:
         self._D = self._z = _NONE
         #: In statics the increment of the load factor.
         self._load_increment = 0.0
-        self._build_pairs()
+        dofs = (np.array(force.dofs or [-1]) for force in forces)
+        pairs = [of[law.entries] for of, law in zip(dofs, self._laws, strict=True)]
+        #: Rows and columns (entries, 2) of the tangent; below 0 for the ground and slides.
+        self.pairs = np.concatenate([np.empty((0, 2), dtype=int), *pairs])
+        #: Positions of their values in the tangent, -1 for none; `locate_in` finds them.
+        self.value_at = np.full(len(self.pairs), -1, dtype=np.int32)
         #: What each force is given, the numbers of its law among this, and what it finds.
         self._given: list[np.ndarray] = []
         self._numbers: list[np.ndarray] = []
@@ -188,22 +193,9 @@ class PointForces:
     @property
     def pairs_of_nodes(self) -> np.ndarray:
         """Rows and columns (n, 2) of all entries of the tangents at nodes."""
-        return self.pairs[self.pairs[:, 0] >= 0]
+        return self.pairs[self.pairs.min(axis=1) >= 0]
 
     # -- Data in C ------------------------------------------------------------------------------
-
-    def _build_pairs(self) -> None:
-        """Degrees of freedom of the entries of all tangents, in order; -1 for none."""
-        pairs = [np.empty((0, 2), dtype=int)]
-        for force, law in zip(self._forces, self._laws, strict=True):
-            dofs = np.array(force.dofs or [-1], dtype=int)
-            pairs.append(dofs[law.entries])
-        rows_and_columns = np.concatenate(pairs)
-        rows_and_columns[(rows_and_columns < 0).any(axis=1)] = -1
-        #: Rows and columns (entries, 2) of the tangent; -1 for the ground and slides.
-        self.pairs = rows_and_columns
-        #: Positions of their values in the tangent; `locate_in` finds them.
-        self.value_at = np.full(len(rows_and_columns), -1, dtype=np.int32)
 
     def _build(self) -> None:
         ffi, self._c = c_library.kept_library(*_LIBRARY)
@@ -311,10 +303,8 @@ class PointForces:
 
     def locate_in(self, K: scipy.sparse.csr_matrix) -> None:
         """Find the entries in the values of a matrix."""
-        rows, columns = self.pairs_of_nodes.T
-        if len(rows):
-            positions = positions_in(K.indptr, K.indices, rows, columns)
-            self.value_at[self.pairs[:, 0] >= 0] = positions
+        at = positions_in(K.indptr, K.indices, *self.pairs.T)
+        self.value_at[:] = np.where(self.pairs.min(axis=1) < 0, -1, at)
 
     # -- A step ---------------------------------------------------------------------------------
 

@@ -22,7 +22,6 @@ from fx_beam.laws.point_laws import (
 from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.contacts import Contact
 from fx_beam.scene.coordinate import Coordinate, Coulomb, SmoothFriction, Stop, bristle
-from fx_beam.scene.forces_between import ForceBetween
 from fx_beam.scene.scene import Scene
 
 from .mesh import Mesh, rotation_of
@@ -37,9 +36,8 @@ def point_forces(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> list[PointFo
     shapes = [contact for contact in scene.contacts if not isinstance(contact.shape, Beam)]
     return [  # first those of joints, whose internal variables have their places from them
         *_of_joints(scene),
-        *_between(scene, mesh),
         *_followers(scene, mesh),
-        *_pulls(scene, mesh),
+        *_between(scene, mesh),
         *_frictions(scene, mesh, mobility),
         *(force for obstacle in shapes for force in _contacts(obstacle, scene, mesh, mobility)),
         *_drags(scene, mesh),
@@ -130,24 +128,13 @@ def _frictions(scene: Scene, mesh: Mesh, mobility: np.ndarray) -> Iterator[Point
 def _between(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
     by_function: dict[tuple, PointLaw] = {}
     for force in scene.forces_between:
-        kind, dofs = _distance(force, mesh)
+        ends = [end.number for end in (force.a, force.b) if isinstance(end, Node)]
+        kind, dofs = DISTANCE if len(ends) > 1 else FROM_POINT, mesh.dofs[ends, :2].ravel().tolist()
         for law, numbers in _of_coordinate(force.on, kind, by_function):
             yield PointForce(law, [*force.apart, *numbers], dofs, owner=str(force))
-
-
-def _pulls(scene: Scene, mesh: Mesh) -> Iterator[PointForce]:
-    for force in scene.forces_between:
         if force.force is not None:
-            kind, dofs = _distance(force, mesh)
             numbers = [*force.apart, 1.0]
             yield PointForce(laws.pull(kind, force.force), numbers, dofs, role=Role.EXTERNAL)
-
-
-def _distance(force: ForceBetween, mesh: Mesh) -> tuple[Kind, list[int]]:
-    """The kind of a distance, and its degrees of freedom."""
-    if not isinstance(force.b, Node):
-        return FROM_POINT, mesh.dofs[force.a.number, :2].tolist()
-    return DISTANCE, mesh.dofs[[force.a.number, force.b.number], :2].ravel().tolist()
 
 
 def _of_coordinate(

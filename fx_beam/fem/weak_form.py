@@ -92,7 +92,7 @@ class WeakForm:
 
     def __init__(self, kind: Kind):
         scheme, materials, works = kind.scheme, kind.materials, kind.works
-        self.fields, self.scheme = fields_of(kind.degree, kind.curved), scheme
+        self.scheme, (self.fields, self._nodal) = scheme, fields_of(kind.degree, kind.curved)
         fields = self.fields
         self.has_natural = kind.natural
         #: Data of beams by name: (EA, GA, EI) of the quadratic law, retardation times, and drag.
@@ -152,7 +152,7 @@ class WeakForm:
         every = [r for parts in resultants for r in parts]
         exact = self.step.degree > 1 and any(isinstance(r, ExactResultants) for r in every)
         if exact or (self.scheme.rates.by_mean and "rotation" in self._drag):
-            self.fields = self.fields.with_nodal_rotations
+            self.fields = self._nodal
             self.step = self.fields.step(self.scheme.rates, what, self.has_natural)
             resultants = self._of_step()
         #: Resultants of each law: those of the scheme, and the viscous ones.
@@ -223,7 +223,7 @@ class WeakForm:
                 lost += evolution_loss(of_values, *ends, *strains, at_rest) * dx_law
             if self.times is not None:
                 lost += viscous_loss(self.step, law, self.times) * dx_law
-        full = self.fields.measure(self.fields.full_rule)
+        full = self.fields.measure(self.fields.degree + 1)  # exact for products of two fields
         #: Apart, as FFCx confuses two rules in one form if one of them has a single point.
         self._of_drag, lost_to_drag = (
             of(self.step, self._drag) * full if self._drag else none
@@ -276,7 +276,7 @@ class WeakForm:
             "tangent": ufl.derivative(residual, fields.increment, fields.trial),
             "drag": drag,
             "tangent of drag": ufl.derivative(drag, fields.increment, fields.trial) if drag else 0,
-            "inverted sections": _inverted_sections(fields.plain),
+            "inverted sections": _inverted_sections(fields),
             **self._energies,
             # With the parameters of the step.
             "scheme's energy at the start": self._held_before if self.names_in_energies else 0,

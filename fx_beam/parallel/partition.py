@@ -6,7 +6,7 @@ A process gets some of the members, and the trees of joints that these touch.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -18,6 +18,7 @@ from fx_beam.scene.coordinate import Coordinate
 from fx_beam.scene.joints import GROUND, Joint
 from fx_beam.scene.loads import Drag, Mass, NaturalStrain, StrainPart
 from fx_beam.scene.scene import Scene
+from fx_beam.scene.section import Section
 from fx_beam.step.model import Model
 
 from .linear_system import BLOCK
@@ -43,9 +44,10 @@ class Share:
     #: Whether forces and masses at a node of `rows` are its own: each node has one owner.
     owned: np.ndarray
     degree: int = 1
-    sections: list[Any] = field(default_factory=list)
-    #: Runs of elements: the beam's name, nodes in `nodes`, arc lengths, nodes inside, section.
-    runs: list[tuple[str, np.ndarray, np.ndarray, Any, int]] = field(default_factory=list)
+    #: Runs of elements: name of the beam, nodes in `nodes`, arc lengths, section, inside, and drag.
+    runs: list[tuple[str, np.ndarray, np.ndarray, Section, Any, list[Drag]]] = field(
+        default_factory=list
+    )
     #: Joints without forces, with the indices of their nodes in `nodes`; -1 for the ground.
     joints: list[tuple[Joint, int, int]] = field(default_factory=list)
     fixed: list[tuple[int, int]] = field(default_factory=list)
@@ -55,8 +57,6 @@ class Share:
     natural: bool = False
     #: Names of the scene's parameters, whose values come with each step.
     parameters: list[str] = field(default_factory=list)
-    #: Drag on runs, by the index of the run.
-    drags: list[tuple[int, Drag]] = field(default_factory=list)
     #: Indices of its driven columns among those of the scene.
     driven: list[int] = field(default_factory=list)
     #: Numbers of its unknowns in the linear system: of its nodes (n, 3), and of its joints' slides;
@@ -68,10 +68,10 @@ class Share:
         """The sub-scene."""
         scene = Scene()
         scene.nodes += [Node(i, x, y, scene) for i, (x, y) in enumerate(self.X.tolist())]
-        for name, nodes, s, inner, section in self.runs:
-            ends = tuple(scene.nodes[node] for node in nodes)
-            beam = Beam(name, ends, self.degree, s, self.sections[section], inner)
+        for name, nodes, *of_run, drags in self.runs:
+            beam = Beam(name, tuple(scene.nodes[n] for n in nodes), self.degree, *of_run)
             scene.beams.append(beam)
+            scene.drags += [replace(drag, target=beam) for drag in drags]
         for number, (joint, *pair) in enumerate(self.joints):
             a, b = (scene.nodes[node] if node >= 0 else GROUND for node in pair)
             scene.joints.append(replace(joint, a=a, b=b, number=number))
@@ -87,7 +87,6 @@ class Share:
 
             of_part = [(name, Parameter(name, 0.0)) for name in self.parameters]
             scene.parameters.add(of_part, "a part")
-        scene.drags += [replace(drag, target=scene.beams[run]) for run, drag in self.drags]
         return scene
 
 
@@ -98,18 +97,14 @@ def _bare(joint: Joint) -> Joint:
     return replace(joint, **parts)
 
 
-class Division(NamedTuple):
-    """A scene in shares."""
+def divided(model: Model, number: int) -> tuple[list[Share], np.ndarray, np.ndarray]:
+    """The scene of a model in shares, for a number of processes.
 
-    shares: list[Share]
-    #: Number (free,) of each unknown in the linear system, and how many numbers each process has.
-    numbers: np.ndarray
-    counts: np.ndarray
-
-
-def divided(model: Model, number: int) -> Division:
-    """The scene of a model, for a number of processes."""
-    return _Cut(model, number).division()
+    Also the number (free,) of each unknown in the linear system, and how many each process has.
+    """
+    cut = _Cut(model, number)
+    numbers, counts = cut.numbered_unknowns()
+    return [cut.share(process, numbers) for process in range(number)], numbers, counts
 
 
 class _Cut:
@@ -150,13 +145,7 @@ class _Cut:
                 "or compute it on one, without mpirun"
             )
 
-    def division(self) -> Division:
-        """A share for each process."""
-        numbers, counts = self._numbered_unknowns()
-        shares = [self._share(process, numbers) for process in range(self._number)]
-        return Division(shares, numbers, counts)
-
-    def _numbered_unknowns(self) -> tuple[np.ndarray, np.ndarray]:
+    def numbered_unknowns(self) -> tuple[np.ndarray, np.ndarray]:
         """Numbers (free,) of the unknowns, and counts: those of a process follow each other.
 
         Those of a node are in a block of their own, which has free places at supports.
@@ -178,7 +167,8 @@ class _Cut:
         numbers[order] = BLOCK * of_block + np.arange(couplings.free) - starts[of_block]
         return numbers, BLOCK * np.bincount(owner[order][starts], minlength=self._number)
 
-    def _share(self, process: int, numbers: np.ndarray) -> Share:
+    def share(self, process: int, numbers: np.ndarray) -> Share:
+        """What a process has."""
         scene, count = self._scene, len(self._scene.nodes)
         elements = np.flatnonzero(self.of_element == process)
         touched = np.zeros(count, dtype=bool)
@@ -208,22 +198,15 @@ class _Cut:
     def _add_members(self, share: Share, process: int, local: np.ndarray) -> None:
         """Add the runs of elements, and the drag on them."""
         mesh, share.degree = self._model.mesh, self._inside.shape[1] + 1
-        known: dict[int, int] = {}
-        drags: dict[str, list] = {}
-        for drag in self._scene.drags:
-            if isinstance(drag.target, Beam):
-                drags.setdefault(drag.target.name, []).append(drag)
         of_process = self.of_element == process
         for i in np.unique(mesh.beam_of_cell[of_process]).tolist():
             beam = self._scene.beams[i]
-            section = known.setdefault(id(beam.section), len(known))
-            if section == len(share.sections):
-                share.sections.append(beam.section)
+            drags = [drag for drag in self._scene.drags if drag.target is beam]
             for a, b in _runs(of_process[mesh.cells[i]]):
                 inner = None if beam.inner is None else beam.inner[a:b]
                 nodes = local[mesh.nodes[i][:: share.degree][a : b + 1]]
-                share.runs.append((beam.name, nodes, beam.s[a : b + 1], inner, section))
-                share.drags += [(len(share.runs) - 1, d) for d in drags.get(beam.name, [])]
+                s = beam.s[a : b + 1]
+                share.runs.append((beam.name, nodes, s, beam.section, inner, drags))
 
     def _add_couplings(self, share: Share, local: np.ndarray) -> None:
         """Add supports, driven motion and joints."""

@@ -177,10 +177,9 @@ class DistributedEquations:
         if forcing.turning is not None:
             raise SceneError(f"static: spin on several processes is not possible yet; {_ADVICE}")
         petsc()
-        division = divided(model, team.size)
         self._team = team
-        self._shares, self._numbers = division.shares, division.numbers
-        self._ends = np.cumsum(division.counts)
+        self._shares, self._numbers, counts = divided(model, team.size)
+        self._ends = np.cumsum(counts)
         #: Number of processes.
         self.size = team.size
         how = model.scheme, forcing.time
@@ -190,7 +189,7 @@ class DistributedEquations:
         self._place(self._crew("unknowns"))
         kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
         negligible = NEGLIGIBLE * options.tolerance * min(model.mesh.size, 1.0)
-        self._crew("connect", [(division.counts, kind, negligible)] * team.size)
+        self._crew("connect", [(counts, kind, negligible)] * team.size)
         self._locate_points()
 
     def pieces(self) -> tuple[list[np.ndarray], Callable[[Callable, Sequence[tuple]], Crew]]:

@@ -168,7 +168,12 @@ def converge(
         ("max_runs", max_runs, is_whole(max_runs, 4), "a whole number from 4 on"),
     ):
         require(fits, f"converge: {name}", given, wanted)
-    runs = _Runs(scene_of, quantity, int(degree), max_runs, t_end, scheme, breaks)
+
+    def run(elements: int, tolerance: float) -> Solution:
+        scene = scene_of(elements, int(degree))
+        return simulate(scene, scheme, t_end=t_end, tolerance=tolerance, breaks=breaks)
+
+    runs = _Runs(run, quantity, max_runs)
     try:
         return _refined(runs, int(elements), tolerance)
     except BaseException as stop:
@@ -199,10 +204,8 @@ def _refined(runs: _Runs, mesh: int, tolerance: float) -> Converged:
 class _Runs:
     """Values of the quantity by elements and tolerance of the steps, computed once."""
 
-    def __init__(self, scene_of, quantity, degree, most, t_end, scheme, breaks):
-        self._scene_of, self._quantity, self._degree = scene_of, quantity, degree
-        self._most = most
-        self._options = {"t_end": t_end, "scheme": scheme, "breaks": breaks}
+    def __init__(self, run: Callable[[int, float], Solution], quantity: Callable, most: int):
+        self._run, self._quantity, self._most = run, quantity, most
         self.values: dict[tuple[int, float], np.ndarray] = {}
         self.steps = 0
         self.last: Solution
@@ -213,8 +216,7 @@ class _Runs:
         if key not in self.values:
             if len(self.values) == self._most:
                 raise self._unknown()
-            scene = self._scene_of(elements, self._degree)
-            self.last = simulate(scene, tolerance=tolerance, **self._options)
+            self.last = self._run(elements, tolerance)
             given = self._quantity(self.last)
             value = numbers(given)
             wanted = "a number, or an array of numbers"

@@ -19,7 +19,7 @@ import pytest
 
 from fx_beam import c_library, library_cache
 from fx_beam.fem import form_library
-from fx_beam.fem.compiled_laws import point_functions
+from fx_beam.fem.compiled_laws import point_function
 from fx_beam.step import build
 
 
@@ -42,7 +42,7 @@ def forget(monkeypatch):
 
 def form():
     """3, by a form that FFCx compiles."""
-    (twice,) = point_functions({"twice": lambda x: ufl.as_vector([2 * x[0]])}, 1)
+    twice = point_function("twice", lambda x: ufl.as_vector([2 * x[0]]), 1)
     return twice(np.array([1.5]))[0]
 
 
