@@ -89,8 +89,8 @@ def declared(header: str, definitions: tuple[str, ...]) -> Any:
     text = f"{text}\n{_MISSING};"
     name = f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.types"
 
-    def search() -> Any:
-        return library_cache.load(name, lambda path: _ffi_of(library_cache.content(path)))
+    def loader(path: Path) -> Any:
+        return _ffi_of(library_cache.content(path))
 
     def builder(folder: Path) -> Any:
         from cffi import FFI
@@ -103,7 +103,7 @@ def declared(header: str, definitions: tuple[str, ...]) -> Any:
         return _ffi_of((folder / name).read_bytes())
 
     # Threads that ask at once get the same one, whose types alone fit each other.
-    return _declared.setdefault(name, search() or library_cache.build(name, search, builder))
+    return _declared.setdefault(name, library_cache.loaded(name, loader, builder))
 
 
 def _ffi_of(code: bytes) -> Any:
@@ -183,12 +183,8 @@ def load(
         subprocess.run(command, check=True, capture_output=True, text=True, input=source())
         return loader(folder / name)
 
-    def search() -> T | None:
-        return library_cache.load(name, loader)
-
     try:
-        library = search()
-        return library_cache.build(name, search, builder) if library is None else library
+        return library_cache.loaded(name, loader, builder)
     except (OSError, LookupError, AttributeError, subprocess.CalledProcessError) as error:
         if isinstance(error, subprocess.CalledProcessError):
             _check_target(target, flags)

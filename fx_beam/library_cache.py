@@ -68,14 +68,17 @@ def load(name: str, loader: Callable[[Path], T]) -> T | None:
     return None
 
 
-def build(name: str, search: Callable[[], T | None], builder: Callable[[Path], T]) -> T:
-    """What the builder returns, which makes a library of this name in a folder.
+def loaded(name: str, loader: Callable[[Path], T], builder: Callable[[Path], T]) -> T:
+    """What the loader makes of a library of the cache.
 
-    Or what `search` finds, if another process has just built it.
+    If there is none, what the builder returns, which makes it in a folder.
     """
+    library = load(name, loader)
+    if library is not None:
+        return library
     place = _writable_folder()
     with _one_at_a_time(place / f"{name}.lock"):
-        library = search()
+        library = load(name, loader)  # another process may have built it meanwhile
         return _built(place, name, builder) if library is None else library
 
 

@@ -156,8 +156,7 @@ class ResultantOutput(RowOutput):
 
     def __init__(self, of: SubSteps, beam: Beam, quantity: str, places: Places):
         self._of, model = of, of.model
-        assert model.forms.beams is not None  # there is this one
-        self._derivatives = model.forms.beams.derived_resultants
+        self._beams: Any = model.forms.beams  # there are some
         names = [own.name for own in model.scene.beams]
         self._cells = model.mesh.cells[names.index(beam.name)]
         self._component = "NQM".index(quantity)
@@ -166,7 +165,6 @@ class ResultantOutput(RowOutput):
         numbers = np.append(steps.sub_steps, -np.ones(len(start), dtype=int))
         #: Rows, numbers and shares of the sub-steps.
         self._parts = [*zip(rows.tolist(), numbers.tolist(), [*steps.shares, *ones], strict=True)]
-        self._parameters = np.array(model.forms.beams.parameters, dtype=int)
 
     def vjp(self, weights: np.ndarray, later: float, to: Gradient) -> None:
         """As of `RowOutput`, with the Jacobians of all elements at once."""
@@ -176,10 +174,7 @@ class ResultantOutput(RowOutput):
                 continue
             of_cells = np.zeros((*shape[:2], 3))
             of_cells[self._cells, :, self._component] = share * weights[row].reshape(-1, shape[1])
-            by = self._derivatives.vjp(of.part(k), of_cells)
-            if "parameters" in by:
-                own, by["parameters"] = by["parameters"], np.zeros(of.model.sizes["parameters"])
-                by["parameters"][self._parameters] = own
+            by = self._beams.resultants_by(of.part(k), of_cells)
             vjp(of.in_step(0, k, by), np.ones(1), to)
 
     def jvp(
@@ -199,11 +194,9 @@ class ResultantOutput(RowOutput):
                     read[name] = read.get(name, 0.0) + factor * of_state[array][place]
             if of.natural is not None:
                 read |= {n: of.natural.jvp(at(k), changes) for n, at in NATURAL.items()}
-            if self._parameters.size:
-                name = "parameters at the start" if k < 0 else "parameters"
-                values = changes[name] if k < 0 else changes[name][:, k, 0]
-                read["parameters"] = values[:, self._parameters]
-            change = self._derivatives.jvp(of.part(k), read)[..., self._component]
+            if (name := "parameters at the start" if k < 0 else "parameters") in changes:
+                read["parameters"] = changes[name] if k < 0 else changes[name][:, k, 0]
+            change = self._beams.resultants_with(of.part(k), read)[..., self._component]
             found[row] += share * change[:, self._cells].reshape(count, -1).T
         return found
 

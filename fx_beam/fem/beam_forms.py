@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ from .fields import (
 from .form_library import CompiledForm, FormModule, FormSource
 from .mesh import Mesh
 from .parameter_values import ParameterValues
-from .vjp_form import DerivedForm, ResultantDerivatives, named
+from .vjp_form import DerivedForm
 from .weak_form import LOSSES, Kind, Material, StepFacts, WeakForm
 
 Given = np.ndarray | None
@@ -271,13 +271,27 @@ class BeamForms:
         return derivatives
 
     def _assembled(self, of: str) -> dict[str, np.ndarray]:
-        """Derivatives of an energy by name, those by all parameters of the scene."""
+        """Derivatives of an energy by name."""
         forms = self._derivatives(of).items()
-        derivatives = named({name: (form.spaces[0], form.vector()) for name, form in forms})
-        if "parameters" in derivatives:
-            of_all = np.zeros(len(self._parameters))
-            of_all[self.parameters] = derivatives["parameters"]
-            derivatives["parameters"] = of_all
+        return self._named({name: (form.spaces[0], form.vector()) for name, form in forms})
+
+    def _named(self, vectors: Mapping[str, tuple[Space, np.ndarray]]) -> dict[str, np.ndarray]:
+        """Derivatives by name: those in `NODAL` (size,), and by positions "X" (n, 2).
+
+        By all "parameters" (n,) of the scene, and by others, at Gauss points or on cells, (cells,
+        points, numbers).
+        """
+        derivatives = {}
+        for name, (space, values) in vectors.items():
+            if name == "coordinates":
+                derivatives["X"] = values.reshape(-1, 2)
+                continue
+            if name not in NODAL:
+                values = values.reshape(-1, space.points, space.width // space.points)
+            if name == "parameters":
+                of_cells, values = values, np.zeros(len(self._parameters))
+                values[self.parameters] = of_cells.sum(axis=(0, 1))
+            derivatives[name] = values
         return derivatives
 
     @property
@@ -295,12 +309,37 @@ class BeamForms:
         self.begin_part(part)
         return [self._assembled(name) for name in LOSSES if name in self.bound]
 
-    @cached_property
-    def derived_resultants(self) -> ResultantDerivatives:
-        """Derivatives of `resultants`."""
+    def resultants_by(self, part: Part, weights: np.ndarray) -> dict[str, np.ndarray]:
+        """Derivatives of the sum of weights (cells, points, 3) times N, Q and M in a step, by name.
+
+        By "increment", "start" and "q_previous" (size,), "internal" variables, the data of
+        sections, strains "natural" at the start and "natural_end", "parameters", and "X".
+        """
+        vectors = {}
+        for name, space, slopes in self._slopes_of_resultants(part):
+            by = np.einsum("cpi,cpin->cn", weights, slopes)
+            vectors[name] = space, np.bincount(space.dofs.ravel(), by.ravel(), space.size)
+        return self._named(vectors)
+
+    def resultants_with(self, part: Part, changes: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Changes (m, cells, points, 3) of N, Q and M with those (m, ...) by these names."""
+        total: Any = 0.0
+        for name, space, slopes in self._slopes_of_resultants(part):
+            values = changes["X" if name == "coordinates" else name]
+            values = values.reshape(len(values), -1)
+            if name == "parameters":
+                values = np.tile(values[:, self.parameters], len(space.dofs))
+            total = total + np.einsum("cpin,mcn->mcpi", slopes, values[:, space.dofs])
+        return total
+
+    def _slopes_of_resultants(self, part: Part) -> Iterator[tuple[str, Space, np.ndarray]]:
+        """Local Jacobians (cells, points, 3, numbers) by name, and the space of the numbers."""
+        self.begin_part(part)
         of_points = self._mesh.space(self.degree, 3)
-        forms = self._derivatives("resultants", of_points)
-        return ResultantDerivatives(forms, of_points.points, self.begin_part)
+        for name, form in self._derivatives("resultants", of_points).items():
+            space = form.spaces[1]
+            slopes = form.tensors().reshape(-1, self.degree, 3, space.width)
+            yield name, space, slopes / self.point_weights[:, None, None]
 
     @property
     def numbers(self) -> dict[str, np.ndarray]:

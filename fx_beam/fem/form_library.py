@@ -82,25 +82,23 @@ def form_module(key: Any, write: Callable[[], Written]) -> FormModule:
 
     Without a key they are written in any case, and signed: functions of a user may have changed.
     """
-    if key in _modules:
-        return _modules[key]
+    written = None
     if key is None:
         from . import ffcx_api
 
         written = write()
         key = ffcx_api.signature(written)
-        if key not in _modules:
-            _modules[key] = _loaded(key, lambda: written)
-        return _modules[key]
-    return _modules.setdefault(key, _loaded(key, write))
+    if key not in _modules:
+        _modules.setdefault(key, _loaded(key, lambda: written or write()))
+    return _modules[key]
 
 
 def _loaded(key: Any, write: Callable[[], Written]) -> FormModule:
     name = hashlib.sha256(repr((key, _origin())).encode()).hexdigest()[:32]
     file = f"{name}.forms"
 
-    def search() -> Any:
-        return library_cache.load(file, lambda path: json.loads(library_cache.content(path)))
+    def loader(path: Path) -> Any:
+        return json.loads(library_cache.content(path))
 
     def builder(folder: Path) -> Any:
         from . import ffcx_api
@@ -110,7 +108,7 @@ def _loaded(key: Any, write: Callable[[], Written]) -> FormModule:
         (folder / file).write_text(json.dumps(content))
         return content
 
-    return FormModule(name, search() or library_cache.build(file, search, builder))
+    return FormModule(name, library_cache.loaded(file, loader, builder))
 
 
 @functools.cache

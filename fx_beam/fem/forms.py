@@ -99,12 +99,6 @@ class Forms:
         return forces, Followers(scene, self._rates.level), members
 
     @property
-    def tangent(self) -> scipy.sparse.csr_matrix:
-        """`stiffness` with contact of members, whose sparsity changes."""
-        members = self.points.members
-        return self.stiffness if members is None else self.stiffness + members.tangent()
-
-    @property
     def internal_shape(self) -> tuple[int, int, int]:
         """Shape (cells, degree, width) of the internal variables; the width is zero without any."""
         return (0, 1, 0) if self.beams is None else self.beams.internal_shape
@@ -154,12 +148,14 @@ class Forms:
             part.add_force(D, self._force)
         return self._force
 
-    def assemble_stiffness(self) -> None:
-        """Assemble `stiffness` at the increment of the last `internal_force`."""
-        self.stiffness.data[:] = 0.0
+    def tangent(self) -> scipy.sparse.csr_matrix:
+        """Derivatives of the last `internal_force`, with contact of members in its sparsity."""
+        K, members = self.stiffness.copy(), self.points.members
+        K.data[:] = 0.0
         if self.beams is not None:
-            self.beams.add_tangent(self.stiffness.data, self.of_cells)
-        self.points.add_tangent(self.stiffness.data)
+            self.beams.add_tangent(K.data, self.of_cells)
+        self.points.add_tangent(K.data)
+        return K if members is None else K + members.tangent()
 
     def added_force(self) -> np.ndarray:
         """Forces (size,) of added virtual works and followers at the last increment [N, N m]."""

@@ -17,7 +17,7 @@ from fx_beam.laws.interval import Interval, StepStart
 from fx_beam.laws.point_laws import PointLaw, StepRule, arguments
 from fx_beam.scene.structure import OtherStructureError
 
-from .compiled_laws import CompiledLaw, compiled_laws
+from .compiled_laws import compiled_laws
 from .loads import Followers
 from .parameter_values import ParameterValues
 from .sparsity import positions_in
@@ -166,23 +166,12 @@ class PointForces:
 
     def any_have(self, name: str) -> bool:
         """Whether a law has an attribute, such as a "loss"."""
-        return any(bool(getattr(law.law, name)) for law in self._all_laws)
+        return any(bool(getattr(law, name)) for law in self.laws)
 
     @property
-    def _all_laws(self) -> list[CompiledLaw]:
-        return [*self._laws, *(self.members.laws if self.members else ())]
-
-    @property
-    def lose_at_impacts(self) -> bool:
-        """Whether a contact has a loss."""
-        return any(law.law.opens and law.law.loss for law in self._all_laws)
-
-    @property
-    def have_quick_losses(self) -> bool:
-        """Whether there are friction, contact with a loss, or dampers with laws of a user."""
-        return any(
-            law.law.remembered or (law.law.loss and law.law.of_user) for law in self._all_laws
-        )
+    def laws(self) -> list[PointLaw]:
+        """Those of all forces."""
+        return [of.law for of in (*self._laws, *(self.members.laws if self.members else ()))]
 
     @property
     def conditions(self) -> int:

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
-from fx_beam.scene.beam import gauss_rule
 from fx_beam.symbolic import Written, ufl
 
 from . import elements
-from .assembly import BoundForm, Space
-from .fields import NODAL
 from .weak_form import Kind, WeakForm
 
 
@@ -93,60 +87,3 @@ class DerivedForm(WeakForm):
 def _is_empty(form: Any) -> bool:
     """Whether a form is zero once its derivatives are taken."""
     return ufl.algorithms.expand_derivatives(form).empty()
-
-
-def named(vectors: Mapping[str, tuple[Space, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Derivatives by name: those in `NODAL` (size,), by positions "X" (n, 2), "parameters" (n,).
-
-    Others, at Gauss points or on cells, (cells, points, numbers).
-    """
-    derivatives = {}
-    for name, (space, values) in vectors.items():
-        if name == "coordinates":
-            derivatives["X"] = values.reshape(-1, 2)
-        elif name in NODAL:
-            derivatives[name] = values
-        else:
-            of_cells = values.reshape(-1, space.points, space.width // space.points)
-            derivatives[name] = of_cells.sum(axis=(0, 1)) if name == "parameters" else of_cells
-    return derivatives
-
-
-class ResultantDerivatives:
-    """Local Jacobians of resultants in a step, which `begin` begins, by forms on a mesh."""
-
-    def __init__(self, forms: Mapping[str, BoundForm], points: int, begin: Callable[[Any], None]):
-        self._forms, self._begin = forms, begin
-        #: Weights (points,) of the Gauss points, relative to the element's length.
-        self._point_weights = gauss_rule(points)[1]
-
-    def _slopes(self, part: Any) -> Iterator[tuple[str, Space, np.ndarray]]:
-        """Derivatives (cells, points, 3, numbers) by name, and the space of the numbers."""
-        self._begin(part)
-        for name, form in self._forms.items():
-            space, points = form.spaces[1], len(self._point_weights)
-            slopes = form.tensors().reshape(-1, points, 3, space.width)
-            yield name, space, slopes / self._point_weights[:, None, None]
-
-    def vjp(self, part: Any, weights: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives of the sum of weights (cells, points, 3) times N, Q and M, by name.
-
-        By "increment", "start" and "q_previous" (size,), "internal" variables, the data of
-        sections, strains "natural" at the start and "natural_end", "parameters", and "X".
-        """
-        vectors = {}
-        for name, space, slopes in self._slopes(part):
-            by = np.einsum("cpi,cpin->cn", weights, slopes)
-            vectors[name] = space, np.bincount(space.dofs.ravel(), by.ravel(), space.size)
-        return named(vectors)
-
-    def jvp(self, part: Any, changes: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Changes (m, cells, points, 3) of N, Q and M from those (m, ...) by these names."""
-        total: Any = 0.0
-        for name, space, slopes in self._slopes(part):
-            values = changes["X" if name == "coordinates" else name]
-            values = values.reshape(len(values), -1)
-            if name == "parameters":
-                values = np.tile(values, len(space.dofs))
-            total = total + np.einsum("cpin,mcn->mcpi", slopes, values[:, space.dofs])
-        return total

@@ -280,12 +280,11 @@ def _forces(model: Model, state: State, strained: np.ndarray | None = None):
             given = given._replace(natural=(first, first + dt * strained))
         forms.begin(instant(state.t - shift * dt, dt), given)
         f = forms.internal_force(D).copy()
-        forms.assemble_stiffness()
         z = np.zeros(count)
         z[points.columns] = slid[points.slides]
         points.evaluate_slides(z)
         on_slides = (np.bincount(points.columns, points.on_slides(k), count) for k in (0, 1))
-        return f, forms.tangent.copy(), *on_slides
+        return f, forms.tangent(), *on_slides
 
     if not forms.depend_on_rates:
         f, half, pushes, half_slides = step(INSTANT, False)

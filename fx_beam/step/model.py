@@ -251,12 +251,14 @@ class Model:
     @property
     def loses_at_impacts(self) -> bool:
         """Whether obstacles or stops take energy."""
-        return self.points.lose_at_impacts
+        return any(law.opens and law.loss for law in self.points.laws)
 
     @property
     def has_unseen_kinks(self) -> bool:
         """Whether forces may change quickly where no switch tells: sections' laws, flow, losses."""
-        if self.flows or self.points.have_quick_losses:
+        # Friction, contact with a loss, and dampers with laws of a user lose quickly.
+        quick = (law.remembered or (law.loss and law.of_user) for law in self.points.laws)
+        if self.flows or any(quick):
             return True
         laws = [beam.section.strain_energy for beam in self.scene.beams]
         return any(law is not None and has_pieces(law) for law in laws)

@@ -30,7 +30,7 @@ def _build(name):
         (scratch / name).write_bytes(b"x" * 1000)
         return name
 
-    return library_cache.build(name, lambda: None, builder)
+    return library_cache.loaded(name, lambda _: None, builder)
 
 
 def test_a_full_cache_loses_what_was_not_used_for_longest(tmp_path, monkeypatch):
