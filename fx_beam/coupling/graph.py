@@ -64,6 +64,14 @@ class Entries(NamedTuple):
         parts = ("column", self.column), ("value", self.value_at), ("sign", self.sign)
         return {f"{name}_{part}": values for part, values in parts}
 
+    @property
+    def arms(self) -> tuple[np.ndarray, np.ndarray]:
+        """Sums and arms of joints in them (n,): 2 m for x and 2 m + 1 for y of joint m."""
+        moves = self.value_at > 0
+        joint, part = np.divmod(self.value_at[moves] - 1, 4)  # see `Couplings.moving`
+        arm, count = 2 * joint + part % 2, self.value_at.max(initial=1)  # which is larger
+        return np.divmod(np.unique(self.row[moves] * count + arm), count)
+
     def starts(self, rows: int) -> np.ndarray:
         """Where the entries of each of so many sums begin, and the last ones end."""
         return starts_of(np.bincount(self.row, minlength=rows))
@@ -91,8 +99,6 @@ class Auxiliary:
     dof: int
     #: Entries of its sum; those of columns of auxiliary unknowns are of earlier ones.
     entries: list[Entry]
-    #: Arms of joints in it: 2 m for x and 2 m + 1 for y, for joint m of `Couplings.moving`.
-    arms: list[int]
 
 
 @dataclass(frozen=True)
@@ -118,8 +124,6 @@ class Couplings:
     moving: list[Joint]
     #: For x, y and rotation (3, joints): 1 if b follows a, -1 if a follows b, 0 if neither does.
     sign: np.ndarray
-    #: Arms of joints in each sum of `sums`, as in `Auxiliary`.
-    arms: dict[int, list[int]]
     #: Auxiliaries, those of rotations first.
     auxiliaries: list[Auxiliary]
     #: For x, y and rotation: the nodes that follow others through joints, parents first.
@@ -210,15 +214,15 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
     whole = {joint.b.number for joint in sliding_joints(scene.joints)}
     sums = _Sums(columns, forests, moving, whole)
     column = columns.of_roots.flatten()
-    of_sums, arms = {}, {}
-    for key, (entries, through) in sums.of.items():
+    of_sums = {}
+    for key, entries in sums.of.items():
         if key[0] < 0:
             continue
         dof = 3 * key[0] + key[1]
         if len(entries) == 1 and entries[0][1:] == (0, 1.0):
             column[dof] = entries[0][0]
         else:
-            column[dof], of_sums[dof], arms[dof] = -1, entries, through
+            column[dof], of_sums[dof] = -1, entries
     sign = np.zeros((3, scene.joint_count))
     for i, branch in ((i, branch) for i, forest in enumerate(forests) for branch in forest):
         sign[i, branch.joint.number] = branch.sign
@@ -231,7 +235,6 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         slides=columns.slides,
         moving=moving,
         sign=sign,
-        arms=arms,
         auxiliaries=sums.auxiliaries,
         forests=forests,
         sliding=sliding_joints(scene.joints),
@@ -275,46 +278,36 @@ class _Sums:
         self._columns = columns
         self._number = {joint.number: m for m, joint in enumerate(moving)}
         ground = [(columns.of[_GROUND], 0, 1.0)] if _GROUND in columns.of else []
-        #: Entries and arms of the nodes that follow through a joint, by node and component.
-        self.of: dict[tuple[int, int], tuple[list[Entry], list[int]]] = {
-            (GROUND.number, i): (ground, []) for i in range(3)
-        }
+        #: Entries of the nodes that follow through a joint, by node and component.
+        self.of: dict[tuple[int, int], list[Entry]] = {(GROUND.number, i): ground for i in range(3)}
         self.auxiliaries: list[Auxiliary] = []
         whole = _connected(forests, whole)
         for i in (2, 0, 1):
             auxiliary = self._in_long_trees(forests[i], i) - whole
             for branch in forests[i]:
-                terms, arms = self._at(branch.parent, i)
-                more, through = self._of_joint(branch.joint, i, branch.sign)
-                self._set((branch.node, i), terms + more, arms + through, branch.node in auxiliary)
+                entries = self._at(branch.parent, i) + self._of_joint(branch.joint, i, branch.sign)
+                if branch.node in auxiliary and len(entries) > _REACH:
+                    self.auxiliaries.append(Auxiliary(3 * branch.node + i, entries))
+                    entries = [(columns.count + len(self.auxiliaries) - 1, 0, 1.0)]
+                self.of[branch.node, i] = entries
 
-    def _at(self, node: int, component: int) -> tuple[list[Entry], list[int]]:
+    def _at(self, node: int, component: int) -> list[Entry]:
         root = int(self._columns.of_roots[node, component]) if node >= 0 else -1
-        return self.of[node, component] if root < 0 else ([(root, 0, 1.0)], [])
+        return self.of[node, component] if root < 0 else [(root, 0, 1.0)]
 
-    def _of_joint(self, joint: Joint, i: int, side: float) -> tuple[list[Entry], list[int]]:
+    def _of_joint(self, joint: Joint, i: int, side: float) -> list[Entry]:
         """Entries that a joint adds: of a motor's rotation, or of the arm between its nodes."""
         if i == 2:
-            if joint.rotation is None:
-                return [], []
-            return [(self._columns.of["motor", joint.number], 0, side)], []
+            driven = joint.rotation is not None
+            return [(self._columns.of["motor", joint.number], 0, side)] if driven else []
         if joint.number not in self._number:
-            return [], []
-        m = self._number[joint.number]
-        first = 1 + 4 * m + i
-        turn, _ = self._at(joint.a.number, 2)
+            return []
+        first = 1 + 4 * self._number[joint.number] + i
+        turn = self._at(joint.a.number, 2)
         entries = [(column, first, sign * side) for column, _, sign in turn]
         if joint.slide is not None:
             entries.append((self._columns.slides[joint.number], first + 2, side))
-        return entries, [2 * m + i]
-
-    def _set(
-        self, key: tuple[int, int], entries: list[Entry], arms: list[int], in_long_tree: bool
-    ) -> None:
-        if in_long_tree and len(entries) > _REACH:
-            self.auxiliaries.append(Auxiliary(3 * key[0] + key[1], entries, arms))
-            entries, arms = [(self._columns.count + len(self.auxiliaries) - 1, 0, 1.0)], []
-        self.of[key] = entries, arms
+        return entries
 
     def _in_long_trees(self, forest: list[Branch], i: int) -> set[int]:
         """Nodes of trees in which a sum has many entries without auxiliary unknowns."""
@@ -324,7 +317,7 @@ class _Sums:
             node, parent = branch.node, branch.parent
             # What hangs on the ground are trees of their own.
             roots[node] = root = roots.get(parent, node if parent == GROUND.number else parent)
-            added = len(self._of_joint(branch.joint, i, 1.0)[0])
+            added = len(self._of_joint(branch.joint, i, 1.0))
             entries[node] = entries.get(parent, 1) + added
             most[root] = max(most.get(root, 0), entries[node])
         return {node for node, root in roots.items() if most[root] > _LONG}
@@ -332,8 +325,8 @@ class _Sums:
     def closure(self, joint: Joint, i: int) -> Closure:
         """The equation by which a joint closes a loop in a component."""
         total: dict[tuple[int, int], float] = {}
-        a, b = (self._at(node.number, i)[0] for node in (joint.a, joint.b))
-        for side, entries in ((1.0, b), (-1.0, a), (1.0, self._of_joint(joint, i, -1.0)[0])):
+        a, b = (self._at(node.number, i) for node in (joint.a, joint.b))
+        for side, entries in ((1.0, b), (-1.0, a), (1.0, self._of_joint(joint, i, -1.0))):
             for *key, sign in entries:
                 total[key[0], key[1]] = total.get((key[0], key[1]), 0.0) + side * sign
         closure = [(at, value, sign) for (at, value), sign in total.items() if sign]
@@ -422,9 +415,6 @@ class Auxiliaries:
         self._count = len(auxiliaries)
         self._shape = self._count, couplings.columns + self._count
         self._entries = entries = Entries.of((k, one.entries) for k, one in enumerate(auxiliaries))
-        arms = [(k, arm) for k, one in enumerate(auxiliaries) for arm in one.arms]
-        #: Auxiliary and arm of each arm of a joint in their sums.
-        self._arms = np.array(arms, dtype=int).reshape(-1, 2).T
         self._moves = np.flatnonzero(unknown_of[entries.column] >= 0)
         numbers, column = unknown_of[couplings.columns :], entries.column[self._moves]
         of = numbers[entries.row[self._moves]]
@@ -451,14 +441,15 @@ class Auxiliaries:
         """Their sums, by the names in problem.h; empty without any."""
         if not self._count:
             return {}
+        of_arms, arms = self._entries.arms
         return {
             "auxiliaries": self._count,
             "auxiliary_entries": len(self._entries.row),
             "auxiliary_of": self._entries.row,
             **self._entries.members("auxiliary"),
-            "auxiliary_arms": self._arms.shape[1],
-            "auxiliary_arm_of": self._arms[0],
-            "auxiliary_arm": self._arms[1],
+            "auxiliary_arms": len(arms),
+            "auxiliary_arm_of": of_arms,
+            "auxiliary_arm": arms,
         }
 
     def storage(self, at: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:

@@ -178,8 +178,7 @@ class Reduction:
         entries = self._entries.at(np.argsort(~equal, kind="stable"))
         carrier = [rotation_of(joint.a) for joint in moving]
         # Rows that follow through joint m: 2 m for those in x, 2 m + 1 for those in y.
-        pairs = [(dof, arm) for dof, arms in couplings.arms.items() for arm in arms]
-        below, through = np.array(pairs, dtype=int).reshape(-1, 2).T
+        below, through = self._entries.arms
         return {
             "dofs": self._size,
             "columns": self.columns,
