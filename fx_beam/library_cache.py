@@ -173,8 +173,7 @@ def _built(place: Path, name: str, builder: Callable[[Path], T]) -> T:
 
 def _remove_unused(place: Path) -> None:
     """Take away what was not used for longest, if there is too much."""
-    kept = [file for file in place.iterdir() if file.suffix in (".so", ".types")]
-    files = [(file, file.stat()) for file in kept]
+    files = [(file, file.stat()) for file in place.iterdir() if file.suffix in (".so", ".types")]
     left = sum(status.st_size for _, status in files)
     for file, status in sorted(files, key=lambda one: one[1].st_mtime):
         if left <= LARGEST:

@@ -69,6 +69,8 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
     for beam, cells in zip(beams, of_beams, strict=True):
         stiffness[:, cells] = _stiffness(beam, constant)
     density = np.einsum("kep,krep->rep", stiffness, strains**2) / 2
+    names, values = solution.names_of_parameters, solution.parameters[rows].tolist()
+    parameters = [dict(zip(names, of_row, strict=True)) for of_row in values]
     for beam, cells in zip(beams, of_beams, strict=True):
         if beam.section.strain_energy is not None:
             variables = solution.variables_of_beam.get(beam.name, {})
@@ -77,7 +79,7 @@ def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
             points = np.column_stack(columns).reshape(len(strains[0]), -1, len(columns))
             energies = [
                 _stored(beam.section.strain_energy, values, *point)
-                for values, of_row in zip(_parameters(solution, rows), points, strict=True)
+                for values, of_row in zip(parameters, points, strict=True)
                 for point in of_row
             ]
             density[:, cells] = np.reshape(energies, density[:, cells].shape)
@@ -118,12 +120,6 @@ def nodes_of_elements(solution: Any) -> np.ndarray:
         first = beam.degree * np.arange(beam.elements)[:, None]
         of_beams.append(solution.nodes_of_beam[name][first + np.arange(beam.degree + 1)])
     return np.concatenate(of_beams[1:] or of_beams)
-
-
-def _parameters(solution: Any, rows: list[int]) -> list[dict[str, float]]:
-    """Values of the parameters by name in each row."""
-    names = solution.names_of_parameters
-    return [dict(zip(names, solution.parameters[row].tolist(), strict=True)) for row in rows]
 
 
 def _stored(energy: Any, parameters: dict[str, float], eps, gamma, kappa, *a) -> float:
