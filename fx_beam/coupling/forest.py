@@ -39,9 +39,11 @@ def grown_forests(scene: Scene) -> tuple[list[list[Branch]], list[list[Joint]]]:
     is fixed, the other component has the same root.
     """
     held = [{n for n, part in {*scene.fixed, *scene.prescribed} if part == i} for i in range(3)]
-    sliding = hold_sliding_nodes(scene.joints, held)
+    sliding = sliding_joints(scene.joints)
+    _check_sliding_nodes(sliding, held)
     carried = [key for joint in sliding for key in joint.carried]
     on_beams = [{node for _, node, part in carried if part == i} for i in range(3)]
+    held = [supported | on for supported, on in zip(held, on_beams, strict=True)]
     joints = [joint for joint in scene.joints if joint not in sliding]
     turning = [joint for joint in joints if joint.turns_together]
     joints = order_for_short_loops(joints, _forest(scene, joints, 0, held, on_beams)[1])
@@ -189,12 +191,8 @@ def _better(k: int, basis: list[int], hinges: int) -> int | None:
     return best.bit_length() - 1 if best and gains[best] > 0 else None
 
 
-def hold_sliding_nodes(joints: Iterable[Joint], held: list[set[int]]) -> list[SlidingJoint]:
-    """Joints of sliding nodes; adds what a beam holds to nodes held in x, y and rotation.
-
-    SceneError for a sliding node that is supported, or that slides on two beams.
-    """
-    sliding = sliding_joints(joints)
+def _check_sliding_nodes(sliding: list[SlidingJoint], held: list[set[int]]) -> None:
+    """Refuse a sliding node that is held in x, y or rotation, or that slides on two beams."""
     for joint in sliding:
         others = [other for other in sliding if other.b is joint.b]
         if len(others) > 1:
@@ -209,7 +207,3 @@ def hold_sliding_nodes(joints: Iterable[Joint], held: list[set[int]]) -> list[Sl
                     f"over-constrained: {joint}: {COMPONENTS[i]} of the node is supported, but the "
                     "beam moves it. Support the node before this joint is added: then it is a guide"
                 )
-    for joint in sliding:
-        for _, node, i in joint.carried:
-            held[i].add(node)
-    return sliding

@@ -241,8 +241,6 @@ def couple(scene: Scene, mesh: Mesh) -> Couplings:
         carried=columns.carried,
         closures=[sums.closure(joint, i) for i in range(3) for joint in closing[i]],
     )
-    if not couplings.sliding:
-        return couplings
     return replace(couplings, sliding=_sliding_in_order(scene, mesh, couplings))
 
 
