@@ -318,7 +318,7 @@ class PeriodicResponse(Response):
                 "must find the motion of this scene"
             )
         changes = self._numbers_by_x()
-        refuse_others(changes, shooting.names, _WHAT)
+        refuse_others(changes, shooting.derivatives.names, _WHAT)
         self._by = by = shooting.directions(period.start, period.length)
         independent, n = by.independent, by.matrix.shape[1]
         unit = by.matrix[independent]

@@ -173,7 +173,7 @@ class Response(Differentiable):
         #: Names of the outputs, from the first scene on.
         self._names: list[str] = []
         # Several processes have no derivatives.
-        self._series = MotionSeries(self._memory, reads_at_once=True, alone=True)
+        self._series = MotionSeries(self._memory)
         self._calls = self._series.calls
         self._of_tape: tuple[Any, list, TapeDerivatives] | None = None
         # The last run whose rows only this object has.

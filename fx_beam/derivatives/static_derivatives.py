@@ -38,7 +38,7 @@ def why_not(path: LoadPath) -> str:
     model, first = path.model, path.states[0]
     if path.forcing.turning is not None:
         return "a frame that turns (spin) has none"
-    if path.continues and model.flows:
+    if path.start is not None and model.flows:
         return (
             "members or springs with internal variables that start from another solution have none"
         )
@@ -63,7 +63,7 @@ def why_no_sums(path: LoadPath | None) -> dict[str, str]:
     if model.forms.dissipate:
         lossless = why_no_losses(model)
         reasons["dissipated_energy"] = lossless and f"where {lossless}"
-    if path.continues:
+    if path.start is not None:
         reasons = {quantity: "if it began at another solution" for quantity in reasons}
     before = "has no derivatives since the equilibrium from which each motion starts has none"
     return {quantity: f"{before} {reason}" for quantity, reason in reasons.items() if reason}
@@ -97,7 +97,7 @@ class StaticDerivatives:
         #: The states that are followed. Of what began at another solution these are the last alone,
         #: which is an equilibrium of this scene whatever it began from.
         self.states, start = path.states, reference_state(path.model)
-        if path.continues:
+        if path.start is not None:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
         problem = Problem(path.model, NewtonOptions())
@@ -129,7 +129,7 @@ class StaticDerivatives:
         """Work and losses of all load steps, those that have derivatives, by names of `State`."""
         every, model = np.arange(len(self.tape) + 1), self.model
         works: dict[str, StepWork | StepLosses] = {}
-        if self.path.continues:
+        if self.path.start is not None:
             return {}
         of = SubSteps(model, self.tape, every, self.states_at)
         if not why_no_work(model):

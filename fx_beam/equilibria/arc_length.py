@@ -157,7 +157,7 @@ class ArcLength:
         """The tangent (free, free) there, in the direction in which one comes."""
         step, load = self._correct(state, tangent, distance, tangent, distance)
         self._path.balance(step.y, load)
-        return self.stepper.equations.tangent()
+        return self.stepper.loop.equations.tangent()
 
     # -- Steps ----------------------------------------------------------------------------------
 
@@ -295,7 +295,7 @@ class ArcLength:
         """State at the end of a converged step."""
         new = self.stepper.loop.finished(state, Interval(state.t, t1), step.y, step.r)
         new.work += (1 - (state.t + t1) / 2) * float(self._path.held @ step.y)
-        new.negative_eigenvalues = self.stepper.inertia.of(self._path.bordered)
+        new.negative_eigenvalues = self.stepper.motions.negative_eigenvalues(self._path.bordered)
         return new
 
     def _correct(
@@ -339,7 +339,7 @@ class ArcLength:
             work, energy = residual @ dy, abs(f) @ abs(D)
             stuck = size > 0.5 * previous and abs(work) <= ENERGY_FLOOR * energy
             if size <= failures.options.tolerance or stuck:
-                change = self.stepper.equations.change(self._path.spread(dy, 0.0))
+                change = self.stepper.loop.equations.change(self._path.spread(dy, 0.0))
                 r = r + change + dload * per_load
                 failures.check_slides(D, corrections)
                 failures.check_members(D, corrections)

@@ -19,7 +19,7 @@ from .arc_length import ArcLength
 from .branches import Branch
 from .load_steps import LoadStepper
 from .path_piece import FLUTTER, SAME, SMOOTH, Growth, Piece, Root, end_of, root_of
-from .small_motions import SmallMotions, pairs_and_others
+from .small_motions import pairs_and_others
 
 _log = logging.getLogger("fx_beam")
 # How far ahead of the end of a path that has failed one is sought, in lengths of the last step.
@@ -142,7 +142,7 @@ class PathStability:
         # There an eigenvalue is zero: it counts as the state beside it.
         self._first = int(branches_off and len(states) > 1)
         self._last = int(stepper.stats.closed and len(states) > 1)
-        self._motions, self._arc = SmallMotions(stepper.loop), ArcLength(stepper)
+        self._motions, self._arc = stepper.motions, ArcLength(stepper)
 
     def unstable_modes(self) -> np.ndarray:
         """Numbers (n,) of modes that grow: those of the steps' factors, else of new ones."""
@@ -186,17 +186,12 @@ class PathStability:
             _log.warning(
                 "critical_points: points between the rows %s were not located, and are in the list "
                 'as "%s": %s. Compute the path with more steps',
-                rows,
-                NOT_LOCATED,
-                next(iter(reasons.values())),
+                *(rows, NOT_LOCATED, next(iter(reasons.values()))),
             )
-        return points + self._points_at_end(counts)
+        return points + self.at_end(counts)
 
-    def at_end(self) -> list[CriticalPoint]:
+    def at_end(self, counts: np.ndarray) -> list[CriticalPoint]:
         """The critical point at the end of the path, or ahead of it if it has failed."""
-        return self._points_at_end(self.unstable_modes())
-
-    def _points_at_end(self, counts: np.ndarray) -> list[CriticalPoint]:
         failure = self._stepper.stats.failure
         failed = failure is not None and failure.kind != "too many steps"
         motions, row, count = self._motions, len(counts) - 2, int(counts[-1])

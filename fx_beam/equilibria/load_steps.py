@@ -15,14 +15,13 @@ from fx_beam.motions.initial_state import reference_state
 from fx_beam.motions.options import CommonOptions
 from fx_beam.results.audit import Stats
 from fx_beam.results.state import State
-from fx_beam.step.equations import Equations
 from fx_beam.step.forcing import LoadForcing
 from fx_beam.step.load_loop import LoadLoop, StepSolution
 from fx_beam.step.step_failures import StepFailed
 from fx_beam.step.substeps import MOST_HALVINGS
 
 from .path_equations import PathEquations
-from .small_motions import Inertia
+from .small_motions import SmallMotions
 
 # Largest deviation of a step from its predictor, relative to the predictor. Near a limit point the
 # load factor is a parabola of the displacements; a step that ends at the limit point has the
@@ -77,7 +76,7 @@ class LoadStepper:
         self, forcing: LoadForcing, options: StaticOptions, stats: Stats, alone: bool = True
     ):
         self.forcing, self.options, self.stats = forcing, options, stats
-        self.model = model = forcing.model
+        self.model = forcing.model
         #: Takes load steps.
         self.loop = LoadLoop(forcing, options.newton, stats, alone)
         self.path = PathEquations(self.loop)
@@ -91,8 +90,8 @@ class LoadStepper:
         self._hold: tuple[np.ndarray, np.ndarray] = (np.zeros(self.model.reduction.free),) * 2
         #: Displacement per load factor in the first and in the last step.
         self.response: list[float] = []
-        #: Counts the negative eigenvalues of the tangent.
-        self.inertia = Inertia(model)
+        #: Small motions about its states.
+        self.motions = SmallMotions(self.loop)
 
     def first_state(self) -> State:
         """Equilibrium without loads: the reference configuration, unless springs are under tension.
@@ -141,13 +140,8 @@ class LoadStepper:
             forms.begin(Interval(time, time), self.model.start_of(state, 0.0))
             forms.internal_force(zero)
             state.added_forces = forms.added_force()
-        self.equations.begin(Interval(0.0, 0.0), state)
-        return self.equations.at_start(zero).residual[: self.model.reduction.free].copy()
-
-    @property
-    def equations(self) -> Equations:
-        """The equations of load steps."""
-        return self.loop.equations
+        self.loop.equations.begin(Interval(0.0, 0.0), state)
+        return self.loop.equations.at_start(zero).residual[: self.model.reduction.free].copy()
 
     def start_from(self, state: State) -> State:
         """A state as the start: the forces that hold it there fade as the loads rise."""
@@ -171,7 +165,7 @@ class LoadStepper:
         interval = Interval(state.t, goal)
         new, step = self.loop.step(state, interval)
         new.work += float((self._hold[0] + self._hold[1]) @ step.y / 2)
-        new.negative_eigenvalues = self.inertia.of(self.loop)
+        new.negative_eigenvalues = self.motions.negative_eigenvalues(self.loop)
         self.note(step)
         if self.model.flows or self.model.has_contact:
             self.deviation = 0.0  # the predictor does not know what begins in the step

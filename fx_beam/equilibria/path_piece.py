@@ -95,13 +95,6 @@ class Piece:
             self._tangents[distance] = K
         return self._tangents[distance]
 
-    def kind_of_jump(self, low: float, high: float) -> str:
-        """What makes the stiffness jump between two distances."""
-        switches = [np.sign(self.model.switches(self.at(end))) for end in (low, high)]
-        if (switches[0] != switches[1]).any():
-            return "contact" if self.model.has_contact else "kink"
-        return "flow" if self.model.flows else "kink"
-
     def switched(self, low: float, high: float) -> State | None:
         """The state in which a contact between two distances opens or closes; None if unknown.
 
@@ -252,9 +245,12 @@ def _jump(
     piece: Piece, measure: Callable[[float], float], place: float, low: float, high: float
 ) -> Root:
     """Where a measure jumps between two distances."""
-    unstable = low if measure(low) < 0 else high
-    K, kind = piece.stiffness(unstable), piece.kind_of_jump(low, high)
-    state = None if piece.model.flows or kind == "flow" else piece.switched(low, high)
+    K, model = piece.stiffness(low if measure(low) < 0 else high), piece.model
+    before, behind = (np.sign(model.switches(piece.at(end))) for end in (low, high))
+    kind = "flow" if model.flows else "kink"
+    if (before != behind).any():
+        kind = "contact" if model.has_contact else "kink"
+    state = None if model.flows else piece.switched(low, high)
     return Root(place, piece.at(place) if state is None else state, K, kind)
 
 

@@ -20,7 +20,6 @@ from fx_beam.scene.beam import COMPONENTS
 from fx_beam.step.step_failures import StepFailed
 
 from .load_steps import LoadStepper
-from .small_motions import SmallMotions
 
 # Length that a step should have and may have, in units of the scene and radians.
 _WANTED, _LONGEST = 0.2, 0.5
@@ -75,13 +74,13 @@ class Settling:
         else:
             reason = "under its loads it finds no equilibrium" if drag else "it has no load"
             raise self._error(reason)
-        state.negative_eigenvalues = self.stepper.inertia.of(loop)
+        state.negative_eigenvalues = self.stepper.motions.negative_eigenvalues(loop)
         self._check(largest, state)
         return state
 
     def _load(self, state: State, goal: float) -> float:
         """Largest load or force without balance in a state, times its unit [J]."""
-        forces, equations = goal * self.stepper.forcing.full, self.stepper.equations
+        forces, equations = goal * self.stepper.forcing.full, self._loop.equations
         equations.begin(Interval(goal, goal), state)
         balance, free = equations.at_start(forces), self.model.reduction.free
         largest = abs(balance.residual[:free] * self.model.unit_of_unknowns).max(initial=0.0)
@@ -105,7 +104,7 @@ class Settling:
 
     def _check(self, largest: float, state: State) -> None:
         """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
-        model, motions = self.model, SmallMotions(self._loop)
+        model, motions = self.model, self.stepper.motions
         K = motions.stiffness(state)
         stiffest = abs(K.diagonal() * motions.unit**2).max()
         values, vectors = motions.lowest(K, 1 + (state.negative_eigenvalues or 0))

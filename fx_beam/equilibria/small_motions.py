@@ -17,7 +17,6 @@ from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.model import Model
 from fx_beam.step.sparse_lu import pivoted_lu, sparse_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
@@ -44,14 +43,13 @@ class SmallMotions:
 
     def __init__(self, loop: LoadLoop):
         self._loop, self.model = loop, loop.model
-        self.unknowns = self.model.reduction.independent
 
-    @cached_property
+    @property
     def unit(self) -> np.ndarray:
         """Sizes (n,) of unit unknowns."""
-        return self.model.unit_of_unknowns[self.unknowns]
+        return self.model.unit_of_unknowns[self.model.reduction.independent]
 
-    @cached_property
+    @property
     def metric(self) -> scipy.sparse.csr_matrix:
         """Squares of unit unknowns, in which eigenvectors are orthogonal."""
         return scipy.sparse.diags(self.unit**-2.0).tocsr()
@@ -65,13 +63,37 @@ class SmallMotions:
 
     def coupling(self) -> scipy.sparse.csr_matrix:
         """Motions (size, n) of the nodes for those of the unknowns, in the last state."""
-        return self.model.reduction.coupling()[:, self.unknowns]
+        return self.model.reduction.coupling()[:, self.model.reduction.independent]
 
     def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
         """Whether the forces of a state have a potential."""
         return not K.nnz or Symmetry((K.indptr, K.indices), self.unit).holds(K.data)
 
     # -- Forces with a potential ------------------------------------------------------------------
+
+    @cached_property
+    def _symmetry(self) -> Symmetry | None:
+        """Of the tangents of steps; None where all forces have a potential."""
+        model = self.model
+        added = any(force.force for force in model.scene.forces_between)
+        if not (model.forms.has_added or model.flows or added):
+            return None
+        return Symmetry(model.reduction.factored, model.unit_of_unknowns)
+
+    def negative_eigenvalues(self, factors: LoadLoop | BorderedLU) -> int | None:
+        """Their number for the symmetric tangent of a step; None if its factors do not tell."""
+        model, reduction = self.model, self.model.reduction
+        # Auxiliary unknowns, loops, sliders and contact of members make them those of another
+        # matrix than the tangent.
+        rows = len(reduction.factored[0]) - 1
+        if not rows == reduction.free == len(reduction.independent):
+            return None
+        if model.couplings.sliding or model.points.members is not None:
+            return None
+        symmetry = self._symmetry
+        if symmetry and (factors.values is None or not symmetry.holds(factors.values)):
+            return None
+        return factors.negative_eigenvalues()
 
     def growing(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> Growing:
         """Modes that grow about a state; an eigenvalue of the tangent that is zero does not."""
@@ -145,33 +167,3 @@ def pairs_and_others(squares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     pairs = np.flatnonzero(beside > _BESIDE)
     order = pairs[np.argsort(beside[pairs], kind="stable")]
     return squares[order], squares.real[abs(beside) <= _BESIDE]
-
-
-class Inertia:
-    """Counts negative eigenvalues of symmetric tangents of a model."""
-
-    def __init__(self, model: Model):
-        self._model, reduction = model, model.reduction
-        # Auxiliary unknowns, loops, sliders and contact of members make it another matrix than the
-        # tangent.
-        rows = len(reduction.factored[0]) - 1
-        plain = rows == reduction.free == len(reduction.independent)
-        self._known = plain and not model.couplings.sliding and model.points.members is None
-
-    @cached_property
-    def _symmetry(self) -> Symmetry | None:
-        """None where all forces have a potential."""
-        model = self._model
-        added = any(force.force for force in model.scene.forces_between)
-        if not (model.forms.has_added or model.flows or added):
-            return None
-        return Symmetry(model.reduction.factored, model.unit_of_unknowns)
-
-    def of(self, factors: LoadLoop | BorderedLU) -> int | None:
-        """The number of negative eigenvalues; None if the factors do not tell."""
-        if not self._known:
-            return None
-        if (symmetry := self._symmetry) is not None:
-            if factors.values is None or not symmetry.holds(factors.values):
-                return None
-        return factors.negative_eigenvalues()

@@ -78,11 +78,6 @@ class LoadPath:
         self.states: list[State] = []
         self.stats.setup_seconds = time.perf_counter() - self.began
 
-    @property
-    def continues(self) -> bool:
-        """Whether it began at another solution."""
-        return self.start is not None
-
     def followed(self) -> Solution:
         """The whole path. An exception has the solution of the steps before it."""
         options, stats = self.options, self.stats
@@ -198,7 +193,8 @@ class LoadPath:
     def _name_critical_point(self, error: StepError) -> None:
         """Let an error say that its path fails at a critical point."""
         try:
-            points = self._stability(self.states, lambda state: error.solution).at_end()
+            stability = self._stability(self.states, lambda state: error.solution)
+            points = stability.at_end(stability.unstable_modes())
         except (ValueError, RuntimeError, StepFailed):
             return
         for point in points:

@@ -153,8 +153,6 @@ class FirstOrder:
         self._inverse, self._one, self._a = np.linalg.inv(V), one, a
         #: Matrix (n, states) that gives the states of this system.
         self._states = np.eye(len(self.dx))
-        #: Shape of nodal motions, and number of joints.
-        self.shape, self.joints = (len(about.model.mesh.X), 3), about.model.scene.joint_count
 
     def projected(self, W: np.ndarray) -> FirstOrder:
         """With fewer states, W (n, states) times these."""
@@ -171,6 +169,8 @@ class FirstOrder:
         """
         about, model = self._about, self._about.model
         free, state = len(about.unknowns), about.state
+        if q.size != model.size or len(slides) != model.scene.joint_count:
+            raise SceneError("deviation: the motion is one of another scene")
         q, v = q.reshape(-1), v.reshape(-1)
         if about.frame is not None:
             q, v = about.frame.seen(q, v, about.factor, t - state.t)
@@ -393,8 +393,6 @@ class LinearSystem:
             q, v, slides = of.recorded("q")[-1], of.recorded("v")[-1], slides[-1]
             t = end_of(of).t
         inputs = end_of(of.state if isinstance(of, Motion) else of).inputs
-        if q.shape != self.reduction.shape or len(slides) != self.reduction.joints:
-            raise SceneError("deviation: the motion is one of another scene")
         return self.reduction.deviation(q, v, slides, t, inputs)
 
 
@@ -495,21 +493,17 @@ def linearise(
 
 def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):
     """Rows (k, columns) over deviations and over their rates, and names."""
-    count = about.T.shape[1]
-    rows, of_rates, labels = [], [], []
+    both, labels = [np.empty((2, 0, about.T.shape[1]))], list[str]()
     for name, output in outputs.items():
         if output.quantity not in _LINEAR:
             raise SceneError(
                 f"{what}: output {name!r} is a {output.quantity}; only {', '.join(_LINEAR)} are "
                 "linearised"
             )
-        positions, rates = _rows(about, output)
+        both.append(np.array(_rows(about, output)))
         components = output.components
         labels += [f"{name}.{part}" for part in components] if components else [name]
-        rows.append(positions)
-        of_rates.append(rates)
-    none = np.empty((0, count))
-    return np.vstack([none, *rows]), np.vstack([none, *of_rates]), labels
+    return *np.concatenate(both, axis=1), labels
 
 
 def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:

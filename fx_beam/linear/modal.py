@@ -296,12 +296,8 @@ def lowest_modes(about: Linearisation, C: scipy.sparse.csr_matrix | None, n: int
     # The phase in which the imaginary part is smallest.
     x = x * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", x, M @ x)))
     none = np.zeros(still.shape[1])
-    frequencies = np.concatenate([none, damped.frequencies])
-    order = np.argsort(frequencies, kind="stable")[:n]
-    return (
-        frequencies[order],
-        order < len(none),
-        np.concatenate([none, damped.ratios])[order],
-        np.concatenate([none, damped.values])[order],
-        np.column_stack([still, x])[:, order],
-    )
+    parts = damped.frequencies, damped.ratios, damped.values
+    omega, ratios, roots = (np.concatenate([none, part]) for part in parts)
+    order = np.argsort(omega, kind="stable")[:n]
+    vectors = np.column_stack([still, x])[:, order]
+    return omega[order], order < len(none), ratios[order], roots[order], vectors

@@ -82,7 +82,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     """
     held = HeldInputs(scene)
     if at is None:
-        end_factor = 0.0
+        factor = 0.0
         held.scene.loads = [
             load
             if isinstance(load.value, Hold)
@@ -91,7 +91,7 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
         ]
     else:
         end_of(at)
-        end_factor = float(at.t[-1]) if at.stats.static else 1.0
+        factor = float(at.t[-1]) if at.stats.static else 1.0
     model, frame = recent_model(held.scene, EnergyMomentum(), instant=True), None
     check_unknowns(model, what)
     forcing = Forcing(model)
@@ -116,35 +116,22 @@ def deviations(scene: Scene, at: Solution | None, what: str) -> Deviations:
     if strained is not None:  # no strain changes in an instant
         f = f + _force_of_strain_rates(model, state, strained)
     mass = model.mass
-    dead = end_factor * forcing.forces(Interval(state.t, state.t))[0]
+    dead = factor * forcing.forces(Interval(state.t, state.t))[0]
     if frame is not None:
-        dead += end_factor * frame.force(state.q)
-        K = K - end_factor * frame.spin**2 * frame.mass
-        C = C + np.sqrt(end_factor) * frame.gyroscopic
+        dead += factor * frame.force(state.q)
+        K = K - factor * frame.spin**2 * frame.mass
+        C = C + np.sqrt(factor) * frame.gyroscopic
     r = f - dead + mass @ (dT @ w)
     a = _accelerations(model, forcing, state, T, r, S.T @ pushes, dT @ w)
     r += mass @ (T @ a)
     turning, _ = coupling.parts(coupling.derivatives(a)[0])
     geometric = coupling.of_forces(np.concatenate([r, pushes]))
+    K = T.T @ (K @ T + C @ dT + mass @ (turning + ddT)) + geometric
+    K += S.T @ (stiff[:, None] * S + viscous[:, None] * dS)
+    C = T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous[:, None] * S)
+    M, unknowns = T.T @ (mass @ T), model.reduction.independent
     about = Deviations(
-        model,
-        held,
-        forcing,
-        state,
-        rates_from,
-        w,
-        model.reduction.independent,
-        M=T.T @ (mass @ T),
-        C=T.T @ (C @ T + 2 * (mass @ dT)) + S.T @ (viscous[:, None] * S),
-        K=T.T @ (K @ T + C @ dT + mass @ (turning + ddT))
-        + S.T @ (stiff[:, None] * S + viscous[:, None] * dS)
-        + geometric,
-        T=T,
-        dT=dT,
-        S=S,
-        dS=dS,
-        frame=frame,
-        factor=end_factor,
+        model, held, forcing, state, rates_from, w, unknowns, M, C, K, T, dT, S, dS, frame, factor
     )
     model.needed_by(about)
     return about

@@ -75,7 +75,8 @@ def _first_in_depth(
         if shape.carrier is not None:
             arms = arms - now[:, None, shape.carrier.number, :2]
         square, least = np.einsum("nmi,nmi->nm", arms, arms), _DEEP * shape.radius
-        bad = deep = square < (shape.radius + np.asarray(obstacle.radius) - least) ** 2
+        reach = shape.radius + np.broadcast_to(obstacle.radius, square.shape)
+        bad = deep = square < (reach - least) ** 2
         if whole and len(arms) > 1:
             way = np.diff(arms, axis=0)
             # Only these can have come so near in a step: most often none.
@@ -89,10 +90,8 @@ def _first_in_depth(
             k, i = np.argwhere(bad)[0]
             what = "has gone through the circle in one step"
             if deep[k, i]:
-                depth = shape.radius + np.broadcast_to(obstacle.radius, deep.shape)[k, i]
-                depth -= np.hypot(*arms[k, i])
-                what = f"lies {depth:.3g} deep in the circle, which has the radius "
-                what += f"{shape.radius:.3g}"
+                depth, radius = reach[k, i] - np.hypot(*arms[k, i]), shape.radius
+                what = f"lies {depth:.3g} deep in the circle, which has the radius {radius:.3g}"
             return first + int(k), points[k, i], what
     return None
 
@@ -180,10 +179,9 @@ def _first_inside(
     """Row, place and radius of curvature of the first such touch of a member."""
     X, q = solution.X[:, :2], solution.recorded("q")
     of_member = solution.nodes_of_beam[member.name]
-    points = of_member
     if isinstance(touching, Node):
         points = np.array([touching.number])
-    elif touching is not member:
+    else:
         points = solution.nodes_of_beam[touching.name]
     arc = arc_of(X[of_member]) if touching is member else None
     rows = max(1, _NODES_AT_ONCE // len(of_member))

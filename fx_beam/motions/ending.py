@@ -147,7 +147,13 @@ class Ending:
         outputs = {key: read() for key, read in self._readings.items()}
         values: dict[str, Any] = {}
         for name in self._conditions if names is None else names:
-            value = self._value(name, end.t, outputs)
+            try:
+                value = self._conditions[name](end.t, outputs)
+            except (TypeError, KeyError) as error:
+                raise SceneError(
+                    f"simulate: {name} raised {error!r} at t = {end.t:g}. It is called as "
+                    f"{name}(t, y), where y has the outputs {list(outputs)}"
+                ) from error
             truth = isinstance(value, bool | np.bool_)
             if not truth and not is_number(value):
                 raise SceneError(
@@ -156,15 +162,6 @@ class Ending:
                 )
             values[name] = bool(value) if truth else float(value)
         return values
-
-    def _value(self, name: str, t: float, outputs: dict[str, Any]) -> Any:
-        try:
-            return self._conditions[name](t, outputs)
-        except (TypeError, KeyError) as error:
-            raise SceneError(
-                f"simulate: {name} raised {error!r} at t = {t:g}. It is called as {name}(t, y), "
-                f"where y has the outputs {list(outputs)}"
-            ) from error
 
     def _mark(self) -> _Mark:
         stepper = self._stepper

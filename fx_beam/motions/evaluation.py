@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -47,21 +48,21 @@ def solution_of(
     elif not later:
         histories = dict(recorded)
     of_springs = histories["spring_internal"] if model.points.width else None
-    cache: list[np.ndarray] = []
     of_name = {
         beam.name: (beam, cells) for beam, cells in zip(scene.beams, mesh.cells, strict=True)
     }
 
-    def resultants_of_beam(name: str) -> BeamResultants:
+    @functools.cache
+    def resultants() -> np.ndarray:
         beams = model.forms.beams
         assert beams is not None
         check_rates(recorder)
         with model.reading:
-            if not cache:
-                every = recorder.means(beams.resultants(recorder.sub_steps()))
-                cache.append(every[rows])
+            return recorder.means(beams.resultants(recorder.sub_steps()))[rows]
+
+    def resultants_of_beam(name: str) -> BeamResultants:
         beam, cells = of_name[name]
-        values = cache[0][:, cells]
+        values = resultants()[:, cells]
         s = arc_lengths(beam, gauss_rule(beam.degree)[0])
         N, Q, M = np.moveaxis(values.reshape(len(values), -1, 3), -1, 0)
         return BeamResultants(s.ravel(), N, Q, M)

@@ -151,8 +151,12 @@ class Starts:
             lost = model.mass @ (state.fitted - v)
             by_driven = -float(lost @ v) if model.couplings.driven else 0.0
             state = state.changed(v=v, work=state.work + by_driven, fitted=None)
-        if len(model.scheme.fractions) > 1:
-            state = state.changed(past=_past_of_rates(model, state.v, w))
+        if (parts := len(model.scheme.fractions)) > 1:
+            # The rates predict the first sub-steps: that of order 4 is longer than a step. One of
+            # order 2 is found as well without.
+            slides = model.couplings.free_slides(w[None, : model.reduction.free], len(state.slides))
+            past = Past(np.zeros(1), np.ones(parts, dtype=int), state.v[None], slides)
+            state = state.changed(past=past)
         if not accelerates:
             return state, False
         a, rest = self._acceleration(state, w, accelerations, self._loads(state))
@@ -227,16 +231,6 @@ class Starts:
         # A load that grows from zero has a little of its first step already.
         largest = max(abs(part).max(initial=0.0) for part in (force, b, *loads))
         return reduction.spread(a) + curved, bool(abs(rest).max(initial=0.0) > _NONE * largest)
-
-
-def _past_of_rates(model: Model, v: np.ndarray, w: np.ndarray) -> Past:
-    """What predicts the first sub-steps: the rates v (size,), w of all columns, as differences.
-
-    The first sub-step of order 4 is longer than a step. One of order 2 is found as well without.
-    """
-    slides = model.couplings.free_slides(w[None, : model.reduction.free], model.scene.joint_count)
-    orders = np.ones(len(model.scheme.fractions), dtype=int)
-    return Past(np.zeros(1), orders, v[None], slides)
 
 
 def end_of(start: Solution) -> State:

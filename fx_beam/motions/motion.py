@@ -232,14 +232,6 @@ class OpenMotion:
         state = self._prepared.turn_counter.with_turns(self.shown.state())
         return replace(state, inputs=self.held.all)
 
-    def snapshot(self) -> Snapshot:
-        """The present state, to return to."""
-        self.settle()
-        state = replace(self.shown.state(), inputs=self.held.all)
-        turns = self._prepared.turn_counter.removed.copy()
-        step = self.grid.origin, self.grid.first + self.number
-        return Snapshot(self.t, state, step, turns)
-
     def restore(self, snapshot: Snapshot) -> None:
         """Return to a snapshot of the same scene."""
         self.settle()
@@ -539,7 +531,10 @@ class Motion:
         Snapshot
             The present state.
         """
-        return self._open.snapshot()
+        motion, turns = self._settled, self._prepared.turn_counter.removed.copy()
+        state = replace(motion.shown.state(), inputs=motion.held.all)
+        step = motion.grid.origin, motion.grid.first + motion.number
+        return Snapshot(motion.t, state, step, turns)
 
     @one_thread
     def restore(self, snapshot: Snapshot) -> dict[str, Any]:

@@ -27,20 +27,12 @@ if TYPE_CHECKING:
 class MotionSeries:
     """Simulates scenes. `Response` and each worker of a sweep own one, `simulate` has recent ones.
 
-    With `reads_at_once` solutions are read before anything else happens; `alone` motions are not
-    divided among processes. A `brief` one keeps small scenes only. Tapes may have so much `memory`
-    [bytes].
+    With a `memory` [bytes] for tapes, solutions are read before anything else happens, and motions
+    are not divided among processes. A `brief` one keeps small scenes only.
     """
 
-    def __init__(
-        self,
-        memory: float = 0.0,
-        reads_at_once: bool = False,
-        alone: bool = False,
-        brief: bool = False,
-    ):
-        self._reads_at_once, self._alone, self._memory = reads_at_once, alone, memory
-        self._brief = brief
+    def __init__(self, memory: float | None = None, brief: bool = False):
+        self._memory, self._brief = memory, brief
         #: The prepared scene of the last motion, for the next one; None while a motion has it.
         self.prepared: Prepared | None = None
         # The last solution, as long as it is in use: it reads the model.
@@ -71,7 +63,7 @@ class MotionSeries:
         connected = with_functions(scene, options.inputs, f"{options.what}: inputs")
         warn_of_equal_work()
         prepared = self.prepare(connected, options)
-        run = Run(prepared, scene, start, grid, self.keep, self._reads_at_once, over)
+        run = Run(prepared, scene, start, grid, self.keep, self._memory is not None, over)
         self._begin_tape(prepared)
         prepared.stats.setup_seconds = time.perf_counter() - clock
         prepared.stats.setup_reason = self.reason
@@ -94,7 +86,7 @@ class MotionSeries:
             except OtherStructureError as other:
                 self.reason = str(other)
         self.reason = self.reason or "the first scene"
-        return Prepared(scene, options, None if self._alone else waiting_team(scene))
+        return Prepared(scene, options, waiting_team(scene) if self._memory is None else None)
 
     def _reason_against(self, last: Prepared, options: Options) -> str:
         """Why the last prepared scene cannot serve a motion, but for its structure; or nothing."""
@@ -111,7 +103,7 @@ class MotionSeries:
         elif self.tape is None or self.tape.problem is not loop.problem:
             from fx_beam.step.tape import Tape
 
-            self.tape = Tape(loop.problem, self._memory)
+            self.tape = Tape(loop.problem, self._memory or 0.0)
         else:
             self.tape.clear()
         if loop is not None:

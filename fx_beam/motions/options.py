@@ -27,7 +27,7 @@ from fx_beam.scene.outputs import Output
 from fx_beam.scene.scene import Scene
 from fx_beam.step.newton import NewtonOptions
 from fx_beam.step.recorder import Record
-from fx_beam.step.substeps import MOST_HALVINGS, Halving
+from fx_beam.step.substeps import MOST_HALVINGS
 
 # Limits of the tolerance. Newton's method and rounding disturb smaller errors.
 _LEAST, _MOST = 1e-9, 0.1
@@ -151,11 +151,6 @@ class Options(CommonOptions):
         if self.record.file is not None:
             text = f"{self.what}: a Record with a file is not possible with until or changes"
             raise SceneError(text)
-
-    @property
-    def halving(self) -> Halving:
-        """Control of the length of sub-steps, at the start of a run."""
-        return Halving(self.max_halvings, self.dt if self.tolerance is None else None)
 
     def grid(self, t0: float, goes_on: bool) -> tuple[np.ndarray, Tolerance | None]:
         """Ends of steps from t0 [s] on; or t0 alone and what controls the steps."""

@@ -21,6 +21,7 @@ from fx_beam.step.loop import CompiledLoop
 from fx_beam.step.model import Model
 from fx_beam.step.recorder import Recorder
 from fx_beam.step.stepper import Stepper
+from fx_beam.step.substeps import Halving
 
 from .initial_state import Starts, check_joints, end_of
 from .options import Options
@@ -53,7 +54,8 @@ class Prepared:
             from fx_beam.parallel.whole import TeamLoop
 
             loop = TeamLoop(self._team, *given)
-        self.stepper = Stepper(loop, options.halving)
+        dt = options.dt if options.tolerance is None else None
+        self.stepper = Stepper(loop, Halving(options.max_halvings, dt))
 
     def refill(self, scene: Scene, options: Options | None = None) -> None:
         """Set all numbers to those of another scene, as if it were prepared anew.

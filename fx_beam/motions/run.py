@@ -114,9 +114,8 @@ class Run:
             prepared.stats.file = str(record.file)
         #: Times at which a contact or a law has switched [s].
         self._events: list[float] = []
-        first = control.first if control is not None else float(self.times[1] - self.times[0])
-        self._first = first
-        state = prepared.recorded_state(recorder, first, start, control is not None)
+        self._first = float(self.times[1] - self.times[0]) if control is None else control.first
+        state = prepared.recorded_state(recorder, self._first, start, control is not None)
         prepared.stepper.integrator.record_start(state, recorder)
         self._clock = time.perf_counter()
 

@@ -72,9 +72,7 @@ def waiting_team(scene: Scene) -> Team | None:
         return team
     _log.info(
         "%d elements: the first of %d processes computes them alone, which is faster below %d",
-        elements,
-        team.size,
-        SMALLEST,
+        *(elements, team.size, SMALLEST),
     )
     return None
 
@@ -88,8 +86,7 @@ def _warn() -> None:
             "same files. Start the script without mpirun, or by mpirun -n %d python -m fx_beam, "
             "where each computes a part; for many scenes on many processes use fx_beam.sweep with "
             "an executor, see its documentation",
-            number,
-            number,
+            *(number, number),
         )
 
 

@@ -237,7 +237,14 @@ class _Transfer:
         values, columns_of = np.zeros(points.width), dict[str, list[int]]()
         for at, owner in enumerate([] if end.owners is None else end.owners.tolist()):
             columns_of.setdefault(owner, []).append(at)
-        self._check_variables()
+        for joint in self._model.scene.joints:
+            if (key := self._joints.get(joint.number)) is not None:
+                had = self._start.variables_of_joint.get(key.number, {})
+                if [*joint.internal] != [*had]:
+                    raise SceneError(
+                        "start: the solution has other internal variables than the springs of the "
+                        f"scene: {joint} has {[*joint.internal]}, there it has {[*had]}"
+                    )
         contacts = self._contacts_before()
         for at, owner in enumerate(points.owners.tolist()):
             of, *words = owner.split(" ")
@@ -249,28 +256,12 @@ class _Transfer:
                 values[at] = end.spring_internal[columns.pop(0)]
         return values
 
-    def _check_variables(self) -> None:
-        """Refuse springs of joints with other internal variables than before."""
-        for joint in self._model.scene.joints:
-            if (key := self._joints.get(joint.number)) is not None:
-                had = self._start.variables_of_joint.get(key.number, {})
-                names, known = [*joint.internal], [*had]
-                if names != known:
-                    raise SceneError(
-                        "start: the solution has other internal variables than the springs of the "
-                        f"scene: {joint} has {names}, there it has {known}"
-                    )
-
 
 def _contact_key(contact: Contact, number_of: Callable[[Node], int]) -> tuple:
     """What touches what; members by their names, nodes by their numbers in the solution."""
     shape, target = contact.shape, contact.target
     carrier = None if isinstance(shape, Beam) else shape.carrier
     touched = shape.name if isinstance(shape, Beam) else type(shape).__name__
-    return (
-        target.name if isinstance(target, Beam) else number_of(target),
-        touched,
-        None if carrier is None else number_of(carrier),
-        contact.along,
-        contact.variables,
-    )
+    touching = target.name if isinstance(target, Beam) else number_of(target)
+    moved_by = None if carrier is None else number_of(carrier)
+    return touching, touched, moved_by, contact.along, contact.variables

@@ -98,15 +98,9 @@ def motion_of(
     energy, multipliers = shooting.energy(period.start), multipliers_of(closed)
     conserves = period.lost <= _NO_LOSS * max(1.0, abs(energy))
     trivial = free * (1 + conserves)
-    motion = PeriodicMotion(
-        float(period.length),
-        energy,
-        multipliers,
-        instability_of(multipliers, trivial),
-        float(period.error),
-        closed.iterations,
-        lambda: shooting.solution(period),
-    )
+    length, error = float(period.length), float(period.error)
+    given = length, energy, multipliers, instability_of(multipliers, trivial), error
+    motion = PeriodicMotion(*given, closed.iterations, lambda: shooting.solution(period))
     motion._cycle = Cycle(period, shooting.options, free, chosen_by, trivial, held, state)
     return motion
 

@@ -206,21 +206,16 @@ class Shooting:
         matrix = np.zeros((len(scale), n))
         columns = reduction.completion().toarray()[:free, independent[:y]] * scale[independent[:y]]
         matrix[:free, :y], matrix[independent[y:], np.arange(y, n)] = columns, scale[free:]
-        changes = self._split(matrix.T)
+        rows = matrix.T
+        changes = {"slides": model.couplings.free_slides(rows[:, :free], model.scene.joint_count)}
+        changes["v"] = np.zeros((n, model.size))
+        changes["v"][:, self._rates] = rows[:, free : self._movable]
+        first = self._movable
+        for name, size in self._inside.items():
+            changes[name], first = rows[:, first : first + size], first + size
         spread = reduction.coupling()[:, independent[:y]].toarray() * scale[independent[:y]]
         changes["q"] = np.vstack([spread.T, np.zeros((n - y, model.size))])
         return Directions(changes, matrix / scale[:, None], independent, scale)
-
-    def _split(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Slides, rates and what steps remember of changes (n, rows), by name."""
-        model, first = self.model, self.model.reduction.free
-        changes = {"slides": model.couplings.free_slides(rows[:, :first], model.scene.joint_count)}
-        changes["v"] = np.zeros((len(rows), model.size))
-        changes["v"][:, self._rates] = rows[:, first : first + len(self._rates)]
-        first += len(self._rates)
-        for name, size in self._inside.items():
-            changes[name], first = rows[:, first : first + size], first + size
-        return changes
 
     @property
     def _inside(self) -> dict[str, int]:
@@ -314,11 +309,6 @@ class Shooting:
         turns, of = np.zeros(self.model.size), self.model.turns
         turns[of] = 2 * np.pi * np.round((end.q - start.q)[of] / (2 * np.pi))
         return turns
-
-    @property
-    def names(self) -> set[str]:
-        """Names of the numbers whose changes it follows."""
-        return self.derivatives.names
 
     def slopes(
         self, changes: Mapping[str, np.ndarray], period: Period
