@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fx_beam.scene.beam import Beam
+from fx_beam.scene.loads import PARTS_OF_DRAG
 from fx_beam.scene.scene import Scene
 
 from .fields import Data, cell_data
@@ -16,7 +17,7 @@ def coefficients(scene: Scene, mesh: Mesh) -> dict[str, Data]:
     rows: dict[str, np.ndarray] = {}
     on_beams = ((drag, drag.target) for drag in scene.drags if isinstance(drag.target, Beam))
     for drag, beam in on_beams:
-        for name in ("linear", "quadratic", "rotation"):
+        for name in PARTS_OF_DRAG:
             value = getattr(drag, name)
             if value.any():
                 key = f"drag {name}" if len(value) == 1 else f"drag {name} along and across"

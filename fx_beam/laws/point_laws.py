@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from fx_beam.scene.loads import PARTS_OF_DRAG
 from fx_beam.symbolic import ufl
 
 from .kinematics import tan
@@ -199,9 +200,6 @@ def _with_slope(
     return y + slope * (x - still), [ufl.as_ufl(1.0), still, y, slope]
 
 
-_PARTS_OF_DRAG = "linear", "quadratic", "rotation"
-
-
 @functools.cache
 def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
     """(linear + quadratic |v|) v and a moment against the spin, at the scheme's level.
@@ -234,7 +232,7 @@ def drag(linear: bool, quadratic: bool, rotation: bool) -> PointLaw:
         v = mean(motion)
         return sum(f * x for f, x in zip(against(motion, v), v, strict=True)) * motion.dt
 
-    name = "drag " + ", ".join(itertools.compress(_PARTS_OF_DRAG, (linear, quadratic, rotation)))
+    name = "drag " + ", ".join(itertools.compress(PARTS_OF_DRAG, (linear, quadratic, rotation)))
     return PointLaw(name, 2 * moves + rotation, linear + quadratic + rotation, forces, loss=loss)
 
 

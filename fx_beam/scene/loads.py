@@ -37,7 +37,8 @@ from .parameters import symbols_only
 # Places at which a function is called to learn whether it takes arrays, in parts of the length.
 _SAMPLES = np.linspace(0.0, 1.0, 7)
 
-_PARTS_OF_DRAG = "linear", "quadratic", "rotation"
+#: Names of the coefficients of drag.
+PARTS_OF_DRAG = "linear", "quadratic", "rotation"
 # What the function of a line load may be of.
 _OF = "time", "arc length", "arc length and time"
 
@@ -195,7 +196,7 @@ class Drag:
 
     def __post_init__(self):
         on = f"drag on {label(self.target)}"
-        for name in _PARTS_OF_DRAG:
+        for name in PARTS_OF_DRAG:
             given, what = getattr(self, name), f"{on}: {name}"
             pair = isinstance(given, list | tuple | np.ndarray) and numbers(given).shape == (2,)
             may_be = isinstance(self.target, Beam) and name != "rotation"
@@ -205,7 +206,7 @@ class Drag:
             wanted = "zero or positive; for a force along the motion there is add_virtual_work"
             require(value.min() >= 0, what, given, wanted)
             object.__setattr__(self, name, value)
-        if not any(getattr(self, name).any() for name in _PARTS_OF_DRAG):
+        if not any(getattr(self, name).any() for name in PARTS_OF_DRAG):
             raise SceneError(f"{on}: give linear, quadratic or rotation, not all zero")
 
 
