@@ -113,8 +113,10 @@ class CompiledLaw:
         self._derivatives: dict[str, PointFunction] = {}
         #: Number of forces, entries of the tangent, internal variables and what is remembered.
         self.values = law.size + len(self.entries) + law.internal + law.remembered
-        if law.at_zero:
-            self._check()
+        zero = np.zeros(self.given)
+        zero[3 * law.size + 1] = 1.0  # the length of the step
+        if law.at_zero and not np.isfinite(self(zero)).all():
+            raise SceneError(law.at_zero)
 
     def address(self, name: str) -> int:
         """Address of a function: of the "law", its "energy", "loss" or "switches"; 0 for none."""
@@ -210,13 +212,6 @@ class CompiledLaw:
             *result.internal,
             *result.remembered,
         ]
-
-    def _check(self) -> None:
-        """Refuse a law that is not finite where all coordinates are zero."""
-        given = np.zeros(self.given)
-        given[3 * self.law.size + 1] = 1.0  # the length of the step
-        if not np.isfinite(self(given)).all():
-            raise SceneError(self.law.at_zero)
 
 
 def _listed(function: Callable[[Motion], Any]) -> OfMotion:

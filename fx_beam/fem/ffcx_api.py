@@ -98,13 +98,12 @@ def _described(
         "constants": [names[symbol] for symbol in constants],
         "arguments": arguments,
         "values": values,
-        "functions": sorted((tag, _function(name, functions)) for tag, name in pairs),
+        # Later versions add the kind of cell to the name of an integral.
+        "functions": sorted(
+            (tag, next(of for of in functions if of.startswith(f"tabulate_tensor_{name}")))
+            for tag, name in pairs
+        ),
     }
-
-
-def _function(name: str, functions: list[str]) -> str:
-    """That of an integral; later versions add the kind of cell to its name."""
-    return next(of for of in functions if of.startswith(f"tabulate_tensor_{name}"))
 
 
 def _symbols(form: Any) -> tuple[list[Any], list[Any]]:

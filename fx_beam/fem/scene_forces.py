@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -146,18 +146,19 @@ def _of_coordinate(
     c = damper.viscosity if damper else 0.0
     if k or c:
         yield laws.spring(kind, bool(c)), [k, rest, c] if c else [k, rest]
-    if spring is not None and spring.strain_energy is not None:
-        key = id(spring.strain_energy), id(spring.internal), kind.name
+
+    def shared(law: Callable, *functions: Any) -> PointLaw:
+        key = law, kind.name, *map(id, functions)
         if key not in by_function:
-            by_function[key] = laws.stored_energy(kind, spring.strain_energy, spring.internal)
-        yield by_function[key], [rest]
+            by_function[key] = law(kind, *functions)
+        return by_function[key]
+
+    if spring is not None and spring.strain_energy is not None:
+        yield shared(laws.stored_energy, spring.strain_energy, spring.internal), [rest]
     if of.stop is not None:
         yield from _stops(of.stop, kind)
     if damper is not None and damper.law is not None:
-        of_law = id(damper.law), kind.name
-        if of_law not in by_function:
-            by_function[of_law] = laws.damper_law(kind, damper.law)
-        yield by_function[of_law], []
+        yield shared(laws.damper_law, damper.law), []
     if isinstance(of.friction, SmoothFriction):
         if callable(of.friction.force):
             yield laws.friction_law(kind, of.friction.force), [of.friction.speed]

@@ -124,7 +124,8 @@ class _Cut:
         alone[ends] = False
         alone = np.flatnonzero(alone)
         of_beams = zip(self._scene.beams, self._model.mesh.cells, strict=True)
-        whole = [cells for beam, cells in of_beams if not _may_be_cut(beam)]
+        # A part of a beam has the same section, unless its data are functions along the beam.
+        whole = [cells for beam, cells in of_beams if beam.section.constants(_DATA) is None]
         middles = X[ends].mean(axis=1)
         for cells in whole:
             middles[cells] = middles[cells].mean(axis=0)
@@ -266,11 +267,6 @@ def _trees(scene: Scene) -> np.ndarray:
     count = len(scene.nodes)
     graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), (count, count))
     return connected_components(graph, directed=False)[1]
-
-
-def _may_be_cut(beam: Beam) -> bool:
-    """Whether a part of the beam has the same section: data are no functions along it."""
-    return beam.section.constants(_DATA) is not None
 
 
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:

@@ -249,11 +249,12 @@ class Journal:
                 row = _VALUE(line.decode())
                 of = hash(key(row["case"]))
                 _ = row["result"], row["seconds"], row["error"]
-                whole = _is_whole(line)
+                text, _, checksum = line.rpartition(_SUM)
+                whole = checksum == b"%d}\n" % zlib.crc32(text)
             except (ValueError, LookupError, TypeError, SceneError) as error:
                 if not line.startswith(_START) and _SUM not in line:
-                    text = f"line {number} of {path} is not a row of a sweep"
-                    raise SceneError(text) from error
+                    what = f"line {number} of {path} is not a row of a sweep"
+                    raise SceneError(what) from error
                 whole = False
             if whole:
                 hashes.append(of)
@@ -308,12 +309,6 @@ class Journal:
         if self._file is not None:
             with suppress(OSError):  # a disk that is full has said so before
                 self._file.close()
-
-
-def _is_whole(line: bytes) -> bool:
-    """Whether a row is as it was written."""
-    text, _, checksum = line.rpartition(_SUM)
-    return checksum == b"%d}\n" % zlib.crc32(text)
 
 
 def key(case: Mapping[str, Any]) -> str:
