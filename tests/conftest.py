@@ -81,9 +81,7 @@ def no_libraries(monkeypatch, tmp_path):
 
         return wrapper
 
-    own = {
-        name: in_own_folder(getattr(library_cache, name)) for name in ("load", "build", "folder")
-    }
+    own = {name: in_own_folder(getattr(library_cache, name)) for name in ("loaded", "folder")}
     monkeypatch.setattr(c_library, "library_cache", SimpleNamespace(**own))
     monkeypatch.setattr(build, "_loaded", {})
     build.load_library.cache_clear()
