@@ -246,17 +246,13 @@ def check_equilibrium(about: Linearisation, state: Solution | None, what: str) -
     """Refuse the last row of a state in which forces or rates are left; errors say `what` asks."""
     if state is None:
         return
-    _check_balance(about, what)
-    if not state.stats.static:
-        _check_rest(about, state, what)
-
-
-def _check_balance(about: Linearisation, what: str) -> None:
     model = about.model
     unit = model.unit_of_unknowns[about.unknowns]
     left = abs(about.unbalanced) * unit
     rounding = _ROUNDING * (unit * (abs(about.K) @ unit)).max()
     if left.max() <= _BALANCED * about.largest + rounding:
+        if not state.stats.static:
+            _check_rest(about, state, what)
         return
     worst = int(left.argmax())
     moved = (abs(about.T[:, [worst]].toarray()[:, 0]) / model.unit).reshape(-1, 3)

@@ -131,7 +131,15 @@ class Options(CommonOptions):
         values, wanted = self.__dict__, "given with a tolerance only"
         values.update({name: of for name, of in _DEFAULTS.items() if values[name] is None})
         super().__post_init__()
-        _check_scheme(self.scheme)
+        if not isinstance(self.scheme, Scheme):
+            raise SceneError(
+                f"unknown scheme {shown(self.scheme)}; give an instance such as "
+                "fx_beam.EnergyMomentum() or fx_beam.Newmark(), with parentheses, or an "
+                "fx_beam.Scheme of your own"
+            )
+        if self.scheme.rates.at_rest:
+            text = f"{self.scheme.name} is a scheme for statics. Use fx_beam.static(scene)"
+            raise SceneError(text)
         self._require("record", isinstance(self.record, Record), "an fx_beam.Record")
         if self.tolerance is None:
             self._require("dt_max", self.dt_max is None, wanted)
@@ -190,14 +198,3 @@ def check_scene(scene: Any, what: str) -> None:
     """Refuse what is no scene."""
     if not isinstance(scene, Scene):
         raise SceneError(f"{what} needs an fx_beam.Scene, not {shown(scene)}")
-
-
-def _check_scheme(scheme: Any) -> None:
-    """Refuse what is no scheme of motions."""
-    if not isinstance(scheme, Scheme):
-        raise SceneError(
-            f"unknown scheme {shown(scheme)}; give an instance such as fx_beam.EnergyMomentum() or "
-            "fx_beam.Newmark(), with parentheses, or an fx_beam.Scheme of your own"
-        )
-    if scheme.rates.at_rest:
-        raise SceneError(f"{scheme.name} is a scheme for statics. Use fx_beam.static(scene)")

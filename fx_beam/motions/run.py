@@ -130,7 +130,8 @@ class Run:
         self._clock = time.perf_counter()
         try:
             advance, span = self._advance(), options.t_end - recorder.end.t
-            waits = nullcontext() if self._is_one_block else ctrl_c_between_blocks()
+            blocks = control is not None or options.until or len(self.times) > self._most_steps()
+            waits = ctrl_c_between_blocks() if blocks else nullcontext()
             with progress_bar(span, options.progress, **_BAR) as bar, waits:
                 while recorder.end.t < options.t_end and not stats.until:
                     t = recorder.end.t
@@ -156,12 +157,6 @@ class Run:
     def _most_steps(self, most: int = 1000) -> int:
         """Number of steps that are taken at once."""
         return max(1, min(most, _BLOCK // self.prepared.model.size))
-
-    @property
-    def _is_one_block(self) -> bool:
-        """Whether all steps are taken at once."""
-        given = self._control is None and not self.options.until
-        return given and len(self.times) - 1 <= self._most_steps()
 
     def _advance(self) -> Callable[[State], None]:
         """A function that takes the next steps from a state."""

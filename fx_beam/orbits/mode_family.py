@@ -117,24 +117,23 @@ class ModeFamily:
         return amplitude, holds_energy(shooting, energy, more)
 
     def _at(self, amplitude: float, wanted: Condition) -> Closed:
-        """The motion that meets a condition, from the mode with an amplitude."""
+        """The motion that meets a condition, from the mode with an amplitude.
+
+        NotClosed if it repeats itself within the period, or passes the amplitude at some speed.
+        """
         shooting, state = self._shooting, self._start(amplitude)
         length = shooting.first_return(state, _LONGEST * self._period) or self._period
         phase = turning_point(shooting, shooting.run(state, length))
         closed = close(shooting, state, length, phase, (wanted,), most=_PATIENCE)
-        self._check(closed)
-        return closed
-
-    def _check(self, closed: Closed) -> None:
-        """Refuse several periods as one, and motions that pass the amplitude at some speed."""
         start, length, most = closed.period.start, closed.period.length, self.most
         amplitude = abs(start.q[most] - self._rest.q[most])
         moves = abs(start.v[most]) * length / (2 * np.pi) > _AT_REST * amplitude
-        if moves or self._shooting.repeats_within(start, length):
+        if moves or shooting.repeats_within(start, length):
             raise NotClosed(
-                f"{self._shooting.what}: no motion of one period was found that begins at rest. "
+                f"{shooting.what}: no motion of one period was found that begins at rest. "
                 "Use more steps, or a smaller amplitude"
             )
+        return closed
 
     def last(self) -> Closed:
         """The motion of the amplitude or energy."""

@@ -258,7 +258,8 @@ class Shooting:
         if self.model.keeps_previous and state.q_previous is not None:
             state = state.changed(length=length / self.steps)
         last = self._advance(state, self._times(state, length, self.steps))
-        turns = self._turns(state, last)
+        turns, of = np.zeros(self.model.size), self.model.turns  # full ones of rotations
+        turns[of] = 2 * np.pi * np.round((last.q - state.q)[of] / (2 * np.pi))
         end = self._at_start(last.changed(q=last.q - turns, t=state.t))
         if last.q_previous is not None:
             end = end.changed(q_previous=last.q_previous - turns)
@@ -303,12 +304,6 @@ class Shooting:
         for _ in range(periods):
             state = self.run(state, parameter).end
         return state
-
-    def _turns(self, start: State, end: State) -> np.ndarray:
-        """Full turns (size,) that rotations have made."""
-        turns, of = np.zeros(self.model.size), self.model.turns
-        turns[of] = 2 * np.pi * np.round((end.q - start.q)[of] / (2 * np.pi))
-        return turns
 
     def slopes(
         self, changes: Mapping[str, np.ndarray], period: Period
