@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from fx_beam.linear.linearisation import linearised
 from fx_beam.scene.scene import Scene
 from fx_beam.step.sparse_lu import pivoted_lu
 
-from .built_scenes import NumbersOf
+from .static_derivatives import DerivativesOf
 from .tangent_derivatives import Pairs, TangentDerivatives
 
 # Part of a sum beside which it is zero but for round-off and the place of the point.
@@ -46,12 +45,7 @@ class CriticalLoad:
     def __init__(self) -> None:
         self._tangent = TangentDerivatives(_WHAT)
 
-    def take(
-        self,
-        point: CriticalPoint,
-        scene: Scene,
-        derivatives: Callable[[NumbersOf], dict[str, np.ndarray]],
-    ) -> None:
+    def take(self, point: CriticalPoint, scene: Scene, derivatives: DerivativesOf) -> None:
         """Take a point of the path of a scene, with `derivatives` of numbers of scenes by x."""
         self._point, state = point, point.solution
         assert state is not None and point.modes is not None  # of a point with a load factor

@@ -8,7 +8,7 @@ or energy is not conserved, what is dissipated is a sum over the steps as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -20,14 +20,13 @@ from fx_beam.scene.joints import GROUND
 from fx_beam.scene.outputs import Output
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import without_turns
+from fx_beam.step.layout import Arrays
 from fx_beam.step.model import Model
 
 from .gradient import Block, Gradient, RowOutput, jvp, of_row, vjp
 from .sub_steps import OF_POINTS, SubSteps
 
-#: A state by name, with the values of the parameters there and the natural strains.
-Row = Mapping[str, np.ndarray]
-#: Derivatives by these, and by numbers of the scene, by name.
+#: Derivatives by states, with parameters and natural strains there, and by numbers, by name.
 Derivatives = dict[str, np.ndarray]
 
 
@@ -36,7 +35,7 @@ def _by_mass(model: Model, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.repeat(x, np.diff(model.mass.indptr)) * y[model.mass.indices]
 
 
-def _kinetic(model: Model, row: Row) -> Derivatives:
+def _kinetic(model: Model, row: Arrays) -> Derivatives:
     """v.M v / 2."""
     if model.scheme.rates.at_rest:
         return {}
@@ -44,7 +43,7 @@ def _kinetic(model: Model, row: Row) -> Derivatives:
     return {"v": model.mass @ v, "mass": _by_mass(model, v, v) / 2}
 
 
-def _of_fit(model: Model, row: Row) -> Derivatives:
+def _of_fit(model: Model, row: Arrays) -> Derivatives:
     """v*.M (v* - v), the work of driven motions on the impulses with which rates v* fit."""
     if "rates" not in row or not model.couplings.driven:
         return {}
@@ -53,7 +52,7 @@ def _of_fit(model: Model, row: Row) -> Derivatives:
     return {"v": -fitting, "rates": 2 * fitting - model.mass @ v, "mass": by_mass}
 
 
-def _strain(model: Model, row: Row) -> Derivatives:
+def _strain(model: Model, row: Arrays) -> Derivatives:
     if model.forms.beams is None:
         return {}
     model.forms.parameters.use(row.get("parameters"))
@@ -62,11 +61,11 @@ def _strain(model: Model, row: Row) -> Derivatives:
     return model.forms.beams.stored_energy_by(row["q"], internal, row.get("natural"))
 
 
-def _potential(model: Model, row: Row) -> Derivatives:
+def _potential(model: Model, row: Arrays) -> Derivatives:
     return {} if model.weight is None else {"q": -model.weight, "weight": -row["q"]}
 
 
-def _springs(model: Model, row: Row) -> Derivatives:
+def _springs(model: Model, row: Arrays) -> Derivatives:
     if not model.points.any:
         return {}
     model.forms.parameters.use(row.get("parameters"))
@@ -75,7 +74,7 @@ def _springs(model: Model, row: Row) -> Derivatives:
     return {OF_POINTS.get(name, name): by[name] for name in by if name in wanted}
 
 
-_PARTS: dict[str, list[Callable[[Model, Row], Derivatives]]] = {
+_PARTS: dict[str, list[Callable[[Model, Arrays], Derivatives]]] = {
     "kinetic_energy": [_kinetic, _of_fit],
     "strain_energy": [_strain],
     "potential_energy": [_potential],
@@ -125,7 +124,7 @@ class StepLosses:
             k = of.tape.present.first + row - 1
             part = of.part(k)
             if model.scheme.rates.at_rest:
-                model.forms.set_load(*of.load(k))
+                model.forms.set_load(float(of.tape.memories[k]), float(of.tape.lengths[k]))
             for by in [] if model.forms.beams is None else model.forms.beams.losses_by(part):
                 yield from of.in_step(row, k, by)
             if model.points.any_have("loss"):
@@ -152,7 +151,7 @@ class StepLosses:
 SINCE_START = "work", "dissipated_energy"
 
 
-class _Parts(NamedTuple):
+class Sum(NamedTuple):
     """What a quantity since the start is the sum of: the signs of energy, work and losses."""
 
     energy: int = 0
@@ -160,15 +159,16 @@ class _Parts(NamedTuple):
     losses: int = 0
 
 
-def _parts(model: Model, quantity: str) -> _Parts:
+def sum_of(model: Model, quantity: str) -> Sum:
+    """The parts of a quantity; none of one that is not summed since the start."""
     others, loses = bool(_other_work(model)), model.forms.dissipate
     if quantity == "work":
-        return _Parts(energy=1, losses=int(loses)) if others else _Parts(steps=1)
-    if not loses:
-        return _Parts()
+        return Sum(energy=1, losses=int(loses)) if others else Sum(steps=1)
+    if quantity not in SINCE_START or not loses:
+        return Sum()
     if model.scheme.balances_energy and not others:
-        return _Parts(energy=-1, steps=1)
-    return _Parts(losses=1)
+        return Sum(energy=-1, steps=1)
+    return Sum(losses=1)
 
 
 def _other_work(model: Model) -> str:
@@ -182,19 +182,6 @@ def _other_work(model: Model) -> str:
     return ", ".join(name for name, there in others.items() if there)
 
 
-def sums_steps(model: Model, output: Output) -> bool:
-    """Whether an output is a sum over all steps before."""
-    if output.quantity not in SINCE_START:
-        return False
-    parts = _parts(model, output.quantity)
-    return bool(parts.steps or parts.losses)
-
-
-def sums_losses(model: Model, output: Output) -> bool:
-    """Whether it is a sum of what is lost in these."""
-    return output.quantity in SINCE_START and bool(_parts(model, output.quantity).losses)
-
-
 def fits_rates(model: Model, output: Output) -> bool:
     """Whether rates that fit the joints are in the work: that of driven motions on them."""
     return output.quantity == "work" and bool(model.couplings.driven)
@@ -205,7 +192,7 @@ def check_work(model: Model, output: Output, name: str, of_start: str) -> None:
 
     And those since an equilibrium before the motion, `of_start` says why; empty if there is none.
     """
-    parts, others, why = _parts(model, output.quantity), _other_work(model), of_start
+    parts, others, why = sum_of(model, output.quantity), _other_work(model), of_start
     if model.scheme.rates.at_rest:
         reason = why_no_work(model) if output.quantity == "work" else ""
         if parts.losses and (without := why_no_losses(model)):
@@ -240,7 +227,7 @@ class WorkOutput(RowOutput):
     def __init__(
         self, of: SubSteps, quantity: str, places: np.ndarray, forces: Callable[[], np.ndarray]
     ):
-        model, parts, part = of.model, _parts(of.model, quantity), of.tape.present
+        model, parts, part = of.model, sum_of(of.model, quantity), of.tape.present
         #: Numbers of the sub-steps of the part before the rows, and of all.
         self._ends, self._count = of.boundaries[places] - part.first, part.end - part.first
         #: Energies with their signs, at the rows, and at the start of the run.
@@ -288,13 +275,7 @@ class WorkOutput(RowOutput):
         vjp(self._of_steps(np.flatnonzero(of_steps)), of_steps, to)
         vjp(self._of_rows(np.flatnonzero(weights)), weights, to)
 
-    def jvp(
-        self,
-        rows: int,
-        before: np.ndarray,
-        of_state: Mapping[str, np.ndarray],
-        changes: Mapping[str, np.ndarray],
-    ) -> np.ndarray:
+    def jvp(self, rows: int, before: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
         """As of `RowOutput`."""
         steps = np.arange(self._count + 1)
         sums = jvp(self._of_steps(steps), (len(steps),), of_state, changes)
@@ -333,6 +314,7 @@ class StepWork:
             path[:1], slope[:1], slides[:1] = 0.0, 0.0, 0.0
             self._factors = _with_last(tape.memories[:, None] * model.loads.series(t1))
             driven = _with_last(driven)
+            driven[:1] = 0.0
         else:
             #: Means (k, loads) of the factors of the loads.
             self._factors = Forcing(model).loads(t0, t1).mean(axis=1)
@@ -344,8 +326,6 @@ class StepWork:
         of_nodes, of_slides = _driven_paths(model)
         self._paths = path @ of_nodes.T + slides @ of_slides.T
         self._by_slides = driven @ of_slides
-        if self._at_rest:
-            self._by_slides[:1] = 0.0
         #: Derivatives (k, size) of the work in each sub-step by its increments.
         self._by_increments = ((columns @ self._factors.T).T + driven @ of_nodes) * slope
         #: Those by the weight, if any of its work counts.

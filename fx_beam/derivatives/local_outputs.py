@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from fx_beam.scene.beam import Beam, Node
 from fx_beam.scene.joints import Joint
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.sliders import SlidingJoint
+from fx_beam.step.layout import Arrays
 from fx_beam.step.measured import measured
 from fx_beam.step.tape import Steps
 
@@ -33,7 +34,7 @@ class Places(NamedTuple):
     steps: Steps
     forces: np.ndarray
     #: The only entries that the states have, by name; empty if they have all.
-    entries: Mapping[str, np.ndarray]
+    entries: Arrays
 
     @property
     def moved(self) -> np.ndarray:
@@ -177,13 +178,7 @@ class ResultantOutput(RowOutput):
             by = self._beams.resultants_by(of.part(k), of_cells)
             vjp(of.in_step(0, k, by), np.ones(1), to)
 
-    def jvp(
-        self,
-        rows: int,
-        before: np.ndarray,
-        of_state: Mapping[str, np.ndarray],
-        changes: Mapping[str, np.ndarray],
-    ) -> np.ndarray:
+    def jvp(self, rows: int, before: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
         """As of `RowOutput`."""
         of, shape, count = self._of, self._of.model.forms.internal_shape, len(changes["X"])
         found = np.zeros((rows, len(self._cells) * shape[1], count))

@@ -13,19 +13,12 @@ from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.fitted_rates import RateDerivatives, rate_fit
 from fx_beam.step.forcing import Forcing
+from fx_beam.step.layout import Arrays
 from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
 from fx_beam.step.tape import Steps, Tape
 
-from .energy_outputs import (
-    SINCE_START,
-    EnergyOutput,
-    WorkOutput,
-    check_work,
-    fits_rates,
-    sums_losses,
-    sums_steps,
-)
+from .energy_outputs import SINCE_START, EnergyOutput, WorkOutput, check_work, fits_rates, sum_of
 from .gradient import Gradient, RowOutput
 from .local_outputs import LocalOutput, Places, ResultantOutput
 from .output_values import record_of
@@ -47,7 +40,7 @@ def check_outputs(
     for name, output in outputs.items():
         if output.quantity in SINCE_START:
             check_work(model, output, name, start.get(output.quantity, ""))
-        parted = model.forms.needs_previous and sums_losses(model, output)
+        parted = model.forms.needs_previous and sum_of(model, output.quantity).losses
         if (isinstance(output.of, Beam) or parted) and not tape.is_whole:
             raise SceneError(
                 f"the output {name!r}, {output}, has derivatives only if all steps are in memory. "
@@ -85,7 +78,7 @@ class Observation:
         tape: Tape,
         states_at: StatesAt,
         forces: Callable[[], np.ndarray],
-        entries: Mapping[str, np.ndarray],
+        entries: Arrays,
         outputs: Mapping[str, Output],
         boundaries: np.ndarray,
     ):
@@ -102,7 +95,8 @@ class Observation:
         self.sub_steps = steps.sub_steps if needed else steps.sub_steps[:0]
         if summed(outputs) and not first:
             every.append(np.zeros(1, dtype=int))
-        if any(sums_steps(model, output) for output in outputs.values()):
+        sums = [sum_of(model, output.quantity) for output in outputs.values()]
+        if any(of.steps or of.losses for of in sums):
             every.append(np.arange(first, end + 1))
             if model.couplings.driven:
                 self.sub_steps = np.arange(first, end)
@@ -142,7 +136,7 @@ class Observation:
         sizes |= {name: (n, width) for name, width in zip(_FITTED, of_fit, strict=True)}
         return sizes | {"constraints": (k, columns), "joints": (k, joints)}
 
-    def vjp(self, weights: Mapping[str, np.ndarray], later: Mapping[str, float]) -> Gradient:
+    def vjp(self, weights: Arrays, later: Mapping[str, float]) -> Gradient:
         """Derivatives of the sum of weights (n, ...) times outputs, by states and by numbers.
 
         `later` are sums of the weights of outputs that add up over the steps, in later parts.
@@ -163,12 +157,7 @@ class Observation:
                 gradient.add_numbers("driven rates", of_boundaries)
         return gradient
 
-    def jvp(
-        self,
-        of_state: dict[str, np.ndarray],
-        changes: Mapping[str, np.ndarray],
-        before: Mapping[str, np.ndarray],
-    ) -> dict[str, np.ndarray]:
+    def jvp(self, of_state: dict, changes: Arrays, before: Arrays) -> dict[str, np.ndarray]:
         """Changes (n, ..., m) of all outputs from those of states, forces and numbers.
 
         To those `before` (m,) of outputs that add up over the steps it adds what this part gives.

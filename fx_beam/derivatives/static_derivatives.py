@@ -29,6 +29,8 @@ from .energy_outputs import StepLosses, StepWork, why_no_losses, why_no_work
 from .gradient import jvp
 from .sub_steps import SubSteps
 
+#: Derivatives (m, ...) by x of numbers of scenes.
+DerivativesOf = Callable[[NumbersOf], dict[str, np.ndarray]]
 # Internal variables that round-off may leave at a contact without a force.
 _ROUNDING = 1e-12
 
@@ -148,9 +150,7 @@ class StaticDerivatives:
         return states
 
 
-def change_of_end(
-    path: LoadPath, derivatives: Callable[[NumbersOf], dict[str, np.ndarray]], what: str
-) -> StateChange:
+def change_of_end(path: LoadPath, derivatives: DerivativesOf, what: str) -> StateChange:
     """Changes of the last state of a path with x, by `derivatives` of the numbers of scenes."""
     of = StaticDerivatives(path)
     changes = derivatives(of.numbers_of)

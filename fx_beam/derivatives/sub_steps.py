@@ -86,10 +86,6 @@ class SubSteps:
         """The states (n, ...), which are read if an output is not linear in them."""
         return self._states_at(self.boundaries)
 
-    def load(self, k: int) -> tuple[float, float]:
-        """Load factor at the end of load step k, and its increment in it."""
-        return float(self.tape.memories[k]), float(self.tape.lengths[k])
-
     def places(self, k: int) -> tuple[int, int, int]:
         """Of the states before and after sub-step k, and of that a sub-step earlier."""
         first = max(k, 0)
@@ -98,15 +94,13 @@ class SubSteps:
 
     def row(self, place: int) -> dict[str, np.ndarray]:
         """A state by name, with the parameters and natural strains at this time."""
-        row, boundary = self._state(place), int(self.boundaries[place])
+        row = {name: values[place] for name, values in self.states.items()}
+        boundary = int(self.boundaries[place])
         if self._parameters is not None:
             row["parameters"] = self._parameters[boundary - 1, 1] if boundary else self._at_start
         if self.natural is not None:
             row["natural"] = self.natural.at(boundary)
         return row
-
-    def _state(self, place: int) -> dict[str, np.ndarray]:
-        return {name: values[place] for name, values in self.states.items()}
 
     def part(self, k: int) -> Part:
         """Sub-step number k; -1 for the start of the run."""

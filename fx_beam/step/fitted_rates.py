@@ -14,7 +14,6 @@ C finds them, and derivatives in both directions, as those of a sub-step that is
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ import numpy as np
 from fx_beam.c_library import Structs, declarations
 
 from .form_tables import aligned_zeros
-from .layout import Layout, Numbers, Rows, all_of, never_empty, side_by_side
+from .layout import Arrays, Layout, Numbers, Rows, all_of, never_empty, side_by_side
 from .model import Model
 from .newton import NewtonOptions
 from .tables import Problem
@@ -70,14 +69,9 @@ class FittedRates:
         of_slides = np.where(slides < at["q"][0], slides - at["Y"][0] + at["Y1"][0], slides)
         #: Rows of states, and of what is found.
         self.states = Rows(states)
-        self.results = Rows(
-            {
-                "rates": at["q1"],
-                "rates of slides": of_slides,
-                "impulses of joints": at["forces"],
-                "impulses of columns": at["R"][p.free : p.columns],
-            }
-        )
+        impulses = {"impulses of joints": at["forces"]}
+        impulses["impulses of columns"] = at["R"][p.free : p.columns]
+        self.results = Rows({"rates": at["q1"], "rates of slides": of_slides} | impulses)
         numbers = {name: all_of(at[name]) for name in _OF_SHAPE}
         numbers["mass"] = Numbers(at["mass"], problem.heavy.ravel(), model.mass.nnz)
         #: The numbers of the scene by name.
@@ -134,9 +128,7 @@ class RateDerivatives:
         more["forces"] = fits.results.members(every, len(every), results)
         fits.followed(way, *self._given, **more)
 
-    def vjp(
-        self, weights: Mapping[str, np.ndarray]
-    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    def vjp(self, weights: Arrays) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Derivatives by "q", "v", "slides" and "driven rates" (n, ...), and by numbers.
 
         From those by "rates" that fit (n, size), "rates of slides" (n, joints), "impulses of
@@ -147,9 +139,7 @@ class RateDerivatives:
         self._follow(fits.library.BACKWARDS, by_states, fits.results.filled(weights, n), x=x)
         return fits.states.parts(by_states), {name: of.sums(x) for name, of in fits.numbers.items()}
 
-    def jvp(
-        self, of_state: Mapping[str, np.ndarray], changes: Mapping[str, np.ndarray]
-    ) -> dict[str, np.ndarray]:
+    def jvp(self, of_state: Arrays, changes: Arrays) -> dict[str, np.ndarray]:
         """Changes (n, m, ...) of the same in m directions.
 
         From those of the state, "q", "v", "slides" and "driven rates" (n, m, ...), and of numbers

@@ -11,6 +11,8 @@ import numpy as np
 from .form_tables import aligned_zeros
 from .tables import Problem
 
+#: Arrays by name.
+Arrays = Mapping[str, np.ndarray]
 _FIRST_OF_STEPS, _FIRST_OF_RESULTS = "loads", "Y1"
 
 
@@ -39,10 +41,8 @@ class Layout:
         fields = [name for name, _ in problem.ffi.typeof(c).fields]
         starts = {name.replace("_", " "): getattr(c, name) for name in fields}
         #: The indices of all arrays; length of the vector.
-        self.at = {
-            name: np.arange(start, end)
-            for name, (start, end) in zip(starts, itertools.pairwise(starts.values()), strict=False)
-        }
+        ends = itertools.pairwise(starts.values())
+        self.at = {name: np.arange(*part) for name, part in zip(starts, ends, strict=False)}
         self.size, names = starts["size"], [*self.at]
         first, end = names.index(_FIRST_OF_STEPS), names.index(_FIRST_OF_RESULTS)
         #: Names of the numbers of the scene and of its state.
@@ -86,7 +86,7 @@ class Rows:
         size = len(self._places)
         return {"at": at, "size": size, "place": self._places, "rows": never_empty(rows)}
 
-    def filled(self, given: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+    def filled(self, given: Arrays, count: int) -> np.ndarray:
         """Rows (count, size) of the given parts, with zeros in all others."""
         rows = np.zeros((count, len(self._places)))
         for name in given.keys() & self._of.keys():

@@ -33,8 +33,9 @@ _FITTED = {"v", "a", "joint_forces", "constraint_forces"}
 _ENERGIES = [field.name for field in fields(Energy) if field.name != "impact"]
 # Which energies have the work of driven motions.
 _BY_DRIVEN = [float(name in ("kinetic", "work")) for name in _ENERGIES]
-# Arrays that belong together.
+# Arrays that belong together, and arrays by name.
 _Rows = tuple[np.ndarray, ...]
+_ByName = Mapping[str, np.ndarray]
 
 
 class RecordedHistories(Mapping):
@@ -48,8 +49,8 @@ class RecordedHistories(Mapping):
     def __init__(
         self,
         model: Model,
-        rows: Mapping[str, np.ndarray],
-        fitted: Callable[[], Mapping[str, np.ndarray]] | None,
+        rows: _ByName,
+        fitted: Callable[[], _ByName] | None,
         turns: Mapping[int, np.ndarray],
         t: np.ndarray,
         t_level: Callable[[], np.ndarray],
@@ -95,7 +96,7 @@ class RecordedHistories(Mapping):
         }
 
     @cached_property
-    def _fitted(self) -> Mapping[str, np.ndarray]:
+    def _fitted(self) -> _ByName:
         return self._rows if self._fitted_rows is None else self._fitted_rows()
 
     def _recorded(self, name: str) -> np.ndarray | None:
@@ -153,11 +154,7 @@ class RecordedHistories(Mapping):
 
 
 def fitted(
-    model: Model,
-    rows: dict[str, np.ndarray],
-    starts: _Rows | None,
-    grid: _Rows,
-    driven: np.ndarray | None,
+    model: Model, rows: _ByName, starts: _Rows | None, grid: _Rows, driven: np.ndarray | None
 ) -> dict[str, np.ndarray]:
     """Rows (n, ...) of a record with fitted rates; row 0 is the start.
 

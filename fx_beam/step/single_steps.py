@@ -42,17 +42,12 @@ class CompiledSingleSteps:
         """Arrays of the loads and driven motions of a step, with views for those that are held."""
         model, p = self._loop.model, self._p
         forcing, steps = self._loop.forcing, p.sub_steps
-        follower_forces = len(model.points.followers)
-        self._inputs = StepInputs(
-            np.zeros((steps, 2, p.loads)),
-            np.zeros((steps, p.driven)),
-            np.zeros((steps, follower_forces, 2)),
-            np.zeros((steps, 2, len(model.forms.parameters))),
-            np.zeros((steps, model.natural.unit_loads.shape[1])),
-            steps,
-        )
+        shapes = [(2, p.loads), (p.driven,), (len(model.points.followers), 2)]
+        shapes += [(2, len(model.forms.parameters)), (model.natural.unit_loads.shape[1],)]
+        arrays = [np.zeros((steps, *shape)) for shape in shapes]
+        loads, driven, follower_force, parameters, natural = arrays
+        self._inputs = StepInputs(loads, driven, follower_force, parameters, natural, steps)
         self._c_inputs = self._loop.c_inputs(self._inputs)
-        loads, driven, follower_force, parameters, natural = self._inputs[:5]
         ends = np.cumsum(model.scheme.fractions)
         ends[-1] = 1.0
         starts, level = np.append(0.0, ends[:-1]), model.scheme.rates.level

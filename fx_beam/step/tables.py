@@ -146,13 +146,8 @@ class Problem:
         massless = np.flatnonzero(model.massless) if self._moves else np.empty(0, int)
         if natural := model.natural:
             strains = natural.unit_loads
-            self._set(
-                cell_natural=int(np.prod(natural.shape[1:])),
-                naturals=strains.shape[1],
-                natural_start=strains.indptr,
-                natural_at=strains.indices,
-                natural_value=strains.data,
-            )
+            self._set(cell_natural=int(np.prod(natural.shape[1:])), naturals=strains.shape[1])
+            self._set(natural_start=strains.indptr, natural_at=strains.indices)
         starts, nodes, _ = self._mass_blocks
         columns = model.loads.unit_loads
         self._set(
@@ -200,12 +195,10 @@ class Problem:
 
     def _positions(self) -> dict[str, np.ndarray]:
         """The members that change where nodes move."""
-        model = self.model
-        return {
-            "position": model.mesh.X,
-            "per_unit": 1 / model.unit,
-            "per_displacement": np.where(np.arange(model.size) % 3 == 2, 0, 1 / model.unit),
-        }
+        per_unit = 1 / self.model.unit
+        of_displacements = np.where(np.arange(len(per_unit)) % 3 == 2, 0, per_unit)
+        units = {"per_unit": per_unit, "per_displacement": of_displacements}
+        return {"position": self.model.mesh.X, **units}
 
     def _numbers(self, masses: bool) -> dict[str, np.ndarray]:
         """The other numbers of the scene, besides those of forms and points."""
@@ -242,15 +235,10 @@ class Problem:
     def _hand_over_points(self, stored_at: np.ndarray) -> None:
         model, points = self.model, self.model.points
         self._set(spring_width=points.width, may_overshoot=model.may_overshoot)
-        self._set(friction_follows=points.follow_joints)
-        self._set(follower_forces=len(points.followers))
+        self._set(friction_follows=points.follow_joints, follower_forces=len(points.followers))
         if len(of_scene := model.forms.parameters):
-            self._set(
-                parameter_count=len(of_scene),
-                parameters_vary=of_scene.vary,
-                energies_vary=of_scene.in_energies,
-                parameter=of_scene.values,
-            )
+            self._set(parameters_vary=of_scene.vary, energies_vary=of_scene.in_energies)
+            self._set(parameter_count=len(of_scene), parameter=of_scene.values)
         if not points.any:
             self._set(points=[{}])
             return
@@ -289,11 +277,8 @@ class Problem:
         self._set(level=rates.level, at_rest=rates.at_rest, **rates.constants)
         if rules := self.model.nodal_rules:
             addresses = np.array([function.address for function in rules], np.uintp)
-            self._set(
-                rules=len(addresses),
-                nodal_rule=addresses,
-                rule_stored_at=stored_at[self._mass_blocks[2]],
-            )
+            of_pairs = stored_at[self._mass_blocks[2]]
+            self._set(rules=len(addresses), nodal_rule=addresses, rule_stored_at=of_pairs)
         assert self.constants.SUB_STEPS == MOST_SUB_STEPS
         self._set(sub_steps=len(fractions), fractions=fractions)
 
@@ -307,10 +292,8 @@ class Problem:
             indptr, indices = reduction.factored
             at, stored = np.arange(len(indices)), len(indices)
             self._set(tangent_start=indptr, tangent_column=indices)
-            self._set(
-                factor_at=factors.at.astype(np.int32),
-                kept={"worth": 0 if self._rates else factors.worth},
-            )
+            worth = 0 if self._rates else factors.worth
+            self._set(factor_at=factors.at.astype(np.int32), kept={"worth": worth})
         #: Storage indices of the entries of `Reduction.factored`.
         self.tangent_at = at
         if self.model.points.members is not None and not self._rates:

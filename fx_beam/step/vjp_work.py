@@ -80,7 +80,7 @@ class VjpWork:
         size = [self._sizes[name] for name, _ in pieces]
         width = [of_weights[weight] for _, weight in pieces]
         piece_start = _starts([1, *(m * n for m, n in zip(size, width, strict=True))])
-        behind = layout.at["nowhere"][0]
+        behind, of_states = layout.at["nowhere"][0], _IN_COMMON.keys() - {"parameters"}
         cells = kernel.forms[0].cells.values()
         from_, to = (
             np.concatenate([in_lanes(np.hstack(rows)[own], lanes, behind) for own in cells])
@@ -89,9 +89,7 @@ class VjpWork:
         return {
             "slopes": table,
             "numbers": first[-1],
-            "of_state": sum(
-                n for name, n in self._sizes.items() if name in _IN_COMMON.keys() - {"parameters"}
-            ),
+            "of_state": sum(self._sizes[name] for name in self._sizes.keys() & of_states),
             "weights": sum(of_weights),
             "slope_numbers": piece_start[-1],
             "pieces": len(pieces),
