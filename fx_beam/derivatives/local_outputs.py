@@ -28,23 +28,14 @@ class Places(NamedTuple):
     #: Rows (n,) among the states, and the starts of the steps that end there.
     ends: np.ndarray
     starts: np.ndarray
-    #: Whether there is such a step (n,): not at the start of the run.
-    after: np.ndarray
+    #: Numbers of the rows that are the end of a step, and of those at the start of the run.
+    moved: np.ndarray
+    at_start: np.ndarray
     #: Those steps, and the places of their sub-steps among those of the forces.
     steps: Steps
     forces: np.ndarray
     #: The only entries that the states have, by name; empty if they have all.
     entries: Arrays
-
-    @property
-    def moved(self) -> np.ndarray:
-        """Numbers of the rows that are the end of a step, not the start of the run."""
-        return np.flatnonzero(self.after)
-
-    @property
-    def at_start(self) -> np.ndarray:
-        """Numbers of the rows at the start of the run."""
-        return np.flatnonzero(~self.after)
 
 
 #: Forces in steps, at the start, and of rates that fit, by the names of arrays in `State`.

@@ -105,7 +105,8 @@ class Observation:
         ends = np.searchsorted(self.boundaries, boundaries)
         starts = np.searchsorted(self.boundaries, steps.starts)
         forces_at = np.searchsorted(self.sub_steps, steps.sub_steps)
-        self._places = Places(ends, starts, boundaries > 0, steps, forces_at, entries)
+        rows = np.flatnonzero(boundaries), np.flatnonzero(boundaries == 0)
+        self._places = Places(ends, starts, *rows, steps, forces_at, entries)
         self._of = of = SubSteps(model, tape, self.boundaries, states_at)
         #: Rates that fit the joints, and their derivatives.
         self._fit = None

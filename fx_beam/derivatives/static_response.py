@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fx_beam.content_cache import cached_property
 from fx_beam.equilibria.critical_points import first_critical_point
 from fx_beam.equilibria.load_steps import StaticOptions
 from fx_beam.equilibria.statics import LoadPath
@@ -124,7 +125,6 @@ class StaticResponse(Response):
         super()._begin()
         self._critical_point, self._point_is_taken = CriticalLoad(), False
         self._solution: Solution
-        self._load_steps: StaticDerivatives | None = None
 
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Compute the equilibria of the scene of some numbers.
@@ -149,7 +149,7 @@ class StaticResponse(Response):
         self._solution = solution = self._static_path.followed()
         self._point_is_taken = False
         self.stats, self._t = solution.stats, solution.t
-        self._load_steps = None
+        vars(self).pop("_load_steps", None)
         return solution.load_factor, self._read_all(solution)
 
     # -- Derivatives ------------------------------------------------------------------------------
@@ -211,17 +211,19 @@ class StaticResponse(Response):
             self._point_is_taken = True
         return self._critical_point
 
+    @cached_property
+    def _load_steps(self) -> StaticDerivatives:
+        return StaticDerivatives(self._static_path)
+
     def _followed(self, what: str) -> tuple[Model, Tape, TapeDerivatives]:
-        self._load_steps = of = self._load_steps or StaticDerivatives(self._static_path)
+        of = self._load_steps
         return of.model, of.tape, of.derivatives
 
     def _boundaries(self, tape: Tape) -> np.ndarray:
         return np.arange(1, len(tape) + 1)
 
     def _states(self, tape: Tape, steps: np.ndarray) -> dict[str, np.ndarray]:
-        assert self._load_steps is not None  # `_followed` comes first
         return self._load_steps.states_at(steps)
 
     def _changes_by_x(self) -> dict[str, np.ndarray]:
-        assert self._load_steps is not None  # `_followed` comes first
         return self._derivatives(self._load_steps.numbers_of)

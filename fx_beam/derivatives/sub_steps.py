@@ -80,6 +80,10 @@ class SubSteps:
             self._parameters = of_scene.over_steps(t0, t0 + tape.lengths, level)
             self._at_start = of_scene.at(float(t0[0]))
         self.natural = NaturalRows(model, tape) if model.natural else None
+        # Length of the short step for the resultants at the start [s], and 1 if these depend on
+        # rates, else 0.
+        self._short, beams = _SHORT * tape.first_length, model.forms.beams
+        self._moves = float(beams is not None and beams.facts.resultants_move)
 
     @cached_property
     def states(self) -> dict[str, np.ndarray]:
@@ -116,25 +120,14 @@ class SubSteps:
             start = start._replace(natural=strains)
         t, dt = float(tape.starts[first]), float(tape.lengths[first])
         if k < 0:
-            dt = self.short
-            return Part(instant(t, dt), self.moves * dt * states["v"][i[0]], start)
+            dt = self._short
+            return Part(instant(t, dt), self._moves * dt * states["v"][i[0]], start)
         D = without_turns(model, states["q"][i[1]] - q)
         beams = model.forms.beams
         if beams is not None and beams.facts.needs_previous:
             back = without_turns(model, q - states["q"][i[2]])
             start = start._replace(q_previous=q - back, memory=float(tape.memories[k]))
         return Part(Interval(t, t + dt), D, start)
-
-    @property
-    def short(self) -> float:
-        """Length of the short step for the resultants at the start [s]."""
-        return _SHORT * self.tape.first_length
-
-    @property
-    def moves(self) -> float:
-        """1 if the resultants at the start depend on rates, else 0."""
-        beams = self.model.forms.beams
-        return float(beams is not None and beams.facts.resultants_move)
 
     # -- Derivatives of a row, from those by what belongs to a state or a sub-step -----------------
 
@@ -157,7 +150,7 @@ class SubSteps:
         if k >= 0:
             yield from (("increment", "q", after, 1.0), ("increment", "q", before, -1.0))
         else:
-            yield "increment", "v", before, self.moves * self.short
+            yield "increment", "v", before, self._moves * self._short
         yield from (("start", "q", before, 1.0), ("q_previous", "q", earlier, 1.0))
         yield from ((name, name, before, 1.0) for name in ("internal", "spring internal"))
 

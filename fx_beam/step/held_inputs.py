@@ -16,11 +16,8 @@ from fx_beam.scene.scene import Scene
 from .forcing import Forcing
 
 # Parts of a scene on which its motion depends.
-_PARTS = (
-    *("beams", "nodes", "fixed", "prescribed", "masses"),
-    *("loads", "drags", "virtual_works", "joints", "contacts", "forces_between"),
-    "natural_strains",
-)
+_PARTS = ["beams", "nodes", "fixed", "prescribed", "masses", "loads", "drags", "virtual_works"]
+_PARTS += ["joints", "contacts", "forces_between", "natural_strains"]
 
 
 class HeldInputs:

@@ -67,11 +67,9 @@ class StepFailures:
         """Reject a step in which a point passes a member, or comes near more than were found."""
         if (members := self.model.points.members) is None:
             return
-        state = members.check(D)
-        if state in (members.MOVED, members.SLID):
-            raise StepFailed("members", _MOVED, D, corrections)
-        if state == members.PASSED:
-            raise StepFailed("members", _PASSED, D, corrections)
+        reasons = {members.MOVED: _MOVED, members.SLID: _MOVED, members.PASSED: _PASSED}
+        if (reason := reasons.get(members.check(D))) is not None:
+            raise StepFailed("members", reason, D, corrections)
 
     def check_slides(self, D: np.ndarray, corrections: list[float]) -> None:
         """Reject a step in which a node leaves the beam on which it slides."""
