@@ -17,7 +17,7 @@ from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
-from fx_beam.step.sparse_lu import pivoted_lu, sparse_lu
+from fx_beam.step.sparse_lu import Pattern, pivoted_lu, sparse_lu
 from fx_beam.step.undamped_modes import Symmetry, UndampedModes
 
 from .path_equations import BorderedLU
@@ -43,6 +43,7 @@ class SmallMotions:
 
     def __init__(self, loop: LoadLoop):
         self._loop, self.model = loop, loop.model
+        self._pattern: Pattern = np.empty(0), np.empty(0)
 
     @property
     def unit(self) -> np.ndarray:
@@ -67,7 +68,12 @@ class SmallMotions:
 
     def symmetric(self, K: scipy.sparse.csr_matrix) -> bool:
         """Whether the forces of a state have a potential."""
-        return not K.nnz or Symmetry((K.indptr, K.indices), self.unit).holds(K.data)
+        if not K.nnz:
+            return True
+        if not all(map(np.array_equal, self._pattern, (K.indptr, K.indices))):
+            self._pattern = K.indptr.copy(), K.indices.copy()
+            self._symmetry_of_pattern = Symmetry(self._pattern, self.unit)
+        return self._symmetry_of_pattern.holds(K.data)
 
     # -- Forces with a potential ------------------------------------------------------------------
 
