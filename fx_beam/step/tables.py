@@ -446,7 +446,10 @@ class Problem:
         return np.where(reached[:, None] != 0, block, 0.0), rows, corner
 
     def transposed(self) -> np.ndarray:
-        """Storage index, among sparse factors, of each entry of the tangent in its transpose."""
+        """Storage index of each entry of the tangent in its transpose, among sparse factors.
+
+        Of a chain or a band it is that of each stored value.
+        """
         indptr, indices = self.model.reduction.factored
         n = len(indptr) - 1
         numbered = scipy.sparse.csr_matrix((np.arange(len(indices)), indices, indptr), (n, n))
@@ -454,7 +457,12 @@ class Problem:
         turned.sort_indices()
         at = np.empty(len(indices), dtype=int)
         at[turned.data] = self._factors_of(turned.indptr, turned.indices).at
-        return at
+        if not self.factors.band:
+            return at
+        stored = np.arange(self.c.stored_values)
+        stored[self.factors.at] = at
+        stored[at] = self.factors.at
+        return stored
 
     def _hand_over_motors(self) -> None:
         model = self.model

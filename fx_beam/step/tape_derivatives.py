@@ -49,7 +49,7 @@ class TapeDerivatives:
             counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}
             members.follow()
             self._structs.set(self.c, **counts)
-        elif not problem.factors.band:
+        else:
             self._structs.set(self.c, transposed_at=problem.transposed())
         own = joints_by_number(self._model.scene)
         rest = [own[joint.number].start()[0] for joint in self._model.couplings.moving]

@@ -7,28 +7,11 @@
 #include "element_derivatives.h"
 #include "kept_factors.h"
 
-/* The transpose of the reduced tangent in its place; sparse factors are made of the transpose, and bordering rows are
-   transposed already. */
-static void swap(double *x, double *y) {
-  double kept = *x;
-  *x = *y, *y = kept;
-}
-
-static void transpose_tangent(const Problem *p, const Work *w) {
-  double *K = w->tangent;
-  if (HAS(CHAIN)) {
-    for (int g = 0; g < p->chain; ++g)
-      for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) {
-          double *own = K + g * GROUP;
-          if (i < j) swap(own + i * ROW + OWN + j, own + j * ROW + OWN + i);
-          if (g + 1 < p->chain) swap(own + i * ROW + AFTER + j, own + GROUP + j * ROW + BEFORE + i);
-        }
-  } else {
-    long width = 2 * p->band + 1;
-    for (int i = 0; i < p->free; ++i)
-      for (int j = 1; j <= p->band && i + j < p->free; ++j)
-        swap(K + i * width + p->band + j, K + (i + j) * width + p->band - j);
+/* The transpose of a chain or a band in its place; bordering rows are transposed already. */
+static void transpose_tangent(const Problem *p, const int *transposed_at, double *K) {
+  for (int i = 0; i < p->stored_values; ++i) {
+    double *other = K + transposed_at[i], value = K[i];
+    if (other > K + i) K[i] = *other, *other = value;
   }
 }
 
@@ -38,8 +21,8 @@ static int solve_transposed(Problem *p, const Work *w, const Derivatives *a) {
   Problem turned = *p;
   p->kept.present = 0;
   turned.kept.present = 0;
-  if (a->transposed_at) turned.factor_at = a->transposed_at;
-  if (HAS(CHAIN | BAND)) transpose_tangent(p, w);
+  if (HAS(CHAIN | BAND)) transpose_tangent(p, a->transposed_at, w->tangent);
+  else if (a->transposed_at) turned.factor_at = a->transposed_at;
   return solve_reduced(&turned, w, 0, rest);
 }
 

@@ -91,13 +91,5 @@ static double row_times(const Problem *p, const double *tangent, int row, const 
 /* Value at a degree of freedom; zero for the ground, -1. */
 static inline double at(const double *x, int dof) { return dof < 0 ? 0 : x[dof]; }
 
-INLINED void rotate(double c, double s, double x, double y, double *out) {
-  out[0] = c * x - s * y, out[1] = s * x + c * y;
-}
-
-/* The same by a frame, its cosine and sine. */
-INLINED void turn_by(const double *frame, double x, double y, double *out) { rotate(frame[0], frame[1], x, y, out); }
-
-static void turn(double psi, double x, double y, double *out) {
-  rotate(cos(psi), sin(psi), x, y, out);
-}
+/* A vector that turns with a frame, its cosine and sine. */
+INLINED Two turn_by(Two frame, Two v) { return (Two){frame[0] * v[0] - frame[1] * v[1], frame[1] * v[0] + frame[0] * v[1]}; }

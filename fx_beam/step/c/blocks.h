@@ -16,14 +16,10 @@ typedef struct {
   double slope;
 } Entry;
 
-/* Laws that are evaluated one after the other: entries, or tables that a scene has already, of which slopes are signs times
-   `values`, or 1 for copies. */
+/* Laws that are evaluated one after the other. */
 typedef struct {
   Entry *entry;
   long count, room;
-  const int *from, *to, *value;
-  const double *sign, *values;
-  int from_array, to_array; /* where the arrays of `from` and `to` begin */
   int lacks_memory;
 } Block;
 
@@ -41,13 +37,8 @@ static inline void put(Block *b, int from, int to, double slope) {
   b->entry[b->count++] = (Entry){from, to, slope};
 }
 
-static inline double slope_in(const Block *b, long k) { return b->value ? b->sign[k] * b->values[b->value[k]] : 1; }
-
 /* What the same number changes by is added up before it is stored. */
 static void jvp(const Block *b, Changes *x) {
-  Changes *to_array = x + b->to_array, *from_array = x + b->from_array;
-  for (long k = 0; b->from && k < b->count; ++k) to_array[b->to[k]] += slope_in(b, k) * from_array[b->from[k]];
-  if (b->from) return;
   const Entry *e = b->entry, *end = e + b->count;
   while (e < end) {
     int to = e->to;
@@ -58,16 +49,7 @@ static void jvp(const Block *b, Changes *x) {
 }
 
 static void vjp(const Block *b, double *x) {
-  double *to = x + b->to_array, *from = x + b->from_array;
-  for (long k = b->count; b->from && k-- > 0;) from[b->from[k]] += slope_in(b, k) * to[b->to[k]];
-  if (b->from) return;
   for (const Entry *e = b->entry + b->count; e-- > b->entry;) x[e->from] += e->slope * x[e->to];
-}
-
-static Changes sum_of_products(int n, const double *slopes, const Changes *x) {
-  Changes sum = {0};
-  for (int i = 0; i < n; ++i) sum += slopes[i] * x[i];
-  return sum;
 }
 
 /* Number of numbers of a path: arc lengths, positions, angles and coefficients, in the order of Path.numbers. */
@@ -95,7 +77,7 @@ enum {
   APART = AXIS + 3, TURN = APART + 2, ON_CHORD, MEAN_TURN = ON_CHORD + 2, OWN_TURN, SLIDE_NUMBERS
 };
 
-OF_VECTORS Layout fx_layout(const Problem *p, const Derivatives *a) {
+KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   Layout l;
   int next = 0, n = p->dofs, joints = p->joints, points = 0, followed = 0;
   int columns = p->columns + p->auxiliaries, internal = p->cells * p->cell_internal, natural = p->cells * p->cell_natural;

@@ -185,16 +185,13 @@ INLINED void solve_corner(const Problem *p, const Work *w, int sides, double *g)
   for (int i = 0; i < m * sides; ++i) g[i] *= w->corner_units[i / sides];
 }
 
-/* Unknowns y of the bordering rows from the first column of the block, A^-1 b, and the others, A^-1 B. The first
-   column becomes x, as far as the bordering rows reach. */
-HOT void solve_bordering_rows(const Problem *p, const Work *w) {
-  int m = p->bordering_rows, n = p->block;
-  double *g = w->bordering_right;
+/* Unknowns y of the bordering rows from their right sides g, in the place of these, and A^-1 b in x, of one or GROUP_SIZE
+   right sides; the block has A^-1 B behind its first column. x becomes the solution, as far as the bordering rows reach. */
+INLINED void solve_bordering_rows(const Problem *p, const Work *w, int sides, double *g, double *x, int stride) {
   for (const BorderingEntry *c = bordering_entries(p, w); c < bordering_entries(p, w) + *w->bordering_entries; ++c)
-    g[c->bordering_row] -= c->value * w->block[(long)c->column * n];
-  solve_corner(p, w, 1, g);
-  for (int i = 0; i < p->positions; ++i) {
-    double *row = w->block + (long)i * n;
-    for (int j = 0; w->reached[i] && j < m; ++j) row[0] -= row[1 + j] * g[j];
-  }
+    for (int k = 0; k < sides; ++k) g[c->bordering_row * sides + k] -= c->value * x[(long)c->column * stride + k];
+  solve_corner(p, w, sides, g);
+  for (int i = 0; i < p->positions; ++i, x += stride)
+    for (int j = 0; w->reached[i] && j < p->bordering_rows; ++j)
+      for (int k = 0; k < sides; ++k) x[k] -= w->block[(long)i * p->block + 1 + j] * g[j * sides + k];
 }

@@ -46,7 +46,7 @@ INLINED void subtract_group(Four *own, const double *couplings, const Four *u) {
 /* Own rows of a group, with their right sides. */
 INLINED void own_rows(const Work *w, int k, Four *own) {
   const double *y = w->y + 3 * k;
-  for (int i = 0; i < 3; ++i) own[i] = PICK(load(w->tangent + k * GROUP + OWN + i * ROW), four(y[i]), 0, 1, 2, 7);
+  for (int i = 0; i < 3; ++i) own[i] = PICK(load(w->tangent + k * GROUP + OWN + i * ROW), (Four){y[i]}, 0, 1, 2, 4);
 }
 
 /* Stores the rows of a group for further right sides, in its own place. */

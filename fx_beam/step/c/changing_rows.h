@@ -20,16 +20,19 @@ static const double SOON = 4;
 static void count_contact_points(MemberContacts *m) {
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
     const MemberContact *c = m->of + e->contact;
-    double rates[4][2], fastest = 0, dt = fabs(e->given[3 * c->sums + 1]);
+    Two rates[4];
+    double fastest = 0, dt = fabs(e->given[3 * c->sums + 1]);
     differences(e, m->v, rates);
     for (int k = 0; k < 4; ++k) fastest = fmax(fastest, dot2(rates[k], rates[k]));
     e->counted = e->closed || e->first.distance - *number_of(c, e->point) < SOON * dt * sqrt(fastest);
   }
 }
 
-/* The unknowns on which contact points act: for each of their entries those of its degree of freedom. */
-static void find_entries(const Problem *p, ChangingRows *c) {
+/* The unknowns on which contact points act: for each of their entries those of its degree of freedom; returns the number of
+   pairs of a contact point's entries. */
+static long find_entries(const Problem *p, ChangingRows *c) {
   const MemberContacts *m = p->points->members;
+  long pairs = 0;
   c->entries = 0;
   for (int i = 0; i < m->contact_points; ++i) {
     c->entry_start[i] = c->entries;
@@ -42,8 +45,11 @@ static void find_entries(const Problem *p, ChangingRows *c) {
         c->entry[c->entries++] =
             (ContactPointEntry){k, c->row_of[column], c->unknown_of[column], c->dof_value[e], c->dof_sign[e]};
       }
+    long many = c->entries - c->entry_start[i];
+    pairs += many * many;
   }
   c->entry_start[m->contact_points] = c->entries;
+  return pairs;
 }
 
 /* Adds all pairs of each contact point to the graph of groups. */
@@ -127,14 +133,9 @@ static void change_rows(Problem *p) {
   c->searches = m->searches, c->placed = -1;
   count_contact_points(m);
   ROOM(c->entry_start, m->contact_points);
-  find_entries(p, c);
-  begin_elimination(&c->elimination), add_pairs(c, m->contact_points);
-  long pairs = 0;
-  for (int i = 0; i < m->contact_points; ++i) {
-    long many = c->entry_start[i + 1] - c->entry_start[i];
-    pairs += many * many;
-  }
+  long pairs = find_entries(p, c);
   ROOM(c->entry_at, pairs);
+  begin_elimination(&c->elimination), add_pairs(c, m->contact_points);
   find_rows(&c->elimination);
   memcpy(p->order, c->elimination.order, p->unknowns * sizeof(int));
   ROOM(p->rows->factors, p->rows->start[p->unknowns]);

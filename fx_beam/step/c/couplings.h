@@ -21,11 +21,10 @@ static void evaluate_slides(const Problem *p, const Work *w) {
 
 /* The arm of a joint and the tangent of its track, at a rotation of the carrier and a slide. */
 INLINED void set_arm(const Problem *p, int j, double *frame, double psi, double d, double *rho, double *t) {
-  const double *o = p->offset + 2 * j;
   Track track = track_of(p->track[j], p->axis + 2 * j, d, d);
   frame[0] = cos(psi), frame[1] = sin(psi);
-  turn_by(frame, o[0] + track.place[0], o[1] + track.place[1], rho + 2 * j);
-  turn_by(frame, track.chord[0], track.chord[1], t + 2 * j);
+  *(Two *)(rho + 2 * j) = turn_by(pair(frame), pair(p->offset + 2 * j) + track.place);
+  *(Two *)(t + 2 * j) = turn_by(pair(frame), track.chord);
 }
 
 /* The track of a joint at an end of a step, with its chord over the step, or its tangent where forces are those at the ends. */
@@ -36,19 +35,16 @@ INLINED Track track_at(const Problem *p, int j, double d_other, double d) {
 /* Derivatives of the four values of Tv of a joint by the rotation of the carrier (0) and by the slide (1), at the start (0)
    or at the end (1) of a step. Of a joint that does not slide only those of the first two by the rotation. */
 static void slopes_of_joint(const Problem *p, const Work *w, int j, int end, double by[2][4]) {
-  const double *frame = w->frame + 4 * j, *of_end = frame + 2 * end, *mean = w->mean_t + 2 * j;
+  const double *frame = w->frame + 4 * j, *mean = w->mean_t + 2 * j;
   const double *rho = (end ? w->rho1 : w->rho0) + 2 * j, *t = (end ? w->t1 : w->t0) + 2 * j;
   double shares[] = {1 - p->level, p->level}, share = shares[end], slope = w->carrier_slope[j];
   by[0][0] = -share * rho[0], by[0][1] = -share * rho[1];
   if (p->slide_column[j] < 0) return;
-  double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j], chord[2], bend[2];
+  double carrier_bend = end ? w->carrier_bend[j] : -w->carrier_bend[j];
   double d0 = at(p->slides, p->slide_of[j]), d1 = d0 + at(w->z, p->slide_column[j]);
   Track track = track_at(p, j, end ? d0 : d1, end ? d1 : d0);
-  turn_by(of_end, track.chord[0], track.chord[1], chord);
-  if (p->rule == 0)
-    rotate(shares[0] * frame[0] + shares[1] * frame[2], shares[0] * frame[1] + shares[1] * frame[3], track.bend[0],
-           track.bend[1], bend);
-  else turn_by(of_end, 2 * share * track.bend[0], 2 * share * track.bend[1], bend);
+  Two of_end = pair(frame + 2 * end), between = shares[0] * pair(frame) + shares[1] * pair(frame + 2);
+  Two chord = turn_by(of_end, track.chord), bend = turn_by(p->rule == 0 ? between : 2 * share * of_end, track.bend);
   by[1][0] = -share * t[1], by[1][1] = share * t[0];
   by[0][2] = carrier_bend * mean[0] - slope * share * chord[1], by[0][3] = carrier_bend * mean[1] + slope * share * chord[0];
   by[1][2] = slope * bend[0], by[1][3] = slope * bend[1];
@@ -86,22 +82,16 @@ HOT void expand_columns(const Problem *p, const Work *w) {
   if (p->auxiliaries) increase_auxiliaries(p, w); /* first those of rotations, on which the arms depend */
   sum_columns(p, w);
   for (int j = 0; j < p->joints; ++j) {
-    const double *rho0 = w->rho0 + 2 * j, *rho1 = w->rho1 + 2 * j;
     double psi = at(p->q, p->carrier[j]), Dpsi = at(D, p->carrier[j]);
     double d0 = at(p->slides, p->slide_of[j]), d = d0 + at(w->z, p->slide_column[j]);
     set_arm(p, j, w->frame + 4 * j + 2, psi + Dpsi, d, w->rho1, w->t1);
     double tangent = tan(Dpsi / 2), slope = p->rule == 0 ? 1 + tangent * tangent : 1;
     w->carrier_slope[j] = slope;
     w->carrier_bend[j] = p->rule == 0 ? tangent * slope : 0;
-    double mean_rho[2], *mean_t = w->mean_t + 2 * j;
-    double start[2], end[2], *frame = w->frame + 4 * j;
-    Track at_start = track_at(p, j, d, d0), at_end = track_at(p, j, d0, d);
-    turn_by(frame, at_start.chord[0], at_start.chord[1], start), turn_by(frame + 2, at_end.chord[0], at_end.chord[1], end);
-    for (int i = 0; i < 2; ++i) {
-      mean_rho[i] = (1 - level) * rho0[i] + level * rho1[i];
-      mean_t[i] = (1 - level) * start[i] + level * end[i];
-    }
-    double *virtual_map = w->virtual_map + 1 + 4 * j;
+    double *frame = w->frame + 4 * j, *virtual_map = w->virtual_map + 1 + 4 * j;
+    Two start = turn_by(pair(frame), track_at(p, j, d, d0).chord), end = turn_by(pair(frame + 2), track_at(p, j, d0, d).chord);
+    Two mean_rho = (1 - level) * pair(w->rho0 + 2 * j) + level * pair(w->rho1 + 2 * j);
+    Two mean_t = *(Two *)(w->mean_t + 2 * j) = (1 - level) * start + level * end;
     virtual_map[0] = -mean_rho[1], virtual_map[1] = mean_rho[0];
     virtual_map[2] = slope * mean_t[0], virtual_map[3] = slope * mean_t[1];
   }

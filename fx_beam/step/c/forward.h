@@ -27,31 +27,23 @@ static int factorise_tangent(Problem *p, const Work *w) {
 
 /* Unknowns of the bordering rows, and the others with them (solve_bordering_rows). */
 static void change_bordering_rows(const Problem *p, const Work *w, const Linear *l) {
-  int m = p->bordering_rows;
   Changes *g = l->on_bordering_rows;
-  memset(g, 0, m * sizeof *g);
+  memset(g, 0, p->bordering_rows * sizeof *g);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     if (a->column < p->free) /* the slide is an unknown of the other equations that is its right side there */
       g[ON_BORDER - p->row_at[a->column]] = l->block[p->order[a->column]];
   for (int i = 0; i < p->carried; ++i) /* and so are the forces of carriers */
     g[p->carrier_bordering + i] = l->block[p->order[p->unknowns - p->closures + p->carried_closure[i]]];
-  for (const BorderingEntry *e = w->bordering_entry; e < w->bordering_entry + *w->bordering_entries; ++e)
-    g[e->bordering_row] -= e->value * l->block[e->column];
-  solve_corner(p, w, GROUP_SIZE, (double *)g);
-  for (int i = 0; i < p->positions; ++i)
-    l->block[i] -= sum_of_products(m, w->block + (long)i * p->block + 1, g);
+  solve_bordering_rows(p, w, GROUP_SIZE, (double *)g, (double *)l->block, GROUP_SIZE);
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
     if (a->column < p->free) l->block[p->order[a->column]] = g[ON_BORDER - p->row_at[a->column]];
 }
 
 /* Solves for the right sides of the block, by the tangent's factors. */
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
-  int middle = middle_of_elimination(p);
   Work own = *w;
   own.block = (double *)l->block, own.reached = l->reached;
-  if (HAS(CHAIN)) solve_chain_columns(p, &own, middle / 3, 0, 1);
-  else if (HAS(BAND)) solve_band_columns(p, &own, ends_around(p->unknowns, p->band, middle), 0, 1);
-  else solve_sparse_columns(p, &own, 1);
+  solve_columns(p, &own, 0, 1);
   if (HAS(SLIDERS) && p->bordering_rows) change_bordering_rows(p, w, l);
 }
 

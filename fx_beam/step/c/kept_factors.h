@@ -56,29 +56,62 @@ static void end_bordering_rows(const Problem *p, const Work *w, double *x) {
     w->y[p->order[p->unknowns - p->closures + p->carried_closure[i]]] = w->bordering_right[p->carrier_bordering + i];
 }
 
+/* Position in the elimination of the beam about the first node that slides, or the middle. */
+static int middle_of_elimination(const Problem *p) {
+  const Slider *a = p->slider;
+  for (int dof = p->sliders ? 3 * (a->first + a->width / 2) : 0; p->sliders && dof >= 0; --dof)
+    for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
+      if (p->unknown_at[a->part_column[e]] >= 0) return p->unknown_at[a->part_column[e]];
+  return p->positions / 2;
+}
+
+/* The block of n times four columns from its right sides and factors (`known` in band.h). */
+INLINED void solve_columns(const Problem *p, const Work *w, int known, int n) {
+  int middle = middle_of_elimination(p);
+  if (HAS(CHAIN)) solve_chain_columns(p, w, middle / 3, known, n);
+  else if (HAS(BAND)) solve_band_columns(p, w, ends_around(p->unknowns, p->band, middle), known, n);
+  else solve_sparse_columns(p, w, n);
+}
+
 /* The block by the factors, which may be those of an earlier A, and the factors of the corner with it. */
 static void eliminate_bordering_rows(const Problem *p, const Work *w) {
-  solve_sparse_columns(p, w, p->block / 4);
+  solve_columns(p, w, 1, p->block / 4);
   factorise_corner(p, w);
 }
 
-static void by_factors(const Problem *p, const Work *w, const double *b, double *x) {
-  const int *order = p->order;
-  for (int i = 0; i < p->free; ++i) w->y[order[i]] = b[i];
-  for (int i = p->free; i < p->unknowns; ++i) w->y[order[i]] = 0;
-  substitute_forward(p->rows, w->y);
-  if (HAS(SLIDERS) && p->bordering_rows) {
-    begin_right_sides(p, w, b);
-    substitute_backward(p->rows, w->y, w->reached, 1);
-    for (int i = 0; i < p->unknowns; ++i)
-      if (w->reached[i]) w->block[(long)i * p->block] = w->y[i];
-    solve_bordering_rows(p, w);
-    for (int i = 0; i < p->unknowns; ++i)
-      if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
+/* Factors of a chain or a band with those of its corner; returns 0 if it is singular. With `keep` for further right sides. */
+INLINED int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of, int keep) {
+  if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, keep) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
+  if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
+  return 1;
+}
+
+/* Solution x for the right side b, with bordering rows or without: by sparse factors, or by those of a chain or a band that
+   are made here; returns 0 if it is singular. */
+HOT int solve_bordered(const Problem *p, const Work *w, const double *b, double *x) {
+  int middle = middle_of_elimination(p), n = p->unknowns, bordered = HAS(SLIDERS) && p->bordering_rows;
+  const int *reached = bordered ? w->reached : 0;
+  Ends of = ends_around(n, p->band, middle);
+  if (bordered) begin_right_sides(p, w, b);
+#pragma GCC unroll 4
+  for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
+  for (int i = p->free; i < n; ++i) w->y[p->order[i]] = 0;
+  if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);
+  else if (!eliminate_bordered(p, w, middle, of, bordered)) return 0;
+  if (bordered && !HAS(CHAIN | BAND)) {
+    substitute_backward(p->rows, w->y, reached, 1);
+    for (int i = 0; i < n; ++i)
+      if (reached[i]) w->block[(long)i * p->block] = w->y[i];
   }
-  substitute_backward(p->rows, w->y, p->bordering_rows ? w->reached : 0, 0);
-  for (int i = 0; i < p->free; ++i) x[i] = w->y[order[i]];
-  if (HAS(SLIDERS) && p->bordering_rows) end_bordering_rows(p, w, x);
+  if (bordered) solve_bordering_rows(p, w, 1, w->bordering_right, w->block, p->block);
+  for (int i = 0; bordered && !HAS(CHAIN) && i < n; ++i)
+    if (reached[i]) w->y[i] = w->block[(long)i * p->block];
+  if (HAS(CHAIN)) substitute_chain(p, w, middle / 3, reached);
+  else if (HAS(BAND)) substitute_tangent(p, w, n, of, reached);
+  else substitute_backward(p->rows, w->y, reached, 0);
+  gather(p->free, w->y, p->order, x);
+  if (bordered) end_bordering_rows(p, w, x);
+  return 1;
 }
 
 /* Adds the tangents of all contact points to the factors, or to the bordering rows and columns: those of nodes that slide. */
@@ -134,7 +167,7 @@ static int refine(Problem *p, const Work *w, const Wanted *wanted, double *rest)
   memset(x, 0, n * sizeof(double));
   memcpy(r, w->reduced, n * sizeof(double));
   for (int k = 0; k <= p->kept.worth; ++k) {
-    by_factors(p, w, r, proposed);
+    solve_bordered(p, w, r, proposed);
     ++p->kept.now;
     double size = size_of(p, w, proposed), error = sqrt(fabs(dot(n, r, proposed))), length = sqrt(dot(n, r, r));
     if (!isfinite(size)) return 0;
@@ -163,44 +196,6 @@ static void begin_kept(KeptFactors *kept) {
   kept->all += kept->now, kept->steps += 1;
   if ((long)kept->now * kept->steps > kept->worth + kept->all) kept->present = 0;
   kept->now = 0;
-}
-
-/* Position in the elimination of the beam about the first node that slides, or the middle. */
-static int middle_of_elimination(const Problem *p) {
-  const Slider *a = p->slider;
-  for (int dof = p->sliders ? 3 * (a->first + a->width / 2) : 0; p->sliders && dof >= 0; --dof)
-    for (int e = a->part_start[dof]; e < a->part_start[dof + 1]; ++e)
-      if (p->unknown_at[a->part_column[e]] >= 0) return p->unknown_at[a->part_column[e]];
-  return p->positions / 2;
-}
-
-/* Factors of a chain or a band with those of its corner; returns 0 if it is singular. With `keep` for further right sides. */
-INLINED int eliminate_bordered(const Problem *p, const Work *w, int middle, Ends of, int keep) {
-  if (!(HAS(CHAIN) ? eliminate_chain(p, w, middle / 3, keep) : eliminate_tangent(p, w, p->unknowns, of))) return 0;
-  if (!HAS(SLIDERS) || !p->bordering_rows) return 1;
-  if (HAS(CHAIN)) solve_chain_columns(p, w, middle / 3, 1, p->block / 4);
-  else solve_band_columns(p, w, of, 1, p->block / 4);
-  factorise_corner(p, w);
-  return 1;
-}
-
-/* Solution of a chain or a band, with bordering rows or without, for the right side `reduced`; returns 0 if it is singular. */
-HOT int solve_bordered(const Problem *p, const Work *w) {
-  int middle = middle_of_elimination(p), n = p->unknowns, bordered = HAS(SLIDERS) && p->bordering_rows;
-  Ends of = ends_around(n, p->band, middle);
-  if (bordered) begin_right_sides(p, w, w->reduced);
-#pragma GCC unroll 4
-  for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = w->reduced[i];
-  for (int i = p->free; i < n; ++i) w->y[p->order[i]] = 0;
-  if (!eliminate_bordered(p, w, middle, of, bordered)) return 0;
-  if (bordered) solve_bordering_rows(p, w);
-  for (int i = 0; bordered && !HAS(CHAIN) && i < n; ++i)
-    if (w->reached[i]) w->y[i] = w->block[(long)i * p->block];
-  if (HAS(CHAIN)) substitute_chain(p, w, middle / 3, bordered ? w->reached : 0);
-  else substitute_tangent(p, w, n, of, bordered ? w->reached : 0);
-  gather(p->free, w->y, p->order, w->step);
-  if (bordered) end_bordering_rows(p, w, w->step);
-  return 1;
 }
 
 /* Largest number of pivots that are raised, and ratio of pivots that is zero but for round-off. */
@@ -251,7 +246,7 @@ static int solve_raised(Problem *p, const Work *w) {
 static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double *rest) {
   rest[0] = rest[1] = 0;
   if (!p->free) return 1;
-  if (HAS(CHAIN | BAND)) return solve_bordered(p, w);
+  if (HAS(CHAIN | BAND)) return solve_bordered(p, w, w->reduced, w->step);
   p->old_factors = p->raised = 0;
   if (p->kept.worth && p->kept.present && !p->kept.exact) {
     if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
@@ -266,6 +261,5 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
   }
   if (HAS(SLIDERS) && HAS(MEMBERS) && p->bordering_rows && p->changing) add_contact_points(p, w, 1);
   if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
-  by_factors(p, w, w->reduced, w->step);
-  return 1;
+  return solve_bordered(p, w, w->reduced, w->step);
 }

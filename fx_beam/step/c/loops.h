@@ -95,14 +95,12 @@ static int choose_following(const Problem *p, const Work *w) {
     for (int i = 0; i < m; ++i) {
       double *of = M + (long)i * n;
       low[i] = n, high[i] = -1, largest[i] = -1;
-      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k)
-        if (p->closure_near[k] < p->loop_free) {
-          int column = p->closure_near[k] - from;
-          widen(of, low + i, high + i, column, column);
-        }
-      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k)
-        if (p->closure_near[k] < p->loop_free)
-          of[p->closure_near[k] - from] = w->G[k] * p->loop_unit[p->closure_near[k]];
+      for (int k = p->closure_start[begin + i]; k < p->closure_start[begin + i + 1]; ++k) {
+        int column = p->closure_near[k] - from;
+        if (p->closure_near[k] >= p->loop_free) continue;
+        widen(of, low + i, high + i, column, column);
+        of[column] = w->G[k] * p->loop_unit[p->closure_near[k]];
+      }
       for (int j = low[i]; j <= high[i]; ++j)
         if (fabs(of[j]) > largest[i]) largest[i] = fabs(of[j]), at[i] = j;
     }

@@ -29,7 +29,7 @@ static double *positions(const MemberContacts *m, const double *q, double *out) 
   return out;
 }
 
-static inline void pair_of(const double *x, const int *dof, double *out) { out[0] = x[dof[0]], out[1] = x[dof[1]]; }
+static inline Two pair_of(const double *x, const int *dof) { return (Two){x[dof[0]], x[dof[1]]}; }
 
 /* Nodes of the two pieces from `piece` on; in the place of images the node next to them. */
 static inline int node_of(const MemberContact *c, int piece, int k) {
@@ -38,28 +38,23 @@ static inline int node_of(const MemberContact *c, int piece, int k) {
 }
 
 /* Arms from a point to four nodes at positions x, images included. */
-static void arms_at(const MemberContact *c, int piece, const double *point, const double *x, double r[4][2]) {
-  for (int k = 0; k < 4; ++k) {
-    pair_of(x, c->node_dof + 2 * node_of(c, piece, k), r[k]);
-    r[k][0] -= point[0], r[k][1] -= point[1];
-  }
+static void arms_at(const MemberContact *c, int piece, Two point, const double *x, Two *r) {
+  for (int k = 0; k < 4; ++k) r[k] = pair_of(x, c->node_dof + 2 * node_of(c, piece, k)) - point;
   image(r, piece == 0, piece + 2 >= c->nodes);
+}
+
+static inline Two motion_of(const double *x, const double *from, const int *dof) {
+  return from ? pair_of(x, dof) - pair_of(from, dof) : pair_of(x, dof);
 }
 
 /* Largest motion of a pair of degrees of freedom, beside the mean one. */
 static double largest_motion(const MemberContacts *m, const double *x, const double *from, double factor) {
-  double mean[2] = {0, 0}, most = 0;
-  for (int k = 0; k < m->moving; ++k)
-    for (int i = 0; i < 2; ++i) {
-      int dof = m->moves[2 * k + i];
-      mean[i] += (x[dof] - (from ? from[dof] : 0)) / m->moving;
-    }
-  for (int k = 0; k < m->moving; ++k) {
-    double u[2];
-    for (int i = 0; i < 2; ++i) {
-      int dof = m->moves[2 * k + i];
-      u[i] = x[dof] - (from ? from[dof] : 0) - mean[i];
-    }
+  const int *end = m->moves + 2 * m->moving;
+  Two mean = {0};
+  double most = 0;
+  for (const int *dof = m->moves; dof < end; dof += 2) mean += motion_of(x, from, dof) / m->moving;
+  for (const int *dof = m->moves; dof < end; dof += 2) {
+    Two u = motion_of(x, from, dof) - mean;
     most = fmax(most, dot2(u, u));
   }
   return factor * sqrt(most);
@@ -77,12 +72,12 @@ static int by_place(const void *a, const void *b) {
 
 /* Sorts the nodes of a member along the axis of its larger extent, which is returned; sets the length of the longest piece. */
 static int sort_nodes(MemberContacts *m, const MemberContact *c, const double *x, double *longest) {
-  double low[2] = {HUGE_VAL, HUGE_VAL}, high[2] = {-HUGE_VAL, -HUGE_VAL}, node[2], previous[2];
+  Two low = {HUGE_VAL, HUGE_VAL}, high = -low, previous = pair_of(x, c->node_dof);
   *longest = 0;
   for (int i = 0; i < c->nodes; ++i) {
-    pair_of(x, c->node_dof + 2 * i, node), pair_of(x, c->node_dof + 2 * (i > 0 ? i - 1 : i), previous);
+    Two node = pair_of(x, c->node_dof + 2 * i), piece = node - previous;
     for (int a = 0; a < 2; ++a) low[a] = fmin(low[a], node[a]), high[a] = fmax(high[a], node[a]);
-    *longest = fmax(*longest, hypot(node[0] - previous[0], node[1] - previous[1]));
+    *longest = fmax(*longest, hypot(piece[0], piece[1])), previous = node;
   }
   int axis = high[1] - low[1] > high[0] - low[0];
   ROOM(m->sorted, c->nodes);
@@ -92,10 +87,10 @@ static int sort_nodes(MemberContacts *m, const MemberContact *c, const double *x
 }
 
 /* Adds a point where the piece about a node is nearest to it, among the pieces next to it. */
-static void add_if_near(MemberContacts *m, int number, int i, const double *x, const double *point, int node, double reach) {
+static void add_if_near(MemberContacts *m, int number, int i, const double *x, Two point, int node, double reach) {
   const MemberContact *c = m->of + number;
   int begins = node == 0, ends = node == c->nodes - 1;
-  double arms[4][2], (*r)[2] = arms + ends;
+  Two arms[4], *r = arms + ends;
   arms_at(c, node - ends, point, x, arms);
   if (!begins && grows_at_joint(r[0], r[1])) return;
   if (!ends && !grows_at_joint(r[1], r[2])) return;
@@ -110,10 +105,10 @@ static void search(MemberContacts *m, const double *x, double margin) {
   m->near_places = 0;
   for (int number = 0; isfinite(margin) && number < m->contacts; ++number) {
     const MemberContact *c = m->of + number;
-    double longest, point[2];
+    double longest;
     int axis = sort_nodes(m, c, x, &longest);
     for (int i = 0; i < c->points; ++i) {
-      pair_of(x, c->point_dof + 2 * i, point);
+      Two point = pair_of(x, c->point_dof + 2 * i);
       double reach = c->number[i * c->numbers] + margin, wide = reach + longest / 2;
       int first = 0;
       for (int left = c->nodes, half; left; left = half) { /* bisection */
@@ -143,10 +138,10 @@ static ContactPoint contact_point_at(const MemberContacts *m, const NearPlace *n
 }
 
 /* The nearest point of a contact point at positions x, from the piece on which it is then; `r` has its arms. */
-static NearPoint follow(const MemberContacts *m, ContactPoint *e, const double *x, int *piece, double r[5][2]) {
+static NearPoint follow(const MemberContacts *m, ContactPoint *e, const double *x, int *piece, Two *r) {
   const MemberContact *c = m->of + e->contact;
   NearPoint near;
-  pair_of(x, e->dof, r[0]);
+  r[0] = pair_of(x, e->dof);
   *piece = e->piece;
   for (int k = 0; k <= MOST_PIECES; ++k) {
     arms_at(c, *piece, r[0], x, r + 1);
@@ -207,9 +202,8 @@ static int slot_of(MemberContacts *m, const ContactPoint *e) {
 }
 
 /* Differences of a vector at the nodes of a contact point and at its point, images included. */
-static inline void differences(const ContactPoint *e, const double *x, double r[4][2]) {
-  for (int k = 0; k < 4; ++k)
-    for (int i = 0; i < 2; ++i) r[k][i] = x[e->dof[2 + 2 * k + i]] - x[e->dof[i]];
+static inline void differences(const ContactPoint *e, const double *x, Two *r) {
+  for (int k = 0; k < 4; ++k) r[k] = pair_of(x, e->dof + 2 + 2 * k) - pair_of(x, e->dof);
   image(r, e->begins, e->ends);
 }
 
@@ -220,8 +214,10 @@ static int can_lean(double place, int direction) { return place - direction > -0
 static const double SPARE_PIECE = 0.1;
 
 /* About how far the nearest point of a contact point will move along its member in a step. */
-static double motion_along(const ContactPoint *e, const NearPoint *near, double r[4][2], const double *v, double dt) {
-  double rates[4][2], sum = 0;
+static double motion_along(const ContactPoint *e, const NearPoint *near, const double *v, double dt) {
+  const Two *r = (const Two *)e->start + 1;
+  Two rates[4];
+  double sum = 0;
   differences(e, v, rates);
   for (int j = 0; j < 4; ++j)
     for (int k = 0; k < 4; ++k)
@@ -244,11 +240,11 @@ static int direction_to_lean(const ContactPoint *e, double steps) {
 static int place_contact_points(MemberContacts *m, const double *x, const double *v, double dt) {
   int moved = 0, piece, changes = 0;
   for (ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
-    NearPoint near = follow(m, e, x, &piece, e->start);
+    NearPoint near = follow(m, e, x, &piece, (Two *)e->start);
     if (near.left) return 0;
     moved |= piece != e->piece;
     if (piece != e->piece) set_pieces(m->of + e->contact, e, piece);
-    e->motion = v ? motion_along(e, &near, e->start + 1, v, dt) : 0;
+    e->motion = v ? motion_along(e, &near, v, dt) : 0;
     e->first = near;
     /* The last step had to be repeated, or the nearest point is about to leave its pieces. */
     e->leans = e->leans ? (can_lean(e->first.place, e->leans) ? e->leans : 0) : direction_to_lean(e, 1);
@@ -259,7 +255,7 @@ static int place_contact_points(MemberContacts *m, const double *x, const double
     e->leans = 0;
     if (!direction) continue;
     set_pieces(m->of + e->contact, e, e->piece + direction);
-    e->first = follow(m, e, x, &piece, e->start);
+    e->first = follow(m, e, x, &piece, (Two *)e->start);
   }
   for (const ContactPoint *e = m->contact_point; moved && e < m->contact_point + m->contact_points; ++e)
     if (is_lost(m, e)) return 0;
@@ -300,13 +296,9 @@ static void begin_members(MemberContacts *m, const double *q, const double *v, d
 }
 
 /* Sums of vectors at the nodes, images included, with all kinds of weights. */
-static inline void sums_of(int count, double sums[MOST_SUMS][4], double r[4][2], double *out) {
-  for (int k = 0; k < count; ++k)
-    for (int i = 0; i < 2; ++i) {
-      double sum = 0;
-      for (int j = 0; j < 4; ++j) sum += sums[k][j] * r[j][i];
-      out[2 * k + i] = sum;
-    }
+static inline void sums_of(int count, double sums[MOST_SUMS][4], const Two *r, double *out) {
+  for (int k = 0; k < count; ++k, out += 2)
+    *(Two *)out = sums[k][0] * r[0] + sums[k][1] * r[1] + sums[k][2] * r[2] + sums[k][3] * r[3];
 }
 
 /* Slopes of the slopes of weights. */
@@ -327,21 +319,21 @@ static double arc_at(const MemberContact *c, double place, double *slope) {
 /* Sets what the law of a contact point is given at an increment; returns whether there may be a force. */
 static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *D) {
   const MemberContact *c = m->of + e->contact;
-  double change[4][2], end[4][2], radius = *number_of(c, e->point), widest = 0;
-  double (*start)[2] = e->start + 1, *internal = e->given + internal_at(c);
+  const Two *start = (const Two *)e->start + 1;
+  Two change[4], end[4], rates[4];
+  double radius = *number_of(c, e->point), widest = 0, *internal = e->given + internal_at(c);
   differences(e, D, change);
   e->closed = e->first.distance < radius, e->left = 0;
   for (int i = 0; i < c->internal; ++i) e->closed |= internal[i] != 0;
   /* The distance changes by no more than the arms do. */
   for (int k = 0; k < 4; ++k) widest = fmax(widest, dot2(change[k], change[k]));
   if (!e->closed && sqrt(widest) < e->first.distance - radius) return 0;
-  for (int k = 0; k < 4; ++k)
-    for (int i = 0; i < 2; ++i) end[k][i] = start[k][i] + change[k][i];
+  for (int k = 0; k < 4; ++k) end[k] = start[k] + change[k];
   NearPoint near = nearest_point(end, e->begins, e->ends);
   e->left = near.left, e->end = near.place;
   e->closed |= near.distance < radius;
   if (!e->closed) return 0;
-  double sums[MOST_SUMS][4], rates[4][2], *of_places = e->given + places_at(c);
+  double sums[MOST_SUMS][4], *of_places = e->given + places_at(c);
   const NearPoint *first = &e->first;
   int count = c->sums / 2;
   for (int k = 0; k < 4; ++k) {
@@ -367,21 +359,15 @@ static int move_contact_point(MemberContacts *m, ContactPoint *e, const double *
 
 /* The tangent of a contact point from that of so many of its sums. */
 INLINED void tangent_of(ContactPoint *e, double K[2 * MOST_SUMS][2 * MOST_SUMS], int count) {
-  double half[2 * MOST_SUMS][CONTACT_POINT_DOFS];
+  Two half[2 * MOST_SUMS][5] = {{{0}}}, *row = (Two *)e->tangent;
   for (int i = 0; i < 2 * count; ++i)
     for (int j = 0; j < 5; ++j)
-      for (int y = 0; y < 2; ++y) {
-        double sum = 0;
-        for (int k = 0; k < count; ++k) sum += K[i][2 * k + y] * e->sums[j][k];
-        half[i][2 * j + y] = sum;
-      }
-  for (int i = 0; i < 5; ++i)
-    for (int x = 0; x < 2; ++x)
-      for (int j = 0; j < CONTACT_POINT_DOFS; ++j) {
-        double sum = 0;
-        for (int k = 0; k < count; ++k) sum += e->sums[i][k] * half[2 * k + x][j];
-        e->tangent[(2 * i + x) * CONTACT_POINT_DOFS + j] = sum;
-      }
+      for (int k = 0; k < count; ++k) half[i][j] += e->sums[j][k] * *(Two *)(K[i] + 2 * k);
+  for (int i = 0; i < CONTACT_POINT_DOFS; ++i)
+    for (int j = 0; j < 5; ++j, ++row) {
+      *row = (Two){0};
+      for (int k = 0; k < count; ++k) *row += e->sums[i / 2][k] * half[2 * k + i % 2][j];
+    }
 }
 
 static void make_tangent(const MemberContact *c, ContactPoint *e) {
@@ -408,17 +394,16 @@ void fx_evaluate_members(MemberContacts *m, const double *D) {
   }
 }
 
-/* Force of the law of a contact point on one of its entries. */
-static inline double force_on(const MemberContact *c, const ContactPoint *e, int i) {
-  double sum = 0;
-  for (int k = 0; k < c->loaded / 2; ++k) sum += e->sums[i / 2][k] * e->results[2 * k + i % 2];
+/* Force of the law of a contact point on its point (0) or a node. */
+static inline Two force_on(const MemberContact *c, const ContactPoint *e, int i) {
+  Two sum = {0};
+  for (int k = 0; k < c->loaded / 2; ++k) sum += e->sums[i][k] * *(const Two *)(e->results + 2 * k);
   return sum;
 }
 
 void fx_add_members(const MemberContacts *m, double *f) {
-  for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e) {
-    for (int i = 0; e->closed && i < CONTACT_POINT_DOFS; ++i) f[e->dof[i]] += force_on(m->of + e->contact, e, i);
-  }
+  for (const ContactPoint *e = m->contact_point; e < m->contact_point + m->contact_points; ++e)
+    for (int i = 0; e->closed && i < CONTACT_POINT_DOFS; ++i) f[e->dof[i]] += force_on(m->of + e->contact, e, i / 2)[i % 2];
 }
 
 /* The product of their tangent and x; 0 without any members. */
@@ -436,18 +421,15 @@ static const double *times_members(MemberContacts *m, const double *x) {
 
 /* Whether a point has passed through a member, after `move_contact_point`. */
 static int has_passed(const MemberContacts *m, const ContactPoint *e) {
-  const double *start = e->given, *change = start + m->of[e->contact].sums;
-  double first[2], last[2];
-  for (int i = 0; i < 2; ++i) {
-    first[i] = start[i] - start[2 + i] / 2;
-    last[i] = start[i] + change[i] + (start[2 + i] + change[2 + i]) / 2;
-  }
+  const Two *start = (const Two *)e->given, *change = start + m->of[e->contact].sums / 2;
+  Two first = start[0] - start[1] / 2, last = start[0] + change[0] + (start[1] + change[1]) / 2;
   return dot2(first, last) < 0;
 }
 
 int fx_check_members(MemberContacts *m, const double *D) {
   int state = MEMBERS_FINE;
-  double *end = m->product, r[5][2];
+  double *end = m->product;
+  Two r[5];
   m->step = largest_motion(m, D, 0, 1);
   if (2 * (m->moved + m->step) > m->margin) return m->wide = 1, MEMBERS_MOVED;
   for (int i = 0; i < m->dofs; ++i) end[i] = m->start[i] + D[i];
@@ -529,7 +511,7 @@ static void evolve_members(MemberContacts *m, const double *D, double *internal)
 
 /* Finds the places near members at positions x, by those of the last search where these are all. */
 static void find_near(MemberContacts *m, const double *x) {
-  double r[5][2];
+  Two r[5];
   int piece, moved = 0, known = m->searches && 2 * largest_motion(m, x, m->searched_at, 1) <= m->margin;
   const ContactPoint *end = m->contact_point + m->contact_points;
   m->near_places = 0;
@@ -545,15 +527,15 @@ static void find_near(MemberContacts *m, const double *x) {
 /* Adds the energy of a place that is near a member at positions x. */
 static void add_energy(const MemberContacts *m, const NearPlace *near, const double *x, Energy *to) {
   const MemberContact *c = m->of + near->contact;
-  double slopes[CONTACT_POINT_GIVEN], point[2], r[4][2], n[4] = {0}, n_slope[3], arm[2] = {0, 0};
+  Two r[4], arm = {0};
+  double slopes[CONTACT_POINT_GIVEN], n[4] = {0}, n_slope[3];
   int second = near->place > 0.5;
   if (near->distance >= *number_of(c, near->point)) return;
   add_energy_at(m, to, near->contact, near->point, near->distance, 0, slopes);
   if (!to->by) return;
-  pair_of(x, c->point_dof + 2 * near->point, point);
-  arms_at(c, near->piece, point, x, r);
+  arms_at(c, near->piece, pair_of(x, c->point_dof + 2 * near->point), x, r);
   piece_weights(near->place - second, n + second, n_slope);
-  for (int k = 0; k < 4; ++k) arm[0] += n[k] * r[k][0], arm[1] += n[k] * r[k][1];
+  for (int k = 0; k < 4; ++k) arm += n[k] * r[k];
   fold(n, near->piece == 0, near->piece + 2 >= c->nodes);
   for (int i = 0; i < 2; ++i) {
     double along = slopes[0] * arm[i] / near->distance;
@@ -593,7 +575,7 @@ static void record_members(const MemberContacts *m, double factor, double *out) 
     const MemberContact *c = m->of + e->contact;
     for (int k = 0; e->closed && k < 5; ++k) {
       int slot = k ? c->node_slot[node_of(c, e->piece, k - 1)] : c->point_slot[e->point];
-      for (int i = 0; slot >= 0 && i < 2; ++i) out[2 * slot + i] -= factor * force_on(c, e, 2 * k + i);
+      if (slot >= 0) *(Two *)(out + 2 * slot) -= factor * force_on(c, e, k);
     }
   }
 }

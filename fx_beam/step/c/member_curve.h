@@ -10,8 +10,9 @@
 #include <math.h>
 #include <string.h>
 #include "member_contact.h"
+#include "vectors.h"
 
-static inline double dot2(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1]; }
+static inline double dot2(Two a, Two b) { return a[0] * b[0] + a[1] * b[1]; }
 
 /* Weights of three nodes at a place on a piece, and their slopes. */
 static inline void piece_weights(double x, double *n, double *slope) {
@@ -21,16 +22,13 @@ static inline void piece_weights(double x, double *n, double *slope) {
 
 /* A piece as a polynomial, and half the derivative of its squared distance from the origin, f . (1, x, ..). */
 typedef struct {
-  double value[2], slope[2], bend[2], f[4];
+  Two value, slope, bend;
+  double f[4];
 } Piece;
 
-static inline Piece piece_of(const double *previous, const double *at, const double *next) {
-  Piece c;
-  for (int i = 0; i < 2; ++i) {
-    c.bend[i] = (previous[i] - 2 * at[i] + next[i]) / 2;
-    c.slope[i] = (next[i] - previous[i]) / 2;
-    c.value[i] = at[i] + c.bend[i] / 4;
-  }
+static inline Piece piece_of(Two previous, Two at, Two next) {
+  Piece c = {.slope = (next - previous) / 2, .bend = (previous - 2 * at + next) / 2};
+  c.value = at + c.bend / 4;
   c.f[0] = dot2(c.value, c.slope), c.f[1] = dot2(c.slope, c.slope) + 2 * dot2(c.value, c.bend);
   c.f[2] = 3 * dot2(c.slope, c.bend), c.f[3] = 2 * dot2(c.bend, c.bend);
   return c;
@@ -62,20 +60,18 @@ static inline double nearest_place(const Piece *c, double low, double high) {
 
 /* Whether the distance from the origin grows along the member at the joint of the pieces about two nodes. Both
    pieces see the same digits, so that a nearest point there belongs to exactly one of them. */
-static inline int grows_at_joint(const double *a, const double *b) {
-  double chord[2] = {b[0] - a[0], b[1] - a[1]}, joint[2] = {a[0] + b[0], a[1] + b[1]};
-  return dot2(chord, joint) > 0;
-}
+static inline int grows_at_joint(Two a, Two b) { return dot2(b - a, a + b) > 0; }
 
 /* The nearest point of a piece to the origin, from the arms to its nodes: the first or the second of two (0 or 1). `begins`
    and `ends` say whether its first or last node is an image. */
-static NearPoint nearest_on(double (*r)[2], int second, int begins, int ends) {
+static NearPoint nearest_on(const Two *r, int second, int begins, int ends) {
   NearPoint near = {0};
   Piece c = piece_of(r[0], r[1], r[2]);
-  double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5, x = nearest_place(&c, low, high), arm[2] = {0, 0};
+  Two arm = {0};
+  double low = begins ? 0 : -0.5, high = ends ? 0 : 0.5, x = nearest_place(&c, low, high);
   int inside = second ? x < high : x > low; /* also at the joint of the pieces */
   piece_weights(x, near.weights + second, near.slopes + second);
-  for (int j = 0; j < 3; ++j) arm[0] += near.weights[second + j] * r[j][0], arm[1] += near.weights[second + j] * r[j][1];
+  for (int j = 0; j < 3; ++j) arm += near.weights[second + j] * r[j];
   near.place = x + second, near.distance = sqrt(dot2(arm, arm));
   near.per_rate = inside ? 1 / rate_of_residual(&c, x) : 0;
   near.left = !second && !begins && x <= low ? -1 : second && !ends && x >= high ? 1 : 0;
@@ -83,7 +79,7 @@ static NearPoint nearest_on(double (*r)[2], int second, int begins, int ends) {
 }
 
 /* The nearest point of two pieces, from the arms to four nodes. */
-static NearPoint nearest_point(double r[4][2], int begins, int ends) {
+static NearPoint nearest_point(const Two *r, int begins, int ends) {
   int second = !grows_at_joint(r[1], r[2]);
   return nearest_on(r + second, second, !second && begins, second && ends);
 }
@@ -94,9 +90,7 @@ static inline void fold(double *n, int begins, int ends) {
   if (ends) n[2] += 2 * n[3], n[1] -= n[3], n[3] = 0;
 }
 
-static inline void image(double r[4][2], int begins, int ends) {
-  for (int i = 0; i < 2; ++i) {
-    if (begins) r[0][i] = 2 * r[1][i] - r[2][i];
-    if (ends) r[3][i] = 2 * r[2][i] - r[1][i];
-  }
+static inline void image(Two *r, int begins, int ends) {
+  if (begins) r[0] = 2 * r[1] - r[2];
+  if (ends) r[3] = 2 * r[2] - r[1];
 }

@@ -117,7 +117,7 @@ static double followed_size(const PointForce *e, const double *joints, const dou
 }
 
 /* The axis of a beam at the node that slides on it by a joint. */
-static void set_axis(const PointForces *p, int joint, const double *axis) {
+static void set_axis(const PointForces *p, int joint, Two axis) {
   for (PointForce *e = p->of; e < p->of + p->all; ++e)
     for (int i = 0; e->load == joint && e->slide >= 0 && i < 2; ++i) e->load_axis[i] = axis[i] / hypot(axis[0], axis[1]);
 }

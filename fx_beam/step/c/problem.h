@@ -429,7 +429,8 @@ typedef struct {
   Law **slopes;
   int *numbers;
   double *found;
-  struct { int *transposed_at; }; /* position among sparse factors of each entry of the transposed tangent */
+  /* Position among sparse factors of each entry of the transposed tangent; of a chain or a band, of each stored value. */
+  struct { int *transposed_at; };
   int *followed;      /* places in x of the forces that friction follows */
   int member_numbers, member_arcs; /* of contact with members: how many numbers and arcs its laws have */
   double *scratch;

@@ -13,18 +13,15 @@ enum { CHAIN = 1, BAND = 2, COUPLED = 4, LOOPS = 8, SLIDERS = 16, MEMBERS = 32 }
 /* Functions that Python calls, in four libraries: of steps, of their derivatives backwards (VJP) and forwards (JVP), and of
    rates that FIT joints. */
 #define KEPT __attribute__((externally_visible))
-#if defined FIT
+#if defined FIT || defined VJP || defined JVP
 #define OF_STEPS
-#define OF_VECTORS KEPT
-#define OF_DERIVATIVES
-#elif defined VJP || defined JVP
-#define OF_STEPS
-#define OF_VECTORS KEPT
-#define OF_DERIVATIVES KEPT
 #else
 #define OF_STEPS KEPT
-#define OF_VECTORS
+#endif
+#ifdef FIT
 #define OF_DERIVATIVES
+#else
+#define OF_DERIVATIVES KEPT
 #endif
 #ifdef VJP
 #define OF_VJP KEPT

@@ -59,7 +59,7 @@ static void set_axes(const Problem *p, const Work *w) {
   }
   for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
     int s = a->components * a->width;
-    set_axis(p->points, a->joint, (double[]){a->virtual_map[0][s], a->virtual_map[1][s]});
+    set_axis(p->points, a->joint, (Two){a->virtual_map[0][s], a->virtual_map[1][s]});
   }
 }
 
@@ -90,13 +90,11 @@ static double slider_rate(const Problem *p, Slider *a) {
 /* Rate of a slide at the start of a step (scene/joints.py). */
 static double rate_of_slide(const Problem *p, const SlideRate *a) {
   if (HAS(SLIDERS) && a->slider >= 0) return slider_rate(p, p->slider + a->slider);
-  double v[2], seen[2];
-  for (int i = 0; i < 2; ++i) v[i] = at(p->v, a->b[i]) - at(p->v, a->a[i]);
-  double d = p->slides[a->joint], spin = at(p->v, a->a[2]), *o = p->offset + 2 * a->moving;
+  Two v = {at(p->v, a->b[0]) - at(p->v, a->a[0]), at(p->v, a->b[1]) - at(p->v, a->a[1])};
+  double d = p->slides[a->joint], spin = at(p->v, a->a[2]), turn = at(p->q, a->a[2]);
   Track track = track_of(p->track[a->moving], p->axis + 2 * a->moving, d, d);
-  turn(-at(p->q, a->a[2]), v[0], v[1], seen);
-  seen[0] += spin * (o[1] + track.place[1]), seen[1] -= spin * (o[0] + track.place[0]);
-  return track.chord[0] * seen[0] + track.chord[1] * seen[1];
+  Two arm = pair(p->offset + 2 * a->moving) + track.place, seen = turn_by((Two){cos(turn), -sin(turn)}, v);
+  return dot2(track.chord, seen + spin * (Two){arm[1], -arm[0]});
 }
 
 /* At mid-step forces depend on mean rates alone. */

@@ -3,14 +3,16 @@
 
 #pragma once
 
+#include "vectors.h"
+
 /* f at the end d of a step and its derivatives by e; the mean of its derivative by d over the step, which changes by `bend`
    with d, and its derivatives by e. */
 typedef struct {
-  double place[2], place_by[2][2], chord[2], bend[2], chord_by[2][2];
+  Two place, place_by[2], chord, bend, chord_by[2];
 } Track;
 
 INLINED Track straight_track(const double *e, double d) {
-  return (Track){{d * e[0], d * e[1]}, {{d, 0}, {0, d}}, {e[0], e[1]}, {0, 0}, {{1, 0}, {0, 1}}};
+  return (Track){d * pair(e), {{d, 0}, {0, d}}, pair(e), {0, 0}, {{1, 0}, {0, 1}}};
 }
 
 /* With equal ends the chord is the tangent. */

@@ -21,9 +21,9 @@ typedef int64_t Places __attribute__((vector_size(32)));
 #define PICK(a, b, ...) __builtin_shuffle(a, b, (Places){__VA_ARGS__})
 #endif
 
-INLINED Four four(double x) { return (Four){x, x, x, x}; }
-
 INLINED Four load(const double *from) { return *(const Four *)from; }
+
+INLINED Two pair(const double *from) { return *(const Two *)from; }
 
 INLINED void transpose(Four a, Four b, Four c, Four d, Four *columns) {
   Four p = PICK(a, b, 0, 4, 2, 6), q = PICK(c, d, 0, 4, 2, 6), r = PICK(a, b, 1, 5, 3, 7), s = PICK(c, d, 1, 5, 3, 7);
