@@ -16,10 +16,14 @@ typedef struct {
   double slope;
 } Entry;
 
-/* Laws that are evaluated one after the other. */
+/* Laws that are evaluated one after the other: entries, or tables that a scene has already, of which slopes are signs times
+   `values`, or 1 for copies. */
 typedef struct {
   Entry *entry;
   long count, room;
+  const int *from, *to, *value;
+  const double *sign, *values;
+  int from_array, to_array; /* where the arrays of `from` and `to` begin */
   int lacks_memory;
 } Block;
 
@@ -37,8 +41,13 @@ static inline void put(Block *b, int from, int to, double slope) {
   b->entry[b->count++] = (Entry){from, to, slope};
 }
 
+static inline double slope_in(const Block *b, long k) { return b->value ? b->sign[k] * b->values[b->value[k]] : 1; }
+
 /* What the same number changes by is added up before it is stored. */
 static void jvp(const Block *b, Changes *x) {
+  Changes *to_array = x + b->to_array, *from_array = x + b->from_array;
+  for (long k = 0; b->from && k < b->count; ++k) to_array[b->to[k]] += slope_in(b, k) * from_array[b->from[k]];
+  if (b->from) return;
   const Entry *e = b->entry, *end = e + b->count;
   while (e < end) {
     int to = e->to;
@@ -49,6 +58,9 @@ static void jvp(const Block *b, Changes *x) {
 }
 
 static void vjp(const Block *b, double *x) {
+  double *to = x + b->to_array, *from = x + b->from_array;
+  for (long k = b->count; b->from && k-- > 0;) from[b->from[k]] += slope_in(b, k) * to[b->to[k]];
+  if (b->from) return;
   for (const Entry *e = b->entry + b->count; e-- > b->entry;) x[e->from] += e->slope * x[e->to];
 }
 

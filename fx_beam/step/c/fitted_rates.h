@@ -17,7 +17,7 @@ static const double YIELDING = 1e-13;
 /* Blocks in the place of those that sub-steps have: changes of T for auxiliary unknowns and closures, for nodes, and for
    those that slide; impulses by rates, those of small masses, and by masses. */
 enum { TIED_BY_MAP = BEGUN, SPREAD_BY_MAP = FORCED, SLID_BY_MAP = TOUCHED, INERT = SLID, LIGHT = STRAINED, INERT_BY_MASS = LEVERS };
-enum { FIT_BLOCKS = 19 };
+enum { FIT_BLOCKS = 21 };
 
 /* What is linear in the rates, and T by the configuration, in the order in which they are evaluated. */
 typedef struct {
@@ -30,7 +30,10 @@ typedef struct {
 static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) {
   Linear *l = &f->of, *shape = &f->shape;
   Block *of = l->of, *by = shape->of;
+  int equal = p->equal, left = p->entries - equal;
   begin_linear(p, w, a, l);
+  of[SPREAD_BY_MAP] = (Block){0, left, 0, p->entry_value + equal, p->entry_row + equal, p->entry_column + equal,
+                              p->entry_sign + equal, w->z, l->at.map, l->at.q1};
   memset(l->block, 0, p->positions * sizeof(Changes));
   for (int i = 0; i < p->positions; ++i) l->reached[i] = 1;
   *shape = *l, memset(by, 0, sizeof shape->of);
@@ -41,7 +44,7 @@ static void begin_fits(const Problem *p, Work *w, const Derivatives *a, Fit *f) 
   f->size = l->at.paths + path_start(p, p->sliders);
   Block *block[] = {of + DRIVEN, by + WEIGHED, by + SLID, by + LEVERS, by + CARRIED, of + TIED_BY_MAP, of + SPREAD_BY_MAP,
                     of + WEIGHED, of + TIED, of + EQUAL, of + SPREAD, of + SLID_BY_MAP, of + PLACED, of + INERT, of + LIGHT,
-                    of + INERT_BY_MASS, of + CARRIED, of + COLLECTED, of + MAPPED};
+                    of + INERT_BY_MASS, of + CARRIED, of + COLLECTED, of + ROWS, of + ROWS_BY_MAP, of + MAPPED};
   memcpy(f->block, block, sizeof block);
   for (int i = 0; i < p->driven; ++i) put(of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   for (int i = 0; i < p->dofs; ++i)
@@ -140,7 +143,7 @@ static int find_fit(Problem *p, const Work *w, const Linear *l, int solutions, i
 static void linearise_fit(const Problem *p, const Work *w, const Derivatives *a, Fit *f) {
   Linear *l = &f->of, *shape = &f->shape;
   for (int i = 0; i < BLOCKS; ++i) {
-    if (i != EQUAL && i != COLLECTED && i != DRIVEN && i != INERT && i != LIGHT) l->of[i].count = 0;
+    if (!l->of[i].from && i != DRIVEN && i != INERT && i != LIGHT) l->of[i].count = 0;
     shape->of[i].count = 0;
   }
   for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) put_weights_at(l->of + WEIGHED, p, &l->at, i, 1);
@@ -165,9 +168,6 @@ static void put_moved(const Problem *p, const Work *w, Fit *f, const double *u) 
   for (int k = 0; k < p->auxiliary_entries; ++k)
     put(to, l->at.map + p->auxiliary_value[k], l->at.Y1 + p->columns + p->auxiliary_of[k],
         p->auxiliary_value[k] ? p->auxiliary_sign[k] * w->z[p->auxiliary_column[k]] : 0);
-  for (int k = p->equal; k < p->entries; ++k)
-    put(l->of + SPREAD_BY_MAP, l->at.map + p->entry_value[k], l->at.q1 + p->entry_row[k],
-        p->entry_sign[k] * w->z[p->entry_column[k]]);
   for (int k = 0; k < p->closures; ++k) {
     int i = p->closure_arm[k], map = l->at.map + 1 + 2 * i - i % 2;
     if (i < 0) continue;

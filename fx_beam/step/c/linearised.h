@@ -12,10 +12,10 @@
 /* Blocks in the order in which they are evaluated, the forces of elements before TOUCHED. Changes of offsets, axes and
    rests of joints move ARMS and LEVERS; WEIGHED are the weights of the nodes of beams on which others slide. After
    MAPPED the linear system is solved; CLOSED and JOINED are forces of loops and joints. BEGUN are the places at the
-   start, those of a run. EQUAL and COLLECTED, entries of T and Tv that are 1, are the same in all sub-steps. */
+   start, those of a run. EQUAL, SPREAD, COLLECTED, ROWS and ROWS_BY_MAP are tables. */
 enum {
-  STRAINED, DRIVEN, ARMS, WEIGHED, TIED, EQUAL, SPREAD, PLACED, TOUCHED, FORCED, SLID, LEVERS, CARRIED, COLLECTED, MAPPED,
-  CLOSED, JOINED, BEGUN, BLOCKS
+  STRAINED, DRIVEN, ARMS, WEIGHED, TIED, EQUAL, SPREAD, PLACED, TOUCHED, FORCED, SLID, LEVERS, CARRIED, COLLECTED, ROWS,
+  ROWS_BY_MAP, MAPPED, CLOSED, JOINED, BEGUN, BLOCKS
 };
 
 /* A sub-step that is linearised, and room for what follows it. */
@@ -69,13 +69,19 @@ KEPT long fx_linear_scratch(const Problem *p, const Derivatives *a) {
 
 /* Begins to follow a tape. */
 static void begin_linear(const Problem *p, Work *w, const Derivatives *a, Linear *l) {
+  int equal = p->equal, left = p->entries - equal;
+  const int *row = p->entry_row, *column = p->entry_column, *value = p->entry_value + equal;
+  const double *sign = p->entry_sign + equal;
   lay_out(p, w, p->scratch), lay_out_linear(p, a, l, a->scratch);
-  l->share = 0, l->adds = 0, l->at = fx_layout(p, a);
+  l->share = 0, l->adds = 0;
+  Layout at = l->at = fx_layout(p, a);
   memset(l->of, 0, sizeof l->of);
-  for (int k = 0; k < p->equal; ++k) {
-    int row = p->entry_row[k], column = p->entry_column[k];
-    put(l->of + EQUAL, l->at.Y1 + column, l->at.q1 + row, 1), put(l->of + COLLECTED, l->at.r + row, l->at.R + column, 1);
-  }
+  l->of[EQUAL] = (Block){0, equal, 0, column, row, 0, 0, 0, at.Y1, at.q1};
+  l->of[COLLECTED] = (Block){0, equal, 0, row, column, 0, 0, 0, at.r, at.R};
+  row += equal, column += equal;
+  l->of[SPREAD] = (Block){0, left, 0, column, row, value, sign, w->values, at.Y1, at.q1};
+  l->of[ROWS] = (Block){0, left, 0, row, column, value, sign, w->virtual_map, at.r, at.R};
+  l->of[ROWS_BY_MAP] = (Block){0, left, 0, value, column, row, sign, p->sliders ? w->loaded : w->r, at.map, at.R};
 }
 
 /* Ends it; returns the number of sub-steps that are left, or -1 if there was no memory. */
@@ -173,12 +179,12 @@ static void put_auxiliaries(const Problem *p, const Linear *l, const double *val
     put(to, Y + p->auxiliary_column[k], Y + p->columns + p->auxiliary_of[k], p->auxiliary_sign[k] * values[p->auxiliary_value[k]]);
 }
 
-/* Places q at the start (0) or at the end (1), there besides EQUAL and with SPREAD, from columns Y, arms, and the beams on
-   which nodes slide. */
-static void put_places(const Problem *p, Linear *l, const double *values, int end, Block *to) {
+/* Places q at the start (0) or at the end (1), there besides EQUAL and SPREAD, from columns Y, arms, and the beams on which
+   nodes slide. */
+static void put_places(const Problem *p, const Linear *l, const double *values, int end, Block *to) {
   int Y = end ? l->at.Y1 : l->at.Y, q = end ? l->at.q1 : l->at.q;
-  for (int k = end ? p->equal : 0; k < p->entries; ++k)
-    put(end ? l->of + SPREAD : to, Y + p->entry_column[k], q + p->entry_row[k], p->entry_sign[k] * values[p->entry_value[k]]);
+  for (int k = end ? p->entries : 0; k < p->entries; ++k)
+    put(to, Y + p->entry_column[k], q + p->entry_row[k], p->entry_sign[k] * values[p->entry_value[k]]);
   for (int k = 0; k < p->followers; ++k)
     put(to, l->at.arms + p->through[k], q + p->follower[k], p->joint_sign[p->through[k]]);
   for (int i = 0; HAS(SLIDERS) && i < p->sliders; ++i) { /* a beam may hang on a node that slides on another one */
@@ -265,11 +271,6 @@ static void put_rows(const Problem *p, const Work *w, Linear *l) {
     }
     put_carry(to, w, a, held, l->at.r);
     for (int c = 0; c < a->components; ++c) put(to, held[c], R + a->column, a->virtual_map[c][a->components * a->width]);
-  }
-  for (int k = p->equal; k < p->entries; ++k) {
-    int row = p->entry_row[k], value = p->entry_value[k], column = R + p->entry_column[k];
-    put(l->of + MAPPED, l->at.r + row, column, p->entry_sign[k] * w->virtual_map[value]);
-    put(l->of + MAPPED, map + value, column, p->entry_sign[k] * r[row]);
   }
 }
 
@@ -372,7 +373,7 @@ static void put_joint_forces(const Problem *p, const Work *w, Linear *l) {
 /* All laws of a sub-step that has begun, with `forces` those of joints, and for the first one of a run its start. */
 static void linearise(const Problem *p, const Work *w, const Derivatives *a, Linear *l, int forces, int first) {
   for (int i = 0; i < BLOCKS; ++i)
-    if (i != EQUAL && i != COLLECTED && i != TOUCHED && !(i == FORCED && l->adds)) l->of[i].count = 0;
+    if (i != TOUCHED && !(i == FORCED && l->adds) && !l->of[i].from) l->of[i].count = 0;
   for (int i = 0; i < p->driven; ++i) put(l->of + DRIVEN, l->at.driven + i, l->at.Y1 + p->free + i, 1);
   put_strains(p, l);
   for (int j = 0; j < p->joints; ++j) put_joint(p, w, a, l, first, j);
