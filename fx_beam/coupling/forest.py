@@ -91,11 +91,7 @@ def _forest(
     above: dict[int, Branch] = {}
     nodes = sorted(neighbours)
     reached: set[int] = set()
-    for root in [
-        *(n for n in nodes if n in supported),
-        *(n for n in nodes if n in preferred),
-        *nodes,
-    ]:
+    for root in (n for part in (supported, preferred, neighbours) for n in nodes if n in part):
         queue = [] if root in reached else [root]
         for parent in queue:
             reached.add(parent)
@@ -153,9 +149,7 @@ def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Join
     closing = [number[id(loop[-1])] for loop in loops]
     # One bit for each joint.
     basis = [sum(1 << number[id(joint)] for joint in loop) for loop in loops]
-    hinges = sum(
-        1 << k for k, joint in enumerate(joints) if joint.is_index and not joint.turns_together
-    )
+    hinges = sum(1 << k for k, of in enumerate(joints) if of.is_index and not of.turns_together)
     before = sum(map(int.bit_count, basis))
     changed, passes = len(basis) > 1, 0
     while changed and passes < _PASSES:
@@ -169,10 +163,7 @@ def order_for_short_loops(joints: Sequence[Joint], loops: Sequence[Sequence[Join
                 closing[k], changed = new, True
     if sum(map(int.bit_count, basis)) > _SHORTER * before:
         return list(joints)
-    last = set(closing)
-    return [joint for k, joint in enumerate(joints) if k not in last] + [
-        joints[k] for k in sorted(last)
-    ]
+    return [joints[k] for k in sorted(range(len(joints)), key=set(closing).__contains__)]
 
 
 def _better(k: int, basis: list[int], hinges: int) -> int | None:

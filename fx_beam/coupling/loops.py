@@ -148,9 +148,7 @@ class Loops:
             "closure_b": ends[0],
             "closure_a": ends[1],
             "closure_arm": arms,
-            "closure_force": np.array(
-                [3 * one.joint.number + one.component for one in self.closures]
-            ),
+            "closure_force": [3 * one.joint.number + one.component for one in self.closures],
             "closure_entry_start": self._entries.starts(len(self)),
             **self._entries.members("closure"),
             "closure_near": near[self._near.indices],

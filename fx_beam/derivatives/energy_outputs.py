@@ -345,11 +345,8 @@ class StepWork:
                 yield Block(name, every, 1 + steps, by, ends)
                 yield Block(name, every, 1 + steps, -by, starts)
         loads = self._unit_works.shape[1]
-        of_steps = (
-            ("constraints", 0, self._paths, steps),
-            ("loads", loads, self._unit_works, self._own),
-        )
-        for name, last, by, places in of_steps:
+        of_forces = "constraints", 0, self._paths, steps
+        for name, last, by, places in (of_forces, ("loads", loads, self._unit_works, self._own)):
             if not by.size:
                 continue
             if self._at_rest:  # the means of forces and loads at both ends

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.errors import any_of
+from fx_beam.step.layout import Arrays
 
 
 class Block(NamedTuple):
@@ -60,10 +61,7 @@ def vjp(blocks: Iterable[Block], weights: np.ndarray, to: Gradient) -> None:
 
 
 def jvp(
-    blocks: Iterable[Block],
-    shape: tuple[int, ...],
-    of_state: Mapping[str, np.ndarray],
-    changes: Mapping[str, np.ndarray],
+    blocks: Iterable[Block], shape: tuple[int, ...], of_state: Arrays, changes: Arrays
 ) -> np.ndarray:
     """Changes (*shape, m) of an output from those of states (n, m, ...) and numbers (m, ...)."""
     count = len(changes["X"])
@@ -110,13 +108,7 @@ class RowOutput:
         counting = np.flatnonzero(weights.reshape(len(weights), -1).any(axis=1))
         vjp(self.blocks(counting), weights, to)
 
-    def jvp(
-        self,
-        rows: int,
-        before: np.ndarray,
-        of_state: Mapping[str, np.ndarray],
-        changes: Mapping[str, np.ndarray],
-    ) -> np.ndarray:
+    def jvp(self, rows: int, before: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
         """Changes (rows, ..., m) from those of the states and of the numbers of the scene.
 
         `before` (m,) is what earlier parts of a tape have given, to which this one adds.
@@ -166,7 +158,7 @@ class Gradient:
         """Add the derivatives by all numbers of a name."""
         self.add(name, slice(0, values.size), None, values.flatten())
 
-    def along(self, changes: Mapping[str, np.ndarray]) -> np.ndarray:
+    def along(self, changes: Arrays) -> np.ndarray:
         """What is by numbers, times changes (m, ...) of these: (m,)."""
         count = len(changes["X"])
         total = np.zeros(count)

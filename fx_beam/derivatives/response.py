@@ -38,14 +38,7 @@ from .differentiable import Differentiable, one_call
 from .gradient import Gradient, along
 from .local_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
-from .observation import (
-    Observation,
-    check_outputs,
-    observes_rates,
-    rates_at,
-    read_entries,
-    summed,
-)
+from .observation import Observation, check_outputs, observes_rates, rates_at, read_entries, summed
 from .output_values import Wanted, recorded, row_values, values_of
 from .static_derivatives import StateChange, change_of_end, why_no_sums, why_not
 
@@ -366,23 +359,19 @@ class Response(Differentiable):
         tape, derivatives, changes, observe, entries = self._begin_derivatives("jacobian", outputs)
         boundaries, parts = self._boundaries(tape), list[dict[str, np.ndarray]]()
         before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
-        observed: Observation | None
+        observed: Observation
 
         def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
             nonlocal observed
             inside = boundaries[part.own(boundaries)]
             wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in before}
-            if not wanted:
-                observed = None
-                return inside, inside
             observed = observe(wanted, inside)
             return observed.boundaries, observed.sub_steps
 
         for of_state in derivatives.jvp_parts(tape, changes, rows_of, entries):
-            if observed is not None:
-                rows = observed.jvp(of_state, changes, before)
-                if rows.keys() == outputs.keys():
-                    parts.append(rows)
+            rows = observed.jvp(of_state, changes, before)
+            if rows.keys() == outputs.keys():
+                parts.append(rows)
         return {name: np.concatenate([rows[name] for rows in parts]) for name in outputs}
 
     def objective(self, function: Cost) -> Objective:

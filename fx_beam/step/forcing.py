@@ -71,8 +71,6 @@ class Forcing:
 
     def derivatives(self, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivatives (driven,) of driven motion, from steps of length h [s]."""
-        if not self._driven:
-            return np.empty(0), np.empty(0)
         # One-sided differences of second order: a motion need not be defined before the start.
         # Differences to the start have no rounding error if the motion is constant. Second
         # differences use longer steps, since rounding errors are divided by h^2.
@@ -92,11 +90,9 @@ class Forcing:
 
         By differences of order four; steps of negative length start at these times.
         """
-        if not self._driven:
-            return np.empty((len(ends), 0))
         h = lengths / 8
         positions = self.series((ends[:, None] - h[:, None] * np.arange(5)).ravel())
-        positions = positions.reshape(len(ends), 5, -1)
+        positions = positions.reshape(len(ends), 5, len(self._driven))
         return _OF_DIFFERENCES @ (positions[:, 1:] - positions[:, :-1]) / h[:, None]
 
     def naturals(self, ends: np.ndarray) -> np.ndarray:
@@ -127,8 +123,6 @@ class Forcing:
 
     def check_start(self, state: State) -> None:
         """Refuse prescribed motions and motors that would jump at the start."""
-        if not self._driven:
-            return
         self.hold(state)
         given = self.positions(state.t)
         # A unit motion is the size of the scene, or a radian.

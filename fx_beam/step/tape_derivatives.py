@@ -39,11 +39,17 @@ class TapeDerivatives:
         self._structs = Structs(self._ffi, declarations("problem.h"))
         #: The C struct Derivatives.
         self.c = self._ffi.new("Derivatives *")
-        self._works: list[VjpWork] = []
         #: Whether slopes of elements are those by places too; None for no slopes.
         self._has_places: bool | None = None
-        self._hand_over_elements()
-        self._hand_over_points()
+        self._works: list[VjpWork] = []
+        if (beams := self._model.forms.beams) is not None:
+            # How many numbers elements have; derivatives are compiled when they are needed.
+            for name in ["internal_forces"] + ["drag"] * beams.have_drag:
+                self._works.append(work := VjpWork(name, beams, problem))
+                self._structs.set(self.c, **{name: work.handed_over()})
+        addresses, numbers, sizes = zip(*(self._model.points.slopes or [(0, 0, 0)]), strict=True)
+        slopes = np.array(addresses, np.uintp)
+        self._structs.set(self.c, slopes=slopes, numbers=numbers, found=np.zeros(max(sizes) + 1))
         members = self._model.points.members
         if members is not None:
             counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}
@@ -71,21 +77,6 @@ class TapeDerivatives:
     def _make_room(self) -> None:
         room = self._library.fx_linear_scratch(self._p, self.c)
         self._structs.set(self.c, scratch=aligned_zeros(room))
-
-    def _hand_over_elements(self) -> None:
-        """How many numbers elements have; their derivatives are compiled when they are needed."""
-        beams = self._model.forms.beams
-        if beams is None:
-            return
-        for name in ["internal_forces"] + ["drag"] * beams.have_drag:
-            self._works.append(VjpWork(name, beams, self.problem))
-        for work in self._works:
-            self._structs.set(self.c, **{work.name: work.handed_over()})
-
-    def _hand_over_points(self) -> None:
-        addresses, numbers, sizes = zip(*(self._model.points.slopes or [(0, 0, 0)]), strict=True)
-        slopes = np.array(addresses, np.uintp)
-        self._structs.set(self.c, slopes=slopes, numbers=numbers, found=np.zeros(max(sizes) + 1))
 
     @property
     def places_depend(self) -> bool:
@@ -170,10 +161,8 @@ class TapeDerivatives:
             of_states = states.filled(weights, len(rows))
             if left_over is not None:
                 if not len(rows) or rows[-1] != part.end:
-                    rows, of_states = (
-                        np.append(rows, part.end),
-                        np.vstack([of_states, 0 * left_over]),
-                    )
+                    rows = np.append(rows, part.end)
+                    of_states = np.vstack([of_states, 0 * left_over])
                 of_states[-1] += left_over
             # What is weighted at the start of this part, the part before it ends with.
             at_start = bool(part.first and len(rows) and rows[0] == part.first)
@@ -188,11 +177,8 @@ class TapeDerivatives:
             )
             left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
             _check_followed(left, tape, part.first + left - 1)
-        by_steps = {
-            name: of_steps[:-1, self.layout.steps[name]]
-            for name in self.layout.steps.keys() & names
-        }
-        return by_steps | {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
+        by = {name: of_steps[:-1, at] for name, at in self.layout.steps.items() if name in names}
+        return by | {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
 
     @cached_property
     def numbers(self) -> dict[str, Numbers]:
@@ -263,7 +249,7 @@ class TapeDerivatives:
             at_ends = states.members(at, len(tape) + 1, of_states)
             self._jvp(tape, at_ends, forces.members(of, len(tape), of_forces))
             yield states.parts(of_states) | forces.parts(of_forces)
-        at_end = _one_by_one(x, count)
+        at_end = np.concatenate(x.swapaxes(1, 2))[:count]
         names = {"motors": "motors", "internal": "internal", "spring_internal": "spring internal"}
         #: Changes of the rest of the state at the end of the tape.
         self.at_end = {name: at_end[:, self.numbers[of].at] for name, of in names.items()}
@@ -358,11 +344,6 @@ class TapeDerivatives:
         for work in self._works:
             self._structs.set(self.c, **{work.name: work.members(self.layout, by_places)})
         self._make_room()
-
-
-def _one_by_one(groups: np.ndarray, count: int) -> np.ndarray:
-    """The rows of which these are groups."""
-    return np.concatenate(groups.swapaxes(1, 2))[:count]
 
 
 def _check_followed(left: int, tape: Tape, sub_step: int) -> None:
