@@ -350,7 +350,8 @@ class _Columns:
         follows = [(branch.node, i) for i, forest in enumerate(forests) for branch in forest]
         held = [*scene.prescribed, *sorted(scene.fixed)]
         root, free_root = np.ones((2, len(mesh.X), 3), dtype=bool)
-        carried = [key for joint in sliding_joints(scene.joints) for key in joint.carried]
+        sliding = sliding_joints(scene.joints)
+        carried = [key for joint in sliding for key in joint.carried]
         for key in follows:
             root[key] = free_root[key] = False
         for key in (*held, *(key[1:] for key in carried)):
@@ -373,14 +374,11 @@ class _Columns:
         for key in held:
             if root[key]:
                 self.of_roots[key] = self.of[key]
-        for sliding in carried:
-            self.of_roots[sliding[1:]] = self.of[sliding]
+        for of_sliding in carried:
+            self.of_roots[of_sliding[1:]] = self.of[of_sliding]
         self.free, self.driven, self.count = alone + len(free), len(driven), alone + len(keys)
         #: Columns of the nodes that slide, by the number of the joint.
-        self.carried = {
-            joint.number: [self.of[key] for key in joint.carried]
-            for joint in sliding_joints(scene.joints)
-        }
+        self.carried = {j.number: [self.of[key] for key in j.carried] for j in sliding}
         self.slides = {n: self.of["motor" if n in moved else "slide", n] for n in slides}
 
 
@@ -425,9 +423,9 @@ class Auxiliaries:
     def __len__(self):
         return self._count
 
-    def entries_of(self, auxiliaries: np.ndarray) -> np.ndarray:
-        """Numbers of the entries of some, the latest first: others depend on earlier ones only."""
-        of = np.flatnonzero(np.isin(self._entries.row, auxiliaries))
+    def entries_of(self, chosen: np.ndarray) -> np.ndarray:
+        """Numbers of entries of some, the latest first: others depend on earlier ones only."""
+        of = np.flatnonzero(chosen[self._entries.row])
         return of[np.argsort(-self._entries.row[of], kind="stable")]
 
     def equations(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
@@ -436,9 +434,7 @@ class Auxiliaries:
         return (self._entries.matrix(values, self._shape) - own).tocsr()
 
     def members(self) -> dict[str, Any]:
-        """Their sums, by the names in problem.h; empty without any."""
-        if not self._count:
-            return {}
+        """Their sums, by the names in problem.h."""
         of_arms, arms = self._entries.arms
         return {
             "auxiliaries": self._count,
@@ -455,8 +451,6 @@ class Auxiliaries:
 
         `at` has those of the entries at `rows` and `columns`.
         """
-        if not self._count:
-            return {}, at
         both = np.full((2, len(self._entries.row)), -1)
         ones, both[:, self._moves] = at[: 2 * self._count], at[2 * self._count :].reshape(2, -1)
         return dict(zip(("auxiliary_equation", "auxiliary_force"), both, strict=True)), ones

@@ -72,11 +72,9 @@ class Loops:
         self._entries = Entries.of((k, one.entries) for k, one in enumerate(self.closures))
         #: In compressed rows the columns on which each closure depends.
         self._near = by_others[order]
+        passes = abs(passed[order, :count]) > _ROUNDING
         #: Entries of auxiliary unknowns of each, in the order in which they are collected.
-        self._auxiliaries = [
-            auxiliaries.entries_of(np.flatnonzero(abs(passed[k, :count]) > _ROUNDING))
-            for k in order
-        ]
+        self._auxiliaries = [auxiliaries.entries_of(of_closure) for of_closure in passes]
         column = self._entries.column
         #: Number of the entries of all closures.
         self.entries = len(column)

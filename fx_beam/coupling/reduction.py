@@ -427,7 +427,7 @@ class Configuration:
         ffi, self._library = c_library.kept_library(*_LIBRARY, "problem.h", MACROS, (), _FLAGS)
         self._structs, self._slides = Structs(ffi, c_library.declarations("problem.h")), slides
         self._c, self._ffi, self._double = ffi.new("Problem *"), ffi, ffi.typeof("double[]")
-        size, columns = members["dofs"], members["columns"] + members.get("auxiliaries", 0)
+        size, columns = members["dofs"], members["columns"] + members["auxiliaries"]
         self._state = np.zeros(size), np.zeros(joints)
         self._structs.set(self._c, **members, points=[{}])
         self._structs.set(self._c, q=self._state[0], slides=self._state[1])
@@ -437,10 +437,9 @@ class Configuration:
         self._results, self._columns = to, np.zeros(members["columns"])
         self._library.fx_expand(self._c, self._of(self._columns), 0, to)
         #: Increments of nodes and columns; the values of T and Tv; closures.
-        self.D, self.z, *values, self.closure = (
-            np.frombuffer(ffi.buffer(at, 8 * n)) if n else np.empty(0)
-            for at, n in zip(to, counts, strict=True)
-        )
+        pairs = zip(to, counts, strict=True)
+        parts = (np.frombuffer(ffi.buffer(at, 8 * n)) if n else np.empty(0) for at, n in pairs)
+        self.D, self.z, *values, self.closure = parts
         self.values = tuple(values)
         loops = self._c.following, 4 * self.closure.size
         self.following = np.frombuffer(ffi.buffer(*loops), np.int32) if loops[1] else np.empty(0)

@@ -109,12 +109,10 @@ class BuiltScenes:
         else:
             numbers = numbers_of(self._at(x), np.zeros(len(x)))
         self.changing = {name for name, of in numbers.items() if isinstance(of, Dual)}
-        by_name = {
-            name: np.moveaxis(values.slopes, -1, 0)
-            if name in self.changing
-            else np.zeros((len(x), *values.shape))
-            for name, values in numbers.items()
-        }
+        by_name = {}
+        for name, of in numbers.items():
+            slopes = of.slopes if name in self.changing else np.zeros((*of.shape, len(x)))
+            by_name[name] = np.moveaxis(slopes, -1, 0)
         return {name: plain(values) for name, values in numbers.items()}, by_name
 
     def _learn(self, error: BaseException | None, others: set[int]) -> None:

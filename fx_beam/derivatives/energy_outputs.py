@@ -104,8 +104,7 @@ class EnergyOutput(RowOutput):
 def why_no_losses(model: Model) -> str:
     """Why losses have no derivatives step by step; empty if they have."""
     members = model.points.members
-    lose = members is not None and any(law.law.loss for law in members.laws)
-    if lose:
+    if members is not None and any(law.law.loss for law in members.laws):
         return "members touch with friction or losses"
     return "friction follows the force of a joint" if model.points.follow_joints else ""
 

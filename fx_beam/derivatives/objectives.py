@@ -68,9 +68,8 @@ class Misfit:
         fits = isinstance(measured, Mapping) and len(measured) > 0
         require(fits, what, measured, "a dict of arrays by names of outputs")
         self._run = run
-        self._measured = {
-            name: _measured(rows, f"{what}[{name!r}]") for name, rows in measured.items()
-        }
+        pairs = measured.items()
+        self._measured = {name: _measured(rows, f"{what}[{name!r}]") for name, rows in pairs}
         of_all = scatter if isinstance(scatter, Mapping) else dict.fromkeys(measured, scatter)
         same = of_all.keys() == measured.keys()
         require(same, "misfit: scatter", scatter, f"a number, or for each of {[*measured]}")
@@ -89,16 +88,14 @@ class Misfit:
     def __call__(self, x: Any) -> np.ndarray:
         """Deviations (n,); zero where nothing was measured, which is NaN."""
         _, y = self._run(x)
-        self._last = np.array(x, float), self._run.stats
+        self._last, parts = (np.array(x, float), self._run.stats), []
         for name, rows in self._measured.items():
             require(name in y, "misfit: measured", [*self._measured], f"names of {[*y]}")
             fits = rows.shape == y[name].shape
             require(fits, f"misfit: measured[{name!r}]", rows.shape, f"of shape {y[name].shape}")
-        parts = [
-            np.where(np.isnan(rows), 0.0, (y[name] - rows) / self._scatter[name])
-            for name, rows in self._measured.items()
-        ]
-        return np.concatenate([part.ravel() for part in parts])
+            deviations = (y[name] - rows) / self._scatter[name]
+            parts.append(np.where(np.isnan(rows), 0.0, deviations).ravel())
+        return np.concatenate(parts)
 
     @one_thread
     def jacobian(self, x: Any) -> np.ndarray:

@@ -31,7 +31,7 @@ from .gradient import jvp
 from .observation import observes_rates, rates_at
 from .output_values import Wanted
 from .response import Response
-from .static_derivatives import change_of_end
+from .static_derivatives import StaticDerivatives
 from .sub_steps import SubSteps
 
 _WHAT = "PeriodicResponse"
@@ -198,9 +198,9 @@ class PeriodicResponse(Response):
         """As of `Response`; of a period (m,)."""
         self._check_has_run("jacobian")
         wanted = self._differentiable(names or self._names, f"{_WHAT}.jacobian: names")
-        others = [name for name in wanted if name not in self._periods(wanted)]
+        others = [name for name, output in wanted.items() if not _is_period(output)]
         of_period = self._solved().period
-        jacobian = {name: self._period.length * of_period for name in self._periods(wanted)}
+        jacobian = {name: self._period.length * of_period for name in wanted.keys() - others}
         if others:
             self._check_rows(others)
             rows = self._by_period(others)
@@ -281,9 +281,6 @@ class PeriodicResponse(Response):
             along = {name: np.tensordot(deviation[None], of, 1) for name, of in by.changes.items()}
             rows += _slope(longer, _CHANGE) * slopes.period
         return np.linalg.solve(unit, rows)
-
-    def _periods(self, names: Any) -> list[str]:
-        return [name for name in names if _is_period(self._outputs[name])]
 
     def _check_rows(self, names: Iterable[str] = ()) -> None:
         """SceneError for outputs of which there are no derivatives."""
@@ -386,7 +383,7 @@ class PeriodicResponse(Response):
                 f"{_WHAT}: an amplitude about a state has derivatives if motion(scene) computes "
                 "this by static(scene). Or give the energy"
             )
-        at_rest = change_of_end(path, self._derivatives, _WHAT).of_nodes
+        at_rest = StaticDerivatives(path).change_of_end(self._derivatives, _WHAT).of_nodes
         return at_rest[:, cycle.held]
 
     def _energy_by_x(self, changes: dict[str, np.ndarray]) -> np.ndarray:

@@ -40,7 +40,7 @@ from .local_outputs import observes_start
 from .objectives import Cost, Misfit, Objective
 from .observation import Observation, check_outputs, observes_rates, rates_at, read_entries, summed
 from .output_values import Wanted, recorded, row_values, values_of
-from .static_derivatives import StateChange, change_of_end, why_no_sums, why_not
+from .static_derivatives import StateChange, StaticDerivatives, why_no_sums, why_not
 
 _log = logging.getLogger("fx_beam")
 # Growth of derivatives towards the start above which they say little about the motion.
@@ -517,9 +517,8 @@ class Response(Differentiable):
         for name in self._differentiable(weights, what):
             given[name] = values = array_of(weights[name], f"{what}[{name!r}]")
             shape = self._shapes[name]
-            require(
-                values.shape == shape, f"{what}[{name!r}]", values.shape, f"of the shape {shape}"
-            )
+            fits = values.shape == shape
+            require(fits, f"{what}[{name!r}]", values.shape, f"of the shape {shape}")
             if not (is_finite := np.isfinite(values)).all():
                 wrong = np.argwhere(~is_finite)[0]
                 row, at = wrong[0], "".join(f"[{i}]" for i in wrong)
@@ -548,18 +547,12 @@ class Response(Differentiable):
     # -- Differences of the numbers of scenes -----------------------------------------------------
 
     def _changes_by_x(self) -> dict[str, np.ndarray]:
-        tape, start = self._series.tape, self._change_of_start()
+        tape, start = self._series.tape, None
         assert tape is not None  # `_followed` comes first
+        # Where it is unknown how the equilibrium before depends on x, differences compute others.
+        if self._path is not None and not why_not(self._path):
+            start = StaticDerivatives(self._path).change_of_end(self._derivatives, "Response")
         return self._derivatives(functools.partial(self._numbers_of, tape=tape, start=start))
-
-    def _change_of_start(self) -> StateChange | None:
-        """How the equilibrium from which the motion starts depends on x.
-
-        None if this is unknown: then equilibria are computed for differences.
-        """
-        if self._path is None or why_not(self._path):
-            return None
-        return change_of_end(self._path, self._derivatives, "Response")
 
     def _numbers_of(
         self, given: Scene, change: Any, tape: Tape, start: StateChange | None
@@ -582,12 +575,9 @@ class Response(Differentiable):
         if self._start is None and have_slopes():
             numbers["v"] = rates_with_slopes(model, other.forcing, state, first, numbers)
         if start is not None and isinstance(change, Dual):
-            of_state = numbers_of_state(model, start.at(model, change))
-            numbers |= {
-                name: Dual(plain(numbers[name]), slopes.slopes)
-                for name, slopes in of_state.items()
-                if isinstance(slopes, Dual)
-            }
+            for name, values in numbers_of_state(model, start.at(model, change)).items():
+                if isinstance(values, Dual):
+                    numbers[name] = Dual(plain(numbers[name]), values.slopes)
         if not any(observes_rates(model, output) for output in of):
             return numbers
         rates = rates_at(tape, np.arange(len(tape) + 1))

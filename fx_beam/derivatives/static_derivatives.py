@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -95,18 +95,17 @@ class StaticDerivatives:
     def __init__(self, path: LoadPath):
         if reason := why_not(path):
             raise SceneError(f"the equilibria have no derivatives: {reason}")
-        self.path, self.model = path, path.model
+        self.path, self.model = path, (model := path.model)
         #: The states that are followed. Of what began at another solution these are the last alone,
         #: which is an equilibrium of this scene whatever it began from.
-        self.states, start = path.states, reference_state(path.model)
+        self.states, start = path.states, reference_state(model)
         if path.start is not None:
             start, self.states = path.states[-2], path.states[-1:]
         self.factors = np.array([state.t for state in self.states])
-        problem = Problem(path.model, NewtonOptions())
+        problem = Problem(model, NewtonOptions())
         self.derivatives = TapeDerivatives(problem)
         self.tape = static_tape(problem, start, self.states, path.forcing)
-        kind = {"settles": bool(path.model.mechanism)}
-        self._others = OtherScenes(path.model.scene, Equilibrium(), **kind)
+        self._others = OtherScenes(model.scene, Equilibrium(), settles=bool(model.mechanism))
 
     def numbers_of(self, scene: Scene, change: Any = None) -> dict[str, np.ndarray]:
         """The numbers of these load steps for another scene; OtherStructureError if it differs."""
@@ -115,8 +114,10 @@ class StaticDerivatives:
         forcing = LoadForcing(model, self.path.forcing.time)
         return static_numbers_of(model, forcing, self.factors)
 
-    def change_of_end(self, changes: Mapping[str, np.ndarray]) -> StateChange:
-        """Changes of the last state with those (m, ...) of the numbers."""
+    def change_of_end(self, derivatives: DerivativesOf, what: str) -> StateChange:
+        """Changes of the last state with x, by `derivatives` of the numbers of scenes."""
+        changes = derivatives(self.numbers_of)
+        refuse_others(changes, self.derivatives.names, what)
         every = np.arange(len(self.tape) + 1)
         changed_rows = self.derivatives.jvp(self.tape, changes, every, every[:-1])
         forces = {"constraint_forces": "constraints", "joint_forces": "joints"}
@@ -148,14 +149,6 @@ class StaticDerivatives:
                 if row.size and step:
                     row[:] = np.ravel(getattr(self.states[step - 1], name.replace(" ", "_")))
         return states
-
-
-def change_of_end(path: LoadPath, derivatives: DerivativesOf, what: str) -> StateChange:
-    """Changes of the last state of a path with x, by `derivatives` of the numbers of scenes."""
-    of = StaticDerivatives(path)
-    changes = derivatives(of.numbers_of)
-    refuse_others(changes, of.derivatives.names, what)
-    return of.change_of_end(changes)
 
 
 class StateChange:

@@ -14,7 +14,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.scene import Scene
 
 from .differentiable import Differentiable
-from .static_derivatives import StateChange, change_of_end
+from .static_derivatives import StateChange, StaticDerivatives
 from .tangent_derivatives import Pairs, TangentDerivatives
 
 
@@ -62,7 +62,8 @@ class TangentResponse(Differentiable):
         self._tangent.begin(self._about, self._end, self._is_damped)
         self._start: StateChange | None = None
         if self._path is not None and self._about.model.flows:
-            self._start = change_of_end(self._path, self._derivatives, self._what)
+            path = StaticDerivatives(self._path)
+            self._start = path.change_of_end(self._derivatives, self._what)
         return self._derivatives(self._numbers_of)
 
     def _numbers_of(self, scene: Scene, change: Any) -> dict[str, Any]:

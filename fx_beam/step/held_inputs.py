@@ -38,10 +38,8 @@ class HeldInputs:
         #: The scene with the held functions in the place of its inputs.
         self.scene = connected(scene, lambda slot: self._parts[id(slot)])
         #: All loads and motions that take the values of each input.
-        self.parts = {
-            name: [part for part in self._parts.values() if part.name == name]
-            for name in self.widths
-        }
+        each = self._parts.values()
+        self.parts = {name: [of for of in each if of.name == name] for name in self.widths}
         self._ramps = [part for part in self._parts.values() if isinstance(part, Ramp)]
 
     def checked(self, given: Mapping) -> dict[str, Any]:

@@ -179,8 +179,9 @@ class Model:
         before = [joint for joint in last if not joint.is_index]
         if [joint.number for joint in arms] != [joint.number for joint in before]:
             raise OtherStructureError("other joints have offsets")
-        pairs = zip(arms, before, strict=True)
-        if not moved and not any(_lie_elsewhere(new, old) for new, old in pairs):
+        names = "arm", "offset", "axis", "apart"
+        now, then = ([getattr(j, name) for j in of for name in names] for of in (arms, before))
+        if not moved and all(map(np.array_equal, now, then)):
             return False
         if self.couplings.closures or self.couplings.sliding:
             raise ElsewhereError("joints that close loops, or slide on beams, lie elsewhere")
@@ -441,9 +442,3 @@ def _probable_features(scene: Scene, scheme: Scheme) -> str:
         return "0"
     wide = scene.beams and (scene.joints or scene.beams[0].degree > 1)
     return "BAND" if wide else "CHAIN"
-
-
-def _lie_elsewhere(new: Joint, old: Joint) -> bool:
-    """Whether a joint has another arm, offset or axis than the one before."""
-    names = "arm", "offset", "axis", "apart"
-    return not all(np.array_equal(getattr(new, name), getattr(old, name)) for name in names)

@@ -112,18 +112,11 @@ class TapeDerivatives:
         x, by_unknowns = aligned_zeros(layout.size), np.zeros(self._p.free)
         of_steps, ends = np.zeros((count + 1, layout.step_size)), layout.states.only({"q": ...})
         structs = Structs(self._ffi, declarations("problem.h"))
-        structs.set(
-            self.c,
-            x=x,
-            by_unknowns=by_unknowns,
-            share=shares,
-            sizes=np.zeros(count),
-            of_steps=never_empty(of_steps),
-            states=ends.members(every[1:], count + 1, of_ends, rows),
-            forces=layout.equations.members(every[:-1], count, of_equations, rows),
-        )
-        left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
-        _check_followed(left, tape, left - 1)
+        arrays = {"x": x, "sizes": np.zeros(count), "of_steps": never_empty(of_steps)}
+        structs.set(self.c, **arrays, by_unknowns=by_unknowns, share=shares)
+        at_ends = ends.members(every[1:], count + 1, of_ends, rows)
+        forces = layout.equations.members(every[:-1], count, of_equations, rows)
+        self._follow("VJP", tape, at_ends, forces)
         x[layout.at["Y"]] = 0.0
         x[layout.at["Y"][of_state]] = by_unknowns[of_state]
         by_step = of_steps.sum(axis=0)
@@ -167,16 +160,9 @@ class TapeDerivatives:
             # What is weighted at the start of this part, the part before it ends with.
             at_start = bool(part.first and len(rows) and rows[0] == part.first)
             left_over = of_states[0] if at_start else None
-            # C keeps the addresses of the weights until the next part.
-            own = Structs(self._ffi, declarations("problem.h"))
             of_forces = forces.filled(weights, len(sub_steps))
-            own.set(
-                self.c,
-                states=states.members(rows, every + 1, of_states),
-                forces=forces.members(sub_steps, every, of_forces),
-            )
-            left = self.problem.derivatives("VJP").fx_vjp(self._p, tape.c, self.c)
-            _check_followed(left, tape, part.first + left - 1)
+            at_rows = states.members(rows, every + 1, of_states)
+            self._follow("VJP", tape, at_rows, forces.members(sub_steps, every, of_forces))
         by = {name: of_steps[:-1, at] for name, at in self.layout.steps.items() if name in names}
         return by | {name: self.numbers[name].sums(x) for name in self.numbers.keys() & names}
 
@@ -247,7 +233,7 @@ class TapeDerivatives:
             at, of = rows_of(part)
             of_states, of_forces = states.empty(len(at), count), forces.empty(len(of), count)
             at_ends = states.members(at, len(tape) + 1, of_states)
-            self._jvp(tape, at_ends, forces.members(of, len(tape), of_forces))
+            self._follow("JVP", tape, at_ends, forces.members(of, len(tape), of_forces))
             yield states.parts(of_states) | forces.parts(of_forces)
         at_end = np.concatenate(x.swapaxes(1, 2))[:count]
         names = {"motors": "motors", "internal": "internal", "spring_internal": "spring internal"}
@@ -278,7 +264,7 @@ class TapeDerivatives:
         of = rows if self.places_depend else np.full(len(rows), -1)
         ends = self.layout.ends.members(every[1:], len(tape) + 1, of_ends, of)
         _kept = self._begin_jvp(changes, x, of_steps, by_unknowns=np.zeros(1), share=shares)
-        self._jvp(tape, ends, forces)
+        self._follow("JVP", tape, ends, forces)
         return of_forces, of_ends
 
     def _begin_jvp(
@@ -295,12 +281,13 @@ class TapeDerivatives:
         structs.set(self.c, directions=count, **arrays, **more)
         return structs, x
 
-    def _jvp(self, tape: Tape, states: dict[str, Any], forces: dict[str, Any]) -> None:
+    def _follow(self, way: str, tape: Tape, states: dict[str, Any], forces: dict[str, Any]) -> None:
         """Follow the sub-steps on the tape, with members for rows of states and of forces."""
         structs = Structs(self._ffi, declarations("problem.h"))
         structs.set(self.c, states=states, forces=forces)
-        left = self.problem.derivatives("JVP").fx_jvp(self._p, tape.c, self.c)
-        _check_followed(left, tape, tape.present.end - left)
+        library, (first, end), backwards = self.problem.derivatives(way), tape.present, way == "VJP"
+        left = (library.fx_vjp if backwards else library.fx_jvp)(self._p, tape.c, self.c)
+        _check_followed(left, tape, first + left - 1 if backwards else end - left)
 
     def _vector(self, changes: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """Changes (size, count) of the numbers of the scene and of its state."""
