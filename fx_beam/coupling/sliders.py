@@ -143,10 +143,8 @@ class Sliders:
 
     def __init__(self, scene: Scene, couplings: Couplings, rates: UpdateRule, mesh: Mesh):
         self._couplings = couplings
-        self.all = [
-            Slide(joint, couplings, rates, mesh, mesh.nodes_of(scene, joint.beam))
-            for joint in couplings.sliding
-        ]
+        pairs = [(joint, mesh.nodes_of(scene, joint.beam)) for joint in couplings.sliding]
+        self.all = [Slide(joint, couplings, rates, mesh, nodes) for joint, nodes in pairs]
         self._unknowns = couplings.unknown_count
         self._size = self._unknowns + couplings.columns - couplings.independent
         slides = np.array([slide.column for slide in self.all], dtype=int)

@@ -71,6 +71,8 @@ class Forcing:
 
     def derivatives(self, t: float, h: float) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivatives (driven,) of driven motion, from steps of length h [s]."""
+        if not self._driven:
+            return np.empty(0), np.empty(0)
         # One-sided differences of second order: a motion need not be defined before the start.
         # Differences to the start have no rounding error if the motion is constant. Second
         # differences use longer steps, since rounding errors are divided by h^2.
@@ -101,9 +103,10 @@ class Forcing:
 
     def loads(self, t0: np.ndarray, t1: np.ndarray) -> np.ndarray:
         """Factors (steps, 2, loads) of the unit loads at the starts and ends of steps."""
+        if not self.model.loads.unit_loads.shape[1]:
+            return np.empty((len(t0), 2, 0))
         both_ends = np.stack(just_inside(t0, t1), axis=1)
-        factors = self.model.loads.series(both_ends.ravel())
-        return factors.reshape(len(t0), 2, factors.shape[1])
+        return self.model.loads.series(both_ends.ravel()).reshape(len(t0), 2, -1)
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Prescribed motions and positions of motors (n, driven) at several times [m, rad]."""
@@ -122,6 +125,8 @@ class Forcing:
 
     def check_start(self, state: State) -> None:
         """Refuse prescribed motions and motors that would jump at the start."""
+        if not self._driven:
+            return
         self.hold(state)
         given = self.positions(state.t)
         # A unit motion is the size of the scene, or a radian.

@@ -77,10 +77,8 @@ class Kernel(NamedTuple):
             return f"{name}(A, w, c, x{unused});\n"
         first = sum(form.size for form in self.forms[:number])
         indices = self.forms[number].indices_in(self.forms[0])
-        lists = (
-            ", ".join(f"{array}[{i}]" for i in of_own) or "0"
-            for array, of_own in zip("wc", indices, strict=True)
-        )
+        arrays = zip("wc", indices, strict=True)
+        lists = (", ".join(f"{array}[{i}]" for i in of) or "0" for array, of in arrays)
         packed = "double own_w[] = {{{}}}, own_c[] = {{{}}}".format(*lists)
         return f"{{ {packed};\n{name}(A + {first}, own_w, own_c, x{unused}); }}\n"
 

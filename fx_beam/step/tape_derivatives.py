@@ -62,20 +62,17 @@ class TapeDerivatives:
         self._structs.set(self.c, slide_at_rest=[*rest, 0.0])
 
     @cached_property
-    def _library(self) -> Any:
-        return self.problem.derivatives(self._way)
-
-    @cached_property
     def layout(self) -> Layout:
         """Where the arrays of the derivatives are in their vector."""
-        layout = Layout(self.problem, self._library.fx_layout(self._p, self.c))
+        starts = self.problem.derivatives(self._way).fx_layout(self._p, self.c)
+        layout = Layout(self.problem, starts)
         followed = layout.at["spring internal"][self._model.points.followed]
         self._structs.set(self.c, followed=followed)
         self._make_room()
         return layout
 
     def _make_room(self) -> None:
-        room = self._library.fx_linear_scratch(self._p, self.c)
+        room = self.problem.derivatives(self._way).fx_linear_scratch(self._p, self.c)
         self._structs.set(self.c, scratch=aligned_zeros(room))
 
     @property
@@ -88,7 +85,7 @@ class TapeDerivatives:
         first, end = tape.present
         found = np.zeros((end - first, self._p.columns - self._p.free))
         to = self._ffi.from_buffer("double[]", np.append(found, 0.0) if not found.size else found)
-        left = self._library.fx_taped_forces(self._p, tape.c, self.c, to)
+        left = self.problem.derivatives(self._way).fx_taped_forces(self._p, tape.c, self.c, to)
         _check_followed(left, tape, end - left)
         return found
 
