@@ -152,8 +152,8 @@ class Starts:
             by_driven = -float(lost @ v) if model.couplings.driven else 0.0
             state = state.changed(v=v, work=state.work + by_driven, fitted=None)
         if (parts := len(model.scheme.fractions)) > 1:
-            # The rates predict the first sub-steps: that of order 4 is longer than a step. One of
-            # order 2 is found as well without.
+            # The rates predict the first sub-steps: one of order 4 is longer than a step. Those
+            # of order 2 are found as well without it.
             slides = model.couplings.free_slides(w[None, : model.reduction.free], len(state.slides))
             past = Past(np.zeros(1), np.ones(parts, dtype=int), state.v[None], slides)
             state = state.changed(past=past)

@@ -117,7 +117,7 @@ class StepFailures:
         history = ", ".join(f"{r:.1e}" for r in failed.corrections[-8:])
         where = (
             f"Largest increment: {COMPONENTS[component]} of node {node} at ({x:g}, {y:g}). Last "
-            f"corrections, relative to the scene or in rad: {history or 'none'}"
+            f"corrections, in sizes of the scene or rad: {history or 'none'}"
         )
         static = self._stats.static
         who, cuts = ("static", "cuts") if static else (model.scheme.name, "halvings")
