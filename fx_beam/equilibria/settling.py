@@ -18,7 +18,6 @@ from fx_beam.errors import SceneError
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.scene.beam import COMPONENTS
-from fx_beam.step.equations import Balance
 from fx_beam.step.sparse_lu import pivoted_lu
 from fx_beam.step.step_failures import StepFailed
 
@@ -78,19 +77,14 @@ class Settling:
             reason = "under its loads it finds no equilibrium" if drag else "it has no load"
             raise self._error(reason)
         state.negative_eigenvalues = self.stepper.motions.negative_eigenvalues(loop)
-        self._check(largest, state, goal)
+        self._check(largest, state)
         return state
-
-    def _begin(self, state: State, goal: float) -> tuple[Balance, np.ndarray]:
-        """The equations in a state, and its dead loads."""
-        forces, equations = goal * self.stepper.forcing.full, self._loop.equations
-        equations.begin(Interval(goal, goal), state)
-        return equations.at_start(forces), forces
 
     def _load(self, state: State, goal: float) -> float:
         """Largest load or force without balance in a state, times its unit [J]."""
-        balance, forces = self._begin(state, goal)
-        free = self.model.reduction.free
+        forces, equations = goal * self.stepper.forcing.full, self._loop.equations
+        equations.begin(Interval(goal, goal), state)
+        balance, free = equations.at_start(forces), self.model.reduction.free
         largest = abs(balance.residual[:free] * self.model.unit_of_unknowns).max(initial=0.0)
         return float(max(largest, abs(forces * self.model.unit).max()))
 
@@ -110,13 +104,11 @@ class Settling:
     def _size(self, D: np.ndarray) -> float:
         return float(abs(D / self.model.unit).max(initial=0.0))
 
-    def _check(self, largest: float, state: State, goal: float) -> None:
+    def _check(self, largest: float, state: State) -> None:
         """SceneError if an equilibrium is free to move: the loads give it no stiffness."""
-        model, independent = self.model, self.model.reduction.independent
-        self._begin(state, goal)
-        K, unit = self._loop.equations.tangent(), model.unit_of_unknowns[independent]
+        model, motions = self.model, self.stepper.motions
+        K, T, unit = motions.stiffness(state), motions.coupling(), motions.unit
         # With so little drag the tangent is never singular.
-        T = model.reduction.coupling()[:, independent]
         drag = T.T @ scipy.sparse.diags(0.1 * _OF_LOADS * largest * self._loop.drag_weight) @ T
         factors = pivoted_lu(K + drag)
         stiffest = abs(K.diagonal() * unit**2).max()
@@ -127,9 +119,7 @@ class Settling:
             least, x = 1 / size, x / size
         if least > max(_OF_LOADS * largest, _ROUNDING * stiffest):
             return
-        moves = np.zeros(model.reduction.columns)
-        moves[independent] = x
-        moved = abs(model.reduction.spread(moves) / model.unit).reshape(-1, 3)
+        moved = abs(T @ x / model.unit).reshape(-1, 3)
         node, component = np.unravel_index(moved.argmax(), moved.shape)
         x, y = model.mesh.X[node]
         where = f"{COMPONENTS[component]} of node {node} at ({x:g}, {y:g})"
