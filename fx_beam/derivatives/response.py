@@ -549,7 +549,7 @@ class Response(Differentiable):
     def _changes_by_x(self) -> dict[str, np.ndarray]:
         tape, start = self._series.tape, None
         assert tape is not None  # `_followed` comes first
-        # Where it is unknown how the equilibrium before depends on x, differences compute others.
+        # Without derivatives of the equilibrium before, differences compute it for other x.
         if self._path is not None and not why_not(self._path):
             start = StaticDerivatives(self._path).change_of_end(self._derivatives, "Response")
         return self._derivatives(functools.partial(self._numbers_of, tape=tape, start=start))

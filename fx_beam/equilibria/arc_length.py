@@ -358,7 +358,7 @@ class ArcLength:
     def _corner(
         self, state: State, tangent: Tangent, ds: float, target: float
     ) -> tuple[float, Advance | None] | None:
-        """Distance of a corner of the path in a step ds, and if 0 the step behind it; or None.
+        """Distance of a corner in a step ds, and if it is 0 the step behind it; None without one.
 
         Such a step consists of a part along the tangent and a part along the tangent at its end.
         The tangent behind a corner has the same sense: one leaves by another way than one comes.

@@ -83,9 +83,9 @@ class Branch:
 def grow(
     path: Solution, levels: int, follow: Callable[[Branch], Solution], known: list[Any]
 ) -> None:
-    """Give a path its branches, which `follow` computes, and these their own, up to a level.
+    """Compute the branches of a path by `follow`, and of these their own, `levels` deep.
 
-    None starts at points that are `known`, to which those of the path are added.
+    None starts at points that are `known`; those of the path become known, too.
     """
     new = [
         point

@@ -89,7 +89,7 @@ class MotionSeries:
         return Prepared(scene, options, waiting_team(scene) if self._memory is None else None)
 
     def _reason_against(self, last: Prepared, options: Options) -> str:
-        """Why the last prepared scene cannot serve a motion, but for its structure; or nothing."""
+        """Why the last prepared scene cannot serve, besides its structure; empty if it can."""
         before = last.options
         if not options.scheme.built_in:
             return "the scheme has functions of your own, which may have changed"
