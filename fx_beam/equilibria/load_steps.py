@@ -77,6 +77,7 @@ class LoadStepper:
     ):
         self.forcing, self.options, self.stats = forcing, options, stats
         self.model = forcing.model
+        self.model.forms.strain_energy(np.zeros(self.model.size))  # compiled beside the loop
         #: Takes load steps.
         self.loop = LoadLoop(forcing, options.newton, stats, alone)
         self.path = PathEquations(self.loop)
