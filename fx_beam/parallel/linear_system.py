@@ -45,17 +45,8 @@ KINDS = {
         "mat_mumps_icntl_14": "60",
     },
 }
-#: With "-fx_beam_pc_type bddc" factors of each part, and of two nodes of each interface: without
-#: deluxe scaling it fails, as members are far stiffer along than across.
-BDDC = {
-    "ksp_rtol": "1e-12",
-    "pc_bddc_use_deluxe_scaling": "",
-    "pc_bddc_use_local_mat_graph": "0",
-    "pc_bddc_symmetric": "0",
-    "sub_schurs_symmetric": "0",
-}
 # What solves, by the type of PETSc's preconditioner.
-_NAMES = {"asm": "Schwarz", "lu": "MUMPS", "bddc": "BDDC"}
+_NAMES = {"asm": "Schwarz", "lu": "MUMPS"}
 
 
 class Solved(NamedTuple):
@@ -229,14 +220,10 @@ class LinearSystem:
         PETSc = petsc()
         if self._ksp is not None:
             self._ksp.destroy()
-            if self._assembled is not self._matrix:
-                self._assembled.destroy()
-        options = PETSc.Options(_PREFIX)
-        defaults = KINDS[self.kind]
-        in_parts = options.getString("pc_type", defaults["pc_type"]) == "bddc"
-        defaults = BDDC if in_parts else defaults
+            self._assembled.destroy()
+        options, defaults = PETSc.Options(_PREFIX), KINDS[self.kind]
         self._was = self._entries[self._diagonal]
-        self._assembled = self._matrix if in_parts else self._sum_of_parts()
+        self._assembled = self._sum_of_parts()
         self._ksp = ksp = PETSc.KSP().create(self._comm)
         ours = {n: value for n, value in defaults.items() if not options.hasName(n)}
         for name, value in ours.items():
@@ -246,9 +233,6 @@ class LinearSystem:
         ksp.setGMRESRestart(_MOST)
         ksp.setTolerances(atol=0.0, divtol=1e30, max_it=2 * _MOST)
         ksp.setOperators(self._matrix, self._assembled)
-        if in_parts:
-            ksp.getPC().setType("bddc")
-            ksp.getPC().setBDDCPrimalVerticesIS(self._ends_of_interfaces())
         ksp.setFromOptions()
         self._is_free = self.kind == "Schwarz" and not options.hasName("ksp_rtol")
         ksp.setConvergenceTest(self._judge)
@@ -265,22 +249,6 @@ class LinearSystem:
         self._matrix.convert("aij", matrix)
         return self._in_blocks(matrix) if self.kind == "Schwarz" else matrix
 
-    def _ends_of_interfaces(self) -> Any:
-        """Unknowns of the first and the last node that the same processes have."""
-        numbers = self._matrix.getLGMap()[0].getIndices()
-        parts = world().allgather(np.unique(numbers // BLOCK))
-        blocks, at = np.unique(np.concatenate(parts), return_inverse=True)
-        of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-        shared = scipy.sparse.csr_matrix((np.ones(len(at)), (at, of))).astype(bool)
-        ends: dict[tuple[int, ...], list[int]] = {}
-        for i in np.flatnonzero(np.diff(shared.indptr) > 1):
-            key = tuple(shared.indices[shared.indptr[i] : shared.indptr[i + 1]])
-            first, _ = ends.get(key, (blocks[i], 0))
-            ends[key] = [first, blocks[i]]
-        chosen = BLOCK * np.unique([*ends.values()])[:, None] + np.arange(BLOCK)
-        chosen_here = np.intersect1d(chosen, self._places).astype(petsc().IntType)
-        return petsc().IS().createGeneral(chosen_here, comm=self._comm)
-
     def _in_blocks(self, matrix: Any) -> Any:
         """The same matrix in blocks: PETSc's own conversion takes a time like their square."""
         PETSc = petsc()
@@ -295,8 +263,7 @@ class LinearSystem:
 
     def destroy(self) -> None:
         """Free PETSc's objects; all processes at once."""
-        assembled = None if self._assembled is self._matrix else self._assembled
-        for thing in (self._ksp, assembled, self._matrix, self._b, self._x):
+        for thing in (self._ksp, self._assembled, self._matrix, self._b, self._x):
             if thing is not None:
                 thing.destroy()
 
