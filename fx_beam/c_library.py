@@ -153,7 +153,7 @@ def with_macros(file: str, *macros: str) -> str:
 
 
 @functools.cache
-def kept_library(*of: Any) -> tuple[Any, Any]:
+def library_once(*of: Any) -> tuple[Any, Any]:
     """As `open_library`, once."""
     return open_library(*of)
 

@@ -430,8 +430,8 @@ class Auxiliaries:
 
     def equations(self, values: np.ndarray) -> scipy.sparse.csr_matrix:
         """Rows (auxiliaries, columns) whose products with all columns are zero, by values of T."""
-        own = scipy.sparse.eye(*self._shape, k=self._shape[1] - self._count)
-        return (self._entries.matrix(values, self._shape) - own).tocsr()
+        auxiliaries = scipy.sparse.eye(*self._shape, k=self._shape[1] - self._count)
+        return (self._entries.matrix(values, self._shape) - auxiliaries).tocsr()
 
     def members(self) -> dict[str, Any]:
         """Their sums, by the names in problem.h."""

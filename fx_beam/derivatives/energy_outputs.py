@@ -235,8 +235,8 @@ class WorkOutput(RowOutput):
         self._sign = parts.energy
         if parts.energy:
             # Losses are those of the steps, without rates that fit.
-            own = "total_energy" if quantity == "work" else "energy of steps"
-            self._at_rows.append((parts.energy, EnergyOutput(of, own, places)))
+            name = "total_energy" if quantity == "work" else "energy of steps"
+            self._at_rows.append((parts.energy, EnergyOutput(of, name, places)))
         elif quantity == "work" and model.couplings.driven and model.fits_rates:
             self._at_rows.append((1, EnergyOutput(of, "work of rates that fit", places)))
         if not part.first and not model.scheme.rates.at_rest:
@@ -281,8 +281,8 @@ class WorkOutput(RowOutput):
         sums[0] += before
         sums = sums.cumsum(axis=0)
         before[:] = sums[-1]
-        own = jvp(self._of_rows(np.arange(rows)), (rows,), of_state, changes)
-        return sums[self._ends] + own
+        at_rows = jvp(self._of_rows(np.arange(rows)), (rows,), of_state, changes)
+        return sums[self._ends] + at_rows
 
 
 class StepWork:

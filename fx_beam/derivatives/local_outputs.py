@@ -149,7 +149,7 @@ class ResultantOutput(RowOutput):
     def __init__(self, of: SubSteps, beam: Beam, quantity: str, places: Places):
         self._of, model = of, of.model
         self._beams: Any = model.forms.beams  # there are some
-        names = [own.name for own in model.scene.beams]
+        names = [each.name for each in model.scene.beams]
         self._cells = model.mesh.cells[names.index(beam.name)]
         self._component = "NQM".index(quantity)
         steps, start = places.steps, places.at_start
@@ -172,7 +172,7 @@ class ResultantOutput(RowOutput):
     def jvp(self, rows: int, before: np.ndarray, of_state: Arrays, changes: Arrays) -> np.ndarray:
         """As of `RowOutput`."""
         of, shape, count = self._of, self._of.model.forms.internal_shape, len(changes["X"])
-        found = np.zeros((rows, len(self._cells) * shape[1], count))
+        rows_by_x = np.zeros((rows, len(self._cells) * shape[1], count))
         for row, k, share in self._parts:
             read = {n: changes[n] for n in ("X", "stiffness", "retardation") if n in changes}
             for name, array, place, factor in of.sources(k):
@@ -183,8 +183,8 @@ class ResultantOutput(RowOutput):
             if (name := "parameters at the start" if k < 0 else "parameters") in changes:
                 read["parameters"] = changes[name] if k < 0 else changes[name][:, k, 0]
             change = self._beams.resultants_with(of.part(k), read)[..., self._component]
-            found[row] += share * change[:, self._cells].reshape(count, -1).T
-        return found
+            rows_by_x[row] += share * change[:, self._cells].reshape(count, -1).T
+        return rows_by_x
 
 
 def observes_start(output: Output) -> bool:

@@ -312,7 +312,7 @@ class Response(Differentiable):
             counting |= values.reshape(len(values), -1).any(axis=1)
 
         def weights_of(part: Part) -> Weights:
-            inside, after = part.own(boundaries), boundaries > part.end
+            inside, after = part.of_boundaries(boundaries), boundaries > part.end
             inside = inside[counting[inside]]
             later = {name: float(given[name][after].sum()) for name in summed(outputs)}
             wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in later}
@@ -363,7 +363,7 @@ class Response(Differentiable):
 
         def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
             nonlocal observed
-            inside = boundaries[part.own(boundaries)]
+            inside = boundaries[part.of_boundaries(boundaries)]
             wanted = dict(outputs) if len(inside) else {name: outputs[name] for name in before}
             observed = observe(wanted, inside)
             return observed.boundaries, observed.sub_steps

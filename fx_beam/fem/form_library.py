@@ -73,8 +73,8 @@ class FormModule:
         """Addresses of the functions of one element, by their names in C."""
         what, text = " and ".join(map(repr, self.forms)), self.header + self.source
         names = [name for form in self.forms.values() for _, name in form.functions]
-        found = c_library.function_addresses(what, text, lambda: text, names, _FLAGS)
-        return dict(zip(names, found, strict=True))
+        addresses = c_library.function_addresses(what, text, lambda: text, names, _FLAGS)
+        return dict(zip(names, addresses, strict=True))
 
 
 def form_module(key: Any, write: Callable[[], Written]) -> FormModule:

@@ -289,8 +289,8 @@ def _second_difference(model: Model, w: np.ndarray, k: float) -> np.ndarray:
     """Accelerations (size,) at constant rates of the columns, by the motion over +-k [s]."""
     reduction = model.reduction
     free, driven = reduction.free, reduction.driven
-    ways = (sign * k * w[: free + driven] for sign in (1, -1))
-    ahead, back = (reduction.expand(way[:free], way[free:]) for way in ways)
+    increments = (sign * k * w[: free + driven] for sign in (1, -1))
+    ahead, back = (reduction.expand(y[:free], y[free:]) for y in increments)
     return (ahead + back) / k**2
 
 
@@ -398,8 +398,8 @@ def rates_with_slopes(
         here = (duals[name].values[None] for name in of_state)
         fit = RateDerivatives(rate_fit(model), *here)
         changes = {name: np.moveaxis(dual.slopes, -1, 0) for name, dual in duals.items()}
-        found = fit.jvp({name: changes[name][None] for name in of_state}, changes)
-        given.slopes = found["rates"][0].T
+        fitted = fit.jvp({name: changes[name][None] for name in of_state}, changes)
+        given.slopes = fitted["rates"][0].T
     return Dual(state.v, given.slopes)
 
 

@@ -15,7 +15,7 @@ from fx_beam.scene.outputs import Defined, Output, definition
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
-from fx_beam.step.recorded_histories import driven_ways
+from fx_beam.step.recorded_histories import driven_increments
 
 from .prepared import Prepared
 
@@ -129,7 +129,7 @@ class FittedState:
         start = self._start() if self._inputs.any() else None
         if start is not None:
             q, slides = np.array([start.q, now.q]), np.array([start.slides, now.slides])
-            inputs = driven_ways(self._model, q, slides)[0] / self._stepper.grid.dt
+            inputs = driven_increments(self._model, q, slides)[0] / self._stepper.grid.dt
         return _Instant(number, now.q, now.v, now.slides, inputs)
 
     def _driven(self, instant: _Instant) -> np.ndarray:

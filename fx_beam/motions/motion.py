@@ -172,7 +172,7 @@ class OpenMotion:
             start = self.state()
             self._last = start, number - 1
             end = stepper.advance(start, np.array([t1]), number, self.recorder)
-            past, parts = stepper.integrator.past, stepper.halving.memory
+            past, parts = stepper.integrator.past, stepper.halving.state
             self._last = replace(end, parts=parts, past=past), number
 
     def _end_step(self, number: int, t0: float, t1: float, inputs: Mapping[str, Any]) -> None:
@@ -224,7 +224,7 @@ class OpenMotion:
     def state(self) -> State:
         """The same, with all on which the next step depends."""
         state = self._steps.state(self.grid(self.number))
-        return replace(state, parts=self._prepared.stepper.halving.memory)
+        return replace(state, parts=self._prepared.stepper.halving.state)
 
     def end(self) -> State:
         """The same as it is shown, with its full turns."""

@@ -238,7 +238,7 @@ class Run:
 
         def end() -> State:
             state = prepared.turn_counter.with_turns(self.recorder.end)
-            past, parts = prepared.stepper.integrator.past, prepared.stepper.halving.memory
+            past, parts = prepared.stepper.integrator.past, prepared.stepper.halving.state
             return state.changed(parts=parts, past=past, inputs=held)
 
         return solution_of(

@@ -21,7 +21,7 @@ _WORN, _MORE = 2, 6
 # Change of an entry of a part's diagonal, as by steps of another length, after which residuals in
 # the norm of a kept preconditioner say little about the solution.
 _CHANGED = 1e4
-# Of Newton's corrections, as in kept_factors.h and newton.h: errors relative to what the method
+# Of Newton's corrections, as in reused_factors.h and newton.h: errors relative to what the method
 # leaves, and bounds of them relative to the correction.
 _SHARE, _LARGEST, _LEAST = 0.1, 1e-3, 1e-12
 #: Unknowns in a block, those of a node: blocks are factorised and substituted twice as fast.
@@ -145,7 +145,7 @@ class LinearSystem:
         self._entries[self._at] = values
         np.add.at(self._entries, self._at_more, more)
         # First of all: processes wait for each other, and signals arrive.
-        still_good = self._is_kept()
+        still_good = self._still_serves()
         self._own.stateIncrease()
         self._matrix.assemble()
         self._b.setArray(b)
@@ -166,7 +166,7 @@ class LinearSystem:
                 return True
         return False
 
-    def _is_kept(self) -> bool:
+    def _still_serves(self) -> bool:
         """Whether the last preconditioner still serves."""
         alike = False
         if self._new and self._last <= _WORN * self._new * self._decades + _MORE:
@@ -281,7 +281,7 @@ class Accuracy:
 
     def begin(self) -> None:
         """Before the first correction of a step."""
-        self._kept, self._slowest = self._slowest, 0.0
+        self._slowest_before, self._slowest = self._slowest, 0.0
         #: Size of the last correction, and its error.
         self._last, self._left = np.inf, 0.0
 
@@ -290,7 +290,7 @@ class Accuracy:
 
         `least` is one whose energy is negligible.
         """
-        quadratic = _SHARE * max(self._slowest, self._kept) * size
+        quadratic = _SHARE * max(self._slowest, self._slowest_before) * size
         floor = min(_SHARE * self._least, least)
         return max(floor, min(_LARGEST, max(quadratic, _LEAST)) * size)
 

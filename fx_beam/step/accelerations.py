@@ -72,8 +72,8 @@ def _with_auxiliaries(
     """By the system with auxiliary unknowns, without unknowns that move no mass and no loop."""
     n, still = reduction.free, ~reduction.moves(mass.diagonal() > 0)
     matrix = reduction.normal(mass)
-    kept = np.append(~still, np.ones(matrix.shape[0] - n, dtype=bool))
-    matrix = scipy.sparse.diags(1.0 * kept) @ matrix + scipy.sparse.diags(1.0 * ~kept)
+    moving = np.append(~still, np.ones(matrix.shape[0] - n, dtype=bool))
+    matrix = scipy.sparse.diags(1.0 * moving) @ matrix + scipy.sparse.diags(1.0 * ~moving)
     b = np.zeros(matrix.shape[0])
     b[:n] = np.where(still, 0.0, force)
     try:

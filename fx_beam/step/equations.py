@@ -144,14 +144,14 @@ class Equations:
         return A
 
     def _with_border(self, A: scipy.sparse.csr_matrix, sliders: Sliders) -> scipy.sparse.csr_matrix:
-        """The same with what slides in its place, and all that borders it behind."""
+        """The same with what slides in its place, and its bordering rows behind."""
         n, (columns, rows, corner) = A.shape[0], self._problem.border(A.shape[0])
         many = len(corner)
         A = scipy.sparse.bmat([[A, columns], [rows, corner]], "csr")
         place = np.arange(n + many)
-        (borders,) = np.nonzero(sliders.outside < self.model.reduction.free)
-        slides = sliders.outside[borders]
-        place[slides], place[n + borders] = n + borders, slides
+        (bordering,) = np.nonzero(sliders.outside < self.model.reduction.free)
+        slides = sliders.outside[bordering]
+        place[slides], place[n + bordering] = n + bordering, slides
         return A[place][:, place]
 
     def tangent(self) -> scipy.sparse.csr_matrix:
@@ -159,15 +159,15 @@ class Equations:
 
         Not finite where those that follow are not determined.
         """
-        A, own = self.system(), self.model.reduction.independent
-        rest = np.setdiff1d(np.arange(A.shape[0]), own)
+        A, independent = self.system(), self.model.reduction.independent
+        rest = np.setdiff1d(np.arange(A.shape[0]), independent)
         if not len(rest):
             return A
-        rows, columns = A[own], A[:, own]
+        rows, columns = A[independent], A[:, independent]
         try:
             others = splu(A[rest][:, rest].tocsc()).solve(columns[rest].toarray())
         except RuntimeError:  # it is singular
-            others = np.full((len(rest), len(own)), np.nan)
-        n, values = len(own), rows[:, own].toarray() - rows[:, rest] @ others
+            others = np.full((len(rest), len(independent)), np.nan)
+        n, values = len(independent), rows[:, independent].toarray() - rows[:, rest] @ others
         full = np.tile(np.arange(n), n), n * np.arange(n + 1)
         return scipy.sparse.csr_matrix((values.ravel(), *full), (n, n))

@@ -169,10 +169,10 @@ class CompiledLoop:
 
         taken, total = 0, len(inputs.driven) // self._problem.sub_steps
         while taken < total:
-            own, count = inputs.after(taken), min(tape.most_steps, total - taken)
+            rest, count = inputs.after(taken), min(tape.most_steps, total - taken)
             count -= (to.part + count) % to.parts if count > to.parts else 0  # whole steps
-            c_inputs = self.c_inputs(own)
-            steps = TakenSteps(count, dt, to.parts, to.part, c_inputs, own)
+            c_inputs = self.c_inputs(rest)
+            steps = TakenSteps(count, dt, to.parts, to.part, c_inputs, rest)
             to.tape = tape.begin(steps)
             done = self._steps(count, dt, c_inputs, to)
             tape.end(done)

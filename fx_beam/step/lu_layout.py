@@ -69,8 +69,8 @@ class Factors(NamedTuple):
             return "chain"
         if self.band:
             return f"band {self.band}"
-        kept = ", kept over several steps" if self.worth else ""
-        return f"sparse, {self.size} entries{kept}"
+        reused = ", kept over several steps" if self.worth else ""
+        return f"sparse, {self.size} entries{reused}"
 
 
 @cached_by_content
@@ -231,7 +231,7 @@ def _one_by_one(order: np.ndarray) -> dict[str, np.ndarray]:
 
 def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -> Factors:
     """Sparse rows in minimum-degree order, and where entries in rows and columns are in them."""
-    ffi, library = c_library.kept_library(
+    ffi, library = c_library.library_once(
         "order of elimination", "elimination.h", "sparse_rows.h", (), (), ("-O1",)
     )
     structs = Structs(ffi, c_library.declarations("sparse_rows.h"))

@@ -209,7 +209,7 @@ def _fit(
         driven[:] = forcing.end_rates(times[steps], lengths)
     driven[:, straight] = np.nan
     if in_turn and straight.any():
-        means = driven_ways(model, q, slides) / lengths[1:, None]
+        means = driven_increments(model, q, slides) / lengths[1:, None]
         driven[1:, straight] = means[:, straight]
     if first is not None:
         driven[0] = first
@@ -226,12 +226,12 @@ def driven_of(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     return np.hstack(positions)
 
 
-def driven_ways(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
+def driven_increments(model: Model, q: np.ndarray, slides: np.ndarray) -> np.ndarray:
     """Increments (n - 1, driven) of driven motions from row to row, without full turns."""
-    ways = np.diff(driven_of(model, q, slides), axis=0)
+    increments = np.diff(driven_of(model, q, slides), axis=0)
     turns = [component == 2 for _, component in model.scene.prescribed]
     turns += [name == "rotation" for _, name in model.motors]
-    return ways - np.where(turns, 2 * np.pi * np.round(ways / (2 * np.pi)), 0.0)
+    return increments - np.where(turns, 2 * np.pi * np.round(increments / (2 * np.pi)), 0.0)
 
 
 def sums_of(model: Model, q: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ class Halving:
         self._required, self._succeeded, self._doubled = _SUCCESSES, 0, False
 
     @property
-    def memory(self) -> np.ndarray | None:
+    def state(self) -> np.ndarray | None:
         """State (5,) of the control, from which another run can continue.
 
         It has the length of whole steps [s], the number of halvings, and the counts for doubling.
@@ -42,15 +42,15 @@ class Halving:
         counts = self.times, self._required, self._succeeded, self._doubled
         return np.array([self._dt, *counts], float)
 
-    def resume(self, memory: np.ndarray | None) -> None:
-        """Continue with the memory of another run, if its steps have the same length."""
+    def resume(self, state: np.ndarray | None) -> None:
+        """Continue with the state of another run, if its steps have the same length."""
         self.done = 0
-        if memory is None or self._dt is None or memory[1] > self.most:
+        if state is None or self._dt is None or state[1] > self.most:
             return
-        if abs(memory[0] - self._dt) > 1e-6 * self._dt:
+        if abs(state[0] - self._dt) > 1e-6 * self._dt:
             return
-        self.times, self._required, self._succeeded = map(int, memory[1:4])
-        self._doubled = bool(memory[4])
+        self.times, self._required, self._succeeded = map(int, state[1:4])
+        self._doubled = bool(state[4])
 
     @property
     def parts(self) -> int:

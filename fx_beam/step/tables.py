@@ -293,7 +293,7 @@ class Problem:
             at, stored = np.arange(len(indices)), len(indices)
             self._set(tangent_start=indptr, tangent_column=indices)
             worth = 0 if self._rates else factors.worth
-            self._set(factor_at=factors.at.astype(np.int32), kept={"worth": worth})
+            self._set(factor_at=factors.at.astype(np.int32), reused={"worth": worth})
         #: Storage indices of the entries of `Reduction.factored`.
         self.tangent_at = at
         if self.model.points.members is not None and not self._rates:

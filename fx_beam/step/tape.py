@@ -38,7 +38,7 @@ class Part(NamedTuple):
     first: int
     end: int
 
-    def own(self, boundaries: np.ndarray) -> np.ndarray:
+    def of_boundaries(self, boundaries: np.ndarray) -> np.ndarray:
         """Which boundaries are ends of these sub-steps, or the start of the run."""
         after = self.first if self.first else -1
         return np.flatnonzero((boundaries > after) & (boundaries <= self.end))
@@ -148,7 +148,7 @@ class Tape:
     def begin(self, steps: TakenSteps) -> Any:
         """Keep the state before some steps; the C struct for their rows, or 0 for none."""
         problem, p = self.problem, self.problem.c
-        work = [array.copy() for array in problem.work] if p.kept.worth else []
+        work = [array.copy() for array in problem.work] if p.reused.worth else []
         before = p.t, bytes(self._ffi.buffer(p)), problem.memory.copy()
         more = steps.number * self._sub_steps
         if self.is_whole and 8 * self.c.size * (self.c.rows + more) > self._limit:
@@ -252,7 +252,7 @@ class Tape:
         p.controlled = p.watches = 0
         if (members := problem.model.points.members) is not None:
             members.forget()
-            p.kept.present = 0
+            p.reused.present = 0
         to = ffi.new("Record *")
         to.every, to.first, to.last, to.parts, to.part = 2**30, 1, -1, steps.parts, steps.part
         to.tape = self._with_room(steps.number * self._sub_steps)

@@ -49,7 +49,7 @@ class TapeDerivatives:
                 self._structs.set(self.c, **{name: work.handed_over()})
         addresses, numbers, sizes = zip(*(self._model.points.slopes or [(0, 0, 0)]), strict=True)
         slopes = np.array(addresses, np.uintp)
-        self._structs.set(self.c, slopes=slopes, numbers=numbers, found=np.zeros(max(sizes) + 1))
+        self._structs.set(self.c, slopes=slopes, numbers=numbers, of_point=np.zeros(max(sizes) + 1))
         members = self._model.points.members
         if members is not None:
             counts = {"member_numbers": len(members.numbers), "member_arcs": len(members.arcs)}
@@ -57,8 +57,8 @@ class TapeDerivatives:
             self._structs.set(self.c, **counts)
         else:
             self._structs.set(self.c, transposed_at=problem.transposed())
-        own = joints_by_number(self._model.scene)
-        rest = [own[joint.number].start()[0] for joint in self._model.couplings.moving]
+        by_number = joints_by_number(self._model.scene)
+        rest = [by_number[joint.number].start()[0] for joint in self._model.couplings.moving]
         self._structs.set(self.c, slide_at_rest=[*rest, 0.0])
 
     @cached_property
@@ -83,11 +83,11 @@ class TapeDerivatives:
     def constraint_forces(self, tape: Tape) -> np.ndarray:
         """Forces (n, columns) of driven and fixed columns in the n sub-steps on the tape now."""
         first, end = tape.present
-        found = np.zeros((end - first, self._p.columns - self._p.free))
-        to = self._ffi.from_buffer("double[]", np.append(found, 0.0) if not found.size else found)
+        forces = np.zeros((end - first, self._p.columns - self._p.free))
+        to = self._ffi.from_buffer("double[]", forces if forces.size else np.zeros(1))
         left = self.problem.derivatives(self._way).fx_taped_forces(self._p, tape.c, self.c, to)
         _check_followed(left, tape, end - left)
-        return found
+        return forces
 
     def vjp_of_equations(
         self,
@@ -178,9 +178,9 @@ class TapeDerivatives:
         X = np.arange(model.mesh.X.size).reshape(model.mesh.X.shape)
         places = [(at["member places"][model.mesh.dofs[:, :2]], X)]
         for work in self._works:
-            own = work.own(self.layout)
-            places.append((own.pop("coordinates"), model.mesh.at_points(X[None])))
-            numbers |= {name: all_of(of) for name, of in own.items()}
+            of_element = work.of_element(self.layout)
+            places.append((of_element.pop("coordinates"), model.mesh.at_points(X[None])))
+            numbers |= {name: all_of(of) for name, of in of_element.items()}
         at_X, of_X = (np.concatenate([*map(np.ravel, part)]) for part in zip(*places, strict=True))
         return numbers | {
             "q": Numbers(at_q, of_q, p.dofs),
@@ -206,7 +206,7 @@ class TapeDerivatives:
         """
 
         def rows_of(part: Part) -> tuple[np.ndarray, np.ndarray]:
-            return rows[part.own(rows)], sub_steps[part.of_sub_steps(sub_steps)]
+            return rows[part.of_boundaries(rows)], sub_steps[part.of_sub_steps(sub_steps)]
 
         parts = [*self.jvp_parts(tape, changes, rows_of)]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -40,13 +40,14 @@ class VjpWork:
         self.array = name.replace("_", " ")
         nodal = dict.fromkeys(("increment", "start"), problem.c.cell_dofs)
         self._sizes = nodal | beams.sizes_of_slopes(self.array)
-        self._own = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
+        self._local = {name: size for name, size in self._sizes.items() if name not in _IN_COMMON}
         self._compiled: dict[bool, tuple[list[tuple[str, int]], Kernel, dict[str, Any]]] = {}
         self._members: dict[bool, dict[str, Any]] = {}
 
     def handed_over(self) -> dict[str, Any]:
         """What the layout of the vector needs of it, as members of ``Vjp`` of c/problem.h."""
-        return {"own": sum(self._own.values()), "q_previous": int("q_previous" in self._sizes)}
+        has_previous = int("q_previous" in self._sizes)
+        return {"of_element": sum(self._local.values()), "q_previous": has_previous}
 
     def members(self, layout: Layout, by_places: bool) -> dict[str, Any]:
         """The others; derivatives by places of nodes are left out if they are not wanted."""
@@ -83,7 +84,7 @@ class VjpWork:
         behind, of_states = layout.at["nowhere"][0], _IN_COMMON.keys() - {"parameters"}
         cells = kernel.forms[0].cells.values()
         from_, to = (
-            np.concatenate([in_lanes(np.hstack(rows)[own], lanes, behind) for own in cells])
+            np.concatenate([in_lanes(np.hstack(rows)[chosen], lanes, behind) for chosen in cells])
             for rows in ([*numbers], weights)
         )
         return {
@@ -104,18 +105,18 @@ class VjpWork:
             "to": to,
         }
 
-    def own(self, layout: Layout) -> dict[str, np.ndarray]:
+    def of_element(self, layout: Layout) -> dict[str, np.ndarray]:
         """Places (cells, n) of the numbers of each element itself, by name."""
-        cells = layout.at[self.array].reshape(-1, sum(self._own.values()))
-        parts = np.split(cells, _starts(self._own.values())[1:-1], axis=1)
-        return dict(zip(self._own, parts, strict=True))
+        cells = layout.at[self.array].reshape(-1, sum(self._local.values()))
+        parts = np.split(cells, _starts(self._local.values())[1:-1], axis=1)
+        return dict(zip(self._local, parts, strict=True))
 
     def _numbers(self, layout: Layout, rows: Mapping[str, np.ndarray]) -> Iterator[np.ndarray]:
         """Places (cells, n) of all numbers of the elements, in the order of the sizes."""
-        own = iter(self.own(layout).values())
+        of_element = iter(self.of_element(layout).values())
         for name, size in self._sizes.items():
             if name not in _IN_COMMON:
-                yield next(own)
+                yield next(of_element)
                 continue
             array, kind = _IN_COMMON[name]
             of = self._beams.parameters if name == "parameters" else rows[kind]

@@ -5,7 +5,7 @@
 #pragma once
 
 #include "element_derivatives.h"
-#include "kept_factors.h"
+#include "reused_factors.h"
 
 /* The transpose of a chain or a band in its place; bordering rows are transposed already. */
 static void transpose_tangent(const Problem *p, const int *transposed_at, double *K) {
@@ -19,8 +19,8 @@ static void transpose_tangent(const Problem *p, const int *transposed_at, double
 static int solve_transposed(Problem *p, const Work *w, const Derivatives *a) {
   double rest[2];
   Problem turned = *p;
-  p->kept.present = 0;
-  turned.kept.present = 0;
+  p->reused.present = 0;
+  turned.reused.present = 0;
   if (HAS(CHAIN | BAND)) transpose_tangent(p, a->transposed_at, w->tangent);
   else if (a->transposed_at) turned.factor_at = a->transposed_at;
   return solve_reduced(&turned, w, 0, rest);
@@ -107,8 +107,8 @@ static int vjp_followed(Problem *p, Work *w, const Derivatives *a, Linear *l, co
     if (!vjp_solution(p, w, a, l, 1, x)) return 0;
     memcpy(l->trial + at->Y, x + at->Y, (at->size - at->Y) * sizeof(double));
     vjp_laws(p, w, a, l, l->trial, 0);
-    for (int k = 0; k < l->following.size; ++k) l->found[k] = l->trial[a->followed[k]];
-    if (!next_trial(&l->following, l->found, 0, x + at->followed)) break;
+    for (int k = 0; k < l->following.size; ++k) l->followed[k] = l->trial[a->followed[k]];
+    if (!next_trial(&l->following, l->followed, 0, x + at->followed)) break;
   }
   return 1;
 }
@@ -167,7 +167,7 @@ OF_DERIVATIVES long fx_taped_forces(Problem *p, const Tape *tape, const Derivati
     project(p, w, w->r, w->columns);
     memcpy(forces + row * constrained, w->columns + p->free, constrained * sizeof(double));
   }
-  p->kept.present = 0;
+  p->reused.present = 0;
   return end_linear(&l, tape->rows - row);
 }
 

@@ -86,7 +86,7 @@ enum { SPACING = 40 };
    on the chord; y and y_c. */
 enum {
   AT, ALONG = AT + 2 * WINDOW_NODES, PARTS = ALONG + 2 * WINDOW_NODES, TOTAL = PARTS + WINDOW_NODES, AXIS,
-  APART = AXIS + 3, TURN = APART + 2, ON_CHORD, MEAN_TURN = ON_CHORD + 2, OWN_TURN, SLIDE_NUMBERS
+  APART = AXIS + 3, TURN = APART + 2, ON_CHORD, MEAN_TURN = ON_CHORD + 2, NODE_TURN, SLIDE_NUMBERS
 };
 
 KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
@@ -102,7 +102,7 @@ KEPT Layout fx_layout(const Problem *p, const Derivatives *a) {
   ARRAY(natural_columns, p->naturals ? p->natural_start[p->naturals] : 0), ARRAY(offset, 2 * joints);
   ARRAY(axis, 2 * joints), ARRAY(rest, joints), ARRAY(places, 3 * p->sliders), ARRAY(paths, path_start(p, p->sliders));
   ARRAY(members, a->member_numbers), ARRAY(arcs, a->member_arcs), ARRAY(member_places, n);
-  ARRAY(internal_forces, p->cells * a->internal_forces.own), ARRAY(drag, p->cells * a->drag.own);
+  ARRAY(internal_forces, p->cells * a->internal_forces.of_element), ARRAY(drag, p->cells * a->drag.of_element);
   ARRAY(Y, columns), ARRAY(q, n), ARRAY(v, n), ARRAY(q_previous, n), ARRAY(internal, internal);
   ARRAY(spring_internal, p->spring_width), ARRAY(natural, natural);
   ARRAY(loads, 2 * p->loads), ARRAY(driven, p->driven), ARRAY(follower_force, 2 * p->follower_forces);

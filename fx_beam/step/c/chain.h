@@ -6,14 +6,14 @@
 #include "algebra.h"
 #include "sparse_lu.h"
 
-/* Row of an unknown: three couplings with the group before, with its own and with the group after, each
+/* Row of an unknown: three couplings with the group before, with its diagonal and with the group after, each
    followed by a free place. */
-enum { BEFORE = 0, OWN = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW };
+enum { BEFORE = 0, DIAGONAL = 4, AFTER = 8, ROW = 12, GROUP = 3 * ROW };
 
-/* Solves the equations of a group with these own rows, for three rows of n columns of right sides. The solution is not
+/* Solves the equations of a group with these diagonal rows, for three rows of n columns of right sides. The solution is not
    finite if a pivot is zero. */
-INLINED void solve_group(const Four *own, int n, Four *rows) {
-  Four a = own[0], b = own[1], c = own[2], *x = rows, *y = rows + n, *z = rows + 2 * n;
+INLINED void solve_group(const Four *diagonal, int n, Four *rows) {
+  Four a = diagonal[0], b = diagonal[1], c = diagonal[2], *x = rows, *y = rows + n, *z = rows + 2 * n;
   double first = 1 / a[0], in_b = b[0] * first, in_c = c[0] * first;
   double b1 = b[1] - in_b * a[1], b2 = b[2] - in_b * a[2];
   double c1 = c[1] - in_c * a[1], c2 = c[2] - in_c * a[2];
@@ -26,42 +26,42 @@ INLINED void solve_group(const Four *own, int n, Four *rows) {
   }
 }
 
-/* Solves the equations of a group, with these own rows and right sides, for its unknowns. They depend on
+/* Solves the equations of a group, with these diagonal rows and right sides, for its unknowns. They depend on
    those of the group with these couplings: its factors, and behind them the part without it, take the
    place of the couplings and are returned in u. */
-INLINED void eliminate_group(const Four *own, double *couplings, Four *u) {
-  for (int i = 0; i < 3; ++i) u[i] = PICK(load(couplings + i * ROW), own[i], 0, 1, 2, 7);
-  solve_group(own, 1, u);
+INLINED void eliminate_group(const Four *diagonal, double *couplings, Four *u) {
+  for (int i = 0; i < 3; ++i) u[i] = PICK(load(couplings + i * ROW), diagonal[i], 0, 1, 2, 7);
+  solve_group(diagonal, 1, u);
   for (int i = 0; i < 3; ++i) *(Four *)(couplings + i * ROW) = u[i];
 }
 
-/* Subtracts an eliminated group from the own rows of one that is coupled with it. */
-INLINED void subtract_group(Four *own, const double *couplings, const Four *u) {
+/* Subtracts an eliminated group from the diagonal rows of one that is coupled with it. */
+INLINED void subtract_group(Four *diagonal, const double *couplings, const Four *u) {
   for (int i = 0; i < 3; ++i) {
     const double *k = couplings + i * ROW;
-    own[i] = own[i] - k[2] * u[2] - k[1] * u[1] - k[0] * u[0]; /* in the order in which they are known */
+    diagonal[i] = diagonal[i] - k[2] * u[2] - k[1] * u[1] - k[0] * u[0]; /* in the order in which they are known */
   }
 }
 
 /* Own rows of a group, with their right sides. */
-INLINED void own_rows(const Work *w, int k, Four *own) {
+INLINED void diagonal_rows(const Work *w, int k, Four *diagonal) {
   const double *y = w->y + 3 * k;
-  for (int i = 0; i < 3; ++i) own[i] = PICK(load(w->tangent + k * GROUP + OWN + i * ROW), (Four){y[i]}, 0, 1, 2, 4);
+  for (int i = 0; i < 3; ++i) diagonal[i] = PICK(load(w->tangent + k * GROUP + DIAGONAL + i * ROW), (Four){y[i]}, 0, 1, 2, 4);
 }
 
-/* Stores the rows of a group for further right sides, in its own place. */
-INLINED void store_own(double *group, const Four *own) {
-  for (int i = 0; i < 3; ++i) *(Four *)(group + OWN + i * ROW) = own[i];
+/* Stores the rows of a group for further right sides, in its diagonal place. */
+INLINED void store_diagonal(double *group, const Four *diagonal) {
+  for (int i = 0; i < 3; ++i) *(Four *)(group + DIAGONAL + i * ROW) = diagonal[i];
 }
 
-/* Eliminates a group, whose own rows become those of the next one in this way: 1 down, -1 up. */
-INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *own) {
+/* Eliminates a group, whose diagonal rows become those of the next one in this way: 1 down, -1 up. */
+INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *diagonal) {
   double *group = w->tangent + k * GROUP;
   Four u[3];
-  if (keep) store_own(group, own);
-  eliminate_group(own, group + (way > 0 ? AFTER : BEFORE), u);
-  own_rows(w, k + way, own);
-  subtract_group(own, group + way * GROUP + (way > 0 ? BEFORE : AFTER), u);
+  if (keep) store_diagonal(group, diagonal);
+  eliminate_group(diagonal, group + (way > 0 ? AFTER : BEFORE), u);
+  diagonal_rows(w, k + way, diagonal);
+  subtract_group(diagonal, group + way * GROUP + (way > 0 ? BEFORE : AFTER), u);
 }
 
 /* Elimination for the right side y; returns 0 if a pivot is zero. Proceeds from both ends to the group `middle`, of which
@@ -69,16 +69,16 @@ INLINED void eliminate_next(const Work *w, int k, int way, int keep, Four *own) 
 INLINED int eliminate_chain(const Problem *p, const Work *w, int middle, int keep) {
   int last = p->chain - 1, k = 0;
   double none[GROUP] = {0};
-  Four down[3], up[3], own[3], u[3];
-  own_rows(w, 0, down), own_rows(w, last, up);
+  Four down[3], up[3], diagonal[3], u[3];
+  diagonal_rows(w, 0, down), diagonal_rows(w, last, up);
   for (; k < middle && k < last - middle; ++k) eliminate_next(w, k, 1, keep, down), eliminate_next(w, last - k, -1, keep, up);
   for (int i = k; i < middle; ++i) eliminate_next(w, i, 1, keep, down);
   for (int i = k; i < last - middle; ++i) eliminate_next(w, last - i, -1, keep, up);
-  /* Both have the own rows of the group in the middle, with one side's contribution each. */
-  own_rows(w, middle, own);
-  for (int i = 0; i < 3; ++i) own[i] = down[i] + (up[i] - own[i]);
-  if (keep) store_own(w->tangent + middle * GROUP, own);
-  eliminate_group(own, none, u);
+  /* Both have the diagonal rows of the group in the middle, with one side's contribution each. */
+  diagonal_rows(w, middle, diagonal);
+  for (int i = 0; i < 3; ++i) diagonal[i] = down[i] + (up[i] - diagonal[i]);
+  if (keep) store_diagonal(w->tangent + middle * GROUP, diagonal);
+  eliminate_group(diagonal, none, u);
   for (int i = 0; i < 3; ++i) w->y[3 * middle + i] = u[i][3];
   return isfinite(u[0][3]); /* any zero pivot comes down to it */
 }
@@ -127,7 +127,7 @@ static int are_coupled(const double *one, const double *other) {
    `known` its first column is solved already. */
 INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, int known, int n) {
   double *A = w->tangent;
-  Four *block = (Four *)w->block, own[3];
+  Four *block = (Four *)w->block, diagonal[3];
   int last = p->chain - 1, most = middle > last - middle ? middle : last - middle;
   long rows = 3 * (long)n;
   for (int i = 0; i < most; ++i)
@@ -135,16 +135,16 @@ INLINED void solve_chain_columns(const Problem *p, const Work *w, int middle, in
       int k = side ? last - i : i, way = side ? -1 : 1, to_middle = side ? BEFORE : AFTER, back = side ? AFTER : BEFORE;
       double *group = A + k * GROUP, *next = group + way * GROUP;
       if (way * (middle - k) <= 0 || !w->reached[3 * k]) continue;
-      own_rows(w, k, own);
-      solve_group(own, n, block + k * rows);
+      diagonal_rows(w, k, diagonal);
+      solve_group(diagonal, n, block + k * rows);
       for (int x = 0; known && x < 3; ++x) block[k * rows + x * n][0] = group[to_middle + x * ROW + 3];
       if (known && !are_coupled(next + back, group + to_middle)) continue;
       reach(p, w, 3 * (k + way));
       subtract_coupled(n, next + back, block + k * rows, block + (k + way) * rows);
     }
   if (w->reached[3 * middle]) {
-    own_rows(w, middle, own);
-    solve_group(own, n, block + middle * rows);
+    diagonal_rows(w, middle, diagonal);
+    solve_group(diagonal, n, block + middle * rows);
     for (int x = 0; known && x < 3; ++x) block[middle * rows + x * n][0] = w->y[3 * middle + x];
   }
   for (int i = 1; i <= most; ++i)

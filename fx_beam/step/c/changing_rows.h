@@ -140,6 +140,6 @@ static void change_rows(Problem *p) {
   memcpy(p->order, c->elimination.order, p->unknowns * sizeof(int));
   ROOM(p->rows->factors, p->rows->start[p->unknowns]);
   if (HAS(SLIDERS) && p->bordering_rows) place_bordering_rows(p, m->contact_points);
-  p->kept.present = 0;
-  if (c->keep) p->kept.worth = worth_of(p, c);
+  p->reused.present = 0;
+  if (c->keep) p->reused.worth = worth_of(p, c);
 }

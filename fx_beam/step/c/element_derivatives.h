@@ -6,8 +6,8 @@
 #include "linearised.h"
 
 /* The Jacobians of a block of elements in a sub-step that has begun. */
-static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *of, const Integral *own, long block, double *to) {
-  evaluate(p, &of->slopes, own, block, w->fields, to);
+static void evaluate_slopes(const Problem *p, const Work *w, const Vjp *of, const Integral *integral, long block, double *to) {
+  evaluate(p, &of->slopes, integral, block, w->fields, to);
   for (int i = 0; i < of->pieces; ++i) {
     int end = of->end_of[i], weights = of->piece_weights[i], n = of->piece_numbers[i] * weights * LANES;
     double *piece = to + of->piece_start[i] * LANES, *by_end = end < 0 ? 0 : to + of->piece_start[end] * LANES;
@@ -25,9 +25,9 @@ static void find_slopes(const Problem *p, const Work *w, const Derivatives *a, c
     const Form *form = &of->slopes;
     long n = (long)of->slope_numbers * LANES;
     double *to = l->slopes[i], room[n + 1];
-    for (const Integral *own = form->of; own < form->of + form->integrals; ++own)
-      for (long block = 0; block * LANES < own->cells; ++block, to += n) {
-        evaluate_slopes(p, w, of, own, block, l->share ? room : to);
+    for (const Integral *integral = form->of; integral < form->of + form->integrals; ++integral)
+      for (long block = 0; block * LANES < integral->cells; ++block, to += n) {
+        evaluate_slopes(p, w, of, integral, block, l->share ? room : to);
         for (long k = 0; l->share && k < n; ++k) to[k] = l->share * room[k] + (l->adds ? to[k] : 0);
       }
   }
@@ -61,9 +61,9 @@ INLINED void add_products(int numbers, int weights, const double *slopes, const 
    With `held` the end does not change. */
 INLINED void jvp_cells(const Vjp *of, const double *slopes, int weights, int internal, int held, Changes *x) {
   const int *from = of->from, *to = of->to + (internal ? (of->weights - weights) * LANES : 0);
-  for (const Integral *own = of->slopes.of; own < of->slopes.of + of->slopes.integrals; ++own)
-    for (long cell = 0; cell < own->cells; cell += LANES) {
-      for (int lane = 0; lane < LANES && cell + lane < own->cells; ++lane) {
+  for (const Integral *integral = of->slopes.of; integral < of->slopes.of + of->slopes.integrals; ++integral)
+    for (long cell = 0; cell < integral->cells; cell += LANES) {
+      for (int lane = 0; lane < LANES && cell + lane < integral->cells; ++lane) {
         Changes sums[weights];
         for (int k = 0; k < weights; ++k) sums[k] = (Changes){0};
         for (int i = 0; i < of->pieces; ++i)
@@ -101,11 +101,11 @@ INLINED void vjp_cells(const Problem *p, const Work *w, const Vjp *of, const dou
   const int *from = of->from, *to = of->to;
   Four weight[of->weights * (LANES / 4) + 1];
   double room[of->slope_numbers * LANES + 1];
-  for (const Integral *own = of->slopes.of; own < of->slopes.of + of->slopes.integrals; ++own)
-    for (long block = 0; block * LANES < own->cells; ++block, from += of->numbers * LANES, to += of->weights * LANES) {
+  for (const Integral *integral = of->slopes.of; integral < of->slopes.of + of->slopes.integrals; ++integral)
+    for (long block = 0; block * LANES < integral->cells; ++block, from += of->numbers * LANES, to += of->weights * LANES) {
       const double *slopes = stored ? stored : room;
       if (stored) stored += (long)of->slope_numbers * LANES;
-      else evaluate_slopes(p, w, of, own, block, room);
+      else evaluate_slopes(p, w, of, integral, block, room);
       for (int k = 0; k < of->weights * LANES; ++k) ((double *)weight)[k] = x[to[k]];
       for (int i = 0; i < of->pieces; ++i) {
         int internal = of->weight_at[i], at = of->number_at[i];

@@ -176,11 +176,11 @@ static void put_moved(const Problem *p, const Work *w, Fit *f, const double *u) 
   }
   for (int i = 0; i < p->sliders; ++i) {
     const Slider *a = p->slider + i;
-    int own = f->shape.at.slides + i * SLIDE_NUMBERS;
+    int first = f->shape.at.slides + i * SLIDE_NUMBERS;
     for (int c = 0; c < a->components; ++c) {
       for (int k = 0; k < a->width; ++k)
-        put(l->of + SLID_BY_MAP, own + AT + k, l->at.Y1 + a->carried[c], u[a->dofs[3 * (a->first + k) + c]]);
-      put(l->of + SLID_BY_MAP, own + AXIS + c, l->at.Y1 + a->carried[c], w->z[a->column]);
+        put(l->of + SLID_BY_MAP, first + AT + k, l->at.Y1 + a->carried[c], u[a->dofs[3 * (a->first + k) + c]]);
+      put(l->of + SLID_BY_MAP, first + AXIS + c, l->at.Y1 + a->carried[c], w->z[a->column]);
     }
   }
 }

@@ -41,9 +41,9 @@ static void change_bordering_rows(const Problem *p, const Work *w, const Linear 
 
 /* Solves for the right sides of the block, by the tangent's factors. */
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
-  Work own = *w;
-  own.block = (double *)l->block, own.reached = l->reached;
-  solve_columns(p, &own, 0, 1);
+  Work of_block = *w;
+  of_block.block = (double *)l->block, of_block.reached = l->reached;
+  solve_columns(p, &of_block, 0, 1);
   if (HAS(SLIDERS) && p->bordering_rows) change_bordering_rows(p, w, l);
 }
 
@@ -116,10 +116,10 @@ static void jvp_joints(const Problem *p, const Work *w, const Linear *l, Changes
 
 /* Sets the changes of the forces that friction follows; returns whether they are others. */
 static int change_followed(const Derivatives *a, Linear *l, Changes *x) {
-  Changes *next = (Changes *)l->next, *found = (Changes *)l->found;
+  Changes *next = (Changes *)l->next, *followed = (Changes *)l->followed;
   int n = l->following.size / GROUP_SIZE;
-  for (int i = 0; i < n; ++i) next[i] = x[a->followed[i]], found[i] = x[l->at.followed + i];
-  int changed = next_trial(&l->following, l->found, 0, l->next);
+  for (int i = 0; i < n; ++i) next[i] = x[a->followed[i]], followed[i] = x[l->at.followed + i];
+  int changed = next_trial(&l->following, l->followed, 0, l->next);
   for (int i = 0; i < n; ++i) x[a->followed[i]] = next[i];
   return changed;
 }
@@ -218,6 +218,6 @@ OF_DERIVATIVES long fx_jvp(Problem *p, const Tape *tape, const Derivatives *a) {
       store_row(a, &a->forces, k, share, x, i * GROUP_SIZE, count), store_row(a, &a->states, k + 1, share, x, i * GROUP_SIZE, count);
     }
   }
-  p->kept.present = 0;
+  p->reused.present = 0;
   return end_linear(&l, left);
 }

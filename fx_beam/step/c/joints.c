@@ -23,7 +23,7 @@ KEPT int fx_expand(Problem *p, const double *z, int close, double **to) {
     find_closures(p, w->D, w->rho0, w->rho1, w->closure);
     for (int k = 0; k < p->closures; ++k) w->closure[k] += w->closure0[k];
   }
-  double *found[] = {w->D, w->z, w->values, w->virtual_map, w->closure};
-  memcpy(to, found, sizeof found);
+  double *results[] = {w->D, w->z, w->values, w->virtual_map, w->closure};
+  memcpy(to, results, sizeof results);
   return closed;
 }

@@ -33,7 +33,7 @@ typedef struct {
   int *reached;
   /* Whether offsets, axes and rests of joints, or places and paths of nodes that slide, change in any direction. */
   int moves_joints;
-  double *found, *next; /* forces that friction follows */
+  double *followed, *next; /* forces that friction follows */
   FixedPoint following;
 } Linear;
 
@@ -53,7 +53,7 @@ static long lay_out_linear(const Problem *p, const Derivatives *a, Linear *l, do
   l->trial = allocate(&at, fx_layout(p, a).size);
   l->on_bordering_rows = (Changes *)allocate(&at, (long)p->bordering_rows * GROUP_SIZE);
   l->block = (Changes *)allocate(&at, (long)p->positions * GROUP_SIZE), l->reached = (int *)allocate(&at, p->positions);
-  l->found = allocate(&at, followed), l->next = allocate(&at, followed);
+  l->followed = allocate(&at, followed), l->next = allocate(&at, followed);
   l->following.memory = allocate(&at, FIXED_POINT_ROWS * followed);
   for (int i = 0; i < 2; ++i) {
     const Vjp *of = work_of_elements(a, i);
@@ -232,8 +232,8 @@ static void put_points(const Problem *p, const Derivatives *a, Linear *l) {
     const PointForce *e = points->of + k;
     int n = e->size, all = n + e->internal, numbers = a->numbers[k];
     int pushed = k >= points->external && k < points->external + p->follower_forces ? follower_force : -1;
-    const double *slopes = a->found;
-    call(a->slopes[k], e->given, a->found, all * (2 * n + e->internal + numbers + e->parameters));
+    const double *slopes = a->of_point;
+    call(a->slopes[k], e->given, a->of_point, all * (2 * n + e->internal + numbers + e->parameters));
     for (int i = 0; i < all; ++i) {
       int row = i >= n ? l->at.springs1 + e->first_internal + i - n
                        : e->slide >= 0 ? l->at.R + e->column : in(l->at.r, e->dof[i]);

@@ -136,10 +136,10 @@ static int follow_joints(Problem *p, Work *w, const double *driven, double t) {
 static int find_increment(Problem *p, const Work *w, const double *driven, int order) {
   int failure = newton(p, w, driven, order);
   if (failure && order) failure = newton(p, w, driven, 0);
-  if (failure && p->kept.worth) {
-    p->kept.exact = 1;
+  if (failure && p->reused.worth) {
+    p->reused.exact = 1;
     failure = newton(p, w, driven, 0);
-    p->kept.exact = 0;
+    p->reused.exact = 0;
   }
   return failure;
 }
@@ -236,7 +236,7 @@ static void set_shares(Problem *p, int sub_step, int before) {
 /* Returns to the state before a step that failed; counts of what was seen are kept. */
 static void undo(Problem *p, const Work *w, Problem before) {
   before.failure = p->failure, before.inverted = p->inverted, before.inverted_t = p->inverted_t;
-  before.ratios[1] = p->ratios[1], before.kept = p->kept;
+  before.ratios[1] = p->ratios[1], before.reused = p->reused;
   *p = before;
   memcpy(p->memory, w->saved, p->memory_size * sizeof(double));
 }

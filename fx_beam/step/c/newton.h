@@ -4,7 +4,7 @@
 
 #include "assembly.h"
 #include "couplings.h"
-#include "kept_factors.h"
+#include "reused_factors.h"
 #include "rates.h"
 
 /* Twice the kinetic energy at the start of the step. */
@@ -119,8 +119,8 @@ static double energy_of_step(const Problem *p, const Work *w, double moving) {
 /* The accuracy of the next correction: less than what Newton's method leaves by being quadratic. */
 static Wanted accuracy(const Problem *p, const Work *w, const Convergence *c) {
   double energy = energy_of_step(p, w, kinetic(p, w));
-  return (Wanted){SHARE * fmax(c->sizes.slowest, p->kept.slowest_size),
-                  SHARE * fmax(c->errors.slowest, p->kept.slowest_error), SHARE * p->negligible,
+  return (Wanted){SHARE * fmax(c->sizes.slowest, p->reused.slowest_size),
+                  SHARE * fmax(c->errors.slowest, p->reused.slowest_error), SHARE * p->negligible,
                   SHARE * p->negligible * sqrt(energy), sqrt(energy)};
 }
 
@@ -211,7 +211,7 @@ static const double ENERGY_SHARE = 1e-4;
 /* What comes after a correction: another one, or nothing, as it was small enough or as small as round-off. */
 enum { GOES_ON, CONVERGED, AT_ROUND_OFF };
 
-/* Judges a correction by its size, its work, and its errors `rest` (kept_factors.h). One that was shortened is far from the
+/* Judges a correction by its size, its work, and its errors `rest` (reused_factors.h). One that was shortened is far from the
    solution, whatever its work. */
 static int judge(const Problem *p, const Work *w, Convergence *c, int iteration, double size, int shortened, double work,
                  const double *rest) {
@@ -271,7 +271,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
   Wanted wanted = {0};
   p->tried = 0;
   if (p->team.begin) p->team.begin(p->t, w->dt);
-  if (p->kept.worth) begin_kept(&p->kept);
+  if (p->reused.worth) begin_reused(&p->reused);
   if ((failure = predict(p, w, driven, &order))) return failure;
   for (int iteration = 1; iteration <= p->max_iterations; ++iteration) {
     balance(p, w);
@@ -281,7 +281,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
     for (int i = free; i < p->columns; ++i) w->step[i] = 0;
     if (!p->team.solve) reduce_tangent(p, w, w->r);
     if (iteration == 1 && !order && largest_size(p->driven, driven) > 0) drive(p, w, driven);
-    if (p->kept.worth) wanted = accuracy(p, w, &convergence);
+    if (p->reused.worth) wanted = accuracy(p, w, &convergence);
     if (p->team.solve)
       rest[1] = 0, p->team.solve(w->reduced, energy_of_step(p, w, kinetic(p, w)), w->step, rest);
     else if (!solve_reduced(p, w, &wanted, rest))
@@ -305,7 +305,7 @@ static int iterations_of(Problem *p, const Work *w, const double *driven, int or
       if (leaves_beam(p)) return SLID_TOO_FAR;
       p->iterations += iteration;
       p->by_round_off += end == AT_ROUND_OFF;
-      p->kept.slowest_size = convergence.sizes.slowest, p->kept.slowest_error = convergence.errors.slowest;
+      p->reused.slowest_size = convergence.sizes.slowest, p->reused.slowest_error = convergence.errors.slowest;
       return OK;
     }
   }

@@ -77,14 +77,14 @@ typedef struct {
   struct { int parameters, *parameter; };
 } Form;
 
-/* Sparse factors that serve several steps (kept_factors.h). */
+/* Sparse factors that serve several steps (reused_factors.h). */
 typedef struct {
   int worth;           /* substitutions that cost as much as a factorisation; 0: factors serve one iteration */
   int present, made;   /* whether there are factors; how many have been made */
   int exact;           /* whether to make new ones in each iteration, after a failure */
   int steps, all, now; /* since they were made: steps, and substitutions in these; substitutions in this step */
   double slowest_size, slowest_error; /* of Newton's quadratic convergence in the last step */
-} KeptFactors;
+} ReusedFactors;
 
 /* A slide on which forces act that may depend on its rate at the start of a step. */
 typedef struct {
@@ -195,7 +195,7 @@ typedef struct {
      `order` and `factor_at`, too. */
   struct { SparseRows *rows; };
   struct { int *tangent_start, *tangent_column, *factor_at; };
-  KeptFactors kept;
+  ReusedFactors reused;
   struct { ChangingRows *changing; };
   /* Bordering rows (bordering_rows.h): their number, the first of forces that close loops on beams, columns of a block of right
      sides, most entries in bordering rows; of each column of the scene row and column in the system: a position in the
@@ -383,7 +383,7 @@ typedef struct {
    the work, of which the first `made` are evaluated: where each begins, its numbers and weights, and of those by the
    start, from which they are taken, the piece by the end, or -1. */
 typedef struct {
-  int own, q_previous; /* numbers of each element itself; whether there are derivatives by the configuration before */
+  int of_element, q_previous; /* numbers of each element itself; whether there are derivatives by the configuration before */
   Form slopes;
   struct {
     int numbers, of_state, weights, slope_numbers, pieces, made; /* the first `of_state` numbers are of the state */
@@ -428,7 +428,7 @@ typedef struct {
      variables, numbers and parameters, and room for them; how many numbers they have. */
   Law **slopes;
   int *numbers;
-  double *found;
+  double *of_point;
   /* Position among sparse factors of each entry of the transposed tangent; of a chain or a band, of each stored value. */
   struct { int *transposed_at; };
   int *followed;      /* places in x of the forces that friction follows */

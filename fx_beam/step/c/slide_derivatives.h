@@ -9,13 +9,13 @@
 typedef struct {
   Block *b;
   const Slider *a;
-  int q[2], slide[2], path, own;
+  int q[2], slide[2], path, numbers;
 } SlideLaws;
 
 static SlideLaws laws_of(Block *b, const Problem *p, const Layout *at, int i) {
   const Slider *a = p->slider + i;
-  int path = at->paths + path_start(p, i), own = at->slides + i * SLIDE_NUMBERS;
-  return (SlideLaws){b, a, {at->q, at->q1}, {at->Y + a->column, at->Y1 + a->column}, path, own};
+  int path = at->paths + path_start(p, i), numbers = at->slides + i * SLIDE_NUMBERS;
+  return (SlideLaws){b, a, {at->q, at->q1}, {at->Y + a->column, at->Y1 + a->column}, path, numbers};
 }
 
 static void put_weights(const SlideLaws *s, const Weight *w, int to) {
@@ -44,7 +44,7 @@ static void put_node(const SlideLaws *s, int end, int i, int k, int to, double s
 /* A component at one end, summed with weights. */
 static void put_sum(const SlideLaws *s, const Weight *w, int weights, int end, int i, int to, double factor) {
   for (int k = 0; k < s->a->width; ++k) {
-    put(s->b, s->own + weights + k, to, factor * s->a->relation.x[end][i][k]);
+    put(s->b, s->numbers + weights + k, to, factor * s->a->relation.x[end][i][k]);
     put_node(s, end, i, k, to, factor * w->of[k]);
   }
 }
@@ -62,7 +62,7 @@ static void put_chord(const SlideLaws *s, int to, const double *by_mean, const d
 /* The weights of a node at the start (0) or at the end (1). */
 static void put_weights_at(Block *b, const Problem *p, const Layout *at, int i, int end) {
   SlideLaws s = laws_of(b, p, at, i);
-  put_weights(&s, s.a->relation.at + end, s.own + AT + end * WINDOW_NODES);
+  put_weights(&s, s.a->relation.at + end, s.numbers + AT + end * WINDOW_NODES);
 }
 
 /* Its place: the columns of the node. */
@@ -81,9 +81,9 @@ static void put_place(Block *b, const Problem *p, const Layout *at, int i, int e
 static void put_axis(const SlideLaws *s) {
   const Slider *a = s->a;
   const Relation *o = &a->relation;
-  int exact = a->level == 0.5, axis = s->own + AXIS, apart = s->own + APART, turn = s->own + TURN;
+  int exact = a->level == 0.5, axis = s->numbers + AXIS, apart = s->numbers + APART, turn = s->numbers + TURN;
   double F[2] = {a->force[0], a->force[1]}, Z = F[0] * o->z[0] + F[1] * o->z[1], by_r[2], none[2] = {0};
-  for (int end = 0; end < (exact ? 1 : 2); ++end) put_weights(s, o->along + end, s->own + ALONG + end * WINDOW_NODES);
+  for (int end = 0; end < (exact ? 1 : 2); ++end) put_weights(s, o->along + end, s->numbers + ALONG + end * WINDOW_NODES);
   for (int i = 0; i < a->components; ++i)
     for (int end = 0; end < 2; ++end)
       put_sum(s, o->along + end, ALONG + (exact ? 0 : end * WINDOW_NODES), end, i, axis + i, o->share[end]);
@@ -95,7 +95,7 @@ static void put_axis(const SlideLaws *s) {
   put_chord(s, turn, by_r, o->w);
   put(s->b, apart + 1, axis, o->Dalpha / 4), put(s->b, apart, axis + 1, -o->Dalpha / 4);
   for (int i = 0; i < 2; ++i) {
-    int to = s->own + ON_CHORD + i;
+    int to = s->numbers + ON_CHORD + i;
     double by_mean[2] = {o->Ds * Z * o->turn[i][0], o->Ds * Z * o->turn[i][1]};
     put(s->b, turn, axis + i, -o->z[i]);
     put(s->b, apart, to, o->Ds * o->w[i] * F[1] / 4), put(s->b, apart + 1, to, -o->Ds * o->w[i] * F[0] / 4);
@@ -108,26 +108,26 @@ static void put_axis(const SlideLaws *s) {
 static void put_turn(const SlideLaws *s, int r, int along) {
   const Slider *a = s->a;
   const Relation *o = &a->relation;
-  int y = s->own + MEAN_TURN, y_c = s->own + OWN_TURN, total = s->own + TOTAL;
+  int y = s->numbers + MEAN_TURN, y_c = s->numbers + NODE_TURN, total = s->numbers + TOTAL;
   for (int end = 0; end < 2; ++end) {
     double sign = end ? 0.5 : -0.5;
     put_sum(s, o->at + end, AT + end * WINDOW_NODES, end, 2, y_c, sign);
     for (int k = 0; k < a->width; ++k) {
-      int weight = s->own + AT + end * WINDOW_NODES + k, turned = s->q[end] + local_dof(a, 2 * a->width + k);
+      int weight = s->numbers + AT + end * WINDOW_NODES + k, turned = s->q[end] + local_dof(a, 2 * a->width + k);
       put(s->b, weight, y, o->share[end] * o->half[k]), put(s->b, turned, y, sign * o->mean[k]);
-      put(s->b, weight, s->own + PARTS + k, o->share[end] * o->per_mean[k]);
-      put(s->b, turned, s->own + PARTS + k, sign * o->by_half[k]);
+      put(s->b, weight, s->numbers + PARTS + k, o->share[end] * o->per_mean[k]);
+      put(s->b, turned, s->numbers + PARTS + k, sign * o->by_half[k]);
     }
   }
   for (int k = 0; k < a->width; ++k) {
-    put(s->b, y, s->own + PARTS + k, o->by_y[k]);
-    put(s->b, s->own + PARTS + k, total, 1);
+    put(s->b, y, s->numbers + PARTS + k, o->by_y[k]);
+    put(s->b, s->numbers + PARTS + k, total, 1);
   }
   for (int k = 0, local = 2 * a->width; k < a->width; ++k, ++local) {
-    put(s->b, s->own + PARTS + k, r + local_dof(a, local), a->force[2] / o->total);
+    put(s->b, s->numbers + PARTS + k, r + local_dof(a, local), a->force[2] / o->total);
     put(s->b, total, r + local_dof(a, local), -a->force[2] / o->total * a->virtual_map[2][local]);
   }
-  put(s->b, s->own + AXIS + 2, along, a->force[2] * o->of_turn[0]);
+  put(s->b, s->numbers + AXIS + 2, along, a->force[2] * o->of_turn[0]);
   put(s->b, y_c, along, a->force[2] * o->of_turn[1]), put(s->b, y, along, a->force[2] * o->of_turn[2]);
 }
 
@@ -139,15 +139,15 @@ static void put_slide(Block *b, const Problem *p, const Layout *at, int i) {
   int n = a->width, along = at->R + a->column;
   put_axis(&s);
   for (int c = 0; c < a->components; ++c) {
-    if (c < 2) put(b, s.own + AXIS + c, at->axes + 2 * i + c, 1);
+    if (c < 2) put(b, s.numbers + AXIS + c, at->axes + 2 * i + c, 1);
     if (c < 2 && a->level == 0.5)
-      put(b, s.own + ON_CHORD + c, at->r + local_dof(a, c * n + o->to), 1),
-          put(b, s.own + ON_CHORD + c, at->r + local_dof(a, c * n + o->from), -1);
+      put(b, s.numbers + ON_CHORD + c, at->r + local_dof(a, c * n + o->to), 1),
+          put(b, s.numbers + ON_CHORD + c, at->r + local_dof(a, c * n + o->from), -1);
     if (c == 2 && o->turned) continue;
-    put(b, s.own + AXIS + c, along, a->force[c]);
+    put(b, s.numbers + AXIS + c, along, a->force[c]);
     for (int k = 0; k < n; ++k)
       for (int end = 0; end < 2; ++end)
-        put(b, s.own + AT + end * WINDOW_NODES + k, at->r + local_dof(a, c * n + k), o->share[end] * a->force[c]);
+        put(b, s.numbers + AT + end * WINDOW_NODES + k, at->r + local_dof(a, c * n + k), o->share[end] * a->force[c]);
   }
   if (o->turned) put_turn(&s, at->r, along);
 }

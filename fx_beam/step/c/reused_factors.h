@@ -146,10 +146,10 @@ static void fill_factors(const Problem *p, const Work *w) {
 }
 
 static int factorise(Problem *p, const Work *w) {
-  p->kept.steps = p->kept.all = p->kept.now = 0, ++p->kept.made;
+  p->reused.steps = p->reused.all = p->reused.now = 0, ++p->reused.made;
   fill_factors(p, w);
-  if (p->kept.worth && p->bordering_rows) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
-  return p->kept.present = factorise_sparse(p->rows, w->row);
+  if (p->reused.worth && p->bordering_rows) memcpy(w->factorised, w->tangent, p->tangent_start[p->free] * sizeof(double));
+  return p->reused.present = factorise_sparse(p->rows, w->row);
 }
 
 /* The error that a correction of this size may have. */
@@ -166,9 +166,9 @@ static int refine(Problem *p, const Work *w, const Wanted *wanted, double *rest)
   double *x = w->step, *r = w->residual, *proposed = w->proposed;
   memset(x, 0, n * sizeof(double));
   memcpy(r, w->reduced, n * sizeof(double));
-  for (int k = 0; k <= p->kept.worth; ++k) {
+  for (int k = 0; k <= p->reused.worth; ++k) {
     solve_bordered(p, w, r, proposed);
-    ++p->kept.now;
+    ++p->reused.now;
     double size = size_of(p, w, proposed), error = sqrt(fabs(dot(n, r, proposed))), length = sqrt(dot(n, r, r));
     if (!isfinite(size)) return 0;
     if (k == 0) first_size = size, first_error = error;
@@ -183,7 +183,7 @@ static int refine(Problem *p, const Work *w, const Wanted *wanted, double *rest)
       rest[0] = size / first_size, rest[1] = error / first_error;
       return 1;
     }
-    if (k > 0 && k + log(excess) / -log(slowness) > p->kept.worth) return 0;
+    if (k > 0 && k + log(excess) / -log(slowness) > p->reused.worth) return 0;
     last_excess = excess, last_length = length;
     subtract_product(p, w, proposed, r);
   }
@@ -192,10 +192,10 @@ static int refine(Problem *p, const Work *w, const Wanted *wanted, double *rest)
 
 /* Before the first correction of a step: the factors go if the last step took longer than the average
    step since they were made, the factorisation included. */
-static void begin_kept(KeptFactors *kept) {
-  kept->all += kept->now, kept->steps += 1;
-  if ((long)kept->now * kept->steps > kept->worth + kept->all) kept->present = 0;
-  kept->now = 0;
+static void begin_reused(ReusedFactors *reused) {
+  reused->all += reused->now, reused->steps += 1;
+  if ((long)reused->now * reused->steps > reused->worth + reused->all) reused->present = 0;
+  reused->now = 0;
 }
 
 /* Largest number of pivots that are raised, and ratio of pivots that is zero but for round-off. */
@@ -248,7 +248,7 @@ static int solve_reduced(Problem *p, const Work *w, const Wanted *wanted, double
   if (!p->free) return 1;
   if (HAS(CHAIN | BAND)) return solve_bordered(p, w, w->reduced, w->step);
   p->old_factors = p->raised = 0;
-  if (p->kept.worth && p->kept.present && !p->kept.exact) {
+  if (p->reused.worth && p->reused.present && !p->reused.exact) {
     if (HAS(SLIDERS) && p->bordering_rows) eliminate_bordering_rows(p, w);
     if (refine(p, w, wanted, rest)) return p->old_factors = 1;
     if (HAS(SLIDERS) && p->bordering_rows) fill_bordering_rows(p, w);
