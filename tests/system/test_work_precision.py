@@ -284,15 +284,6 @@ def test_each_scheme_has_a_dot_for_each_error_and_a_count_of_the_runs_that_it_lo
     assert [t.get_text() for t in ax.texts if "\u00d7" in t.get_text()] == ["\u00d7 1 of 1"]
 
 
-@pytest.mark.plot
-def test_lines_that_coincide_are_one_band_and_others_are_not(axes):
-    runs = [
-        (s, k * 1e-3 * f, 10.0**-k) for s, f in (("A", 1), ("B", 1.1), ("C", 3)) for k in (2, 3, 4)
-    ]
-    ax = axes(draw_fronts, [("title", made_up(runs), "q")], by_scheme)
-    assert {"these 2 coincide:\nA\nB", "C"} == {text.get_text() for text in ax.texts}
-
-
 def by_scheme(run):
     return run.scheme
 
@@ -304,14 +295,15 @@ def test_a_front_has_the_runs_that_err_less_than_all_faster_ones():
 
 
 @pytest.mark.plot
-def test_lines_are_named_at_their_ends_and_lost_runs_where_they_are(axes):
+def test_lines_are_named_and_lost_runs_are_crosses_above_the_largest_error(axes):
     lost = {"failure": "no convergence", "errors": {}}
     found = made_up([*TWO, ("C", 5e-3, np.nan, lost), ("C", 6e-3, 1e-2)])
     ax = axes(draw_fronts, [("title", found, "q")], by_scheme)
-    texts = {text.get_text().strip(): text for text in ax.texts}
-    assert {"A", "B", "C: 1 of 2 lost"} <= set(texts)
-    assert texts["C: 1 of 2 lost"].xy[1] > 1
-    assert texts["C: 1 of 2 lost"].xy[0] == approx(0.5)  # the steps take a tenth of the call
+    named = [line.get_label() for line in ax.lines if line.get_marker() not in ("x", "None")]
+    assert named == ["A", "B", "C, 1 of 2 runs lost"]
+    (crosses,) = (line for line in ax.lines if line.get_marker() == "x" and len(line.get_xdata()))
+    assert crosses.get_ydata()[0] > 1
+    assert crosses.get_xdata() == approx([0.5])  # the steps take a tenth of the call
 
 
 # -- Running -----------------------------------------------------------------------------------

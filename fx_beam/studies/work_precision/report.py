@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from operator import attrgetter
@@ -35,9 +36,7 @@ _LOOKS = [
     ("#009E73", "X", (0, (3, 1.2))),
     ("#E69F00", "*", (0, (6, 1, 1, 1, 1, 1))),
 ]
-_SAME = 1.5  # lines coincide if their times differ by less than this factor
-_APART = 0.065  # least distance of names, as a fraction of the panel's height
-_ROW = 0.075  # height of a row of lost runs
+_ROW = 0.3  # powers of ten from one row of lost runs to the next
 
 
 # -- Run time for an error -------------------------------------------------------------------------
@@ -134,8 +133,7 @@ def front(study: Precision, quantity: str, runs: list[Run]) -> np.ndarray:
 def draw_fronts(path: Path, panels: Sequence[Panel], kind: Callable[[Run], str]) -> None:
     """Draw one line for each kind of run, such as its scheme: the best errors over the run time.
 
-    Kinds whose lines coincide are one band. Kinds of which runs are lost stand above, at the times
-    of these runs.
+    Lost runs are crosses above, a row for each kind.
     """
     from fx_beam import plot
 
@@ -151,90 +149,26 @@ def _fronts(ax, study: Precision, quantity: str, kind: Callable[[Run], str]) -> 
     kinds: dict[str, list[Run]] = {}
     for run in study.runs:
         kinds.setdefault(kind(run), []).append(run)
-    fronts = {name: front(study, quantity, runs) for name, runs in kinds.items()}
-    lines = {name: points for name, points in fronts.items() if len(points)}
-    lost = {n: bad for n, runs in kinds.items() if (bad := [run for run in runs if run.lost])}
-    known = floor(study, quantity) if study.references[quantity] is not None else None
-    looks = dict(zip(kinds, _LOOKS * (1 + len(kinds) // len(_LOOKS)), strict=False))
-
     ax.set(xscale="log", yscale="log")
-    low = min((points[-1, 1] for points in lines.values()), default=1e-3)
-    bottom = 10 ** np.floor(np.log10(min(low, known or low) / 1.5))
-    decades = -np.log10(bottom) / (1 - _ROW * (len(lost) + 0.5))
-    ends = []
-    for names in _coinciding(lines):
-        for name in names:
-            colour, marker, dashes = looks[name]
-            style = {"color": colour, "marker": marker, "linestyle": dashes, "linewidth": 1.6}
-            if len(names) > 1:
-                style |= {"linestyle": "none", "markersize": 3.5, "alpha": 0.8}
-            ax.plot(*lines[name].T, **{"markersize": 4.5} | style)
-        last = min((tuple(lines[name][-1]) for name in names), key=lambda point: point[1])
-        if len(names) > 1:
-            _band(ax, [lines[name] for name in names])
-            ends.append((*last, f"these {len(names)} coincide:\n" + "\n".join(names), "0.3"))
-        else:
-            ends.append((*last, names[0], looks[names[0]][0]))
-    for row, (name, runs) in enumerate(lost.items(), 1):
-        times = [1e3 * run.step_seconds for run in runs if np.isfinite(run.step_seconds)]
-        height, colour = 10 ** (row * _ROW * decades), looks[name][0]
-        ax.plot(times, [height] * len(times), "x", color=colour, markersize=4)
-        words = f"  {name}: {len(runs)} of {len(kinds[name])} lost"
-        ax.annotate(words, (max(times, default=1.0), height), va="center", fontsize=8, color=colour)
-    if lost:
-        ax.axhline(1, color="0.6", linewidth=0.8)
-    if known is not None:
-        ax.axhspan(bottom, known, color="0.92")
+    rows = 0
+    for (name, runs), look in zip(kinds.items(), itertools.cycle(_LOOKS), strict=False):
+        colour, marker, dashes = look
+        lost = [1e3 * run.step_seconds for run in runs if run.lost]
+        label = f"{name}, {len(lost)} of {len(runs)} runs lost" if lost else name
+        style = {"color": colour, "marker": marker, "linestyle": dashes, "markersize": 4.5}
+        ax.plot(*front(study, quantity, runs).T, linewidth=1.6, label=label, **style)
+        rows += bool(lost)
+        ax.plot(lost, [10 ** (rows * _ROW)] * len(lost), "x", color=colour, markersize=4)
+    low, known = ax.get_ylim()[0], floor(study, quantity)
+    if study.references[quantity] is not None and low < known:
+        ax.axhspan(low, known, color="0.92")
         at = {"xycoords": ("axes fraction", "data"), "va": "top", "fontsize": 8, "color": "0.4"}
         ax.annotate("errors are not known here", (0.01, known), **at)
-    ax.set_ylim(bottom, bottom * 10**decades)
-    times = [time for points in lines.values() for time, _ in points]
-    times += [1e3 * run.step_seconds for runs in lost.values() for run in runs]
-    times = [time for time in times if np.isfinite(time)]
-    if times:
-        # Space at the right for names.
-        ax.set_xlim(min(times) / 1.3, max(times) * (max(times) / min(times)) ** 0.35 * 1.6)
-    ax.set_xticks(ticks := _ticks(*ax.get_xlim()), [f"{tick:g}" for tick in ticks])
+    if rows:
+        ax.axhline(1, color="0.6", linewidth=0.8)
+    ax.set_yticks([tick for tick in ax.get_yticks() if low <= tick <= 1])
     ax.minorticks_off()
-    ax.set_yticks(
-        shown := 10.0 ** np.arange(np.log10(bottom), 0.5, max(1, -np.log10(bottom) // 6)),
-        [f"$10^{{{int(round(np.log10(tick)))}}}$" for tick in shown],
-    )
-    _name_ends(ax, ends, bottom, decades)
-
-
-def _coinciding(lines: dict[str, np.ndarray]) -> list[list[str]]:
-    """Names of lines (n, 2) of times and errors, in groups that cannot be told apart."""
-    groups: list[list[str]] = []
-    for name, points in lines.items():
-        fits = (g for g in groups if all(_coincide(points, lines[other]) for other in g))
-        group = next(fits, None)
-        if group is None:
-            groups.append([name])
-        else:
-            group.append(name)
-    return groups
-
-
-def _coincide(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether two lines need about the same time for the errors that both have, and end alike."""
-    ranges = [np.log(line[::-1]) for line in (one, other)]
-    low, high = (f(line[k, 1] for line in ranges) for f, k in ((max, 0), (min, -1)))
-    if low > high or abs(np.diff([line[0, 1] for line in ranges])) > 1:
-        return False
-    errors = np.linspace(low, high, 30)
-    times = [np.interp(errors, line[:, 1], line[:, 0]) for line in ranges]
-    return bool(np.quantile(abs(times[0] - times[1]), 0.8) < np.log(_SAME))
-
-
-def _band(ax, lines: list[np.ndarray]) -> None:
-    """Fill between the least and the largest times of lines, for each error."""
-    ranges = [np.log(line[::-1]) for line in lines]
-    ends = min(line[0, 1] for line in ranges), max(line[-1, 1] for line in ranges)
-    errors = np.linspace(*ends, 100)
-    times = [np.interp(errors, line[:, 1], line[:, 0], np.nan, np.nan) for line in ranges]
-    low, high = np.exp(np.nanmin(times, axis=0)), np.exp(np.nanmax(times, axis=0))
-    ax.fill_betweenx(np.exp(errors), low / 1.04, high * 1.04, color="0.8", linewidth=0)
+    ax.set_ylim(low, 10 ** ((rows + 1) * _ROW))
 
 
 def _ticks(low: float, high: float) -> np.ndarray:
@@ -242,29 +176,6 @@ def _ticks(low: float, high: float) -> np.ndarray:
     ticks = np.outer(10.0 ** np.arange(-6, 7), (1, 2, 5)).ravel()
     inside = ticks[(ticks >= low) & (ticks <= high)]
     return inside if len(inside) < 6 else np.array([x for x in inside if f"{x:e}"[0] == "1"])
-
-
-def _name_ends(ax, ends, bottom: float, decades: float) -> None:
-    """Write names right of the ends of lines, moved apart where they would overlap."""
-    right = max((time for time, *_ in ends), default=1.0)
-    ends = sorted(ends, key=lambda end: end[1])
-    heights = [np.log10(error / bottom) / decades for _, error, *_ in ends]
-    sizes = [1 + name.count("\n") for *_, name, _ in ends]
-    for (time, error, name, colour), height in zip(ends, _apart(heights, sizes), strict=True):
-        at = (right * 1.25, bottom * 10 ** (height * decades))
-        line = {"arrowstyle": "-", "color": "0.7", "linewidth": 0.6, "relpos": (0, 0.5)}
-        text = {"va": "center", "fontsize": 8.5, "color": colour}
-        ax.annotate(name, (time, error), at, arrowprops=line | {"shrinkB": 3}, **text)
-
-
-def _apart(heights: list[float], sizes: list[int]) -> list[float]:
-    """Sorted heights of texts of some lines, moved up where they would overlap."""
-    free, moved = 0.02, []
-    for height, size in zip(heights, sizes, strict=True):
-        half = _APART * size / 2
-        moved.append(max(height, free + half))
-        free = moved[-1] + half
-    return moved
 
 
 CLOCKS = {"seconds": "whole call of simulate", "step_seconds": "steps alone"}
