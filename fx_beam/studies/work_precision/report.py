@@ -166,6 +166,7 @@ def _fronts(ax, study: Precision, quantity: str, kind: Callable[[Run], str]) -> 
         ax.annotate("errors are not known here", (0.01, known), **at)
     if rows:
         ax.axhline(1, color="0.6", linewidth=0.8)
+    ax.set_xticks(ticks := _ticks(*ax.get_xlim()), [f"{tick:g}" for tick in ticks])
     ax.set_yticks([tick for tick in ax.get_yticks() if low <= tick <= 1])
     ax.minorticks_off()
     ax.set_ylim(low, 10 ** ((rows + 1) * _ROW))
