@@ -12,7 +12,7 @@ import numpy as np
 from fx_beam.errors import SceneError
 from fx_beam.results.fields import RESULTANTS
 from fx_beam.results.files import replacing, writable
-from fx_beam.results.paraview import Grid, Kinds, write_collection, write_pieces
+from fx_beam.results.paraview import Grid, write_collection
 from fx_beam.results.solution import Solution
 from fx_beam.step.interrupts import uninterrupted
 from fx_beam.step.recorded_histories import RecordedHistories
@@ -41,7 +41,7 @@ class RowFiles:
         self._folder.mkdir(exist_ok=True)
         self._divide(prepared)
         self._times: list[float] = []
-        self._names: list[str] = []
+        self._names: list[list[str]] = []
         self._small: list[dict[str, np.ndarray]] = []
         #: Rates that fit the joints at the last row, if those of steps do not.
         self._fitted: np.ndarray | None = None
@@ -98,7 +98,7 @@ class RowFiles:
         self._saved = time.monotonic()
         self._took = self._saved - start
 
-    def _write(self, histories: RecordedHistories, new: int) -> list[str]:
+    def _write(self, histories: RecordedHistories, new: int) -> list[list[str]]:
         """Write the rows from one on; the names of their files beside the collection."""
         q, v, along = histories["q"], histories["v"], self._along(histories, new)
         names = []
@@ -110,8 +110,8 @@ class RowFiles:
 
     def _write_row(
         self, number: int, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
-    ) -> str:
-        """Write a row; the name of its file beside the collection."""
+    ) -> list[str]:
+        """Write a row; the names of its files beside the collection."""
         if not isinstance(self._crew, _Alone) and self._crew.lost:
             self._crew = _Alone(self._arguments)  # all others have ended
         stem, given = f"{self._folder.name}_{number:05d}", list[tuple]()
@@ -120,12 +120,8 @@ class RowFiles:
         for name, elements, nodes in zip(names, self._elements, self._nodes, strict=True):
             of_piece = {kind: values[elements] for kind, values in along.items()}
             given.append((self._folder / name, q[nodes], None if v is None else v[nodes], of_piece))
-        kinds: list[Kinds] = self._crew("write", given)
-        if not several:
-            return f"{self._folder.name}/{names[0]}"
-        with replacing(self._folder / f"{stem}.pvtu", durable=False) as file:
-            write_pieces(file, names, kinds[0])
-        return f"{self._folder.name}/{stem}.pvtu"
+        self._crew("write", given)
+        return [f"{self._folder.name}/{name}" for name in names]
 
     def _along(self, histories: RecordedHistories, new: int) -> dict[str, np.ndarray]:
         """Resultants and internal variables (rows, elements, points) of the rows from one on."""

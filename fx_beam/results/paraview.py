@@ -1,4 +1,4 @@
-"""Files for ParaView: grids of elements with fields (VTU, PVTU), and their collection (PVD)."""
+"""Files for ParaView: grids of elements with fields (VTU), and their collection (PVD)."""
 
 from __future__ import annotations
 
@@ -20,11 +20,8 @@ _CELLS = {1: 3, 2: 21, 3: 35}
 # Names of the motion of nodes in the plane and of their rotations, and of their rates.
 _MOTION, _RATES = ("displacement", "rotation"), ("velocity", "spin")
 _TYPES = {"f": "Float64", "i": "Int64", "u": "UInt8"}
-_LITTLE = {"byte_order": "LittleEndian", "header_type": "UInt64"}
-
-
-#: Kinds of the arrays of a grid, as XML attributes, by what the arrays belong to.
-Kinds = dict[str, list[dict[str, str]]]
+_GRID = {"type": "UnstructuredGrid", "version": "1.0"}
+_GRID |= {"byte_order": "LittleEndian", "header_type": "UInt64"}
 
 
 class Grid:
@@ -48,7 +45,7 @@ class Grid:
 
     def write(
         self, path: Path, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
-    ) -> Kinds:
+    ) -> None:
         """Write a row: q and v (n, 3) of nodes, others (elements, degree) at Gauss points.
 
         Arrays follow each other as they are in memory, behind the text that says where each begins.
@@ -59,7 +56,7 @@ class Grid:
                 rows = rows[self._nodes]
                 fields |= {of_place: _in_space(rows[:, :2]), of_turn: rows[:, 2]}
         fields |= {name: at_ends(values).ravel() for name, values in along.items()}
-        root = xml.Element("VTKFile", {"type": "UnstructuredGrid", "version": "1.0", **_LITTLE})
+        root = xml.Element("VTKFile", _GRID)
         sizes = {"NumberOfPoints": str(len(self._points)), "NumberOfCells": str(self._count)}
         piece = xml.SubElement(xml.SubElement(root, "UnstructuredGrid"), "Piece", sizes)
         parts: dict[str, Mapping[str, np.ndarray]] = {
@@ -68,13 +65,14 @@ class Grid:
             "PointData": fields,
             "CellData": {"beam": self._beam},
         }
-        blocks, at, kinds = list[Any](), 0, Kinds()
+        blocks, at = list[Any](), 0
         for part, arrays in parts.items():
-            parent, kinds[part] = xml.SubElement(piece, part), []
+            parent = xml.SubElement(piece, part)
             for name, values in arrays.items():
-                kinds[part].append(_kind(name, values))
-                where = {"format": "appended", "offset": str(at)}
-                xml.SubElement(parent, "DataArray", kinds[part][-1] | where)
+                kind = {"type": _TYPES[values.dtype.kind], "Name": name}
+                kind |= {"format": "appended", "offset": str(at)}
+                kind |= {"NumberOfComponents": str(values[0].size)}
+                xml.SubElement(parent, "DataArray", kind)
                 little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
                 blocks += [np.array(little.nbytes, "<u8").tobytes(), little.data]
                 at += 8 + little.nbytes
@@ -82,42 +80,25 @@ class Grid:
         with replacing(path, durable=False) as new, open(new, "wb") as file:
             file.writelines([text, b'<AppendedData encoding="raw">_', *blocks])
             file.write(b"</AppendedData></VTKFile>")
-        return kinds
 
     def destroy(self) -> None:
         """Nothing: its memory is Python's."""
 
 
-def write_pieces(path: Path, pieces: Sequence[str], kinds: Kinds) -> None:
-    """Write the file that joins grids, in files beside it, which have the same fields."""
-    root = xml.Element("VTKFile", {"type": "PUnstructuredGrid", "version": "1.0", **_LITTLE})
-    whole = xml.SubElement(root, "PUnstructuredGrid", GhostLevel="0")
-    for part in ("Points", "PointData", "CellData"):
-        parent = xml.SubElement(whole, f"P{part}")
-        for kind in kinds[part]:
-            xml.SubElement(parent, "PDataArray", kind)
-    for name in pieces:
-        xml.SubElement(whole, "Piece", Source=name)
-    xml.ElementTree(root).write(path)
-
-
-def write_collection(path: Path, times: Iterable[float], names: Sequence[str]) -> None:
-    """Write the file that gives grids, in files by their names, their times."""
+def write_collection(path: Path, times: Iterable[float], rows: Iterable[Sequence[str]]) -> None:
+    """Write the file that gives the grids of each row, in files by their names, their time."""
     root = xml.Element("VTKFile", type="Collection", version="1.0")
     collection = xml.SubElement(root, "Collection")
-    for t, name in zip(times, names, strict=True):
-        xml.SubElement(collection, "DataSet", timestep=repr(float(t)), file=name)
+    for t, names in zip(times, rows, strict=True):
+        for part, name in enumerate(names):
+            of_row = {"timestep": repr(float(t)), "part": str(part), "file": name}
+            xml.SubElement(collection, "DataSet", of_row)
     xml.ElementTree(root).write(path)
 
 
 def _in_space(plane: np.ndarray) -> np.ndarray:
     """Vectors (n, 3) of vectors (n, 2) in the plane."""
     return np.column_stack([plane, np.zeros(len(plane))])
-
-
-def _kind(name: str, values: np.ndarray) -> dict[str, str]:
-    kind = {"type": _TYPES[values.dtype.kind], "Name": name}
-    return kind if values.ndim == 1 else {**kind, "NumberOfComponents": str(values.shape[1])}
 
 
 def to_paraview(solution, path) -> None:
@@ -176,5 +157,5 @@ def _write(solution, path: Path, folder: Path) -> None:
             of_row = {kind: values[k] for kind, values in fields.items()}
             grid.write(new.enter_context(replacing(file, durable=False)), solution.q[k], v, of_row)
         collection = new.enter_context(replacing(path, durable=False))
-        names = [f"{folder.name}/{file.name}" for file in files]
+        names = [(f"{folder.name}/{file.name}",) for file in files]
         write_collection(collection, times.tolist(), names)

@@ -210,12 +210,12 @@ def check_pieces(file, alone, number, folder):
         grids = []
         for reader in (shared, whole):
             reader.set_active_time_value(t)
-            (grid,) = reader.read()
+            grid = reader.read().combine()
             middles = grid.points.reshape(grid.n_cells, -1, 3).mean(axis=1)
             order = np.lexsort((*middles.T.round(9), grid.cell_data["beam"]))
             order = np.arange(grid.n_points).reshape(grid.n_cells, -1)[order].ravel()
             grids.append((grid, order))
-        assert grids[0][0].point_data.keys() == grids[1][0].point_data.keys()
+        assert {*grids[0][0].point_data.keys()} == {*grids[1][0].point_data.keys()}
         for name in grids[1][0].point_data:
             one, other = (grid[name][order] for grid, order in grids)
             assert abs(one - other).max() < 1e-7 * scale(other), name
