@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse
-import scipy.sparse.linalg
 
 from fx_beam.errors import SceneError, StepError, as_float, is_number, is_whole, require
+from fx_beam.motions.initial_state import rates_of_columns
 from fx_beam.results.solution import Solution
 from fx_beam.results.state import State
 from fx_beam.results.vibrations import Modes
 from fx_beam.scene.beam import Beam, inner_positions, lagrange_and_slopes
 from fx_beam.scene.scene import Scene
+from fx_beam.step.model import Model
 from fx_beam.step.step_failures import StepFailed
 
 from .arc_length import ArcLength
@@ -225,7 +225,7 @@ def first_step(arc: ArcLength, state: State, shape: np.ndarray) -> tuple[State, 
     path, model, options = arc.stepper.path, arc.model, arc.stepper.options
     path.begin(state)
     path.balance(np.zeros(model.reduction.free), 0.0)
-    y = unknowns_of(model, shape)
+    y = unknowns_of(model, state, shape)
     D = path.spread(y, 0.0)
     length = path.length(D, 0.0)
     across = Tangent(y / length, D / length, 0.0)
@@ -259,12 +259,7 @@ def is_equilibrium(arc: ArcLength, state: State) -> bool:
     return bool(left.max(initial=0.0) <= 1e-5 * abs(balance.f * model.unit).max())
 
 
-def unknowns_of(model, shape: np.ndarray) -> np.ndarray:
-    """Unknowns (free,) nearest to a small motion (size,) of all degrees of freedom."""
-    reduction = model.reduction
-    columns = reduction.independent
-    T = reduction.coupling()[:, columns]
-    weighted = T.T @ scipy.sparse.diags(model.unit**-2)
-    w = np.zeros(reduction.columns)
-    w[columns] = scipy.sparse.linalg.spsolve((weighted @ T).tocsc(), weighted @ shape)
-    return reduction.completed(w)[: reduction.free]
+def unknowns_of(model: Model, state: State, shape: np.ndarray) -> np.ndarray:
+    """Unknowns (free,) of a small motion (size,) of all degrees of freedom from a state."""
+    at_rest = np.zeros(model.couplings.driven)
+    return rates_of_columns(model, state, shape, at_rest)[: model.reduction.free]

@@ -62,7 +62,8 @@ class Piece:
         self.kinked = self.model.nonsmooth
         path.begin(first)
         length = path.length(D, load)
-        self._tangent = Tangent(unknowns_of(self.model, D / length), D / length, load / length)
+        y = unknowns_of(self.model, first, D / length)
+        self._tangent = Tangent(y, D / length, load / length)
         if not self.kinked:
             with suppress(StepFailed):  # it is singular: the piece starts at a bifurcation
                 self._tangent = arc.at_start(first, self._tangent)

@@ -13,7 +13,6 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
-from fx_beam.content_cache import cached_property
 from fx_beam.laws.interval import Interval
 from fx_beam.results.state import State
 from fx_beam.step.load_loop import LoadLoop
@@ -70,21 +69,15 @@ class SmallMotions:
         """Whether the forces of a state have a potential."""
         if not K.nnz:
             return True
-        if not all(map(np.array_equal, self._pattern, (K.indptr, K.indices))):
-            self._pattern = K.indptr.copy(), K.indices.copy()
-            self._symmetry_of_pattern = Symmetry(self._pattern, self.unit)
-        return self._symmetry_of_pattern.holds(K.data)
+        return self._symmetric((K.indptr, K.indices), K.data)
+
+    def _symmetric(self, pattern: Pattern, values: np.ndarray) -> bool:
+        if not all(map(np.array_equal, self._pattern, pattern)):
+            indptr, indices = self._pattern = pattern[0].copy(), pattern[1].copy()
+            self._symmetry = Symmetry(self._pattern, self.unit)
+        return self._symmetry.holds(values)
 
     # -- Forces with a potential ------------------------------------------------------------------
-
-    @cached_property
-    def _symmetry(self) -> Symmetry | None:
-        """Of the tangents of steps; None where all forces have a potential."""
-        model = self.model
-        added = any(force.force for force in model.scene.forces_between)
-        if not (model.forms.has_added or model.flows or added):
-            return None
-        return Symmetry(model.reduction.factored, model.unit_of_unknowns)
 
     def negative_eigenvalues(self, factors: LoadLoop | BorderedLU) -> int | None:
         """Their number for the symmetric tangent of a step; None if its factors do not tell."""
@@ -96,9 +89,11 @@ class SmallMotions:
             return None
         if model.couplings.sliding or model.points.members is not None:
             return None
-        symmetry = self._symmetry
-        if symmetry and (factors.values is None or not symmetry.holds(factors.values)):
-            return None
+        follow = model.forms.has_added or any(force.force for force in model.scene.forces_between)
+        if follow or model.flows:  # else all forces have a potential
+            values = factors.values
+            if values is None or not self._symmetric(reduction.factored, values):
+                return None
         return factors.negative_eigenvalues()
 
     def growing(self, state: State, K: scipy.sparse.csr_matrix | None = None) -> Growing:

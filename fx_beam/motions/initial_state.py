@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy.sparse.linalg
@@ -20,15 +20,11 @@ from fx_beam.scene.joints import slides_at_start
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.model import Model
 
-if TYPE_CHECKING:
-    from fx_beam.step.equations import Balance
-
 _log = logging.getLogger("fx_beam")
 
 # Last correction, in units of the scene, and one that may be the last if no smaller one follows.
 _TOLERANCE, _STALLED = 1e-10, 1e-6
-# Part of the forces in the last step that is tried.
-_MOST_CORRECTIONS, _LEAST_STEP = 30, 2.0**-10
+_MOST_CORRECTIONS = 100
 # Longest turn of a node in a correction [rad].
 _LONGEST_TURN = 0.5
 
@@ -42,74 +38,44 @@ _NOT_SETTLED = (
 _ADVICE = "Give compatible velocities to all members, or call scene.make_velocities_compatible()"
 
 
-class _Settling:
-    """The equilibrium of massless parts under dead forces (size,), by Newton's method.
+def _settled(model: Model, state: State, force: np.ndarray, dt: float) -> State:
+    """The state with massless parts in equilibrium under dead forces (size,), by Newton's method.
 
-    In a time so short that mass and dampers hold all others.
+    In a time so short that mass and dampers hold all others. The state itself if that fails, or
+    with internal variables, whose flow would depend on the way.
     """
+    from fx_beam.step.equations import Equations
 
-    def __init__(self, model: Model, force: np.ndarray, dt: float):
-        from fx_beam.step.equations import Equations
-
-        self._model, self._force, self._length = model, force, 1e-9 * dt
-        self._equations = Equations(model)
-
-    def settled(self, state: State) -> State:
-        """The state with these parts in equilibrium.
-
-        The state itself if that fails, or with internal variables, whose flow would depend on the
-        way.
-        """
-        if state.internal is not None or state.spring_internal is not None:
-            return state
-        zero = np.zeros(self._model.size)
-        start = now = replace(state, v=zero, a=zero)
-        unloaded = self.balance(start).residual[: self._model.reduction.free].copy()
-        step, reached = 1.0, 0.0
-        while reached < 1:
-            solution = self.solved(now, (1 - reached - step) * unloaded)
-            if solution is not None:
-                now, reached = solution, reached + step
-            elif step > _LEAST_STEP:
-                step /= 2
-            else:
-                _log.warning(_NOT_SETTLED)
-                return state
-        return replace(state, q=now.q, slides=now.slides)
-
-    def balance(self, state: State) -> Balance:
-        """The equations of a short step from a state, at its start."""
-        self._equations.begin(instant(state.t, self._length), state)
-        return self._equations.at_start(self._force)
-
-    def solved(self, state: State, hold: np.ndarray) -> State | None:
-        """The equilibrium near a state under forces (free,) that hold; None if none is found."""
-        model, reduction, last = self._model, self._model.reduction, np.inf
-        for _ in range(_MOST_CORRECTIONS):
-            balance = self.balance(state)
-            residual = balance.residual[: reduction.free] - hold
-            w, independent = np.zeros(reduction.columns), reduction.independent
-            try:
-                # The tangent is that of the scheme's level in the step.
-                factors = scipy.sparse.linalg.splu(self._equations.tangent().tocsc())
-            except RuntimeError:  # it is singular
-                return None
-            w[independent] = -model.scheme.rates.level * factors.solve(residual[independent])
-            y = reduction.completed(w)[: reduction.free]
+    if state.internal is not None or state.spring_internal is not None:
+        return state
+    equations, reduction, zero = Equations(model), model.reduction, np.zeros(model.size)
+    now, last = replace(state, v=zero, a=zero), np.inf
+    for _ in range(_MOST_CORRECTIONS):
+        equations.begin(instant(now.t, 1e-9 * dt), now)
+        residual = equations.at_start(force).residual[: reduction.free]
+        w, independent = np.zeros(reduction.columns), reduction.independent
+        try:
+            # The tangent is that of the scheme's level in the step.
+            factors = scipy.sparse.linalg.splu(equations.tangent().tocsc())
+        except RuntimeError:  # it is singular
+            break
+        w[independent] = -model.scheme.rates.level * factors.solve(residual[independent])
+        y = reduction.completed(w)[: reduction.free]
+        D = reduction.expand(y, np.zeros(reduction.driven))
+        turn = abs(D[model.turns]).max()
+        if turn > _LONGEST_TURN:
+            y *= _LONGEST_TURN / turn
             D = reduction.expand(y, np.zeros(reduction.driven))
-            turn = abs(D[model.turns]).max()
-            if turn > _LONGEST_TURN:
-                y *= _LONGEST_TURN / turn
-                D = reduction.expand(y, np.zeros(reduction.driven))
-            size = abs(D / model.unit).max()
-            if not np.isfinite(size):
-                return None
-            slides = state.slides + model.couplings.free_slides(y, len(state.slides))
-            state = replace(state, q=state.q + D, slides=slides)
-            if size <= _TOLERANCE or _STALLED >= size > 0.5 * last:
-                return state
-            last = size
-        return None
+        size = abs(D / model.unit).max()
+        if not np.isfinite(size):
+            break
+        slides = now.slides + model.couplings.free_slides(y, len(now.slides))
+        now = replace(now, q=now.q + D, slides=slides)
+        if size <= _TOLERANCE or _STALLED >= size > 0.5 * last:
+            return replace(state, q=now.q, slides=now.slides)
+        last = size
+    _log.warning(_NOT_SETTLED)
+    return state
 
 
 class Starts:
@@ -132,8 +98,8 @@ class Starts:
         needed = accelerations or model.needs_accelerations
         state, unbalanced = self._moving(state, needed)
         if unbalanced:
-            settling = _Settling(model, self._loads(state)[0], self._dt)
-            state, _ = self._moving(settling.settled(state), needed)
+            settled = _settled(model, state, self._loads(state)[0], self._dt)
+            state, _ = self._moving(settled, needed)
         return state
 
     def _loads(self, state: State) -> tuple[np.ndarray, np.ndarray]:

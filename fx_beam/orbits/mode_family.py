@@ -168,28 +168,16 @@ class ModeFamily:
         yield first
         rows = shooting.rows_of(first.period.start) - shooting.rows_of(self._rest)
         towards = np.append(rows / first.by.scale / first.period.size, 0.0)
-        before = first
         for closed in path.follow(first, towards):
             if self._error(closed) >= 0:
-                yield self._between(before, closed)
+                last = closed.period
+                phase = turning_point(shooting, last)
+                yield close(shooting, last.start, last.length, phase, (self._wanted,))
                 return
             yield closed
-            before = closed
 
     def _error(self, closed: Closed) -> float:
         return self._wanted.error(closed.period)
-
-    def _between(self, before: Closed, after: Closed) -> Closed:
-        """The last motion, from a start between those of two others."""
-        shooting, by = self._shooting, after.by
-        errors = self._error(before), self._error(after)
-        part = errors[1] / (errors[1] - errors[0])
-        back = shooting.rows_of(before.period.start) - shooting.rows_of(after.period.start)
-        amounts = np.linalg.solve(by.matrix[by.independent], (back / by.scale)[by.independent])
-        start = shooting.moved(after.period.start, by, part * amounts)
-        length = after.period.length * (before.period.length / after.period.length) ** part
-        phase = turning_point(shooting, after.period)
-        return close(shooting, start, length, phase, (self._wanted,))
 
 
 def holds_energy(shooting: Shooting, energy: float, unit: float) -> Condition:
