@@ -300,7 +300,7 @@ def test_lines_are_named_and_lost_runs_are_crosses_above_the_largest_error(axes)
     found = made_up([*TWO, ("C", 5e-3, np.nan, lost), ("C", 6e-3, 1e-2)])
     ax = axes(draw_fronts, [("title", found, "q")], by_scheme)
     named = [line.get_label() for line in ax.lines if line.get_marker() not in ("x", "None")]
-    assert named == ["A", "B", "C, 1 of 2 runs lost"]
+    assert named == ["A", "B", "C, 1 of 2 lost"]
     (crosses,) = (line for line in ax.lines if line.get_marker() == "x" and len(line.get_xdata()))
     assert crosses.get_ydata()[0] > 1
     assert crosses.get_xdata() == approx([0.5])  # the steps take a tenth of the call

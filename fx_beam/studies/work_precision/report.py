@@ -154,7 +154,7 @@ def _fronts(ax, study: Precision, quantity: str, kind: Callable[[Run], str]) -> 
     for (name, runs), look in zip(kinds.items(), itertools.cycle(_LOOKS), strict=False):
         colour, marker, dashes = look
         lost = [1e3 * run.step_seconds for run in runs if run.lost]
-        label = f"{name}, {len(lost)} of {len(runs)} runs lost" if lost else name
+        label = f"{name}, {len(lost)} of {len(runs)} lost" if lost else name
         style = {"color": colour, "marker": marker, "linestyle": dashes, "markersize": 4.5}
         ax.plot(*front(study, quantity, runs).T, linewidth=1.6, label=label, **style)
         rows += bool(lost)
