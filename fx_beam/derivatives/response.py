@@ -304,6 +304,10 @@ class Response(Differentiable):
         """
         self._check_has_run("vjp")
         given = self._checked_weights(weights)
+        singles = self._of_singles(given)
+        by_x = sum((given.pop(name) * of for name, of in singles.items()), np.zeros(len(self._x)))
+        if singles and not given:
+            return by_x
         outputs = self._differentiable(given, "Response.vjp: weights")
         tape, derivatives, changes, observe, entries = self._begin_derivatives("vjp", outputs)
         boundaries, direct = self._boundaries(tape), list[Gradient]()
@@ -330,7 +334,7 @@ class Response(Differentiable):
             _log.warning(_CHAOTIC, growth)
         parts = [along(changes[name], of) for name, of in by_numbers.items()]
         parts += [gradient.along(changes) for gradient in direct]
-        return sum(parts, np.zeros(len(self._x)))
+        return sum(parts, by_x)
 
     @one_call
     def jacobian(self, *names: str) -> dict[str, np.ndarray]:
@@ -355,7 +359,11 @@ class Response(Differentiable):
             As of `vjp`.
         """
         self._check_has_run("jacobian")
-        outputs = self._differentiable(names or self._names, "Response.jacobian: names")
+        wanted = self._differentiable(names or self._names, "Response.jacobian: names")
+        singles = self._of_singles(wanted)
+        outputs = {name: output for name, output in wanted.items() if name not in singles}
+        if singles and not outputs:
+            return singles
         tape, derivatives, changes, observe, entries = self._begin_derivatives("jacobian", outputs)
         boundaries, parts = self._boundaries(tape), list[dict[str, np.ndarray]]()
         before = {name: np.zeros(len(self._x)) for name in summed(outputs)}
@@ -372,7 +380,12 @@ class Response(Differentiable):
             rows = observed.jvp(of_state, changes, before)
             if rows.keys() == outputs.keys():
                 parts.append(rows)
-        return {name: np.concatenate([rows[name] for rows in parts]) for name in outputs}
+        of_rows = {name: np.concatenate([rows[name] for rows in parts]) for name in outputs}
+        return {name: (singles | of_rows)[name] for name in wanted}
+
+    def _of_singles(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        """Derivatives (m,) of those outputs that are a single number of the whole."""
+        return {}
 
     def objective(self, function: Cost) -> Objective:
         """A number of the whole motion as a function of x, with its derivatives by x.

@@ -123,7 +123,7 @@ class StaticResponse(Response):
 
     def _begin(self) -> None:
         super()._begin()
-        self._critical_point, self._point_is_taken = CriticalLoad(), False
+        self._critical_point = CriticalLoad()
         self._solution: Solution
 
     def __call__(self, x: Sequence[float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -147,32 +147,12 @@ class StaticResponse(Response):
         self._scene, self._outputs = self._at(x)
         self._static_path = LoadPath(self._scene, self._static, None)
         self._solution = solution = self._static_path.followed()
-        self._point_is_taken = False
         self.stats, self._t = solution.stats, solution.t
-        vars(self).pop("_load_steps", None)
+        for name in ("_load_steps", "_critical_load"):
+            vars(self).pop(name, None)
         return solution.load_factor, self._read_all(solution)
 
     # -- Derivatives ------------------------------------------------------------------------------
-
-    @one_call
-    def vjp(self, weights: Mapping[str, np.ndarray]) -> np.ndarray:
-        """As of `Response`."""
-        self._check_has_run("vjp")
-        given = self._checked_weights(weights)
-        loads = [float(given.pop(name)) for name in self._critical(given)]
-        by_x = super().vjp(given) if given or not loads else np.zeros(len(self._x))
-        return by_x + sum(loads) * self._critical_load().derivatives() if loads else by_x
-
-    @one_call
-    def jacobian(self, *names: str) -> dict[str, np.ndarray]:
-        """As of `Response`; of a critical load (m,)."""
-        self._check_has_run("jacobian")
-        wanted = self._differentiable(names or self._names, "Response.jacobian: names")
-        loads = self._critical(wanted)
-        others = [name for name in wanted if name not in loads]
-        jacobian = super().jacobian(*others) if others else {}
-        of_loads = self._critical_load().derivatives() if loads else np.empty(0)
-        return {name: of_loads if name in loads else jacobian[name] for name in wanted}
 
     @one_call
     def imperfection_sensitivity(self) -> Sensitivity:
@@ -197,18 +177,18 @@ class StaticResponse(Response):
             `jacobian`.
         """
         self._check_has_run("imperfection_sensitivity")
-        return self._critical_load().sensitivity()
+        return self._critical_load.sensitivity()
 
-    def _critical(self, names: Iterable[str]) -> list[str]:
-        of = self._outputs
-        return [name for name in names if getattr(of[name], "quantity", "") == CRITICAL_LOAD]
+    def _of_singles(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        kinds = {name: getattr(self._outputs[name], "quantity", "") for name in names}
+        loads = [name for name, kind in kinds.items() if kind == CRITICAL_LOAD]
+        return dict.fromkeys(loads, self._critical_load.derivatives()) if loads else {}
 
+    @cached_property
     def _critical_load(self) -> CriticalLoad:
         """The first critical point of the last call."""
-        if not self._point_is_taken:
-            point = first_critical_point(self._solution)
-            self._critical_point.take(point, self._scene, self._derivatives)
-            self._point_is_taken = True
+        point = first_critical_point(self._solution)
+        self._critical_point.take(point, self._scene, self._derivatives)
         return self._critical_point
 
     @cached_property
