@@ -171,14 +171,13 @@ class ArcLength:
         if self.model.nonsmooth and ahead.sense != tangent.sense and not straight:
             # At a bifurcation it is so on the way back, too; where flow begins it is not.
             if self.at_start(new, tangent, -_NEAR * ds).sense == tangent.sense:
-                raise StepFailed("off the path", "the path turns back", new.q - state.q, [])
+                raise StepFailed("off the path", "the path turns back", new.q - state.q)
         corrections = self.stepper.iterations
         if turn > _REJECTED * target:
             D = new.q - state.q
             legs = self._path.legs(D, new.t - state.t, tangent, ahead)
             if legs is None or legs[1] > _NEAR * ds or ahead.sense != tangent.sense:
-                reason = "the path deviates too far from its tangent"
-                raise StepFailed("off the path", reason, D, [])
+                raise StepFailed("off the path", "the path deviates too far from its tangent", D)
             turn = target  # the path has a corner at the end of the step
         if home and (last := self._last_row(home, state, tangent, ds, new)):
             return Advance([last], ahead, turn, corrections, closes=True)
@@ -213,9 +212,7 @@ class ArcLength:
         # On a plateau, as of a plastic mechanism, the slope's sign is round-off.
         before = tangent.load if abs(tangent.load) > _FLAT else self._rising * _FLAT
         if before * ahead.load > 0:
-            raise StepFailed(
-                "off the path", "the step contains two limit points", ds * tangent.D, []
-            )
+            raise StepFailed("off the path", "the step contains two limit points", ds * tangent.D)
         reached: dict[float, tuple[State, Tangent]] = {}
         slopes, senses = {0.0: before, ds: ahead.load}, {0.0: tangent.sense, ds: ahead.sense}
 
@@ -257,7 +254,7 @@ class ArcLength:
         other = between(states[1:-1], _SIDES[1:-1], place)
         if not self._path.length(new.q - other.q, new.t - other.t) <= _ACROSS * ds:
             reason = "states on both sides of a bifurcation are not on one path"
-            raise StepFailed("off the path", reason, new.q - state.q, [])
+            raise StepFailed("off the path", reason, new.q - state.q)
         return replace(new, negative_eigenvalues=state.negative_eigenvalues)
 
     def _last_row(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -95,15 +96,13 @@ def grow(
     known += new
     path.branches = []
     for point in new:
-        for mode in range(len(point.modes)):
-            for direction in (1, -1):
-                start = Branch(point, direction, mode)
-                try:
-                    branch = follow(start)
-                except StepError as error:
-                    if error.solution is None:
-                        continue
-                    branch = error.solution
+        for mode, direction in itertools.product(range(len(point.modes)), (1, -1)):
+            start = Branch(point, direction, mode)
+            try:
+                branch = follow(start)
+            except StepError as error:
+                branch = error.solution
+            if branch is not None:
                 branch.origin = start
                 path.branches.append(branch)
     if levels > 1:
@@ -235,7 +234,7 @@ def first_step(arc: ArcLength, state: State, shape: np.ndarray) -> tuple[State, 
         try:
             new, ahead = arc.step(state, across, distance)
             if arc.stepper.deviation > _NEAR and cuts < options.max_cuts:
-                raise StepFailed("off the path", "the step leaves the mode", new.q - state.q, [])
+                raise StepFailed("off the path", "the step leaves the mode", new.q - state.q)
         except StepFailed:
             if cuts == options.max_cuts:
                 raise

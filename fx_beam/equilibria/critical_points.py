@@ -18,7 +18,7 @@ from fx_beam.step.step_failures import StepFailed
 from .arc_length import ArcLength
 from .branches import Branch
 from .load_steps import LoadStepper
-from .path_piece import FLUTTER, SAME, SMOOTH, Growth, Piece, Root, end_of, root_of
+from .path_piece import FLUTTER, SAME, SMOOTH, Piece, Root, brackets_of, end_of, root_of
 from .small_motions import pairs_and_others
 
 _log = logging.getLogger("fx_beam")
@@ -228,7 +228,7 @@ class PathStability:
         points: list[CriticalPoint] = []
         try:
             piece = Piece(self._arc, self._motions, *self._states[row : row + 2])
-            brackets = Growth(piece).brackets(*counts)
+            brackets = brackets_of(piece, *counts)
         except _FAILURES as failure:
             return points, str(failure)
         reason, last = "" if brackets else "all modes stay as they are", -np.inf

@@ -106,7 +106,7 @@ class LoadStepper:
             self.hold_between(before, after)
             new = self.step(state, 0.0)
             if self.loop.singular:
-                raise StepFailed("singular", "the tangent is singular", new.q - state.q, [])
+                raise StepFailed("singular", "the tangent is singular", new.q - state.q)
             return new
 
         try:
@@ -198,7 +198,7 @@ class LoadStepper:
                 f"the step deviates from its predictor by {self.deviation:.2g} times the "
                 "predictor's length, and so has reached another path"
             )
-            raise StepFailed("off the path", reason, D, [])
+            raise StepFailed("off the path", reason, D)
         at_start, at_end = (
             F @ D + hold @ step.y for F, hold in zip(forces, self._hold, strict=True)
         )
@@ -213,7 +213,7 @@ class LoadStepper:
                 f"the loads do {work:.3g} J of work in it, but the energy rises by {gained:.3g} J: "
                 "the step is too long or has reached another path"
             )
-            raise StepFailed("off the path", reason, D, [])
+            raise StepFailed("off the path", reason, D)
 
     def _has_kink(self, old: State, new: State, step: StepSolution) -> bool:
         """Whether a step that can be cut no more goes along a path of two straight parts.

@@ -249,7 +249,7 @@ class PathEquations:
         D = self.spread(dy, dload)
         length = self.length(D, dload)
         if not np.isfinite(length):
-            raise StepFailed("singular", "the bordered tangent is singular", D, [])
+            raise StepFailed("singular", "the bordered tangent is singular", D)
         return Tangent(dy / length, D / length, dload / length, self.bordered.sign)
 
     def with_the_load(self, y: np.ndarray, load: float) -> Tangent:

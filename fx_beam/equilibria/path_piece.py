@@ -18,7 +18,7 @@ from fx_beam.step.step_failures import StepFailed
 from .arc_length import ArcLength
 from .branches import unknowns_of
 from .path_equations import Tangent, between, root_near
-from .small_motions import SmallMotions
+from .small_motions import Growing, SmallMotions
 
 # Points so near to each other, relative to the step, are one with several modes.
 SAME = 1e-6
@@ -78,7 +78,7 @@ class Piece:
                 "its end depends on the way there, as that of materials that creep does, or there "
                 "are other equilibria beside it"
             )
-            raise StepFailed("off the path", reason, end - first.q, [])
+            raise StepFailed("off the path", reason, end - first.q)
 
     def at(self, distance: float) -> State:
         """The state at a distance."""
@@ -149,50 +149,47 @@ class Bracket(NamedTuple):
     growing: float = 0.0
 
 
-class Growth:
-    """Where the numbers of modes that grow change along a piece."""
+def brackets_of(piece: Piece, before: int, after: int) -> list[Bracket]:
+    """Where the numbers of modes that grow change, from those in the rows before and after."""
+    length, low, high, brackets = piece.length, piece.first, piece.length, list[Bracket]()
 
-    def __init__(self, piece: Piece):
-        self._piece, growing = piece, piece.motions.growing
-        self._at = functools.cache(lambda x: growing(piece.at(x), piece.stiffness(x)))
+    @functools.cache
+    def growing(distance: float) -> Growing:
+        return piece.motions.growing(piece.at(distance), piece.stiffness(distance))
 
-    def brackets(self, before: int, after: int) -> list[Bracket]:
-        """All of them, from the numbers of modes that grow in the rows before and after."""
-        piece, length = self._piece, self._piece.length
-        low, high, brackets = piece.first, length, list[Bracket]()
-        # A row may lie at a point.
-        if (behind := sum(self._at(low))) != before:
-            if piece.kinked:
-                few, many = sorted((before, behind))
-                brackets.append(Bracket(low, high, 0.0, few, many))
-            else:
-                low -= _BESIDE_STEP * length
-        if sum(self._at(high)) != after and not piece.kinked:
-            high += _BESIDE_STEP * length
-        intervals = self._intervals(low, high, _PLACE * _APART * length)
-        for interval in intervals:
-            gaps = [max(interval[0] - b, a - interval[1]) for a, b in intervals]
-            apart = _OF_GAP * min([gap for gap in gaps if gap > SAME * length], default=length)
-            apart = min(apart, _APART * length)
-            meet = self._at(interval[0]).vibrating != self._at(interval[1]).vibrating
-            for ends in self._intervals(*interval, _FLUTTER * length if meet else _PLACE * apart):
-                first, last = map(self._at, ends)
-                flutter = first.vibrating != last.vibrating
-                which = 0 if flutter else 1
-                numbers = {first[which]: ends[0], last[which]: ends[1]}
-                few, many = min(numbers), max(numbers)
-                brackets.append(Bracket(*ends, apart, few, many, flutter, numbers[many]))
-        return brackets
-
-    def _intervals(self, low: float, high: float, exact: float) -> list[tuple[float, float]]:
-        """Intervals in which the numbers change, by one mode if they are longer than SAME."""
-        changed = sum(abs(a - b) for a, b in zip(self._at(low), self._at(high), strict=True))
+    def intervals(low: float, high: float, exact: float) -> list[tuple[float, float]]:
+        """Those in which the numbers change, by one mode if they are longer than SAME."""
+        changed = sum(abs(a - b) for a, b in zip(growing(low), growing(high), strict=True))
         if changed == 0:
             return []
-        if high - low <= (exact if changed == 1 else min(exact, SAME * self._piece.length)):
+        if high - low <= (exact if changed == 1 else min(exact, SAME * length)):
             return [(low, high)]
         middle = low + _SPLIT * (high - low)
-        return [*self._intervals(low, middle, exact), *self._intervals(middle, high, exact)]
+        return [*intervals(low, middle, exact), *intervals(middle, high, exact)]
+
+    # A row may lie at a point.
+    if (behind := sum(growing(low))) != before:
+        if piece.kinked:
+            few, many = sorted((before, behind))
+            brackets.append(Bracket(low, high, 0.0, few, many))
+        else:
+            low -= _BESIDE_STEP * length
+    if sum(growing(high)) != after and not piece.kinked:
+        high += _BESIDE_STEP * length
+    places = intervals(low, high, _PLACE * _APART * length)
+    for place in places:
+        gaps = [max(place[0] - b, a - place[1]) for a, b in places]
+        apart = _OF_GAP * min([gap for gap in gaps if gap > SAME * length], default=length)
+        apart = min(apart, _APART * length)
+        meet = growing(place[0]).vibrating != growing(place[1]).vibrating
+        for ends in intervals(*place, _FLUTTER * length if meet else _PLACE * apart):
+            first, last = map(growing, ends)
+            flutter = first.vibrating != last.vibrating
+            which = 0 if flutter else 1
+            numbers = {first[which]: ends[0], last[which]: ends[1]}
+            few, many = min(numbers), max(numbers)
+            brackets.append(Bracket(*ends, apart, few, many, flutter, numbers[many]))
+    return brackets
 
 
 def root_of(piece: Piece, measure: Callable[[float], float], bracket: Bracket) -> Root:
@@ -268,7 +265,7 @@ def _extrapolated(
     scaled = (distances - near) / apart
     place = root_near(scaled, values)
     if not abs(place * apart) <= farthest:
-        raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1), [])
+        raise StepFailed("critical point", "the eigenvalue has no root", np.zeros(1))
     states = [piece.at(distance) for distance in distances]
     state = between(states, scaled, place)
     loads = np.array([state.t for state in states])

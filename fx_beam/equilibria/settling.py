@@ -94,11 +94,11 @@ class Settling:
         self.stepper.note(step)
         moved = self._size(step.D)
         if moved > _LONGEST:
-            raise StepFailed("off the path", "the step is too long", step.D, [])
+            raise StepFailed("off the path", "the step is too long", step.D)
         work, gained, rounding = self.stepper.work_and_gain(state, new, step.D)
         by_drag = self._loop.drag * step.D @ (self._loop.drag_weight * step.D)
         if work - gained + rounding < _LEAST_WORK * by_drag:
-            raise StepFailed("off the path", "the step goes up", step.D, [])
+            raise StepFailed("off the path", "the step goes up", step.D)
         return new, moved
 
     def _size(self, D: np.ndarray) -> float:

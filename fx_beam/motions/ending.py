@@ -130,7 +130,7 @@ class Ending:
 
     def _at(self, name: str, mark: _Mark, t: float) -> Any:
         """Value of a condition after a step from a mark to a time [s], which is not recorded."""
-        self._return_to(mark, settle=False)
+        self._return_to(mark)
         end = self._stepper.advance(mark.state, np.array([t]), 1, NullRecorder())
         return self._values_after(mark.state, end, [name])[name]
 
@@ -171,14 +171,13 @@ class Ending:
             self._recorder.end, stepper.integrator.past, halving, stats, self._recorder.rows
         )
 
-    def _return_to(self, mark: _Mark, settle: bool = True) -> None:
+    def _return_to(self, mark: _Mark) -> None:
         stepper = self._stepper
         stepper.integrator.past = mark.past
         vars(stepper.halving).update(mark.halving)
         vars(stepper.stats).update(mark.stats | {"ended_by": dict(mark.stats["ended_by"])})
-        if settle:
-            self._recorder.end = mark.state
-            self._recorder.truncate(mark.rows)
+        self._recorder.end = mark.state
+        self._recorder.truncate(mark.rows)
 
 
 def _signed(value: Any) -> float:

@@ -88,12 +88,12 @@ def solution_of(
         nodes_of_beam={b.name: n for b, n in zip(scene.beams, mesh.nodes, strict=True)},
         resultants_of_beam=resultants_of_beam,
         variables_of_beam=_variables_of_beam(model, histories),
-        variables_of_joint=_variables_of_joint(model, of_springs),
+        variables_of_joint={} if of_springs is None else _variables_of_joint(model, of_springs),
         bodies={body.name: body for body in scene.bodies},
         contacts=list(scene.contacts),
         end=last if later else last(),
         names_of_parameters=model.forms.parameters.names,
-        variables_of_contact=_variables_of_contact(model, of_springs),
+        variables_of_contact={} if of_springs is None else _variables_of_contact(model, of_springs),
         stability=stability,
     )
 
@@ -131,10 +131,8 @@ def _variables_of_beam(
     return by_beam
 
 
-def _variables_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict[str, np.ndarray]]:
+def _variables_of_joint(model: Model, rows: np.ndarray) -> dict[int, dict[str, np.ndarray]]:
     """Internal variables (n,) of springs by the joint's number and name, from those of all."""
-    if rows is None:
-        return {}
     columns = iter(rows.T)
     return {
         joint.number: {name: next(columns) for name in joint.internal}
@@ -143,10 +141,8 @@ def _variables_of_joint(model: Model, rows: np.ndarray | None) -> dict[int, dict
     }
 
 
-def _variables_of_contact(model: Model, rows: np.ndarray | None) -> dict[int, np.ndarray]:
+def _variables_of_contact(model: Model, rows: np.ndarray) -> dict[int, np.ndarray]:
     """Stretch and slip (n, points, 2) by the number of a contact."""
-    if rows is None:
-        return {}
     by_contact, first = dict[int, np.ndarray](), model.points.of_contacts.start
     for obstacle in model.scene.contacts:
         of_points = rows[:, first : first + obstacle.variables]

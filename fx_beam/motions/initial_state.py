@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse.linalg
 
-from fx_beam.dual import Dual, have_slopes, plain, with_slopes
+from fx_beam.dual import Dual, plain, with_slopes
 from fx_beam.errors import SceneError, all_of, any_of, shown
 from fx_beam.laws.interval import Interval, instant
 from fx_beam.results.solution import Solution
@@ -330,19 +330,18 @@ def _driven_rates(model: Model, driven: np.ndarray) -> np.ndarray:
 def given_velocity(model: Model) -> Any:
     """Initial rates (size,) as given, with slopes that the scene has; zero elsewhere."""
     mesh, scene, X = model.mesh, model.scene, model.mesh.nodal_positions(model.scene)
-    v: Any = with_slopes(np.zeros((len(X), 3))) if have_slopes() else np.zeros((len(X), 3))
-    values, known = plain(v), np.zeros(len(X), dtype=bool)
+    v = with_slopes(np.zeros((len(X), 3)))
+    values, known = v.values, np.zeros(len(X), dtype=bool)
     for item in scene.velocities:
         nodes = mesh.nodes_of(scene, item.target)
         before, twice, x = values[nodes], known[nodes], X[nodes]
         rates: Any = np.concatenate([item.value.each(x), item.spin.each(x)], axis=1)
         known[nodes], given = True, plain(rates)
         values[nodes] = given
-        if v is not values:
-            v.slopes[nodes] = rates.slopes if isinstance(rates, Dual) else 0.0
+        v.slopes[nodes] = rates.slopes if isinstance(rates, Dual) else 0.0
         if any_of(twice) or not all_of(np.isfinite(given)):
             _check_velocities(model, mesh.X[nodes], given, before, twice)
-    return (v if v is not values and any_of(v.slopes) else values).reshape(-1)
+    return (v if any_of(v.slopes) else values).reshape(-1)
 
 
 def rates_with_slopes(

@@ -173,19 +173,15 @@ def _reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) 
         value = 0.0 if plus is None else values[plus]
         return value if minus is None else value - values[minus]
 
-    def number() -> float:
+    def motion() -> Any:
         value = between(now.value(array))
         if turning:
             value = value + between(turns)
-        return float(value if added is None else added + value)
+        if added is not None:
+            value = added + value
+        return float(value) if single else value
 
-    def components() -> np.ndarray:
-        value = now.value(array)[plus]
-        return value if added is None else added + value
-
-    if array.endswith("forces"):
-        return force
-    return number if single else components
+    return force if array.endswith("forces") else motion
 
 
 def _by_law(model: Model, now: FittedState, of: Defined) -> Reading:

@@ -161,9 +161,9 @@ def _come_and_gone(model: Model, start: Solution, state: State) -> float:
 
 def state_of(model: Model, start: Solution) -> State:
     """Last state of a solution as vectors; SceneError if it does not fit."""
-    from .transferred_state import has_changed, transferred_state
+    from .transferred_state import Transfer, has_changed
 
-    state = transferred_state(model, start) if has_changed(model, start) else _same(model, start)
+    state = Transfer(model, start).state() if has_changed(model, start) else _same(model, start)
     of_scene = model.forms.parameters
     state = replace(state, parameters=of_scene.at(before(state.t)) if len(of_scene) else None)
     check_joints(model, state)

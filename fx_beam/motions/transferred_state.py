@@ -40,16 +40,11 @@ def has_changed(model: Model, start: Solution) -> bool:
     return end.constraints != constraints_of(scene)
 
 
-def transferred_state(model: Model, start: Solution) -> State:
-    """The state of a scene that has changed, before its rates are made to fit; it has no past.
+class Transfer:
+    """A scene that has changed, and the solution that it goes on from.
 
     Members and joints are known by their names and nodes. Those that are new are as at the start.
     """
-    return _Transfer(model, start).state()
-
-
-class _Transfer:
-    """A scene that has changed, and the solution that it goes on from."""
 
     def __init__(self, model: Model, start: Solution):
         self._model, self._start, self._end = model, start, end_of(start)
@@ -60,7 +55,7 @@ class _Transfer:
         self._joints = self._joints_before()
 
     def state(self) -> State:
-        """The state of the scene."""
+        """The state of the scene, before its rates are made to fit; it has no past."""
         model, end = self._model, self._end
         nodal, slides = self._at_nodes(), reference_state(model).slides
         self._check_new_beams(nodal["q"].reshape(-1, 3))

@@ -193,7 +193,7 @@ class CompiledLoop:
         taken = self._steps(1, t1 - state.t, self.c_inputs(inputs), to)
         self.past = past
         if taken:
-            return StepFailed("no convergence", "no convergence", np.zeros(self.model.size), [])
+            return StepFailed("no convergence", "no convergence", np.zeros(self.model.size))
         return self.failures.in_c(self.problem, state)
 
     def c_inputs(self, inputs: StepInputs):

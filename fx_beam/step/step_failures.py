@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ _UNMET = "the friction of joints and the force that it follows do not meet"
 class StepFailed(Exception):
     """A failed step: kind and reason as in `Failure`, last increment, sizes of corrections."""
 
-    def __init__(self, kind: str, reason: str, D: np.ndarray, corrections: list[float]):
+    def __init__(self, kind: str, reason: str, D: np.ndarray, corrections: Sequence[float] = ()):
         super().__init__(reason)
         self.kind, self.reason = kind, reason
         self.D = D
@@ -92,7 +93,7 @@ class StepFailures:
             arcs = [(of.s0, of.s1) for of in (p.slider[i] for i in range(p.sliders))]
             return StepFailed(*(reduction.fault(arcs) or ("", "")), D, corrections)
         if p.failure == C.OUT_OF_LINE:
-            return StepFailed("singular", reduction.singularity, 0 * D, [])
+            return StepFailed("singular", reduction.singularity, 0 * D)
         turn, nowhere = abs(D[self.model.turns]).max(), np.full(len(D), np.nan)
         reasons = {
             C.TURNED_TOO_FAR: ("large rotation", self._turned(turn), D),
