@@ -64,12 +64,6 @@ typedef struct {
   double place, distance;
 } NearPlace;
 
-/* A node of a member, and its place along an axis. */
-typedef struct {
-  double place;
-  int node;
-} SortedNode;
-
 typedef struct {
   int contacts, conditions;
   MemberContact *of;
@@ -85,7 +79,6 @@ typedef struct {
   struct { ContactPoint *contact_point; };
   int contact_points, near_places, near_room;
   struct { NearPlace *near; }; /* [near_room] places of the last search */
-  struct { SortedNode *sorted; };
 } MemberContacts;
 
 /* What is wrong at the end of a step: nothing, points have moved further than was expected, a point has passed through

@@ -1,4 +1,4 @@
-/* Finds the points that are near members, among their sorted nodes, and evaluates the laws of their contact. */
+/* Finds the points that are near members, and evaluates the laws of their contact. */
 
 #pragma once
 
@@ -20,7 +20,7 @@ enum { MOST_PIECES = 4 };
 
 void fx_free_members(MemberContacts *m) {
   free(m->searched_at), free(m->start), free(m->v), free(m->product), free(m->contact_point), free(m->has_slot);
-  free(m->memory), free(m->near), free(m->sorted);
+  free(m->memory), free(m->near);
 }
 
 /* Positions of all degrees of freedom in a configuration. */
@@ -65,27 +65,6 @@ static void add_near(MemberContacts *m, int contact, int point, int piece, const
   m->near[m->near_places++] = (NearPlace){contact, point, piece, nearest->place, nearest->distance};
 }
 
-static int by_place(const void *a, const void *b) {
-  const SortedNode *one = a, *other = b;
-  return (one->place > other->place) - (one->place < other->place);
-}
-
-/* Sorts the nodes of a member along the axis of its larger extent, which is returned; sets the length of the longest piece. */
-static int sort_nodes(MemberContacts *m, const MemberContact *c, const double *x, double *longest) {
-  Two low = {HUGE_VAL, HUGE_VAL}, high = -low, previous = pair_of(x, c->node_dof);
-  *longest = 0;
-  for (int i = 0; i < c->nodes; ++i) {
-    Two node = pair_of(x, c->node_dof + 2 * i), piece = node - previous;
-    for (int a = 0; a < 2; ++a) low[a] = fmin(low[a], node[a]), high[a] = fmax(high[a], node[a]);
-    *longest = fmax(*longest, hypot(piece[0], piece[1])), previous = node;
-  }
-  int axis = high[1] - low[1] > high[0] - low[0];
-  ROOM(m->sorted, c->nodes);
-  for (int i = 0; i < c->nodes; ++i) m->sorted[i] = (SortedNode){x[c->node_dof[2 * i + axis]], i};
-  qsort(m->sorted, c->nodes, sizeof *m->sorted, by_place);
-  return axis;
-}
-
 /* Adds a point where the piece about a node is nearest to it, among the pieces next to it. */
 static void add_if_near(MemberContacts *m, int number, int i, const double *x, Two point, int node, double reach) {
   const MemberContact *c = m->of + number;
@@ -99,25 +78,31 @@ static void add_if_near(MemberContacts *m, int number, int i, const double *x, T
   if (nearest.distance < reach) add_near(m, number, i, node, &nearest);
 }
 
+static double longest_piece(const MemberContact *c, const double *x) {
+  double longest = 0;
+  for (const int *dof = c->node_dof; dof < c->node_dof + 2 * (c->nodes - 1); dof += 2) {
+    Two piece = pair_of(x, dof + 2) - pair_of(x, dof);
+    longest = fmax(longest, dot2(piece, piece));
+  }
+  return sqrt(longest);
+}
+
 /* Finds all points within a margin of their radii from a member: at each nearest place of its own. Nothing in a lost motion,
-   whose margin is not finite. */
+   whose margin is not finite. Where a node is far from a point, so are the next ones. */
 static void search(MemberContacts *m, const double *x, double margin) {
   m->near_places = 0;
   for (int number = 0; isfinite(margin) && number < m->contacts; ++number) {
     const MemberContact *c = m->of + number;
-    double longest;
-    int axis = sort_nodes(m, c, x, &longest);
+    double longest = longest_piece(c, x);
     for (int i = 0; i < c->points; ++i) {
       Two point = pair_of(x, c->point_dof + 2 * i);
-      double reach = c->number[i * c->numbers] + margin, wide = reach + longest / 2;
-      int first = 0;
-      for (int left = c->nodes, half; left; left = half) { /* bisection */
-        half = left / 2;
-        if (m->sorted[first + half].place < point[axis] - wide) first += half + 1, half = left - half - 1;
+      double reach = c->number[i * c->numbers] + margin;
+      for (int node = 0; node < c->nodes; ++node) {
+        Two arm = pair_of(x, c->node_dof + 2 * node) - point;
+        double far = sqrt(dot2(arm, arm)) - reach - longest / 2;
+        if (far >= 0) node += fmin(c->nodes, far / longest);
+        else add_if_near(m, number, i, x, point, node, reach);
       }
-      for (const SortedNode *k = m->sorted + first; k < m->sorted + c->nodes && k->place <= point[axis] + wide; ++k)
-        if (fabs(x[c->node_dof[2 * k->node + !axis]] - point[!axis]) <= wide)
-          add_if_near(m, number, i, x, point, k->node, reach);
     }
   }
 }
@@ -509,21 +494,6 @@ static void evolve_members(MemberContacts *m, const double *D, double *internal)
   }
 }
 
-/* Finds the places near members at positions x, by those of the last search where these are all. */
-static void find_near(MemberContacts *m, const double *x) {
-  Two r[5];
-  int piece, moved = 0, known = m->searches && 2 * largest_motion(m, x, m->searched_at, 1) <= m->margin;
-  const ContactPoint *end = m->contact_point + m->contact_points;
-  m->near_places = 0;
-  for (ContactPoint *e = m->contact_point; known && e < end; ++e) {
-    NearPoint nearest = follow(m, e, x, &piece, r);
-    known = !nearest.left, moved |= piece != e->piece;
-    add_near(m, e->contact, e->point, piece, &nearest);
-  }
-  for (const ContactPoint *e = m->contact_point; known && moved && e < end; ++e) known = !is_lost(m, e);
-  if (!known) search(m, x, 0);
-}
-
 /* Adds the energy of a place that is near a member at positions x. */
 static void add_energy(const MemberContacts *m, const NearPlace *near, const double *x, Energy *to) {
   const MemberContact *c = m->of + near->contact;
@@ -548,7 +518,7 @@ static double stored_at_members(MemberContacts *m, Energy *to, const double *q, 
   allocate_members(m);
   if (m->slots) add_energy_in_slots(m, to, internal + m->first_internal, 0);
   const double *x = positions(m, q, m->product);
-  find_near(m, x);
+  search(m, x, 0);
   for (int k = 0; k < m->near_places; ++k) add_energy(m, m->near + k, x, to);
   return to->sum;
 }
@@ -562,7 +532,7 @@ void fx_energy_by_members(MemberContacts *m, const double *q, const double *inte
 static void member_gaps(MemberContacts *m, const double *q, double *out) {
   for (int i = 0; i < m->conditions; ++i) out[i] = 1;
   allocate_members(m);
-  find_near(m, positions(m, q, m->product));
+  search(m, positions(m, q, m->product), 0);
   for (const NearPlace *near = m->near; near < m->near + m->near_places; ++near) {
     double *gap = out + m->of[near->contact].first_point + near->point;
     *gap = fmin(*gap, near->distance - *number_of(m->of + near->contact, near->point));
