@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-import textwrap
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -47,7 +45,6 @@ class Quantity(NamedTuple):
     of this, from whose value derivatives follow.
     """
 
-    unit: str
     components: tuple[str, ...] = ()
     #: The history that has it, of a joint's nodes that of b less that of a; the column there.
     of: str = ""
@@ -66,31 +63,26 @@ _PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
 CRITICAL_LOAD, PERIOD = "critical_load", "period"
 #: Quantities of nodes, joints, scenes and beams by name.
 OF_NODES: dict[str, Quantity] = {
-    "position": Quantity("m", _PLANE, "q", is_place=True),
-    "displacement": Quantity("m", _PLANE, "q"),
-    "rotation": Quantity("rad", of="q", column=2),
-    "velocity": Quantity("m/s", _PLANE, "v"),
-    "spin": Quantity("rad/s", of="v", column=2),
-    "acceleration": Quantity("m/s^2", _PLANE, "a"),
-    "reaction": Quantity("N, N m", _FORCE, "reactions"),
+    "position": Quantity(_PLANE, "q", is_place=True),
+    "displacement": Quantity(_PLANE, "q"),
+    "rotation": Quantity(of="q", column=2),
+    "velocity": Quantity(_PLANE, "v"),
+    "spin": Quantity(of="v", column=2),
+    "acceleration": Quantity(_PLANE, "a"),
+    "reaction": Quantity(_FORCE, "reactions"),
 }
 OF_JOINTS: dict[str, Quantity] = {
-    "angle": Quantity("rad", of="q", column=2),
-    "slide": Quantity("m", of="slides"),
-    "spin": Quantity("rad/s", of="v", column=2),
-    "rate": Quantity("m/s or rad/s", of="v", column=2, law=_rate),
-    "force": Quantity("N, N m", _FORCE, "joint_forces"),
-    "motor_force": Quantity("N or N m", of="motor_forces"),
+    "angle": Quantity(of="q", column=2),
+    "slide": Quantity(of="slides"),
+    "spin": Quantity(of="v", column=2),
+    "rate": Quantity(of="v", column=2, law=_rate),
+    "force": Quantity(_FORCE, "joint_forces"),
+    "motor_force": Quantity(of="motor_forces"),
 }
 _ENERGIES = """kinetic_energy strain_energy potential_energy spring_energy total_energy
     dissipated_energy work""".split()
-OF_SCENES: dict[str, Quantity] = dict.fromkeys(_ENERGIES, Quantity("J"))
-OF_SCENES |= {CRITICAL_LOAD: Quantity("1"), PERIOD: Quantity("s")}
-OF_BEAMS: dict[str, Quantity] = {
-    "N": Quantity("N", of="resultants"),
-    "Q": Quantity("N", of="resultants"),
-    "M": Quantity("N m", of="resultants"),
-}
+OF_SCENES = dict.fromkeys([*_ENERGIES, CRITICAL_LOAD, PERIOD], Quantity())
+OF_BEAMS = dict.fromkeys("NQM", Quantity(of="resultants"))
 _OF_CLASSES: dict[type, dict[str, Quantity]] = {
     Scene: OF_SCENES,
     Beam: OF_BEAMS,
@@ -164,7 +156,14 @@ class Output:
     `Response` also takes energies of the scene and stress resultants of beams, `StaticResponse` its
     critical load, `PeriodicResponse` its period.
 
-    QUANTITIES
+    - of a node: "position" [m], "displacement" [m], "rotation" [rad], "velocity" [m/s], "spin"
+      [rad/s], "acceleration" [m/s^2], "reaction" [N, N m]
+    - of a joint: "angle" [rad], "slide" [m], "spin" [rad/s], "rate" [m/s or rad/s], "force" [N, N
+      m], "motor_force" [N or N m]
+    - of a scene: "kinetic_energy" [J], "strain_energy" [J], "potential_energy" [J], "spring_energy"
+      [J], "total_energy" [J], "dissipated_energy" [J], "work" [J], "critical_load" [1], "period"
+      [s]
+    - of a beam: "N" [N], "Q" [N], "M" [N m]
 
     They have the names of `Solution`, `JointMotion` and `Energy`. "spring_energy" is also that of
     stops and obstacles; "total_energy" is the sum of the four before it, "work" and
@@ -270,20 +269,3 @@ def check_output(scene, output: Output, what: str) -> None:
     else:
         wanted = joint.lacks(output.quantity)
     require(not wanted, what, str(output), wanted)
-
-
-def _quantities() -> str:
-    """The quantities as a list in Markdown."""
-    lines = []
-    kinds = {"a node": OF_NODES, "a joint": OF_JOINTS, "a scene": OF_SCENES, "a beam": OF_BEAMS}
-    for of, known in kinds.items():
-        names = [f'"{name}" [{quantity.unit}]' for name, quantity in known.items()]
-        lines.append(f"- of {of}: {', '.join(names)}")
-    return "\n".join(
-        textwrap.fill(line, 96, subsequent_indent="  ", break_on_hyphens=False) for line in lines
-    )
-
-
-if Output.__doc__ is not None:  # else Python runs without docstrings
-    # Python takes the indentation away from 3.13 on.
-    Output.__doc__ = inspect.cleandoc(Output.__doc__).replace("QUANTITIES", _quantities())

@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from fx_beam.dual import have_slopes
 from fx_beam.errors import (
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from .symbols import Parameter
 
 _Part = TypeVar("_Part")
+_Load = TypeVar("_Load", loads.Load, NaturalStrain)
 
 
 class Scene:
@@ -867,15 +868,7 @@ class Scene:
         self.virtual_works.append(work)
         return work
 
-    @overload
-    def change(self, load: loads.Load, value: Any) -> loads.Load: ...
-
-    @overload
-    def change(
-        self, load: NaturalStrain, *, axial: Any = ..., shear: Any = ..., curvature: Any = ...
-    ) -> NaturalStrain: ...
-
-    def change(self, load, value=None, *, axial=None, shear=None, curvature=None):
+    def change(self, load: _Load, value=None, *, axial=None, shear=None, curvature=None) -> _Load:
         """Change the value of a load, or components of a natural strain.
 
         Parameters

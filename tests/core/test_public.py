@@ -32,5 +32,6 @@ def test_every_quantity_is_measured():
         with pytest.raises(fb.SceneError) as refused:
             fb.Output("?", of)
         (known,) = re.findall(r"one of \[(.*?)\]", str(refused.value))
-        missing = set(re.findall(r"'(\w+)'", known)) - texts
-        assert known and not missing
+        names = set(re.findall(r"'(\w+)'", known))
+        assert names and not names - texts
+        assert all(re.search(rf'"{name}"\s+\[', fb.Output.__doc__) for name in names)
