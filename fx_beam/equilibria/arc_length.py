@@ -183,7 +183,7 @@ class ArcLength:
             return Advance([last], ahead, turn, corrections, closes=True)
         limit = None
         if ahead.load * self._rising < -_FLAT:
-            limit, behind = self._limit_point(state, tangent, ds, target, ahead)
+            limit, behind = self._limit_point(state, tangent, ds, target, (new, ahead))
             if behind is not None:
                 new, ahead = limit, behind
         if new.t >= 1:
@@ -206,22 +206,19 @@ class ArcLength:
         return max(self.stepper.deviation, 2 * gap)
 
     def _limit_point(
-        self, state: State, tangent: Tangent, ds: float, target: float, ahead: Tangent
+        self, state: State, tangent: Tangent, ds: float, target: float, end: tuple[State, Tangent]
     ) -> tuple[State, Tangent | None]:
-        """Limit point in a step and the tangent there; none if it is a bifurcation."""
+        """Limit point in a step to an end, and the tangent there; none if it is a bifurcation."""
         # On a plateau, as of a plastic mechanism, the slope's sign is round-off.
         before = tangent.load if abs(tangent.load) > _FLAT else self._rising * _FLAT
-        if before * ahead.load > 0:
+        if before * end[1].load > 0:
             raise StepFailed("off the path", "the step contains two limit points", ds * tangent.D)
-        reached: dict[float, tuple[State, Tangent]] = {}
-        slopes, senses = {0.0: before, ds: ahead.load}, {0.0: tangent.sense, ds: ahead.sense}
+        reached = {0.0: (state, replace(tangent, load=before)), ds: end}
 
         def slope(length: float) -> float:
-            if length not in slopes:
+            if length not in reached:
                 reached[length] = self.step(state, tangent, length)
-                slopes[length] = reached[length][1].load
-                senses[length] = reached[length][1].sense
-            return slopes[length]
+            return reached[length][1].load
 
         # Imported here: most paths have no limit point, and the import takes time.
         from scipy.optimize import brentq
@@ -232,7 +229,7 @@ class ArcLength:
             for place in (guess - beside, guess + beside):
                 if low < place < high:
                     low, high = (place, high) if slope(place) * before > 0 else (low, place)
-        if senses[low] == senses[high]:
+        if reached[low][1].sense == reached[high][1].sense:
             root = brentq(slope, low, high, xtol=_PLACE * ds)
             if slope(root) * before < 0:  # the row lies before the point, not behind by round-off
                 root -= 2 * _PLACE * ds

@@ -45,16 +45,8 @@ class Settling:
 
     def settled(self, state: State, goal: float) -> State:
         """The equilibrium that is found from a state. SceneError if there is none."""
-        work = state.work
+        loop, first, work = self._loop, state.q, state.work
         self.stepper.hold_between(goal, goal)
-        try:
-            state = self._followed(state, goal)
-        finally:
-            self._loop.drag = 0.0
-        return state.changed(work=work)
-
-    def _followed(self, state: State, goal: float) -> State:
-        loop, first = self._loop, state.q
         largest = self._load(state, goal)
         drag, short, moved = largest / _WANTED, False, np.inf
         for _ in range(_MOST if drag else 0):
@@ -78,7 +70,7 @@ class Settling:
             raise self._error(reason)
         state.negative_eigenvalues = self.stepper.motions.negative_eigenvalues(loop)
         self._check(largest, state)
-        return state
+        return state.changed(work=work)
 
     def _load(self, state: State, goal: float) -> float:
         """Largest load or force without balance in a state, times its unit [J]."""

@@ -50,12 +50,6 @@ class Ending:
         self._readings = readings(prepared, self._now, prepared.options.outputs or {})
         self._before: _Mark | None = None
         self._values = self._values_after(start, start)
-        for name, value in self._values.items():
-            if value is True:
-                raise SceneError(
-                    f"simulate: {name} is true at the start, t = {start.t:g}. A condition ends a "
-                    "motion where it becomes true; a number, where it changes its sign"
-                )
         self._begins = True
 
     def advance(self, take_steps: Callable[[State], None], kinks: list[float]) -> None:
@@ -72,9 +66,9 @@ class Ending:
             return  # the step is repeated
         values = self._values_after(start, end)
         if self._begins:
-            self._values = {
-                name: _begun(self._values[name], value) for name, value in values.items()
-            }
+            for name, value in values.items():
+                if abs(self._values[name]) <= _ZERO * abs(value):
+                    self._values[name] = value  # zero at the start has the sign that comes
             self._begins = False
         met = [name for name, value in values.items() if _changes(self._values[name], value)]
         if met:
@@ -82,7 +76,7 @@ class Ending:
         self._before, self._values, self._last = mark, values, self._recorder.end
 
     def _end(
-        self, mark: _Mark, t1: float, met: list[str], values: dict[str, Any], kinks: list[float]
+        self, mark: _Mark, t1: float, met: list[str], values: dict[str, float], kinks: list[float]
     ) -> None:
         """End the run where the first of some conditions is met in the step to t1 [s]."""
         # Shorter steps have as many parts as this one.
@@ -107,12 +101,12 @@ class Ending:
         self._stepper.advance(mark.state, end, number, self._recorder)
         self._stepper.stats.until = first
 
-    def _zero(self, name: str, mark: _Mark, t0: float, t1: float, last: Any) -> float:
+    def _zero(self, name: str, mark: _Mark, t0: float, t1: float, last: float) -> float:
         """Time in [t0, t1] at which a condition is met in a step from a mark, just behind it.
 
         By false position with halved weights (Illinois), and bisection every third time.
         """
-        a, b, fa, fb = t0, t1, _signed(self._values[name]), _signed(last)
+        a, b, fa, fb = t0, t1, self._values[name], last
         least, side = _OF_STEP * (t1 - mark.state.t) + _OF_TIME * abs(t1), 0
         for trial in range(_MOST_TRIALS):
             if b - a <= least:
@@ -121,14 +115,14 @@ class Ending:
             t = min(max(t, a + least / 2), b - least / 2)
             value = self._at(name, mark, t)
             if _changes(self._values[name], value):
-                fa, fb = fa / 2 if side == 1 else fa, _signed(value)
+                fa, fb = fa / 2 if side == 1 else fa, value
                 b, side = t, 1
             else:
-                fa, fb = _signed(value), fb / 2 if side == -1 else fb
+                fa, fb = value, fb / 2 if side == -1 else fb
                 a, side = t, -1
         return b
 
-    def _at(self, name: str, mark: _Mark, t: float) -> Any:
+    def _at(self, name: str, mark: _Mark, t: float) -> float:
         """Value of a condition after a step from a mark to a time [s], which is not recorded."""
         self._return_to(mark)
         end = self._stepper.advance(mark.state, np.array([t]), 1, NullRecorder())
@@ -136,8 +130,8 @@ class Ending:
 
     def _values_after(
         self, start: State, end: State, names: Sequence[str] | None = None
-    ) -> dict[str, Any]:
-        """Values of conditions at the end of a step: numbers, or whether they are met."""
+    ) -> dict[str, float]:
+        """Values of conditions at the end of a step: numbers, or 1 where they are met, else -1."""
         step = self._step
         step.present, step.grid, step.number = start, Grid(start.t, 0, end.t - start.t), 0
         self._now.begin(start)
@@ -145,7 +139,7 @@ class Ending:
             self._now.leave()
             step.present, step.number = end, 1
         outputs = {key: read() for key, read in self._readings.items()}
-        values: dict[str, Any] = {}
+        values: dict[str, float] = {}
         for name in self._conditions if names is None else names:
             try:
                 value = self._conditions[name](end.t, outputs)
@@ -160,7 +154,12 @@ class Ending:
                     f"simulate: {name} gives {shown(value)} at t = {end.t:g}; it must be a finite "
                     "number or a truth value"
                 )
-            values[name] = bool(value) if truth else float(value)
+            if truth and value and end is start:
+                raise SceneError(
+                    f"simulate: {name} is true at the start, t = {start.t:g}. A condition ends a "
+                    "motion where it becomes true; a number, where it changes its sign"
+                )
+            values[name] = 2.0 * bool(value) - 1.0 if truth else float(value)
         return values
 
     def _mark(self) -> _Mark:
@@ -180,19 +179,6 @@ class Ending:
         self._recorder.truncate(mark.rows)
 
 
-def _signed(value: Any) -> float:
-    return float(value) if not isinstance(value, bool) else 1.0 if value else -1.0
-
-
-def _changes(before: Any, value: Any) -> bool:
-    """Whether a number changes its sign, or a condition is met."""
-    if isinstance(value, bool):
-        return value
+def _changes(before: float, value: float) -> bool:
+    """Whether a value changes its sign."""
     return (before < 0) != (value < 0)
-
-
-def _begun(before: Any, value: Any) -> Any:
-    """The value at the start; if that is zero, the one after the first step has its sign."""
-    if isinstance(value, bool) or isinstance(before, bool):
-        return before
-    return value if abs(before) <= _ZERO * abs(value) else before
