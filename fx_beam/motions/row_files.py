@@ -112,7 +112,7 @@ class RowFiles:
         self, number: int, q: np.ndarray, v: np.ndarray | None, along: Mapping[str, np.ndarray]
     ) -> list[str]:
         """Write a row; the names of its files beside the collection."""
-        if not isinstance(self._crew, _Alone) and self._crew.lost:
+        if not isinstance(self._crew, _Alone) and self._crew.team.lost:
             self._crew = _Alone(self._arguments)  # all others have ended
         stem, given = f"{self._folder.name}_{number:05d}", list[tuple]()
         several = len(self._elements) > 1

@@ -78,11 +78,9 @@ class LinearSystem:
         self.kind = kind
         self._sizes = here, int(counts.sum())
         self._comm = PETSc.COMM_WORLD
-        self._b = PETSc.Vec().createMPI(self._sizes, comm=self._comm)
-        self._x = self._b.duplicate()
-        self._matrix: Any = None
-        self._assembled: Any = None
-        self._ksp: Any = None
+        # Empty until all processes make them at once.
+        self._b, self._x, self._ksp = PETSc.Vec(), PETSc.Vec(), PETSc.KSP()
+        self._matrix, self._assembled = PETSc.Mat(), PETSc.Mat()
         self._accuracy = Accuracy(negligible * math.sqrt(counts.sum()))
         #: Norms of the first and the last residual in the last call, and its iterations.
         self._first = self._rest = 0.0
@@ -121,12 +119,13 @@ class LinearSystem:
         self._own = PETSc.Mat().createAIJWithArrays(
             (n, n), (*self._rows, self._entries), comm=PETSc.COMM_SELF
         )
-        if self._matrix is not None:
-            self._matrix.destroy()
+        for old in (self._matrix, self._b, self._x):
+            old.destroy()
         self._matrix = PETSc.Mat().createIS(
             (self._sizes, self._sizes), lgmapr=map_, lgmapc=map_, comm=self._comm
         )
         self._matrix.setISLocalMat(self._own)
+        self._x, self._b = self._matrix.createVecs()
         self._new = 0
 
     def begin(self) -> None:
@@ -218,9 +217,8 @@ class LinearSystem:
     def _precondition(self) -> None:
         """Make the preconditioner of the present tangent."""
         PETSc = petsc()
-        if self._ksp is not None:
-            self._ksp.destroy()
-            self._assembled.destroy()
+        self._ksp.destroy()
+        self._assembled.destroy()
         options, defaults = PETSc.Options(_PREFIX), KINDS[self.kind]
         self._was = self._entries[self._diagonal]
         self._assembled = self._sum_of_parts()
@@ -245,27 +243,24 @@ class LinearSystem:
 
     def _sum_of_parts(self) -> Any:
         """The tangent as one matrix, of which each process has its rows."""
-        matrix = petsc().Mat()
-        self._matrix.convert("aij", matrix)
-        return self._in_blocks(matrix) if self.kind == "Schwarz" else matrix
-
-    def _in_blocks(self, matrix: Any) -> Any:
-        """The same matrix in blocks: PETSc's own conversion takes a time like their square."""
         PETSc = petsc()
+        matrix = PETSc.Mat()
+        self._matrix.convert("aij", matrix)
+        if self.kind != "Schwarz":
+            return matrix
+        # In blocks: PETSc's own conversion takes a time like the square of their number.
         starts, columns, values = matrix.getValuesCSR()
         matrix.destroy()
-        here, all_ = self._sizes
-        rows = scipy.sparse.csr_matrix((values, columns, starts), (here, all_))
+        rows = scipy.sparse.csr_matrix((values, columns, starts), self._sizes)
         rows = rows.tobsr((BLOCK, BLOCK))
         parts = rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data
-        sizes = (self._sizes, self._sizes)
+        sizes = self._sizes, self._sizes
         return PETSc.Mat().createBAIJ(sizes, BLOCK, csr=parts, comm=self._comm)
 
     def destroy(self) -> None:
         """Free PETSc's objects; all processes at once."""
         for thing in (self._ksp, self._assembled, self._matrix, self._b, self._x):
-            if thing is not None:
-                thing.destroy()
+            thing.destroy()
 
 
 class Accuracy:

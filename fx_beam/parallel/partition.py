@@ -34,9 +34,8 @@ class Share:
     Without loads and forces at points, which the first process has.
     """
 
-    #: Positions (n, 2) of its nodes, and their numbers in the scene, which rise.
+    #: Positions (n, 2) of its nodes, in the order of the scene.
     X: np.ndarray
-    nodes: np.ndarray
     #: Rows of its nodes among all nodes, and then of those inside its elements.
     rows: np.ndarray
     #: Numbers of its elements in the scene, in order.
@@ -44,11 +43,11 @@ class Share:
     #: Whether forces and masses at a node of `rows` are its own: each node has one owner.
     owned: np.ndarray
     degree: int = 1
-    #: Runs of elements: name of the beam, nodes in `nodes`, arc lengths, section, inside, and drag.
+    #: Runs of elements: beam's name, nodes as rows of `X`, arc lengths, section, inside, and drag.
     runs: list[tuple[str, np.ndarray, np.ndarray, Section, Any, list[Drag]]] = field(
         default_factory=list
     )
-    #: Joints without forces, with the indices of their nodes in `nodes`; -1 for the ground.
+    #: Joints without forces, with the rows of their nodes in `X`; -1 for the ground.
     joints: list[tuple[Joint, int, int]] = field(default_factory=list)
     fixed: list[tuple[int, int]] = field(default_factory=list)
     prescribed: list[tuple[int, int]] = field(default_factory=list)
@@ -183,7 +182,7 @@ class _Cut:
         rows = np.concatenate([nodes, self._inside[elements].ravel()])
         owned = np.ones(len(rows), dtype=bool)
         owned[: len(nodes)] = self.of_node[nodes] == process
-        share = Share(self._model.mesh.X[nodes], nodes, rows, elements, owned)
+        share = Share(self._model.mesh.X[nodes], rows, elements, owned)
         share.natural = bool(scene.natural_strains)
         share.parameters = [*scene.parameters]
         self._add_members(share, process, local)

@@ -71,9 +71,15 @@ class Team:
             raise SceneError("the other processes of mpirun have failed: start the script again")
         left, self.left = self.left, []
         packed = [_packed((left, *what)) for what in messages[1:]]
-        with self._in_step():
+        self._busy = True  # an interrupt waits until all processes have answered
+        try:
             self._asked.put((packed, lambda: (left, *messages[0])))
             answers = self._wait()
+        finally:
+            self._busy = False
+        if self._waiting:
+            self._waiting = False
+            raise KeyboardInterrupt
         for rank, (error, _) in enumerate(answers):
             if error is not None:
                 if rank:
@@ -109,18 +115,6 @@ class Team:
             if time.monotonic() - failed_at > _ALONE:
                 self.lost = True
                 raise self._own_error or self._comm.recv(tag=_FAILED)[0]
-
-    @contextmanager
-    def _in_step(self) -> Iterator[None]:
-        """Let an interrupt wait until all processes have answered."""
-        self._busy = True
-        try:
-            yield
-        finally:
-            self._busy = False
-        if self._waiting:
-            self._waiting = False
-            raise KeyboardInterrupt
 
     def interrupt(self, *_: Any) -> None:
         """Take Ctrl-C, between two calls."""
@@ -172,21 +166,15 @@ class Crew:
     """Objects of one kind, one on each process."""
 
     def __init__(self, team: Team, number: int):
-        self._team, self._number = team, number
-        self.size = team.size
-
-    @property
-    def lost(self) -> bool:
-        """Whether the processes do not answer any more."""
-        return self._team.lost
+        self.team, self._number = team, number
 
     def __call__(self, method: str, arguments: Sequence[tuple] | None = None) -> list:
         """What a method of each gives."""
-        given = arguments or [()] * self.size
-        return self._team.ask([(("call", self._number, method), of) for of in given])
+        given = arguments or [()] * self.team.size
+        return self.team.ask([(("call", self._number, method), of) for of in given])
 
     def __del__(self) -> None:
-        self._team.left.append(self._number)
+        self.team.left.append(self._number)
 
 
 _TEAM: list[Team] = []

@@ -182,14 +182,13 @@ class DistributedEquations:
         self._ends = np.cumsum(counts)
         #: Number of processes.
         self.size = team.size
-        how = model.scheme, forcing.time
+        kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
+        negligible = NEGLIGIBLE * options.tolerance * min(model.mesh.size, 1.0)
+        how = model.scheme, forcing.time, counts, kind, negligible
         self._crew = team.make(Part, [(share, *how) for share in self._shares])
         for share in self._shares:
             share.runs.clear()  # the parts have them
         self._place(self._crew("unknowns"))
-        kind = "MUMPS" if model.scheme.rates.at_rest else "Schwarz"
-        negligible = NEGLIGIBLE * options.tolerance * min(model.mesh.size, 1.0)
-        self._crew("connect", [(counts, kind, negligible)] * team.size)
         self._locate_points()
 
     def pieces(self) -> tuple[list[np.ndarray], Callable[[Callable, Sequence[tuple]], Crew]]:
@@ -212,7 +211,7 @@ class DistributedEquations:
         """Set the interval of a step and the state at its start, everywhere."""
         self._reduction.begin(start.q, start.slides)
         end = self._natural(interval.end)
-        starts = [self._start_of(i, start) for i in range(self._crew.size)]
+        starts = [self._start_of(i, start) for i in range(self.size)]
         pairs, values = zip(self._shares, starts, strict=True), self.model.forms.parameters.values
         given = [(interval, of, self._in_part(share, end), values) for share, of in pairs]
         self._crew("begin", given)
@@ -286,7 +285,7 @@ class DistributedEquations:
     def _set_pattern(self) -> None:
         free = self.model.reduction.free
         pairs = self._numbers[np.column_stack(np.divmod(self._pairs, free))]
-        others = [(np.empty((0, 2), dtype=int),)] * (self._crew.size - 1)
+        others = [(np.empty((0, 2), dtype=int),)] * (self.size - 1)
         self._crew("set_pattern", [(pairs,), *others])
 
     def _of_points(self) -> np.ndarray:
@@ -332,7 +331,7 @@ class DistributedEquations:
 class Part:
     """A share of the scene as a model, with its equations."""
 
-    def __init__(self, share: Share, scheme: Scheme, time: float):
+    def __init__(self, share: Share, scheme: Scheme, time: float, *of_system: Any):
         self._model = model = Model(share.scene(), scheme, part=True)
         problem = Problem(model, NewtonOptions(), bare=True)
         problem.hand_over_ends(None)
@@ -341,18 +340,11 @@ class Part:
         self._unknowns = _numbers_of_unknowns(share, model)
         #: Indices of its parameters among those of the scene.
         self._parameters = [share.parameters.index(name) for name in model.forms.parameters.names]
-        self._system: LinearSystem | None = None
+        self._system = LinearSystem(*of_system)
 
     def unknowns(self) -> np.ndarray:
         """Number in the whole linear system of each of its unknowns."""
         return self._unknowns
-
-    def connect(self, counts: np.ndarray, kind: str, negligible: float) -> None:
-        """Begin the linear system, of so many unknowns of each process; all processes at once.
-
-        An error of an unknown may be `negligible`.
-        """
-        self._system = LinearSystem(counts, kind, negligible)
 
     def begin(
         self,
@@ -366,8 +358,7 @@ class Part:
         self._model.forms.parameters.keep(parameters[self._parameters])
         self._natural = natural_end
         self._equations.begin(interval, state)
-        if self._system is not None:
-            self._system.begin()
+        self._system.begin()
 
     def at(
         self, y: np.ndarray, driven: np.ndarray, force: np.ndarray
@@ -384,7 +375,6 @@ class Part:
         """Set the pattern of the linear system, with (m, 2) more entries; all processes at once."""
         indptr, indices = self._model.reduction.factored
         rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-        assert self._system is not None
         self._system.set_pattern(self._unknowns, rows, indices, more)
 
     def solve(self, more: np.ndarray, b: np.ndarray, least: float) -> Solved:
@@ -392,13 +382,11 @@ class Part:
 
         `more` are the values of the entries that were added, `least` is a negligible error.
         """
-        assert self._system is not None
         return self._system.solve(self._equations.values, more, b, least)
 
     def destroy(self) -> None:
         """Free what PETSc has; all processes at once."""
-        if self._system is not None:
-            self._system.destroy()
+        self._system.destroy()
 
 
 def _numbers_of_unknowns(share: Share, model: Model) -> np.ndarray:

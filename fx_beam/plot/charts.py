@@ -27,7 +27,7 @@ from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
 from fx_beam.scene.beam import Node
 
 # Colours of Okabe and Ito, safe for colour-blind readers; line styles differ in grey prints.
-_STYLES: dict[str, dict] = {
+STYLES: dict[str, dict] = {
     "EnergyMomentum": {"color": "#0072B2", "linestyle": "-", "linewidth": 2.4},
     "EnergyMomentum(order=4)": {"color": "#004b87", "linestyle": (0, (1, 1)), "linewidth": 2.0},
     "EnergyDecaying": {"color": "black", "linestyle": "-", "linewidth": 1.0},
@@ -62,7 +62,7 @@ def style(scheme: str) -> dict:
     dict
         Arguments for matplotlib's `plot`.
     """
-    return {"linewidth": 1.2} | _STYLES.get(scheme, {"color": "black", "linestyle": (0, (2, 2))})
+    return {"linewidth": 1.2} | STYLES.get(scheme, {"color": "black", "linestyle": (0, (2, 2))})
 
 
 def figure(rows: int, columns: int, height: float = 2.5):

@@ -120,13 +120,12 @@ def sweep(
 def _tables(function, chunks: Iterable[list[dict]], executor, results, timeout) -> Iterator:
     """The table of each chunk of cases."""
     executor = workers.cores() if executor is None else executor
-    journal = Journal(results)
-    try:
-        with closing(workers.open_workers(function, executor, timeout)) as crew:
-            for cases in chunks:
-                yield _table_of(cases, crew, journal)
-    finally:
-        journal.close()
+    with (
+        closing(Journal(results)) as journal,
+        closing(workers.open_workers(function, executor, timeout)) as crew,
+    ):
+        for cases in chunks:
+            yield _table_of(cases, crew, journal)
 
 
 def _table_of(cases: list[dict], crew: workers.Workers, journal: Journal):
@@ -187,11 +186,10 @@ def _row(case: dict, outcome: workers.Outcome) -> dict:
 
 
 def _table(rows: dict[int, dict]):
-    ordered = (row for _, row in sorted(rows.items()))
     return export.of_rows(
         [
             {**row["case"], **(row["result"] or {}), **{name: row[name] for name in _OWN}}
-            for row in ordered
+            for _, row in sorted(rows.items())
         ]
     )
 
@@ -210,10 +208,7 @@ class Journal:
     """
 
     def __init__(self, path: Path | str | None):
-        self._file = None
-        self._hashes = np.empty(0, dtype=np.int64)
-        self._offsets = np.empty(0, dtype=np.int64)
-        self._given = np.empty(0, dtype=bool)
+        self._file: Any = None
         if path is None:
             return
         try:
@@ -229,7 +224,6 @@ class Journal:
 
     def _lock(self, path: Path | str) -> None:
         """Keep other sweeps away, except where the file system has no locks."""
-        assert self._file is not None
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -239,7 +233,6 @@ class Journal:
 
     def _read(self, path: Path | str) -> None:
         """Offsets of rows by case. A last line that was cut off is taken away."""
-        assert self._file is not None
         self._file.seek(0)
         hashes, offsets, end, damaged = array("q"), array("q"), 0, list[int]()
         for number, line in enumerate(self._file, 1):

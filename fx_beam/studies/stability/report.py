@@ -18,28 +18,18 @@ from fx_beam.studies.reporting import beside, section, short, table, write_repor
 from . import cases as rules
 from .cases import KINDS, Cell, Verdict, grouped
 
-#: Colours of the verdicts, from pale for kept to dark for failed.
-COLOURS = {
-    "kept": "#CFE6F4",
-    "damped": "#B9DCB4",
-    "lost": "#F6E7A1",
-    "gained": "#F2B48A",
-    "blew up": "#C8460B",
-    "failed": "#6E6E6E",
-    "no verdict": "#F0F0F0",
+# Of each verdict the colour, from pale for kept to dark for failed, the sign of the number in a
+# cell, and what a legend says of it.
+_LOOKS = {
+    "kept": ("#CFE6F4", "", "kept: largest error"),
+    "damped": ("#B9DCB4", "-", "damped, as meant: part of the energy"),
+    "lost": ("#F6E7A1", "-", "lost: part of the energy"),
+    "gained": ("#F2B48A", "+", "gained: part of the energy"),
+    "blew up": ("#C8460B", "\u00d7", "blew up: times the energy"),
+    "failed": ("#6E6E6E", "\u2717", "failed: part of the time"),
+    "no verdict": ("#F0F0F0", "?", "no verdict"),
 }
 _ON_DARK = "blew up", "failed"
-_SIGNS = {"kept": "", "damped": "-", "lost": "-", "gained": "+", "blew up": "\u00d7"}
-_SIGNS |= {"failed": "\u2717"}
-# What the number in a cell says, in a legend.
-_WORDS = {
-    "kept": "kept: largest error",
-    "damped": "damped, as meant: part of the energy",
-    "lost": "lost: part of the energy",
-    "gained": "gained: part of the energy",
-    "blew up": "blew up: times the energy",
-    "failed": "failed: part of the time",
-}
 #: Verdicts on a motion that is wrong.
 LOST_MOTION = "gained", "blew up", "failed"
 _PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
@@ -47,10 +37,10 @@ _PAGE = Path(__file__).with_name("page.md").read_text("utf-8")
 
 def symbol(verdict: Verdict) -> str:
     """A verdict as a short text: 2e-13, -17%, +4e-5, x1e9, or a cross and the part reached."""
-    kind, amount = verdict.kind, verdict.amount
+    (_, sign, _), kind, amount = _LOOKS[verdict.kind], verdict.kind, verdict.amount
     if kind == "failed" or kind in ("damped", "lost", "gained") and amount >= 0.01:
-        return f"{_SIGNS[kind]}{100 * amount:.0f}%"
-    return _SIGNS[kind] + short(amount) if kind in _SIGNS else "?"
+        return f"{sign}{100 * amount:.0f}%"
+    return sign if np.isnan(amount) else sign + short(amount)
 
 
 def draw_summary(path: Path, questions: Mapping[str, list[Cell]]) -> None:
@@ -70,8 +60,9 @@ def draw_summary(path: Path, questions: Mapping[str, list[Cell]]) -> None:
         ends = np.full(len(schemes), x - 0.46)
         for kind in kinds:
             widths = np.array([0.92 * parts[s, kind] / max(totals[s], 1) for s in schemes])
-            label = "" if x else _WORDS.get(kind, kind).split(":")[0]
-            ax.barh(range(len(schemes)), widths, 0.8, ends, color=COLOURS[kind], label=label)
+            colour, _, words = _LOOKS[kind]
+            label = "" if x else words.partition(":")[0]
+            ax.barh(range(len(schemes)), widths, 0.8, ends, color=colour, label=label)
             ends = ends + widths
     ax.set_xticks(range(len(names)), names, fontsize=8)
     ax.xaxis.tick_top()
@@ -107,8 +98,8 @@ def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
     for ax, band in zip(axes.flat, bands, strict=True):
         _draw_band(ax, band, list(grouped(cells, "scheme")))
         ax.set_xlim(-0.55, slots - 0.45)
-    kinds = _in_order(cells)
-    legend: dict = {_WORDS.get(kind, kind): ("s", COLOURS[kind]) for kind in kinds}
+    looks = [_LOOKS[kind] for kind in _in_order(cells)]
+    legend: dict = {words: ("s", colour) for colour, _, words in looks}
     legend["steps halved often"] = ((-1, 1), (1, 1), (-1, -1)), "black"
     legend["sensitive to round-off"] = r"$\sim$", "black"
     for label, (marker, colour) in legend.items():
@@ -154,9 +145,9 @@ def _draw_cell(ax, x: int, y: int, cell: Cell) -> None:
     verdict, other = cell.verdict, cell.other
     ink = "white" if verdict.kind in _ON_DARK else "black"
     stripe = 0.16 if other and other.kind != verdict.kind else 0.0
-    ax.barh(y, 0.96, 0.92, x - 0.48, color=COLOURS[verdict.kind])
+    ax.barh(y, 0.96, 0.92, x - 0.48, color=_LOOKS[verdict.kind][0])
     if other and stripe:
-        ax.barh(y, stripe, 0.92, x + 0.48 - stripe, color=COLOURS[other.kind])
+        ax.barh(y, stripe, 0.92, x + 0.48 - stripe, color=_LOOKS[other.kind][0])
     if cell.halved_often:
         ax.fill((x - 0.48, x - 0.28, x - 0.48), (y - 0.46, y - 0.46, y - 0.1), color=ink, lw=0)
     text = f"{'~' if other else ''}{symbol(verdict)}"

@@ -25,17 +25,6 @@ COLOURS = {1e-2: "#7FB8DA", 1e-3: "#2171B5", 1e-4: "#08306B"}
 FRAGILE = 1 / 20
 _LOST = "#C8460B"
 _PANELS_IN_A_ROW = 4
-# Differences of looks that remain in grey: markers, and dashes.
-_LOOKS = [
-    ("#0072B2", "o", "-"),
-    ("#004b87", "s", (0, (1, 1))),
-    ("#000000", "^", "-"),
-    ("#56B4E9", "D", (0, (5, 2))),
-    ("#CC79A7", "v", (0, (1, 1))),
-    ("#D55E00", "P", (0, (6, 1.5, 1, 1.5))),
-    ("#009E73", "X", (0, (3, 1.2))),
-    ("#E69F00", "*", (0, (6, 1, 1, 1, 1, 1))),
-]
 _ROW = 0.3  # powers of ten from one row of lost runs to the next
 
 
@@ -146,19 +135,18 @@ def draw_fronts(path: Path, panels: Sequence[Panel], kind: Callable[[Run], str])
 
 
 def _fronts(ax, study: Precision, quantity: str, kind: Callable[[Run], str]) -> None:
-    kinds: dict[str, list[Run]] = {}
-    for run in study.runs:
-        kinds.setdefault(kind(run), []).append(run)
+    from fx_beam.plot.charts import STYLES
+
     ax.set(xscale="log", yscale="log")
-    rows = 0
-    for (name, runs), look in zip(kinds.items(), itertools.cycle(_LOOKS), strict=False):
-        colour, marker, dashes = look
+    rows, looks = 0, itertools.cycle(zip(STYLES.values(), "os^DvPX*", strict=True))
+    for name in dict.fromkeys(map(kind, study.runs)):
+        runs, (style, marker) = [run for run in study.runs if kind(run) == name], next(looks)
         lost = [1e3 * run.step_seconds for run in runs if run.lost]
         label = f"{name}, {len(lost)} of {len(runs)} lost" if lost else name
-        style = {"color": colour, "marker": marker, "linestyle": dashes, "markersize": 4.5}
-        ax.plot(*front(study, quantity, runs).T, linewidth=1.6, label=label, **style)
+        look = style | {"linewidth": 1.6, "marker": marker, "markersize": 4.5}
+        ax.plot(*front(study, quantity, runs).T, label=label, **look)
         rows += bool(lost)
-        ax.plot(lost, [10 ** (rows * _ROW)] * len(lost), "x", color=colour, markersize=4)
+        ax.plot(lost, [10 ** (rows * _ROW)] * len(lost), "x", color=style["color"], markersize=4)
     low, known = ax.get_ylim()[0], floor(study, quantity)
     if study.references[quantity] is not None and low < known:
         ax.axhspan(low, known, color="0.92")
