@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.rcsetup import cycler
 
 from fx_beam.errors import (
     array_of,
@@ -21,7 +22,7 @@ from fx_beam.errors import (
     positive,
     require,
 )
-from fx_beam.results.files import replacing
+from fx_beam.results.files import replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.results.vibrations import FrequencyResponse, PeriodicFamily
 from fx_beam.scene.beam import Node
@@ -39,14 +40,10 @@ STYLES: dict[str, dict] = {
 }
 # Markers that distinguish curves of one scheme in one panel, after the first, a plain line.
 _MARKERS = "o", "s", "^", "D", "v"
-QUANTITY_STYLES = [
-    {"color": color, "linestyle": line}
-    for color, line in zip(
-        ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "black"),
-        ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1)), (0, (8, 3))),
-        strict=True,
-    )
-]
+QUANTITY_STYLES = cycler(
+    color=("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "black"),
+    linestyle=("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1)), (0, (8, 3))),
+)
 
 
 def style(scheme: str) -> dict:
@@ -180,7 +177,7 @@ def quantities(axes, values: dict[str, np.ndarray], t: np.ndarray) -> None:
     """
     _check(axes, values, "values")
     t = array_of(t, "t")
-    for (label, given), look in zip(values.items(), itertools.cycle(QUANTITY_STYLES), strict=False):
+    for (label, given), look in zip(values.items(), QUANTITY_STYLES(), strict=False):
         y = curve(given, t, f"values[{label!r}]")
         axes.plot(t, y, label=label, linewidth=1.5, **look)
 
@@ -217,7 +214,7 @@ def save(figure: Figure, path: Path | str) -> None:
     columns = len(handles) if len(handles) < 4 else 2
     look: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "handlelength": 3.2}
     figure.legend(handles.values(), handles.keys(), ncols=columns, **look)
-    with replacing(path, sorted(figure.canvas.get_supported_filetypes())) as new:
+    with replacing(writable(path, sorted(figure.canvas.get_supported_filetypes()))) as new:
         figure.savefig(new, dpi=200)
 
 
@@ -273,8 +270,7 @@ def frequency_response(
     kinds = sorted({unit for unit, _, _ in shown.values()})
     fig, axes = figure(len(kinds) + 1, 1)
     *amplitudes, last = axes[:, 0]
-    looks = itertools.cycle(QUANTITY_STYLES)
-    for (label, (unit, f, values)), look in zip(shown.items(), looks, strict=False):
+    for (label, (unit, f, values)), look in zip(shown.items(), QUANTITY_STYLES(), strict=False):
         draw = {"label": label, "linewidth": 1.5, **look}
         amplitudes[kinds.index(unit)].plot(f, abs(values), **draw)
         last.plot(f, np.degrees(np.unwrap(np.angle(values))), **draw)

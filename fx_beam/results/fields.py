@@ -56,46 +56,38 @@ def _at_points(solution: Any, quantity: str, rows: list[int]) -> np.ndarray:
 
 def energy_density(solution: Any, rows: list[int]) -> np.ndarray:
     """Stored energy per length (rows, elements, degree) of beams at their Gauss points [J/m]."""
-    beams, constant = [*solution.beams.values()], dict[int, np.ndarray]()
-    if any(beam.section is None for beam in beams):
+    if any(beam.section is None for beam in solution.beams.values()):
         raise ValueError(
             "the strain energy along a member needs its section, which a saved file does not hold; "
             "take the solution as simulate gave it, or N, Q, M or speed"
         )
     natural = np.stack([_at_points(solution, name, rows) for name in NAMES.values()])
     strains = _strains(solution, nodes_of_elements(solution), rows) - natural
-    stiffness, end = np.empty((3, *strains.shape[2:])), 0
-    of_beams = [slice(end, end := end + beam.elements) for beam in beams]
-    for beam, cells in zip(beams, of_beams, strict=True):
-        stiffness[:, cells] = _stiffness(beam, constant)
-    density = np.einsum("kep,krep->rep", stiffness, strains**2) / 2
     names, values = solution.names_of_parameters, solution.parameters[rows].tolist()
     parameters = [dict(zip(names, of_row, strict=True)) for of_row in values]
-    for beam, cells in zip(beams, of_beams, strict=True):
-        if beam.section.strain_energy is not None:
-            variables = solution.variables_of_beam.get(beam.name, {})
-            internal = [of for name, of in variables.items() if name not in NAMES.values()]
-            columns = [*strains[:, :, cells].reshape(3, -1), *(of[rows].ravel() for of in internal)]
-            points = np.column_stack(columns).reshape(len(strains[0]), -1, len(columns))
-            energies = [
-                _stored(beam.section.strain_energy, values, *point)
-                for values, of_row in zip(parameters, points, strict=True)
-                for point in of_row
-            ]
-            density[:, cells] = np.reshape(energies, density[:, cells].shape)
+    density, end = np.empty(strains.shape[1:]), 0
+    for beam in solution.beams.values():
+        cells = slice(end, end := end + beam.elements)
+        of_beam, energy = strains[:, :, cells], beam.section.strain_energy
+        if energy is None:
+            stiffness = beam.section.constants(_STIFFNESSES)
+            if stiffness is None:
+                fractions = arc_lengths(beam, gauss_rule(beam.degree)[0]) / beam.length
+                stiffness = [beam.section.values(kind, fractions) for kind in _STIFFNESSES]
+            parts = zip(stiffness, of_beam**2, strict=True)
+            density[:, cells] = sum(factor * squares for factor, squares in parts) / 2
+            continue
+        variables = solution.variables_of_beam.get(beam.name, {})
+        internal = [of for name, of in variables.items() if name not in NAMES.values()]
+        columns = [*of_beam.reshape(3, -1), *(of[rows].ravel() for of in internal)]
+        points = np.column_stack(columns).reshape(len(rows), -1, len(columns))
+        energies = [
+            _stored(energy, values, *point)
+            for values, of_row in zip(parameters, points, strict=True)
+            for point in of_row
+        ]
+        density[:, cells] = np.reshape(energies, density[:, cells].shape)
     return density
-
-
-def _stiffness(beam: Any, constant: dict[int, np.ndarray]) -> np.ndarray:
-    """EA, GA and EI of a beam (3, elements, degree); those of constant sections are kept."""
-    section = beam.section
-    if id(section) in constant:
-        return constant[id(section)]
-    fractions = arc_lengths(beam, gauss_rule(beam.degree)[0]) / beam.length
-    stiffnesses = np.array([section.values(kind, fractions) for kind in _STIFFNESSES])
-    if not any(map(section.varies, _STIFFNESSES)):
-        constant[id(section)] = stiffnesses = stiffnesses[:, :1, :1]
-    return stiffnesses
 
 
 # In NumPy, beside laws/kinematics.py: pictures are also drawn of solutions that come from

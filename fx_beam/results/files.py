@@ -39,15 +39,13 @@ def writable(path: Path | str, endings: Sequence[str] = ()) -> Path:
 
 
 @contextmanager
-def replacing(
-    path: Path | str, endings: Sequence[str] = (), durable: bool = True
-) -> Iterator[Path]:
+def replacing(path: Path | str, durable: bool = True) -> Iterator[Path]:
     """A new file to be written, which takes the place of `path` at the end of the block.
 
     An earlier file is whole until then, and after a failure. Links are followed, permissions kept.
     With `durable` the file is on the disk, also after a power cut.
     """
-    target = Path(os.path.realpath(writable(path, endings)))
+    target = Path(os.path.realpath(writable(path)))
     if target.is_dir():
         raise ValueError(f"cannot write {path}: it is a folder")
     if target.exists() and not target.is_file():  # such as /dev/stdout

@@ -254,9 +254,8 @@ class ContactMotion:
             why = "has no friction" if self.contact.friction is None else "has no motion recorded"
             raise ValueError(f"{self.contact} {why}")
         shape = self.contact.shape
-        if isinstance(shape, Beam):
-            return self._sides(shape) * known[..., variable]
-        return shape.side * known[..., variable]
+        side = self._sides(shape) if isinstance(shape, Beam) else shape.side
+        return side * known[..., variable]
 
     # Nearest points take time: they are found once for each `ContactMotion`.
     @cached_property

@@ -127,19 +127,6 @@ def to_paraview(solution, path) -> None:
     solution.recorded("q")
     if not solution.beams:
         raise ValueError("the solution has no beams, of which the files for ParaView are made")
-    folder = path.with_suffix("")
-    made = not folder.exists()
-    folder.mkdir(exist_ok=True)
-    try:
-        _write(solution, path, folder)
-    except BaseException:
-        if made:
-            folder.rmdir()
-        raise
-
-
-def _write(solution, path: Path, folder: Path) -> None:
-    """Write all grids of a folder, and their collection; all replace earlier ones at the end."""
     count = [beam.elements for beam in solution.beams.values()]
     nodes = nodes_of_elements(solution)
     grid = Grid(solution.X, nodes, np.repeat(np.arange(len(count)), count))
@@ -150,8 +137,14 @@ def _write(solution, path: Path, folder: Path) -> None:
     fields = {kind: along_all(solution, kind, rows, points) for kind in kinds}
     # A static path may come to a load factor again: its rows are counted.
     times = solution.t if (np.diff(solution.t) > 0).all() else np.arange(len(solution.t))
+    folder = path.with_suffix("")
     files = [folder / f"{folder.name}_{k:05d}.vtu" for k in rows]
+    made = not folder.exists()
+    folder.mkdir(exist_ok=True)
+    # All files replace earlier ones at the end.
     with ExitStack() as new:
+        if made:
+            new.push(lambda error, *_: folder.rmdir() if error else None)
         for k, file in enumerate(files):
             v = solution.v[k] if solution.has_rates else None
             of_row = {kind: values[k] for kind, values in fields.items()}

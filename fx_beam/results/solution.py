@@ -186,14 +186,11 @@ class Solution:
         """What is set when it is first read."""
         if name not in _LATER or "_histories" not in self.__dict__:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        value: Any
-        if name == "end":
-            value = self._end() if callable(self._end) else self._end
-        else:
-            value = self._histories[name]
-            value = value if name == "energy" else read_only(value)
-        self.__dict__[name] = value
-        return value
+        value: Any = self._end if name == "end" else self._histories[name]
+        if name in HISTORIES:
+            value = read_only(value)
+        self.__dict__[name] = value() if callable(value) else value
+        return self.__dict__[name]
 
     def __dir__(self):
         return [*super().__dir__(), *_LATER]
@@ -412,7 +409,7 @@ class Solution:
         JointMotion
             With `angle`, `slide`, `spin`, `rate`, `force`, `motor_force`, `motor_power`, `gap`.
         """
-        _joint_number(self, joint)  # refuses one of another scene
+        _check_joint(self, joint)
         from .interactions import JointMotion
 
         return JointMotion(self, joint)
@@ -581,11 +578,8 @@ def history(solution: Solution, output: Output) -> np.ndarray:
     if quantity.of in ("joint_forces", "motor_forces"):
         rows = solution.recorded(quantity.of)[:, number]
         return rows[:, columns] if rows.ndim > 1 else rows
-    total = None
-    for sign, node in of.ends():
-        rows = solution._of_node(quantity.of, node)[:, columns]
-        total = sign * rows if total is None else total + sign * rows
-    assert total is not None  # not both ends are the ground
+    ends = (sign * solution._of_node(quantity.of, node)[:, columns] for sign, node in of.ends())
+    total: Any = sum(ends)
     return total + solution.X[number, columns] if quantity.is_place else total
 
 
@@ -597,18 +591,14 @@ def _node_number(solution: Any, node: Node) -> int:
             "beam.node(fraction)"
         )
     X, scene = solution.X, scene_of(solution)
-    known = node.number < len(X) and X[node.number].tolist() == [node.x, node.y]
-    if not known or (
-        scene and node.scene and node.scene is not scene and _differ(scene, node.scene)
-    ):
+    other: Any = node.scene
+    fits = node.number < len(X) and X[node.number].tolist() == [node.x, node.y]
+    if fits and scene and other and other is not scene:  # a copy, or one that was built again
+        pairs = zip(scene.nodes, other.nodes, strict=False)
+        fits = all((a.x, a.y) == (b.x, b.y) for a, b in pairs)
+    if not fits:
         raise ValueError(f"{node} is not a node of this solution; take a node of its scene")
     return node.number
-
-
-def _differ(scene: Any, other: Any) -> bool:
-    """Whether nodes lie elsewhere; those of scenes that are copied or built again do not."""
-    pairs = zip(scene.nodes, other.nodes, strict=False)
-    return any((a.x, a.y) != (b.x, b.y) for a, b in pairs)
 
 
 def scene_of(solution: Any) -> Any:
@@ -619,8 +609,8 @@ def scene_of(solution: Any) -> Any:
     return getattr(node, "scene", None)
 
 
-def _joint_number(solution: Any, joint: Joint) -> int:
-    """Number of a joint of a solution."""
+def _check_joint(solution: Any, joint: Joint) -> None:
+    """Refuse a joint of another scene."""
     if not isinstance(joint, Joint) or not 0 <= joint.number < solution.slides.shape[1]:
         raise ValueError(
             f"{shown(joint)} is not a joint of this solution; take the one that add_joint returned"
@@ -628,7 +618,6 @@ def _joint_number(solution: Any, joint: Joint) -> int:
     for node in (joint.a, joint.b):
         if node is not GROUND:
             _node_number(solution, node)  # a joint of another scene has other nodes
-    return joint.number
 
 
 def _contact_of(solution: Any, contact: Contact) -> Contact:

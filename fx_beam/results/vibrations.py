@@ -181,11 +181,18 @@ class Modes:
             nodes = self.nodes_of_beam[name]
         if not is_whole(mode, -len(self), len(self) - 1):
             raise SceneError(f"mode {shown(mode)}: there are {len(self)} modes, numbered from 0")
-        moved = self.shapes[mode, :, :2]
-        # The largest half-axis of the ellipses on which the nodes move.
-        squares = (abs(moved) ** 2).sum(axis=1) + abs((moved**2).sum(axis=1))
-        scale = as_float(size) / np.sqrt(squares.max() / 2)
-        return self.positions[nodes] + scale * (moved[nodes] * np.exp(1j * as_float(phase))).real
+        return displaced(self, mode, as_float(size), as_float(phase), nodes)
+
+
+def displaced(
+    modes: Modes, mode: int, size: float, phase: float, nodes: np.ndarray | slice
+) -> np.ndarray:
+    """Positions (n, 2) of nodes displaced by a mode, whose largest displacement is `size` [m]."""
+    moved = modes.shapes[mode, :, :2]
+    # The largest half-axis of the ellipses on which the nodes move.
+    squares = (abs(moved) ** 2).sum(axis=1) + abs((moved**2).sum(axis=1))
+    scale = size / np.sqrt(squares.max() / 2)
+    return modes.positions[nodes] + scale * (moved[nodes] * np.exp(1j * phase)).real
 
 
 def modes_of(model: Any, q, vectors, omega, rigid, ratios, roots) -> Modes:
