@@ -25,21 +25,6 @@ from .force_diagrams import diagrams
 from .scene_drawing import scene
 from .shape_pictures import modes, shapes
 
-__all__ = [
-    "Page",
-    "animate",
-    "axis",
-    "curves",
-    "diagrams",
-    "equilibrium_paths",
-    "figure",
-    "frequency_response",
-    "interactive",
-    "modes",
-    "quantities",
-    "response",
-    "save",
-    "scene",
-    "shapes",
-    "style",
-]
+__all__ = ["Page", "animate", "axis", "curves", "diagrams", "equilibrium_paths", "figure"]
+__all__ += ["frequency_response", "interactive", "modes", "quantities", "response", "save"]
+__all__ += ["scene", "shapes", "style"]

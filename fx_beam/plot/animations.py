@@ -38,17 +38,15 @@ def _write_mp4(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:
     """Frames (height, width, 4), `fps` per second, one after the other."""
     import imageio_ffmpeg
 
-    film = None
-    for frame in frames:
-        # H.264 needs even numbers of pixels.
-        height, width = (size // 2 * 2 for size in frame.shape[:2])
-        if film is None:
-            look = {"fps": fps, "quality": 8, "macro_block_size": 2}
-            film = imageio_ffmpeg.write_frames(str(path), (width, height), "rgba", **look)
-            film.send(None)
+    first = next(frames)
+    # H.264 needs even numbers of pixels.
+    height, width = (size // 2 * 2 for size in first.shape[:2])
+    look = {"fps": fps, "quality": 8, "macro_block_size": 2}
+    film = imageio_ffmpeg.write_frames(str(path), (width, height), "rgba", **look)
+    film.send(None)
+    for frame in itertools.chain([first], frames):
         film.send(np.ascontiguousarray(frame[:height, :width]))
-    if film is not None:
-        film.close()
+    film.close()
 
 
 def _write_gif(frames: Iterator[np.ndarray], path: Path, fps: int) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from fx_beam.errors import numbers, require
 from fx_beam.results.fields import RESULTANTS, along_all
-from fx_beam.results.files import replacing, writable
+from fx_beam.results.files import of_numpy, replacing, writable
 from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node, arc_lengths
 
@@ -107,37 +107,52 @@ def interactive(
     path = None if path is None else writable(path, ("html", "htm"))
     drawing = checked_drawing(solution, magnify, scene_unit, _ROWS, rows)
     factor, unit = time_unit(solution.t[-1])
-    heavy = nodes_with_mass(drawing)
+    bodies = {name: [n.number for n in of.nodes] for name, of in solution.bodies.items()}
+    markers = {"mass": nodes_with_mass(drawing), **nodes_of_joints(drawing)}
+    traced = trace if isinstance(trace, Sequence) else [trace]
+    for node in traced:
+        solution.position(node)  # refuses what is no node of the solution
     data = {
         "title": _plain(drawing.title()),
         "unit": scene_unit,
         "static": solution.stats.static,
-        "t": [float(solution.t[k]) for k in drawing.rows],
+        "t": solution.t[drawing.rows],
         "clock": [factor, _plain(unit)],
-        "window": [corner.tolist() for corner in drawing.window],
+        "window": drawing.window,
         "thinness": drawing.thinness,
         "finest": _FINEST,
         **_members(drawing),
-        "bodies": _bodies(drawing),
-        "obstacles": [
-            {"line": of.line.tolist(), "strokes": of.strokes.tolist()} for of in drawing.obstacles
+        "bodies": [
+            {"name": name, "nodes": nodes, "points": _points_of(drawing, nodes)}
+            for name, nodes in bodies.items()
         ],
+        "obstacles": [of._asdict() for of in drawing.obstacles],
         "carried": _carried(drawing),
-        "supports": _supports(drawing),
+        # Symbols in units of the drawing's size.
+        "supports": [
+            {"points": _points_of(drawing, [node]), **strokes._asdict()}
+            for node, strokes in Supports(drawing).symbols.items()
+        ],
         "markers": [
             {"marker": marker, "count": len(nodes), "points": _points_of(drawing, nodes)}
-            for marker, nodes in [("mass", heavy), *nodes_of_joints(drawing).items()]
+            for marker, nodes in markers.items()
         ],
-        "between": _between(drawing),
+        "between": [
+            {
+                "spring": force.on.spring is not None,
+                "points": _points(drawing, drawing.ends(force, drawing.rows)),
+            }
+            for force in drawing.of_scene("forces_between")
+        ],
         "forces": [
             {"points": _points(drawing, [drawing.arrow(load, k) for k in drawing.rows])}
             for load in drawing.forces
         ],
-        "traces": _traces(drawing, trace),
+        "traces": [_points_of(drawing, [node.number]) for node in traced],
         "series": _series(drawing, series),
     }
     # No text of the user's may end the element that holds the data.
-    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+    text = json.dumps(data, allow_nan=False, default=of_numpy).replace("<", "\\u003c")
     page = Page(_TEMPLATE.read_text("utf-8").replace("/* DATA */", text))
     if path is not None:
         with replacing(path) as new:
@@ -155,7 +170,7 @@ def _members(drawing: Drawing) -> dict[str, Any]:
     elements, pieces = sum(beam.elements for beam in beams.values()), 1
     if degree > 1:  # a divisor of the lines that are drawn
         pieces = next((n for n in (12, 6, 4, 3, 2) if n * elements <= _MANY), 1)
-    everywhere = drawing.positions(np.arange(len(solution.X)), list(drawing.rows))
+    everywhere = drawing.positions(np.arange(len(solution.X)), drawing.rows)
     positions, nodes, s = [], [], []
     for name, beam in beams.items():
         points = axis(everywhere[:, solution.nodes_of_beam[name]], degree)
@@ -200,14 +215,6 @@ def _quantity(drawing: Drawing, name: str, fractions: np.ndarray) -> dict[str, A
     }
 
 
-def _bodies(drawing: Drawing) -> list[dict[str, Any]]:
-    nodes = [[node.number for node in of.nodes] for of in drawing.solution.bodies.values()]
-    return [
-        {"name": name, "nodes": of, "points": _points_of(drawing, of)}
-        for name, of in zip(drawing.solution.bodies, nodes, strict=True)
-    ]
-
-
 def _carried(drawing: Drawing) -> list[dict[str, Any]]:
     """Obstacles that nodes carry: points of the line, then ends of the strokes, in all rows."""
     entries = []
@@ -218,38 +225,9 @@ def _carried(drawing: Drawing) -> list[dict[str, Any]]:
     return entries
 
 
-def _supports(drawing: Drawing) -> list[dict[str, Any]]:
-    """Symbols of the supports, in units of the drawing's size, and their positions in all rows."""
-    return [
-        {
-            "points": _points_of(drawing, [node]),
-            "thick": [line.tolist() for line in strokes.thick],
-            "thin": [line.tolist() for line in strokes.thin],
-            "marker": strokes.marker,
-        }
-        for node, strokes in Supports(drawing).symbols.items()
-    ]
-
-
-def _between(drawing: Drawing) -> list[dict[str, Any]]:
-    """Ends of the forces between points in all rows."""
-    rows = list(drawing.rows)
-    return [
-        {"spring": of.on.spring is not None, "points": _points(drawing, drawing.ends(of, rows))}
-        for of in drawing.of_scene("forces_between")
-    ]
-
-
-def _traces(drawing: Drawing, trace: Node | Sequence[Node]) -> list[str]:
-    nodes = trace if isinstance(trace, Sequence) else [trace]
-    for node in nodes:
-        drawing.solution.position(node)  # refuses what is no node of the solution
-    return [_points_of(drawing, [node.number]) for node in nodes]
-
-
 def _points_of(drawing: Drawing, nodes: list[int]) -> str:
     """Positions of some nodes in all rows."""
-    return _points(drawing, drawing.positions(nodes, list(drawing.rows)))
+    return _points(drawing, drawing.positions(nodes, drawing.rows))
 
 
 def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict[str, Any]]:
@@ -270,7 +248,7 @@ def _series(drawing: Drawing, series: dict[str, np.ndarray] | None) -> list[dict
         wanted = f"{len(solution.t)} finite numbers, one for each row of the solution"
         fits = values.shape == solution.t.shape and bool(np.isfinite(values).all())
         require(fits, f"series[{name!r}]", given, wanted)
-        entries.append({"name": str(name), "values": values[list(drawing.rows)].tolist()})
+        entries.append({"name": str(name), "values": values[drawing.rows]})
     return entries
 
 

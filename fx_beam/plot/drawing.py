@@ -135,7 +135,7 @@ class Drawing:
     """
 
     solution: Any
-    rows: Sequence[int]
+    rows: list[int]
     magnify: float = 1.0
     #: Unit of lengths.
     unit: str = "m"
@@ -143,14 +143,9 @@ class Drawing:
     def __post_init__(self):
         require(is_name(self.unit), "scene_unit", self.unit, "a text")
 
-    @property
-    def scene(self):
-        """The scene; None for a solution that was read from a file."""
-        return scene_of(self.solution)
-
     def of_scene(self, name: str) -> Any:
         """What the scene has; nothing of a solution that was read from a file."""
-        return getattr(self.scene, name, ())
+        return getattr(scene_of(self.solution), name, ())
 
     @property
     def _q(self) -> np.ndarray:
@@ -163,7 +158,7 @@ class Drawing:
     @cached_property
     def points(self) -> np.ndarray:
         """Points (n, 2) of all members and bodies in all rows."""
-        solution, rows = self.solution, list(self.rows)
+        solution, rows = self.solution, self.rows
         positions, nodes = self.positions(np.arange(len(solution.X)), rows), solution.nodes_of_beam
         members = [axis(positions[:, nodes[name]], b.degree) for name, b in solution.beams.items()]
         numbers = [n.number for body in solution.bodies.values() for n in body.nodes]
@@ -193,18 +188,16 @@ class Drawing:
             shape = obstacle.shape
             if isinstance(shape, Beam) or shape.carrier is None or shape in outlines_of:
                 continue
-            seen = [self._seen_from(shape.carrier.number, obstacle.target, k) for k in self.rows]
-            seen_and_place = np.concatenate([[(0, 0)], *seen])
-            drawn = outline(shape.at((0.0, 0.0)), seen_and_place, self.reach)
-            outlines_of[shape] = shape.carrier.number, drawn
+            # What touches in all rows, relative to the node and its section, and this itself.
+            carrier, target, seen = shape.carrier.number, obstacle.target, [np.zeros((1, 2))]
+            of_beams = self.solution.nodes_of_beam
+            nodes = of_beams[target.name] if isinstance(target, Beam) else [target.number]
+            for k in self.rows:
+                arms = self.positions(nodes, k) - self.positions(carrier, k)
+                seen.append(arms @ _turn(-self.magnify * self._q[k][carrier, 2]))
+            drawn = outline(shape.at((0.0, 0.0)), np.concatenate(seen), self.reach)
+            outlines_of[shape] = carrier, drawn
         return list(outlines_of.values())
-
-    def _seen_from(self, carrier: int, target: Node | Beam, k: int) -> np.ndarray:
-        """Positions (n, 2) of what touches in row k, relative to a node and its section."""
-        of_beams = self.solution.nodes_of_beam
-        nodes = of_beams[target.name] if isinstance(target, Beam) else [target.number]
-        arms = self.positions(nodes, k) - self.positions(carrier, k)
-        return arms @ _turn(-self.magnify * self._q[k][carrier, 2])
 
     def carried(self, k: int) -> list[Outline]:
         """Outlines of the obstacles that nodes carry, in row k."""

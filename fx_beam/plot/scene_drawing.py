@@ -46,8 +46,6 @@ def draw_actions(sheet: Sheet, scene: Scene, si: bool) -> None:
 
 def _shown(load: Load) -> np.ndarray:
     """The largest value of a load at the sampled times."""
-    if isinstance(load.value, Constant):
-        return load.value(0.0)
     if isinstance(load.value, InputSlot):
         return load.value.factor.sum(axis=1)
     return _largest(load)[1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,8 @@ from matplotlib.figure import Figure
 
 from fx_beam.errors import is_whole, require
 from fx_beam.results.solution import Solution
-from fx_beam.results.vibrations import Modes
+from fx_beam.results.vibrations import Modes, displaced
 from fx_beam.scene.beam import Node
-from fx_beam.scene.body import Body
 
 from .drawing import Drawing, checked_drawing, say_if_too_small, three_digits, time_unit
 from .members import SEQUENTIAL, Members
@@ -208,7 +208,7 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
     wanted = f"from 1 to {len(modes)}, the number of modes"
     require(is_whole(count, 1, len(modes)), "count", count, wanted)
     count = int(count)
-    at_rest = Drawing(Vibration(modes, 0, 0.0), [_AT_REST])
+    at_rest = Drawing(_vibration(modes, 0, 0.0), [_AT_REST])
     size = _SIZE * at_rest.reach
     low, high = at_rest.window
     low, high = low - size, high + size
@@ -217,33 +217,20 @@ def modes(modes: Modes, path: Path | str | None = None, count: int | None = None
         ax.axis("off")
         ax.set_title(f"mode {mode}: {_kind(modes, mode)}", fontsize="small")
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
-        _draw(ax, Drawing(Vibration(modes, mode, size), [_AT_REST]))
+        _draw(ax, Drawing(_vibration(modes, mode, size), [_AT_REST]), modes.shapes[mode])
     return written(fig, path)
 
 
-class Vibration:
+def _vibration(modes: Modes, mode: int, size: float) -> SimpleNamespace:
     """A mode in the form of a solution with three rows: at rest, moved, a quarter period later."""
-
-    contacts = ()
-
-    def __init__(self, modes: Modes, mode: int, size: float):
-        self.modes, self.mode, self.X = modes, mode, modes.positions
-        #: Displacements (3, n_node, 3), without rotations.
-        self.q = np.zeros((3, len(self.X), 3))
-        parts: list[tuple[str | Body, Any]] = list(modes.nodes_of_beam.items())
-        parts += [(body, [node.number for node in body.nodes]) for body in modes.bodies.values()]
-        for part, nodes in parts:
-            for row, phase in (_MOVED, 0.0), (_LATER, np.pi / 2):
-                self.q[row, nodes, :2] = modes.shape(part, mode, size, phase) - self.X[nodes]
-
-    def __getattr__(self, name: str):
-        """The beams, bodies and nodes are those of the modes."""
-        return getattr(self.modes, name)
+    q = np.zeros((3, len(modes.positions), 3))
+    for row, phase in (_MOVED, 0.0), (_LATER, np.pi / 2):
+        q[row, :, :2] = displaced(modes, mode, size, phase, slice(None)) - modes.positions
+    members = {name: getattr(modes, name) for name in ("beams", "bodies", "nodes_of_beam")}
+    return SimpleNamespace(X=modes.positions, q=q, contacts=(), **members)
 
 
-def _draw(ax, drawing: Drawing) -> None:
-    vibration = drawing.solution
-    of_mode = vibration.shapes[vibration.mode]
+def _draw(ax, drawing: Drawing, of_mode: np.ndarray) -> None:
     looks: dict[int, dict[str, Any]] = {
         _AT_REST: {"color": "0.7", "linewidth": 1.0},
         _MOVED: {"color": _MODE},
@@ -251,7 +238,7 @@ def _draw(ax, drawing: Drawing) -> None:
     if abs(of_mode.imag).max() > 0.01 * abs(of_mode).max():
         looks[_LATER] = {"color": _MODE, "linewidth": 1.0, "linestyle": "--"}
     for row, look in looks.items():
-        lines = [drawing.axis(name, row) for name in vibration.nodes_of_beam]
+        lines = [drawing.axis(name, row) for name in drawing.solution.beams]
         draw_lines(ax, lines, **{"linewidth": 2.0 * drawing.thinness, "zorder": 2} | look)
         if row != _LATER:
             draw_bodies(ax, drawing, row, look["color"], small=True)

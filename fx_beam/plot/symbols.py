@@ -302,16 +302,17 @@ def draw_bodies(ax, drawing: Drawing, k: int, colour: Any, small: bool) -> None:
 
 def draw_joints(ax, drawing: Drawing, k: int) -> None:
     """Draw joints, springs, dampers, stops, forces between points of row k."""
-    joints: list[Joint] = list(drawing.of_scene("joints"))
-    lines = {"guide": _guides(drawing, joints, k), "fine": [], "friction": [], "stop": []}
-    for joint in joints:
+    lines: dict[str, list[np.ndarray]] = {"guide": [], "fine": [], "friction": [], "stop": []}
+    for joint in drawing.of_scene("joints"):
+        position = drawing.positions(node_of(joint).number, k)
+        if joint.axis is not None and not is_grounded(joint):
+            lines["guide"].append(_guide(drawing, joint, position, k))
         for name, on in joint.coordinates.items():
             for part in (part for part in _AROUND if getattr(on, part) is not None):
                 if name == "slide":
-                    symbol = _along_slide(drawing, joint, part, k)
+                    symbol = _along_slide(drawing, joint, part, position, k)
                 else:
-                    around = _SPRING_WIDTH * drawing.size * _AROUND[part]
-                    symbol = _position_of(drawing, joint, k) + around
+                    symbol = position + _SPRING_WIDTH * drawing.size * _AROUND[part]
                 lines[_LOOK_OF.get(part, part)].append(symbol)
     _draw_by_looks(ax, lines)
     draw_between(ax, drawing, k)
@@ -367,17 +368,11 @@ def _along(points: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return points[:, :1] * direction + points[:, 1:] * left_of(direction)
 
 
-def _guides(drawing: Drawing, joints: list[Joint], k: int) -> list[np.ndarray]:
-    """Guides on nodes, from their position on the node to the sliding node, and a little beyond."""
-    guides = []
-    for joint in joints:
-        if joint.axis is not None and not is_grounded(joint):
-            start, end = _origin(drawing, joint, k), drawing.positions(joint.b.number, k)
-            along = slide_direction(drawing, joint, k)
-            slide, more = (end - start) @ along, _BEYOND * drawing.size
-            ends = min(slide, 0.0) - more, max(slide, 0.0) + more
-            guides.append(start + np.outer(ends, along))
-    return guides
+def _guide(drawing: Drawing, joint: Joint, end: np.ndarray, k: int) -> np.ndarray:
+    """A guide on a node, from its position there to the sliding node, and a little beyond."""
+    start, along = _origin(drawing, joint, k), slide_direction(drawing, joint, k)
+    slide, more = (end - start) @ along, _BEYOND * drawing.size
+    return start + np.outer((min(slide, 0.0) - more, max(slide, 0.0) + more), along)
 
 
 def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
@@ -387,13 +382,18 @@ def _origin(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
     return drawing.positions(joint.a.number, k) + drawing.turned(joint.a, k, joint.offset)
 
 
-def _along_slide(drawing: Drawing, joint: Any, part: str, k: int) -> np.ndarray:
+def _along_slide(drawing: Drawing, joint: Any, part: str, end: np.ndarray, k: int) -> np.ndarray:
     """A part of a slide: a zigzag, a dashpot, shoes of a brake beside it, or bars at its stops."""
+    along, size = slide_direction(drawing, joint, k), drawing.size
+    short, on_beam = _SPRING_END * size, joint.axis is None
+    start = end - short * along if on_beam else _origin(drawing, joint, k)
     if part == "stop":
-        return _bars(drawing, joint, k)
-    ends, along = _spring_ends(drawing, joint, k), slide_direction(drawing, joint, k)
-    middle = _position_of(drawing, joint, k)
-    return _straight(part, joint.slide, ends, middle, along, drawing.size)
+        limits = () if on_beam else (joint.slide.stop.lower, joint.slide.stop.upper)
+        bar = _SPRING_WIDTH * size * _along(_BAR, along)
+        return apart(start + limit * along + bar for limit in limits if limit is not None)
+    if is_grounded(joint) and not on_beam:
+        start = start - short * joint.direction
+    return _straight(part, joint.slide, (start, end), end, along, size)
 
 
 def _straight(part: str, on: Coordinate, ends, middle, along, size: float) -> np.ndarray:
@@ -406,29 +406,6 @@ def _straight(part: str, on: Coordinate, ends, middle, along, size: float) -> np
         points[:, 1] += 3.0
     along = (b - a) / max(np.hypot(*(b - a)), 1e-9 * size)
     return a + points[:, :1] * (b - a) + points[:, 1:] * _SPRING_WIDTH * size * left_of(along)
-
-
-def _bars(drawing: Drawing, joint: Any, k: int) -> np.ndarray:
-    """Bars across a straight slide at its limits; none on a beam."""
-    stop, along = joint.slide.stop, slide_direction(drawing, joint, k)
-    limits = () if joint.axis is None else (stop.lower, stop.upper)
-    bar = _SPRING_WIDTH * drawing.size * _along(_BAR, along)
-    places = [limit * along for limit in limits if limit is not None]
-    return apart(_origin(drawing, joint, k) + place + bar for place in places)
-
-
-def _position_of(drawing: Drawing, joint: Joint, k: int) -> np.ndarray:
-    """Position of a joint's node, in row k."""
-    return drawing.positions(node_of(joint).number, k)
-
-
-def _spring_ends(drawing: Drawing, joint: Any, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the spring on a slide: its node, and its point on node a or on the ground."""
-    position, short = _position_of(drawing, joint, k), _SPRING_END * drawing.size
-    if joint.axis is None:  # on a beam: a short one, from the side of its start
-        return position - short * slide_direction(drawing, joint, k), position
-    start = _origin(drawing, joint, k)
-    return start - short * joint.direction if is_grounded(joint) else start, position
 
 
 # -- Names -----------------------------------------------------------------------------------------
