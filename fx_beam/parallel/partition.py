@@ -5,7 +5,7 @@ A process gets some of the members, and the trees of joints that these touch.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,8 @@ from .linear_system import BLOCK
 
 _DATA = "EA", "GA", "EI", "rhoA", "rhoI", "retardation"
 _AT_REST = Constant(np.zeros(1))
+#: A run of elements: beam's name, nodes as rows of `X`, arc lengths, section, inside, and drag.
+Run = tuple[str, np.ndarray, np.ndarray, Section, Any, list[Drag]]
 
 
 @dataclass
@@ -42,26 +44,23 @@ class Share:
     elements: np.ndarray
     #: Whether forces and masses at a node of `rows` are its own: each node has one owner.
     owned: np.ndarray
-    degree: int = 1
-    #: Runs of elements: beam's name, nodes as rows of `X`, arc lengths, section, inside, and drag.
-    runs: list[tuple[str, np.ndarray, np.ndarray, Section, Any, list[Drag]]] = field(
-        default_factory=list
-    )
+    degree: int
+    runs: list[Run]
     #: Joints without forces, with the rows of their nodes in `X`; -1 for the ground.
-    joints: list[tuple[Joint, int, int]] = field(default_factory=list)
-    fixed: list[tuple[int, int]] = field(default_factory=list)
-    prescribed: list[tuple[int, int]] = field(default_factory=list)
-    masses: list[Mass] = field(default_factory=list)
+    joints: list[tuple[Joint, int, int]]
+    fixed: list[tuple[int, int]]
+    prescribed: list[tuple[int, int]]
+    masses: list[Mass]
     #: Whether members of the scene have natural strains, whose values come with each step.
-    natural: bool = False
+    natural: bool
     #: Names of the scene's parameters, whose values come with each step.
-    parameters: list[str] = field(default_factory=list)
+    parameters: list[str]
     #: Indices of its driven columns among those of the scene.
-    driven: list[int] = field(default_factory=list)
+    driven: np.ndarray
     #: Numbers of its unknowns in the linear system: of its nodes (n, 3), and of its joints' slides;
     #: -1 where there is none.
-    unknowns: np.ndarray = field(default_factory=lambda: np.empty((0, 3), int))
-    slides: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+    unknowns: np.ndarray
+    slides: np.ndarray
 
     def scene(self) -> Scene:
         """The sub-scene."""
@@ -136,9 +135,8 @@ class _Cut:
         of_node = np.empty(count, dtype=int)
         of_node[alone] = process[len(ends) :]
         of_node[ends[::-1]] = self.of_element[::-1, None]
-        lowest = np.full(self._tree.max(initial=-1) + 1, count)
-        np.minimum.at(lowest, self._tree, np.arange(count))
-        self.of_node = of_node[lowest[self._tree]]
+        first = np.unique(self._tree, return_index=True)[1]
+        self.of_node = of_node[first[self._tree]]
         if len(np.unique(self.of_node)) < self._number:
             raise SceneError(
                 f"the scene has too few members for {self._number} processes. Start fewer of them, "
@@ -169,71 +167,60 @@ class _Cut:
 
     def share(self, process: int, numbers: np.ndarray) -> Share:
         """What a process has."""
-        scene, count = self._scene, len(self._scene.nodes)
+        scene, mesh, couplings = self._scene, self._model.mesh, self._model.couplings
         elements = np.flatnonzero(self.of_element == process)
-        touched = np.zeros(count, dtype=bool)
+        touched = self.of_node == process
         touched[self._ends[elements]] = True
-        touched |= self.of_node == process
-        in_tree = np.zeros(self._tree.max(initial=-1) + 1, dtype=bool)
-        in_tree[self._tree[touched]] = True
-        nodes = np.flatnonzero(in_tree[self._tree])
-        local = np.full(count + 1, -1)  # the last one is the ground
+        nodes = np.flatnonzero(np.isin(self._tree, self._tree[touched]))
+        local = np.full(len(scene.nodes) + 1, -1)  # the last one is the ground
         local[nodes] = np.arange(len(nodes))
         rows = np.concatenate([nodes, self._inside[elements].ravel()])
         owned = np.ones(len(rows), dtype=bool)
         owned[: len(nodes)] = self.of_node[nodes] == process
-        share = Share(self._model.mesh.X[nodes], rows, elements, owned)
-        share.natural = bool(scene.natural_strains)
-        share.parameters = [*scene.parameters]
-        self._add_members(share, process, local)
-        self._add_couplings(share, local)
-        share.masses += [
-            Mass(int(local[node]), mass, inertia)
-            for node, mass, inertia in scene.masses
-            if self.of_node[node] == process
+        pairs = [
+            (joint, local[[joint.a.number, joint.b.number]].tolist()) for joint in scene.joints
         ]
-        self._number_unknowns(share, numbers)
-        return share
+        joints = [(_bare(joint), a, b) for joint, (a, b) in pairs if max(a, b) >= 0]
+        here = {joint.number for joint, *_ in joints}
+        prescribed = [(int(local[node]), i) for node, i in scene.prescribed]
+        moved = [node >= 0 for node, _ in prescribed]
+        moved += [joint.number in here for joint, _ in self._model.motors]
+        of_column = np.full(couplings.columns + 1, -1)  # the last one is none
+        of_column[: couplings.free] = numbers
+        slides = [couplings.slides.get(joint.number, -1) for joint, *_ in joints]
+        return Share(
+            mesh.X[nodes],
+            rows,
+            elements,
+            owned,
+            degree=self._inside.shape[1] + 1,
+            runs=self._runs_of(process, local),
+            joints=joints,
+            fixed=[(int(local[node]), i) for node, i in scene.fixed if local[node] >= 0],
+            prescribed=[(node, i) for node, i in prescribed if node >= 0],
+            masses=[
+                Mass(int(local[node]), mass, inertia)
+                for node, mass, inertia in scene.masses
+                if self.of_node[node] == process
+            ],
+            natural=bool(scene.natural_strains),
+            parameters=[*scene.parameters],
+            driven=np.flatnonzero(moved),
+            unknowns=of_column[couplings.column[mesh.dofs[rows]]],
+            slides=of_column[np.array(slides, int)],
+        )
 
-    def _add_members(self, share: Share, process: int, local: np.ndarray) -> None:
-        """Add the runs of elements, and the drag on them."""
-        mesh, share.degree = self._model.mesh, self._inside.shape[1] + 1
-        of_process = self.of_element == process
+    def _runs_of(self, process: int, local: np.ndarray) -> list[Run]:
+        """The runs of elements, and the drag on them."""
+        mesh, of_process, runs = self._model.mesh, self.of_element == process, list[Run]()
         for i in np.unique(mesh.beam_of_cell[of_process]).tolist():
-            beam = self._scene.beams[i]
+            beam, nodes = self._scene.beams[i], local[mesh.nodes[i][:: self._inside.shape[1] + 1]]
             drags = [drag for drag in self._scene.drags if drag.target is beam]
             for a, b in _runs(of_process[mesh.cells[i]]):
                 inner = None if beam.inner is None else beam.inner[a:b]
-                nodes = local[mesh.nodes[i][:: share.degree][a : b + 1]]
-                s = beam.s[a : b + 1]
-                share.runs.append((beam.name, nodes, s, beam.section, inner, drags))
-
-    def _add_couplings(self, share: Share, local: np.ndarray) -> None:
-        """Add supports, driven motion and joints."""
-        scene = self._scene
-        for joint in scene.joints:
-            a, b = (int(local[node.number]) for node in (joint.a, joint.b))
-            if max(a, b) >= 0:
-                share.joints.append((_bare(joint), a, b))
-        share.fixed += [(int(local[n]), i) for n, i in scene.fixed if local[n] >= 0]
-        for at, (node, i) in enumerate(scene.prescribed):
-            if local[node] >= 0:
-                share.prescribed.append((int(local[node]), i))
-                share.driven.append(at)
-        numbers = {joint.number for joint, *_ in share.joints}
-        for at, (joint, _) in enumerate(self._model.motors, start=len(scene.prescribed)):
-            if joint.number in numbers:
-                share.driven.append(at)
-
-    def _number_unknowns(self, share: Share, numbers: np.ndarray) -> None:
-        couplings, dofs = self._model.couplings, self._model.mesh.dofs[share.rows]
-        columns = couplings.column[dofs]
-        free = (columns >= 0) & (columns < couplings.free)
-        share.unknowns = np.where(free, numbers[np.where(free, columns, 0)], -1)
-        slides = [couplings.slides.get(joint.number, -1) for joint, *_ in share.joints]
-        share.slides = np.array(
-            [numbers[column] if 0 <= column < couplings.free else -1 for column in slides], int
-        )
+                ends = slice(a, b + 1)
+                runs.append((beam.name, nodes[ends], beam.s[ends], beam.section, inner, drags))
+        return runs
 
 
 def bisected(X: np.ndarray, number: int) -> np.ndarray:

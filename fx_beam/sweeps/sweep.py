@@ -175,14 +175,12 @@ def _checked(case: Any) -> dict:
 def _row(case: dict, outcome: workers.Outcome) -> dict:
     """A row as the file has it."""
     value, seconds, error = outcome
-    result = None
-    if not error:
-        result = dict(value) if isinstance(value, Mapping) else {"result": value}
-        if twice := [name for name in result if name in (*case, *_OWN)]:
-            what = "a column of its own" if twice[0] in _OWN else "a parameter of the case"
-            error = f"the function gives {twice[0]!r}, which is {what}; give it another name"
-            result = None
-    return {"case": case, "result": result, "seconds": seconds, "error": error}
+    result = dict(value) if isinstance(value, Mapping) else {"result": value}
+    twice = [name for name in result if name in (*case, *_OWN)]
+    if twice and not error:
+        what = "a column of its own" if twice[0] in _OWN else "a parameter of the case"
+        error = f"the function gives {twice[0]!r}, which is {what}; give it another name"
+    return {"case": case, "result": None if error else result, "seconds": seconds, "error": error}
 
 
 def _table(rows: dict[int, dict]):

@@ -170,12 +170,9 @@ def _check_pickles(function: Callable, items: Sequence) -> None:
 
 
 def _outcome(future: Future) -> Outcome:
-    error = future.exception()
-    if error is None:
-        return future.result()
-    if isinstance(error, BrokenExecutor | KeyboardInterrupt):
+    if isinstance(error := future.exception(), BrokenExecutor):
         raise error
-    return Outcome(None, np.nan, _sentence(error))  # such as a value that cannot be pickled
+    return _tried(future.result)
 
 
 # -- An executor of the user ---------------------------------------------------------------------

@@ -455,11 +455,7 @@ def _judged(item: tuple[Cell, Scheme], repeats: int) -> Cell:
     if solution is None:  # no step was tried
         return cell
     ratio, end = energy_ratio(solution), solution.end
-    if (
-        cell.case.drifts
-        and end is not None
-        and verdict.kind in ("kept", "damped", "lost", "gained")
-    ):
+    if cell.case.drifts and end is not None and verdict.kind not in ("blew up", "failed"):
         turns = float(abs(end.q[:, 2]).max() / (2 * np.pi))
         cell = replace(cell, drift=drift_of(ratio - 1), turns=turns)
     return replace(cell, seconds=solution.stats.seconds)

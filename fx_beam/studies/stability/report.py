@@ -49,7 +49,7 @@ def draw_summary(path: Path, questions: Mapping[str, list[Cell]]) -> None:
     from fx_beam import plot
 
     every = [cell for cells in questions.values() for cell in cells]
-    schemes, kinds = list(grouped(every, "scheme")), list(_in_order(every))
+    schemes, kinds = list(grouped(every, "scheme")), _in_order(every)
     figure, axes = plot.figure(1, 1, height=0.9 + 0.3 * len(schemes))
     figure.set_figwidth(2.6 + 0.95 * len(questions))
     ax, names = axes[0, 0], []
@@ -81,10 +81,9 @@ def _bare(ax, schemes: list[str], fontsize: float) -> None:
     ax.grid(visible=False)
 
 
-def _in_order(cells: list[Cell]) -> dict[str, list[Cell]]:
-    """Cells by the kinds of their verdicts, from kept to failed."""
-    kinds = grouped(cells, "verdict.kind")
-    return {kind: kinds[kind] for kind in KINDS if kind in kinds}
+def _in_order(cells: list[Cell]) -> list[str]:
+    """The kinds of the verdicts on cells, from kept to failed."""
+    return sorted(grouped(cells, "verdict.kind"), key=KINDS.index)
 
 
 def draw_map(path: Path, cells: list[Cell], slots: int = 27) -> None:
