@@ -73,7 +73,7 @@ class SumOfLoads:
         columns = itertools.starmap(slice, itertools.pairwise(ends))
         #: Columns of unit loads with their functions of time, and what they are of.
         self.functions = list(zip(columns, (load.function for load in loads), strict=True))
-        self._whats = [load.what for load in loads]
+        self._loads = loads
         values = np.concatenate([np.empty(0), *(load.values for load in loads)])
         rows = np.concatenate([np.empty(0, dtype=int), *(load.rows for load in loads)])
         counts = np.concatenate([np.zeros(1, dtype=int), *(load.counts for load in loads)])
@@ -102,13 +102,12 @@ class SumOfLoads:
         """Their sum (size,) at the time t [s]; StepError if a function fails."""
         if not self.functions:
             return np.zeros(self.unit_loads.shape[0])
-        pairs = zip(self.functions, self._whats, strict=True)
-        return self.unit_loads @ np.concatenate([evaluate(f, t, what) for (_, f), what in pairs])
+        values = [evaluate(load.function, t, load.what) for load in self._loads]
+        return self.unit_loads @ np.concatenate(values)
 
     def series(self, times: np.ndarray) -> np.ndarray:
         """Factors (m, n) of the columns at m times [s]; StepError if a function fails."""
-        pairs = zip(self.functions, self._whats, strict=True)
-        values = [series(function, times, what) for (_, function), what in pairs]
+        values = [series(load.function, times, load.what) for load in self._loads]
         return np.concatenate([np.empty((len(times), 0)), *values], axis=1)
 
 

@@ -70,20 +70,17 @@ def _rows_between(elements: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndar
     every, n = np.arange(nodes), elements.shape[1]
     row = np.append(every, np.repeat(elements, n, axis=1))
     column = np.append(every, np.tile(elements, (1, n)))
-    row, column = np.divmod(np.unique(row * nodes + column), nodes)
-    starts = np.searchsorted(row, np.arange(nodes + 1))
-    blocks = scipy.sparse.bsr_matrix((np.ones((len(row), 3, 3)), column, starts)).tocsr()
+    pairs = scipy.sparse.csr_matrix((np.ones(len(row)), (row, column)))
+    blocks = scipy.sparse.kron(pairs, np.ones((3, 3)), "bsr").tocsr()
     return blocks.indptr, blocks.indices
 
 
 def with_pairs(matrix: scipy.sparse.csr_matrix, pairs: np.ndarray) -> scipy.sparse.csr_matrix:
-    """A zero matrix with more entries, at some rows and columns (n, 2); itself if it has them."""
-    size = matrix.shape[0]
-    present = np.repeat(np.arange(size), np.diff(matrix.indptr)) * size + matrix.indices
-    missing = np.setdiff1d(pairs[:, 0] * size + pairs[:, 1], present)
-    if not len(missing):
+    """A zero matrix with more entries, at some rows and columns (n, 2); itself for none."""
+    if not len(pairs):
         return matrix
-    rows, columns = np.divmod(np.sort(np.concatenate([present, missing])), size)
-    indptr = np.searchsorted(rows, np.arange(size + 1))
-    indices = columns.astype(matrix.indices.dtype), indptr.astype(matrix.indptr.dtype)
-    return scipy.sparse.csr_matrix((np.zeros(len(rows)), *indices), matrix.shape, copy=False)
+    ones = np.ones(matrix.nnz), matrix.indices, matrix.indptr
+    more = scipy.sparse.csr_matrix((np.ones(len(pairs)), tuple(pairs.T)), matrix.shape)
+    both = scipy.sparse.csr_matrix(ones, matrix.shape) + more
+    both.data[:] = 0.0
+    return both

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from fx_beam.symbolic import ufl
 
-from .point_laws import Coordinate, Kind, Motion, Slip, arm_length, dot
+from .point_laws import Coordinate, Kind, Motion, Slip, add, arm_length, dot
 
 
 class _Pair(NamedTuple):
@@ -43,9 +43,9 @@ class _Meeting:
         self.numbers, self.half = numbers[2 : 2 + of_shape], rest[0]
         self._weights = rest[1:] or [1]
         #: From the shape to the point at the start and at the level, its increment, and its rate.
-        self.r0 = _sum((x, y), self._relative(motion.start))
+        self.r0 = add((x, y), 1.0, self._relative(motion.start))
         self.Dr, self.rates = self._relative(D), self._relative(motion.rates)
-        self.r = [motion.at_level(x, d) for x, d in zip(self.r0, self.Dr, strict=True)]
+        self.r = add(self.r0, motion.rule.level, self.Dr)
 
     def _relative(self, values: Sequence[Any]) -> list[Any]:
         """From the carrier to the point."""
@@ -130,7 +130,7 @@ def _circle_gap(at: _Meeting) -> Coordinate:
 
 def _circle_slip(at: _Meeting) -> Slip:
     length, level = ufl.sqrt(dot(at.r, at.r)), at.motion.rule.level
-    r1 = _sum(at.r0, at.Dr)
+    r1 = add(at.r0, 1.0, at.Dr)
     mean = (1 - level) * ufl.sqrt(dot(at.r0, at.r0)) + level * ufl.sqrt(dot(r1, r1))
     slip = at.slip([x / length for x in at.r], length, at.numbers[1] * at.half)
     return slip._replace(normal=length / mean)
@@ -144,7 +144,7 @@ def _line_normals(at: _Meeting) -> tuple[Sequence[Any], Sequence[Any], Sequence[
     psi, Dpsi = at.turn(motion.start), at.turn()
     n0, n1 = _turned(normal, psi), _turned(normal, psi + Dpsi)
     if motion.rule.turning:
-        return n0, n1, [(x + y) / 2 for x, y in zip(n0, n1, strict=True)]
+        return n0, n1, [x / 2 for x in add(n0, 1.0, n1)]
     return n0, n1, _turned(normal, motion.at_level(psi, Dpsi))
 
 
@@ -160,7 +160,7 @@ def _line_gap(at: _Meeting) -> Coordinate:
     start, change, rate = dot(n0, at.r0) - at.half, dot(n, at.Dr), dot(n0, at.rates)
     if not carried:
         return Coordinate(start, start + change, along, along, change, rate)
-    end = dot(n1, _sum(at.r0, at.Dr)) - at.half
+    end = dot(n1, add(at.r0, 1.0, at.Dr)) - at.half
     rate += at.turn(motion.rates) * dot(_normal_to(n0), at.r0)
     exact = change + motion.path(at.turn()) * lever
     return Coordinate(start, end, along, along, exact if motion.rule.turning else end - start, rate)
@@ -178,10 +178,6 @@ _LAWS = {
     "Circle": _ShapeLaw(2, False, _circle_gap, _circle_slip),
     "Line": _ShapeLaw(2, True, _line_gap, _line_slip),
 }
-
-
-def _sum(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    return [x + y for x, y in zip(a, b, strict=True)]
 
 
 def _normal_to(a: Sequence[Any]) -> list[Any]:

@@ -17,7 +17,7 @@ from typing import Any
 
 from fx_beam.symbolic import ufl
 
-from .point_laws import TINY, Coordinate, Kind, Motion, Slip, dot
+from .point_laws import TINY, Coordinate, Kind, Motion, Slip, add, dot
 
 # Least change of a . t, relative to |a|^2, for which forces do work on it: below it what they
 # would add is less than round-off.
@@ -44,7 +44,7 @@ def _gap(follows: bool, motion: Motion, D: Sequence[Any], numbers: Sequence[Any]
     distance0, distance1 = _length(first), _length(last)
     along = near.with_places(*_directions(motion, near.ends), len(D))
     (a, t, *_), path, radius = _vectors(motion.rates), distance1 - distance0, numbers[-1]
-    rate = dot(first, _add(a, -0.5, t)) / distance0
+    rate = dot(first, add(a, -0.5, t)) / distance0
     return Coordinate(distance0 - radius, distance1 - radius, along, along, path, rate)
 
 
@@ -59,22 +59,19 @@ def _slip(follows: bool, motion: Motion, D: Sequence[Any], numbers: Sequence[Any
     at_end, _, slipped, length, length_at_start, _ = numbers
     near = _Nearest(motion, D, numbers, follows)
     path = slipped + length * near.place - length_at_start * near.place_at_start
-    if not follows:
-        return _slip_of(motion, D, near, path, -length * at_end)
-    inside = ufl.gt(at_end, 0)
-    rate = ufl.conditional(inside, near.rate_at_end(), 1.0)
-    return _slip_of(motion, D, near, path, ufl.conditional(inside, -length / rate, 0.0))
-
-
-def _slip_of(motion: Motion, D: Sequence[Any], near: _Nearest, path: Any, still: Any) -> Slip:
-    """`still` is the quotient of the slip and the change of a . w where there is none."""
+    # The quotient of the slip and the change of a . w where there is none.
+    still = -length * at_end
+    if follows:
+        inside = ufl.gt(at_end, 0)
+        rate = ufl.conditional(inside, near.rate_at_end(), 1.0)
+        still = ufl.conditional(inside, -length / rate, 0.0)
     (arm0, _), (arm1, t1) = near.ends
     on_normal, _ = _directions(motion, near.ends)
     size = len(D)
     if motion.rule.level != 0.5:
         on_arm = [still * x for x in near.u]
         half = [x / 2 for x in on_arm]
-        on_u = [still * x for x in _add(arm1, 0.5, t1)]
+        on_u = [still * x for x in add(arm1, 0.5, t1)]
         along = near.with_places(on_arm, half, size, on_u=on_u)
         return Slip(path, along, _relative(on_normal, on_arm))
     w0, w1 = near.w
@@ -82,8 +79,7 @@ def _slip_of(motion: Motion, D: Sequence[Any], near: _Nearest, path: Any, still:
     moves = ufl.gt(abs(change), _STILL * dot(w0, w0))
     factor = ufl.conditional(moves, path / ufl.conditional(moves, change, 1.0), still)
     on_arm, on_w = (
-        [factor / 2 * (x + y) for x, y in zip(*ends, strict=True)]
-        for ends in ((w0, w1), (arm0, arm1))
+        [factor / 2 * x for x in add(*ends)] for ends in ((w0, 1.0, w1), (arm0, 1.0, arm1))
     )
     along = near.with_places(on_arm, [0.0, 0.0], size, on_w=on_w)
     return Slip(path, along, _relative(on_normal, on_arm))
@@ -97,16 +93,16 @@ class _Nearest:
     """
 
     def __init__(self, motion: Motion, D: Sequence[Any], numbers: Sequence[Any], follows: bool):
-        start, end = list(motion.start), [x + d for x, d in zip(motion.start, D, strict=True)]
+        start, end = motion.start, add(motion.start, 1.0, D)
         at_end, at_start, *_ = numbers
         self._of_ends = (arm0, t0, _, w, *_), (arm1, t1, u, *_) = _vectors(start), _vectors(end)
         # A place is a zero of such a residual.
-        self.place = -at_end * dot(_add(arm1, 0.5, t1), u)
+        self.place = -at_end * dot(add(arm1, 0.5, t1), u)
         self.place_at_start: Any = ufl.as_ufl(0.0)
         #: That at the end, where the slopes there follow it.
         self._of_slopes: Any = ufl.as_ufl(0.0)
         if follows:
-            self.place_at_start = -at_start * dot(_add(arm0, -0.5, t0), w)
+            self.place_at_start = -at_start * dot(add(arm0, -0.5, t0), w)
             self._of_slopes = self.place
         #: a and t at both ends.
         self.ends: _Ends = self._shifted(self._of_ends[0]), self._shifted(self._of_ends[1])
@@ -114,25 +110,25 @@ class _Nearest:
     def _shifted(self, sums: list[Vector]) -> tuple[Vector, Vector]:
         """Sums of arms for weights of other places."""
         a, t, u, w, *_ = sums
-        a, t = _add(a, 0.5 * self.place, u), _add(t, self.place, u)
-        return _add(a, 0.5 * self.place_at_start, w), _add(t, -self.place_at_start, w)
+        a, t = add(a, 0.5 * self.place, u), add(t, self.place, u)
+        return add(a, 0.5 * self.place_at_start, w), add(t, -self.place_at_start, w)
 
     @property
     def u(self) -> Vector:
         """u at the end."""
         sums = self._of_ends[1]
-        return _add(sums[2], self._of_slopes, sums[5]) if len(sums) > 5 else sums[2]
+        return add(sums[2], self._of_slopes, sums[5]) if len(sums) > 5 else sums[2]
 
     @property
     def w(self) -> tuple[Vector, Vector]:
         """w at both ends."""
-        first, last = (_add(sums[3], self.place_at_start, sums[4]) for sums in self._of_ends)
+        first, last = (add(sums[3], self.place_at_start, sums[4]) for sums in self._of_ends)
         return first, last
 
     def rate_at_end(self) -> Any:
         """The second derivative of |arm|^2 / 2 by the place at the end."""
         arm, t = self.ends[1]
-        return dot(self.u, self.u) + dot(_add(arm, 0.5, t), self._of_ends[1][5])
+        return dot(self.u, self.u) + dot(add(arm, 0.5, t), self._of_ends[1][5])
 
     def with_places(
         self, on_arm: Vector, on_t: Vector, size: int, on_u: Any = (0, 0), on_w: Any = (0, 0)
@@ -141,8 +137,8 @@ class _Nearest:
         place, at_start = self.place, self.place_at_start
         half = [x / 2 for x in on_arm]
         vectors = (
-            *(on_arm, on_t, _add(on_u, place, _add(half, 1.0, on_t))),
-            _add(on_w, at_start, _add(half, -1.0, on_t)),
+            *(on_arm, on_t, add(on_u, place, add(half, 1.0, on_t))),
+            add(on_w, at_start, add(half, -1.0, on_t)),
             *([at_start * x for x in on_w], [self._of_slopes * x for x in on_u]),
         )
         return [x for vector in vectors for x in vector][:size]
@@ -151,41 +147,33 @@ class _Nearest:
 def _arms(ends: _Ends) -> tuple[Vector, Vector]:
     """The arms to the nearest points at both ends."""
     (arm0, t0), (arm1, t1) = ends
-    return _add(arm0, -0.5, t0), _add(arm1, 0.5, t1)
+    return add(arm0, -0.5, t0), add(arm1, 0.5, t1)
 
 
 def _directions(motion: Motion, ends: _Ends) -> tuple[Vector, Vector]:
-    """Directions of the normal force on a and t; that on the point is opposite to the first."""
+    """Directions of the normal force on a and t; that on the point is opposite to the first.
+
+    At mid-step their products with the changes are the change of the distance.
+    """
     first, last = _arms(ends)
-    if motion.rule.level == 0.5:
-        (arm0, t0), (arm1, t1) = ends
-        return _mean_directions((arm0, arm1), (t0, t1), _length(first) + _length(last))
-    share = motion.rule.level
-    unit = _add([(1 - share) * x for x in first], share, last)
-    unit = [x / _length(unit) for x in unit]
-    return unit, [(share - 0.5) * x for x in unit]
-
-
-def _mean_directions(
-    arms: tuple[Vector, Vector], shifts: tuple[Vector, Vector], lengths: Any
-) -> tuple[Vector, Vector]:
-    """Directions on a and t whose products with the changes are that of the distance."""
-    (arm0, arm1), (t0, t1) = arms, shifts
+    if motion.rule.level != 0.5:
+        share = motion.rule.level
+        unit = add([(1 - share) * x for x in first], share, last)
+        unit = [x / _length(unit) for x in unit]
+        return unit, [(share - 0.5) * x for x in unit]
+    (arm0, t0), (arm1, t1) = ends
+    lengths = _length(first) + _length(last)
     along0, along1 = dot(arm0, t0), dot(arm1, t1)
     rest, slip = along1 + along0 + (dot(t1, t1) - dot(t0, t0)) / 4, along1 - along0
     moves = ufl.gt(abs(slip), _SMALL * dot(arm0, arm0))
     share = ufl.conditional(moves, rest / ufl.conditional(moves, slip, 1.0), 0.0) / lengths
-    arm, t = (_add(x, 1.0, y) for x, y in (arms, shifts))
-    on_arm = _add([x / lengths for x in arm], 0.5 * share, t)
+    arm, t = add(arm0, 1.0, arm1), add(t0, 1.0, t1)
+    on_arm = add([x / lengths for x in arm], 0.5 * share, t)
     return on_arm, [0.5 * share * x for x in arm]
 
 
 def _vectors(components: Sequence[Any]) -> list[Vector]:
     return [list(components[i : i + 2]) for i in range(0, len(components), 2)]
-
-
-def _add(a: Sequence[Any], factor: Any, b: Sequence[Any]) -> Vector:
-    return [x + factor * y for x, y in zip(a, b, strict=True)]
 
 
 def _length(a: Vector) -> Any:

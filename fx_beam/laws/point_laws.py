@@ -307,7 +307,7 @@ def _x_over_sin(x: Any) -> Any:
 
 def arm_length(motion: Motion, r0, Dr, rates, rest: Any, side: Any) -> Coordinate:
     """The length of an arm, from a rest, times a side."""
-    level, r1 = motion.rule.level, [x + d for x, d in zip(r0, Dr, strict=True)]
+    level, r1 = motion.rule.level, add(r0, 1.0, Dr)
     size0, size1 = (ufl.sqrt(dot(r, r) + TINY) for r in (r0, r1))
     mean = (1 - level) * size0 + level * size1
     along = [side * ((1 - level) * x + level * y) / mean for x, y in zip(r0, r1, strict=True)]
@@ -318,21 +318,20 @@ def arm_length(motion: Motion, r0, Dr, rates, rest: Any, side: Any) -> Coordinat
 
 def _between_nodes(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
     """Distance of two nodes; numbers: that from the first to the second in the reference."""
-    a, b, Da, Db, va, vb = (x[i : i + 2] for x in (motion.start, D, motion.rates) for i in (0, 2))
-    r0 = [x + q - p for x, p, q in zip(numbers, a, b, strict=True)]
-    Dr, rates = (
-        [after - before for before, after in zip(of_a, of_b, strict=True)]
-        for of_a, of_b in ((Da, Db), (va, vb))
-    )
-    distance = arm_length(motion, r0, Dr, rates, 0.0, 1.0)
+    between, Dr, rates = (add(x[2:], -1.0, x[:2]) for x in (motion.start, D, motion.rates))
+    distance = arm_length(motion, add(numbers, 1.0, between), Dr, rates, 0.0, 1.0)
     along = [*(-x for x in distance.along), *distance.along]
     return distance._replace(along=along, across=along)
 
 
 def _from_point(motion: Motion, D: Sequence[Any], numbers: Sequence[Any]) -> Coordinate:
     """Distance of a node from a fixed point; numbers: from the point to the node."""
-    r0 = [x + q for x, q in zip(numbers, motion.start, strict=True)]
-    return arm_length(motion, r0, D, motion.rates, 0.0, 1.0)
+    return arm_length(motion, add(numbers, 1.0, motion.start), D, motion.rates, 0.0, 1.0)
+
+
+def add(a: Sequence[Any], factor: Any, b: Sequence[Any]) -> list[Any]:
+    """A vector plus a factor times another one."""
+    return [x + factor * y for x, y in zip(a, b, strict=True)]
 
 
 def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:

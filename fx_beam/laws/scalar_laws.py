@@ -40,20 +40,20 @@ _OPEN = 1e-100
 
 
 class _Step(NamedTuple):
-    """A coordinate over a step, the same without derivatives, and the numbers of its force."""
+    """A coordinate over a step, and the numbers of its force."""
 
     motion: Motion
     x: Coordinate
-    still: Coordinate
     numbers: Sequence[Any]
-    #: In contact with friction the slip, and the same without derivatives.
-    slip: Slip | None = None
-    still_slip: Slip | None = None
+    #: In contact with friction the slip.
+    slip: Slip | None
+    #: The same without derivatives.
+    still: Any = None
 
     @property
     def rate(self) -> Any:
         """Its rate at the scheme's level."""
-        return self._rate(self.x)
+        return self.motion.rate_at_level(self.x.rate, self.mean)
 
     @property
     def mean(self) -> Any:
@@ -62,11 +62,8 @@ class _Step(NamedTuple):
 
     def sign(self, speed: Any) -> tuple[Any, list[Any]]:
         """The smooth sign of the rate, and what the next iteration remembers."""
-        still = self._rate(self.still) / speed
+        still = self.still.rate / speed
         return smooth_sign(self.rate / speed, still, self.motion.remembered[:REMEMBERED])
-
-    def _rate(self, x: Coordinate) -> Any:
-        return self.motion.rate_at_level(x.rate, self.motion.mean_rate(x.path))
 
     def forces(
         self, elastic: Any = 0.0, other: Any = 0.0, friction: Any = 0.0, **memory: Sequence[Any]
@@ -99,11 +96,14 @@ def _on(
 
     def step(motion: Motion) -> _Step:
         of_kind, of_law = motion.numbers[: kind.numbers], motion.numbers[kind.numbers :]
-        x, still = (kind.of(motion, D, of_kind) for D in (motion.increment, motion.still))
-        if kind.slip is None:
-            return _Step(motion, x, still, of_law)
-        slips = (kind.slip(motion, D, of_kind) for D in (motion.increment, motion.still))
-        return _Step(motion, x, still, of_law, *slips)
+        moving, still = (
+            _Step(
+                *(motion, kind.of(motion, D, of_kind), of_law),
+                kind.slip and kind.slip(motion, D, of_kind),
+            )
+            for D in (motion.increment, motion.still)
+        )
+        return moving._replace(still=still)
 
     return PointLaw(
         f"{name} on {kind.name}",
@@ -252,9 +252,9 @@ def joint_friction(kind: Kind) -> PointLaw:
     """
 
     def slips(step: _Step) -> tuple[_Step, Any]:
-        slip, still = (Slip(x.path, x.across) for x in (step.x, step.still))
+        still, step = (of._replace(slip=Slip(of.x.path, of.x.across)) for of in (step.still, step))
         N = step.motion.internal[2]
-        return step._replace(slip=slip, still_slip=still), ufl.conditional(ufl.gt(N, 0), N, 0.0)
+        return step._replace(still=still), ufl.conditional(ufl.gt(N, 0), N, 0.0)
 
     def forces(step: _Step) -> StepForces:
         step, N = slips(step)
@@ -321,12 +321,12 @@ def contact(kind: Kind, loses: bool = False, energy: Energy | None = None) -> Po
     """
     if energy is None:
         return _linear_contact(kind, loses)
-    return _one_sided(kind, "law of contact", lambda step: step, loses, 0, energy=energy)
+    return _one_sided(kind, "law of contact", loses, energy=energy)
 
 
 @functools.cache
 def _linear_contact(kind: Kind, loses: bool) -> PointLaw:
-    return _one_sided(kind, "contact", lambda step: step, loses, 0)
+    return _one_sided(kind, "contact", loses)
 
 
 @functools.cache
@@ -335,25 +335,21 @@ def stop(kind: Kind, sign: int, loses: bool = False) -> PointLaw:
 
     Its numbers are those of a contact, then the limit.
     """
-
-    def gap(step: _Step) -> _Step:
-        *numbers, limit = step.numbers
-        x, still = (x.beyond(limit, sign) for x in (step.x, step.still))
-        return step._replace(x=x, still=still, numbers=numbers)
-
-    return _one_sided(kind, f"stop {sign}", gap, loses, 1)
+    return _one_sided(kind, f"stop {sign}", loses, sign)
 
 
 def _one_sided(
-    kind: Kind,
-    name: str,
-    gap: Callable[[_Step], _Step],
-    loses: bool,
-    more: int,
-    energy: Energy | None = None,
+    kind: Kind, name: str, loses: bool, sign: int = 0, energy: Energy | None = None
 ) -> PointLaw:
-    """Contact, from the gap that belongs to a coordinate."""
+    """Contact on a gap, or with a sign on the distance of a coordinate from its limit."""
     sticks = kind.slip is not None
+
+    def gap(step: _Step) -> _Step:
+        if not sign:
+            return step
+        *numbers, limit = step.numbers
+        still = step.still and gap(step.still)
+        return step._replace(x=step.x.beyond(limit, sign), numbers=numbers, still=still)
 
     def unit(depth: Any) -> Any:
         """The stored energy over the first number."""
@@ -377,8 +373,9 @@ def _one_sided(
             other = r * normal * direction
         if not sticks:
             return step.forces(-normal, other, remembered=remembered)
-        still = step._replace(x=step.still)
-        still_normal = push(still) - of_loss(still) if loses else push(still)
+        still_normal = push(step.still)
+        if loses:
+            still_normal -= of_loss(step.still)
         friction, internal, more = _sticking(step, normal - other, still_normal)
         remembered = [*remembered, *more]
         return step.forces(-normal, other, friction, internal=internal, remembered=remembered)
@@ -398,7 +395,7 @@ def _one_sided(
     return _on(
         kind,
         name,
-        (3 if loses else 1) + 3 * sticks + more,
+        (3 if loses else 1) + 3 * sticks + bool(sign),
         forces,
         stored,
         loss if loses or sticks else None,
@@ -419,7 +416,6 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     slipped since it closed. The normal force is also given without derivatives.
     """
     assert step.slip is not None
-    assert step.still_slip is not None
     tau, mu, stiffness = step.numbers[-3:]
     start, slipped = step.motion.internal[:2]
     rule = step.motion.rule
@@ -434,11 +430,8 @@ def _sticking(step: _Step, normal: Any, still_normal: Any) -> tuple[Any, list[An
     def ratio(path: Any, limit: Any) -> Any:
         return stiffness * (start + part * path) / ufl.conditional(ufl.gt(limit, _OPEN), limit, 1.0)
 
-    limit, still_limit = (
-        mu * force * slip.normal
-        for force, slip in ((normal, step.slip), (still_normal, step.still_slip))
-    )
-    x, still = ratio(step.slip.path, limit), ratio(step.still_slip.path, still_limit)
+    limit, still_limit = mu * normal * step.slip.normal, mu * still_normal * step.still.slip.normal
+    x, still = ratio(step.slip.path, limit), ratio(step.still.slip.path, still_limit)
     bounded, remembered = clipped(x, still, step.motion.remembered[-REMEMBERED:], edge)
     friction = ufl.conditional(ufl.gt(limit, _OPEN), limit * bounded, 0.0)
     end = start + (friction / stiffness - start) / part

@@ -18,7 +18,7 @@ from fx_beam.results.solution import Solution
 from fx_beam.scene.beam import Node
 from fx_beam.scene.inputs import Ramp, check_names, widths
 from fx_beam.scene.joints import Joint
-from fx_beam.scene.outputs import OF_JOINTS, OF_NODES, Output, check_outputs, definition
+from fx_beam.scene.outputs import Output, check_outputs, definition
 from fx_beam.scene.scene import Scene
 from fx_beam.step.measured import measured
 from fx_beam.step.recorded_histories import driven_of
@@ -228,13 +228,8 @@ def _split(A: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 # Quantities that are linearised: places, and rates.
-_LINEAR = dict.fromkeys(
-    name
-    for kind in (("q", "slides"), ("v",))
-    for known in (OF_NODES, OF_JOINTS)
-    for name, quantity in known.items()
-    if quantity.of in kind and (quantity.law is None or name == "rate")
-)
+_PLACES = "position", "displacement", "rotation", "angle", "slide"
+_LINEAR = *_PLACES, "velocity", "spin", "rate"
 
 
 @dataclass(frozen=True, repr=False)
@@ -388,12 +383,9 @@ class LinearSystem:
         """
         fits = isinstance(of, Motion | Solution)
         require(fits, "deviation: of", of, "a Motion or a Solution of the scene")
-        q, v, slides, t = of.q, of.v, of.slides, of.t
-        if isinstance(of, Solution):
-            q, v, slides = of.recorded("q")[-1], of.recorded("v")[-1], slides[-1]
-            t = end_of(of).t
-        inputs = end_of(of.state if isinstance(of, Motion) else of).inputs
-        return self.reduction.deviation(q, v, slides, t, inputs)
+        at = of.state if isinstance(of, Motion) else of
+        q, v, end = at.recorded("q")[-1], at.recorded("v")[-1], end_of(at)
+        return self.reduction.deviation(q, v, at.slides[-1], end.t, end.inputs)
 
 
 def linearise(
