@@ -73,7 +73,7 @@ def solution_of(
         state = end()
         state = state.changed(
             impact=recorder.impact,
-            fitted=recorded.fitted_at(state.t),
+            **recorded.at_end(state.t),
             constraints=constraints_of(scene) if constraints is None else constraints,
             owners=model.points.owners,
         )

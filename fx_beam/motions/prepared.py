@@ -13,7 +13,7 @@ from fx_beam.fem.parameter_values import before
 from fx_beam.parallel.team import Team
 from fx_beam.results.audit import Stats, uncounted
 from fx_beam.results.solution import Solution
-from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, State
+from fx_beam.results.state import State
 from fx_beam.scene.scene import Scene
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.full_turns import TurnCounter
@@ -189,29 +189,7 @@ def _same(model: Model, start: Solution) -> State:
         natural = np.zeros(model.natural.shape)
     if forces is not None and len(forces) != model.reduction.columns - model.reduction.free:
         forces = None  # other supports
-    state = replace(state, fitted=None, natural=natural, constraint_forces=forces)
-    return _with_last_forces(model, state, start)
-
-
-def _with_last_forces(model: Model, state: State, start: Solution) -> State:
-    """The state with the forces of the last row, which are those of rates that fit the joints."""
-    end = end_of(start)
-    if start.stats.static or start.t[-1] == end.t:  # else the record has no row of the end
-        for name in (name for name in FORCES if name in HISTORIES):
-            rows = getattr(start, name)
-            if len(rows) and rows.shape[1:] == ARRAYS[name].lengths(model.sizes):
-                state = replace(state, **{name: rows[-1]})
-        constraints = state.constraint_forces
-        if constraints is not None and model.fits_rates and len(start.reactions):
-            nodes, components, columns = model.supports
-            constraints, first = constraints.copy(), len(model.prescribed)
-            constraints[columns] = start.reactions[-1, nodes, components]
-            for i, (joint, _) in enumerate(model.motors):
-                constraints[first + i] = start.motor_forces[-1, joint.number]
-            state = replace(state, constraint_forces=constraints)
-        if model.fits_rates and len(start.a):
-            state = replace(state, a=start.a[-1].flatten())
-    return state
+    return replace(state, fitted=None, natural=natural, constraint_forces=forces)
 
 
 def stats_of(model: Model, **others: Any) -> Stats:

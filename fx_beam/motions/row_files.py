@@ -86,7 +86,7 @@ class RowFiles:
             self._times += times
             self._names += names
             self._small.append(histories.small_rows(new) | {"t_level": histories["t_level"][new:]})
-            self._fitted = histories.fitted_at(times[-1])
+            self._fitted = histories.at_end(times[-1]).get("fitted")
             recorder.forget()
 
     def save(self, last: Callable[[RecordedHistories], Solution], always: bool = False) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from fx_beam.content_cache import cached_property
 from fx_beam.fem.mesh import rotation_of
 from fx_beam.results.audit import Energy
-from fx_beam.results.state import HISTORIES, ROWS
+from fx_beam.results.state import ARRAYS, FORCES, HISTORIES, ROWS
 from fx_beam.scene.inputs import Ramp
 from fx_beam.scene.sliders import sliding_joints
 
@@ -81,11 +81,19 @@ class RecordedHistories(Mapping):
             return None
         return rows[:, self._model.mesh.dofs[number]]
 
-    def fitted_at(self, t: float) -> np.ndarray | None:
-        """Rates (size,) that fit the joints at a time [s] if it is the last, and steps' do not."""
-        if self._fitted_rows is None or self["t"][-1] != t:
-            return None
-        return self._fitted["v"][-1]
+    def at_end(self, t: float) -> dict[str, np.ndarray]:
+        """What a state at a time [s] has of the last row, if that is there: forces.
+
+        And rates that fit the joints, with accelerations, if those of steps do not.
+        """
+        if self["t"][-1] != t:
+            return {}
+        state = dict[str, np.ndarray]()
+        for name in FORCES if self._fitted_rows is None else (*FORCES, "a", "v"):
+            if (rows := self._recorded(name)) is not None:
+                shape = ARRAYS[name].lengths(self._model.sizes)
+                state["fitted" if name == "v" else name] = rows[-1].reshape(shape).copy()
+        return state
 
     def small_rows(self, first: int) -> dict[str, np.ndarray]:
         """Rows from one on of what does not grow with the number of nodes."""
