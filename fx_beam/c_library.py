@@ -113,13 +113,14 @@ def _ffi_of(code: bytes) -> Any:
     return made["ffi"]
 
 
+@functools.cache
 def open_library(
     what: str,
     file: str,
     header: str,
     definitions: tuple[str, ...] = (),
-    more: Sequence[str] = (),
-    flags: Sequence[str] = (),
+    more: tuple[str, ...] = (),
+    flags: tuple[str, ...] = (),
 ) -> tuple[Any, Any]:
     """The cffi.FFI with the declarations of a header, and the library of a C file; see `load`.
 
@@ -150,12 +151,6 @@ def with_macros(file: str, *macros: str) -> str:
     """Text of a C file after the definition of some macros, with `fx_missing`."""
     defined = "".join(f"#define {macro}\n" for macro in macros)
     return f"{defined}{(SOURCES / file).read_text()}{_ASKS}"
-
-
-@functools.cache
-def library_once(*of: Any) -> tuple[Any, Any]:
-    """As `open_library`, once."""
-    return open_library(*of)
 
 
 def load(

@@ -424,7 +424,7 @@ class Configuration:
     """
 
     def __init__(self, members: dict[str, Any], joints: int, slides: Sequence[Slide]):
-        ffi, self._library = c_library.library_once(*_LIBRARY, "problem.h", MACROS, (), _FLAGS)
+        ffi, self._library = c_library.open_library(*_LIBRARY, "problem.h", MACROS, (), _FLAGS)
         self._structs, self._slides = Structs(ffi, c_library.declarations("problem.h")), slides
         self._c, self._ffi, self._double = ffi.new("Problem *"), ffi, ffi.typeof("double[]")
         size, columns = members["dofs"], members["columns"] + members["auxiliaries"]

@@ -215,7 +215,7 @@ def tabulated(function: int, w: np.ndarray, c: np.ndarray, x: np.ndarray, size: 
 
     Given are coefficients (n, cells, ...), constants (n, ...) and coordinates (cells, ...).
     """
-    ffi, library = c_library.library_once(*_LIBRARY)
+    ffi, library = c_library.open_library(*_LIBRARY)
     values = np.zeros((*w.shape[:2], size))
     sizes = w.shape[2], c.shape[1], x.shape[1], size
     arrays = map(np.ascontiguousarray, (w, c, x, values))

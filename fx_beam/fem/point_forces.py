@@ -187,7 +187,7 @@ class PointForces:
     # -- Data in C ------------------------------------------------------------------------------
 
     def _build(self) -> None:
-        ffi, self._c = c_library.library_once(*_LIBRARY)
+        ffi, self._c = c_library.open_library(*_LIBRARY)
         self._of = functools.partial(ffi.from_buffer, ffi.typeof("double[]"))
         self._of_numbers = functools.partial(ffi.from_buffer, ffi.typeof("int[]"))
         self._structs = structs = Structs(ffi, c_library.declarations(_HEADER))

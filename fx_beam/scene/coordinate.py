@@ -16,7 +16,6 @@ from fx_beam.errors import (
     is_number,
     number,
     require,
-    shown,
 )
 from fx_beam.symbolic import parts_of, ufl
 
@@ -119,15 +118,6 @@ class Stop:
     def loss(self) -> float:
         """Dissipative part r of the force, relative to the elastic part."""
         return loss_of(self.restitution)
-
-
-def as_stop(given) -> Stop | None:
-    """A stop, from one or from (lower, upper, stiffness)."""
-    if given is None or isinstance(given, Stop):
-        return given
-    if isinstance(given, tuple | list) and len(given) == 3:
-        return Stop(*given)
-    raise SceneError(f"stop = {shown(given)} must be (lower, upper, stiffness) or an fx_beam.Stop")
 
 
 def loss_of(restitution: float) -> float:
@@ -431,12 +421,17 @@ class Coordinate:
         return ", ".join("motor" if of is self.motor else str(of) for of in parts) or "free"
 
     def __post_init__(self):
-        kinds = {"spring": (Spring,), "damper": (Damper,), "friction": (SmoothFriction, Coulomb)}
-        for name, wanted in kinds.items():
+        if isinstance(self.stop, tuple | list) and len(self.stop) == 3:
+            object.__setattr__(self, "stop", Stop(*self.stop))
+        friction = "an fx_beam.SmoothFriction or an fx_beam.Coulomb"
+        for name, kinds, wanted in (
+            ("spring", Spring, "an fx_beam.Spring"),
+            ("damper", Damper, "an fx_beam.Damper"),
+            ("friction", SmoothFriction | Coulomb, friction),
+            ("stop", Stop, "(lower, upper, stiffness) or an fx_beam.Stop"),
+        ):
             value = getattr(self, name)
-            words = " or ".join(f"an fx_beam.{kind.__name__}" for kind in wanted)
-            require(value is None or isinstance(value, wanted), name, value, words)
-        object.__setattr__(self, "stop", as_stop(self.stop))
+            require(value is None or isinstance(value, kinds), name, value, wanted)
         fits = self.motor is None or isinstance(self.motor, Input) or callable(self.motor)
         fits = fits or is_number(self.motor)
         require(fits, "motor", self.motor, "a function of time, or an fx_beam.Input")

@@ -427,13 +427,6 @@ def moved_by(solution: Any, node: Node) -> np.ndarray:
     return end.q[number] if known else np.zeros(3)
 
 
-def check_new(joint: Joint, known: dict[tuple, Joint], joints: list[Joint]) -> None:
-    """Refuse a joint whose coupling is known as that of one of the joints."""
-    twin = known.get(joint.coupling)
-    if twin is not None and any(twin is known_joint for known_joint in joints):
-        raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
-
-
 def Rigid(a: Node, b: Node, offset=(0.0, 0.0)) -> Joint:
     """Rigid joint: b moves and rotates with a.
 

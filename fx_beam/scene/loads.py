@@ -21,7 +21,6 @@ from fx_beam.errors import (
     as_float,
     check_takes_time,
     checked_function,
-    is_flag,
     is_one_of,
     numbers,
     require,
@@ -137,13 +136,6 @@ class Load:
 
     def __str__(self):
         return f"{'follower ' if self.follower else ''}{self.kind} on {label(self.target)}"
-
-
-def nodal_force(node: Node, force, follower) -> Load:
-    """Force on a node, dead or follower: a constant or a function of time."""
-    what = f"force on {node}"
-    require(is_flag(follower), f"{what}: follower", follower, "True or False")
-    return Load("force", node, time_function(force, 2, what), bool(follower))
 
 
 def line_load(beam: Beam, load, of: str) -> Load:

@@ -13,6 +13,7 @@ from fx_beam.errors import (
     SceneError,
     TimeFunction,
     as_float,
+    is_flag,
     is_name,
     is_one_of,
     is_whole,
@@ -37,7 +38,7 @@ from .coordinate import (
 from .curve import Curve, layout
 from .forces_between import ForceBetween, Pull, checked_force
 from .inputs import Input, time_function
-from .joints import GROUND, Joint, Rigid, check_new, moved_by, placed
+from .joints import GROUND, Joint, Rigid, moved_by, placed
 from .law import functions_of_energy
 from .loads import NaturalStrain, changed_strain, natural_strain
 from .notebook import facts, html_table, sketch
@@ -259,14 +260,12 @@ class Scene:
         m, J = (loads.not_negative(value, f"{name}: {what}") for what, value in given)
         fits = isinstance(points, Mapping | None) and all(map(is_name, points or ()))
         require(fits, f"{name}: points", points, "a dict of positions by their names")
-        ends: list[Node | tuple[float, float]] = [(x, y)]
+        ends: list[Any] = [(x, y)]
         for key, point in (points or {}).items():
+            what = f"{name}: point {key!r}"
             if isinstance(point, Node):
-                loads.check_node(self, point, f"{name}: point {key!r}")
-                ends.append(point)
-            else:
-                at = vector(point, 2, f"{name}: point {key!r}")
-                ends.append((at[0], at[1]))
+                loads.check_node(self, point, what)
+            ends.append(point if isinstance(point, Node) else vector(point, 2, what))
         centre, *nodes = self._nodes_at(ends, name)
         for node in nodes:
             offset = (node.x - centre.x, node.y - centre.y)
@@ -385,7 +384,9 @@ class Scene:
             joint.check_start(self._size)
         else:
             joint = placed(joint, moved_by(at, joint.a), moved_by(at, joint.b), self._size)
-        check_new(joint, self._couplings, self.joints)
+        twin = self._couplings.get(joint.coupling)
+        if twin is not None and any(twin is known for known in self.joints):
+            raise SceneError(f"{joint}: the scene has it already, as {twin}. Add each joint once")
         for on in joint.coordinates.values():
             self.parameters.add(functions_of(on), str(joint))
         joint = replace(joint, number=self.joint_count)
@@ -658,7 +659,10 @@ class Scene:
             The load, which `change` and `remove` know.
         """
         loads.check_node(self, node, "force")
-        return _added(self.loads, loads.nodal_force(node, force, follower))
+        what = f"force on {node}"
+        require(is_flag(follower), f"{what}: follower", follower, "True or False")
+        value = time_function(force, 2, what)
+        return _added(self.loads, loads.Load("force", node, value, bool(follower)))
 
     def add_moment(self, node: Node, moment) -> loads.Load:
         """Add a moment.

@@ -52,17 +52,17 @@ def _reuse_memory() -> None:
             mallopt(parameter, value)
 
 
-def _asked(features: str, derivatives: str) -> tuple[str, list[str], list[str]]:
+def _asked(features: str, derivatives: str) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """What a library is, its macros, and its flags."""
-    macros = [f"FEATURES {features}", *filter(None, [derivatives])]
+    macros = f"FEATURES {features}", *filter(None, [derivatives])
     flags = {"": [*_QUICKLY, *_SHORT], "JVP": []}.get(derivatives, _QUICKLY)
-    return _WHAT[derivatives], macros, [*_FLAGS, *flags]
+    return _WHAT[derivatives], macros, (*_FLAGS, *flags)
 
 
 def begin_to_build(features: str, derivatives: str = "") -> None:
     """Compile the same library beside all else, if the cache lacks it."""
     what, macros, flags = _asked(features, derivatives)
-    c_library.begin_to_build(what, "loop.c", (*MACROS, *macros), tuple(flags))
+    c_library.begin_to_build(what, "loop.c", (*MACROS, *macros), flags)
 
 
 def load_batches(

@@ -231,7 +231,7 @@ def _one_by_one(order: np.ndarray) -> dict[str, np.ndarray]:
 
 def _eliminated(groups: dict[str, Any], rows: np.ndarray, columns: np.ndarray) -> Factors:
     """Sparse rows in minimum-degree order, and where entries in rows and columns are in them."""
-    ffi, library = c_library.library_once(
+    ffi, library = c_library.open_library(
         "order of elimination", "elimination.h", "sparse_rows.h", (), (), ("-O1",)
     )
     structs = Structs(ffi, c_library.declarations("sparse_rows.h"))

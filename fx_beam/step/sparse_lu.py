@@ -19,7 +19,7 @@ def sparse_lu(pattern: Pattern, dependent: np.ndarray | None = None) -> LU:
 
     With auxiliary unknowns, `dependent` is that of `Reduction`.
     """
-    library = c_library.library_once("factors of sparse matrices", "sparse_lu.h", "sparse_rows.h")
+    library = c_library.open_library("factors of sparse matrices", "sparse_lu.h", "sparse_rows.h")
     return LU(*library, pattern, dependent)
 
 
