@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fx_beam.scene.beam import Beam, Node
-from fx_beam.scene.joints import Joint
+from fx_beam.scene.joints import Joint, axial_rate
 from fx_beam.scene.outputs import Output, definition
 from fx_beam.scene.sliders import SlidingJoint
 from fx_beam.step.layout import Arrays
@@ -43,8 +43,8 @@ _FORCES = {
     "joint_forces": ("joints", "forces of joints", "impulses of joints"),
     "constraint_forces": ("constraints", "forces of columns", "impulses of columns"),
 }
-#: Numbers of joints by the fields of `Local`.
-_OF_JOINTS = {"offset": "offsets of slides", "axis": "axes of slides"}
+#: Numbers of joints with a slide.
+_OF_JOINTS = "offsets of slides", "axes of slides"
 
 
 class LocalOutput(RowOutput):
@@ -56,7 +56,7 @@ class LocalOutput(RowOutput):
         #: Lengths of a row, and the name of the rates of nodes.
         self.shape = of.shape
         self._rates = "rates" if self._model.fits_rates else "v"
-        blocks = self._of_law if of.quantity.law is not None else self._linear
+        blocks = self._rate_of_slide if of.quantity.is_slide_rate else self._linear
         at_rest = self._model.scheme.rates.at_rest and of.quantity.of in ("v", "a")
         self._blocks = [] if at_rest else [block for block in blocks() if len(block.rows)]
 
@@ -106,41 +106,31 @@ class LocalOutput(RowOutput):
         if self._model.fits_rates:
             yield from self._change(impulse, entries, parts)
 
-    def _of_law(self) -> Iterator[Block]:
-        """Those of a law: slopes by steps in the imaginary direction, exact to round-off."""
-        of, ends, dofs = self._of, self._places.ends, self._model.mesh.dofs
-        if isinstance(of.of, SlidingJoint):
-            yield self._at_ends("rates of slides", of.number)
+    def _rate_of_slide(self) -> Iterator[Block]:
+        """Those of the rate of a slide, by steps in the imaginary direction, exact to round-off."""
+        of, ends, rates, every = self._of, self._places.ends, self._rates, len(self._places.ends)
+        joint, number, states = of.of, of.number, self._sub_steps.states
+        if isinstance(joint, SlidingJoint):
+            yield self._at_ends("rates of slides", number)
             return
-        names, number, slide = {"q": "q", "v": self._rates}, of.number, np.zeros(len(ends))
-
-        def motion(name: str, node: Node) -> np.ndarray:
-            return self._sub_steps.states[names[name]][ends][:, dofs[node.number]].T
-
-        #: Field and component of `Local`, and name and entry of what it is.
-        inputs: list[tuple[str, Any, str, int]] = []
-        for sign, node in of.ends():
-            for array in of.quantity.reads:
-                field, of_node = f"{array}{'' if sign > 0 else '_a'}", dofs[node.number].tolist()
-                inputs += [(field, i, names[array], of_node[i]) for i in range(3)]
-        if isinstance(of.of, Joint):
-            slide = self._sub_steps.states["slides"][ends, number]
-            inputs.append(("slide", ..., "slides", number))
-            for field, name in _OF_JOINTS.items():
-                inputs += [(field, i, name, 2 * number + i) for i in range(2)]
-        local, every = of.local(motion, slide), np.arange(len(ends))
-        for field, component, name, entry in inputs:
-            given, places = np.asarray(getattr(local, field)), None if field in _OF_JOINTS else ends
-            unit = np.zeros(given.shape)
-            unit[component] = 1.0
-
-            def of_field(x: np.ndarray, name: str = field) -> np.ndarray:
-                return of.law(local._replace(**{name: x}))
-
-            slopes = np.imag(of_field(given + _STEP * 1j * unit)) / _STEP
-            for part, by in enumerate(np.atleast_2d(slopes)):
-                if by.any():
-                    yield of_entries(name, entry, part, every, by, places)
+        nodes = [(sign, self._model.mesh.dofs[node.number].tolist()) for sign, node in of.ends()]
+        # Names, entries and signs of the states in each argument of `axial_rate`, then of numbers.
+        of_states: list[list[tuple[str, int, int]]] = [
+            [("slides", number, 1)],
+            *([(name, at[2], 1) for sign, at in nodes if sign < 0] for name in ("q", rates)),
+            *([(rates, at[i], sign) for sign, at in nodes] for i in (0, 1)),
+        ]
+        of_numbers = [(name, 2 * number + i, 1) for name in _OF_JOINTS for i in (0, 1)]
+        given = [
+            sum((sign * states[name][ends, i] for name, i, sign in terms), np.zeros(every))
+            for terms in of_states
+        ] + [*joint.offset, *joint.axis]
+        for k, terms in enumerate([*of_states, *([number] for number in of_numbers)]):
+            x = [one + _STEP * 1j if i == k else one for i, one in enumerate(given)]
+            slopes = np.imag(axial_rate(joint.track, x[5:7], x[7:], *x[:5])) / _STEP
+            for name, entry, sign in terms if slopes.any() else ():
+                places = None if name in _OF_JOINTS else ends
+                yield of_entries(name, entry, 0, np.arange(every), sign * slopes, places)
 
 
 class ResultantOutput(RowOutput):

@@ -51,7 +51,8 @@ def check_outputs(
 def read_entries(model: Model, outputs: Mapping[str, Output]) -> dict[str, np.ndarray]:
     """The only entries of states that outputs read, by name; empty if they may read all."""
     given = outputs.values()
-    local = all(isinstance(of.of, Node | Joint) and not definition(of).quantity.law for of in given)
+    slide_rate = any(definition(output).quantity.is_slide_rate for output in given)
+    local = not slide_rate and all(isinstance(output.of, Node | Joint) for output in given)
     if not local or (model.fits_rates and any(observes_rates(model, output) for output in given)):
         return {}
     entries: dict[str, set[int]] = {"q": set(), "v": set(), "slides": set()}

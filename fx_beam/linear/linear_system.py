@@ -500,8 +500,8 @@ def _outputs(about: Deviations, outputs: Mapping[str, Output], what: str):
 
 def _rows(about: Deviations, output: Output) -> tuple[np.ndarray, np.ndarray]:
     quantity = definition(output).quantity
-    if quantity.law is not None or quantity.of == "slides":
-        assert isinstance(output.of, Joint)  # only slides have a law that is linear about a state
+    if quantity.is_slide_rate or quantity.of == "slides":
+        assert isinstance(output.of, Joint)
         column = about.model.couplings.slides[output.of.number]
         moved, rates = about.S[[column]], about.dS[[column]]
     else:

@@ -10,8 +10,8 @@ import numpy as np
 
 from fx_beam.results.state import State
 from fx_beam.scene.inputs import Ramp
-from fx_beam.scene.joints import NodalMotion
-from fx_beam.scene.outputs import Defined, Output, definition
+from fx_beam.scene.joints import Joint, NodalMotion
+from fx_beam.scene.outputs import Output, definition
 from fx_beam.step.forcing import Forcing
 from fx_beam.step.measured import measured
 from fx_beam.step.model import Model
@@ -156,8 +156,8 @@ def readings(
 
 def _reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) -> Reading:
     defined = definition(output)
-    if defined.quantity.law is not None:
-        return _by_law(model, now, defined)
+    if defined.quantity.is_slide_rate:
+        return _rate_of_slide(model, now, defined.of)
     of, single = measured(model, output), not defined.shape
     array, plus, minus, added = of.array, of.plus, of.minus, of.added
     turning = array == "q" and defined.quantity.column == 2
@@ -184,16 +184,10 @@ def _reading(model: Model, now: FittedState, turns: np.ndarray, output: Output) 
     return force if array.endswith("forces") else motion
 
 
-def _by_law(model: Model, now: FittedState, of: Defined) -> Reading:
-    dofs, number = model.mesh.dofs, of.number
+def _rate_of_slide(model: Model, now: FittedState, joint: Joint) -> Reading:
+    dofs, number = model.mesh.dofs, joint.number
     at = NodalMotion(
         lambda name, node: now.value(name)[dofs[node.number]].tolist(),
         lambda name, beam: now.value(name)[dofs[model.mesh.nodes_of(model.scene, beam)]][None],
     )
-    single = not of.shape
-
-    def read() -> Any:
-        value = np.asarray(of.by_law(at, now.value("slides")[number : number + 1]))
-        return value.item() if single else value
-
-    return read
+    return lambda: joint.kinematics.rate(at, now.value("slides")[number : number + 1]).item()

@@ -568,11 +568,10 @@ def history(solution: Solution, output: Output) -> np.ndarray:
     """Values (n, ...) of an output of a node or a joint."""
     of = definition(output)
     quantity, number, columns = of.quantity, of.number, of.columns
-    if quantity.law is not None:
+    if quantity.is_slide_rate:
         from .interactions import motion_of
 
-        slide = solution.slides[:, number] if isinstance(output.of, Joint) else 0.0
-        return of.by_law(motion_of(solution), slide)
+        return of.of.kinematics.rate(motion_of(solution), solution.slides[:, number])
     if quantity.of == "slides":
         return solution.slides[:, number]
     if quantity.of in ("joint_forces", "motor_forces"):

@@ -337,7 +337,9 @@ class JointKinematics:
             return self.spin(at, slide)
         x, y, _ = self._difference(at, "v")
         psi, spin = (self._of(at, name, self.joint.a)[2] for name in "qv")
-        return axial_rate(self.joint, slide, psi, spin, x, y)
+        return axial_rate(
+            self.joint.track, self.joint.offset, self.joint.axis, slide, psi, spin, x, y
+        )
 
     def parting_rate(self, at: NodalMotion, slide: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Velocity (2, n) of b as a sees it, and the direction (2, n) of the slide, or zero."""
@@ -374,13 +376,16 @@ class JointKinematics:
         return c * arm[0] - s * arm[1], s * arm[0] + c * arm[1]
 
 
-def axial_rate(joint, slide, psi, spin, x, y):
-    """Rate of a slide [m/s], for rotation and spin of a and the velocity (x, y) of b less a's."""
-    place, along = joint.track.place(joint.axis, slide), joint.track.tangent(joint.axis, slide)
+def axial_rate(track, offset, axis, slide, psi, spin, x, y):
+    """Rate of a slide [m/s], for rotation and spin of a and the velocity (x, y) of b less a's.
+
+    It is analytic in all numbers.
+    """
+    place, along = track.place(axis, slide), track.tangent(axis, slide)
     c, s = np.cos(psi), np.sin(psi)
     # The velocity of b relative to its position on a, in the frame of a.
-    seen_x = c * x + s * y + spin * (joint.offset[1] + place[1])
-    seen_y = c * y - s * x - spin * (joint.offset[0] + place[0])
+    seen_x = c * x + s * y + spin * (offset[1] + place[1])
+    seen_y = c * y - s * x - spin * (offset[0] + place[0])
     return seen_x * along[0] + seen_y * along[1]
 
 

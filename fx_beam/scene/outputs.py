@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,38 +11,16 @@ import numpy as np
 from fx_beam.errors import is_one_of, require
 
 from .beam import Beam, Node
-from .joints import GROUND, Joint, NodalMotion, Track, axial_rate
+from .joints import GROUND, Joint
 from .loads import check_node
 from .removal import own_joint
 from .scene import Scene
-from .sliders import SlidingJoint
-
-
-class Local(NamedTuple):
-    """What a law of a node or a joint reads: the motion (3, ...) of its node, or of b and a."""
-
-    q: Any = np.zeros(3)
-    v: Any = np.zeros(3)
-    q_a: Any = np.zeros(3)
-    v_a: Any = np.zeros(3)
-    slide: Any = 0.0
-    #: Numbers of the scene (2,): a joint's place on a, and its axis.
-    offset: Any = np.zeros(2)
-    axis: Any = np.zeros(2)
-    track: Any = Track
-
-
-def _rate(at: Local) -> Any:
-    """Rate of the slide."""
-    x, y = at.v[0] - at.v_a[0], at.v[1] - at.v_a[1]
-    return axial_rate(at, at.slide, at.q_a[2], at.v_a[2], x, y)
 
 
 class Quantity(NamedTuple):
     """What can be measured: all that solutions, motions, linear systems and derivatives know of it.
 
-    It is linear in what is recorded, or has a law: a function of `Local` in numpy, analytic in all
-    of this, from whose value derivatives follow.
+    It is linear in what is recorded, except the rate of a slide.
     """
 
     components: tuple[str, ...] = ()
@@ -51,12 +29,7 @@ class Quantity(NamedTuple):
     column: int = 0
     #: Whether it is a place, to which that in the reference configuration is added.
     is_place: bool = False
-    law: Callable[[Local], Any] | None = None
-
-    @property
-    def reads(self) -> str:
-        """What its law reads of nodes: positions, or these and their rates."""
-        return "q" if self.of == "q" else "qv"
+    is_slide_rate: bool = False
 
 
 _PLANE, _FORCE = ("x", "y"), ("x", "y", "moment")
@@ -75,7 +48,7 @@ OF_JOINTS: dict[str, Quantity] = {
     "angle": Quantity(of="q", column=2),
     "slide": Quantity(of="slides"),
     "spin": Quantity(of="v", column=2),
-    "rate": Quantity(of="v", column=2, law=_rate),
+    "rate": Quantity(of="v", column=2, is_slide_rate=True),
     "force": Quantity(_FORCE, "joint_forces"),
     "motor_force": Quantity(of="motor_forces"),
 }
@@ -123,30 +96,6 @@ class Defined:
         for sign, node in zip((1, -1), both, strict=False):
             if node is not GROUND:
                 yield sign, node
-
-    def local(self, motion: Callable[[str, Node], Any], slide: Any) -> Local:
-        """What its law reads of the motion (3, ...) of nodes, and of the slide of its joint."""
-        given: dict[str, Any] = {"slide": slide}
-        for sign, node in self.ends():
-            end = "" if sign > 0 else "_a"
-            given |= {f"{name}{end}": motion(name, node) for name in self.quantity.reads}
-        if isinstance(self.of, Joint):
-            axis = (0.0, 0.0) if self.of.axis is None else self.of.axis
-            given |= {"offset": self.of.offset, "axis": axis, "track": self.of.track}
-        return Local(**given)
-
-    def law(self, at: Local) -> Any:
-        """Its value, or those of its components, by its law."""
-        law = self.quantity.law
-        assert law is not None
-        return law(at) if self.index is None else law(at)[self.index]
-
-    def by_law(self, at: NodalMotion, slide: Any) -> Any:
-        """Its values (n,) or (n, components) by its law; `slide` (n,) is that of its joint."""
-        if isinstance(self.of, SlidingJoint):
-            return self.of.kinematics.rate(at, slide)
-        value = self.law(self.local(at.of_node, slide))
-        return np.stack(value, axis=-1) if self.shape else value
 
 
 @dataclass(frozen=True)
@@ -240,7 +189,7 @@ def definition(output: Output) -> Defined:
     """What is measured of a node or a joint, or of a beam or scene."""
     quantity = output._known[output.quantity]
     if isinstance(output.of, Joint) and output.of.slide is None and output.quantity == "rate":
-        quantity = quantity._replace(law=None)  # its spin
+        quantity = quantity._replace(is_slide_rate=False)  # its spin
     return Defined(quantity, output.of, output.index)
 
 
