@@ -7,7 +7,7 @@
 
 static void begin_points(const Problem *p, const Work *w) {
   const PointForces *points = p->points;
-  find_slide_rates(p);
+  find_slide_rates(p, w);
   double t = p->t + p->level * w->dt;
   fx_begin_points(points, p->q, p->v, p->slides, p->slide_rate, t, w->dt, p->spring_internal);
   for (int i = 0; i < p->follower_forces; ++i)
@@ -168,20 +168,18 @@ INLINED void add_rows(const Problem *p, const Work *w, const double *r, double *
     out[p->entry_column[k]] += p->entry_sign[k] * w->virtual_map[p->entry_value[k]] * r[p->entry_row[k]];
 }
 
-static void project(const Problem *p, const Work *w, const double *r, double *out) {
-  const double *on_nodes = r;
-  memset(out, 0, (p->columns + p->auxiliaries) * sizeof *out);
-  if (HAS(SLIDERS) && p->sliders) {
-    push_columns(p, out);
-    memcpy(w->loaded, r, p->dofs * sizeof *r);
-    carry(p, w, w->loaded, out);
-    r = w->loaded;
-  }
+/* Adds the forces r on nodes to those on columns, also those of nodes that slide on beams. */
+INLINED void collect(const Problem *p, const Work *w, const double *r, double *out) {
+  if (HAS(SLIDERS) && p->sliders) load_beams(p, w, r, out), r = w->loaded;
   add_rows(p, w, r, out);
-  if (!HAS(SLIDERS) || !p->sliders) push_columns(p, out);
   if (HAS(COUPLED) && p->auxiliaries) collect_auxiliaries(p, w->virtual_map, out);
+}
+
+static void project(const Problem *p, const Work *w, const double *r, double *out) {
+  memset(out, 0, (p->columns + p->auxiliaries) * sizeof *out);
+  push_columns(p, out), collect(p, w, r, out);
   if (HAS(LOOPS) && p->closures) close_residual(p, w, out);
-  if (HAS(SLIDERS) && HAS(LOOPS) && p->carried) carry_in_loops(p, w, on_nodes);
+  if (HAS(SLIDERS) && HAS(LOOPS) && p->carried) carry_in_loops(p, w, r);
 }
 
 /* Nodal forces of the last residual, with those of sliding nodes on their beams. */

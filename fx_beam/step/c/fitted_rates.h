@@ -72,10 +72,7 @@ static void find_impulses(const Problem *p, const Work *w, int helped, const dou
   times_mass(p, w->acc, w->r);
   for (int i = 0; helped && i < p->dofs; ++i) w->r[i] += p->viscous_weight[i] * w->acc[i];
   memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
-  add_closing(p, w, w->columns);
-  if (HAS(SLIDERS) && p->sliders) memcpy(w->loaded, w->r, p->dofs * sizeof(double)), carry(p, w, w->loaded, w->columns);
-  add_rows(p, w, with_carried(p, w), w->columns);
-  if (p->auxiliaries) collect_auxiliaries(p, w->virtual_map, w->columns);
+  add_closing(p, w, w->columns), collect(p, w, w->r, w->columns);
 }
 
 /* The equations at a configuration. */
@@ -104,7 +101,6 @@ static void begin_fit(Problem *p, Work *w, const Fits *of, long row) {
 /* The forces that close loops in a solution. */
 static void take_closing(const Problem *p, const Linear *l, Changes *to) {
   for (int i = 0; i < p->closures; ++i) to[i] = l->block[p->order[p->unknowns - p->closures + i]];
-  for (int i = 0; i < p->carried; ++i) to[p->carried_closure[i]] = l->on_bordering_rows[p->carrier_bordering + i];
 }
 
 /* Rates w of the columns, and u of the nodes, with their impulses, and factors if these are `needed` later; returns 0 if the

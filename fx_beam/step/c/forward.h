@@ -25,26 +25,17 @@ static int factorise_tangent(Problem *p, const Work *w) {
   return 1;
 }
 
-/* Unknowns of the bordering rows, and the others with them (solve_bordering_rows). */
-static void change_bordering_rows(const Problem *p, const Work *w, const Linear *l) {
-  Changes *g = l->on_bordering_rows;
-  memset(g, 0, p->bordering_rows * sizeof *g);
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
-    if (a->column < p->free) /* the slide is an unknown of the other equations that is its right side there */
-      g[ON_BORDER - p->row_at[a->column]] = l->block[p->order[a->column]];
-  for (int i = 0; i < p->carried; ++i) /* and so are the forces of carriers */
-    g[p->carrier_bordering + i] = l->block[p->order[p->unknowns - p->closures + p->carried_closure[i]]];
-  solve_bordering_rows(p, w, GROUP_SIZE, (double *)g, (double *)l->block, GROUP_SIZE);
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
-    if (a->column < p->free) l->block[p->order[a->column]] = g[ON_BORDER - p->row_at[a->column]];
-}
-
 /* Solves for the right sides of the block, by the tangent's factors. */
 static void solve_right_sides(const Problem *p, const Work *w, const Linear *l) {
   Work of_block = *w;
-  of_block.block = (double *)l->block, of_block.reached = l->reached;
+  double *x = of_block.block = (double *)l->block, *g = (double *)l->on_bordering_rows;
+  of_block.reached = l->reached;
   solve_columns(p, &of_block, 0, 1);
-  if (HAS(SLIDERS) && p->bordering_rows) change_bordering_rows(p, w, l);
+  if (!HAS(SLIDERS) || !p->bordering_rows) return;
+  memset(g, 0, p->bordering_rows * sizeof(Changes));
+  pass_on(p, GROUP_SIZE, 0, x, g);
+  solve_bordering_rows(p, w, GROUP_SIZE, g, x, GROUP_SIZE);
+  pass_on(p, GROUP_SIZE, 1, x, g);
 }
 
 /* Stores the changes of a state or of forces, of `count` directions from the `first` on, or adds a share of them. */

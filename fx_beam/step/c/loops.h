@@ -207,11 +207,7 @@ static int begin_loops(const Problem *p, const Work *w) {
   if (!HAS(LOOPS) || !p->closures) return 1;
   find_closures(p, p->q, p->arm_at_rest, w->rho0, w->closure0);
   set_values(p, w->rho0, w->t0, w->values);
-  if (p->carried) memset(w->D, 0, p->dofs * sizeof(double));
-  for (Slider *a = p->slider; HAS(SLIDERS) && p->carried && a < p->slider + p->sliders; ++a) {
-    a->s0 = a->s1 = p->slides[a->joint];
-    slide_on(a, p->q, w->D);
-  }
+  if (HAS(SLIDERS) && p->carried) begin_sliders(p, w);
   derive_closures(p, w, w->values, w->G);
   return choose_following(p, w);
 }
@@ -283,8 +279,7 @@ static void add_closing(const Problem *p, const Work *w, double *out) {
 static void carry_in_loops(const Problem *p, const Work *w, const double *r) {
   memset(w->columns, 0, (p->columns + p->auxiliaries) * sizeof(double));
   push_columns(p, w->columns), add_closing(p, w, w->columns);
-  memcpy(w->loaded, r, p->dofs * sizeof(double));
-  carry(p, w, w->loaded, w->columns);
+  load_beams(p, w, r, w->columns);
 }
 
 /* Nodal forces with those of the closing joints, of the last residual. */

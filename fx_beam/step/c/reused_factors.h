@@ -42,18 +42,17 @@ static void subtract_product(const Problem *p, const Work *w, const double *x, d
   add_times(p->free, -1, w->columns, r);
 }
 
-/* Right sides and solutions of the bordering rows; zero except for what slides. */
-static void begin_right_sides(const Problem *p, const Work *w, const double *b) {
-  memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
-    if (p->row_at[a->column] < -1) w->bordering_right[ON_BORDER - p->row_at[a->column]] = b[a->column];
-}
-
-static void end_bordering_rows(const Problem *p, const Work *w, double *x) {
-  for (const Slider *a = p->slider; a < p->slider + p->sliders; ++a)
-    if (p->row_at[a->column] < -1) x[a->column] = w->bordering_right[ON_BORDER - p->row_at[a->column]];
-  for (int i = 0; i < p->carried; ++i)
-    w->y[p->order[p->unknowns - p->closures + p->carried_closure[i]]] = w->bordering_right[p->carrier_bordering + i];
+/* Right sides of bordering rows from the other equations, which have what slides and forces of carriers as they are; or, to
+   these, solutions. */
+INLINED void pass_on(const Problem *p, int sides, int solutions, double *x, double *g) {
+  for (int i = 0; i < p->sliders + p->carried; ++i) {
+    int slides = i < p->sliders, carrier = i - p->sliders;
+    int of_other = slides ? p->slider[i].column : p->unknowns - p->closures + p->carried_closure[carrier];
+    int row = slides ? ON_BORDER - p->row_at[of_other] : p->carrier_bordering + carrier;
+    if (slides && of_other >= p->free) continue; /* it is driven */
+    double *of = x + p->order[of_other] * sides, *on = g + row * sides;
+    memcpy(solutions ? of : on, solutions ? on : of, sides * sizeof(double));
+  }
 }
 
 /* Position in the elimination of the beam about the first node that slides, or the middle. */
@@ -92,10 +91,11 @@ HOT int solve_bordered(const Problem *p, const Work *w, const double *b, double 
   int middle = middle_of_elimination(p), n = p->unknowns, bordered = HAS(SLIDERS) && p->bordering_rows;
   const int *reached = bordered ? w->reached : 0;
   Ends of = ends_around(n, p->band, middle);
-  if (bordered) begin_right_sides(p, w, b);
 #pragma GCC unroll 4
   for (int i = 0; i < p->free; ++i) w->y[p->order[i]] = b[i];
   for (int i = p->free; i < n; ++i) w->y[p->order[i]] = 0;
+  if (bordered) memset(w->bordering_right, 0, p->bordering_rows * sizeof(double));
+  if (bordered) pass_on(p, 1, 0, w->y, w->bordering_right);
   if (!HAS(CHAIN | BAND)) substitute_forward(p->rows, w->y);
   else if (!eliminate_bordered(p, w, middle, of, bordered)) return 0;
   if (bordered && !HAS(CHAIN | BAND)) {
@@ -109,8 +109,8 @@ HOT int solve_bordered(const Problem *p, const Work *w, const double *b, double 
   if (HAS(CHAIN)) substitute_chain(p, w, middle / 3, reached);
   else if (HAS(BAND)) substitute_tangent(p, w, n, of, reached);
   else substitute_backward(p->rows, w->y, reached, 0);
+  if (bordered) pass_on(p, 1, 1, w->y, w->bordering_right);
   gather(p->free, w->y, p->order, x);
-  if (bordered) end_bordering_rows(p, w, x);
   return 1;
 }
 

@@ -95,18 +95,6 @@ static void begin_window(Slider *a, int *e0, int *e1) {
   a->first = a->degree * (low < 0 ? 0 : low > limit ? limit : low);
 }
 
-/* Weights at an arc length, and the slopes of place and rotation there. */
-static void find_axis(Slider *a, double s, const double *q, Weight *N, double along[3]) {
-  int e;
-  a->s0 = a->s1 = s;
-  begin_window(a, &e, &e), weigh_place(a, e, 1, 0, N);
-  for (int i = 0; i < 3; ++i) {
-    along[i] = 0;
-    for (int k = 0, node = a->first; k < a->width; ++k, ++node)
-      along[i] += N->by[1][k] * ((i < 2 ? a->position[2 * node + i] : a->angle[node]) + q[a->dofs[3 * node + i]]);
-  }
-}
-
 /* The part of the virtual displacement with the chord, which makes it a rotation for a rotation. */
 static void relate_chord(Slider *a, Relation *o) {
   int n = a->width, s = a->components * n;

@@ -46,6 +46,12 @@ static void carry(const Problem *p, const Work *w, double *r, double *out) {
   }
 }
 
+/* The same for the forces r on nodes, in `loaded`. */
+static void load_beams(const Problem *p, const Work *w, const double *r, double *out) {
+  memcpy(w->loaded, r, p->dofs * sizeof *r);
+  carry(p, w, w->loaded, out);
+}
+
 /* The slide of a joint at the level of a step. */
 static double slide_at_level(const Problem *p, const Work *w, int j) {
   return at(p->slides, p->slide_of[j]) + p->level * at(w->z, p->slide_column[j]);
@@ -74,17 +80,21 @@ static int leaves_beam(const Problem *p) {
   return 0;
 }
 
-/* Rate of the arc length at the start of the step. */
-static double slider_rate(const Problem *p, Slider *a) {
-  double along[3], apart[2], square;
-  Weight N;
-  find_axis(a, p->slides[a->joint], p->q, &N, along);
-  for (int i = 0; i < 2; ++i) {
-    apart[i] = p->v[a->node[i]];
-    for (int k = 0; k < a->width; ++k) apart[i] -= N.of[k] * p->v[a->dofs[3 * (a->first + k) + i]];
+/* The relations of all nodes on beams at the start of a step. */
+static void begin_sliders(const Problem *p, const Work *w) {
+  memset(w->D, 0, p->dofs * sizeof(double));
+  for (Slider *a = p->slider; a < p->slider + p->sliders; ++a) {
+    a->s0 = a->s1 = p->slides[a->joint];
+    slide_on(a, p->q, w->D);
   }
-  square = along[0] * along[0] + along[1] * along[1];
-  return (apart[0] * along[0] + apart[1] * along[1]) / square;
+}
+
+/* Rate of the arc length at the start of the step, after `begin_sliders`. */
+static double slider_rate(const Problem *p, const Slider *a) {
+  int s = a->components * a->width;
+  Two along = {a->T[0][s], a->T[1][s]}, apart = pair_of(p->v, a->node);
+  for (int k = 0; k < 2 * a->width; ++k) apart -= (Two){a->T[0][k], a->T[1][k]} * p->v[local_dof(a, k)];
+  return dot2(apart, along) / dot2(along, along);
 }
 
 /* Rate of a slide at the start of a step (scene/joints.py). */
@@ -98,7 +108,8 @@ static double rate_of_slide(const Problem *p, const SlideRate *a) {
 }
 
 /* At mid-step forces depend on mean rates alone. */
-static void find_slide_rates(const Problem *p) {
+static void find_slide_rates(const Problem *p, const Work *w) {
+  if (HAS(SLIDERS) && p->rated && p->level != 0.5) begin_sliders(p, w);
   for (int i = 0; i < p->rated && p->level != 0.5; ++i)
     p->slide_rate[p->rated_slide[i].joint] = rate_of_slide(p, p->rated_slide + i);
 }
