@@ -75,7 +75,8 @@ static void add_if_near(MemberContacts *m, int number, int i, const double *x, T
   if (!ends && !grows_at_joint(r[1], r[2])) return;
   if (c->apart > 0 && fabs(c->arc[i] - c->arc[node]) < c->apart) return;
   NearPoint nearest = nearest_on(r, 0, begins, ends);
-  if (nearest.distance < reach) add_near(m, number, i, node, &nearest);
+  nearest.place += ends; /* the last piece is the second of two */
+  if (nearest.distance < reach) add_near(m, number, i, node - ends, &nearest);
 }
 
 static double longest_piece(const MemberContact *c, const double *x) {
@@ -118,7 +119,7 @@ static ContactPoint contact_point_at(const MemberContacts *m, const NearPlace *n
   ContactPoint e = {.contact = near->contact, .point = near->point};
   memcpy(e.dof, c->point_dof + 2 * near->point, 2 * sizeof(int));
   /* Two pieces, of which the nearest point is next to their joint. */
-  set_pieces(c, &e, near->piece - ((near->place < 0 && near->piece > 0) || near->piece == c->nodes - 1));
+  set_pieces(c, &e, near->piece - (near->place < 0 && near->piece > 0));
   return e;
 }
 
